@@ -1,0 +1,94 @@
+"""The continuous elastic cable at rest (theory of section 3 of the paper, exact): scene -> scene at rest."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import xarray as xr
+
+from cablepod import provenance, schema
+from cablepod.conventions import COORDINATES, label
+from cablepod.scene import Parameters, load_plane, parameters_of_members, solve_statics
+
+
+def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
+    """Compute the continuous cable at rest under its weight and uniform load, by the exact elastic catenary.
+
+    The linear law T = K (xi - 1) holds.  Where two lengths have the given tension, the shorter is meant.  A load that
+    varies in time acts with its value at time 0; the ends stand where they stand then.
+
+    Parameters
+    ----------
+    scene
+        A scene, with or without ``member``.
+    points
+        Number of equally spaced unstretched arc lengths at which the shape is given, both ends included.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``position (particle, coordinate)`` [m], ``tension (particle)`` [N] with ``arc_length (particle)`` [m], and the
+        scalars ``unstretched_length``, ``stretched_length`` [m], ``horizontal_force``, ``tension_lower``,
+        ``tension_upper`` [N].  ``horizontal_force`` is the component across the total load, which is constant.
+
+    Raises
+    ------
+    SceneError
+        Where no such cable exists, and for fewer than two points.
+
+    Warns
+    -----
+    UserWarning
+        Where the scene has point loads, which the catenary leaves out; :func:`cablepod.chain.rest` has them.
+
+    Notes
+    -----
+    Right to about 1e-13 relative, and to a few K/T 2^-53 in the forces of a taut cable whose length is given, which is
+    what rounding the length does to them.  Source: eqs. (7)-(16) of the paper, elastic and with the signs repaired.
+    """
+    schema.integer(least=2)("points", points)
+    members = parameters_of_members(scene)
+    if any(p.point_loads for p in members):
+        warnings.warn("catenary.rest leaves out the point loads of the scene; chain.rest has them", UserWarning, stacklevel=2)
+    solved = [_one(p, points) for p in members]
+    single = "member" not in scene.dims
+    stack = [item[0] if single else np.stack(item) for item in zip(*solved, strict=True)]
+    position, tension, arc_length, scalars = stack
+    lead = () if single else ("member",)
+    names = ("unstretched_length", "stretched_length", "horizontal_force", "mid_force", "tension_lower", "tension_upper")
+    result = xr.Dataset(
+        {
+            "position": ((*lead, "particle", "coordinate"), position),
+            "tension": ((*lead, "particle"), tension),
+            **{name: (lead, scalars[..., i]) for i, name in enumerate(names) if name != "mid_force"},
+        },
+        coords={
+            "arc_length": ((*lead, "particle"), arc_length),
+            "coordinate": list(COORDINATES[: members[0].dims]),
+        },
+    )
+    if not single:
+        varied = {name: v for name, v in scene.variables.items() if v.dims == ("member",)}
+        result = result.assign_coords({name: v.copy() for name, v in varied.items()})
+    label(result)
+    result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: continuous cable at rest", stage="rest")
+    options = {"points": points} | ({} if single else {"unstretched_lengths": scalars[..., 0]})
+    return provenance.record(result, function="catenary.rest", parameters=options, inputs=[scene])
+
+
+def _one(p: Parameters, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    from cablepod.kernels import catenary as kernel  # noqa: PLC0415 - numba is imported only to compute
+
+    solution = solve_statics(p, p.length_key, p.length_value)
+    _, _, _, q, across, against = load_plane(p)
+    s = solution[0] * np.linspace(0.0, 1.0, points)
+    x, y, tension = np.empty(points), np.empty(points), np.empty(points)
+    kernel.shape(s, solution, q, p.stiffness, x, y, tension)
+    lower = p.end_positions(np.zeros(1))[0, 0]
+    return lower + x[:, None] * across + y[:, None] * against, tension, s, solution
+
+
+def unstretched_length(p: Parameters) -> float:
+    """Unstretched length [m] of the cable of a scene: as given, or of the cable that has the given tension at rest."""
+    return float(solve_statics(p, p.length_key, p.length_value)[0])

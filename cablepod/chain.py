@@ -1,0 +1,571 @@
+"""The elastic chain, eqs. (1)-(3) of the paper with the signs repaired: scene -> chain at rest, scene -> trajectory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import provenance, schema, stepping
+from cablepod.catenary import unstretched_length
+from cablepod.conventions import COORDINATES, label
+from cablepod.members import over_members
+from cablepod.scene import Parameters, check_memory, load_plane, parameters, solve_statics
+from cablepod.schema import SceneError, refuse
+from cablepod.stepping import Instants, RunStopped
+
+SCHEMES = ("velocity_verlet",)
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Links and masses of the chain of a scene.
+
+    A particle carries half the mass and load of the links beside it.  A point load is shared by the two particles of the
+    link on which it stands, by the lever rule.
+    """
+
+    p: Parameters
+    length: np.ndarray  #: unstretched lengths of the links (n,) [m]
+    arc_length: np.ndarray  #: unstretched arc length of the particles (n + 1,) [m]
+
+    @property
+    def links(self) -> int:
+        """Number of links."""
+        return self.length.size
+
+    @property
+    def total_length(self) -> float:
+        """Unstretched length [m]."""
+        return float(self.arc_length[-1])
+
+    @property
+    def k(self) -> np.ndarray:
+        """Stiffness of the links (n,) [N/m]."""
+        return self.p.stiffness / self.length
+
+    @property
+    def share(self) -> np.ndarray:
+        """Unstretched length that each particle carries (n + 1,) [m]."""
+        half = 0.5 * self.length
+        return np.concatenate([half[:1], half[:-1] + half[1:], half[-1:]])
+
+    @property
+    def free(self) -> slice:
+        """The particles that move freely."""
+        n = self.links
+        return slice(0 if self.p.free == "lower" else 1, n + 1 if self.p.free == "upper" else n)
+
+    def loads(self, time: float | None = None) -> np.ndarray:
+        """Forces on the particles (n + 1, dims) [N]: the constant ones, or all at `time` [s]."""
+        total = self.share[:, None] * self.p.weight
+        for pattern, factor in self._patterns():
+            if factor is None:
+                total = total + pattern
+            elif time is not None:
+                total = total + float(factor(time)) * pattern
+        return total
+
+    def varying(self) -> list[tuple[np.ndarray, Callable[..., np.ndarray]]]:
+        """Loads that vary in time: patterns (n + 1, dims) [N] and their factors."""
+        return [(pattern, factor) for pattern, factor in self._patterns() if factor is not None]
+
+    def _patterns(self) -> list[tuple[np.ndarray, Any]]:
+        patterns: list[tuple[np.ndarray, Any]] = []
+        if self.p.load is not None:
+            patterns.append((self.share[:, None] * self.p.load, self.p.load_factor))
+        for load in self.p.point_loads:
+            s = load.fraction * self.total_length
+            j = min(int(np.searchsorted(self.arc_length, s, side="right")) - 1, self.links - 1)
+            right = (s - self.arc_length[j]) / self.length[j]
+            pattern = np.zeros((self.links + 1, self.p.dims))
+            pattern[j] = (1.0 - right) * load.force
+            pattern[j + 1] = right * load.force
+            patterns.append((pattern, load.factor))
+        return patterns
+
+    def pull(self, position: np.ndarray, velocity: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Tensions (..., n) [N] and forces of the links (..., n, dims) [N] at positions (..., n + 1, dims) [m]."""
+        reach = np.diff(position, axis=-2)
+        size = np.sqrt(_square(reach))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            s = self.k * (1.0 - self.length / size)
+            total = s
+            if velocity is not None and self.p.link_viscosity is not None:
+                rate = np.sum(reach * np.diff(velocity, axis=-2), axis=-1)
+                total = s + self.p.link_viscosity * self.k * rate / size**2
+        s = np.where((s > 0.0) & (total > 0.0), total, 0.0)
+        return s * size, s[..., None] * reach
+
+    def highest_frequency(self) -> float:
+        """Bound of the angular frequencies of the chain in any shape [rad/s].
+
+        A taut link resists no direction more than its own, so no shape has a higher frequency than the straight chain moved
+        along itself, whose frequencies are the eigenvalues of a tridiagonal matrix.
+        """
+        from scipy.linalg import eigvalsh_tridiagonal  # noqa: PLC0415 - takes longer to import than a short run
+
+        first, last = self.free.start, self.free.stop
+        m = self.p.mass * self.share[first:last]
+        k = np.concatenate([[0.0], self.k, [0.0]])
+        diagonal = (k[first:last] + k[first + 1 : last + 1]) / m
+        if diagonal.size == 1:
+            return math.sqrt(diagonal[0])
+        off = -k[first + 1 : last] / np.sqrt(m[:-1] * m[1:])
+        top = diagonal.size - 1
+        return math.sqrt(eigvalsh_tridiagonal(diagonal, off, select="i", select_range=(top, top))[0])
+
+    def step_limit(self) -> float:
+        """Stability limit of the step of velocity Verlet [s]: 2 over the highest frequency, less with viscous links."""
+        omega = self.highest_frequency()
+        if self.p.link_viscosity is None:
+            # damping by mass, integrated exactly, only widens the limit
+            return 2.0 / omega
+        return _viscous_limit(omega, self.p.link_viscosity)
+
+
+def _square(vectors: np.ndarray) -> np.ndarray:
+    # summed in the order of the kernels, so that planar and spatial chains agree bit for bit
+    total = vectors[..., 0] * vectors[..., 0] + vectors[..., 1] * vectors[..., 1]
+    return total + vectors[..., 2] * vectors[..., 2] if vectors.shape[-1] == 3 else total
+
+
+def _viscous_limit(omega: float, viscosity: float) -> float:
+    """Largest stable step [s] of the scheme with predicted velocity for one frequency, by its amplification matrix."""
+    damping = viscosity * omega  # twice the damping ratio
+
+    def radius(h: float) -> float:
+        # state: position, velocity half a step before, and that a step earlier; times in 1/omega
+        a = np.array([-1.0, -1.5 * damping, 0.5 * damping])
+        v = np.array([0.0, 1.0, 0.0]) + h * a
+        return float(np.abs(np.linalg.eigvals(np.array([np.array([1.0, 0.0, 0.0]) + h * v, v, [0.0, 1.0, 0.0]]))).max())
+
+    low, high = 0.0, 2.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if radius(middle) <= 1.0 + 1e-12 else (low, middle)
+    return low / omega
+
+
+def chain_of(p: Parameters, links: int | None = None) -> Chain:
+    """Make the chain of a scene's parameters, with `links` links in place of the scene's."""
+    if links is not None:
+        schema.integer(least=2)("links", links)
+    count = p.links if links is None else int(links)
+    if count is None:
+        raise SceneError("chain.links: missing; allowed: a whole number of at least 2 in the scene, or the argument links")
+    check_memory(1, count, p.dims, key="links" if links is not None else "chain.links")
+    relative = np.ones(count) if p.link_lengths is None else p.link_lengths
+    if relative.size != count:
+        raise refuse("links", links, f"{relative.size}, as many as chain.link_lengths has, or a scene without those")
+    total = unstretched_length(p)
+    length = total * (relative / relative.sum())
+    arc_length = np.concatenate([[0.0], np.cumsum(length)])
+    arc_length[-1] = total
+    return Chain(p, length, arc_length)
+
+
+# --- rest -----------------------------------------------------------------------------------------------------------
+
+
+@over_members
+def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
+    """Compute the chain at rest between its ends, under all loads of the scene at time 0.
+
+    Parameters
+    ----------
+    scene
+        A scene; an end that is free during the run is held here.
+    links
+        Number of links, instead of the scene's.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``position (particle, coordinate)`` [m], ``tension (link)`` [N], ``arc_length (particle)`` [m] and the scalars
+        ``unstretched_length``, ``stretched_length`` [m], ``tension_lower``, ``tension_upper``, ``residual`` [N].
+
+    Raises
+    ------
+    SceneError
+        For a scene without rest, and a chain that at rest has a link without force (folded on itself).
+
+    Notes
+    -----
+    Newton's method on the force in the first link, which determines all else (the discrete catenary).  The residual is
+    that of the positions as stored: rounding them leaves about K/l 2^-53 times the chord.
+    """
+    p = parameters(scene)
+    chain = chain_of(p, links)
+    position, tension = _rest(chain)
+    pulled, force = chain.pull(position)
+    unbalanced = force[1:] - force[:-1] + chain.loads(0.0)[1:-1]
+    scalars = {
+        "unstretched_length": chain.total_length,
+        "stretched_length": float(np.sum(np.sqrt(_square(np.diff(position, axis=0))))),
+        "tension_lower": tension[0],
+        "tension_upper": tension[-1],
+        "residual": float(np.sqrt(_square(unbalanced)).max()),
+    }
+    result = xr.Dataset(
+        {
+            "position": (("particle", "coordinate"), position),
+            "tension": ("link", tension),
+            **{name: ((), value) for name, value in scalars.items()},
+        },
+        coords=_coordinates(chain),
+    )
+    label(result)
+    result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: chain at rest", stage="rest")
+    return provenance.record(result, function="chain.rest", parameters={"links": chain.links}, inputs=[scene])
+
+
+def _coordinates(chain: Chain) -> dict[str, Any]:
+    return {"arc_length": ("particle", chain.arc_length), "coordinate": list(COORDINATES[: chain.p.dims])}
+
+
+def _rest(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (n + 1, dims) [m] and tensions (n,) [N] of a chain at rest."""
+    from cablepod.kernels import chain as kernel  # noqa: PLC0415 - numba is imported only to compute
+
+    p = chain.p
+    ends = p.end_positions(np.zeros(1))[0]
+    chord = ends[1] - ends[0]
+    loads = chain.loads(0.0)[1:-1]
+    solution = solve_statics(p, "unstretched_length", chain.total_length)
+    _, _, _, q, across, against = load_plane(p)
+    v0 = solution[3] - 0.5 * q * (chain.total_length - chain.length[0])
+    force = solution[2] * across + v0 * against
+    if not np.isfinite(force).all() or not force.any():
+        # weightless and slack but for point loads, or just without tension: begin with any pull along the chord
+        force = chord / np.linalg.norm(chord) * max(float(np.abs(loads).sum()), 1e-6 * p.stiffness)
+    gap = kernel.equilibrium(chord, loads, chain.length, p.stiffness, force)
+    scale = max(float(np.linalg.norm(chord)), chain.total_length)
+    forces = force - np.concatenate([np.zeros((1, p.dims)), np.cumsum(loads, axis=0)])
+    tension = np.sqrt(_square(forces))
+    if not gap <= 1e-11 * scale or not tension.min() > 0.0:
+        raise SceneError(
+            f"chain: no rest found with all links taut (a gap of {gap:.2g} m is left); allowed: a scene whose chain does not fold "
+            "on itself at rest, or a start from initial.points"
+        )
+    reach = chain.length[:, None] * (forces / tension[:, None] + forces / p.stiffness)
+    position = ends[0] + np.concatenate([np.zeros((1, p.dims)), np.cumsum(reach, axis=0)])
+    position[-1] = ends[1]
+    return position, tension
+
+
+def start(chain: Chain) -> np.ndarray:
+    """Positions from which a run starts (n + 1, dims) [m]: at rest, or the shape that the scene's initial table says."""
+    p = chain.p
+    if "points" in p.initial:
+        return _along_line(chain, np.asarray(p.initial["points"], dtype=float))
+    for key in ("top_tension", "unstretched_length"):
+        if key in p.initial:
+            other = solve_statics(p, key, p.initial[key], prefix="initial")[0]
+            factor = other / chain.total_length
+            return _rest(Chain(p, factor * chain.length, factor * chain.arc_length))[0]
+    return _rest(chain)[0]
+
+
+def _along_line(chain: Chain, line: np.ndarray) -> np.ndarray:
+    """Lay the particles on a line: one on each point, or by their share of the unstretched length."""
+    if len(line) == chain.links + 1:
+        position = line.copy()
+    else:
+        reach = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+        place = chain.arc_length / chain.total_length * reach[-1]
+        position = np.stack([np.interp(place, reach, line[:, c]) for c in range(line.shape[1])], axis=1)
+    ends = chain.p.end_positions(np.zeros(1))[0]
+    for index, end in ((0, "lower"), (-1, "upper")):
+        if chain.p.free != end:
+            position[index] = ends[index]
+    return position
+
+
+# --- motion ---------------------------------------------------------------------------------------------------------
+
+
+@over_members
+def simulate(
+    scene: xr.Dataset,
+    *,
+    links: int | None = None,
+    times: Any = None,
+    scheme: str | None = None,
+    step: float | None = None,
+    tolerance: float | None = None,
+    outputs: tuple[str, ...] = ("position",),
+    progress: Callable[[float], None] | None = None,
+) -> xr.Dataset:
+    """Simulate the elastic chain of a scene.
+
+    Parameters
+    ----------
+    scene
+        A scene, with or without ``member``.
+    links
+        Number of links, instead of the scene's.
+    times
+        Instants of the output [s], rising from 0 on; by default 0, interval, ... up to the scene's duration.  They change
+        no bit of the motion: what lies between two steps is interpolated to the order of the scheme.
+    scheme
+        "velocity_verlet".
+    step
+        Time step [s].  By default it follows from the highest frequency and is then halved or shortened until two runs agree
+        within `tolerance`; with a given step there is one run and no such check.
+    tolerance
+        Wanted time error as a fraction of the largest rms displacement; 1e-6 by default.
+    outputs
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps); nothing else is computed.
+    progress
+        Called now and then with the part of the run that is done, from 0 to 1.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``position (time, particle, coordinate)`` [m], ``velocity`` [m/s], ``tension (time, link)`` [N],
+        ``tension_minimum``, ``tension_maximum (link)`` [N] as asked for.  Attributes say scheme, step [s], number of steps,
+        stability limit of the step [s], highest angular frequency [rad/s] and the estimate of the time error.
+
+    Raises
+    ------
+    SceneError
+        For options that cannot be, a step above the stability limit, an output that would not fit in memory.
+    RunStopped
+        Where the motion leaves the finite numbers; its ``partial`` holds what was computed until then.
+
+    Warns
+    -----
+    NotConvergedWarning
+        Where no step meets the tolerance, as in chaotic scenes.
+
+    Notes
+    -----
+    m r'' = P + T_j - T_(j-1) with T = k (1 - l/|R|) R for |R| > l, else 0; eqs. (1)-(3) of the paper.  Second order in step
+    and in 1/n.  Damping by mass is integrated exactly; viscous links use a velocity predicted from the last two half steps,
+    which keeps the order.
+    """
+    stepping.check_scheme(scheme, SCHEMES)
+    names = stepping.check_outputs(outputs)
+    if step is not None and tolerance is not None:
+        raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
+    goal = stepping.DEFAULT_TOLERANCE if tolerance is None else stepping.check_positive("tolerance", tolerance)
+    p = parameters(scene)
+    chain = chain_of(p, links)
+    instants = p.times() if times is None else stepping.check_times(times)
+    p.check_reach(float(instants[-1]))
+    check_memory(
+        instants.size, chain.links, p.dims, key="links" if links is not None else "chain.links and times", variables=3
+    )
+    limit = chain.step_limit()
+    initial = start(chain)
+    run = _Run(chain, instants, initial, names, progress, str(scene.attrs.get("title", "scene")))
+    if step is None:
+        chord = float(np.linalg.norm(p.upper - p.lower))
+        state, rate, estimate = stepping.refine(
+            run,
+            lambda s: s.position,
+            lambda s: stepping.motion_scale(s.position, initial, chord),
+            stepping.preferred_rate(1.0 / (0.9 * limit)),
+            goal,
+        )
+    else:
+        rate = 1.0 / stepping.check_step(step, limit, f"2 over the highest angular frequency, {2 / limit:.6g} rad/s")
+        state, estimate = run(rate), None
+    result = run.dataset(state)
+    if estimate is not None:
+        result.attrs["time_error_estimate"] = estimate
+    options = {
+        "links": chain.links,
+        "times": instants,
+        "scheme": SCHEMES[0],
+        "step": 1.0 / rate,
+        "tolerance": None if step is not None else goal,
+        "outputs": list(names),
+    }
+    return provenance.record(result, function="chain.simulate", parameters=options, inputs=[scene])
+
+
+@dataclass
+class _State:
+    """What one run gives."""
+
+    instants: Instants
+    position: np.ndarray  # (times, n + 1, dims)
+    velocity: np.ndarray | None
+    extremes: tuple[np.ndarray, np.ndarray] | None
+    complete: bool = True
+
+
+@dataclass(frozen=True)
+class _Run:
+    """One scene, ready to be run with any step."""
+
+    chain: Chain
+    times: np.ndarray
+    initial: np.ndarray
+    outputs: tuple[str, ...]
+    progress: Callable[[float], None] | None
+    title: str
+
+    def __call__(self, rate: float) -> _State:
+        from cablepod.kernels import chain as kernel  # noqa: PLC0415 - numba is imported only to compute
+
+        chain, p, free = self.chain, self.chain.p, self.chain.free
+        instants = Instants.of(self.times, rate)
+        total = int(instants.steps[-1]) + 1
+        step = 1.0 / rate
+        mass = p.mass * chain.share[free]
+        decay, per_mass = None, step / mass
+        if p.mass_damping is not None:
+            decay = math.exp(-p.mass_damping * step)
+            per_mass = -math.expm1(-p.mass_damping * step) / (p.mass_damping * mass)
+        state = tuple(np.ascontiguousarray(self.initial[:, c]) for c in range(p.dims))
+        velocity, before = self._first_half_step(step, mass)
+        planar = p.dims == 2
+        xyz = (*state, None) if planar else state
+        uvw = (*velocity, None) if planar else velocity
+        work = (None, None) if planar else (np.zeros(chain.links + 2), np.zeros(chain.links + 1))
+        drive = tuple(np.ascontiguousarray(column) for column in (per_mass[:, None] * chain.loads()[free]).T)
+        varying = chain.varying()
+        patterns = np.array([np.ascontiguousarray(item[0][free].T) for item in varying]) if varying else None
+        wants_velocity = instants.dense or "velocity" in self.outputs or (
+            "tension" in self.outputs and p.link_viscosity is not None
+        )
+        saved = np.empty((instants.steps.size, p.dims, chain.links + 1))
+        halves = np.empty((instants.steps.size, 2, p.dims, mass.size)) if wants_velocity else None
+        low = np.full(chain.links, np.inf) if "tension_extremes" in self.outputs else None
+        high = np.full(chain.links, -np.inf) if low is not None else None
+        moving = {end for end, _ in p.motions}
+        bound = 1e6 * (chain.total_length + float(np.abs(self.initial).max()) + 1.0)
+
+        def advance(start: int, steps: int) -> bool:
+            time = np.arange(start, start + steps + 1) / rate
+            ends = p.end_positions(time) if moving else None
+            first, last = np.searchsorted(instants.steps, (start, start + steps))
+            kernel.verlet(
+                *xyz, *uvw, *work, free.start, free.stop, chain.k, chain.length, per_mass, drive, step, decay,
+                np.ascontiguousarray(ends[:, 0]) if ends is not None and "lower" in moving else None,
+                np.ascontiguousarray(ends[:, 1]) if ends is not None and "upper" in moving else None,
+                patterns,
+                np.stack([factor(time) for _, factor in varying], axis=1) if varying else None,
+                p.link_viscosity, before,
+                p.end_positions(time, 1) if before is not None else None,
+                steps, start, instants.steps[first:last], saved[first:last],
+                halves[first:last] if halves is not None else None, low, high,
+            )  # fmt: skip
+            return all(np.isfinite(x).all() and np.abs(x).max() < bound for x in state)
+
+        done = 0
+        while done < total:
+            steps = min(stepping.BLOCK, total - done)
+            keep = [x.copy() for x in (*state, *velocity, *(before or ()))]
+            if not advance(done, steps):
+                # once more in small pieces, to say when
+                for target, source in zip((*state, *velocity, *(before or ())), keep, strict=True):
+                    target[:] = source
+                while advance(done, 64):
+                    done += 64
+                self._stop(instants, saved, halves, done, rate)
+            done += steps
+            if self.progress is not None:
+                self.progress(min(1.0, done / total))
+        extremes = None if low is None or high is None else (low, high)
+        return self._gather(instants, saved, halves, extremes, rate)
+
+    def _first_half_step(self, step: float, mass: np.ndarray) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...] | None]:
+        """Velocities half a step before the start from rest, and with viscosity those a step earlier."""
+        p, free = self.chain.p, self.chain.free
+        rates = p.end_positions(np.zeros(1), 1)[0]
+        all_rates = np.zeros_like(self.initial)
+        all_rates[0], all_rates[-1] = rates
+        all_rates[free] = 0.0
+        _, force = self.chain.pull(self.initial, all_rates)
+        zero = np.zeros((1, p.dims))
+        net = np.diff(np.concatenate([zero, force, zero]), axis=0) + self.chain.loads(0.0)
+        half = 0.5 * step if p.mass_damping is None else math.expm1(0.5 * p.mass_damping * step) / p.mass_damping
+        back = -half * net[free] / mass[:, None]
+        velocity = tuple(np.ascontiguousarray(column) for column in back.T)
+        # the prediction 1.5 v - 0.5 before then gives rest at the start
+        return velocity, None if p.link_viscosity is None else tuple(3.0 * v for v in velocity)
+
+    def _gather(
+        self,
+        instants: Instants,
+        saved: np.ndarray,
+        halves: np.ndarray | None,
+        extremes: tuple[np.ndarray, np.ndarray] | None,
+        rate: float,
+    ) -> _State:
+        x = np.ascontiguousarray(np.moveaxis(saved, 1, 2))
+        if halves is None:
+            return _State(instants, instants.at_times(x, None, None), None, extremes)
+        p, free = self.chain.p, self.chain.free
+        time = instants.steps / rate
+        v, a = np.zeros_like(x), np.zeros_like(x)
+        for target, order in ((v, 1), (a, 2)):
+            target[:, (0, -1)] = p.end_positions(time, order)
+        v[:, free] = np.moveaxis(0.5 * (halves[:, 0] + halves[:, 1]), 1, 2)
+        a[:, free] = np.moveaxis((halves[:, 1] - halves[:, 0]) * rate, 1, 2)
+        velocity = None
+        if "velocity" in self.outputs or "tension" in self.outputs:
+            velocity = v[instants.left]
+            between = instants.fraction > 0
+            i, s = instants.left[between], instants.fraction[between].reshape(-1, 1, 1)
+            # the cubic with values and rates
+            velocity[between] = (
+                (1 + 2 * s) * (1 - s) ** 2 * v[i]
+                + s * (1 - s) ** 2 / rate * a[i]
+                + s**2 * (3 - 2 * s) * v[np.minimum(i + 1, len(v) - 1)]
+                - s**2 * (1 - s) / rate * a[np.minimum(i + 1, len(v) - 1)]
+            )
+        return _State(instants, instants.at_times(x, v, a), velocity, extremes)
+
+    def _stop(self, instants: Instants, saved: np.ndarray, halves: np.ndarray | None, done: int, rate: float) -> None:
+        """Raise :class:`RunStopped` with what was computed before step `done`."""
+        count = int(np.searchsorted(instants.times, done / rate * (1.0 - 1e-12)))
+        partial = None
+        if count:
+            few = Instants.of(instants.times[:count], rate)
+            keep = few.steps.size
+            partial = self.dataset(
+                self._gather(few, saved[:keep], None if halves is None else halves[:keep], None, rate)
+            )
+            partial.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {instants.times[-1]:.6g} s"
+        raise RunStopped(
+            f"the chain left the finite numbers at {done / rate:.6g} s (velocity Verlet, step {1 / rate:.4g} s, step number {done}, "
+            f"stability limit {self.chain.step_limit():.4g} s); try a shorter step, gentler loads or end motion, or damping",
+            partial,
+        )
+
+    def dataset(self, state: _State) -> xr.Dataset:
+        """Label what a run gave."""
+        chain, rate = self.chain, state.instants.rate
+        variables: dict[str, Any] = {}
+        if "position" in self.outputs:
+            variables["position"] = (("time", "particle", "coordinate"), state.position)
+        if "velocity" in self.outputs:
+            variables["velocity"] = (("time", "particle", "coordinate"), state.velocity)
+        if "tension" in self.outputs:
+            variables["tension"] = (("time", "link"), chain.pull(state.position, state.velocity)[0])
+        if state.extremes is not None:
+            variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
+        result = xr.Dataset(variables, coords={"time": state.instants.times, **_coordinates(chain)})
+        result["unstretched_length"] = ((), chain.total_length)
+        label(result)
+        limit = chain.step_limit()
+        result.attrs.update(
+            title=f"{self.title}: elastic chain of {chain.links} links",
+            stage="trajectory",
+            model="elastic chain",
+            scheme=SCHEMES[0],
+            step=1.0 / rate,
+            number_of_steps=int(state.instants.steps[-1]),
+            step_limit=limit,
+            highest_angular_frequency=chain.highest_frequency(),
+        )
+        return result

@@ -1,0 +1,73 @@
+"""The one vocabulary: dimensions, variable names, units and long names.
+
+Every public function labels its result with :func:`label`, so that attributes never depend on what arithmetic happened
+to propagate.  Units are UDUNITS strings that pint reads too.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+COORDINATES = ("x", "y", "z")
+ENDS = ("lower", "upper")
+OUTPUTS = ("position", "velocity", "tension", "tension_extremes")
+
+#: name -> (units, long name); the scene's own parameters are named in :mod:`cablepod.schema`.
+VARIABLES: dict[str, tuple[str, str]] = {
+    # coordinates
+    "time": ("s", "time since the start of the run"),
+    "coordinate": ("1", "axis of the position, y pointing up"),
+    "arc_length": ("m", "unstretched arc length from the lower end"),
+    "link_arc_length": ("m", "unstretched arc length from the lower end to the middle of the link"),
+    "particle": ("1", "number of the particle, 0 at the lower end"),
+    "link": ("1", "number of the link, 1 at the lower end"),
+    "mode": ("1", "number of the mode, from 1, by falling singular value"),
+    "end": ("1", "end of the cable"),
+    "member": ("1", "number of the member of an ensemble"),
+    # statics
+    "position": ("m", "position"),
+    "tension": ("N", "tension"),
+    "unstretched_length": ("m", "unstretched length of the cable"),
+    "stretched_length": ("m", "stretched length of the cable"),
+    "horizontal_force": ("N", "component of the tension normal to the total load, constant along the cable"),
+    "tension_lower": ("N", "tension at the lower end"),
+    "tension_upper": ("N", "tension at the upper end"),
+    "residual": ("N", "largest unbalanced force on a free particle"),
+    # trajectories
+    "velocity": ("m s-1", "velocity"),
+    "tension_minimum": ("N", "smallest tension of the link over all steps of the run"),
+    "tension_maximum": ("N", "largest tension of the link over all steps of the run"),
+    "end_position": ("m", "position of the ends"),
+    "amplitude": ("m", "amplitude of the mode"),
+    # modes
+    "mode_shape": ("1", "Karhunen-Loeve mode, of unit norm in the inner product of the decomposition"),
+    "singular_value": ("m", "singular value of the centred, lifted snapshot matrix"),
+    "proper_orthogonal_value": ("m2", "proper orthogonal value, the squared singular value over the number of snapshots"),
+    "energy_share": ("1", "squared singular value over the sum of all squares"),
+    "singular_value_share": ("1", "singular value over the sum of all singular values"),
+    "mean": ("m", "time mean of the lifted position"),
+    # comparison
+    "error": ("1", "rms distance over the particles, over the largest rms displacement of the truth"),
+    "error_max": ("1", "largest error over time"),
+    "error_rms": ("1", "root mean square of the error over time"),
+    "displacement_scale": ("m", "length by which the error is divided"),
+}
+
+
+def label(dataset: xr.Dataset, **extra: tuple[str, str]) -> xr.Dataset:
+    """Set ``units`` and ``long_name`` on every variable and coordinate of `dataset`, in place, and return it.
+
+    `extra` names (units, long name) of variables outside :data:`VARIABLES`.  A variable that neither knows keeps its
+    attributes and must have units already.
+    """
+    known = {**VARIABLES, **extra}
+    for name in dataset.variables:
+        if str(name) in known:
+            units, long_name = known[str(name)]
+            dataset[name].attrs.update(units=units, long_name=long_name)
+        elif "units" not in dataset[name].attrs:
+            raise KeyError(f"variable {name!r} has no entry in the vocabulary and no units")
+    return dataset

@@ -1,0 +1,81 @@
+"""Time functions: the motions of the ends and the factors of the loads.
+
+One small class evaluates every kind, with its first two derivatives, on arrays of times; steppers receive tables of its
+values and know no kinds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TimeFunction:
+    """A function of time, of one of the kinds of the scene file.
+
+    Attributes
+    ----------
+    kind
+        "one_minus_cosine", "harmonic", "ramp", "polynomial" or "file".
+    values
+        The parameters of that kind under their names in the scene file; for "file" the samples `time` [s] and `value`.
+    """
+
+    kind: str
+    values: Mapping[str, Any]
+    _spline: Any = field(default=None, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.kind == "file":
+            from scipy.interpolate import CubicSpline  # noqa: PLC0415 - a scene without a record does not pay for it
+
+            object.__setattr__(self, "_spline", CubicSpline(self.values["time"], self.values["value"]))
+
+    def __call__(self, time: ArrayLike, derivative: int = 0) -> Array:
+        """Evaluate at `time` [s]; `derivative` 0, 1 or 2 gives the value, the rate or the second rate."""
+        return getattr(self, f"_{self.kind}")(np.asarray(time, dtype=float), derivative)
+
+    def _one_minus_cosine(self, time: Array, derivative: int) -> Array:
+        amplitude, omega = self.values["amplitude"], self.values["angular_frequency"]
+        if derivative == 0:
+            return amplitude * (1.0 - np.cos(omega * time))
+        if derivative == 1:
+            return amplitude * omega * np.sin(omega * time)
+        return amplitude * omega**2 * np.cos(omega * time)
+
+    def _harmonic(self, time: Array, derivative: int) -> Array:
+        amplitude, omega, phase = (self.values[key] for key in ("amplitude", "angular_frequency", "phase"))
+        if derivative == 0:
+            return amplitude * (np.sin(omega * time + phase) - np.sin(phase))
+        if derivative == 1:
+            return amplitude * omega * np.cos(omega * time + phase)
+        return -amplitude * omega**2 * np.sin(omega * time + phase)
+
+    def _ramp(self, time: Array, derivative: int) -> Array:
+        # The quintic step has two vanishing derivatives at both ends, so that the motion is C2.
+        amplitude, duration = self.values["amplitude"], self.values["duration"]
+        s = np.clip(time / duration, 0.0, 1.0)
+        if derivative == 0:
+            return amplitude * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        if derivative == 1:
+            return amplitude / duration * 30.0 * s**2 * (1.0 - s) ** 2
+        return amplitude / duration**2 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+
+    def _polynomial(self, time: Array, derivative: int) -> Array:
+        polynomial = np.polynomial.Polynomial([0.0, *self.values["coefficients"]])
+        return polynomial.deriv(derivative)(time) if derivative else polynomial(time)
+
+    def _file(self, time: Array, derivative: int) -> Array:
+        return self._spline(time, derivative)
+
+    @property
+    def end(self) -> float:
+        """Last time [s] at which the function is known; infinite but for a record."""
+        return float(self.values["time"][-1]) if self.kind == "file" else np.inf

@@ -1,0 +1,341 @@
+"""Karhunen-Loeve decomposition (POD): snapshots -> modes; projection and reconstruction.
+
+Snapshots are decomposed in the lifted variables of eq. (35): what is left of the position when the straight line between the
+ends of the moment is taken off.  Modes vanish at both ends and live on sigma = S / L0.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import provenance, schema
+from cablepod.conventions import ENDS, label
+from cablepod.schema import SceneError, refuse
+
+LAYOUTS = ("separate", "vector")
+METHODS = ("svd",)
+WEIGHTS = (None, "length", "mass")
+
+
+def decompose(
+    snapshots: xr.Dataset,
+    *,
+    rank: int | None = None,
+    energy: float | None = None,
+    layout: str = "separate",
+    method: str = "svd",
+    weights: str | None = None,
+    center: bool = True,
+) -> xr.Dataset:
+    """Decompose snapshots into Karhunen-Loeve modes, eqs. (24)-(36).
+
+    Parameters
+    ----------
+    snapshots
+        A trajectory with ``position (time, particle, coordinate)`` [m] and ``arc_length (particle)`` [m], dimensions in any
+        order; further dimensions such as ``member`` count as more snapshots.
+    rank
+        Number of modes to keep (of each coordinate where they are separate); all by default.
+    energy
+        Keep as many modes as are needed for this share of the sum of squared singular values, in (0, 1].
+    layout
+        "separate": modes for each coordinate, as the paper has them; "vector": one set of modes for all coordinates.
+    method
+        "svd".
+    weights
+        Inner product over the particles: None, the paper's, counts all alike; "length" or "mass" by the unstretched length
+        that each carries, scaled to mean 1 (the same for a uniform cable).
+    center
+        Take the time mean off first.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``mode_shape (coordinate, mode, particle)``, ``singular_value (coordinate, mode)`` [m] of the plain centred, lifted
+        data matrix, or for "vector" ``mode_shape (mode, particle, coordinate)``, ``singular_value (mode)``; with
+        ``proper_orthogonal_value`` (squared singular value over the number of snapshots), ``energy_share``,
+        ``singular_value_share`` (over all singular values computed), ``mean (particle, coordinate)`` [m].  The first entry
+        of a mode that reaches half its largest is positive.
+
+    Raises
+    ------
+    SceneError
+        For options that cannot be and snapshots that are not finite or too few.
+    """
+    for key, value, allowed in (("layout", layout, LAYOUTS), ("method", method, METHODS), ("weights", weights, WEIGHTS)):
+        if value not in allowed:
+            raise refuse(key, value, "one of " + ", ".join(repr(item) for item in allowed))
+    if rank is not None and energy is not None:
+        raise refuse("rank and energy", (rank, energy), "one of them")
+    hat, _ = lift(snapshots)
+    samples, particles, dims = hat.shape
+    sigma = relative_arc_length(snapshots)
+    mean = hat.mean(axis=0) if center else np.zeros((particles, dims))
+    inner = (hat - mean)[:, 1:-1]
+    scale = np.ones(particles) if weights is None else _share(sigma)
+    root = np.sqrt(scale[1:-1])
+    # rows of the ends are zero: leaving them out keeps them from becoming modes of their own
+    if layout == "separate":
+        matrices = [np.ascontiguousarray((root[:, None] * inner[:, :, c].T)) for c in range(dims)]
+    else:
+        matrices = [np.ascontiguousarray((root[None, :, None] * inner).reshape(samples, -1).T)]
+    decomposed = [np.linalg.svd(matrix, full_matrices=False) for matrix in matrices]
+    values = np.stack([item[1] for item in decomposed])
+    kept = _count(values, rank, energy, samples - bool(center))
+    shapes = []
+    for left, _, _ in decomposed:
+        modes = left[:, :kept].T
+        field = modes.reshape(kept, particles - 2, -1) / root[None, :, None]
+        shapes.append(np.pad(_fix_sign(field), ((0, 0), (1, 1), (0, 0))))
+    squares = values**2
+    lead = ("coordinate",) if layout == "separate" else ()
+    pick = slice(None) if lead else 0
+
+    def share(part: np.ndarray) -> np.ndarray:
+        total = part.sum(axis=1, keepdims=True)
+        return np.divide(part, total, out=np.zeros_like(part), where=total > 0)[:, :kept][pick]
+
+    shape = np.stack([item[:, :, 0] for item in shapes]) if lead else shapes[0]
+    shape_dims = ("coordinate", "mode", "particle") if lead else ("mode", "particle", "coordinate")
+    result = xr.Dataset(
+        {
+            "mode_shape": (shape_dims, shape),
+            "singular_value": ((*lead, "mode"), values[:, :kept][pick]),
+            "proper_orthogonal_value": ((*lead, "mode"), (squares / samples)[:, :kept][pick]),
+            "energy_share": ((*lead, "mode"), share(squares)),
+            "singular_value_share": ((*lead, "mode"), share(values)),
+            "mean": (("particle", "coordinate"), mean),
+            "unstretched_length": ((), _arc_length(snapshots)[-1]),
+        },
+        coords={
+            "mode": np.arange(1, kept + 1),
+            "coordinate": snapshots["coordinate"].values,
+            "arc_length": ("particle", _arc_length(snapshots)),
+        },
+    )
+    label(result)
+    result.attrs.update(
+        title=f"{snapshots.attrs.get('title', 'snapshots')}: Karhunen-Loeve modes",
+        stage="modes",
+        layout=layout,
+        method=method,
+        weights=str(weights),
+        number_of_snapshots=samples,
+    )
+    options: dict[str, Any] = {
+        "rank": kept,
+        "layout": layout,
+        "method": method,
+        "weights": weights,
+        "center": bool(center),
+        "snapshots": samples,
+    }
+    return provenance.record(result, function="pod.decompose", parameters=options, inputs=[snapshots])
+
+
+def _count(values: np.ndarray, rank: int | None, energy: float | None, most: int) -> int:
+    most = min(values.shape[1], most)
+    if most < 1:
+        raise SceneError("snapshots: given one instant; allowed: at least two, because the time mean is taken off")
+    if rank is not None:
+        schema.integer(least=1)("rank", rank)
+        if rank > most:
+            raise refuse("rank", rank, f"at most {most}, as many as particles and snapshots give")
+        return int(rank)
+    if energy is None:
+        return most
+    schema.number(above=0.0, most=1.0)("energy", energy)
+    needed = 1
+    for squares in values**2:
+        if squares.sum() > 0.0:
+            gathered = np.cumsum(squares) / squares.sum()
+            needed = max(needed, int(np.searchsorted(gathered, energy * (1.0 - 1e-15))) + 1)
+    return min(needed, most)
+
+
+def _fix_sign(field: np.ndarray) -> np.ndarray:
+    """Turn each mode (modes, particles, dims) so that its first entry of at least half the largest size is positive."""
+    flat = field.reshape(len(field), -1)
+    size = np.abs(flat)
+    first = np.argmax(size >= 0.5 * size.max(axis=1, keepdims=True), axis=1)
+    sign = np.where(flat[np.arange(len(flat)), first] < 0.0, -1.0, 1.0)
+    return field * sign[:, None, None]
+
+
+def _arc_length(snapshots: xr.Dataset) -> np.ndarray:
+    s = snapshots["arc_length"]
+    return s.values if s.ndim == 1 else s.transpose("particle", ...).values.reshape(s.sizes["particle"], -1)[:, 0]
+
+
+def relative_arc_length(dataset: xr.Dataset) -> np.ndarray:
+    """Return sigma = S / L0 of the particles, from 0 to 1."""
+    s = _arc_length(dataset)
+    return s / s[-1]
+
+
+def _share(sigma: np.ndarray) -> np.ndarray:
+    """Return the length that each particle carries, scaled to mean 1 over the inner particles."""
+    step = np.diff(sigma)
+    share = 0.5 * np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
+    return share / share[1:-1].mean()
+
+
+def lift(snapshots: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Take the straight line between the ends off the positions, eq. (35).
+
+    Returns
+    -------
+    tuple
+        Lifted positions (samples, particle, coordinate) and positions of the ends (samples, 2, coordinate) [m].
+
+    Raises
+    ------
+    SceneError
+        Where positions are missing or not finite.
+    """
+    if "position" not in snapshots or "arc_length" not in snapshots.variables:
+        raise SceneError("snapshots: given a Dataset without position or arc_length; allowed: a trajectory")
+    for name in ("time", "particle", "coordinate"):
+        if name not in snapshots["position"].dims:
+            raise SceneError(f"snapshots: position lacks the dimension {name}; allowed: (time, particle, coordinate)")
+    position = snapshots["position"].transpose(..., "time", "particle", "coordinate").values
+    position = position.reshape(-1, *position.shape[-2:]).astype(float)
+    if not np.isfinite(position).all():
+        raise SceneError("snapshots: position is not finite everywhere; allowed: finite numbers")
+    if position.shape[1] < 3:
+        raise refuse("snapshots", f"{position.shape[1]} particles", "at least 3, because modes vanish at both ends")
+    sigma = relative_arc_length(snapshots)[None, :, None]
+    ends = position[:, (0, -1)]
+    return position - (1.0 - sigma) * ends[:, :1] - sigma * ends[:, 1:], ends
+
+
+def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
+    """Return the modes as vector fields (modes, particle, coordinate), separate ones coordinate by coordinate.
+
+    Raises
+    ------
+    SceneError
+        Where `modes` are none, or fewer than `rank`.
+    """
+    if "mode_shape" not in modes or modes.attrs.get("layout") not in LAYOUTS:
+        raise SceneError(f"modes: given a Dataset without mode_shape or layout; allowed: what pod.decompose gives ({LAYOUTS})")
+    most = modes.sizes["mode"]
+    if rank is not None:
+        schema.integer(least=1)("rank", rank)
+        if rank > most:
+            raise refuse("rank", rank, f"at most {most}, as many modes as there are")
+        most = int(rank)
+    if modes.attrs["layout"] == "vector":
+        return modes["mode_shape"].transpose("mode", "particle", "coordinate").values[:most]
+    shape = modes["mode_shape"].transpose("coordinate", "mode", "particle").values[:, :most]
+    dims, _, particles = shape.shape
+    fields = np.zeros((dims, most, particles, dims))
+    for c in range(dims):
+        fields[c, :, :, c] = shape[c]
+    return fields.reshape(dims * most, particles, dims)
+
+
+def amplitude_dataset(
+    amplitude: np.ndarray, ends: np.ndarray, time: np.ndarray, modes: xr.Dataset
+) -> xr.Dataset:
+    """Label amplitudes (time, modes) in the order of :func:`mode_fields` and the positions of the ends (time, 2, coordinate)."""
+    dims: tuple[str, ...] = ("time", "mode")
+    count = amplitude.shape[1]
+    if modes.attrs["layout"] == "separate":
+        coordinates = modes.sizes["coordinate"]
+        count //= coordinates
+        amplitude, dims = amplitude.reshape(-1, coordinates, count), ("time", "coordinate", "mode")
+    result = xr.Dataset(
+        {"amplitude": (dims, amplitude), "end_position": (("time", "end", "coordinate"), ends)},
+        coords={
+            "time": time,
+            "mode": modes["mode"].values[:count],
+            "coordinate": modes["coordinate"].values,
+            "end": list(ENDS),
+        },
+    )
+    return label(result)
+
+
+def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
+    """Project snapshots on modes.
+
+    Parameters
+    ----------
+    snapshots
+        A trajectory on the particles of the modes (the same sigma = S / L0).
+    modes
+        What :func:`decompose` gives.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``amplitude (time, coordinate, mode)``, or ``(time, mode)`` for vector modes [m], and ``end_position``
+        (time, end, coordinate) [m], which :func:`reconstruct` needs to put the straight line back.
+
+    Raises
+    ------
+    SceneError
+        Where the particles differ.
+    """
+    sigma, own = relative_arc_length(modes), relative_arc_length(snapshots)
+    if sigma.shape != own.shape or np.abs(sigma - own).max() > 1e-9:
+        raise refuse("snapshots", f"{own.size} particles", f"the {sigma.size} particles of the modes, at the same S / L0")
+    hat, ends = lift(snapshots)
+    fields = mode_fields(modes)
+    weight = np.ones(sigma.size) if modes.attrs["weights"] == "None" else _share(sigma)
+    amplitude = np.einsum("tpc,mpc->tm", (hat - _mean(modes)) * weight[:, None], fields)
+    result = amplitude_dataset(amplitude, ends, snapshots["time"].values, modes)
+    result.attrs.update(title=f"{snapshots.attrs.get('title', 'snapshots')}: amplitudes", stage="amplitudes")
+    return provenance.record(result, function="pod.project", parameters={}, inputs=[snapshots, modes])
+
+
+def _mean(modes: xr.Dataset) -> np.ndarray:
+    return modes["mean"].transpose("particle", "coordinate").values
+
+
+def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
+    """Put snapshots together from amplitudes and modes, eq. (36).
+
+    Parameters
+    ----------
+    amplitudes
+        What :func:`project` or a reduced model gives; fewer modes than `modes` has are taken as the first ones.
+    modes
+        What :func:`decompose` gives.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``position (time, particle, coordinate)`` [m].
+    """
+    rank = amplitudes.sizes["mode"]
+    fields = mode_fields(modes, rank)
+    order = ("time", "coordinate", "mode") if modes.attrs["layout"] == "separate" else ("time", "mode")
+    amplitude = amplitudes["amplitude"].transpose(*order).values.reshape(amplitudes.sizes["time"], -1)
+    ends = amplitudes["end_position"].transpose("time", "end", "coordinate").values
+    position = compose(amplitude, ends, fields, _mean(modes), relative_arc_length(modes))
+    result = xr.Dataset(
+        {"position": (("time", "particle", "coordinate"), position)},
+        coords={
+            "time": amplitudes["time"].values,
+            "coordinate": modes["coordinate"].values,
+            "arc_length": ("particle", modes["arc_length"].values),
+        },
+    )
+    label(result)
+    result.attrs.update(title=f"{amplitudes.attrs.get('title', 'amplitudes')}: snapshots", stage="trajectory")
+    return provenance.record(result, function="pod.reconstruct", parameters={}, inputs=[amplitudes, modes])
+
+
+def compose(amplitude: np.ndarray, ends: np.ndarray, fields: np.ndarray, mean: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Positions (time, particle, coordinate) [m] from amplitudes (time, modes), ends (time, 2, coordinate) and fields."""
+    s = sigma[None, :, None]
+    position = (1.0 - s) * ends[:, :1] + s * ends[:, 1:] + mean
+    position = position + np.tensordot(amplitude, fields, axes=1)
+    # rounding in sigma must not move the ends
+    position[:, 0], position[:, -1] = ends[:, 0], ends[:, 1]
+    return position

@@ -1,0 +1,256 @@
+"""The keys of a scene: names, units, what is allowed.  The one place that knows the scene file's vocabulary."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+class SceneError(ValueError):
+    """What a user gave cannot be a scene; the message names the key, what was given and what is allowed."""
+
+
+def refuse(key: str, given: Any, allowed: str) -> SceneError:
+    """Make the error for `key`: what was `given` and what is `allowed`."""
+    text = repr(given)
+    return SceneError(f"{key}: given {text if len(text) <= 120 else text[:117] + '...'}; allowed: {allowed}")
+
+
+Check = Callable[[str, Any], Any]
+
+
+def number(*, above: float = -math.inf, least: float = -math.inf, most: float = math.inf) -> Check:
+    """Make a check for a finite number within bounds."""
+    bounds = [
+        f"above {above:g}" if above > -math.inf else "",
+        f"of at least {least:g}" if least > -math.inf else "",
+        f"of at most {most:g}" if most < math.inf else "",
+    ]
+    allowed = " ".join(["a finite number", " and ".join(text for text in bounds if text)]).strip()
+
+    def check(key: str, value: Any) -> float:
+        if isinstance(value, np.ndarray) and value.ndim == 0:
+            value = value[()]
+        if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
+            raise refuse(key, value, allowed)
+        try:
+            result = float(value)
+        except OverflowError:
+            raise refuse(key, value, allowed) from None
+        if not math.isfinite(result) or result <= above or result < least or result > most:
+            raise refuse(key, value, allowed)
+        return result
+
+    return check
+
+
+def integer(*, least: int) -> Check:
+    """Make a check for a whole number of at least `least`."""
+    allowed = f"a whole number of at least {least}"
+
+    def check(key: str, value: Any) -> int:
+        if isinstance(value, np.ndarray) and value.ndim == 0:
+            value = value[()]
+        if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral) or value < least:
+            raise refuse(key, value, allowed)
+        if value > 2**62:
+            raise refuse(key, value, f"{allowed} that a computer can count")
+        return int(value)
+
+    return check
+
+
+def numbers_list(*, least_length: int = 1, above: float = -math.inf) -> Check:
+    """Make a check for a list of finite numbers."""
+
+    def check(key: str, value: Any) -> list[float]:
+        if not isinstance(value, list | tuple | np.ndarray) or len(value) < least_length:
+            raise refuse(key, value, f"a list of at least {least_length} finite numbers")
+        one = number(above=above)
+        return [one(f"{key}[{index}]", item) for index, item in enumerate(value)]
+
+    return check
+
+
+def point(key: str, value: Any) -> list[float]:
+    """Check a vector of two or three finite numbers."""
+    if not isinstance(value, list | tuple | np.ndarray) or len(value) not in (2, 3):
+        raise refuse(key, value, "a list of two or three finite numbers")
+    one = number()
+    return [one(f"{key}[{index}]", item) for index, item in enumerate(value)]
+
+
+def points(key: str, value: Any) -> list[list[float]]:
+    """Check a list of at least two points."""
+    if not isinstance(value, list | tuple | np.ndarray) or len(value) < 2:
+        raise refuse(key, value, "a list of at least two points")
+    return [point(f"{key}[{index}]", item) for index, item in enumerate(value)]
+
+
+def text(key: str, value: Any) -> str:
+    """Check a text that is not empty."""
+    if not isinstance(value, str) or not value.strip():
+        raise refuse(key, value, "a text that is not empty")
+    return value
+
+
+def choice(*allowed: str) -> Check:
+    """Make a check for one of a few words."""
+
+    def check(key: str, value: Any) -> str:
+        if not isinstance(value, str) or value not in allowed:
+            raise refuse(key, value, "one of " + ", ".join(f'"{word}"' for word in allowed))
+        return value
+
+    return check
+
+
+@dataclass(frozen=True)
+class Key:
+    """What a key of the scene means: how it is checked, its units and long name; units None for a text."""
+
+    check: Check
+    units: str | None
+    long_name: str
+    required: bool = False
+    default: Any = None
+
+
+def _force(what: str) -> Key:
+    return Key(number(above=0.0), "N", what)
+
+
+TOP = {
+    "title": Key(text, None, "title"),
+    "gravity": Key(number(least=0.0), "m s-2", "gravitational acceleration, along -y", default=9.81),
+}
+CABLE = {
+    "youngs_modulus": Key(number(above=0.0), "Pa", "Young's modulus", required=True),
+    "area": Key(number(above=0.0), "m2", "area of the unstrained cross-section", required=True),
+    "specific_weight": Key(number(above=0.0), "N m-3", "weight per volume of the unstrained cable"),
+    "density": Key(number(above=0.0), "kg m-3", "mass per volume of the unstrained cable"),
+    "top_tension": _force("tension at the upper end of the continuous cable at rest"),
+    "bottom_tension": _force("tension at the lower end of the continuous cable at rest"),
+    "horizontal_force": _force("component of the tension normal to the total load at rest"),
+    "unstretched_length": Key(number(above=0.0), "m", "unstretched length of the cable"),
+}
+LENGTH_KEYS = ("top_tension", "bottom_tension", "horizontal_force", "unstretched_length")
+ENDS = {
+    "lower": Key(point, "m", "position of the lower end at rest", required=True),
+    "upper": Key(point, "m", "position of the upper end at rest", required=True),
+    "free": Key(choice("lower", "upper"), None, "end that moves freely"),
+}
+LOAD = {"uniform": Key(point, "N m-1", "load per unstretched length, beside the weight", required=True)}
+POINT_LOAD = {
+    "arc_length": Key(number(least=0.0, most=1.0), "1", "place of the load as a fraction of the length", required=True),
+    "force": Key(point, "N", "force", required=True),
+}
+TIME = {
+    "duration": Key(number(above=0.0), "s", "time at the end of the run", required=True),
+    "interval": Key(number(above=0.0), "s", "time between snapshots", required=True),
+}
+CHAIN = {
+    "links": Key(integer(least=2), "1", "number of links"),
+    "link_lengths": Key(numbers_list(least_length=2, above=0.0), "1", "relative unstretched lengths of the links"),
+}
+INITIAL = {
+    "top_tension": _force("top tension of the rest shape from which the run starts"),
+    "unstretched_length": Key(number(above=0.0), "m", "unstretched length of the rest shape from which the run starts"),
+    "points": Key(points, "m", "line from which the run starts, at rest"),
+}
+DAMPING = {
+    "mass_proportional": Key(number(least=0.0), "s-1", "damping force per mass and velocity"),
+    "link_viscosity": Key(number(least=0.0), "s", "damping force per axial stiffness and strain rate"),
+}
+ENSEMBLE = {
+    "members": Key(integer(least=1), "1", "number of members", required=True),
+    "seed": Key(integer(least=0), "1", "seed of the sampling", default=0),
+    "sampling": Key(choice("latin_hypercube", "sobol", "grid"), None, "sampling", default="latin_hypercube"),
+}
+TABLES: Mapping[str, Mapping[str, Key]] = {
+    "cable": CABLE,
+    "ends": ENDS,
+    "load": LOAD,
+    "time": TIME,
+    "chain": CHAIN,
+    "initial": INITIAL,
+    "damping": DAMPING,
+}
+OTHER_TABLES = ("motion", "point_load", "ensemble")
+
+
+def time_function_keys(units: str) -> dict[str, dict[str, Key]]:
+    """Return the keys of each kind of time function whose values have `units`."""
+    amplitude = Key(number(), units, "amplitude", required=True)
+    omega = Key(number(least=0.0), "rad s-1", "angular frequency", required=True)
+    return {
+        "one_minus_cosine": {"amplitude": amplitude, "angular_frequency": omega},
+        "harmonic": {
+            "amplitude": amplitude,
+            "angular_frequency": omega,
+            "phase": Key(number(), "rad", "phase", default=0.0),
+        },
+        "ramp": {
+            "amplitude": amplitude,
+            "duration": Key(number(above=0.0), "s", "time in which the full amplitude is reached", required=True),
+        },
+        # Each coefficient has its own unit, units/s to the power of its place; CF has no way to say so.
+        "polynomial": {
+            "coefficients": Key(numbers_list(), "1", f"coefficients of t, t2, ... [{units}, s]", required=True)
+        },
+        "file": {"path": Key(text, None, "CSV file of the record", required=True)},
+    }
+
+
+def check_table(prefix: str, table: Any, keys: Mapping[str, Key]) -> dict[str, Any]:
+    """Check one table of a scene against `keys`; returns the checked values, defaults filled in.
+
+    Raises
+    ------
+    SceneError
+        For something that is no table, an unknown key, a missing key, or a value that is not allowed.
+    """
+    if not isinstance(table, Mapping):
+        raise refuse(prefix, table, "a table with the keys " + ", ".join(keys))
+    checked: dict[str, Any] = {}
+    for name, value in table.items():
+        if name not in keys:
+            raise SceneError(f"{join(prefix, name)}: unknown key; allowed: {', '.join(keys)}")
+        checked[name] = keys[name].check(join(prefix, name), value)
+    for name, key in keys.items():
+        if name not in checked:
+            if key.required:
+                raise SceneError(f"{join(prefix, name)}: missing; allowed: {describe(key)}")
+            if key.default is not None:
+                checked[name] = key.default
+    return checked
+
+
+def describe(key: Key) -> str:
+    """Say in a few words what `key` is."""
+    return key.long_name + (f" [{key.units}]" if key.units else "")
+
+
+def join(prefix: str, name: Any) -> str:
+    """Join the parts of a key path."""
+    return f"{prefix}.{name}" if prefix else str(name)
+
+
+def exactly_one(prefix: str, table: Mapping[str, Any], names: tuple[str, ...]) -> str:
+    """Return the one of `names` that `table` has.
+
+    Raises
+    ------
+    SceneError
+        Where it has none or several.
+    """
+    given = [name for name in names if name in table]
+    if len(given) != 1:
+        what = "none" if not given else " and ".join(f"{name} = {table[name]!r}" for name in given)
+        raise SceneError(f"{prefix}: given {what}; allowed: exactly one of {', '.join(names)}")
+    return given[0]

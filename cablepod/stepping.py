@@ -1,0 +1,213 @@
+"""What all time steppers share: instants, steps of preferred size, dense output, and the check by a second step."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.conventions import OUTPUTS
+from cablepod.schema import SceneError, refuse
+
+#: Steps between two looks at the state: few enough to stop early, many enough to cost nothing.
+BLOCK = 16384
+#: Time error that a run without scheme, step or tolerance keeps, as a fraction of the motion.
+DEFAULT_TOLERANCE = 1e-6
+
+# Steps per second are rounded up to one of these times a power of ten: a step then hits round instants, and neither it nor
+# any bit of the result depends on the instants asked for.
+_PREFERRED = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0)
+
+
+class RunStopped(RuntimeError):  # noqa: N818 - it names what happened; the run may have been asked to end there
+    """A run left the finite numbers; `partial` is the Dataset computed until then, marked incomplete."""
+
+    def __init__(self, message: str, partial: xr.Dataset | None = None) -> None:
+        super().__init__(message)
+        self.partial = partial
+
+
+class NotConvergedWarning(UserWarning):
+    """Two steps disagree by more than the tolerance: the motion is chaotic or needs a shorter step."""
+
+
+def check_times(times: Any) -> np.ndarray:
+    """Check instants that a caller gives: finite, from 0 on, rising; returns them as floats [s]."""
+    try:
+        result = np.atleast_1d(np.asarray(times, dtype=float))
+    except (TypeError, ValueError):
+        raise refuse("times", times, "finite, rising instants from 0 on [s]") from None
+    if result.ndim != 1 or result.size == 0 or not np.isfinite(result).all() or result[0] < 0 or (np.diff(result) <= 0).any():
+        raise refuse("times", times, "finite, rising instants from 0 on [s]")
+    return result
+
+
+def check_outputs(outputs: Any) -> tuple[str, ...]:
+    """Check the names of the outputs."""
+    names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    for name in names:
+        if name not in OUTPUTS:
+            raise refuse("outputs", name, "some of " + ", ".join(OUTPUTS))
+    return names
+
+
+def check_positive(key: str, value: Any) -> float:
+    """Check an option that must be a finite positive number."""
+    from cablepod.schema import number  # noqa: PLC0415 - kept beside its only use
+
+    return number(above=0.0)(key, value)
+
+
+def preferred_rate(rate: float) -> float:
+    """Round a number of steps per second up to the next preferred one."""
+    power = 10.0 ** math.floor(math.log10(rate))
+    return next(p for p in _PREFERRED if p * power >= rate * (1.0 - 1e-12)) * power
+
+
+@dataclass(frozen=True)
+class Instants:
+    """Which steps to save for the instants asked for, and how to get from the former to the latter."""
+
+    times: np.ndarray  #: (times,) [s]
+    rate: float  #: steps per second
+    steps: np.ndarray  #: numbers of the steps to save, rising
+    left: np.ndarray  #: for each instant the index in `steps` of the step at or before it
+    fraction: np.ndarray  #: how far it lies beyond, in steps; 0 where it is a step
+
+    @classmethod
+    def of(cls, times: np.ndarray, rate: float) -> Instants:
+        """Place `times` [s] on the grid of `rate` steps per second."""
+        place = times * rate
+        nearest = np.rint(place)
+        on = np.abs(place - nearest) <= 1e-9 * np.maximum(1.0, 1e-3 * nearest)
+        floor = np.where(on, nearest, np.floor(place)).astype(np.int64)
+        fraction = np.where(on, 0.0, place - floor)
+        steps = np.unique(np.concatenate([floor, floor[~on] + 1]))
+        return cls(times, rate, steps, np.searchsorted(steps, floor), fraction)
+
+    @property
+    def dense(self) -> bool:
+        """Whether any instant lies between two steps."""
+        return bool((self.fraction > 0).any())
+
+    def at_times(self, x: np.ndarray, v: np.ndarray | None, a: np.ndarray | None) -> np.ndarray:
+        """Values at the instants from those at the saved steps, by the quintic with values, rates, second rates."""
+        result = x[self.left]
+        between = np.flatnonzero(self.fraction)
+        if between.size == 0:
+            return result
+        if v is None or a is None:
+            raise ValueError("dense output needs rates")
+        i = self.left[between]
+        s = self.fraction[between].reshape(-1, *[1] * (x.ndim - 1))
+        h = 1.0 / self.rate
+        b = [
+            1 - 10 * s**3 + 15 * s**4 - 6 * s**5,
+            h * (s - 6 * s**3 + 8 * s**4 - 3 * s**5),
+            h * h * (s**2 - 3 * s**3 + 3 * s**4 - s**5) / 2,
+            10 * s**3 - 15 * s**4 + 6 * s**5,
+            h * (-4 * s**3 + 7 * s**4 - 3 * s**5),
+            h * h * (s**3 - 2 * s**4 + s**5) / 2,
+        ]
+        values = (x[i], v[i], a[i], x[i + 1], v[i + 1], a[i + 1])
+        result[between] = sum(weight * value for weight, value in zip(b, values, strict=True))
+        return result
+
+
+def motion_scale(position: np.ndarray, initial: np.ndarray, chord: float) -> float:
+    """Largest rms displacement from the initial shape, or the chord where nothing moves: what errors are divided by [m]."""
+    largest = float(np.sqrt(np.mean(np.sum((position - initial) ** 2, axis=-1), axis=-1)).max(initial=0.0))
+    return largest if largest > 1e-9 * chord else chord
+
+
+def refine(
+    run: Callable[[float], Any], position: Callable[[Any], np.ndarray], scale: Callable[[Any], float], rate: float, tolerance: float
+) -> tuple[Any, float, float]:
+    """Run with rising numbers of steps per second until two runs agree within `tolerance`.
+
+    Each pair of runs of a scheme of second order tells the time error of its finer one: their distance over q^2 - 1, with q
+    the ratio of the steps.  The finer one is returned.
+
+    Parameters
+    ----------
+    run
+        Makes a run from a number of steps per second; may raise :class:`RunStopped`.
+    position, scale
+        Take the positions (time, particle, dims) from a run, and the length that counts as its motion [m].
+    rate
+        First number of steps per second.
+    tolerance
+        Wanted error as a fraction of the motion.
+
+    Returns
+    -------
+    tuple
+        The run, its steps per second, the estimate of its error.
+
+    Warns
+    -----
+    NotConvergedWarning
+        Where shorter steps do not bring the runs together.
+    """
+    coarse: Any = None
+    last = math.inf
+    factor = 2.0
+    for attempt in range(6):
+        try:
+            fine = run(rate)
+        except RunStopped:
+            if attempt > 2:
+                raise
+            coarse, rate = None, 2.0 * rate
+            continue
+        if coarse is not None:
+            estimate = _distance(position(fine), position(coarse)) / scale(fine) / (factor**2 - 1.0)
+            if estimate <= tolerance:
+                return fine, rate, estimate
+            # a scheme of second order loses at least 4 of the expected factor**2 >= 4 unless the motion is chaotic
+            if attempt == 5 or estimate > last / 2.0:
+                break
+            last = estimate
+            factor = min(8.0, 1.1 * math.sqrt(estimate / tolerance))
+        coarse = fine
+        new = preferred_rate(rate * factor) if factor != 2.0 else 2.0 * rate
+        factor, rate = new / rate, new
+    warnings.warn(
+        f"two steps disagree by {estimate:.2g} of the motion, more than the tolerance {tolerance:.2g}, at step {1 / rate:.3g} s: "
+        "the motion is chaotic (judge it by statistics), or give a shorter step or a larger tolerance",
+        NotConvergedWarning,
+        stacklevel=4,
+    )
+    return fine, rate, estimate
+
+
+def _distance(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.sum((a - b) ** 2, axis=-1), axis=-1)).max())
+
+
+def check_scheme(scheme: str | None, allowed: tuple[str, ...]) -> str:
+    """Check the name of a scheme; None means the first of those allowed."""
+    if scheme is None:
+        return allowed[0]
+    if scheme not in allowed:
+        raise refuse("scheme", scheme, "one of " + ", ".join(f'"{name}"' for name in allowed))
+    return scheme
+
+
+def check_step(step: Any, limit: float, what: str) -> float:
+    """Check a step that a caller gives against the stability limit [s].
+
+    Raises
+    ------
+    SceneError
+        With both numbers.
+    """
+    value = check_positive("step", step)
+    if value >= limit:
+        raise SceneError(f"step: given {value:.6g} s; allowed: below the stability limit, {limit:.6g} s, {what}")
+    return value
