@@ -1,19 +1,27 @@
 """Reduced-order models of cable dynamics, from scene to archive, on labelled data."""
 
-from cablepod import catenary, chain, compare, galerkin, pod
+from importlib.metadata import version
+
+from cablepod import archive, catenary, chain, compare, galerkin, plots, pod
+from cablepod.archive import ArchiveError
 from cablepod.scene import make_scene, read_scene
 from cablepod.schema import SceneError
 from cablepod.stepping import NotConvergedWarning, RunStopped
 
+__version__ = version("cablepod")
+
 __all__ = [
+    "ArchiveError",
     "NotConvergedWarning",
     "RunStopped",
     "SceneError",
+    "archive",
     "catenary",
     "chain",
     "compare",
     "galerkin",
     "make_scene",
+    "plots",
     "pod",
     "read_scene",
 ]

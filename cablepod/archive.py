@@ -102,7 +102,7 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
     except LIBRARY_ERRORS as error:
         raise ArchiveError(f"{path}: not written, nothing is left behind: {_reason(error, path.parent)}") from error
     finally:  # also when interrupted
-        part.unlink(missing_ok=True)
+        _discard(part)
     _sync_folder(path.parent)
     return path
 
@@ -176,8 +176,16 @@ def _check_attribute(owner: str, name: Hashable, value: Any) -> None:
         )
 
 
+def _discard(part: Path) -> None:
+    """Remove `part` if it is still there, and its contents first: a library that failed may hold it and its space."""
+    with contextlib.suppress(FileNotFoundError):
+        os.truncate(part, 0)
+        part.unlink()
+
+
 def _reason(error: BaseException, folder: Path) -> str:
-    full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+    # On a full disk the library says "HDF error", or "Permission denied" when it cannot even begin.
+    full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES)
     if full or "HDF error" in str(error):
         free = shutil.disk_usage(folder).free / 1e6
         return f"{error}; is the disk full? {free:.1f} MB are free in {folder}; make room, or give another path"
@@ -457,7 +465,8 @@ def _description(dataset: xr.Dataset) -> Iterator[str]:
         yield heading
         for name, item in ((name, dataset.variables[name]) for name in names):
             shape = f"({', '.join(map(str, item.dims))})" if item.dims else f"= {item.values.item()!r}"
-            yield f"  {name} {shape} [{item.attrs.get('units', '?')}]  {item.attrs.get('long_name', '')}".rstrip()
+            units = f" [{item.attrs['units']}]" if "units" in item.attrs else ""  # texts have none
+            yield f"  {name} {shape}{units}  {item.attrs.get('long_name', '')}".rstrip()
     yield "history"
     yield from (_stage_line(stage) for stage in stages)
 

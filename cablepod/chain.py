@@ -465,11 +465,11 @@ class _Run:
             steps = min(stepping.BLOCK, total - done)
             keep = [x.copy() for x in (*state, *velocity, *(before or ()))]
             if not advance(done, steps):
-                # once more in small pieces, to say when
+                # once more, step by step, to say when
                 for target, source in zip((*state, *velocity, *(before or ())), keep, strict=True):
                     target[:] = source
-                while advance(done, 64):
-                    done += 64
+                while advance(done, 1):
+                    done += 1
                 self._stop(instants, saved, halves, done, rate)
             done += steps
             if self.progress is not None:

@@ -72,10 +72,10 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
 
 def _check_instants(a: np.ndarray, b: np.ndarray) -> None:
     if a.shape != b.shape:
-        raise refuse("run", f"{a.size} instants", f"the instants of the truth, {b.size}")
+        raise SceneError(f"run: given {a.size} instants; allowed: the instants of the truth, {b.size}")
     if not np.allclose(a, b, rtol=1e-12, atol=1e-12):
         where = int(np.argmax(np.abs(a - b)))
-        raise refuse("run", f"instant {a[where]:g} s", f"the instants of the truth, here {b[where]:g} s")
+        raise SceneError(f"run: given instant {a[where]:g} s; allowed: the instants of the truth, here {b[where]:g} s")
 
 
 def _at(sigma: np.ndarray, own: np.ndarray, position: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ def _of_members(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
         return dataset.isel(member=i, drop=True) if "member" in dataset.dims else dataset
 
     if {run.sizes.get("member", count), truth.sizes.get("member", count)} != {count}:
-        raise refuse("run", f"{run.sizes['member']} members", f"the members of the truth, {truth.sizes['member']}")
+        raise SceneError(f"run: given {run.sizes['member']} members; allowed: the members of the truth, {truth.sizes['member']}")
     results = [errors(pick(run, i), pick(truth, i)) for i in range(count)]
     joined = xr.concat(results, dim="member", data_vars="all", coords="minimal", compat="override", join="exact")
     joined.attrs = dict(results[0].attrs)

@@ -235,7 +235,7 @@ def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) ->
         raise refuse("damping.link_viscosity", p.link_viscosity, "none for a reduced model; mass_proportional is possible")
     fields = pod.mode_fields(modes, rank)
     if fields.shape[2] != p.dims:
-        raise refuse("modes", f"{fields.shape[2]} coordinates", f"the {p.dims} coordinates of the scene")
+        raise SceneError(f"modes: given {fields.shape[2]} coordinates; allowed: the {p.dims} coordinates of the scene")
     sigma = pod.relative_arc_length(modes)
     total = float(solve_statics(p, p.length_key, p.length_value)[0])
     arc_length = total * sigma
@@ -417,8 +417,8 @@ class _Run:
             keep = q.copy(), velocity.copy()
             if not advance(done, steps):
                 q[:], velocity[:] = keep
-                while advance(done, 64):  # once more in small pieces, to say when
-                    done += 64
+                while advance(done, 1):  # once more, step by step, to say when
+                    done += 1
                 self._stop(instants, saved, halves, done, rate)
             done += steps
             if self.progress is not None:

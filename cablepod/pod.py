@@ -206,7 +206,7 @@ def lift(snapshots: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     if not np.isfinite(position).all():
         raise SceneError("snapshots: position is not finite everywhere; allowed: finite numbers")
     if position.shape[1] < 3:
-        raise refuse("snapshots", f"{position.shape[1]} particles", "at least 3, because modes vanish at both ends")
+        raise SceneError(f"snapshots: given {position.shape[1]} particles; allowed: at least 3, because modes vanish at both ends")
     sigma = relative_arc_length(snapshots)[None, :, None]
     ends = position[:, (0, -1)]
     return position - (1.0 - sigma) * ends[:, :1] - sigma * ends[:, 1:], ends
@@ -283,7 +283,7 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     """
     sigma, own = relative_arc_length(modes), relative_arc_length(snapshots)
     if sigma.shape != own.shape or np.abs(sigma - own).max() > 1e-9:
-        raise refuse("snapshots", f"{own.size} particles", f"the {sigma.size} particles of the modes, at the same S / L0")
+        raise SceneError(f"snapshots: given {own.size} particles; allowed: the {sigma.size} particles of the modes, at the same S / L0")
     hat, ends = lift(snapshots)
     fields = mode_fields(modes)
     weight = np.ones(sigma.size) if modes.attrs["weights"] == "None" else _share(sigma)

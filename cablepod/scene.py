@@ -189,7 +189,7 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     scene.attrs["stage"] = "scene"
     if "ensemble" in tree:
         scene.attrs["ensemble_json"] = json.dumps(tree["ensemble"], sort_keys=True)
-    provenance.record(scene, function="make_scene", parameters={"scene": tree})
+    provenance.seal(provenance.record(scene, function="make_scene", parameters={"scene": tree}))
     p = parameters(scene)
     _check_statics(p)
     if p.duration is not None and p.interval is not None and p.links is not None:

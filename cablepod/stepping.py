@@ -155,7 +155,7 @@ def refine(
         Where shorter steps do not bring the runs together.
     """
     coarse: Any = None
-    last = math.inf
+    last = estimate = math.inf
     factor = 2.0
     for attempt in range(6):
         try:
@@ -167,15 +167,17 @@ def refine(
             continue
         if coarse is not None:
             estimate = _distance(position(fine), position(coarse)) / scale(fine) / (factor**2 - 1.0)
-            if estimate <= tolerance:
+            # the estimate is right within a factor of two where the order is reached
+            if estimate <= 0.5 * tolerance:
                 return fine, rate, estimate
-            # a scheme of second order loses at least 4 of the expected factor**2 >= 4 unless the motion is chaotic
-            if attempt == 5 or estimate > last / 2.0:
+            # a scheme of second order gains factor**2; one that gains less than a quarter of it is not converging
+            if attempt == 5 or estimate > last / max(1.0, 0.25 * factor**2):
                 break
             last = estimate
-            factor = min(8.0, 1.1 * math.sqrt(estimate / tolerance))
+            factor = min(8.0, max(1.25, 2.0 * math.sqrt(estimate / tolerance)))
         coarse = fine
-        new = preferred_rate(rate * factor) if factor != 2.0 else 2.0 * rate
+        # the first doubling is exact, so that its runs share their instants; later steps are of preferred size again
+        new = 2.0 * rate if last == math.inf else preferred_rate(rate * factor)
         factor, rate = new / rate, new
     warnings.warn(
         f"two steps disagree by {estimate:.2g} of the motion, more than the tolerance {tolerance:.2g}, at step {1 / rate:.3g} s: "

@@ -4,10 +4,10 @@ Unknowns are the force across the load H and the force against it at the lower e
 
     x(S) = H S/K + (H/q) [asinh(V/H) - asinh(V0/H)],   y(S) = (S/K) (V0 + q S/2) + (1/q) [T(S) - T0],   V = V0 + q S
 
-evaluated as it stands: its cancellation (up to 25 digits for a cable that is nearly weightless) is paid for with digits.
-For a given length (H, V0) minimises a strictly convex function, the complementary energy, whose gradient is the misfit of the
-upper end; damped Newton steps therefore find the one solution from any start.  For a given tension or force an outer search
-moves the length, from the short side, and keeps to the branch where the quantity falls with the length.
+evaluated as it stands: its cancellation (up to 25 digits for a nearly weightless cable) is paid for with digits.  For a
+given length (H, V0) minimises a strictly convex function, the complementary energy, whose gradient is the misfit of the
+upper end; damped Newton steps therefore find the one solution from any start.  For a given tension or force an outer
+search moves the length, from the short side, and keeps to the branch where the quantity falls with the length.
 """
 
 from __future__ import annotations
@@ -187,8 +187,8 @@ def from_quantity(a, b, q, stiffness, which, value):
     low, high = cable.length, None
     f, slope = _quantity(cable, which)
     for _ in range(2000):
-        # From the short side the quantity is convex in the length, so Newton's steps do not overshoot; where they do all
-        # the same, the step is halved towards the last good length.
+        # From the short side the quantity is convex in the length, so Newton's steps do not overshoot; where they do
+        # all the same, the step is halved towards the last good length.
         new = low + (value - f) / slope
         if high is not None and new >= high:
             new = (low + high) / 2
@@ -231,8 +231,8 @@ def _vertical_from_tension(b, q, k, which, value):
 def least(a, b, q, stiffness, which):
     """Return the cable of least T1 or T0 (`which` 0, 1) and that tension: where its derivative by the length is zero.
 
-    It is the first minimum met from the short side; a cable that its own weight stretches to many times its length has a
-    second one of the same depth.
+    It is the first minimum met from the short side; a cable that its own weight stretches to many times its length has
+    a second one of the same depth.
     """
     a, b, q, k = (MP.mpf(v) for v in (a, b, q, stiffness))
     c = MP.hypot(a, b)
@@ -243,9 +243,12 @@ def least(a, b, q, stiffness, which):
         if _quantity(from_length(a, b, q, k, high), which)[1] > 0:
             break
         low = high
-    length = MP.findroot(
-        lambda s: _quantity(from_length(a, b, q, k, s), which)[1],
-        (low, high), solver="anderson", tol=MP.mpf(10) ** -100, maxsteps=400, verify=False,
-    )  # fmt: skip
-    cable = from_length(a, b, q, k, length)
+    while high - low > SMALL * low:
+        # near the vertical the slope is a step, on which a secant search would stall
+        length = (low + high) / 2
+        if _quantity(from_length(a, b, q, k, length), which)[1] > 0:
+            high = length
+        else:
+            low = length
+    cable = from_length(a, b, q, k, low)
     return cable, _quantity(cable, which)[0]

@@ -1,7 +1,7 @@
 """The exact elastic catenary: one root search in one unknown, for whatever is given.
 
-In the plane of chord and load, with span a >= 0 across the load, rise b against it, load q >= 0 per unstretched length and
-axial stiffness K, let w = q L0 / 2, V the middle of the two vertical end forces and T the mean of the two end tensions.
+In the plane of chord and load, with span a >= 0 across the load, rise b against it, load q >= 0 per unstretched length
+and axial stiffness K, let w = q L0/2, V the middle of the two vertical end forces and T the mean of both end tensions.
 The closed form of theory (linear law) then reads, without a cancelling difference,
 
     z = tanh(eta) = w / T,  e = T / K,  l = L0 (1 + e),  A = eta coth(eta),  G = (e + A) / (1 + e)
@@ -25,22 +25,36 @@ FOUND, BELOW_LEAST_TENSION, SLACK_WEIGHTLESS, VERTICAL_WITH_FORCE, NOT_FOUND = r
 #: Columns of a solution.
 COLUMNS = ("unstretched_length", "stretched_length", "horizontal_force", "mid_force", "tension_lower", "tension_upper")
 
+# A Newton step so small is the last: the error left is of its square, and further steps would only wander by roundings.
+SETTLED = 1e-11
+
+# eta coth(eta) - 1 in powers of eta^2, highest first: 2^(2n) B_2n / (2n)!; at 0.5 the next term is 1e-16.
+SERIES = (
+    -174611 / 330 * 2**20 / math.factorial(20),
+    43867 / 798 * 2**18 / math.factorial(18),
+    -3617 / 510 * 2**16 / math.factorial(16),
+    4 / 18243225,
+    -1382 / 638512875,
+    2 / 93555,
+    -1 / 4725,
+    2 / 945,
+    -1 / 45,
+    1 / 3,
+)
+
 _options = {"cache": True, "error_model": "numpy"}
 
 
 @njit(**_options)
 def _sag(eta):
     """Return A - 1 and dA/deta for A = eta coth(eta); by its series where the closed form cancels."""
-    if eta < 0.3:
+    if eta < 0.5:
         s = eta * eta
-        excess = s * (
-            1 / 3 + s * (-1 / 45 + s * (2 / 945 + s * (-1 / 4725 + s * (2 / 93555 + s * (-1382 / 638512875)))))
-        )
-        slope = eta * (
-            2 / 3
-            + s * (-4 / 45 + s * (12 / 945 + s * (-8 / 4725 + s * (20 / 93555 + s * (-12 * 1382 / 638512875)))))
-        )
-        return excess, slope
+        p = dp = 0.0
+        for k in range(len(SERIES)):
+            dp = dp * s + p
+            p = p * s + SERIES[k]
+        return s * p, 2.0 * eta * (p + s * dp)
     th = math.tanh(eta)
     sh = math.sinh(eta) if eta < 350.0 else math.inf
     return (eta - th) / th, 1.0 / th - eta / (sh * sh)
@@ -85,13 +99,15 @@ def _from_length(a, c, q, stiffness, length):
             return eta, True
         sag = a * a * sigma
         slope = 2.0 * (c + stretch) * length * de - a * a * dsigma
-        new = math.nan
+        new = math.nan  # compares false: no Newton step
         if eta < 1.0:
             new = eta * math.exp(max(min(-f / (slope * eta), 3.0), -3.0)) if slope < 0.0 else math.nan
         elif stretch > 0.0 and sag < math.inf:
-            # sigma grows like exp(2 eta): Newton on the logarithm of both sides, or each step would gain half a unit only
+            # sigma grows like exp(2 eta): Newton on the logarithms of both sides, or each step would gain half a unit
             left = stretch * (2.0 * c + stretch)
             new = eta - math.log(left / sag) / (2.0 * (c + stretch) * length * de / left - a * a * dsigma / sag)
+        if abs(new - eta) <= SETTLED * eta:
+            return new, True
         if not (low < new < high):
             # no Newton step inside the bracket: bisect it in the logarithm
             if low == 0.0:
@@ -100,7 +116,7 @@ def _from_length(a, c, q, stiffness, length):
                 new = 2.0 * low
             else:
                 new = math.sqrt(low) * math.sqrt(high)
-        if abs(new - eta) <= 2e-16 * eta or new in (low, high):
+        if new in (low, high):
             return new, True
         eta = new
     return eta, high - low <= 1e-14 * high
@@ -110,9 +126,9 @@ def _from_length(a, c, q, stiffness, length):
 def _from_mean_tension(a, c, q, e, mean, excess):
     """Find the smallest eta for a mean end tension, or nan where the tension is below the least possible.
 
-    h(t) = t - k^2 (c^2 + a^2 sigma(t)), t = tanh(eta)^2, is concave: Newton's steps from the left rise to the smaller root.
-    Near the vertical t is close to 1 and the small force across hangs on u = 1 - t, so that is carried along; `excess` is
-    T (1 + e) - q c / 2, which the caller knows without cancellation.
+    h(t) = t - k^2 (c^2 + a^2 sigma(t)), t = tanh(eta)^2, is concave: Newton's steps from the left rise to the smaller
+    root.  Near the vertical t is close to 1 and the small force across hangs on u = 1 - t, so that is carried along;
+    `excess` is T (1 + e) - q c / 2, which the caller knows without cancellation.
     """
     k = q / (2.0 * mean * (1.0 + e))
     floor = (k * c) ** 2
@@ -159,15 +175,14 @@ def _from_force(a, b, q, stiffness, force):
     low = force * math.hypot(1.0, b / a) / stiffness
     high = math.inf
     e = low
-    eta = beta
+    eta = beta / (1.0 + e)
     for _ in range(200):
         # inner root: eta + e tanh(eta) = beta, monotone and concave, from below
-        eta = beta / (1.0 + e)
         for _ in range(100):
             th = math.tanh(eta)
             step = (beta - eta - e * th) / (1.0 + e * (1.0 - th * th))
             eta += step
-            if abs(step) <= 2e-16 * eta:
+            if abs(step) <= SETTLED * eta:
                 break
         th = math.tanh(eta)
         deta = -th / (1.0 + e * (1.0 - th * th))
@@ -192,10 +207,12 @@ def _from_force(a, b, q, stiffness, force):
             else:
                 # both sides' logarithms, or steps from the slack side would be short
                 new = e - math.log(left / mean) / (1.0 / e - dmean / mean)
+        if abs(new - e) <= SETTLED * e:
+            return eta + deta * (new - e), new, eta < 300.0
         if not (low <= new <= high):
             new = 0.5 * (low + high) if high < math.inf else 2.0 * low
-        if abs(new - e) <= 2e-16 * e:
-            return eta, new, eta < 300.0
+        # eta falls with the strain and is convex in it: both guesses are below the next inner root
+        eta = max(eta + deta * (new - e), beta / (1.0 + new))
         e = new
     return eta, e, eta < 300.0 and high - low <= 1e-14 * high
 
@@ -300,8 +317,8 @@ def solve(a, b, c, q, stiffness, kind, value, out):
     kind, value : int, float
         What is given, one of the constants above, and its value [N or m].
     out : float array (6,)
-        Filled with unstretched and stretched length [m], force across the load, force against the load at the middle of the
-        unstretched length, tension at the lower and at the upper end [N].
+        Filled with unstretched and stretched length [m], force across the load, force against the load at the middle of
+        the unstretched length, tension at the lower and at the upper end [N].
 
     Returns
     -------
@@ -327,9 +344,13 @@ def solve(a, b, c, q, stiffness, kind, value, out):
     if status != FOUND:
         return status
     if a == 0.0:
-        _vertical(b, q, stiffness, length, out)
-        if kind != LENGTH:  # exact also where it is small beside the other end's
-            out[5 if kind == UPPER_TENSION else 4] = value
+        if kind == LENGTH:
+            _vertical(b, q, stiffness, length, out)
+        else:
+            # the shortest is straight; the given tension stays exact also where it is small beside the other end's
+            other = 2.0 * mean - value
+            out[0], out[1], out[2], out[3] = length, c, 0.0, math.copysign(mean, b)
+            out[4], out[5] = (other, value) if kind == UPPER_TENSION else (value, other)
         return FOUND if np.isfinite(out).all() else NOT_FOUND
     e = mean / stiffness
     excess, _ = _sag(eta)
@@ -401,8 +422,8 @@ def _mean_tension_at(eta, a, c, q, stiffness):
 def least_tension(a, b, c, q, stiffness, sign):
     """Return the least tension [N] that the upper (`sign` 1) or lower (-1) end can have, over all lengths.
 
-    The end tension rises with the mean of both (at the upper end of a very soft cable only above a certain mean), whose least
-    value over eta is found by golden section.
+    The end tension rises with the mean of both (at the upper end of a very soft cable only above a certain mean), whose
+    least value over eta is found by golden section.
     """
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     low, high = math.log(1e-4), math.log(300.0)

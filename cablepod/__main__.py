@@ -1,0 +1,7 @@
+"""``python -m cablepod`` is the command ``cablepod``."""
+
+import sys
+
+from cablepod.cli import main
+
+sys.exit(main())

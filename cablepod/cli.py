@@ -1,0 +1,286 @@
+"""The command ``cablepod``: the main job on one scene, and what a file is."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from cablepod import archive, catenary, chain, compare, galerkin, pod
+from cablepod.scene import parameters, read_scene
+from cablepod.schema import SceneError
+from cablepod.stepping import RunStopped
+
+#: Reports compare at every 0.1 s; longer runs at as many instants as 200 s have.
+REPORT_INTERVAL, REPORT_INSTANTS = 0.1, 2000
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit status, 0 or not 0 with one line on stderr."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    try:
+        return options.run(options)
+    except (SceneError, archive.ArchiveError, RunStopped) as error:
+        return _fail(str(error))
+    except KeyboardInterrupt:
+        return _fail("interrupted; files already named above are whole, nothing else was written", status=130)
+    except BrokenPipeError:  # the reader of our output, such as head, has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except MemoryError:
+        return _fail("out of memory; try fewer links, instants or modes")
+    except OSError as error:
+        return _fail(f"{error.filename or 'file'}: {error.strerror or error}")
+
+
+def _fail(message: str, status: int = 2) -> int:
+    print("cablepod: " + " ".join(message.split()), file=sys.stderr)
+    return status
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="cablepod", description="Reduced-order models of cable dynamics.")
+    parser.add_argument("--version", action="version", version=f"cablepod {version('cablepod')}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    run = commands.add_parser(
+        "run",
+        help="do the main job on one scene",
+        description="Rest, snapshots of the chain, modes, reduced models, their errors and run times, figures; all archived.",
+        epilog="example: cablepod run data/scenes/example2.toml --out out/example2",
+    )
+    run.add_argument("scene", metavar="SCENE.toml", help="scene file, or the name of a shipped scene such as example2")
+    run.add_argument("--out", required=True, metavar="DIR", help="folder for netCDF files and figures; made if missing")
+    run.add_argument("--ranks", default="1,2,3,4", metavar="R,R", help="modes of each coordinate to try (default 1,2,3,4)")
+    run.add_argument("--overwrite", action="store_true", help="replace results that are already in DIR")
+    run.set_defaults(run=_run)
+    info = commands.add_parser("info", help="tell what a file is and how it came about")
+    info.add_argument("path", metavar="PATH", help="a netCDF file of this package, or a folder of them")
+    info.set_defaults(run=_info)
+    return parser
+
+
+def _info(options: argparse.Namespace) -> int:
+    path = Path(options.path)
+    if not path.is_dir():
+        print(archive.describe(path))
+        return 0
+    files = sorted(path.glob("*.nc"))
+    if not files:
+        raise archive.ArchiveError(f"{path}: a folder without netCDF files; allowed: a file or a folder that cablepod wrote")
+    print("\n\n".join(archive.describe(file) for file in files))
+    return 0
+
+
+# --- the main job ---------------------------------------------------------------------------------------------------
+
+
+def _run(options: argparse.Namespace) -> int:
+    out = Path(options.out)
+    ranks = _ranks(options.ranks)
+    path = _find_scene(options.scene)
+    scene = read_scene(path)
+    p = parameters(scene)
+    snapshots_at = p.times()  # refuses a scene without [time] before anything runs
+    chain.chain_of(p)
+    if p.free is not None:
+        raise SceneError("ends.free: given a free end; allowed: two held ends, because the reduced model lifts by both")
+    names = ["scene", "catenary", "chain_rest", "chain", "modes", "comparison", *(f"galerkin_r{r}" for r in ranks)]
+    _prepare(out, [f"{name}.nc" for name in names], overwrite=options.overwrite)
+
+    def keep(name: str, dataset: xr.Dataset) -> None:
+        archive.write(dataset, out / f"{name}.nc", overwrite=True)
+        print(f"  {out / name}.nc")
+
+    print(f"{scene.attrs['title']}")
+    if "ensemble_json" in scene.attrs:
+        print("  note: the [ensemble] table is left aside; this command runs the scene itself")
+    keep("scene", scene)
+    keep("catenary", catenary.rest(scene))
+    keep("chain_rest", chain.rest(scene))
+    report_at = _report_times(snapshots_at)
+    with _stopping(keep, "chain"), _bar("chain") as progress:
+        truth, seconds = _timed(lambda: chain.simulate(scene, times=report_at, outputs=("position", "tension"), progress=progress))
+    keep("chain", truth)
+    snapshots = truth if report_at.size == snapshots_at.size else _at_snapshots(truth, scene, snapshots_at)
+    modes = pod.decompose(snapshots, rank=min(20, snapshots.sizes["particle"] - 2, snapshots.sizes["time"] - 1))
+    keep("modes", modes)
+    rows = [("elastic chain", "", truth, seconds, None)]
+    for r in ranks:
+        if r > modes.sizes["mode"]:
+            print(f"  note: only {modes.sizes['mode']} modes, r = {r} left out")
+            continue
+        with _stopping(keep, f"galerkin_r{r}"), _bar(f"Galerkin r = {r}") as progress:
+            reduced, seconds = _timed(
+                lambda r=r, progress=progress: galerkin.simulate(scene, modes, rank=r, times=report_at, progress=progress)
+            )
+        keep(f"galerkin_r{r}", reduced)
+        rows.append(("Galerkin", str(r), reduced, seconds, compare.errors(reduced, truth)))
+    table = _table(rows)
+    keep("comparison", table)
+    for figure in _figures(out, truth, modes, rows):
+        print(f"  {figure}")
+    print(_text(rows))
+    return 0
+
+
+def _ranks(text: str) -> list[int]:
+    try:
+        ranks = sorted({int(item) for item in text.split(",")})
+    except ValueError:
+        ranks = []
+    if not ranks or ranks[0] < 1:
+        raise SceneError(f"--ranks: given {text!r}; allowed: whole numbers of at least 1 with commas between")
+    return ranks
+
+
+def data_folder() -> Path:
+    """Return the folder of shipped scenes and tables: inside an installed package, or beside it in a checkout."""
+    here = Path(__file__).resolve().parent
+    return here / "data" if (here / "data").is_dir() else here.parent / "data"
+
+
+def _find_scene(name: str) -> Path:
+    """Return the scene file `name`, or the shipped one of that name or path, so that an installed package has them too."""
+    path = Path(name)
+    if path.exists():
+        return path
+    shipped = data_folder() / "scenes" / (path.name if path.suffix else f"{path.name}.toml")
+    return shipped if shipped.exists() and str(path.parent) in (".", "data/scenes") else path
+
+
+def _prepare(out: Path, files: Sequence[str], *, overwrite: bool) -> None:
+    """Make the output folder and refuse what would overwrite, before anything runs."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise archive.ArchiveError(f"--out: given {out}, which is or lies below a file; allowed: a folder") from None
+    except OSError as error:
+        raise archive.ArchiveError(f"--out: given {out}, which cannot be made: {error.strerror}; allowed: a folder") from None
+    probe = out / f".cablepod-{os.getpid()}"
+    try:
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise archive.ArchiveError(f"--out: given {out}, which cannot be written: {error.strerror}") from None
+    present = [name for name in files if (out / name).exists()]
+    if present and not overwrite:
+        raise archive.ArchiveError(
+            f"--out: given {out}, which has {', '.join(present)} already; allowed: another folder, or --overwrite to replace them"
+        )
+
+
+def _report_times(snapshots_at: np.ndarray) -> np.ndarray:
+    last = float(snapshots_at[-1])
+    count = round(last / REPORT_INTERVAL)
+    if count > REPORT_INSTANTS or abs(count * REPORT_INTERVAL - last) > 1e-9 * last:
+        count = max(1, min(REPORT_INSTANTS, int(last / REPORT_INTERVAL)))
+    grid = np.linspace(0.0, last, count + 1)
+    # the snapshots are among the instants, so that one run of the chain serves both
+    together = np.union1d(np.round(grid, 9), np.round(snapshots_at, 9))
+    return together
+
+
+def _at_snapshots(truth: xr.Dataset, scene: xr.Dataset, times: np.ndarray) -> xr.Dataset:
+    index = np.searchsorted(truth["time"].values, np.round(times, 9))
+    return truth.isel(time=index)
+
+
+@contextmanager
+def _stopping(keep: Callable[[str, xr.Dataset], None], name: str) -> Iterator[None]:
+    """Keep what a stopped run had computed."""
+    try:
+        yield
+    except RunStopped as error:
+        if error.partial is not None:
+            keep(f"{name}_incomplete", error.partial)
+        raise
+
+
+@contextmanager
+def _bar(label: str) -> Iterator[Callable[[float], None]]:
+    from tqdm import tqdm  # noqa: PLC0415 - only the command shows bars
+
+    # disable=None: quiet where stderr is no terminal
+    with tqdm(total=1.0, desc=label, disable=None, leave=False, bar_format="{desc}: {percentage:3.0f}% {bar} {elapsed}") as bar:
+
+        def progress(part: float) -> None:
+            bar.n = part
+            bar.refresh() if part in (0.0, 1.0) else bar.update(0)
+
+        yield progress
+
+
+def _timed(job: Callable[[], xr.Dataset]) -> tuple[xr.Dataset, float]:
+    """Result and wall time [s] of the whole call, compilation included where it happens."""
+    begin = time.perf_counter()
+    result = job()
+    seconds = time.perf_counter() - begin
+    result.attrs["wall_time_s"] = seconds
+    return result, seconds
+
+
+Row = tuple[str, str, xr.Dataset, float, xr.Dataset | None]
+
+
+def _table(rows: Sequence[Row]) -> xr.Dataset:
+    """Gather the comparisons along the ranks."""
+    errors = [row[4] for row in rows if row[4] is not None]
+    ranks = [int(row[1]) for row in rows if row[4] is not None]
+    table = xr.concat(errors, dim="rank", data_vars="all", coords="minimal", compat="override", join="exact")
+    table = table.assign_coords(rank=("rank", ranks, {"units": "1", "long_name": "modes of each coordinate"}))
+    table.attrs = {**errors[0].attrs, "title": "errors of the Galerkin models against the elastic chain"}
+    return table
+
+
+def _text(rows: Sequence[Row]) -> str:
+    lines = [f"{'model':<15}{'modes':>6}{'largest error':>15}{'rms error':>12}{'step [s]':>11}{'steps':>10}{'time [s]':>10}"]
+    for model, rank, run, seconds, error in rows:
+        worst = "truth" if error is None else f"{100 * float(error['error_max']):.4f} %"
+        mean = "" if error is None else f"{100 * float(error['error_rms']):.4f} %"
+        lines.append(
+            f"{model:<15}{rank:>6}{worst:>15}{mean:>12}{run.attrs['step']:>11.3g}{run.attrs['number_of_steps']:>10}{seconds:>10.3f}"
+        )
+    lines.append("errors over the largest rms displacement of the chain; times are of the whole call with the check of its step,")
+    lines.append("and include compilation the first time a model runs on this machine")
+    return "\n".join(lines)
+
+
+def _figures(out: Path, truth: xr.Dataset, modes: xr.Dataset, rows: Sequence[Row]) -> list[Path]:
+    import matplotlib as mpl  # noqa: PLC0415 - only the command draws
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt  # noqa: PLC0415
+
+    from cablepod import plots  # noqa: PLC0415
+
+    best = rows[-1][2]
+    times = [float(t) for t in truth["time"].values[np.linspace(0, truth.sizes["time"] - 1, 5).astype(int)]]
+    drawings: dict[str, Callable[[], object]] = {
+        "shapes": lambda: plots.shapes(truth, best, times=times),
+        "deflection": lambda: plots.shapes(truth, best, times=times, deflection=True),
+        "modes": lambda: plots.modes(modes),
+        "singular_values": lambda: plots.singular_values(modes),
+        "error_over_time": lambda: plots.error_over_time({f"r = {row[1]}": row[4] for row in rows if row[4] is not None}),
+    }
+    written = []
+    for name, draw in drawings.items():
+        draw()
+        path, unfinished = out / f"{name}.png", out / f".{name}.png"
+        plt.savefig(unfinished, dpi=150, format="png")
+        plt.close("all")
+        unfinished.replace(path)
+        written.append(path)
+    return written
+
+
+if __name__ == "__main__":
+    sys.exit(main())

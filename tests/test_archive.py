@@ -1,0 +1,736 @@
+"""The archive: identical round trips, whole files or none, clear refusals, and the judgement of the real checker."""
+
+import errno
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from cablepod import archive, provenance
+from cablepod.archive import ArchiveError, describe, read, write
+from cablepod.conventions import label
+
+ROOT = Path(archive.__file__).parents[1]
+PARTICLES = 9
+RNG_SEED = 7
+
+
+def values(*shape):
+    return np.random.default_rng(RNG_SEED).normal(size=shape)
+
+
+def chain_coordinates(particles=PARTICLES):
+    return {
+        "coordinate": ["x", "y"],
+        "particle": np.arange(particles),
+        "link": np.arange(1, particles),
+        "arc_length": ("particle", np.linspace(0.0, 61.0, particles)),
+        "link_arc_length": ("link", np.linspace(0.5, 60.5, particles - 1)),
+    }
+
+
+def make_scene():
+    variables = {
+        "gravity": 9.81,
+        "cable_top_tension": 15000.0,
+        "chain_links": 40,
+        "motion_upper_x_kind": "one_minus_cosine",
+        "motion_upper_x_amplitude": -0.07,
+        "ends_free": "",
+        "end_position": (("end", "coordinate"), [[0.0, 0.0], [20.4, 57.7]]),
+    }
+    scene = xr.Dataset(variables, {"end": ["lower", "upper"], "coordinate": ["x", "y"]})
+    label(
+        scene,
+        gravity=("m s-2", "acceleration of gravity"),
+        cable_top_tension=("N", "tension at the upper end at rest"),
+        chain_links=("1", "number of links"),
+        motion_upper_x_kind=("1", "kind of motion of the upper end along x"),
+        motion_upper_x_amplitude=("m", "amplitude of the motion of the upper end along x"),
+        ends_free=("1", "end that moves freely, if any"),
+    )
+    scene.attrs["title"] = "Example 2: slow end motion, Seguí's cable"
+    return provenance.record(scene, function="make_scene", parameters={"gravity": 9.81, "free": None})
+
+
+def make_trajectory(times=60, particles=PARTICLES, scene=None):
+    trajectory = xr.Dataset(
+        {
+            "position": (("time", "particle", "coordinate"), values(times, particles, 2)),
+            "tension": (("time", "link"), values(times, particles - 1)),
+            "tension_maximum": ("link", values(particles - 1)),
+        },
+        {"time": 0.1 * np.arange(times), **chain_coordinates(particles)},
+    )
+    parameters = {"links": particles - 1, "scheme": "verlet", "step": 1e-4, "tolerance": None}
+    inputs = [make_scene() if scene is None else scene]
+    return provenance.record(label(trajectory), function="chain.simulate", parameters=parameters, inputs=inputs)
+
+
+def make_modes(trajectory=None):
+    rank = 4
+    modes = xr.Dataset(
+        {
+            "mode_shape": (("coordinate", "mode", "particle"), values(2, rank, PARTICLES)),
+            "singular_value": (("coordinate", "mode"), values(2, rank)),
+            "proper_orthogonal_value": (("coordinate", "mode"), values(2, rank) ** 2),
+            "energy_share": (("coordinate", "mode"), values(2, rank)),
+            "mean": (("particle", "coordinate"), values(PARTICLES, 2)),
+        },
+        {"mode": np.arange(1, rank + 1), **chain_coordinates()},
+    ).drop_vars(["link", "link_arc_length"])
+    inputs = [make_trajectory() if trajectory is None else trajectory]
+    return provenance.record(label(modes), function="pod.decompose", parameters={"rank": rank}, inputs=inputs)
+
+
+def make_comparison():
+    errors = xr.Dataset(
+        {"error": ("time", values(60)), "error_max": 0.02, "displacement_scale": 1.5}, {"time": 0.1 * np.arange(60)}
+    )
+    inputs = [make_trajectory(), make_modes()]
+    return provenance.record(label(errors), function="compare.errors", parameters={}, inputs=inputs)
+
+
+def make_ensemble():
+    members = 3
+    shape = (members, 20, PARTICLES, 2)
+    ensemble = xr.Dataset(
+        {
+            "position": (("member", "time", "particle", "coordinate"), values(*shape)),
+            "tension": (("member", "time", "link"), values(*shape[:2], PARTICLES - 1).astype("f4")),
+            "motion_upper_x_kind": ("member", ["ramp", "harmonic", "ramp"]),
+        },
+        {
+            "member": np.arange(members),
+            "cable_top_tension": ("member", [4e3, 8e3, 1.2e4]),
+            "time": 0.5 * np.arange(20),
+            **chain_coordinates(),
+        },
+    )
+    ensemble["position"][1, 3:] = np.nan  # a run that broke off
+    extra = {"cable_top_tension": ("N", "tension at the upper end"), "motion_upper_x_kind": ("1", "kind of motion")}
+    return provenance.record(label(ensemble, **extra), function="ensemble.run", parameters={"seed": 5})
+
+
+KINDS = {
+    "scene": make_scene,
+    "trajectory": make_trajectory,
+    "modes": make_modes,
+    "comparison": make_comparison,
+    "ensemble": make_ensemble,
+}
+
+
+def dtypes(dataset):
+    return {name: item.dtype for name, item in dataset.variables.items()}
+
+
+def is_open(path):
+    """Tell whether this process holds `path` open; where that cannot be known, say no."""
+    handles = Path("/proc/self/fd")
+    names = [os.readlink(item) for item in handles.iterdir() if item.is_symlink()] if handles.is_dir() else []
+    return str(path) in names
+
+
+def visible(folder):
+    return [item.name for item in folder.iterdir() if not item.name.startswith(".")]
+
+
+def run_python(code, **kwargs):
+    """Start Python on `code`, with the package under test and the makers of this file at hand."""
+    path = os.pathsep.join([str(ROOT), str(Path(__file__).parent)])
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": path},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **kwargs,
+    )
+
+
+# round trip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_read_is_what_was_written(kind, tmp_path):
+    dataset = KINDS[kind]()
+    before = dataset.copy(deep=True)
+    path = write(dataset, tmp_path / "it.nc")
+    assert path == tmp_path / "it.nc"
+    xr.testing.assert_identical(dataset, before)
+    back = read(path)
+    assert dtypes(back) == dtypes(dataset)
+    assert {name: item.attrs for name, item in back.variables.items()} == {
+        name: item.attrs for name, item in dataset.variables.items()
+    }
+    assert all(back.attrs[name] == value for name, value in dataset.attrs.items() if name != "history_json")
+    xr.testing.assert_identical(
+        back.assign_attrs(history_json=""), dataset.assign_attrs({**back.attrs, "history_json": ""})
+    )
+    assert all(not item.encoding for item in back.variables.values())
+    assert not is_open(path)
+    assert [item.name for item in tmp_path.iterdir()] == ["it.nc"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_second_write_changes_nothing(kind, tmp_path, monkeypatch):
+    first = read(write(KINDS[kind](), tmp_path / "p.nc"))
+    stop_clock(monkeypatch, "2099-01-01T00:00:00Z")
+    second = read(write(first, tmp_path / "q.nc"))
+    xr.testing.assert_identical(first, second)
+    assert dtypes(first) == dtypes(second)
+
+
+def test_inherited_encodings_and_attributes_of_the_input_stay_out_of_the_file(tmp_path):
+    dataset = make_trajectory()
+    dataset["position"].encoding = {"dtype": "f4", "scale_factor": 0.1, "_FillValue": -1.0}
+    dataset.encoding = {"unlimited_dims": {"time"}}
+    before = dataset["position"].encoding.copy()
+    back = read(write(dataset, tmp_path / "it.nc"))
+    xr.testing.assert_equal(back, dataset)
+    assert back["position"].dtype == np.float64
+    assert dataset["position"].encoding == before
+
+
+def test_strings_of_any_kind_and_empty_arrays_come_back(tmp_path):
+    dataset = xr.Dataset(
+        {
+            "none": ("nothing", np.zeros(0)),
+            "words": ("word", np.array(["Å", "", "catenary "], dtype=object)),
+            "pairs": (("word", "side"), [["a", "bb"], ["", "é"], ["x", "y"]]),
+        }
+    )
+    back = read(write(dataset, tmp_path / "it.nc"))
+    assert back["words"].dtype.kind == "U"
+    assert back["words"].values.tolist() == ["Å", "", "catenary "]
+    xr.testing.assert_identical(back.drop_attrs(), dataset)
+
+
+def test_time_stays_in_elapsed_seconds(tmp_path):
+    dataset = make_trajectory()
+    dataset["duration"] = xr.DataArray(124.0, attrs={"units": "s", "long_name": "length of the run"})
+    back = read(write(dataset, tmp_path / "it.nc"))
+    assert back["time"].dtype == np.float64
+    assert back["duration"].dtype == np.float64
+    assert back["time"].attrs["units"] == "s"
+
+
+def test_a_lazy_read_gives_the_same_values_in_chunks(tmp_path):
+    dataset = make_ensemble()
+    dask = pytest.importorskip("dask.array")
+    path = write(dataset, tmp_path / "it.nc")
+    with read(path, chunks={"time": 5}) as lazy:
+        assert isinstance(lazy["position"].data, dask.Array)
+        assert lazy["position"].chunks[1] == (5, 5, 5, 5)
+        assert lazy["motion_upper_x_kind"].dtype == dataset["motion_upper_x_kind"].dtype
+        xr.testing.assert_identical(lazy.compute(), read(path))
+        # its way back to a file, which needs no more memory than a chunk
+        again = write(lazy, tmp_path / "again.nc")
+    assert not is_open(path)
+    xr.testing.assert_identical(read(again), read(path))
+
+
+def test_a_lazy_read_without_dask_says_so(tmp_path, monkeypatch):
+    path = write(make_scene(), tmp_path / "it.nc")
+    monkeypatch.setattr(archive, "find_spec", lambda name: None)
+    with pytest.raises(ArchiveError, match="needs dask; install it, or read without chunks"):
+        read(path, chunks={})
+
+
+def test_import_is_light():
+    # a stand-in for the package keeps what its other modules import out of the count
+    code = (
+        "import sys, types; package = types.ModuleType('cablepod'); "
+        f"package.__path__ = [{str(ROOT / 'cablepod')!r}]; sys.modules['cablepod'] = package; "
+        "import cablepod.archive; print(sorted({'netCDF4', 'dask', 'matplotlib', 'numba'} & set(sys.modules)))"
+    )
+    out, err = run_python(code).communicate(timeout=60)
+    assert out.strip() == "[]", err
+
+
+# layout
+
+
+def test_large_float_arrays_are_compressed_in_complete_rows_of_particles():
+    big = make_trajectory(times=3000, particles=41)
+    encoding = archive.encoding_of(big)
+    position = encoding["position"]
+    assert (position["zlib"], position["complevel"], position["shuffle"]) == (True, 4, True)
+    times, *rest = position["chunksizes"]
+    assert rest == [41, 2]
+    assert times == 2**20 // (41 * 2 * 8)  # about 1 MB, counted in whole rows
+    assert "zlib" not in encoding["tension_maximum"]
+    assert encoding["coordinate"] == {"dtype": "S1", "char_dim_name": "coordinate_characters"}
+
+
+def test_chunks_are_cut_along_member_only_when_all_times_fit():
+    shape = (64, 100, 41, 2)  # 65.6 kB a member
+    ensemble = xr.Dataset({"position": (("member", "time", "particle", "coordinate"), np.zeros(shape))})
+    assert archive.encoding_of(ensemble)["position"]["chunksizes"] == (15, 100, 41, 2)
+    modes = xr.Dataset({"mode_shape": (("mode", "particle"), np.zeros((60, 4000)))})
+    assert archive.encoding_of(modes)["mode_shape"]["chunksizes"] == (60, 4000)
+
+
+def test_fill_values_are_declared_only_where_data_have_gaps(tmp_path):
+    netCDF4 = pytest.importorskip("netCDF4")
+    path = write(make_ensemble(), tmp_path / "it.nc")
+    with netCDF4.Dataset(path) as file:
+        filled = {name for name, item in file.variables.items() if "_FillValue" in item.ncattrs()}
+    assert filled == {"position"}
+
+
+# provenance
+
+
+def stop_clock(monkeypatch, instant):
+    class Clock(archive.datetime):
+        @classmethod
+        def now(cls, tz=None):
+            return cls.strptime(instant, "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=tz)
+
+    monkeypatch.setattr(archive, "datetime", Clock)
+
+
+def test_each_stage_adds_one_line_and_keeps_the_earlier_ones(tmp_path, monkeypatch):
+    stop_clock(monkeypatch, "2030-01-01T00:00:00Z")
+    scene = read(write(make_scene(), tmp_path / "scene.nc"))
+    assert scene.attrs["history"].startswith("2030-01-01T00:00:00Z cablepod ")
+    assert scene.attrs["history"].count("\n") == 0
+    stop_clock(monkeypatch, "2030-01-02T00:00:00Z")
+    # as a science module does: the new dataset has only history_json from its input
+    trajectory = make_trajectory(scene=scene).assign_attrs(wall_time_s=12.5)
+    back = read(write(trajectory, tmp_path / "trajectory.nc"))
+    lines = back.attrs["history"].split("\n")
+    assert lines[0] == scene.attrs["history"]
+    assert re.fullmatch(r"2030-01-02T00:00:00Z cablepod \S+: chain\.simulate\(.*\) id=\w{20} inputs=\w{20}", lines[1])
+    assert len(lines) == 2
+    old, new = json.loads(back.attrs["history_json"])
+    assert old == json.loads(scene.attrs["history_json"])[0]
+    assert {"program", "version", "written", "platform", "sha256"} <= set(new)
+    assert new["wall_time_s"] == 12.5
+    assert None not in [new.get("commit", "")]
+    assert "wall_time_s" not in back.attrs
+    assert back.attrs["date_created"] == "2030-01-02T00:00:00Z"
+    # a history that came along, with a line of somebody else's, is appended to and never replaced
+    carried = make_trajectory(scene=scene).assign_attrs(history="2029-12-31T00:00:00Z cut by hand\n" + lines[0])
+    assert read(write(carried, tmp_path / "carried.nc")).attrs["history"].split("\n") == [
+        "2029-12-31T00:00:00Z cut by hand",
+        *lines,
+    ]
+
+
+def test_a_cut_in_time_tells_its_own_length_and_content(tmp_path):
+    whole = read(write(make_trajectory(), tmp_path / "whole.nc"))
+    assert whole.attrs["time_coverage_duration"] == "PT5.9S"
+    assert whole.attrs["time_coverage_resolution"] == "PT0.1S"
+    some = read(write(whole.isel(time=[0, 1, 5]), tmp_path / "some.nc"))
+    assert some.attrs["time_coverage_duration"] == "PT0.5S"
+    assert "time_coverage_resolution" not in some.attrs
+    assert archive._stages(some)[-1]["sha256"] == archive._content_hash(some) != archive._content_hash(whole)
+    none = read(write(whole.isel(time=0), tmp_path / "none.nc"))
+    assert "time_coverage_duration" not in none.attrs
+
+
+def test_texts_made_for_an_input_are_not_taken_over_but_a_given_title_is(tmp_path):
+    del (scene := make_scene()).attrs["title"]
+    scene = read(write(scene, tmp_path / "scene.nc"))
+    assert scene.attrs["title"] == "Result of make_scene"
+    shorter = provenance.record(scene.copy(), function="scene.cut", parameters={}, inputs=[scene])
+    back = read(write(shorter, tmp_path / "cut.nc"))
+    assert back.attrs["title"] == "Result of scene.cut"
+    assert "scene.cut" in back.attrs["summary"]
+    assert read(write(make_scene(), tmp_path / "titled.nc")).attrs["title"].startswith("Example 2")
+
+
+def test_id_and_content_hash_depend_on_neither_clock_nor_machine(tmp_path, monkeypatch):
+    plain = xr.Dataset({"mean": ("particle", np.arange(3.0), {"units": "m"})})
+    first = read(write(plain, tmp_path / "first.nc"))
+    stop_clock(monkeypatch, "2040-01-01T00:00:00Z")
+    monkeypatch.setattr(archive.platform, "platform", lambda: "elsewhere")
+    archive._program.cache_clear()
+    try:
+        second = read(write(plain, tmp_path / "second.nc"))
+    finally:
+        archive._program.cache_clear()
+    assert first.attrs["history_json"] != second.attrs["history_json"]
+    assert first.attrs["id"] == second.attrs["id"]
+    assert archive._stages(first)[-1]["sha256"] == archive._stages(second)[-1]["sha256"]
+    swapped = plain.assign(mean=("particle", np.array([0.0, 1.0, 2.0]).astype(">f8")))
+    assert archive._content_hash(swapped) == archive._content_hash(plain)
+    other = plain.assign(mean=("particle", [0.0, 1.0, np.nextafter(2.0, 3.0)]))
+    assert read(write(other, tmp_path / "other.nc")).attrs["id"] != first.attrs["id"]
+
+
+def test_commit_is_that_of_the_checkout_and_absent_without_one(tmp_path, monkeypatch):
+    assert archive._commit(tmp_path) is None
+    (tmp_path / "file").write_text("1")
+    who = ["-c", "user.name=n", "-c", "user.email=e@example.org", "-c", "commit.gpgsign=false"]
+    for command in (["init", "-q"], ["add", "."], [*who, "commit", "-qm", "one"]):
+        assert subprocess.run(["git", *command], cwd=tmp_path, capture_output=True).returncode == 0
+    commit = archive._commit(tmp_path)
+    assert re.fullmatch("[0-9a-f]{40}", commit)
+    (tmp_path / "inner").mkdir()
+    assert archive._commit(tmp_path / "inner") is None
+    (tmp_path / "file").write_text("22")
+    assert archive._commit(tmp_path) == f"{commit}-dirty"
+    monkeypatch.setenv("PATH", str(tmp_path))  # where no git is
+    assert archive._commit(tmp_path) is None
+
+
+def test_a_history_that_cannot_be_read_is_refused(tmp_path):
+    with pytest.raises(ArchiveError, match="'history_json' is not a list of stages"):
+        write(make_scene().assign_attrs(history_json="{"), tmp_path / "it.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+# whole or not at all
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, MemoryError])
+@pytest.mark.parametrize("place", ["to_netcdf", "fsync", "replace"])
+def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(error, place, tmp_path, monkeypatch):
+    path = write(make_scene(), tmp_path / "it.nc")
+    old = path.read_bytes()
+
+    def interrupt(*args, **kwargs):
+        raise error
+
+    def half(self, target, **kwargs):
+        Path(target).write_bytes(b"\x89HDF")
+        raise error
+
+    if place == "to_netcdf":
+        monkeypatch.setattr(xr.Dataset, place, half)
+    else:
+        monkeypatch.setattr(archive.os, place, interrupt)
+    with pytest.raises(error):
+        write(make_trajectory(), path, overwrite=True)
+    assert [item.name for item in tmp_path.iterdir()] == ["it.nc"]
+    assert path.read_bytes() == old
+
+
+def test_the_file_is_written_beside_its_target_and_renamed_after_a_flush(tmp_path, monkeypatch):
+    calls = []
+    fsync, replace = os.fsync, os.replace
+
+    def note_fsync(handle):
+        calls.append(("fsync", Path(os.readlink(f"/proc/self/fd/{handle}")).name))
+        fsync(handle)
+
+    def note_replace(source, target):
+        calls.append(("replace", Path(source).name))
+        assert Path(source).parent == Path(target).parent
+        replace(source, target)
+
+    if not Path("/proc/self/fd").is_dir():
+        pytest.skip("no /proc to tell which file a handle belongs to")
+    monkeypatch.setattr(archive.os, "fsync", note_fsync)
+    monkeypatch.setattr(archive.os, "replace", note_replace)
+    write(make_scene(), tmp_path / "it.nc")
+    part = calls[0][1]
+    assert part.startswith(".")
+    assert calls == [("fsync", part), ("replace", part), ("fsync", tmp_path.name)]
+
+
+BIG_WRITE = """
+import numpy as np, xarray as xr
+from cablepod.archive import write
+noise = np.random.default_rng(1).normal(size=({rows}, 200))
+write(xr.Dataset({{"position": (("time", "particle"), noise)}}), {target!r})
+"""
+
+
+def test_a_killed_write_leaves_no_file_under_the_name(tmp_path):
+    target = tmp_path / "it.nc"
+    process = run_python(BIG_WRITE.format(rows=40_000, target=str(target)))
+    deadline = time.monotonic() + 60
+    while not any(item.stat().st_size > 1e6 for item in tmp_path.iterdir()):  # 64 MB of noise take seconds
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.kill()
+    process.communicate()
+    assert process.returncode == -signal.SIGKILL
+    assert visible(tmp_path) == []
+    assert write(make_scene(), target) == target  # what the dead process left is in nobody's way
+
+
+FULL_DISK = """
+import os, resource, signal
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (2_000_000, 2_000_000))
+from cablepod.archive import ArchiveError
+try:
+    exec(BODY)
+except ArchiveError as error:
+    print(error)
+for handle in os.listdir("/proc/self/fd") if os.path.isdir("/proc/self/fd") else []:
+    path = f"/proc/self/fd/{handle}"
+    if os.path.islink(path) and os.readlink(path).endswith(".part (deleted)"):
+        assert os.stat(path).st_size == 0, "space is held by a file that nobody sees"
+"""
+
+
+def test_a_full_disk_is_a_clear_error_and_leaves_nothing(tmp_path):
+    # A limit on the size of files makes writes fail as a full disk does, and works without rights to mount one.
+    body = BIG_WRITE.format(rows=5000, target=str(tmp_path / "it.nc"))
+    out, err = run_python(FULL_DISK.replace("BODY", repr(body))).communicate(timeout=120)
+    assert "it.nc: not written, nothing is left behind" in out, err
+    assert re.search(r"is the disk full\? [\d.]+ MB are free in .*; make room, or give another path", out)
+    assert list(tmp_path.iterdir()) == []
+    assert err == ""
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        OSError(errno.ENOSPC, "No space left on device"),
+        RuntimeError("NetCDF: HDF error"),
+        PermissionError(errno.EACCES, "Permission denied"),  # what the library says if it cannot even begin
+    ],
+)
+def test_no_space_is_a_clear_error(error, tmp_path, monkeypatch):
+    def fail(self, target, **kwargs):
+        Path(target).write_bytes(b"half")
+        raise error
+
+    monkeypatch.setattr(xr.Dataset, "to_netcdf", fail)
+    with pytest.raises(ArchiveError, match=re.escape(f"nothing is left behind: {error}; is the disk full? ")):
+        write(make_scene(), tmp_path / "it.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+# refusals of write
+
+
+def test_an_existing_file_is_kept_unless_asked_otherwise(tmp_path, monkeypatch):
+    path = write(make_scene(), tmp_path / "it.nc")
+    with pytest.raises(ArchiveError, match=r"it\.nc: exists already; give another path, or overwrite=True"):
+        write(make_modes(), path)
+    assert "gravity" in read(path)
+    write(make_modes(), path, overwrite=True)
+    assert "mode_shape" in read(path)
+
+    fresh = tmp_path / "fresh.nc"
+    fsync = os.fsync
+
+    def meanwhile(handle):
+        fsync(handle)
+        fresh.write_text("of somebody else")
+
+    monkeypatch.setattr(archive.os, "fsync", meanwhile)
+    with pytest.raises(ArchiveError, match="exists already"):
+        write(make_scene(), fresh)
+    assert fresh.read_text() == "of somebody else"
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["fresh.nc", "it.nc"]
+
+
+def test_a_folder_that_cannot_take_the_file_is_named(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ArchiveError, match=r"missing/it\.nc: .*missing does not exist; make that folder first"):
+        write(make_scene(), tmp_path / "missing" / "it.nc")
+    with pytest.raises(ArchiveError, match=r"file/it\.nc: .*file is not a folder"):
+        write(make_scene(), tmp_path / "file" / "it.nc")
+    with pytest.raises(ArchiveError, match=r"file/deeper does not exist"):
+        write(make_scene(), tmp_path / "file" / "deeper" / "it.nc")
+    with pytest.raises(ArchiveError, match=f"{tmp_path}: is a folder; give the path of a file in it"):
+        write(make_scene(), tmp_path, overwrite=True)
+    monkeypatch.setattr(archive.os, "access", lambda *args: False)  # root may write anywhere
+    with pytest.raises(ArchiveError, match=f"no permission to write in the folder {tmp_path}"):
+        write(make_scene(), tmp_path / "it.nc")
+    assert [item.name for item in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder in which not even root can write")
+def test_a_folder_where_nobody_can_write_is_named():
+    with pytest.raises(ArchiveError, match=r"^/proc/it\.nc: "):
+        write(make_scene(), "/proc/it.nc")
+
+
+@pytest.mark.parametrize("value", [None, True, np.bool_(False), {"a": 1}, [1, None], [], ["a", 1], 1j, b"b", [[1, 2]]])
+def test_attributes_that_netcdf_cannot_hold_are_named(value, tmp_path):
+    with pytest.raises(ArchiveError, match="dataset: attribute 'tolerance' is "):
+        write(make_scene().assign_attrs(tolerance=value), tmp_path / "it.nc")
+    scene = make_scene()
+    scene["gravity"].attrs["seed"] = value
+    with pytest.raises(ArchiveError, match=r"variable 'gravity': attribute 'seed' is .*leave it out, or make it a var"):
+        write(scene, tmp_path / "it.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("value", ["", "é", 3, 2.5, np.float32(1.5), [1, 2], (0.5, 1.0), np.arange(3), ["a", "b"]])
+def test_attributes_that_netcdf_can_hold_come_back(value, tmp_path):
+    scene = make_scene().assign_attrs(note=value)
+    scene["gravity"].attrs["note"] = value
+    back = read(write(scene, tmp_path / "it.nc"))
+    xr.testing.assert_identical(back, scene.assign_attrs({**back.attrs, "note": value}))
+
+
+def test_names_that_would_be_decoded_and_types_that_change_are_refused(tmp_path):
+    scene = make_scene()
+    scene["gravity"].attrs["scale_factor"] = 2.0
+    with pytest.raises(ArchiveError, match="variable 'gravity': no attribute of a file can be named 'scale_factor'"):
+        write(scene, tmp_path / "it.nc")
+    for wrong in (True, 1j, np.datetime64("2020-01-01", "ns"), np.array(["a", None], dtype=object)):
+        with pytest.raises(ArchiveError, match=r"variable 'wrong': \S+ cannot be written; make it numbers or strings"):
+            write(make_scene().assign(wrong=("n", np.atleast_1d(wrong))), tmp_path / "it.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+# refusals of read
+
+
+@pytest.mark.parametrize("chunks", [None, {}])
+def test_files_that_are_none_of_ours_are_refused(chunks, tmp_path):
+    if chunks is not None:
+        pytest.importorskip("dask")
+    with pytest.raises(ArchiveError, match=r"missing\.nc: does not exist; check the path"):
+        read(tmp_path / "missing.nc", chunks=chunks)
+    with pytest.raises(ArchiveError, match="is a folder or a device"):
+        read(tmp_path, chunks=chunks)
+    (path := tmp_path / "it.nc").write_bytes(b"")
+    with pytest.raises(ArchiveError, match=r"it\.nc: is empty; make it again"):
+        read(path, chunks=chunks)
+    path.write_text("time,value\n0,1\n" * 100)
+    with pytest.raises(ArchiveError, match=r"it\.nc: is not a netCDF-4 file"):
+        read(path, chunks=chunks)
+    for form in ("NETCDF4", "NETCDF3_64BIT"):
+        xr.Dataset({"a": 1.0}).to_netcdf(path, engine="netcdf4", format=form)
+        with pytest.raises(ArchiveError, match=r"it\.nc: was not written by cablepod \(no attribute cablepod_schema\)"):
+            read(path, chunks=chunks)
+
+
+def test_a_newer_file_is_refused_and_tells_both_versions(tmp_path):
+    path = tmp_path / "it.nc"
+    make_scene().drop_attrs().assign_attrs(cablepod_schema=2).to_netcdf(path, engine="netcdf4")
+    with pytest.raises(ArchiveError, match=r"schema version 2, this cablepod \(.*\) knows versions up to 1; install a"):
+        read(path)
+
+
+def test_a_truncated_file_is_refused_wherever_it_was_cut(tmp_path, capfd):
+    whole = write(make_trajectory(times=400), tmp_path / "whole.nc").read_bytes()
+    path = tmp_path / "cut.nc"
+    sizes = [1, 7, 8, 100, 511, 2048, *np.linspace(4096, len(whole) - 1, 25).astype(int), len(whole) - 2]
+    for size in sizes:
+        path.write_bytes(whole[:size])
+        with pytest.raises(ArchiveError, match=r"cut\.nc: (is truncated or damaged|is not a netCDF-4 file) .*; "):
+            read(path)
+        with pytest.raises(ArchiveError, match=r"cut\.nc: "):
+            describe(path)
+    path.write_bytes(whole)
+    xr.testing.assert_identical(read(path), read(tmp_path / "whole.nc"))
+    assert capfd.readouterr().err == ""
+
+
+def test_damage_within_the_data_is_refused(tmp_path, capfd):
+    whole = write(make_trajectory(times=400), tmp_path / "whole.nc").read_bytes()
+    stream = whole.index(b"\x78\x5e")  # where zlib data of level 4 begin
+    path = tmp_path / "damaged.nc"
+    path.write_bytes(whole[: stream + 100] + bytes(2000) + whole[stream + 2100 :])
+    with pytest.raises(ArchiveError, match=r"damaged\.nc: is truncated or damaged .*make it again"):
+        read(path)
+    assert "damaged.nc" in describe(path)  # which reads no large array
+    assert capfd.readouterr().err == ""
+
+
+# describe
+
+
+def test_describe_tells_what_a_file_is_and_how_it_came_about(tmp_path):
+    scene = read(write(make_scene(), tmp_path / "scene.nc"))
+    trajectory = make_trajectory(scene=scene).assign_attrs(title="Slow", wall_time_s=2.0)
+    path = write(trajectory, tmp_path / "it.nc")
+    text = describe(path)
+    assert re.search(r"^file .*it\.nc \(.* MB, schema 1\)$", text, re.MULTILINE)
+    assert re.search(r"^title +Slow$", text, re.MULTILINE)
+    assert re.search(r"^stage +chain\.simulate$", text, re.MULTILINE)
+    assert re.search(rf"^id +{trajectory.attrs['id']}$", text, re.MULTILINE)
+    assert re.search(r"^sizes .*time 60, particle 9, coordinate 2", text, re.MULTILINE)
+    assert "  position (time, particle, coordinate) [m]  position\n" in text
+    first, second = text.split("history\n")[1].split("\n")
+    assert first.startswith(f"  {scene.attrs['id']} make_scene(free=null, gravity=9.81); cablepod ")
+    assert "links=8" in second
+    assert f" from {scene.attrs['id']}; " in second
+    assert second.endswith(", 2 s")
+    assert describe(read(path)) == text.split("\n", 1)[1]
+
+
+def test_describe_shows_the_values_of_a_scene_before_it_is_written():
+    text = describe(make_scene())
+    assert "  gravity = 9.81 [m s-2]  acceleration of gravity\n" in text
+    assert "  motion_upper_x_kind = 'one_minus_cosine' [1]" in text
+    assert describe(xr.Dataset()).endswith("history")
+
+
+# the real checker
+
+# Of the attributes that ACDD asks for, those that have no meaning for a computed cable in its own Cartesian frame, on
+# elapsed time.  Whoever publishes a file adds the persons and bodies as attributes of the dataset, and they are kept.
+NO_TIME = "no time axis in parameters and modes"
+NO_MEANING = {
+    "no place on Earth": ["geospatial_", "Could not find lat", "Could not find lon"],
+    "no date": ["time_coverage_start not present", "time_coverage_end not present"],
+    NO_TIME: [
+        "time_coverage_duration not present",
+        "time_coverage_resolution not present",
+    ],
+    "the program cannot know who uses it": [
+        "creator_",
+        "contributor_",
+        "institution not present",
+        "project not present",
+    ],
+    "nobody has published it": ["publisher_", "date_issued", "Attr date_issued", "naming_authority not present"],
+    "nobody was asked": ["acknowledgment/acknowledgement not present"],
+    "levels, platforms and instruments are those of observations": [
+        "processing_level not present",
+        "platform not present",
+        "platform_vocabulary",
+        "instrument",
+        "program not present",
+    ],
+    "a file is never altered after it was made": ["date_modified", "date_metadata_modified", "Attr date_m"],
+    "the version of the program is in source": ["product_version"],
+    "the keywords are from no controlled list": ["keywords_vocabulary"],
+    "nothing more is said elsewhere": ["metadata_link"],
+    "the table of standard names has none for a cable": ["standard_name_vocabulary not present", "standard_name"],
+}
+HAVE_TIME = ("trajectory", "comparison", "ensemble")
+
+
+def findings(report):
+    """Return (check, message) of one standard's part of the checker's report."""
+    items = [item for level in ("high", "medium", "low") for item in report[f"{level}_priorities"]]
+    return {(item["name"], message) for item in items for message in item["msgs"]}
+
+
+def test_the_real_checker_finds_only_what_is_allowed(tmp_path):
+    pytest.importorskip("compliance_checker")
+    paths = [str(write(make(), tmp_path / f"{kind}.nc")) for kind, make in KINDS.items()]
+    command = [str(Path(sys.executable).with_name("compliance-checker")), "--test=cf:1.11", "--test=acdd:1.3"]
+    report = tmp_path / "report.json"
+    options = ["--criteria=strict", "--format=json_new", f"--output={report}"]
+    done = subprocess.run([*command, *options, *paths], capture_output=True, text=True)
+    assert "exceptions occurred" not in done.stdout + done.stderr
+    reports = json.loads(report.read_text())
+    for kind, path in zip(KINDS, paths, strict=True):
+        has_time = kind in HAVE_TIME
+        found = {(name[:4], message) for name, message in findings(reports[path]["cf:1.11"])}
+        # the standard name "time" would demand a date to count from
+        no_date = ("§5.1", "Coordinate variable 'time' should have standard_name='time', found: 'None'")
+        assert found == ({no_date} if has_time else set()), kind
+        starts = tuple(
+            start for why, starts in NO_MEANING.items() if not has_time or why != NO_TIME for start in starts
+        )
+        found = {message for _, message in findings(reports[path]["acdd:1.3"])}
+        assert "naming_authority not present" in found, "the report has another form than this test knows"
+        assert {message for message in found if not message.startswith(starts)} == set(), kind

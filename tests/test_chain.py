@@ -1,0 +1,434 @@
+"""The elastic chain: against analytic results, its order, identities, and what it refuses."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+import xarray as xr
+from conftest import spatial
+
+import cablepod as cp
+from cablepod import chain as chain_module
+from cablepod.scene import parameters
+
+TERMS = {
+    "plain": {},
+    "uniform load": {"load": {"uniform": [3.0, -2.0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 3.0}},
+    "point load": {"point_load": [{"arc_length": 0.4, "force": [0.0, -20.0]}]},
+    "mass damping": {"damping": {"mass_proportional": 0.8}},
+    "link viscosity": {"damping": {"link_viscosity": 0.002}},
+    "both ends": {
+        "motion": {
+            "lower": {"y": {"kind": "harmonic", "amplitude": 0.03, "angular_frequency": 1.7, "phase": 0.4}},
+            "upper": {"x": {"kind": "ramp", "amplitude": 0.1, "duration": 2.0}},
+        }
+    },
+    "initial shape": {"initial": {"top_tension": 260.0}},
+}
+
+
+def of(soft, **changes):
+    return cp.make_scene({**soft, **changes})
+
+
+def positions(scene, **options):
+    return cp.chain.simulate(scene, **options).position.values
+
+
+# --- rest -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_rest_is_in_equilibrium(scenes, number):
+    rest = cp.chain.rest(cp.read_scene(scenes / f"example{number}.toml"))
+    assert float(rest.residual) < 1e-9 * float(rest.tension.max())
+
+
+def test_rest_tends_to_the_catenary_as_the_square_of_the_link(soft):
+    scene = of(soft)
+    errors = []
+    for n in (10, 20, 40):
+        exact = cp.catenary.rest(scene, points=n + 1)
+        errors.append(float(np.abs(cp.chain.rest(scene, links=n).position - exact.position).max()))
+    order = np.log2(np.divide(errors[:-1], errors[1:]))
+    np.testing.assert_allclose(order, 2.0, atol=0.1)
+
+
+def test_rest_of_two_links_against_hand_calculation():
+    # one mass in the middle of a symmetric span: k (1 - l/R) * 2 * sag / R = weight
+    scene = cp.make_scene(
+        {
+            "cable": {"youngs_modulus": 1e6, "area": 1e-3, "density": 2000.0, "unstretched_length": 4.2},
+            "ends": {"lower": [0.0, 0.0], "upper": [4.0, 0.0]},
+            "chain": {"links": 2},
+        }
+    )
+    rest = cp.chain.rest(scene)
+    sag = -float(rest.position[1, 1])
+    reach = np.hypot(2.0, sag)
+    pull = 1e3 / 2.1 * (reach - 2.1)
+    assert 2 * pull * sag / reach == pytest.approx(2.0 * 2.1 * 9.81, rel=1e-12)
+    assert float(rest.position[1, 0]) == pytest.approx(2.0, rel=1e-12)
+
+
+def test_rest_carries_point_loads_and_unequal_links(soft):
+    scene = of(
+        soft,
+        chain={"link_lengths": [1.0, 5.0, 0.2, 2.0, 1.0]},
+        point_load=[{"arc_length": 0.31, "force": [4.0, -50.0]}, {"arc_length": 1.0, "force": [1e3, 0.0]}],
+    )
+    rest = cp.chain.rest(scene)
+    assert float(rest.residual) < 1e-9 * float(rest.tension.max())
+    # the lever rule keeps the whole force: both ends together carry the loads that no end takes directly
+    reach = rest.position.diff("particle").values
+    pull = rest.tension.values[:, None] * reach / np.linalg.norm(reach, axis=1)[:, None]
+    weight = 9.81 * float(rest.unstretched_length) * (1.0 - 0.5 * (1.0 + 1.0) / 9.2)
+    np.testing.assert_allclose(pull[-1] - pull[0], [-4.0, 50.0 + weight], rtol=1e-9)
+
+
+def test_a_chain_that_folds_at_rest_is_refused():
+    scene = cp.make_scene(
+        {
+            "cable": {"youngs_modulus": 1e6, "area": 1e-3, "density": 2000.0, "unstretched_length": 6.0},
+            "ends": {"lower": [0.0, 0.0], "upper": [0.0, 4.0]},
+            "chain": {"links": 9},
+        }
+    )
+    with pytest.raises(cp.SceneError, match=r"no rest found.*initial\.points"):
+        cp.chain.rest(scene)
+
+
+# --- motion against what is known -------------------------------------------------------------------------------------
+
+
+def test_positions_that_two_independent_schemes_agree_on(scenes):
+    # theory: mass 20 of 39 in Example 2, known to 3e-12 m; the default step keeps 1e-6 of a motion of 0.1 m
+    run = cp.chain.simulate(cp.read_scene(scenes / "example2.toml"), times=[5.0, 45.0, 125.0])
+    known = [[10.300121695, 28.812870094], [10.389263084, 28.768181787], [10.297997392, 28.815093996]]
+    np.testing.assert_allclose(run.position[:, 20], known, rtol=0, atol=2e-8)
+    assert run.attrs["time_error_estimate"] < 1e-6
+
+
+def test_small_vibrations_of_a_taut_chain_have_the_frequencies_of_the_discrete_string():
+    # weightless, tension T, n links: omega_j = 2 sqrt(T / (l m)) sin(j pi / 2 n), here with the stretched link l (1 + T/K)
+    n, tension, stiffness, span = 12, 500.0, 1e6, 6.0
+    length = span / (1 + tension / stiffness)
+    line = np.stack([np.linspace(0, span, n + 1), 1e-7 * np.sin(np.pi * np.linspace(0, 1, n + 1))], axis=1)
+    scene = cp.make_scene(
+        {
+            "gravity": 0.0,
+            "cable": {"youngs_modulus": 1e9, "area": 1e-3, "density": 1000.0, "unstretched_length": length},
+            "ends": {"lower": [0.0, 0.0], "upper": [span, 0.0]},
+            "initial": {"points": line.tolist()},
+            "chain": {"links": n},
+        }
+    )
+    mass, link = length / n, span / n
+    omega = 2 * np.sqrt(tension / (link * mass)) * np.sin(np.pi / (2 * n))
+    times = np.linspace(0.0, 2 * np.pi / omega, 9)
+    run = cp.chain.simulate(scene, times=times, step=1e-5)
+    # amplitude 1e-7 of 6 m: nonlinear terms are of relative order 1e-10, the step of (omega h)^2/24 ~ 1e-9
+    np.testing.assert_allclose(run.position[:, n // 2, 1], 1e-7 * np.cos(omega * times), rtol=0, atol=1e-14)
+
+
+def test_slack_links_do_not_push():
+    # a mass between two slack links falls freely until they tighten
+    scene = cp.make_scene(
+        {
+            "cable": {"youngs_modulus": 1e6, "area": 1e-3, "density": 2000.0, "unstretched_length": 6.0},
+            "ends": {"lower": [0.0, 0.0], "upper": [4.0, 0.0]},
+            "initial": {"points": [[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]]},
+            "chain": {"links": 2},
+        }
+    )
+    times = np.linspace(0.0, 0.6, 7)  # taut from a fall of sqrt(9 - 4) m, at 0.675 s, on
+    run = cp.chain.simulate(scene, times=times, step=1e-3, outputs=("position", "tension", "velocity"))
+    # Verlet is exact for constant acceleration
+    np.testing.assert_allclose(run.position[:, 1, 1], -0.5 * 9.81 * times**2, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(run.velocity[:, 1, 1], -9.81 * times, rtol=0, atol=1e-12)
+    assert not run.tension.any()
+
+
+def test_a_released_end_carries_half_a_link(soft):
+    scene = of(soft, ends={**soft["ends"], "free": "upper"}, motion={})
+    run = cp.chain.simulate(scene, times=[0.0, 1e-3, 2e-3], step=1e-4, outputs=("velocity",))
+    rest = cp.chain.rest(scene)
+    reach = (rest.position[-1] - rest.position[-2]).values
+    pull = -float(rest.tension[-1]) * reach / np.linalg.norm(reach)
+    mass = 1.0 * float(rest.unstretched_length) / 8 / 2
+    # to first order in t: the pull itself changes by (omega t)^2 / 2 with omega ~ 2e2 rad/s, 2 % at 1 ms
+    np.testing.assert_allclose(run.velocity[1, -1], 1e-3 * (pull / mass + [0, -9.81]), rtol=0.05)
+
+
+# --- order and identities ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_second_order_in_the_step_with_every_term(soft, name):
+    scene = of(soft, **TERMS[name])
+    times = [1.0, 2.0, 4.0]
+    runs = [positions(scene, times=times, step=h) for h in (1 / 1600, 1 / 3200, 1 / 6400, 1 / 12800)]
+    distance = [np.abs(a - b).max() for a, b in zip(runs[:-1], runs[1:], strict=True)]
+    np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 2.0, atol=0.1)
+
+
+def test_second_order_in_the_number_of_links(soft):
+    scene = of(soft)
+    runs = [positions(scene, links=n, times=[0.5, 1.0], step=1 / 8000)[:, :: n // 8] for n in (16, 32, 64, 128)]
+    distance = [np.sqrt(np.mean((a - b) ** 2)) for a, b in zip(runs[:-1], runs[1:], strict=True)]
+    np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 2.0, atol=0.1)
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_planar_and_spatial_agree_bit_for_bit(soft, name):
+    mapping = {**soft, **copy.deepcopy(TERMS[name])}
+    outputs = ("position", "velocity", "tension", "tension_extremes")
+    flat = cp.chain.simulate(cp.make_scene(mapping), outputs=outputs)
+    deep = cp.chain.simulate(cp.make_scene(spatial(mapping)), outputs=outputs)
+    np.testing.assert_array_equal(deep.position[..., :2], flat.position)
+    np.testing.assert_array_equal(deep.velocity[..., :2], flat.velocity)
+    for name in ("tension", "tension_minimum", "tension_maximum"):
+        np.testing.assert_array_equal(deep[name], flat[name])
+    assert not deep.position[..., 2].any()
+
+
+def test_a_turned_scene_moves_likewise(soft):
+    # spatial scenes have no preferred horizontal axis: turn about y by 40 degrees
+    c, s = np.cos(np.radians(40)), np.sin(np.radians(40))
+    mapping = spatial(soft)
+    turned = copy.deepcopy(mapping)
+    turned["ends"]["upper"] = [8.0 * c, 6.0, -8.0 * s]
+    motion = soft["motion"]["upper"]["x"]
+    turned["motion"]["upper"] = {
+        "x": {**motion, "amplitude": motion["amplitude"] * c},
+        "z": {**motion, "amplitude": -motion["amplitude"] * s},
+    }
+    a = positions(cp.make_scene(mapping), step=1e-3)
+    b = positions(cp.make_scene(turned), step=1e-3)
+    expected = np.stack([a[..., 0] * c, a[..., 1], -a[..., 0] * s], axis=-1)
+    # rounding of the turned ends, 1e-15, and of their motion, grown over 4000 steps
+    np.testing.assert_allclose(b, expected, rtol=0, atol=1e-11)
+
+
+def test_saving_more_often_changes_no_bit(soft):
+    scene = of(soft, damping={"mass_proportional": 0.3, "link_viscosity": 0.001})
+    every = positions(scene, times=np.arange(0, 4001) / 1000, step=1e-3)
+    few = cp.chain.simulate(scene, times=[0.5, 2.0, 4.0], step=1e-3, outputs=("position", "velocity", "tension"))
+    np.testing.assert_array_equal(few.position, every[[500, 2000, 4000]])
+    # nor does the default step depend on the instants
+    steps = {cp.chain.simulate(scene, times=t).attrs["step"] for t in ([4.0], [0.25, 4.0], [0.1, 1 / 3, 4.0])}
+    assert len(steps) == 1
+
+
+def test_between_steps_the_output_has_the_order_of_the_scheme(soft):
+    scene = of(soft)
+    times = np.sort(np.random.default_rng(1).uniform(0, 4, 40))
+    exact = cp.chain.simulate(scene, times=times, step=1 / 128000, outputs=("position", "velocity"))
+    errors = []
+    for rate in (2000, 4000, 8000):
+        run = cp.chain.simulate(scene, times=times, step=1 / rate, outputs=("position", "velocity"))
+        errors.append([float(np.abs(run[name] - exact[name]).max()) for name in ("position", "velocity")])
+    order = np.log2(np.divide(errors[:-1], errors[1:]))
+    np.testing.assert_allclose(order, 2.0, atol=0.15)
+
+
+def test_equilibrium_stays_at_rest(soft):
+    scene = of(soft, motion={}, point_load=[{"arc_length": 0.4, "force": [0.0, -20.0]}])
+    run = cp.chain.simulate(scene)
+    # rounding of the rest, 1e-15 of 10 m times k/k, set swinging
+    assert float(np.abs(run.position - run.position[0]).max()) < 1e-12
+
+
+def test_energy_is_kept_and_time_can_be_turned_back(soft):
+    scene = of(soft, motion={}, initial={"top_tension": 300.0})
+    energies = {}
+    for rate in (500, 1000):
+        run = cp.chain.simulate(scene, times=np.arange(0, 4001, 40) / 1000, step=1 / rate, outputs=("position", "velocity"))
+        p = parameters(scene)
+        chain = chain_module.chain_of(p)
+        mass = p.mass * chain.share
+        stretch = np.linalg.norm(np.diff(run.position, axis=1), axis=2) - chain.length
+        energy = (
+            0.5 * np.sum(mass[:, None] * run.velocity.values**2, axis=(1, 2))
+            + 0.5 * np.sum(chain.k * np.maximum(stretch, 0) ** 2, axis=1)
+            + 9.81 * np.sum(mass * run.position[..., 1].values, axis=1)
+        )
+        energies[rate] = np.ptp(energy) / np.sum(0.5 * mass[:, None] * run.velocity.values**2, axis=(1, 2)).max()
+    # a symplectic scheme: an error that oscillates, of second order, and does not drift
+    assert energies[1000] < 0.02
+    assert energies[500] / energies[1000] == pytest.approx(4.0, rel=0.15)
+
+
+def test_viscous_links_take_out_the_axial_motion_and_only_that(soft):
+    # one longitudinal mode of a straight weightless chain decays as exp(-nu omega^2 t / 2)
+    n, span = 8, 4.0
+    length = span / 1.01
+    s = np.linspace(0, 1, n + 1)
+    line = np.stack([span * (s + 1e-6 * np.sin(np.pi * s)), 0 * s], axis=1)
+    nu = 0.004
+    scene = cp.make_scene(
+        {
+            "gravity": 0.0,
+            "cable": {"youngs_modulus": 1e6, "area": 1e-3, "density": 1000.0, "unstretched_length": length},
+            "ends": {"lower": [0.0, 0.0], "upper": [span, 0.0]},
+            "initial": {"points": line.tolist()},
+            "chain": {"links": n},
+            "damping": {"link_viscosity": nu},
+        }
+    )
+    link = length / n
+    omega = 2 * np.sqrt(1e3 / link / link) * np.sin(np.pi / (2 * n))
+    ratio = nu * omega / 2
+    damped = omega * np.sqrt(1 - ratio**2)
+    times = np.linspace(0, 0.5, 11)
+    run = cp.chain.simulate(scene, times=times, step=1e-5)
+    decay = np.exp(-ratio * omega * times)
+    exact = decay * (np.cos(damped * times) + ratio * omega / damped * np.sin(damped * times))
+    moved = (run.position[:, n // 2, 0].values - span / 2) / (1e-6 * span)
+    # the strain of 1e-6 against a prestrain of 1e-2 makes no link slack; the step is second order, (omega h)^2 ~ 4e-7
+    np.testing.assert_allclose(moved, exact, atol=2e-5)
+
+
+def test_extremes_are_taken_over_all_steps(soft):
+    scene = of(soft)
+    run = cp.chain.simulate(scene, times=np.arange(0, 4001) / 1000, step=1e-3, outputs=("tension", "tension_extremes"))
+    np.testing.assert_allclose(run.tension_maximum, run.tension.max("time"), rtol=1e-11)
+    np.testing.assert_allclose(run.tension_minimum, run.tension.min("time"), rtol=1e-11)
+    few = cp.chain.simulate(scene, times=[4.0], step=1e-3, outputs=("tension_extremes",))
+    np.testing.assert_array_equal(few.tension_maximum, run.tension_maximum)
+    assert "position" not in few
+
+
+def test_members_run_as_if_alone(soft):
+    maps = [soft, {**soft, "cable": {**soft["cable"], "top_tension": 240.0}}]
+    scenes = [cp.make_scene(m) for m in maps]
+    both = xr.concat(scenes, "member", combine_attrs="override")
+    before = both.copy(deep=True)
+    run = cp.chain.simulate(both, step=1e-3)
+    xr.testing.assert_identical(both, before)
+    assert run.position.dims == ("member", "time", "particle", "coordinate")
+    assert run.cable_top_tension.dims == ("member",)
+    for i, scene in enumerate(scenes):
+        np.testing.assert_array_equal(run.position[i], cp.chain.simulate(scene, step=1e-3).position)
+
+
+def test_no_call_changes_its_input(soft):
+    scene = of(soft)
+    before = scene.copy(deep=True)
+    cp.chain.rest(scene)
+    cp.chain.simulate(scene)
+    xr.testing.assert_identical(scene, before)
+
+
+# --- step -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_stability_limit_is_where_it_is_predicted(soft):
+    # a straight, weightless chain: its highest axial frequency is the bound itself
+    s = np.linspace(0, 1, 9)
+    jitter = 1e-7 * np.where(np.arange(9) % 2, 1.0, -1.0)
+    jitter[[0, -1]] = 0
+    line = np.stack([4.0 * s + jitter, 0 * s], axis=1)
+    scene = cp.make_scene(
+        {
+            "gravity": 0.0,
+            "cable": {"youngs_modulus": 1e6, "area": 1e-3, "density": 1000.0, "unstretched_length": 3.9},
+            "ends": {"lower": [0.0, 0.0], "upper": [4.0, 0.0]},
+            "initial": {"points": line.tolist()},
+            "chain": {"links": 8},
+        }
+    )
+    chain = chain_module.chain_of(parameters(scene))
+    limit = chain.step_limit()
+    link = 3.9 / 8
+    assert limit == pytest.approx(2 / (2 * np.sqrt(1e3 / link**2) * np.cos(np.pi / 16)), rel=1e-12)
+
+    def largest(step):
+        run = chain_module._Run(chain, np.array([1000 * step]), chain_module.start(chain), ("position",), None, "")
+        return np.abs(run(1 / step).position - line).max()
+
+    assert largest(0.999 * limit) < 1e-5
+    assert largest(1.01 * limit) > 1e-2
+
+
+@pytest.mark.parametrize("viscosity", [1e-3, 1e-2, 0.1])
+def test_the_stability_limit_with_viscous_links(soft, viscosity):
+    scene = of(soft, motion={}, damping={"link_viscosity": viscosity})
+    chain = chain_module.chain_of(parameters(scene))
+    limit = chain.step_limit()
+    assert limit < 2 / chain.highest_frequency()
+    start = chain_module.start(chain)
+    start[1:-1:2] += 1e-9
+
+    def largest(step):
+        run = chain_module._Run(chain, np.array([3000 * step]), start, ("position",), None, "")
+        return np.abs(run(1 / step).position - start).max()
+
+    assert largest(0.99 * limit) < 1e-8
+    # beyond, the fastest axial mode grows until links go slack
+    assert largest(1.05 * limit) > 1e-6
+
+
+def test_a_step_above_the_limit_is_refused_with_both_numbers(soft):
+    scene = of(soft)
+    limit = cp.chain.simulate(scene, step=1e-3).attrs["step_limit"]
+    with pytest.raises(cp.SceneError, match=rf"step: given {1.01 * limit:.6g} s; allowed: below .* {limit:.6g} s"):
+        cp.chain.simulate(scene, step=1.01 * limit)
+
+
+def test_a_run_that_leaves_the_finite_numbers_stops_and_keeps_what_it_had(soft):
+    scene = of(soft, motion={"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}}, time={"duration": 4e3, "interval": 1.0})
+    times = np.arange(0, 4000.0)
+    with pytest.raises(cp.RunStopped, match=r"left the finite numbers at .* s \(velocity Verlet, step 0.001 s.*try") as stopped:
+        cp.chain.simulate(scene, times=times, step=1e-3)
+    partial = stopped.value.partial
+    assert 1 < partial.sizes["time"] < times.size
+    assert np.isfinite(partial.position).all()
+    assert "stopped at" in partial.attrs["incomplete"]
+    np.testing.assert_array_equal(partial.position, positions(scene, times=partial.time.values, step=1e-3))
+
+
+def test_a_tolerance_is_met(soft):
+    scene = of(soft)
+    exact = cp.chain.simulate(scene, step=1 / 64000)
+    for tolerance in (1e-4, 1e-6):
+        run = cp.chain.simulate(scene, tolerance=tolerance)
+        error = float(cp.compare.errors(run, exact).error_max)
+        assert error < tolerance
+        # the estimate is that of the finer of two runs: within a factor of two of the truth
+        assert run.attrs["time_error_estimate"] == pytest.approx(error, rel=0.5)
+
+
+def test_a_chaotic_scene_is_said_to_be_one(scenes):
+    scene = cp.read_scene(scenes / "example2.toml")
+    wild = scene.assign(
+        motion_upper_x_amplitude=scene.motion_upper_x_amplitude * 2, motion_upper_x_angular_frequency=scene.gravity * 0 + 2.0
+    )
+    with pytest.warns(cp.NotConvergedWarning, match="two steps disagree by"):
+        cp.chain.simulate(wild, links=10, times=[45.0])
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"links": 1}, "links: given 1; allowed: a whole number of at least 2"),
+        ({"links": True}, "links: given True"),
+        ({"links": 10**12}, "links: .* GB of output; allowed: half of this machine's memory"),
+        ({"scheme": "euler"}, 'scheme: given \'euler\'; allowed: one of "velocity_verlet"'),
+        ({"step": -1.0}, "step: given -1.0; allowed: a finite number above 0"),
+        ({"step": "fast"}, "step: given 'fast'"),
+        ({"step": 1e-3, "tolerance": 1e-3}, "step and tolerance"),
+        ({"tolerance": 0.0}, "tolerance: given 0.0"),
+        ({"times": []}, r"times: given \[\]; allowed: finite, rising"),
+        ({"times": [1.0, 1.0]}, "times: given"),
+        ({"times": [-1.0]}, "times: given"),
+        ({"times": [np.nan]}, "times: given"),
+        ({"times": "now"}, "times: given 'now'"),
+        ({"outputs": ("positions",)}, "outputs: given 'positions'; allowed: some of position"),
+    ],
+)
+def test_options_that_cannot_be(soft, options, match):
+    with pytest.raises(cp.SceneError, match=match):
+        cp.chain.simulate(of(soft), **options)

@@ -1,0 +1,103 @@
+"""What holds for the package as a whole: imports, their direction and their cost, names, docstrings."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import cablepod as cp
+
+PACKAGE = Path(cp.__file__).parent
+
+# Each module may import from those before it.
+ORDER = (
+    "conventions", "provenance", "kernels", "motion", "schema", "scene", "members", "stepping", "catenary", "chain", "pod",
+    "compare", "galerkin", "plots", "archive", "cli", "__init__", "__main__",
+)  # fmt: skip
+
+
+def imported(path):
+    """Modules of the package that a file imports, at any place in it."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path.name} has a relative import"
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return {name.split(".")[1] for name in found if name.startswith("cablepod.")} & set(ORDER)
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.glob("*.py")), ids=lambda p: p.stem)
+def test_imports_point_one_way(path):
+    assert path.stem in ORDER, f"{path.stem} has no place in the order"
+    allowed = set(ORDER[: ORDER.index(path.stem)])
+    if path.stem not in ("cli", "__init__", "__main__"):
+        allowed -= {"plots", "archive"}
+    assert imported(path) <= allowed
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "kernels").glob("*.py")), ids=lambda p: p.stem)
+def test_kernels_know_nothing_of_the_package(path):
+    tree = ast.parse(path.read_text())
+    modules = {n.module.split(".")[0] for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
+    modules |= {a.name.split(".")[0] for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
+    assert modules <= {"__future__", "math", "numpy", "numba"}
+
+
+def test_science_knows_no_file_clock_or_git():
+    for path in PACKAGE.glob("*.py"):
+        if path.stem in ("archive", "cli", "__main__", "scene"):  # a scene is read from a file
+            continue
+        names = {n.id for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Name)}
+        assert not names & {"open", "time_ns", "datetime", "subprocess", "socket", "platform"}, path.name
+
+
+def fresh(code):
+    return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
+
+
+def test_importing_is_light():
+    heavy = "matplotlib netCDF4 numba dask scipy.linalg tqdm".split()
+    code = "import xarray, sys; before = set(sys.modules); import cablepod; new = set(sys.modules) - before"
+    loaded = fresh(f"{code}; print([name for name in {heavy} if name in new])")
+    assert loaded.strip() == "[]"
+
+
+def test_importing_adds_little_time():
+    # a count of modules does not depend on the machine's load as a clock does; the clock is in pipelines/benchmarks
+    code = "import xarray, sys; before = set(sys.modules); import cablepod; print(len(set(sys.modules) - before))"
+    assert int(fresh(code)) < 60
+
+
+def test_public_names_have_docstrings_and_keyword_only_options():
+    functions = [
+        cp.read_scene, cp.make_scene, cp.catenary.rest, cp.chain.rest, cp.chain.simulate, cp.pod.decompose, cp.pod.project,
+        cp.pod.reconstruct, cp.galerkin.simulate, cp.compare.errors, cp.archive.write, cp.archive.read,
+    ]  # fmt: skip
+    for function in functions:
+        text = inspect.getdoc(function)
+        assert text, function
+        assert "Parameters" in text, function
+        assert "Returns" in text or "return" in text.splitlines()[0], function
+        for name, parameter in inspect.signature(function).parameters.items():
+            assert name in text, f"{function.__name__} says nothing of {name}"
+            if parameter.default is not inspect.Parameter.empty:
+                assert parameter.kind is inspect.Parameter.KEYWORD_ONLY, f"{function.__name__}({name})"
+
+
+def test_importing_changes_no_global_options():
+    state = "(np.geterr(), np.get_printoptions(), dict(xr.core.options.OPTIONS))"
+    code = f"import numpy as np, xarray as xr; before = {state}; import cablepod; print(before == {state})"
+    assert fresh(code).strip() == "True"
+
+
+def test_versions_agree():
+    from importlib.metadata import version
+
+    assert cp.__version__ == version("cablepod")
