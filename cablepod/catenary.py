@@ -50,13 +50,22 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     schema.integer(least=2)("points", points)
     members = parameters_of_members(scene)
     if any(p.point_loads for p in members):
-        warnings.warn("catenary.rest leaves out the point loads of the scene; chain.rest has them", UserWarning, stacklevel=2)
+        warnings.warn(
+            "catenary.rest leaves out the point loads of the scene; chain.rest has them", UserWarning, stacklevel=2
+        )
     solved = [_one(p, points) for p in members]
     single = "member" not in scene.dims
     stack = [item[0] if single else np.stack(item) for item in zip(*solved, strict=True)]
     position, tension, arc_length, scalars = stack
     lead = () if single else ("member",)
-    names = ("unstretched_length", "stretched_length", "horizontal_force", "mid_force", "tension_lower", "tension_upper")
+    names = (
+        "unstretched_length",
+        "stretched_length",
+        "horizontal_force",
+        "mid_force",
+        "tension_lower",
+        "tension_upper",
+    )
     result = xr.Dataset(
         {
             "position": ((*lead, "particle", "coordinate"), position),
@@ -78,7 +87,7 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
 
 
 def _one(p: Parameters, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    from cablepod.kernels import catenary as kernel  # noqa: PLC0415 - numba is imported only to compute
+    from cablepod.kernels import catenary as kernel  # numba is imported only to compute
 
     solution = solve_statics(p, p.length_key, p.length_value)
     _, _, _, q, across, against = load_plane(p)

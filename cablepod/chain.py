@@ -10,163 +10,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import provenance, schema, stepping
-from cablepod.catenary import unstretched_length
+from cablepod import provenance, stepping
 from cablepod.conventions import COORDINATES, label
+from cablepod.links import Chain, chain_of, square
 from cablepod.members import over_members
-from cablepod.scene import Parameters, check_memory, load_plane, parameters, solve_statics
+from cablepod.scene import check_memory, load_plane, parameters, solve_statics
 from cablepod.schema import SceneError, refuse
 from cablepod.stepping import Instants, RunStopped
 
 SCHEMES = ("velocity_verlet",)
-
-
-@dataclass(frozen=True)
-class Chain:
-    """Links and masses of the chain of a scene.
-
-    A particle carries half the mass and load of the links beside it.  A point load is shared by the two particles of the
-    link on which it stands, by the lever rule.
-    """
-
-    p: Parameters
-    length: np.ndarray  #: unstretched lengths of the links (n,) [m]
-    arc_length: np.ndarray  #: unstretched arc length of the particles (n + 1,) [m]
-
-    @property
-    def links(self) -> int:
-        """Number of links."""
-        return self.length.size
-
-    @property
-    def total_length(self) -> float:
-        """Unstretched length [m]."""
-        return float(self.arc_length[-1])
-
-    @property
-    def k(self) -> np.ndarray:
-        """Stiffness of the links (n,) [N/m]."""
-        return self.p.stiffness / self.length
-
-    @property
-    def share(self) -> np.ndarray:
-        """Unstretched length that each particle carries (n + 1,) [m]."""
-        half = 0.5 * self.length
-        return np.concatenate([half[:1], half[:-1] + half[1:], half[-1:]])
-
-    @property
-    def free(self) -> slice:
-        """The particles that move freely."""
-        n = self.links
-        return slice(0 if self.p.free == "lower" else 1, n + 1 if self.p.free == "upper" else n)
-
-    def loads(self, time: float | None = None) -> np.ndarray:
-        """Forces on the particles (n + 1, dims) [N]: the constant ones, or all at `time` [s]."""
-        total = self.share[:, None] * self.p.weight
-        for pattern, factor in self._patterns():
-            if factor is None:
-                total = total + pattern
-            elif time is not None:
-                total = total + float(factor(time)) * pattern
-        return total
-
-    def varying(self) -> list[tuple[np.ndarray, Callable[..., np.ndarray]]]:
-        """Loads that vary in time: patterns (n + 1, dims) [N] and their factors."""
-        return [(pattern, factor) for pattern, factor in self._patterns() if factor is not None]
-
-    def _patterns(self) -> list[tuple[np.ndarray, Any]]:
-        patterns: list[tuple[np.ndarray, Any]] = []
-        if self.p.load is not None:
-            patterns.append((self.share[:, None] * self.p.load, self.p.load_factor))
-        for load in self.p.point_loads:
-            s = load.fraction * self.total_length
-            j = min(int(np.searchsorted(self.arc_length, s, side="right")) - 1, self.links - 1)
-            right = (s - self.arc_length[j]) / self.length[j]
-            pattern = np.zeros((self.links + 1, self.p.dims))
-            pattern[j] = (1.0 - right) * load.force
-            pattern[j + 1] = right * load.force
-            patterns.append((pattern, load.factor))
-        return patterns
-
-    def pull(self, position: np.ndarray, velocity: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Tensions (..., n) [N] and forces of the links (..., n, dims) [N] at positions (..., n + 1, dims) [m]."""
-        reach = np.diff(position, axis=-2)
-        size = np.sqrt(_square(reach))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            s = self.k * (1.0 - self.length / size)
-            total = s
-            if velocity is not None and self.p.link_viscosity is not None:
-                rate = np.sum(reach * np.diff(velocity, axis=-2), axis=-1)
-                total = s + self.p.link_viscosity * self.k * rate / size**2
-        s = np.where((s > 0.0) & (total > 0.0), total, 0.0)
-        return s * size, s[..., None] * reach
-
-    def highest_frequency(self) -> float:
-        """Bound of the angular frequencies of the chain in any shape [rad/s].
-
-        A taut link resists no direction more than its own, so no shape has a higher frequency than the straight chain moved
-        along itself, whose frequencies are the eigenvalues of a tridiagonal matrix.
-        """
-        from scipy.linalg import eigvalsh_tridiagonal  # noqa: PLC0415 - takes longer to import than a short run
-
-        first, last = self.free.start, self.free.stop
-        m = self.p.mass * self.share[first:last]
-        k = np.concatenate([[0.0], self.k, [0.0]])
-        diagonal = (k[first:last] + k[first + 1 : last + 1]) / m
-        if diagonal.size == 1:
-            return math.sqrt(diagonal[0])
-        off = -k[first + 1 : last] / np.sqrt(m[:-1] * m[1:])
-        top = diagonal.size - 1
-        return math.sqrt(eigvalsh_tridiagonal(diagonal, off, select="i", select_range=(top, top))[0])
-
-    def step_limit(self) -> float:
-        """Stability limit of the step of velocity Verlet [s]: 2 over the highest frequency, less with viscous links."""
-        omega = self.highest_frequency()
-        if self.p.link_viscosity is None:
-            # damping by mass, integrated exactly, only widens the limit
-            return 2.0 / omega
-        return _viscous_limit(omega, self.p.link_viscosity)
-
-
-def _square(vectors: np.ndarray) -> np.ndarray:
-    # summed in the order of the kernels, so that planar and spatial chains agree bit for bit
-    total = vectors[..., 0] * vectors[..., 0] + vectors[..., 1] * vectors[..., 1]
-    return total + vectors[..., 2] * vectors[..., 2] if vectors.shape[-1] == 3 else total
-
-
-def _viscous_limit(omega: float, viscosity: float) -> float:
-    """Largest stable step [s] of the scheme with predicted velocity for one frequency, by its amplification matrix."""
-    damping = viscosity * omega  # twice the damping ratio
-
-    def radius(h: float) -> float:
-        # state: position, velocity half a step before, and that a step earlier; times in 1/omega
-        a = np.array([-1.0, -1.5 * damping, 0.5 * damping])
-        v = np.array([0.0, 1.0, 0.0]) + h * a
-        return float(np.abs(np.linalg.eigvals(np.array([np.array([1.0, 0.0, 0.0]) + h * v, v, [0.0, 1.0, 0.0]]))).max())
-
-    low, high = 0.0, 2.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if radius(middle) <= 1.0 + 1e-12 else (low, middle)
-    return low / omega
-
-
-def chain_of(p: Parameters, links: int | None = None) -> Chain:
-    """Make the chain of a scene's parameters, with `links` links in place of the scene's."""
-    if links is not None:
-        schema.integer(least=2)("links", links)
-    count = p.links if links is None else int(links)
-    if count is None:
-        raise SceneError("chain.links: missing; allowed: a whole number of at least 2 in the scene, or the argument links")
-    check_memory(1, count, p.dims, key="links" if links is not None else "chain.links")
-    relative = np.ones(count) if p.link_lengths is None else p.link_lengths
-    if relative.size != count:
-        raise refuse("links", links, f"{relative.size}, as many as chain.link_lengths has, or a scene without those")
-    total = unstretched_length(p)
-    length = total * (relative / relative.sum())
-    arc_length = np.concatenate([[0.0], np.cumsum(length)])
-    arc_length[-1] = total
-    return Chain(p, length, arc_length)
 
 
 # --- rest -----------------------------------------------------------------------------------------------------------
@@ -202,14 +54,14 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
     p = parameters(scene)
     chain = chain_of(p, links)
     position, tension = _rest(chain)
-    pulled, force = chain.pull(position)
+    _, force = chain.pull(position)
     unbalanced = force[1:] - force[:-1] + chain.loads(0.0)[1:-1]
     scalars = {
         "unstretched_length": chain.total_length,
-        "stretched_length": float(np.sum(np.sqrt(_square(np.diff(position, axis=0))))),
+        "stretched_length": float(np.sum(np.sqrt(square(np.diff(position, axis=0))))),
         "tension_lower": tension[0],
         "tension_upper": tension[-1],
-        "residual": float(np.sqrt(_square(unbalanced)).max()),
+        "residual": float(np.sqrt(square(unbalanced)).max()),
     }
     result = xr.Dataset(
         {
@@ -230,7 +82,7 @@ def _coordinates(chain: Chain) -> dict[str, Any]:
 
 def _rest(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     """Positions (n + 1, dims) [m] and tensions (n,) [N] of a chain at rest."""
-    from cablepod.kernels import chain as kernel  # noqa: PLC0415 - numba is imported only to compute
+    from cablepod.kernels import chain as kernel  # numba is imported only to compute
 
     p = chain.p
     ends = p.end_positions(np.zeros(1))[0]
@@ -246,11 +98,11 @@ def _rest(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     gap = kernel.equilibrium(chord, loads, chain.length, p.stiffness, force)
     scale = max(float(np.linalg.norm(chord)), chain.total_length)
     forces = force - np.concatenate([np.zeros((1, p.dims)), np.cumsum(loads, axis=0)])
-    tension = np.sqrt(_square(forces))
+    tension = np.sqrt(square(forces))
     if not gap <= 1e-11 * scale or not tension.min() > 0.0:
         raise SceneError(
-            f"chain: no rest found with all links taut (a gap of {gap:.2g} m is left); allowed: a scene whose chain does not fold "
-            "on itself at rest, or a start from initial.points"
+            f"chain: no rest found with all links taut (a gap of {gap:.2g} m is left); allowed: a scene whose chain does not "
+            "fold on itself at rest, or a start from initial.points"
         )
     reach = chain.length[:, None] * (forces / tension[:, None] + forces / p.stiffness)
     position = ends[0] + np.concatenate([np.zeros((1, p.dims)), np.cumsum(reach, axis=0)])
@@ -413,7 +265,7 @@ class _Run:
     title: str
 
     def __call__(self, rate: float) -> _State:
-        from cablepod.kernels import chain as kernel  # noqa: PLC0415 - numba is imported only to compute
+        from cablepod.kernels import chain as kernel  # numba is imported only to compute
 
         chain, p, free = self.chain, self.chain.p, self.chain.free
         instants = Instants.of(self.times, rate)
@@ -433,8 +285,8 @@ class _Run:
         drive = tuple(np.ascontiguousarray(column) for column in (per_mass[:, None] * chain.loads()[free]).T)
         varying = chain.varying()
         patterns = np.array([np.ascontiguousarray(item[0][free].T) for item in varying]) if varying else None
-        wants_velocity = instants.dense or "velocity" in self.outputs or (
-            "tension" in self.outputs and p.link_viscosity is not None
+        wants_velocity = (
+            instants.dense or "velocity" in self.outputs or ("tension" in self.outputs and p.link_viscosity is not None)
         )
         saved = np.empty((instants.steps.size, p.dims, chain.links + 1))
         halves = np.empty((instants.steps.size, 2, p.dims, mass.size)) if wants_velocity else None
@@ -460,24 +312,15 @@ class _Run:
             )  # fmt: skip
             return all(np.isfinite(x).all() and np.abs(x).max() < bound for x in state)
 
-        done = 0
-        while done < total:
-            steps = min(stepping.BLOCK, total - done)
-            keep = [x.copy() for x in (*state, *velocity, *(before or ()))]
-            if not advance(done, steps):
-                # once more, step by step, to say when
-                for target, source in zip((*state, *velocity, *(before or ())), keep, strict=True):
-                    target[:] = source
-                while advance(done, 1):
-                    done += 1
-                self._stop(instants, saved, halves, done, rate)
-            done += steps
-            if self.progress is not None:
-                self.progress(min(1.0, done / total))
+        failed = stepping.march(advance, (*state, *velocity, *(before or ())), total, self.progress)
+        if failed is not None:
+            self._stop(instants, saved, halves, failed, rate)
         extremes = None if low is None or high is None else (low, high)
         return self._gather(instants, saved, halves, extremes, rate)
 
-    def _first_half_step(self, step: float, mass: np.ndarray) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...] | None]:
+    def _first_half_step(
+        self, step: float, mass: np.ndarray
+    ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...] | None]:
         """Velocities half a step before the start from rest, and with viscosity those a step earlier."""
         p, free = self.chain.p, self.chain.free
         rates = p.end_positions(np.zeros(1), 1)[0]
@@ -537,8 +380,8 @@ class _Run:
             )
             partial.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {instants.times[-1]:.6g} s"
         raise RunStopped(
-            f"the chain left the finite numbers at {done / rate:.6g} s (velocity Verlet, step {1 / rate:.4g} s, step number {done}, "
-            f"stability limit {self.chain.step_limit():.4g} s); try a shorter step, gentler loads or end motion, or damping",
+            f"the chain left the finite numbers at {done / rate:.6g} s (velocity Verlet, step {1 / rate:.4g} s, step number "
+            f"{done}, stability limit {self.chain.step_limit():.4g} s); try a shorter step, gentler loads or end motion, or damping",
             partial,
         )
 

@@ -10,11 +10,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from cablepod import archive, catenary, chain, compare, galerkin, pod
+from cablepod.links import chain_of
 from cablepod.scene import parameters, read_scene
 from cablepod.schema import SceneError
 from cablepod.stepping import RunStopped
@@ -59,7 +61,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument("scene", metavar="SCENE.toml", help="scene file, or the name of a shipped scene such as example2")
     run.add_argument("--out", required=True, metavar="DIR", help="folder for netCDF files and figures; made if missing")
-    run.add_argument("--ranks", default="1,2,3,4", metavar="R,R", help="modes of each coordinate to try (default 1,2,3,4)")
+    run.add_argument(
+        "--ranks", default="1,2,3,4", metavar="R,R", help="modes of each coordinate to try (default 1,2,3,4)"
+    )
     run.add_argument("--overwrite", action="store_true", help="replace results that are already in DIR")
     run.set_defaults(run=_run)
     info = commands.add_parser("info", help="tell what a file is and how it came about")
@@ -75,7 +79,9 @@ def _info(options: argparse.Namespace) -> int:
         return 0
     files = sorted(path.glob("*.nc"))
     if not files:
-        raise archive.ArchiveError(f"{path}: a folder without netCDF files; allowed: a file or a folder that cablepod wrote")
+        raise archive.ArchiveError(
+            f"{path}: a folder without netCDF files; allowed: a file or a folder that cablepod wrote"
+        )
     print("\n\n".join(archive.describe(file) for file in files))
     return 0
 
@@ -90,7 +96,7 @@ def _run(options: argparse.Namespace) -> int:
     scene = read_scene(path)
     p = parameters(scene)
     snapshots_at = p.times()  # refuses a scene without [time] before anything runs
-    chain.chain_of(p)
+    chain_of(p)
     if p.free is not None:
         raise SceneError("ends.free: given a free end; allowed: two held ends, because the reduced model lifts by both")
     names = ["scene", "catenary", "chain_rest", "chain", "modes", "comparison", *(f"galerkin_r{r}" for r in ranks)]
@@ -108,20 +114,20 @@ def _run(options: argparse.Namespace) -> int:
     keep("chain_rest", chain.rest(scene))
     report_at = _report_times(snapshots_at)
     with _stopping(keep, "chain"), _bar("chain") as progress:
-        truth, seconds = _timed(lambda: chain.simulate(scene, times=report_at, outputs=("position", "tension"), progress=progress))
+        truth, seconds = _timed(
+            chain.simulate, scene, times=report_at, outputs=("position", "tension"), progress=progress
+        )
     keep("chain", truth)
     snapshots = truth if report_at.size == snapshots_at.size else _at_snapshots(truth, scene, snapshots_at)
     modes = pod.decompose(snapshots, rank=min(20, snapshots.sizes["particle"] - 2, snapshots.sizes["time"] - 1))
     keep("modes", modes)
-    rows = [("elastic chain", "", truth, seconds, None)]
+    rows: list[Row] = [("elastic chain", "", truth, seconds, None)]
     for r in ranks:
         if r > modes.sizes["mode"]:
             print(f"  note: only {modes.sizes['mode']} modes, r = {r} left out")
             continue
         with _stopping(keep, f"galerkin_r{r}"), _bar(f"Galerkin r = {r}") as progress:
-            reduced, seconds = _timed(
-                lambda r=r, progress=progress: galerkin.simulate(scene, modes, rank=r, times=report_at, progress=progress)
-            )
+            reduced, seconds = _timed(galerkin.simulate, scene, modes, rank=r, times=report_at, progress=progress)
         keep(f"galerkin_r{r}", reduced)
         rows.append(("Galerkin", str(r), reduced, seconds, compare.errors(reduced, truth)))
     table = _table(rows)
@@ -164,7 +170,9 @@ def _prepare(out: Path, files: Sequence[str], *, overwrite: bool) -> None:
     except (FileExistsError, NotADirectoryError):
         raise archive.ArchiveError(f"--out: given {out}, which is or lies below a file; allowed: a folder") from None
     except OSError as error:
-        raise archive.ArchiveError(f"--out: given {out}, which cannot be made: {error.strerror}; allowed: a folder") from None
+        raise archive.ArchiveError(
+            f"--out: given {out}, which cannot be made: {error.strerror}; allowed: a folder"
+        ) from None
     probe = out / f".cablepod-{os.getpid()}"
     try:
         probe.touch()
@@ -185,8 +193,7 @@ def _report_times(snapshots_at: np.ndarray) -> np.ndarray:
         count = max(1, min(REPORT_INSTANTS, int(last / REPORT_INTERVAL)))
     grid = np.linspace(0.0, last, count + 1)
     # the snapshots are among the instants, so that one run of the chain serves both
-    together = np.union1d(np.round(grid, 9), np.round(snapshots_at, 9))
-    return together
+    return np.union1d(np.round(grid, 9), np.round(snapshots_at, 9))
 
 
 def _at_snapshots(truth: xr.Dataset, scene: xr.Dataset, times: np.ndarray) -> xr.Dataset:
@@ -207,10 +214,12 @@ def _stopping(keep: Callable[[str, xr.Dataset], None], name: str) -> Iterator[No
 
 @contextmanager
 def _bar(label: str) -> Iterator[Callable[[float], None]]:
-    from tqdm import tqdm  # noqa: PLC0415 - only the command shows bars
+    from tqdm import tqdm  # only the command shows bars
 
     # disable=None: quiet where stderr is no terminal
-    with tqdm(total=1.0, desc=label, disable=None, leave=False, bar_format="{desc}: {percentage:3.0f}% {bar} {elapsed}") as bar:
+    with tqdm(
+        total=1.0, desc=label, disable=None, leave=False, bar_format="{desc}: {percentage:3.0f}% {bar} {elapsed}"
+    ) as bar:
 
         def progress(part: float) -> None:
             bar.n = part
@@ -219,10 +228,10 @@ def _bar(label: str) -> Iterator[Callable[[float], None]]:
         yield progress
 
 
-def _timed(job: Callable[[], xr.Dataset]) -> tuple[xr.Dataset, float]:
-    """Result and wall time [s] of the whole call, compilation included where it happens."""
+def _timed(job: Callable[..., xr.Dataset], *arguments: Any, **options: Any) -> tuple[xr.Dataset, float]:
+    """Return result and wall time [s] of the whole call, compilation included where it happens."""
     begin = time.perf_counter()
-    result = job()
+    result = job(*arguments, **options)
     seconds = time.perf_counter() - begin
     result.attrs["wall_time_s"] = seconds
     return result, seconds
@@ -242,34 +251,42 @@ def _table(rows: Sequence[Row]) -> xr.Dataset:
 
 
 def _text(rows: Sequence[Row]) -> str:
-    lines = [f"{'model':<15}{'modes':>6}{'largest error':>15}{'rms error':>12}{'step [s]':>11}{'steps':>10}{'time [s]':>10}"]
+    lines = [
+        f"{'model':<15}{'modes':>6}{'largest error':>15}{'rms error':>12}{'step [s]':>11}{'steps':>10}{'time [s]':>10}"
+    ]
     for model, rank, run, seconds, error in rows:
         worst = "truth" if error is None else f"{100 * float(error['error_max']):.4f} %"
         mean = "" if error is None else f"{100 * float(error['error_rms']):.4f} %"
         lines.append(
             f"{model:<15}{rank:>6}{worst:>15}{mean:>12}{run.attrs['step']:>11.3g}{run.attrs['number_of_steps']:>10}{seconds:>10.3f}"
         )
-    lines.append("errors over the largest rms displacement of the chain; times are of the whole call with the check of its step,")
+    lines.append(
+        "errors over the largest rms displacement of the chain; times are of the whole call with the check of its step,"
+    )
     lines.append("and include compilation the first time a model runs on this machine")
     return "\n".join(lines)
 
 
 def _figures(out: Path, truth: xr.Dataset, modes: xr.Dataset, rows: Sequence[Row]) -> list[Path]:
-    import matplotlib as mpl  # noqa: PLC0415 - only the command draws
+    import matplotlib as mpl  # only the command draws
 
     mpl.use("Agg")
-    from matplotlib import pyplot as plt  # noqa: PLC0415
+    from matplotlib import pyplot as plt
 
-    from cablepod import plots  # noqa: PLC0415
+    from cablepod import plots
 
     best = rows[-1][2]
-    times = [float(t) for t in truth["time"].values[np.linspace(0, truth.sizes["time"] - 1, 5).astype(int)]]
+    # fractions without a common period, so that a periodic motion is not seen in one phase only
+    picked = np.rint(np.array([0.0, 0.12, 0.37, 0.58, 0.83]) * (truth.sizes["time"] - 1)).astype(int)
+    times = [float(t) for t in truth["time"].values[np.unique(picked)]]
     drawings: dict[str, Callable[[], object]] = {
         "shapes": lambda: plots.shapes(truth, best, times=times),
         "deflection": lambda: plots.shapes(truth, best, times=times, deflection=True),
         "modes": lambda: plots.modes(modes),
         "singular_values": lambda: plots.singular_values(modes),
-        "error_over_time": lambda: plots.error_over_time({f"r = {row[1]}": row[4] for row in rows if row[4] is not None}),
+        "error_over_time": lambda: plots.error_over_time(
+            {f"r = {row[1]}": row[4] for row in rows if row[4] is not None}
+        ),
     }
     written = []
     for name, draw in drawings.items():

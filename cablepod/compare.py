@@ -44,7 +44,9 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
         return _of_members(run, truth)
     _check_instants(run["time"].values, truth["time"].values)
     if list(run["coordinate"].values) != list(truth["coordinate"].values):
-        raise refuse("run", list(run["coordinate"].values), f"the coordinates of the truth, {list(truth['coordinate'].values)}")
+        raise refuse(
+            "run", list(run["coordinate"].values), f"the coordinates of the truth, {list(truth['coordinate'].values)}"
+        )
     order = ("time", "particle", "coordinate")
     x, y = (dataset["position"].transpose(*order).values for dataset in (run, truth))
     for name, position in (("run", x), ("truth", y)):
@@ -65,7 +67,8 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     )
     label(result)
     result.attrs.update(
-        title=f"error of {run.attrs.get('title', 'a run')} against {truth.attrs.get('title', 'a truth')}", stage="comparison"
+        title=f"error of {run.attrs.get('title', 'a run')} against {truth.attrs.get('title', 'a truth')}",
+        stage="comparison",
     )
     return provenance.record(result, function="compare.errors", parameters={}, inputs=[run, truth])
 
@@ -82,7 +85,7 @@ def _at(sigma: np.ndarray, own: np.ndarray, position: np.ndarray) -> np.ndarray:
     """Interpolate positions (time, particle, coordinate) from `own` to `sigma`."""
     if sigma.shape == own.shape and np.abs(sigma - own).max() <= 1e-9:
         return position
-    from scipy.interpolate import CubicSpline  # noqa: PLC0415 - equal particles need no spline
+    from scipy.interpolate import CubicSpline  # equal particles need no spline
 
     return CubicSpline(own, position, axis=1)(sigma)
 
@@ -94,7 +97,9 @@ def _of_members(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
         return dataset.isel(member=i, drop=True) if "member" in dataset.dims else dataset
 
     if {run.sizes.get("member", count), truth.sizes.get("member", count)} != {count}:
-        raise SceneError(f"run: given {run.sizes['member']} members; allowed: the members of the truth, {truth.sizes['member']}")
+        raise SceneError(
+            f"run: given {run.sizes['member']} members; allowed: the members of the truth, {truth.sizes['member']}"
+        )
     results = [errors(pick(run, i), pick(truth, i)) for i in range(count)]
     joined = xr.concat(results, dim="member", data_vars="all", coords="minimal", compat="override", join="exact")
     joined.attrs = dict(results[0].attrs)

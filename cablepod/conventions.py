@@ -45,7 +45,10 @@ VARIABLES: dict[str, tuple[str, str]] = {
     # modes
     "mode_shape": ("1", "Karhunen-Loeve mode, of unit norm in the inner product of the decomposition"),
     "singular_value": ("m", "singular value of the centred, lifted snapshot matrix"),
-    "proper_orthogonal_value": ("m2", "proper orthogonal value, the squared singular value over the number of snapshots"),
+    "proper_orthogonal_value": (
+        "m2",
+        "proper orthogonal value, the squared singular value over the number of snapshots",
+    ),
     "energy_share": ("1", "squared singular value over the sum of all squares"),
     "singular_value_share": ("1", "singular value over the sum of all singular values"),
     "mean": ("m", "time mean of the lifted position"),

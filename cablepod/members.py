@@ -24,7 +24,9 @@ def over_members(function: F) -> F:
         joined = xr.concat(results, dim="member", data_vars="all", coords="minimal", compat="override", join="exact")
         joined.attrs = dict(results[0].attrs)
         varied = {
-            name: variable for name, variable in scene.variables.items() if variable.dims == ("member",) and name != "member"
+            name: variable
+            for name, variable in scene.variables.items()
+            if variable.dims == ("member",) and name != "member"
         }
         joined = joined.assign_coords({name: variable.copy() for name, variable in varied.items()})
         if "member" in scene.coords:

@@ -34,7 +34,7 @@ class TimeFunction:
 
     def __post_init__(self) -> None:
         if self.kind == "file":
-            from scipy.interpolate import CubicSpline  # noqa: PLC0415 - a scene without a record does not pay for it
+            from scipy.interpolate import CubicSpline  # only here: a scene without a record does not pay for it
 
             object.__setattr__(self, "_spline", CubicSpline(self.values["time"], self.values["value"]))
 
@@ -74,6 +74,11 @@ class TimeFunction:
 
     def _file(self, time: Array, derivative: int) -> Array:
         return self._spline(time, derivative)
+
+    @property
+    def begin(self) -> float:
+        """First time [s] at which the function is known; minus infinity but for a record."""
+        return float(self.values["time"][0]) if self.kind == "file" else -np.inf
 
     @property
     def end(self) -> float:

@@ -1,12 +1,13 @@
 """Figures: Dataset and axes in, axes out.  Nothing is shown or saved, and no global option of matplotlib is changed.
 
-Without `ax` a new figure is made.  Curves differ in line style or marker as well as in colour (Okabe and Ito's palette).
-The legend stands to the right of the axes: give figures of your own ``layout="constrained"``, which makes room for it.
+Without `ax` a new figure is made.  Curves differ in line style or marker as well as in colour (Okabe and Ito's), also
+to be read in grey.  The legend stands to the right of the axes: give figures of your own
+``layout="constrained"``, which makes room for it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +26,10 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 MOST_INSTANTS = 6
 DEFAULT_INSTANTS = 5
 MARKS = 12  # markers along a line that has many points
+MOST_DOTS = 40  # of a chain at one instant; of a longer one every second or third particle is drawn, ...
 
+PLACE = ("particle", "coordinate")
+SIGMA = "unstretched arc length $S / L_0$ [1]"
 TRAJECTORY = "a trajectory, from a simulate"
 MODES = "modes, from pod.decompose"
 
@@ -48,15 +52,15 @@ def shapes(
     times
         At most six instants [s], which both trajectories must have; by default five, evenly spread over the chain's.
     deflection
-        Draw the deflection normal to the chord of the moment [m] against S / L0 instead of y against x.  A motion that is
-        small beside the span is visible only so.
+        Draw the deflection normal to the chord of the moment [m] against S / L0 instead of y against x: a motion that
+        is small beside the span is visible only so.
     ax
         Axes to draw on.
 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes; x and y are not drawn to the same scale.
+        `ax`, or new ones; x and y are not to the same scale.
 
     Raises
     ------
@@ -65,50 +69,53 @@ def shapes(
 
     Notes
     -----
-    The normal lies in the plane of the chord and y and points up at the first instant.  A spatial cable is drawn as seen
-    along z, or by its deflection in that plane; the legend says so.
+    The normal lies in the plane of the chord and y and points up at the first instant.  A spatial cable is drawn as
+    seen along z, or by its deflection in that plane; the legend says so.
     """
-    runs = [("chain", chain)] if reduced is None else [("chain", chain), ("reduced", reduced)]
-    positions = [_position(key, run, TRAJECTORY, "time") for key, run in runs]
-    instants = np.atleast_1d(positions[0]["time"].values)
+    runs = {"chain": chain} if reduced is None else {"chain": chain, "reduced": reduced}
+    positions = {key: _take(key, run, "position", ("time", *PLACE), TRAJECTORY) for key, run in runs.items()}
+    if len({position.sizes["coordinate"] for position in positions.values()}) > 1:
+        raise refuse("reduced", list(positions["reduced"]["coordinate"].values), "the coordinates of the chain")
+    instants = positions["chain"]["time"].values
     if times is None:
-        few = np.linspace(0, instants.size - 1, min(DEFAULT_INSTANTS, instants.size)).round().astype(int)
-        times = instants[few]
+        times = instants[np.linspace(0, instants.size - 1, min(DEFAULT_INSTANTS, instants.size)).round().astype(int)]
     wanted = np.atleast_1d(np.asarray(times, dtype=float))
     if not 1 <= wanted.size <= MOST_INSTANTS:
         raise refuse("times", f"{wanted.size} instants", f"one to {MOST_INSTANTS}")
-    if len({position.sizes["coordinate"] for position in positions}) > 1:
-        raise refuse("reduced", list(positions[1]["coordinate"].values), "the coordinates of the chain")
-    ax = _axes(ax)
-    spatial = positions[0].sizes["coordinate"] > 2
-    dots: list[Any] = []
-    lines: list[Any] = []
-    for (key, run), position in zip(runs, positions, strict=True):
-        pick = _instants(key, position["time"].values, wanted)
-        values = position.values
+    curves: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for key, position in positions.items():
+        pick, values = _instants(key, position["time"].values, wanted), position.values
         if deflection:
-            across = np.broadcast_to(relative_arc_length(run), values.shape[:2])[pick]
             up = _deflection(key, values)[pick]
+            curves[key] = np.broadcast_to(_sigma(key, runs[key]), up.shape), up
         else:
-            across, up = values[pick, :, 0], values[pick, :, 1]
+            curves[key] = values[pick, :, 0], values[pick, :, 1]
+    ax = _axes(ax)
+    handles: list[tuple[Any, ...]] = [() for _ in wanted]
+    for key, (across, up) in curves.items():
         for i in range(wanted.size):
             if key == "chain":
-                style: dict[str, Any] = {"linestyle": "none", "marker": MARKERS[i], "markersize": 4, "fillstyle": "none"}
-                style["markevery"] = max(1, across.shape[1] // 40)
+                every = max(1, across.shape[1] // MOST_DOTS)
+                style: dict[str, Any] = {
+                    "linestyle": "none",
+                    "marker": MARKERS[i],
+                    "fillstyle": "none",
+                    "markersize": 4,
+                    "markevery": every,
+                }
             else:
                 style = {"linestyle": LINES[i], "linewidth": 1.2}
-            (dots if key == "chain" else lines).extend(ax.plot(across[i], up[i], color=COLOURS[i], **style))
-    if deflection:
-        where = "vertical normal" if spatial else "normal"
-        ax.set(xlabel="unstretched arc length $S / L_0$ [1]", ylabel=f"deflection {where} to the chord [m]")
-    else:
-        ax.set(xlabel="x [m]", ylabel="y [m]")
+            handles[i] += tuple(ax.plot(across[i], up[i], color=COLOURS[i], **style))
+    spatial = positions["chain"].sizes["coordinate"] > 2
     title = "dots: " + _name(chain, "chain")
     if reduced is not None:
         title += "\nlines: " + _name(reduced, "reduced cable")
     if spatial:
-        title += "\n" + ("in the plane of chord and y" if deflection else "seen along z")
-    handles = list(zip(dots, lines, strict=True)) if lines else dots
+        title += "\nin the plane of chord and y" if deflection else "\nseen along z"
+    if deflection:
+        ax.set(xlabel=SIGMA, ylabel="deflection normal to the chord [m]")
+    else:
+        ax.set(xlabel="x [m]", ylabel="y [m]")
     return _finish(ax, title=title, handles=handles, labels=[f"t = {t:g} s" for t in wanted])
 
 
@@ -125,15 +132,15 @@ def rest(cable: xr.Dataset, chain: xr.Dataset | None = None, *, ax: Axes | None 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes, x and y not to the same scale; a spatial cable is seen along z.
+        `ax`, or new ones, x and y not to the same scale; a spatial cable is seen along z.
 
     Raises
     ------
     SceneError
         For Datasets that are no cable at rest.
     """
-    line = _position("cable", cable, "a cable at rest, from a rest")
-    dots = None if chain is None else _position("chain", chain, "a chain at rest, from chain.rest")
+    line = _take("cable", cable, "position", PLACE, "a cable at rest, from a rest")
+    dots = None if chain is None else _take("chain", chain, "position", PLACE, "a chain at rest, from chain.rest")
     ax = _axes(ax)
     ax.plot(*line.values[:, :2].T, color=COLOURS[3], label="continuous cable")
     if dots is not None:
@@ -157,17 +164,17 @@ def modes(modes: xr.Dataset, *, count: int = 3, ax: Axes | None = None) -> Axes:
     Returns
     -------
     matplotlib.axes.Axes
-        The axes: a colour and marker for each mode, a line style for each coordinate (solid x, dashed y, dotted z).
+        `ax`, or new ones: a colour and marker for each mode, a line style for each coordinate
+        (solid x, dashed y, dotted z).
 
     Raises
     ------
     SceneError
         For a Dataset without modes.
     """
-    shape = _take("modes", modes, "mode_shape", ("mode", "particle"), MODES)
-    ax = _axes(ax)
-    _by_mode(ax, relative_arc_length(modes), shape, "particle", count)
-    ax.set(xlabel="unstretched arc length $S / L_0$ [1]", ylabel="mode shape, of unit norm [1]")
+    shape = _take("modes", modes, "mode_shape", ("particle", "mode"), MODES, more=1)
+    ax = _by_mode(ax, _sigma("modes", modes), shape, count)
+    ax.set(xlabel=SIGMA, ylabel="mode shape, of unit norm [1]")
     return _finish(ax)
 
 
@@ -184,19 +191,18 @@ def singular_values(modes: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     Returns
     -------
     matplotlib.axes.Axes
-        The axes, a curve for each coordinate where modes are separate.  Values of zero are left out.
+        `ax`, or new ones: a curve for each coordinate where modes are separate.  Values of zero are left out.
 
     Raises
     ------
     SceneError
         For a Dataset without singular values.
     """
-    values = _take("modes", modes, "singular_value", ("mode",), MODES)
+    values = _take("modes", modes, "singular_value", ("mode",), MODES, more=1)
     ax = _axes(ax)
-    for i, (name, part) in enumerate(_sets(values, ("mode",))):
-        style = {"color": COLOURS[i], "linestyle": LINES[i], "marker": MARKERS[i], "markersize": 4, "fillstyle": "none"}
-        ax.plot(_numbers(part), _positive(part.values), label=_zero(name or "all coordinates", part.values), **style)
-    _whole_ticks(ax)
+    for i, (name, part) in enumerate(_sets(values, 1)):
+        _log(ax, _numbers(values), part, name or "all modes", _style(i, i, MARKS))  # every mode is marked
+    ax.locator_params(axis="x", integer=True, min_n_ticks=1)
     ax.set(xlabel="number of the mode [1]", ylabel="singular value [m]", yscale="log")
     return _finish(ax)
 
@@ -216,16 +222,15 @@ def amplitudes(run: xr.Dataset, *, count: int = 3, ax: Axes | None = None) -> Ax
     Returns
     -------
     matplotlib.axes.Axes
-        The axes: a colour and marker for each mode, a line style for each coordinate where modes are separate.
+        `ax`, or new ones: a colour and marker for each mode, a line style for each coordinate where modes are separate.
 
     Raises
     ------
     SceneError
         For a Dataset without amplitudes.
     """
-    amplitude = _take("run", run, "amplitude", ("time", "mode"), "what a reduced model or pod.project gives")
-    ax = _axes(ax)
-    _by_mode(ax, np.atleast_1d(amplitude["time"].values), amplitude, "time", count)
+    amplitude = _take("run", run, "amplitude", ("time", "mode"), "what a reduced model or pod.project gives", more=1)
+    ax = _by_mode(ax, amplitude["time"].values, amplitude, count)
     ax.set(xlabel="time [s]", ylabel="amplitude [m]")
     return _finish(ax)
 
@@ -243,7 +248,7 @@ def error_over_time(comparisons: Mapping[str, xr.Dataset], *, ax: Axes | None = 
     Returns
     -------
     matplotlib.axes.Axes
-        The axes.  Errors of zero, which a logarithmic axis cannot show, are left out.
+        `ax`, or new ones.  Errors of zero, which a logarithmic axis cannot show, are left out.
 
     Raises
     ------
@@ -251,29 +256,30 @@ def error_over_time(comparisons: Mapping[str, xr.Dataset], *, ax: Axes | None = 
         For anything but comparisons, or none.
     """
     if isinstance(comparisons, xr.Dataset) or not isinstance(comparisons, Mapping) or not comparisons:
-        raise refuse("comparisons", type(comparisons).__name__, "a mapping from labels to what compare.errors gives, not empty")
+        raise refuse(
+            "comparisons", type(comparisons).__name__, "a mapping, not empty, from labels to what compare.errors gives"
+        )
     allowed = "what compare.errors gives"
     errors = {str(key): _take(str(key), item, "error", ("time",), allowed) for key, item in comparisons.items()}
     ax = _axes(ax)
     for i, (name, error) in enumerate(errors.items()):
-        (part,) = (part for _, part in _sets(error, ("time",), most=1))
-        ax.plot(part["time"].values, _positive(100.0 * part.values), label=_zero(name, part.values), **_style(i, i, part.size))
-    ax.set(xlabel="time [s]", ylabel="rms error, of the largest displacement [%]", yscale="log")
+        _log(ax, error["time"].values, 100.0 * error.values, name, _style(i, i, error.size))
+    ax.set(xlabel="time [s]", ylabel="rms error / largest displacement [%]", yscale="log")
     return _finish(ax)
 
 
 def _axes(ax: Axes | None) -> Axes:
     if ax is not None:
         return ax
-    from matplotlib import pyplot as plt  # noqa: PLC0415 - importing cablepod must not import matplotlib
+    from matplotlib import pyplot as plt  # not at the top: importing cablepod must not import it
 
     return plt.subplots(figsize=(7.5, 4.2), layout="constrained")[1]
 
 
-def _finish(ax: Axes, *, title: str | None = None, handles: Any = None, labels: Any = None) -> Axes:
+def _finish(ax: Axes, **legend: Any) -> Axes:
     ax.grid(alpha=0.3)
-    own = {} if handles is None else {"handles": handles, "labels": labels}
-    ax.legend(**own, title=title, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, handlelength=3.0)
+    place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "borderaxespad": 0.0}
+    ax.legend(**place, handlelength=3.0, alignment="left", **legend)
     return ax
 
 
@@ -290,55 +296,57 @@ def _style(colour: int, line: int, points: int) -> dict[str, Any]:
     }
 
 
-def _by_mode(ax: Axes, across: np.ndarray, array: xr.DataArray, along: str, count: int) -> None:
-    """Draw `array` for the first `count` modes of each set of modes."""
+def _log(ax: Axes, across: np.ndarray, values: np.ndarray, name: str, style: dict[str, Any]) -> None:
+    """Draw what a logarithmic axis can show of `values`."""
+    positive = values > 0.0
+    label = name if positive.any() else f"{name} (all zero)"
+    ax.plot(across, np.where(positive, values, np.nan), label=label, **style)
+
+
+def _by_mode(ax: Axes | None, across: np.ndarray, array: xr.DataArray, count: int) -> Axes:
+    """Draw the first `count` modes of each set of an array (..., points, mode)."""
     schema.integer(least=1)("count", count)
-    for j, (name, part) in enumerate(_sets(array, (along, "mode"))):
-        numbers = _numbers(part)
-        for i in range(min(count, numbers.size)):
-            label = f"{name}, mode {numbers[i]}" if name else f"mode {numbers[i]}"
-            ax.plot(across, part.values[:, i], label=label, **_style(i, j, across.size))
+    ax = _axes(ax)
+    for j, (name, part) in enumerate(_sets(array, 2)):
+        for i, number in enumerate(_numbers(array)[:count]):
+            label = f"{name}, mode {number}" if name else f"mode {number}"
+            ax.plot(across, part[:, i], label=label, **_style(i, j, across.size))
+    return ax
 
 
-def _sets(array: xr.DataArray, dims: tuple[str, ...], *, most: int | None = None) -> Iterator[tuple[str, xr.DataArray]]:
-    """Split into arrays of `dims` and their names along the one further dimension, if there is one."""
-    more = [dim for dim in array.dims if dim not in dims]
-    if len(more) > (1 if most is None else 0):
-        raise refuse(str(array.name), array.dims, f"{dims} and no more" if most else f"{dims} and at most one more")
-    for i in range(array.sizes[more[0]] if more else 1):
-        part = array.isel({more[0]: i}) if more else array
-        yield str(part[more[0]].values) if more else "", part.transpose(*dims)
+def _sets(array: xr.DataArray, ndim: int) -> list[tuple[str, np.ndarray]]:
+    """Split into arrays of `ndim` dimensions with their names along the one in front of these, if there is one."""
+    if array.ndim == ndim:
+        return [("", array.values)]
+    return [(str(name), part) for name, part in zip(array[array.dims[0]].values, array.values, strict=True)]
 
 
 def _numbers(array: xr.DataArray) -> np.ndarray:
     return array["mode"].values if "mode" in array.coords else np.arange(1, array.sizes["mode"] + 1)
 
 
-def _take(key: str, dataset: xr.Dataset, name: str, dims: tuple[str, ...], allowed: str) -> xr.DataArray:
-    """Take a variable with `dims` from a Dataset; a dimension lost by picking one value comes back."""
+def _take(key: str, dataset: Any, name: str, dims: tuple[str, ...], allowed: str, *, more: int = 0) -> xr.DataArray:
+    """Take a variable with `dims` last and at most `more` others; one lost by picking a single value comes back."""
     if not isinstance(dataset, xr.Dataset) or name not in dataset:
         raise SceneError(f"{key}: given a {type(dataset).__name__} without {name}; allowed: {allowed}")
     array = dataset[name]
     if "member" in array.dims:
         raise refuse(key, f"{array.sizes['member']} members", "one; pick it with .isel(member=0)")
-    for dim in dims:
-        if dim not in array.dims and dim in array.coords and array[dim].ndim == 0:
-            array = array.expand_dims(dim)
-        if dim not in array.dims or not array.sizes[dim]:
-            raise SceneError(f"{key}: given {name} {array.dims} without {dim}; allowed: {allowed}")
-    return array
+    lost = [dim for dim in ("time", "mode") if dim in dims and dim in array.coords and dim not in array.dims]
+    array = array.expand_dims(lost)
+    if not set(dims) <= set(array.dims) or array.ndim > len(dims) + more or not array.size:
+        raise SceneError(f"{key}: given {name} {dict(array.sizes)}; allowed: {dims}, {allowed}")
+    return array.transpose(..., *dims)
 
 
-def _position(key: str, dataset: xr.Dataset, allowed: str, *lead: str) -> xr.DataArray:
-    dims = (*lead, "particle", "coordinate")
-    array = _take(key, dataset, "position", dims, allowed)
-    if set(array.dims) != set(dims):
-        raise refuse(key, array.dims, f"position {dims}: {allowed}")
-    return array.transpose(*dims)
+def _sigma(key: str, dataset: xr.Dataset) -> np.ndarray:
+    if "arc_length" not in dataset.variables:
+        raise SceneError(f"{key}: given a Dataset without arc_length; allowed: one with arc_length (particle)")
+    return relative_arc_length(dataset)
 
 
 def _instants(key: str, own: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Indices of the `wanted` instants."""
+    """Find the indices of the `wanted` instants."""
     nearest = np.abs(own[:, None] - wanted).argmin(axis=0)
     for i, t in zip(nearest, wanted, strict=True):
         # instants are stated in decimals: what differs by less is rounding
@@ -369,18 +377,3 @@ def _deflection(key: str, position: np.ndarray) -> np.ndarray:
 def _name(run: xr.Dataset, otherwise: str) -> str:
     name = str(run.attrs.get("model", otherwise))
     return f"{name}, r = {run.attrs['rank']}" if "rank" in run.attrs else name
-
-
-def _positive(values: np.ndarray) -> np.ndarray:
-    """Leave out what a logarithmic axis cannot show."""
-    return np.where(values > 0.0, values, np.nan)
-
-
-def _zero(name: str, values: np.ndarray) -> str:
-    return name if (values > 0.0).any() else f"{name} (all zero)"
-
-
-def _whole_ticks(ax: Axes) -> None:
-    from matplotlib.ticker import MaxNLocator  # noqa: PLC0415 - as above
-
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -65,7 +65,11 @@ def decompose(
     SceneError
         For options that cannot be and snapshots that are not finite or too few.
     """
-    for key, value, allowed in (("layout", layout, LAYOUTS), ("method", method, METHODS), ("weights", weights, WEIGHTS)):
+    for key, value, allowed in (
+        ("layout", layout, LAYOUTS),
+        ("method", method, METHODS),
+        ("weights", weights, WEIGHTS),
+    ):
         if value not in allowed:
             raise refuse(key, value, "one of " + ", ".join(repr(item) for item in allowed))
     if rank is not None and energy is not None:
@@ -79,7 +83,7 @@ def decompose(
     root = np.sqrt(scale[1:-1])
     # rows of the ends are zero: leaving them out keeps them from becoming modes of their own
     if layout == "separate":
-        matrices = [np.ascontiguousarray((root[:, None] * inner[:, :, c].T)) for c in range(dims)]
+        matrices = [np.ascontiguousarray(root[:, None] * inner[:, :, c].T) for c in range(dims)]
     else:
         matrices = [np.ascontiguousarray((root[None, :, None] * inner).reshape(samples, -1).T)]
     decomposed = [np.linalg.svd(matrix, full_matrices=False) for matrix in matrices]
@@ -206,7 +210,9 @@ def lift(snapshots: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     if not np.isfinite(position).all():
         raise SceneError("snapshots: position is not finite everywhere; allowed: finite numbers")
     if position.shape[1] < 3:
-        raise SceneError(f"snapshots: given {position.shape[1]} particles; allowed: at least 3, because modes vanish at both ends")
+        raise SceneError(
+            f"snapshots: given {position.shape[1]} particles; allowed: at least 3, because modes vanish at both ends"
+        )
     sigma = relative_arc_length(snapshots)[None, :, None]
     ends = position[:, (0, -1)]
     return position - (1.0 - sigma) * ends[:, :1] - sigma * ends[:, 1:], ends
@@ -221,7 +227,9 @@ def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
         Where `modes` are none, or fewer than `rank`.
     """
     if "mode_shape" not in modes or modes.attrs.get("layout") not in LAYOUTS:
-        raise SceneError(f"modes: given a Dataset without mode_shape or layout; allowed: what pod.decompose gives ({LAYOUTS})")
+        raise SceneError(
+            f"modes: given a Dataset without mode_shape or layout; allowed: what pod.decompose gives ({LAYOUTS})"
+        )
     most = modes.sizes["mode"]
     if rank is not None:
         schema.integer(least=1)("rank", rank)
@@ -238,9 +246,7 @@ def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
     return fields.reshape(dims * most, particles, dims)
 
 
-def amplitude_dataset(
-    amplitude: np.ndarray, ends: np.ndarray, time: np.ndarray, modes: xr.Dataset
-) -> xr.Dataset:
+def amplitude_dataset(amplitude: np.ndarray, ends: np.ndarray, time: np.ndarray, modes: xr.Dataset) -> xr.Dataset:
     """Label amplitudes (time, modes) in the order of :func:`mode_fields` and the positions of the ends (time, 2, coordinate)."""
     dims: tuple[str, ...] = ("time", "mode")
     count = amplitude.shape[1]
@@ -283,7 +289,9 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     """
     sigma, own = relative_arc_length(modes), relative_arc_length(snapshots)
     if sigma.shape != own.shape or np.abs(sigma - own).max() > 1e-9:
-        raise SceneError(f"snapshots: given {own.size} particles; allowed: the {sigma.size} particles of the modes, at the same S / L0")
+        raise SceneError(
+            f"snapshots: given {own.size} particles; allowed: the {sigma.size} particles of the modes, at the same S / L0"
+        )
     hat, ends = lift(snapshots)
     fields = mode_fields(modes)
     weight = np.ones(sigma.size) if modes.attrs["weights"] == "None" else _share(sigma)
@@ -331,7 +339,9 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     return provenance.record(result, function="pod.reconstruct", parameters={}, inputs=[amplitudes, modes])
 
 
-def compose(amplitude: np.ndarray, ends: np.ndarray, fields: np.ndarray, mean: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+def compose(
+    amplitude: np.ndarray, ends: np.ndarray, fields: np.ndarray, mean: np.ndarray, sigma: np.ndarray
+) -> np.ndarray:
     """Positions (time, particle, coordinate) [m] from amplitudes (time, modes), ends (time, 2, coordinate) and fields."""
     s = sigma[None, :, None]
     position = (1.0 - s) * ends[:, :1] + s * ends[:, 1:] + mean

@@ -7,6 +7,7 @@ modules compute with.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import tomllib
@@ -74,7 +75,9 @@ class Parameters:
     def times(self) -> np.ndarray:
         """Instants of the snapshots [s]: 0, interval, ... up to the duration."""
         if self.duration is None or self.interval is None:
-            raise SceneError("time: missing; allowed: a table with duration [s] and interval [s], or the argument times")
+            raise SceneError(
+                "time: missing; allowed: a table with duration [s] and interval [s], or the argument times"
+            )
         return self.interval * np.arange(_count_instants(self.duration, self.interval))
 
     def end_positions(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
@@ -87,10 +90,11 @@ class Parameters:
             result[:, ENDS.index(end), COORDINATES.index(axis)] += function(time, derivative)
         return result
 
-
     def check_reach(self, time: float) -> None:
         """Refuse an instant [s] beyond the end of a record."""
-        named = {f"motion.{end}.{axis}": item for (end, axis), item in self.motions.items()}
+        named: dict[str, TimeFunction | None] = {
+            f"motion.{end}.{axis}": item for (end, axis), item in self.motions.items()
+        }
         named["load"] = self.load_factor
         named |= {f"point_load.{index}": load.factor for index, load in enumerate(self.point_loads, start=1)}
         for key, function in named.items():
@@ -258,10 +262,14 @@ def _check_cable(tree: dict[str, Any]) -> None:
     schema.exactly_one("cable", cable, schema.LENGTH_KEYS)
     kind = schema.exactly_one("cable", cable, ("specific_weight", "density"))
     if kind == "specific_weight" and tree["gravity"] == 0.0:
-        raise refuse("cable.specific_weight", cable[kind], "cable.density instead, because without gravity it gives no mass")
+        raise refuse(
+            "cable.specific_weight", cable[kind], "cable.density instead, because without gravity it gives no mass"
+        )
     stiffness = cable["youngs_modulus"] * cable["area"]
     if not 1e-6 <= stiffness <= 1e18:
-        raise refuse("cable.youngs_modulus", cable["youngs_modulus"], f"an axial stiffness of 1e-6 to 1e18 N ({stiffness:g})")
+        raise refuse(
+            "cable.youngs_modulus", cable["youngs_modulus"], f"an axial stiffness of 1e-6 to 1e18 N ({stiffness:g})"
+        )
     weight = cable[kind] * cable["area"] * (1.0 if kind == "specific_weight" else max(tree["gravity"], 1.0))
     if not 1e-15 <= weight <= 1e15:
         raise refuse(f"cable.{kind}", cable[kind], f"a weight of 1e-15 to 1e15 N/m ({weight:g})")
@@ -295,7 +303,7 @@ def _check_initial(tree: dict[str, Any], dims: int) -> None:
         held = tree["ends"][end]
         if end != tree["ends"].get("free") and np.linalg.norm(np.subtract(item, held)) > 1e-9 * chord:
             raise refuse("initial.points", item, f"a line that begins and ends at the held ends (ends.{end} is {held})")
-    if not any(np.linalg.norm(np.subtract(a, b)) > 0 for a, b in zip(line, line[1:], strict=False)):
+    if not any(np.linalg.norm(np.subtract(a, b)) > 0 for a, b in itertools.pairwise(line)):
         raise refuse("initial.points", line, "a line of some length")
 
 
@@ -303,7 +311,9 @@ def _check_time(table: dict[str, Any], loaded: bool, dims: int) -> None:
     if table["interval"] > table["duration"]:
         raise refuse("time.interval", table["interval"], f"at most time.duration, {table['duration']:g} s")
     if table["duration"] / table["interval"] > 1e12:
-        raise refuse("time.interval", table["interval"], f"an interval that {table['duration']:g} s holds at most 1e12 times")
+        raise refuse(
+            "time.interval", table["interval"], f"an interval that {table['duration']:g} s holds at most 1e12 times"
+        )
 
 
 def _split_factor(
@@ -414,7 +424,9 @@ def _read_record(key: str, path: Path) -> dict[str, list[float]]:
         except ValueError:
             values = []
         if len(values) != 2 or not np.isfinite(values).all():
-            raise SceneError(f"{key}: {path} has a gap: row {number} holds {','.join(row)[:60]!r}; allowed: two finite numbers")
+            raise SceneError(
+                f"{key}: {path} has a gap: row {number} holds {','.join(row)[:60]!r}; allowed: two finite numbers"
+            )
         table.append(values)
     if len(table) < 4:
         raise SceneError(f"{key}: {path} is too short: {len(table)} rows; allowed: {allowed}")
@@ -423,7 +435,9 @@ def _read_record(key: str, path: Path) -> dict[str, list[float]]:
     step = np.diff(time)
     if (step <= 0).any():
         where = int(np.argmax(step <= 0))
-        raise SceneError(f"{key}: {path} is unsorted: time {time[where + 1]:g} s follows {time[where]:g} s; allowed: rising")
+        raise SceneError(
+            f"{key}: {path} is unsorted: time {time[where + 1]:g} s follows {time[where]:g} s; allowed: rising"
+        )
     if step.max() > 10.0 * np.median(step):
         where = int(np.argmax(step))
         raise SceneError(
@@ -481,7 +495,7 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     SceneError
         Where no such cable exists; the message names the least possible tension.
     """
-    from cablepod.kernels import catenary as kernel  # noqa: PLC0415 - numba is imported only to compute
+    from cablepod.kernels import catenary as kernel  # numba is imported only to compute
 
     a, b, c, q, _, _ = load_plane(p)
     out = np.empty(6)
@@ -499,9 +513,13 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
         if "points" in p.initial and prefix == "cable":
             out[0] = value
             return out
-        raise refuse(name, value, f"at most the chord, {c:.12g} m, because a slack cable without load has no shape at rest")
+        raise refuse(
+            name, value, f"at most the chord, {c:.12g} m, because a slack cable without load has no shape at rest"
+        )
     if status == kernel.VERTICAL_WITH_FORCE:
-        raise refuse(name, value, "another way to give the length, because a cable along the load has no force across it")
+        raise refuse(
+            name, value, "another way to give the length, because a cable along the load has no force across it"
+        )
     raise refuse(name, value, "a value for which the catenary can be computed in double precision")
 
 
@@ -544,7 +562,11 @@ def _to_dataset(tree: dict[str, Any]) -> xr.Dataset:
         elif array.ndim == 2:
             variables[name] = ((f"{name}_point", "coordinate"), array.astype(float), attrs)
         else:
-            variables[name] = (("coordinate",) if key.check is schema.point else (name + "_item",), array.astype(float), attrs)
+            variables[name] = (
+                ("coordinate",) if key.check is schema.point else (name + "_item",),
+                array.astype(float),
+                attrs,
+            )
 
     def add_factor(prefix: str, table: Mapping[str, Any], units: str, what: str) -> None:
         if "kind" not in table:
@@ -601,7 +623,9 @@ def parameters_of_members(scene: xr.Dataset) -> list[Parameters]:
         Where `scene` is not a scene.
     """
     if not isinstance(scene, xr.Dataset) or "cable_youngs_modulus" not in scene or "ends_lower" not in scene:
-        raise SceneError("scene: given no Dataset with cable_youngs_modulus and ends_lower; allowed: what make_scene gives")
+        raise SceneError(
+            "scene: given no Dataset with cable_youngs_modulus and ends_lower; allowed: what make_scene gives"
+        )
     fixed, varied = {}, {}
     for name, variable in scene.variables.items():
         if "member" in variable.dims:
@@ -634,7 +658,7 @@ def _parameters(value: Mapping[str, Any]) -> Parameters:
         mass = weight / gravity
     length_key = next(key for key in schema.LENGTH_KEYS if f"cable_{key}" in value)
     motions = {(end, axis): function(f"motion_{end}_{axis}") for end in ENDS for axis in COORDINATES[:dims]}
-    loads = []
+    loads: list[PointLoad] = []
     while (prefix := f"point_load_{len(loads) + 1}") + "_force" in value:
         loads.append(PointLoad(float(value[prefix + "_arc_length"]), value[prefix + "_force"], function(prefix)))
     return Parameters(

@@ -10,6 +10,9 @@ from typing import Any
 
 import numpy as np
 
+#: Positive numbers of the scene are at least so large, and all at most: their squares and ratios stay finite.
+SMALLEST, LARGEST = 1e-30, 1e30
+
 
 class SceneError(ValueError):
     """What a user gave cannot be a scene; the message names the key, what was given and what is allowed."""
@@ -17,8 +20,21 @@ class SceneError(ValueError):
 
 def refuse(key: str, given: Any, allowed: str) -> SceneError:
     """Make the error for `key`: what was `given` and what is `allowed`."""
-    text = repr(given)
-    return SceneError(f"{key}: given {text if len(text) <= 120 else text[:117] + '...'}; allowed: {allowed}")
+    return SceneError(f"{key}: given {shown(given)}; allowed: {allowed}")
+
+
+def shown(given: Any) -> str:
+    """Write what was given in at most 120 characters, whatever it is."""
+    try:
+        text = repr(given)
+    except Exception:  # too deep, a number too long to write, an object that cannot say what it is
+        text = f"a {type(given).__name__} that cannot be shown"
+    return text if len(text) <= 120 else text[:117] + "..."
+
+
+def named(name: Any) -> str:
+    """Write the name of a key or file: as it is where that makes one short line, otherwise as :func:`shown` does."""
+    return name if isinstance(name, str) and name.isprintable() and 0 < len(name) <= 300 else shown(name)
 
 
 Check = Callable[[str, Any], Any]
@@ -34,8 +50,7 @@ def number(*, above: float = -math.inf, least: float = -math.inf, most: float = 
     allowed = " ".join(["a finite number", " and ".join(text for text in bounds if text)]).strip()
 
     def check(key: str, value: Any) -> float:
-        if isinstance(value, np.ndarray) and value.ndim == 0:
-            value = value[()]
+        value = _scalar(value)
         if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
             raise refuse(key, value, allowed)
         try:
@@ -44,34 +59,43 @@ def number(*, above: float = -math.inf, least: float = -math.inf, most: float = 
             raise refuse(key, value, allowed) from None
         if not math.isfinite(result) or result <= above or result < least or result > most:
             raise refuse(key, value, allowed)
+        if abs(result) > LARGEST or (above >= 0.0 and result < SMALLEST):
+            raise refuse(key, value, f"{allowed}, of a size from {SMALLEST:g} to {LARGEST:g}")
         return result
 
     return check
 
 
-def integer(*, least: int) -> Check:
-    """Make a check for a whole number of at least `least`."""
+def _scalar(value: Any) -> Any:
+    return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
+
+
+def integer(*, least: int, most: int = 2**62) -> Check:
+    """Make a check for a whole number of at least `least` and at most `most`."""
     allowed = f"a whole number of at least {least}"
 
     def check(key: str, value: Any) -> int:
-        if isinstance(value, np.ndarray) and value.ndim == 0:
-            value = value[()]
-        if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral) or value < least:
+        value = _scalar(value)
+        if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral) or int(value) < least:
             raise refuse(key, value, allowed)
-        if value > 2**62:
-            raise refuse(key, value, f"{allowed} that a computer can count")
+        if int(value) > most:
+            raise refuse(key, value, f"{allowed} and at most {most}")
         return int(value)
 
     return check
 
 
+def _is_list(value: Any) -> bool:
+    return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
+
+
 def numbers_list(*, least_length: int = 1, above: float = -math.inf) -> Check:
     """Make a check for a list of finite numbers."""
+    one = number(above=above)
 
     def check(key: str, value: Any) -> list[float]:
-        if not isinstance(value, list | tuple | np.ndarray) or len(value) < least_length:
+        if not _is_list(value) or len(value) < least_length:
             raise refuse(key, value, f"a list of at least {least_length} finite numbers")
-        one = number(above=above)
         return [one(f"{key}[{index}]", item) for index, item in enumerate(value)]
 
     return check
@@ -79,7 +103,7 @@ def numbers_list(*, least_length: int = 1, above: float = -math.inf) -> Check:
 
 def point(key: str, value: Any) -> list[float]:
     """Check a vector of two or three finite numbers."""
-    if not isinstance(value, list | tuple | np.ndarray) or len(value) not in (2, 3):
+    if not _is_list(value) or len(value) not in (2, 3):
         raise refuse(key, value, "a list of two or three finite numbers")
     one = number()
     return [one(f"{key}[{index}]", item) for index, item in enumerate(value)]
@@ -87,7 +111,7 @@ def point(key: str, value: Any) -> list[float]:
 
 def points(key: str, value: Any) -> list[list[float]]:
     """Check a list of at least two points."""
-    if not isinstance(value, list | tuple | np.ndarray) or len(value) < 2:
+    if not _is_list(value) or len(value) < 2:
         raise refuse(key, value, "a list of at least two points")
     return [point(f"{key}[{index}]", item) for index, item in enumerate(value)]
 
@@ -168,7 +192,7 @@ DAMPING = {
     "link_viscosity": Key(number(least=0.0), "s", "damping force per axial stiffness and strain rate"),
 }
 ENSEMBLE = {
-    "members": Key(integer(least=1), "1", "number of members", required=True),
+    "members": Key(integer(least=1, most=10**7), "1", "number of members", required=True),
     "seed": Key(integer(least=0), "1", "seed of the sampling", default=0),
     "sampling": Key(choice("latin_hypercube", "sobol", "grid"), None, "sampling", default="latin_hypercube"),
 }
@@ -238,7 +262,7 @@ def describe(key: Key) -> str:
 
 def join(prefix: str, name: Any) -> str:
     """Join the parts of a key path."""
-    return f"{prefix}.{name}" if prefix else str(name)
+    return f"{prefix}.{named(name)}" if prefix else named(name)
 
 
 def exactly_one(prefix: str, table: Mapping[str, Any], names: tuple[str, ...]) -> str:
@@ -251,6 +275,6 @@ def exactly_one(prefix: str, table: Mapping[str, Any], names: tuple[str, ...]) -
     """
     given = [name for name in names if name in table]
     if len(given) != 1:
-        what = "none" if not given else " and ".join(f"{name} = {table[name]!r}" for name in given)
+        what = "none" if not given else " and ".join(f"{name} = {shown(table[name])}" for name in given)
         raise SceneError(f"{prefix}: given {what}; allowed: exactly one of {', '.join(names)}")
     return given[0]

@@ -24,7 +24,7 @@ DEFAULT_TOLERANCE = 1e-6
 _PREFERRED = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0)
 
 
-class RunStopped(RuntimeError):  # noqa: N818 - it names what happened; the run may have been asked to end there
+class RunStopped(RuntimeError):  # it names what happened; the run may have been asked to end there
     """A run left the finite numbers; `partial` is the Dataset computed until then, marked incomplete."""
 
     def __init__(self, message: str, partial: xr.Dataset | None = None) -> None:
@@ -42,7 +42,13 @@ def check_times(times: Any) -> np.ndarray:
         result = np.atleast_1d(np.asarray(times, dtype=float))
     except (TypeError, ValueError):
         raise refuse("times", times, "finite, rising instants from 0 on [s]") from None
-    if result.ndim != 1 or result.size == 0 or not np.isfinite(result).all() or result[0] < 0 or (np.diff(result) <= 0).any():
+    if (
+        result.ndim != 1
+        or result.size == 0
+        or not np.isfinite(result).all()
+        or result[0] < 0
+        or (np.diff(result) <= 0).any()
+    ):
         raise refuse("times", times, "finite, rising instants from 0 on [s]")
     return result
 
@@ -58,7 +64,7 @@ def check_outputs(outputs: Any) -> tuple[str, ...]:
 
 def check_positive(key: str, value: Any) -> float:
     """Check an option that must be a finite positive number."""
-    from cablepod.schema import number  # noqa: PLC0415 - kept beside its only use
+    from cablepod.schema import number  # kept beside its only use
 
     return number(above=0.0)(key, value)
 
@@ -119,6 +125,46 @@ class Instants:
         return result
 
 
+def march(
+    advance: Callable[[int, int], bool],
+    state: tuple[np.ndarray, ...],
+    total: int,
+    progress: Callable[[float], None] | None,
+) -> int | None:
+    """Advance a state by `total` steps in blocks, looking at it between them.
+
+    Parameters
+    ----------
+    advance
+        Takes the number of the first step and how many, changes `state`, tells whether it is still sound.
+    state
+        All arrays that a step changes.
+    total
+        Number of steps.
+    progress
+        Called with the part that is done.
+
+    Returns
+    -------
+    int or None
+        The step that left the finite numbers, None where none did.
+    """
+    done = 0
+    while done < total:
+        steps = min(BLOCK, total - done)
+        keep = [array.copy() for array in state]
+        if not advance(done, steps):
+            for target, source in zip(state, keep, strict=True):
+                target[:] = source
+            while advance(done, 1):  # once more, step by step, to say when
+                done += 1
+            return done
+        done += steps
+        if progress is not None:
+            progress(done / total)
+    return None
+
+
 def motion_scale(position: np.ndarray, initial: np.ndarray, chord: float) -> float:
     """Largest rms displacement from the initial shape, or the chord where nothing moves: what errors are divided by [m]."""
     largest = float(np.sqrt(np.mean(np.sum((position - initial) ** 2, axis=-1), axis=-1)).max(initial=0.0))
@@ -126,7 +172,11 @@ def motion_scale(position: np.ndarray, initial: np.ndarray, chord: float) -> flo
 
 
 def refine(
-    run: Callable[[float], Any], position: Callable[[Any], np.ndarray], scale: Callable[[Any], float], rate: float, tolerance: float
+    run: Callable[[float], Any],
+    position: Callable[[Any], np.ndarray],
+    scale: Callable[[Any], float],
+    rate: float,
+    tolerance: float,
 ) -> tuple[Any, float, float]:
     """Run with rising numbers of steps per second until two runs agree within `tolerance`.
 

@@ -20,6 +20,11 @@ SOFT: dict[str, Any] = {
 }
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Physics in seconds first, what takes long last."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is not None)
+
+
 @pytest.fixture
 def soft() -> dict[str, Any]:
     """A mapping of a soft, small scene, to be changed at will."""

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -181,6 +182,16 @@ def test_what_is_read_is_what_was_written(kind, tmp_path):
     assert [item.name for item in tmp_path.iterdir()] == ["it.nc"]
 
 
+def test_an_eager_read_closes_the_file(tmp_path, monkeypatch):
+    path = write(make_trajectory(), tmp_path / "it.nc")
+    opened = []
+    monkeypatch.setattr(archive, "_open", lambda *args, _open=archive._open: opened.append(_open(*args)) or opened[-1])
+    for task in (read, describe):
+        task(path)
+        assert not is_open(path)
+    assert len(opened) == 2  # and still referred to, so that nothing else closed it
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_second_write_changes_nothing(kind, tmp_path, monkeypatch):
     first = read(write(KINDS[kind](), tmp_path / "p.nc"))
@@ -199,6 +210,9 @@ def test_inherited_encodings_and_attributes_of_the_input_stay_out_of_the_file(tm
     xr.testing.assert_equal(back, dataset)
     assert back["position"].dtype == np.float64
     assert dataset["position"].encoding == before
+    netCDF4 = pytest.importorskip("netCDF4")
+    with netCDF4.Dataset(tmp_path / "it.nc") as file:
+        assert not file.dimensions["time"].isunlimited()
 
 
 def test_strings_of_any_kind_and_empty_arrays_come_back(tmp_path):
@@ -217,9 +231,12 @@ def test_strings_of_any_kind_and_empty_arrays_come_back(tmp_path):
 
 def test_time_stays_in_elapsed_seconds(tmp_path):
     dataset = make_trajectory()
-    dataset["duration"] = xr.DataArray(124.0, attrs={"units": "s", "long_name": "length of the run"})
+    # xarray knows this spelling as a unit of time spans, and "s" only in some versions
+    dataset["duration"] = xr.DataArray(124.0, attrs={"units": "seconds", "long_name": "length of the run"})
+    dataset["instant"] = xr.DataArray(0.0, attrs={"units": "s since 2030-01-01", "long_name": "clock at the start"})
     back = read(write(dataset, tmp_path / "it.nc"))
     assert back["time"].dtype == np.float64
+    assert back["instant"].dtype == np.float64
     assert back["duration"].dtype == np.float64
     assert back["time"].attrs["units"] == "s"
 
@@ -286,6 +303,11 @@ def test_fill_values_are_declared_only_where_data_have_gaps(tmp_path):
     with netCDF4.Dataset(path) as file:
         filled = {name for name, item in file.variables.items() if "_FillValue" in item.ncattrs()}
     assert filled == {"position"}
+    gap = xr.Dataset({"a": ("m", [1.0, np.nan])}, {"cable_top_tension": ("m", [np.nan, 2.0])})
+    assert np.isnan(archive.encoding_of(gap)["a"]["_FillValue"])
+    assert archive.encoding_of(gap)["cable_top_tension"]["_FillValue"] is None
+    if find_spec("dask"):  # what a lazy variable holds is not known before it is computed
+        assert np.isnan(archive.encoding_of(make_trajectory().chunk())["position"]["_FillValue"])
 
 
 # provenance
@@ -528,7 +550,7 @@ def test_an_existing_file_is_kept_unless_asked_otherwise(tmp_path, monkeypatch):
         fresh.write_text("of somebody else")
 
     monkeypatch.setattr(archive.os, "fsync", meanwhile)
-    with pytest.raises(ArchiveError, match="exists already"):
+    with pytest.raises(ArchiveError, match=rf"^{fresh}: exists already"):
         write(make_scene(), fresh)
     assert fresh.read_text() == "of somebody else"
     assert sorted(item.name for item in tmp_path.iterdir()) == ["fresh.nc", "it.nc"]
@@ -662,6 +684,16 @@ def test_describe_tells_what_a_file_is_and_how_it_came_about(tmp_path):
     assert f" from {scene.attrs['id']}; " in second
     assert second.endswith(", 2 s")
     assert describe(read(path)) == text.split("\n", 1)[1]
+
+
+def test_long_parameters_are_cut_where_people_read_them_but_not_in_the_record(tmp_path):
+    parameters = {"times": list(range(1000)), "title": "two\nlines"}
+    scene = provenance.record(make_scene(), function="chain.simulate", parameters=parameters)
+    back = read(write(scene, tmp_path / "it.nc"))
+    assert archive._stages(back)[-1]["parameters"] == provenance.plain(parameters)
+    assert back.attrs["history"].count("\n") == 0
+    assert 200 < len(back.attrs["history"]) < 300
+    assert max(map(len, describe(back).split("\n"))) < 300
 
 
 def test_describe_shows_the_values_of_a_scene_before_it_is_written():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from conftest import spatial
 
 import cablepod as cp
 from cablepod import chain as chain_module
+from cablepod import links
 from cablepod.scene import parameters
 
 TERMS = {
@@ -170,14 +172,14 @@ def test_second_order_in_the_step_with_every_term(soft, name):
     scene = of(soft, **TERMS[name])
     times = [1.0, 2.0, 4.0]
     runs = [positions(scene, times=times, step=h) for h in (1 / 1600, 1 / 3200, 1 / 6400, 1 / 12800)]
-    distance = [np.abs(a - b).max() for a, b in zip(runs[:-1], runs[1:], strict=True)]
+    distance = [np.abs(a - b).max() for a, b in itertools.pairwise(runs)]
     np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 2.0, atol=0.1)
 
 
 def test_second_order_in_the_number_of_links(soft):
     scene = of(soft)
     runs = [positions(scene, links=n, times=[0.5, 1.0], step=1 / 8000)[:, :: n // 8] for n in (16, 32, 64, 128)]
-    distance = [np.sqrt(np.mean((a - b) ** 2)) for a, b in zip(runs[:-1], runs[1:], strict=True)]
+    distance = [np.sqrt(np.mean((a - b) ** 2)) for a, b in itertools.pairwise(runs)]
     np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 2.0, atol=0.1)
 
 
@@ -245,9 +247,11 @@ def test_energy_is_kept_and_time_can_be_turned_back(soft):
     scene = of(soft, motion={}, initial={"top_tension": 300.0})
     energies = {}
     for rate in (500, 1000):
-        run = cp.chain.simulate(scene, times=np.arange(0, 4001, 40) / 1000, step=1 / rate, outputs=("position", "velocity"))
+        run = cp.chain.simulate(
+            scene, times=np.arange(0, 4001, 40) / 1000, step=1 / rate, outputs=("position", "velocity")
+        )
         p = parameters(scene)
-        chain = chain_module.chain_of(p)
+        chain = links.chain_of(p)
         mass = p.mass * chain.share
         stretch = np.linalg.norm(np.diff(run.position, axis=1), axis=2) - chain.length
         energy = (
@@ -340,7 +344,7 @@ def test_the_stability_limit_is_where_it_is_predicted(soft):
             "chain": {"links": 8},
         }
     )
-    chain = chain_module.chain_of(parameters(scene))
+    chain = links.chain_of(parameters(scene))
     limit = chain.step_limit()
     link = 3.9 / 8
     assert limit == pytest.approx(2 / (2 * np.sqrt(1e3 / link**2) * np.cos(np.pi / 16)), rel=1e-12)
@@ -356,7 +360,7 @@ def test_the_stability_limit_is_where_it_is_predicted(soft):
 @pytest.mark.parametrize("viscosity", [1e-3, 1e-2, 0.1])
 def test_the_stability_limit_with_viscous_links(soft, viscosity):
     scene = of(soft, motion={}, damping={"link_viscosity": viscosity})
-    chain = chain_module.chain_of(parameters(scene))
+    chain = links.chain_of(parameters(scene))
     limit = chain.step_limit()
     assert limit < 2 / chain.highest_frequency()
     start = chain_module.start(chain)
@@ -379,9 +383,15 @@ def test_a_step_above_the_limit_is_refused_with_both_numbers(soft):
 
 
 def test_a_run_that_leaves_the_finite_numbers_stops_and_keeps_what_it_had(soft):
-    scene = of(soft, motion={"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}}, time={"duration": 4e3, "interval": 1.0})
+    scene = of(
+        soft,
+        motion={"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}},
+        time={"duration": 4e3, "interval": 1.0},
+    )
     times = np.arange(0, 4000.0)
-    with pytest.raises(cp.RunStopped, match=r"left the finite numbers at .* s \(velocity Verlet, step 0.001 s.*try") as stopped:
+    with pytest.raises(
+        cp.RunStopped, match=r"left the finite numbers at .* s \(velocity Verlet, step 0.001 s.*try"
+    ) as stopped:
         cp.chain.simulate(scene, times=times, step=1e-3)
     partial = stopped.value.partial
     assert 1 < partial.sizes["time"] < times.size
@@ -404,7 +414,8 @@ def test_a_tolerance_is_met(soft):
 def test_a_chaotic_scene_is_said_to_be_one(scenes):
     scene = cp.read_scene(scenes / "example2.toml")
     wild = scene.assign(
-        motion_upper_x_amplitude=scene.motion_upper_x_amplitude * 2, motion_upper_x_angular_frequency=scene.gravity * 0 + 2.0
+        motion_upper_x_amplitude=scene.motion_upper_x_amplitude * 2,
+        motion_upper_x_angular_frequency=scene.gravity * 0 + 2.0,
     )
     with pytest.warns(cp.NotConvergedWarning, match="two steps disagree by"):
         cp.chain.simulate(wild, links=10, times=[45.0])
@@ -416,7 +427,7 @@ def test_a_chaotic_scene_is_said_to_be_one(scenes):
         ({"links": 1}, "links: given 1; allowed: a whole number of at least 2"),
         ({"links": True}, "links: given True"),
         ({"links": 10**12}, "links: .* GB of output; allowed: half of this machine's memory"),
-        ({"scheme": "euler"}, 'scheme: given \'euler\'; allowed: one of "velocity_verlet"'),
+        ({"scheme": "euler"}, "scheme: given 'euler'; allowed: one of \"velocity_verlet\""),
         ({"step": -1.0}, "step: given -1.0; allowed: a finite number above 0"),
         ({"step": "fast"}, "step: given 'fast'"),
         ({"step": 1e-3, "tolerance": 1e-3}, "step and tolerance"),

@@ -36,7 +36,7 @@ def test_where_nothing_moves_the_chord_counts():
     times = np.arange(2.0)
     truth = np.zeros((2, 3, 2))
     truth[..., 0] = [0.0, 1.0, 4.0]
-    run = truth + [[[0.0, 0.0], [0.3, 0.0], [0.0, 0.0]]]
+    run = [*truth, [[0.0, 0.0], [0.3, 0.0], [0.0, 0.0]]]
     result = cp.compare.errors(trajectory(run, times), trajectory(truth, times))
     np.testing.assert_allclose(result.error, np.sqrt(0.09 / 3) / 4.0, rtol=1e-14)
 
@@ -72,7 +72,10 @@ def test_members_are_compared_one_by_one(soft):
     for tension in (200.0, 240.0):
         scene = cp.make_scene({**soft, "cable": {**soft["cable"], "top_tension": tension}})
         runs.append([cp.chain.simulate(scene, step=h) for h in (2e-3, 1e-3)])
-    joined = [xr.concat(pair, "member", combine_attrs="override", coords="different", compat="equals") for pair in zip(*runs, strict=True)]
+    joined = [
+        xr.concat(pair, "member", combine_attrs="override", coords="different", compat="equals")
+        for pair in zip(*runs, strict=True)
+    ]
     result = cp.compare.errors(*joined)
     assert result.error.dims == ("member", "time")
     for i, (a, b) in enumerate(runs):

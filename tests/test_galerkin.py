@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import xarray as xr
 from conftest import spatial
 
 import cablepod as cp
-from cablepod import galerkin as galerkin_module
+from cablepod import galerkin_model
 from cablepod.scene import parameters
 
 TERMS = {
@@ -40,7 +41,9 @@ def test_all_modes_and_the_linear_law_are_the_chain(soft, name, layout, dims):
     times, step = np.linspace(0, 4, 33), 1 / 8000
     chain = cp.chain.simulate(scene, times=times, step=step)
     modes = cp.pod.decompose(chain, layout=layout)
-    model = cp.galerkin.simulate(scene, modes, times=times, law="linear", step=step, outputs=("position", "velocity", "tension"))
+    model = cp.galerkin.simulate(
+        scene, modes, times=times, law="linear", step=step, outputs=("position", "velocity", "tension")
+    )
     assert float(cp.compare.errors(model, chain).error_max) < 1e-9
     full = cp.chain.simulate(scene, times=times, step=step, outputs=("velocity", "tension"))
     np.testing.assert_allclose(model.velocity, full.velocity, atol=1e-8)
@@ -82,7 +85,7 @@ def test_the_packed_form_has_the_gradient_of_the_energy(soft):
 
     scene = cp.make_scene({**soft, **TERMS["both ends"]})
     modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3))
-    model = galerkin_module.model_of(parameters(scene), modes, rank=3, law="green")
+    model = galerkin_model.model_of(parameters(scene), modes, rank=3, law="green")
     shape, rates = model.slopes
     weight = model.chain.p.stiffness * model.chain.length
     rng = np.random.default_rng(5)
@@ -94,7 +97,9 @@ def test_the_packed_form_has_the_gradient_of_the_energy(soft):
 
     factor, offset, first, second = model.packed
     gradient = np.zeros(y.size)
-    kernel._green_gradient(y, factor, offset, first, second, np.zeros(factor.shape[1]), np.zeros(factor.shape[1]), gradient)
+    kernel._green_gradient(
+        y, factor, offset, first, second, np.zeros(factor.shape[1]), np.zeros(factor.shape[1]), gradient
+    )
     h = 1e-3  # the energy is quartic: the five-point formula is exact but for rounding
     unit = np.eye(y.size) * h
     numeric = [(8 * (energy(y + u) - energy(y - u)) - energy(y + 2 * u) + energy(y - 2 * u)) / (12 * h) for u in unit]
@@ -111,7 +116,7 @@ def test_the_cost_does_not_depend_on_the_particles(soft):
     sizes = []
     for links in (40, 120):
         modes = cp.pod.decompose(cp.chain.simulate(scene, links=links, step=1e-4), rank=2)
-        sizes.append(galerkin_module.model_of(parameters(scene), modes, rank=2, law="green").packed[0].shape)
+        sizes.append(galerkin_model.model_of(parameters(scene), modes, rank=2, law="green").packed[0].shape)
     assert sizes[0] == sizes[1]
 
 
@@ -124,7 +129,7 @@ def test_second_order_in_the_step(soft, law, name):
         cp.galerkin.simulate(scene, modes, rank=2, law=law, times=[1.0, 2.0, 4.0], step=h).position.values
         for h in (1 / 1600, 1 / 3200, 1 / 6400, 1 / 12800)
     ]
-    distance = [np.abs(a - b).max() for a, b in zip(runs[:-1], runs[1:], strict=True)]
+    distance = [np.abs(a - b).max() for a, b in itertools.pairwise(runs)]
     np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 2.0, atol=0.1)
 
 
@@ -170,7 +175,9 @@ def test_amplitudes_reconstruct_the_positions(soft):
 def test_extremes_are_taken_over_all_steps(soft):
     scene = cp.make_scene(soft)
     modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3), rank=2)
-    run = cp.galerkin.simulate(scene, modes, times=np.arange(4001) / 1000, step=1e-3, outputs=("tension", "tension_extremes"))
+    run = cp.galerkin.simulate(
+        scene, modes, times=np.arange(4001) / 1000, step=1e-3, outputs=("tension", "tension_extremes")
+    )
     np.testing.assert_allclose(run.tension_maximum, run.tension.max("time"), rtol=1e-12)
     np.testing.assert_allclose(run.tension_minimum, run.tension.min("time"), rtol=1e-12)
 
@@ -190,7 +197,10 @@ def test_a_step_above_the_limit_is_refused_and_one_that_is_outgrown_stops(soft):
     with pytest.raises(cp.SceneError, match=rf"step: given .*; allowed: below .*{limit:.6g} s"):
         cp.galerkin.simulate(scene, modes, step=1.001 * limit)
     # a pull makes the cable stiffer: a little, and the step is found too long afterwards; more, and the run breaks down
-    for amplitude, part, match in ((0.002, 0.99999, "stiffened: at .* below the step"), (0.5, 0.995, "left the finite numbers at")):
+    for amplitude, part, match in (
+        (0.002, 0.99999, "stiffened: at .* below the step"),
+        (0.5, 0.995, "left the finite numbers at"),
+    ):
         motion = {"upper": {"x": {"kind": "ramp", "amplitude": amplitude, "duration": 4.0}}}
         pulled = cp.make_scene({**soft, "motion": motion})
         with pytest.raises(cp.RunStopped, match=match) as stopped:
@@ -206,7 +216,11 @@ def test_scenes_and_options_that_cannot_be(soft):
         (scene, {"law": "hooke"}, 'law: given \'hooke\'; allowed: one of "green", "linear"'),
         (scene, {"rank": 3}, "rank: given 3; allowed: at most 2"),
         (scene, {"scheme": "rk4"}, "scheme: given 'rk4'"),
-        (cp.make_scene({**soft, "motion": {}, "ends": {**soft["ends"], "free": "upper"}}), {}, r"ends\.free: given 'upper'"),
+        (
+            cp.make_scene({**soft, "motion": {}, "ends": {**soft["ends"], "free": "upper"}}),
+            {},
+            r"ends\.free: given 'upper'",
+        ),
         (cp.make_scene({**soft, "damping": {"link_viscosity": 1.0}}), {}, r"damping\.link_viscosity: given 1\.0"),
         (cp.make_scene(spatial(soft)), {}, "modes: given 2 coordinates; allowed: the 3 coordinates of the scene"),
     ]

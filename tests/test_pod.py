@@ -26,7 +26,11 @@ def made_up(samples=30, particles=12, dims=2, seed=0, spectrum=None):
     position = (1 - s) * ends[:, :1] + s * ends[:, 1:] + hat + np.sin(np.pi * s)
     return xr.Dataset(
         {"position": (("time", "particle", "coordinate"), position)},
-        coords={"time": np.arange(samples) * 1.0, "arc_length": ("particle", 7.0 * sigma), "coordinate": list("xyz"[:dims])},
+        coords={
+            "time": np.arange(samples) * 1.0,
+            "arc_length": ("particle", 7.0 * sigma),
+            "coordinate": list("xyz"[:dims]),
+        },
     )
 
 
@@ -88,7 +92,10 @@ def test_any_order_and_more_dimensions():
     modes = cp.pod.decompose(snapshots)
     turned = cp.pod.decompose(snapshots.transpose("coordinate", "particle", "time").assign_coords(run=5))
     xr.testing.assert_allclose(turned.drop_vars("run", errors="ignore"), modes)
-    members = xr.concat([snapshots.isel(time=slice(0, 15)), snapshots.isel(time=slice(15, None)).assign_coords(time=np.arange(15.0))], "member")
+    members = xr.concat(
+        [snapshots.isel(time=slice(0, 15)), snapshots.isel(time=slice(15, None)).assign_coords(time=np.arange(15.0))],
+        "member",
+    )
     xr.testing.assert_allclose(cp.pod.decompose(members), modes, rtol=1e-9)
 
 

@@ -15,6 +15,7 @@ eta + e tanh(eta) = q a / (2 H).
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -42,7 +43,7 @@ SERIES = (
     1 / 3,
 )
 
-_options = {"cache": True, "error_model": "numpy"}
+_options: dict[str, Any] = {"cache": True, "error_model": "numpy"}
 
 
 @njit(**_options)

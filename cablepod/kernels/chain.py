@@ -8,11 +8,12 @@ particles works on slices of equal length, because a signed loop index with an o
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
 
-_options = {"cache": True, "error_model": "numpy"}
+_options: dict[str, Any] = {"cache": True, "error_model": "numpy"}
 
 
 @njit(**_options)
@@ -23,7 +24,7 @@ def _drift(x, v, dt):
 
 @njit(**_options)
 def _pull(x0, x1, y0, y1, z0, z1, k, length, fx, fy, fz):
-    """Forces of the links [N]: k (1 - l/|R|) R where |R| > l, else 0."""
+    """Compute forces of the links [N]: k (1 - l/|R|) R where |R| > l, else 0."""
     if z0 is None:
         for j in range(k.size):
             dx = x1[j] - x0[j]
@@ -46,7 +47,7 @@ def _pull(x0, x1, y0, y1, z0, z1, k, length, fx, fy, fz):
 
 @njit(**_options)
 def _pull_viscous(x, y, z, u, v, w, k, length, viscosity, fx, fy, fz):
-    """Forces of links with viscosity; velocities u, v(, w) of all particles.  A link that is slack carries nothing."""
+    """Compute forces of links with viscosity; velocities u, v(, w) of all particles.  A link that is slack carries nothing."""
     for j in range(k.size):
         dx = x[j + 1] - x[j]
         dy = y[j + 1] - y[j]
@@ -67,7 +68,7 @@ def _pull_viscous(x, y, z, u, v, w, k, length, viscosity, fx, fy, fz):
 
 @njit(**_options)
 def _kick(v, f0, f1, h, c, decay):
-    """v <- decay v + (f1 - f0) h + c; decay None means 1."""
+    """V <- decay v + (f1 - f0) h + c; decay None means 1."""
     if decay is None:
         for j in range(v.size):
             v[j] += (f1[j] - f0[j]) * h[j] + c[j]

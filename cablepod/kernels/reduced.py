@@ -8,12 +8,13 @@ matrix, found once; energy is never negative and no digit is squared away.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
 
 # Sums may be reordered here, which lets them vectorise; non-finite numbers keep their meaning.
-_options = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "arcp", "nsz"}}
+_options: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "arcp", "nsz"}}
 
 
 @njit(**_options)
@@ -24,16 +25,16 @@ def _green_gradient(y, factor, offset, first, second, monomials, slopes, gradien
         monomials[j] = y[j]
     for pair in range(first.size):
         monomials[count + pair] = y[first[pair]] * y[second[pair]]
-    total = monomials.size
+    rows, total = factor.shape
     for c in range(total):
         slopes[c] = 0.0
-    for i in range(offset.size):
-        row = factor[i]
+    # whole rows, though the factor is zero below the diagonal: a loop that begins at i is not vectorised, a slice costs more
+    for i in range(rows):
         s = offset[i]
-        for c in range(i, total):
-            s += row[c] * monomials[c]
-        for c in range(i, total):
-            slopes[c] += s * row[c]
+        for c in range(total):
+            s += factor[i, c] * monomials[c]
+        for c in range(total):
+            slopes[c] += s * factor[i, c]
     for j in range(count):
         gradient[j] = slopes[j]
     for pair in range(first.size):

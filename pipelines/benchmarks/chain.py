@@ -1,0 +1,125 @@
+"""Time per link and step of the explicit chain, kernel and whole call, beside a plain C loop compiled on the spot.
+
+    python pipelines/benchmarks/chain.py [--repeats 7]
+
+One thread (the kernel has no other); compilation and a warm-up run lie outside; medians over the repeats, C and ours taken in
+turn so that a busy machine hurts both.  The C loop is the same step of a planar chain without any other term
+(chain_step.c, gcc -O3 -march=native -ffast-math); where there is no gcc its column is empty.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import statistics
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import cablepod as cp
+from cablepod.kernels import chain as kernel
+from cablepod.links import chain_of
+from cablepod.scene import parameters
+
+HERE = Path(__file__).resolve().parent
+SCENE = HERE.parent.parent / "data" / "scenes" / "example2.toml"
+WORK = 12_000_000  # links times steps in one measurement
+
+TERMS = {
+    "plain, planar": {},
+    "spatial": {"spatial": True},
+    "mass damping": {"damping": {"mass_proportional": 0.1}},
+    "viscous links": {"damping": {"link_viscosity": 1e-5}},
+    "varying uniform load": {
+        "load": {"uniform": [5.0, 0.0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 1.0}
+    },
+    "tension extremes": {"outputs": ("position", "tension_extremes")},
+}
+
+
+def compiled_yardstick() -> Path | None:
+    """Compile chain_step.c; None without gcc."""
+    if shutil.which("gcc") is None:
+        return None
+    target = Path(tempfile.mkdtemp()) / "chain_step"
+    source = HERE / "chain_step.c"
+    subprocess.run(["gcc", "-O3", "-march=native", "-ffast-math", str(source), "-o", str(target), "-lm"], check=True)
+    return target
+
+
+def c_time(program: Path | None, links: int) -> float:
+    """Nanoseconds per link and step of the C loop."""
+    if program is None:
+        return float("nan")
+    said = subprocess.run(
+        [str(program), str(links), str(WORK // links)], check=True, capture_output=True, text=True
+    ).stdout
+    return float(said.split("step")[1].split()[0])
+
+
+def our_time(
+    links: int, *, spatial: bool = False, outputs: tuple[str, ...] = ("position",), **tables
+) -> tuple[float, float]:
+    """Nanoseconds per link and step of the kernel and of the whole call."""
+    mapping = mapping_of_example(**tables)
+    if spatial:
+        mapping["ends"] = {name: [*end, 0.0] for name, end in mapping["ends"].items()}
+        del mapping["load"]  # a planar load of zero
+    scene = cp.make_scene(mapping)
+    step = 0.5 * chain_of(parameters(scene), links).step_limit()
+    steps = WORK // links
+    in_kernel = 0.0
+    plain = kernel.verlet
+
+    def timed(*arguments):
+        nonlocal in_kernel
+        begin = time.perf_counter()
+        plain(*arguments)
+        in_kernel += time.perf_counter() - begin
+
+    kernel.verlet = timed
+    try:
+        begin = time.perf_counter()
+        cp.chain.simulate(scene, links=links, step=step, times=[0.0, steps * step], outputs=outputs)
+        whole = time.perf_counter() - begin
+    finally:
+        kernel.verlet = plain
+    return 1e9 * in_kernel / (steps * links), 1e9 * whole / (steps * links)
+
+
+def mapping_of_example(**tables):
+    """Return Example 2 as Python values, with `tables` put in."""
+    import tomllib
+
+    return {**tomllib.loads(SCENE.read_text()), **tables}
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=7)
+    repeats = parser.parse_args().repeats
+    program = compiled_yardstick()
+    print(f"ns per link and step, median of {repeats}, {WORK:,} link-steps each")
+    print(f"{'links':>6}{'kernel':>9}{'whole call':>12}{'C loop':>9}{'kernel / C':>12}")
+    for links in (40, 160, 640):
+        our_time(links)
+        rows = [(*our_time(links), c_time(program, links)) for _ in range(repeats)]
+        inside, whole, c = (statistics.median(column) for column in zip(*rows, strict=True))
+        ratio = statistics.median(row[0] / row[2] for row in rows)
+        print(f"{links:>6}{inside:>9.2f}{whole:>12.2f}{c:>9.2f}{ratio:>12.2f}")
+    print(f"\nkernel at 160 links, each term alone\n{'term':<24}{'ns':>8}{'over plain':>12}")
+    plain = float("nan")
+    for name, term in TERMS.items():
+        our_time(160, **term)
+        ns = statistics.median(our_time(160, **term)[0] for _ in range(repeats))
+        plain = ns if name.startswith("plain") else plain
+        print(f"{name:<24}{ns:>8.2f}{ns / plain:>12.2f}")
+    print(f"\nnumpy {np.__version__}")
+
+
+if __name__ == "__main__":
+    main()

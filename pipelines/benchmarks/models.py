@@ -1,0 +1,96 @@
+"""Error against run time of the Galerkin model and of coarser chains, against the chain of 40 links, Examples 2 to 4.
+
+    python pipelines/benchmarks/models.py [--repeats 5]
+
+Online time of one whole call with a given step (the largest that keeps the time error below a tenth of the model's own, found
+by the default of each model and then doubled while it holds), 125 s, positions at every 0.1 s, one thread; compilation and a
+warm-up lie outside; medians.  Offline cost of the reduced models, the snapshots and the decomposition, is printed beside.
+Errors are those of cablepod.compare over every 0.1 s; the chain's law is the linear one, the Galerkin model has law (21).
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+import cablepod as cp
+from cablepod.links import chain_of
+from cablepod.scene import parameters
+
+SCENES = Path(__file__).resolve().parent.parent.parent / "data" / "scenes"
+TIMES = np.arange(1251) / 10.0
+
+
+def timed(job: Callable[[], xr.Dataset], repeats: int) -> tuple[xr.Dataset, float]:
+    """Return result and median time [s] of a job, after one run outside."""
+    result = job()
+    seconds = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        result = job()
+        seconds.append(time.perf_counter() - begin)
+    return result, statistics.median(seconds)
+
+
+def largest_step(run: Callable[[float], xr.Dataset], limit: float, truth: xr.Dataset) -> float:
+    """Largest step, halving from the stability limit, at which time adds less than a tenth to the error."""
+    step = 0.9 * limit
+    while True:
+        errors = []
+        for h in (step, step / 2):
+            try:
+                errors.append(float(cp.compare.errors(run(h), truth).error_max))
+            except cp.RunStopped:
+                errors.append(np.inf)
+        if abs(errors[0] - errors[1]) <= 0.1 * errors[1]:
+            return step
+        step /= 2
+
+
+def main() -> None:
+    """Print a table for each example."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=5)
+    repeats = parser.parse_args().repeats
+    for number in (2, 3, 4):
+        scene = cp.read_scene(SCENES / f"example{number}.toml")
+        truth = cp.chain.simulate(scene, times=TIMES)
+        begin = time.perf_counter()
+        snapshots = cp.chain.simulate(scene, step=0.9 * truth.attrs["step_limit"])
+        modes = cp.pod.decompose(snapshots, rank=8)
+        offline = time.perf_counter() - begin
+        print(f"\nExample {number}; offline cost of the modes {1e3 * offline:.0f} ms")
+        print(f"{'model':<12}{'largest error':>15}{'step [s]':>11}{'time [ms]':>11}")
+        for links in (5, 10, 20, 40):
+            limit = chain_of(parameters(scene), links).step_limit()
+
+            def chain(step: float, links: int = links, scene: xr.Dataset = scene) -> xr.Dataset:
+                return cp.chain.simulate(scene, links=links, times=TIMES, step=step)
+
+            show(f"chain n={links}", chain, 0.9 * limit, truth, repeats)
+        for rank in (1, 2, 3, 4, 8):
+            limit = cp.galerkin.simulate(scene, modes, rank=rank, times=[0.0], step=1e-6).attrs["step_limit"]
+
+            def model(
+                step: float, rank: int = rank, scene: xr.Dataset = scene, modes: xr.Dataset = modes
+            ) -> xr.Dataset:
+                return cp.galerkin.simulate(scene, modes, rank=rank, times=TIMES, step=step)
+
+            show(f"Galerkin r={rank}", model, largest_step(model, limit, truth), truth, repeats)
+
+
+def show(name: str, run: Callable[[float], xr.Dataset], step: float, truth: xr.Dataset, repeats: int) -> None:
+    """Print one row; a coarser chain has other particles, so the truth is interpolated to them."""
+    result, seconds = timed(lambda: run(step), repeats)
+    error = float(cp.compare.errors(result, truth).error_max)
+    print(f"{name:<12}{100 * error:>13.4f} %{step:>11.3g}{1e3 * seconds:>11.1f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,393 @@
+"""The catenary kernel against a 50-digit reference that shares no formula with it."""
+
+import math
+
+import catenary_reference as reference
+import numpy as np
+import pytest
+
+from cablepod.kernels import catenary as kernel
+
+MP = reference.MP
+UNIT = 2.0**-53
+# The kernel's own rounding: the worst of some thousand random cases was 1e-14 where the data fix the answer better than that.
+RIGHT = 5e-14
+
+GUY = {"a": 20.40, "b": 57.70, "q": 78500 * 1.25e-4, "k": 2e7}
+KINDS = {"upper": kernel.UPPER_TENSION, "lower": kernel.LOWER_TENSION, "force": kernel.HORIZONTAL_FORCE}
+WHICH = {"upper": 0, "lower": 1, "force": 2}
+
+
+def solve(a, b, q, k, kind, value):
+    out = np.empty(6)
+    return kernel.solve(a, b, math.hypot(a, b), q, k, kind, value, out), out
+
+
+def errors(out, cable):
+    """Return relative errors of the two lengths, and of the four forces relative to the largest tension."""
+    truth = cable.solution()
+    most = max(truth[4:])
+    return [
+        float(abs(MP.mpf(float(o)) - t) / (t if j < 2 else most))
+        for j, (o, t) in enumerate(zip(out, truth, strict=True))
+    ]
+
+
+def shape_errors(out, cable, count=9):
+    """Return the largest errors of positions relative to the chord and of tensions relative to the largest."""
+    s = np.linspace(0.0, out[0], count)
+    across, along, tension = np.empty(count), np.empty(count), np.empty(count)
+    kernel.shape(s, out, float(cable.q), float(cable.stiffness), across, along, tension)
+    chord, most = MP.hypot(cable.a, cable.b), max(cable.tension(0), cable.tension(cable.length))
+    position, force = 0.0, 0.0
+    for i in range(count):
+        x, y = cable.position(MP.mpf(float(s[i])))
+        position = max(position, float(MP.hypot(x - across[i], y - along[i]) / chord))
+        force = max(force, float(abs(cable.tension(MP.mpf(float(s[i]))) - tension[i]) / most))
+    return position, force
+
+
+def given_length_tolerance(cable):
+    """Allow what a rounding of the length itself does: the tension hangs on the stretch, strain plus slack.
+
+    A taut cable of strain T/K feels a relative change d of its length as a relative change d K/T of its tension; in a slack
+    one the slack (L0 - c)/L0 takes the strain's place.
+    """
+    chord = MP.hypot(cable.a, cable.b)
+    mean = (cable.tension(0) + cable.tension(cable.length)) / 2
+    stretch = mean / cable.stiffness + max(0, (cable.length - chord) / cable.length)
+    return RIGHT + 10 * UNIT / float(stretch)
+
+
+def check(out, cable, tolerance):
+    size = float(
+        cable.stretched() / MP.hypot(cable.a, cable.b)
+    )  # a cable stretched to 100 chords rounds in its own size
+    assert max(errors(out, cable)) < tolerance
+    position, force = shape_errors(out, cable)
+    assert position < tolerance * max(1.0, size)
+    assert force < tolerance
+
+
+def lengths(chord):
+    return [
+        chord / 300,
+        chord / 1.5,
+        chord * (1 - 1e-4),
+        chord * (1 - 1e-9),
+        chord,
+        chord * (1 + 1e-6),
+        chord * 1.1,
+        3 * chord,
+    ]
+
+
+DIRECTIONS = {
+    "guy": (20.40, 57.70),
+    "downward": (20.40, -57.70),
+    "horizontal": (60.0, 0.0),
+    "nearly_horizontal": (60.0, 1e-9),
+    "steep": (0.5, 60.0),
+}
+LOADS = {"usual": (9.8125, 2e7), "rubber": (9.8125, 1e3), "heavy_rubber": (1e4, 1e3), "heavy": (1e4, 1e8)}
+LOADS |= {"stiff": (9.8125, 1e13), "light": (1e-9, 2e7), "light_stiff": (1e-9, 1e13)}
+
+
+def test_reference_agrees_with_quadrature():
+    # The reference's own check: x' = H (1/K + 1/T) and y' likewise, ds = 1 + T/K, integrated and not in closed form.
+    for length in (61.15, 64.0, 150.0):
+        cable = reference.from_length(GUY["a"], GUY["b"], GUY["q"], GUY["k"], length)
+        middle = max(MP.mpf(0), min(cable.length, -cable.lower / cable.q))
+        part = [0, middle / 2, middle, (middle + cable.length) / 2, cable.length] if middle else [0, cable.length]
+
+        def per_length(s, cable=cable):
+            return 1 / cable.stiffness + 1 / cable.tension(s)
+
+        with MP.workdps(40):
+            across = MP.quad(lambda s, c=cable: c.force * per_length(s, c), part)
+            along = MP.quad(lambda s, c=cable: c.vertical(s) * per_length(s, c), part)
+            stretched = MP.quad(lambda s, c=cable: 1 + c.tension(s) / c.stiffness, part)
+        assert abs(across - cable.a) < 1e-25
+        assert abs(along - cable.b) < 1e-25
+        assert abs(stretched - cable.stretched()) < 1e-25
+        assert cable.residual() < MP.mpf(10) ** -50
+
+
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_given_length(direction, load):
+    (a, b), (q, k) = DIRECTIONS[direction], LOADS[load]
+    for length in lengths(math.hypot(a, b)):
+        status, out = solve(a, b, q, k, kernel.LENGTH, length)
+        assert status == kernel.FOUND
+        cable = reference.from_length(a, b, q, k, length)
+        assert cable.residual() < MP.mpf(10) ** -50
+        check(out, cable, given_length_tolerance(cable))
+
+
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("direction", ["guy", "downward", "horizontal"])
+def test_given_tension_or_force(direction, load):
+    (a, b), (q, k) = DIRECTIONS[direction], LOADS[load]
+    chord = math.hypot(a, b)
+    for name, kind in KINDS.items():
+        # from near the least tension (q c is above it, by a third and more) to a strain of hundreds in rubber
+        for value in (2 * q * chord, 100 * q * chord, 300 * min(k, 1e6)):
+            status, out = solve(a, b, q, k, kind, value)
+            assert status == kernel.FOUND
+            # well conditioned: the answer moves by no more than a few times the relative change of what is given
+            check(out, reference.from_quantity(a, b, q, k, WHICH[name], value), RIGHT)
+
+
+@pytest.mark.parametrize("tension", [1875.0, 3750.0, 7500.0, 15000.0, 30000.0])
+def test_guy(tension):
+    a, b, q, k = GUY.values()
+    status, out = solve(a, b, q, k, kernel.UPPER_TENSION, tension)
+    assert status == kernel.FOUND
+    check(out, reference.from_quantity(a, b, q, k, 0, tension), RIGHT)
+
+
+@pytest.mark.parametrize("power", range(1, 13))
+@pytest.mark.parametrize("rise", [57.7, -57.7])
+def test_nearly_vertical(rise, power):
+    a, q, k = abs(rise) * 10.0**-power, 9.8125, 2e7
+    for length in (57.0, 57.69, 57.7, 57.71, 60.0, 170.0):
+        status, out = solve(a, rise, q, k, kernel.LENGTH, length)
+        assert status == kernel.FOUND
+        cable = reference.from_length(a, rise, q, k, length)
+        tolerance = given_length_tolerance(cable)
+        check(out, cable, tolerance)
+        # the small force across is right relative to itself: eta of up to 30 doubles the roundings of exp(2 eta) 30 times
+        assert float(abs(out[2] - cable.force) / cable.force) < 10 * tolerance
+        status, out = solve(a, rise, q, k, kernel.HORIZONTAL_FORCE, float(cable.force))
+        assert status == kernel.FOUND
+        check(out, reference.from_quantity(a, rise, q, k, 2, float(cable.force)), RIGHT)
+
+
+@pytest.mark.parametrize("rise", [57.7, -57.7])
+@pytest.mark.parametrize("stiffness", [1e3, 2e7, 1e13])
+def test_vertical(rise, stiffness):
+    # taut, hanging at its own length, folded at a lowest point below both ends
+    for length in (20.0, 57.0, 57.69, 57.7, 58.0, 170.0):
+        status, out = solve(0.0, rise, 9.8125, stiffness, kernel.LENGTH, length)
+        assert status == kernel.FOUND
+        cable = reference.from_length(0.0, rise, 9.8125, stiffness, length)
+        assert cable.residual() < MP.mpf(10) ** -50
+        check(out, cable, given_length_tolerance(cable))
+        assert out[2] == 0.0
+    for name in ("upper", "lower"):
+        for tension in (600.0, 1e4):
+            status, out = solve(0.0, rise, 9.8125, stiffness, KINDS[name], tension)
+            assert status == kernel.FOUND
+            check(out, reference.from_quantity(0.0, rise, 9.8125, stiffness, WHICH[name], tension), RIGHT)
+
+
+@pytest.mark.parametrize("a", [0.0, 1e-9, 1e-3])
+@pytest.mark.parametrize("tension", [1e-6, 1e-3, 1.0])
+def test_small_tension_at_the_lower_end_is_right_relative_to_itself(a, tension):
+    # It is what was given; T - |V| tanh(eta) or |V| - w would lose it beside the 566 N at the upper end.
+    for k in (1e4, 2e7, 1e13):
+        for rise, kind, which in ((57.7, kernel.LOWER_TENSION, 1), (-57.7, kernel.UPPER_TENSION, 0)):
+            try:
+                cable = reference.from_quantity(a, rise, 9.8125, k, which, tension)
+            except reference.NoCable:
+                continue
+            status, out = solve(a, rise, 9.8125, k, kind, tension)
+            assert status == kernel.FOUND
+            assert out[5 - which] == pytest.approx(tension, rel=1e-12)
+            assert out[2] == pytest.approx(float(cable.force), rel=1e-12, abs=0.0)
+
+
+@pytest.mark.parametrize("k", [1e3, 2e7, 1e13])
+@pytest.mark.parametrize("b", [57.7, -57.7, 0.0])
+def test_weightless_is_a_straight_spring(b, k):
+    a = 20.4
+    chord = math.hypot(a, b)
+    for length in (chord / 200, chord / 2, chord * (1 - 1e-6)):
+        status, out = solve(a, b, 0.0, k, kernel.LENGTH, length)
+        assert status == kernel.FOUND
+        cable = reference.from_length(a, b, 0.0, k, length)
+        check(out, cable, given_length_tolerance(cable))
+    for name, kind in KINDS.items():
+        status, out = solve(a, b, 0.0, k, kind, 1000.0)
+        assert status == kernel.FOUND
+        check(out, reference.from_quantity(a, b, 0.0, k, WHICH[name], 1000.0), RIGHT)
+    status, out = solve(a, b, 0.0, k, kernel.LENGTH, chord * 1.01)
+    assert status == kernel.SLACK_WEIGHTLESS
+    assert np.isnan(out).all()
+
+
+@pytest.mark.parametrize("q", [10.0**p for p in range(-9, 5)])
+def test_continuous_in_the_load(q):
+    for length in (60.0, 61.19):
+        status, out = solve(20.4, 57.7, q, 2e7, kernel.LENGTH, length)
+        assert status == kernel.FOUND
+        cable = reference.from_length(20.4, 57.7, q, 2e7, length)
+        check(out, cable, given_length_tolerance(cable))
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "q", "k", "which", "printed"),
+    [
+        # The guy: 628.30 N and 62.12 N belong to an inextensible cable (628.3024 and 62.1212), 628.2922 to its K.
+        (20.40, 57.70, 9.8125, 2e7, 0, 628.29223035849819),
+        (20.40, 57.70, 9.8125, 2e7, 1, 62.120752661968602),
+        (20.40, 57.70, 9.8125, 1e15, 0, 628.30240524536),
+        (20.40, 57.70, 9.8125, 1e15, 1, 62.121155245556),
+        (60.0, 0.0, 9.8125, 1e13, 0, None),
+        (20.40, -57.70, 9.8125, 1e3, 0, None),
+        (1e-6, 57.7, 9.8125, 2e7, 1, None),
+        # stretched to many times its length by its own weight, where the upper tension turns before the mean of both does
+        (20.40, 57.70, 1e4, 1e3, 0, None),
+        (20.40, 57.70, 300.0, 1e3, 0, None),
+    ],
+)
+def test_least_tension(a, b, q, k, which, printed):
+    cable, least = reference.least(a, b, q, k, which)
+    if printed is not None:
+        assert float(least) == pytest.approx(printed, rel=1e-13)
+    most = float(max(cable.tension(0), cable.tension(cable.length)))
+    sign = 1.0 if which == 0 else -1.0
+    assert kernel.least_tension(a, b, math.hypot(a, b), q, k, sign) == pytest.approx(
+        float(least), rel=0, abs=1e-14 * most
+    )
+    for margin in (1e-13, 1e-10, 1e-7, 1e-4):
+        above, below = float(least + margin * most), float(least - margin * most)
+        status, out = solve(a, b, q, k, which, below)
+        assert status == kernel.BELOW_LEAST_TENSION
+        assert np.isnan(out).all()
+        status, out = solve(a, b, q, k, which, above)
+        assert status == kernel.FOUND
+        # A double root: a rounding d of the tension moves the length by d / (2 sqrt(margin)), times the width of the
+        # minimum, and the sum of some roundings stands in for d.
+        check(out, reference.from_quantity(a, b, q, k, which, above), RIGHT + 1e-15 / math.sqrt(margin))
+
+
+def test_the_shorter_of_two_lengths():
+    a, b, q, k = GUY.values()
+    slack = MP.findroot(
+        lambda s: reference.from_length(a, b, q, k, s).solution()[5] - 1875, (320, 330), solver="anderson", tol=1e-30
+    )
+    assert float(slack) == pytest.approx(324.6, abs=0.1)
+    status, out = solve(a, b, q, k, kernel.UPPER_TENSION, 1875.0)
+    assert status == kernel.FOUND
+    assert out[0] == pytest.approx(61.2367546459758, rel=1e-13)
+
+
+def test_round_trips_between_the_four_ways_to_give_the_length():
+    n = 400
+    random = np.random.default_rng(3)
+    angle = random.uniform(-1.5, 1.5, n)
+    c = 10.0 ** random.uniform(-1, 3, n)
+    a, b = c * np.cos(angle), c * np.sin(angle)
+    c = np.hypot(a, b)
+    k, q = 10.0 ** random.uniform(3, 13, n), 10.0 ** random.uniform(-6, 3, n)
+    # at most as much slack as at half the length of least tension, so that the shorter length is the one given
+    length = c * np.where(
+        random.random(n) < 0.5, 1 / (1 + 10.0 ** random.uniform(-4, 0, n)), 1 + 0.001 * random.random(n)
+    )
+    first, status = np.empty((n, 6)), np.empty(n, dtype=np.int64)
+    kernel.solve_many(a, b, c, q, k, kernel.LENGTH, length, first, status)
+    assert (status == kernel.FOUND).all()
+    second = np.empty((n, 6))
+    for kind, column in ((kernel.UPPER_TENSION, 5), (kernel.LOWER_TENSION, 4), (kernel.HORIZONTAL_FORCE, 2)):
+        value = first[:, column].copy()
+        kernel.solve_many(a, b, c, q, k, kind, value, second, status)
+        # a soft steep cable may hang below its end with more slack than the shorter length of that tension; not the force
+        kept = status == kernel.FOUND
+        if kind == kernel.HORIZONTAL_FORCE:
+            assert kept.all()
+        shorter = second[:, 0] < length * (1 - 1e-9)
+        assert (kept & ~shorter).mean() > 0.9
+        assert (second[kept, 0] <= length[kept] * (1 + 1e-9)).all()
+        same = kept & ~shorter
+        # from the force back to the length loses nothing; near the least tension its square root does
+        bound = 1e-13 if kind == kernel.HORIZONTAL_FORCE else 1e-9
+        assert np.abs(second[same, 0] / length[same] - 1).max() < bound
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "q", "k", "kind", "value"),
+    [
+        # slack and nearly vertical: steps on the misfit itself gain half a unit of eta each
+        (4.162050706628166e-07, 3.705598107730202, 0.08246748148094, 19678944605.5425, 3, 3.7776483813589725),
+        (5.257595534063513e-10, 25.769338108427895, 0.00463871671748929, 61533.24626307583, 3, 25.769728083976467),
+        (0.4073881362393706, -434.5964880482356, 26.168559467424327, 22172.372204740477, 3, 434.5966789897847),
+        # a strain of hundreds under its own weight: q a / (2 H) is beyond cosh, eta is not
+        (20.0, 5.0, 1e4, 1e3, 2, 100.0),
+        (870.0900373205541, 0.0, 6931.702937618429, 3125.3345373707775, 2, 3100.9962305087583),
+        # eta just below and above where the series of eta coth(eta) takes over
+        (482.0, -42.3, 0.0193, 1.06e3, 3, 484.0),
+        (10.0, 1.0, 3.0, 1e7, 2, 32.0),
+        (10.0, 1.0, 3.0, 1e7, 2, 28.0),
+    ],
+)
+def test_cases_once_found_wrong_or_given_up(a, b, q, k, kind, value):
+    status, out = solve(a, b, q, k, kind, value)
+    assert status == kernel.FOUND
+    if kind == kernel.LENGTH:
+        cable = reference.from_length(a, b, q, k, value)
+        check(out, cable, given_length_tolerance(cable))
+    else:
+        check(out, reference.from_quantity(a, b, q, k, kind, value), RIGHT)
+
+
+def test_sag_function():
+    # 1e-14: eta - tanh(eta) loses a factor 12 at 0.5, where the series ends
+    for eta in (1e-12, 1e-3, 0.1, 0.29, 0.31, 0.45, 0.499, 0.501, 0.7, 2.0, 20.0, 200.0):
+        excess, slope = kernel._sag(eta)
+        x = MP.mpf(eta)
+        assert abs(excess / (x * MP.coth(x) - 1) - 1) < 1e-14
+        assert abs(slope / (MP.coth(x) - x / MP.sinh(x) ** 2) - 1) < 1e-14
+
+
+@pytest.mark.parametrize("kind", range(4))
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, -1.0, 0.0])
+def test_impossible_values_are_refused(kind, value):
+    for b in (57.7, -57.7, 0.0):
+        for a in (20.4, 1e-9):
+            status, out = solve(a, b, 9.8125, 2e7, kind, value) if math.hypot(a, b) else (1, np.full(6, math.nan))
+            assert status != kernel.FOUND
+            assert np.isnan(out).all()
+
+
+@pytest.mark.parametrize("name", ["a", "b", "q", "k"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -1.0])
+def test_impossible_cables_are_refused(name, value):
+    data = GUY | {name: value}
+    if name == "b" and value == -1.0:
+        pytest.skip("an upper end below the lower one is a cable")
+    for kind, given in ((0, 1875.0), (1, 1875.0), (2, 500.0), (3, 61.0), (3, 70.0)):
+        status, out = solve(*data.values(), kind, given)
+        assert status == kernel.NOT_FOUND
+        assert np.isnan(out).all()
+
+
+def test_other_statuses():
+    for kind in (-1, 4):
+        assert solve(*GUY.values(), kind, 61.0)[0] == kernel.NOT_FOUND
+    status, out = solve(0.0, 57.7, 9.8125, 2e7, kernel.HORIZONTAL_FORCE, 1.0)
+    assert status == kernel.VERTICAL_WITH_FORCE
+    assert np.isnan(out).all()
+    # so slack that its length has no double: refused, not infinite
+    status, out = solve(20.4, 57.7, 9.8125, 1e13, kernel.HORIZONTAL_FORCE, 1e-3)
+    assert status == kernel.NOT_FOUND
+    assert np.isnan(out).all()
+    # vertical, hanging from its upper end with no tension at the lower one: the least there is
+    status, out = solve(0.0, 57.7, 9.8125, 2e7, kernel.LOWER_TENSION, 0.0)
+    assert status == kernel.FOUND
+    check(out, reference.from_quantity(0.0, 57.7, 9.8125, 2e7, 1, 0.0), RIGHT)
+
+
+def test_many_are_the_same_as_one_each():
+    length = np.array([61.0, 61.2, 62.0, 150.0, -1.0])
+    n = length.size
+    full = {name: np.full(n, value) for name, value in GUY.items()}
+    out, status = np.empty((n, 6)), np.empty(n, dtype=np.int64)
+    kernel.solve_many(
+        full["a"], full["b"], np.hypot(full["a"], full["b"]), full["q"], full["k"], 3, length, out, status
+    )
+    for i in range(n):
+        one, row = solve(*GUY.values(), 3, length[i])
+        assert one == status[i]
+        np.testing.assert_array_equal(row, out[i])

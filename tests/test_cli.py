@@ -1,0 +1,182 @@
+"""The command as a user meets it: what it writes, what it says, and what it refuses."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import cablepod as cp
+from cablepod import cli
+
+SCENE = """
+title = "a small guy"
+[cable]
+youngs_modulus = 2.0e7
+area = 1.0e-3
+density = 1000.0
+top_tension = 200.0
+[ends]
+lower = [0.0, 0.0]
+upper = [8.0, 6.0]
+[motion.upper.x]
+kind = "one_minus_cosine"
+amplitude = -0.05
+angular_frequency = 2.0
+[time]
+duration = 4.0
+interval = 0.5
+[chain]
+links = 8
+"""
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def call(*arguments, **options):
+    return subprocess.run(
+        [sys.executable, "-m", "cablepod", *map(str, arguments)], capture_output=True, text=True, **options
+    )
+
+
+def test_the_main_job(scene_file, tmp_path, capsys):
+    out = tmp_path / "deep" / "out"
+    assert cli.main(["run", str(scene_file), "--out", str(out), "--ranks", "1,2"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    names = {path.name for path in out.iterdir()}
+    data = {"scene", "catenary", "chain_rest", "chain", "modes", "galerkin_r1", "galerkin_r2", "comparison"}
+    figures = {"shapes", "deflection", "modes", "singular_values", "error_over_time"}
+    assert names == {f"{name}.nc" for name in data} | {f"{name}.png" for name in figures}
+    assert all(f"{name}.nc" in said.out for name in data)
+    comparison = cp.archive.read(out / "comparison.nc")
+    worst = float(comparison.error_max.sel(rank=2))
+    row = next(line for line in said.out.splitlines() if line.startswith("Galerkin") and line.split()[1] == "2")
+    assert f"{100 * worst:.4f} %" in row
+    # what is archived is what the functions give
+    scene = cp.read_scene(scene_file)
+    chain = cp.archive.read(out / "chain.nc")
+    again = cp.chain.simulate(scene, times=chain.time.values, outputs=("position", "tension"))
+    np.testing.assert_array_equal(chain.position, again.position)
+    assert chain.attrs["id"] == again.attrs["id"]
+    reduced = cp.galerkin.simulate(scene, cp.archive.read(out / "modes.nc"), rank=2, times=chain.time.values)
+    assert cp.archive.read(out / "galerkin_r2.nc").attrs["id"] == reduced.attrs["id"]
+
+
+def test_info_tells_what_a_file_is(scene_file, tmp_path, capsys):
+    cp.archive.write(cp.chain.rest(cp.read_scene(scene_file)), tmp_path / "rest.nc")
+    assert cli.main(["info", str(tmp_path / "rest.nc")]) == 0
+    said = capsys.readouterr().out
+    assert "a small guy: chain at rest" in said
+    assert "make_scene" in said
+    assert cli.main(["info", str(tmp_path)]) == 0
+    assert capsys.readouterr().out == said
+
+
+def test_results_are_not_overwritten_without_being_asked(scene_file, tmp_path, capsys):
+    arguments = ["run", str(scene_file), "--out", str(tmp_path / "out"), "--ranks", "1"]
+    assert cli.main(arguments) == 0
+    before = (tmp_path / "out" / "chain.nc").read_bytes()
+    capsys.readouterr()
+    assert cli.main(arguments) == 2
+    assert "allowed: another folder, or --overwrite" in capsys.readouterr().err
+    assert (tmp_path / "out" / "chain.nc").read_bytes() == before
+    assert cli.main([*arguments, "--overwrite"]) == 0
+
+
+def test_shipped_scenes_are_found_by_name(tmp_path, monkeypatch, scenes):
+    monkeypatch.chdir(tmp_path)
+    assert cli._find_scene("example2").samefile(scenes / "example2.toml")
+    assert cli._find_scene("data/scenes/example2.toml").samefile(scenes / "example2.toml")
+    assert not cli._find_scene("elsewhere/example2.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (("area = 1.0e-3", "area = -1.0"), "cable.area: given -1.0; allowed: a finite number above 0"),
+        (("area = 1.0e-3", ""), "cable.area: missing"),
+        (("links = 8", "links = 1000000000000"), "GB of output; allowed"),
+        (("interval = 0.5", "interval = 0.0"), "time.interval: given 0.0"),
+        (("top_tension = 200.0", "top_tension = 20.0"), "cable.top_tension: given 20.0; allowed: at least"),
+        (("upper = [8.0, 6.0]", 'upper = [8.0, 6.0]\nfree = "upper"'), "no motion of the end that ends.free names"),
+        (("[time]", "[tiem]"), "tiem: unknown key or table"),
+        ((SCENE, ""), "the scene file is empty"),
+    ],
+)
+def test_bad_scenes_end_with_one_line_and_nothing_written(scene_file, tmp_path, change, match):
+    scene_file.write_text(SCENE.replace(*change))
+    done = call("run", scene_file, "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("cablepod: ")
+    assert done.stderr.count("\n") == 1
+    assert match in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_other_bad_input_ends_with_one_line(scene_file, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    (tmp_path / "foreign.nc").write_bytes(b"CDF\x01 not really")
+    cases = [
+        ("run", tmp_path / "missing.toml", "--out", tmp_path / "out"),
+        ("run", scene_file, "--out", tmp_path / "file"),
+        ("run", scene_file, "--out", tmp_path / "file" / "below"),
+        ("run", scene_file, "--out", "/proc/cablepod"),
+        ("run", scene_file, "--out", tmp_path / "out", "--ranks", "two"),
+        ("run", scene_file, "--out", tmp_path / "out", "--ranks", "0"),
+        ("info", tmp_path / "foreign.nc"),
+        ("info", tmp_path / "nothing.nc"),
+    ]
+    for arguments in cases:
+        done = call(*arguments)
+        assert done.returncode == 2, arguments
+        assert done.stderr.startswith("cablepod: "), arguments
+        assert done.stderr.count("\n") == 1, done.stderr
+        assert "Traceback" not in done.stderr
+
+
+def test_a_stopped_run_keeps_what_it_had(scene_file, tmp_path, capsys, monkeypatch):
+    text = SCENE.replace('kind = "one_minus_cosine"', 'kind = "polynomial"').replace("amplitude = -0.05", "")
+    scene_file.write_text(text.replace("angular_frequency = 2.0", f"coefficients = {[0.0] * 29 + [1e3]}"))
+    assert cli.main(["run", str(scene_file), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr()
+    assert "left the finite numbers at" in said.err
+    kept = cp.archive.read(tmp_path / "out" / "chain_incomplete.nc")
+    assert "stopped at" in kept.attrs["incomplete"]
+    assert np.isfinite(kept.position).all()
+    assert not (tmp_path / "out" / "chain.nc").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGKILL])
+def test_an_interrupted_run_leaves_whole_files_only(scene_file, tmp_path, sign):
+    # long enough to be met while it works
+    scene_file.write_text(SCENE.replace("duration = 4.0", "duration = 20000.0").replace("links = 8", "links = 60"))
+    out = tmp_path / "out"
+    process = subprocess.Popen([sys.executable, "-m", "cablepod", "run", str(scene_file), "--out", str(out)],
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)  # fmt: skip
+    for _ in range(600):
+        if (out / "chain_rest.nc").exists():
+            break
+        time.sleep(0.05)
+    time.sleep(0.5)
+    os.kill(process.pid, sign)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode != 0
+    for path in out.glob("[!.]*"):
+        assert cp.archive.read(path).attrs["id"]
+    if sign == signal.SIGINT:
+        assert err.strip().splitlines()[-1].startswith("cablepod: interrupted")
+        assert "Traceback" not in err
+        assert not list(out.glob(".*"))
