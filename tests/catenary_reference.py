@@ -186,26 +186,26 @@ def from_quantity(a, b, q, stiffness, which, value):
     cable = _short_start(a, b, q, k, which, value)
     low, high = cable.length, None
     f, slope = _quantity(cable, which)
+    careful = False
     for _ in range(2000):
-        # From the short side the quantity is convex in the length, so Newton's steps do not overshoot; where they do
-        # all the same, the step is halved towards the last good length.
+        # From the short side the quantity is convex in the length, so Newton's steps do not overshoot.  Those on its
+        # logarithm are longer and may: then a plain one follows, and where that overshoots too, a bisection.
         new = low + (value - f) / slope
+        longer = low + MP.log(value / f) * f / slope if value > 0 else new
+        if not careful and (high is None or longer < high):
+            new = longer
         if high is not None and new >= high:
             new = (low + high) / 2
-        done = abs(new - low) <= SMALL * low
         trial = from_length(a, b, q, k, new, (cable.force, cable.lower))
         ft, st = _quantity(trial, which)
-        if st < 0 and (ft >= value or abs(ft - value) <= SMALL * value):
-            cable, low, f, slope = trial, new, ft, st
-            if done or abs(ft - value) <= SMALL * value:
-                return cable
-        elif st < 0:
-            high = new  # below the value: a little too far on the same branch
+        if st < 0 and abs(ft - value) <= SMALL * value:
+            return trial
+        careful = not (st < 0 and ft > value)
+        if careful:
+            high = new  # past the value, or past the least one
         else:
-            high = new
-        if high is not None and high - low <= SMALL * low:
-            if f - value <= SMALL * value * 10**6:
-                return cable
+            cable, low, f, slope = trial, new, ft, st
+        if high is not None and high - low <= MP.mpf(10) ** -90 * low:
             raise NoCable
     msg = f"reference did not converge: {a=} {b=} {q=} {k=} {which=} {value=}"
     raise ArithmeticError(msg)
@@ -243,7 +243,7 @@ def least(a, b, q, stiffness, which):
         if _quantity(from_length(a, b, q, k, high), which)[1] > 0:
             break
         low = high
-    while high - low > SMALL * low:
+    while high - low > MP.mpf(10) ** -40 * low:  # the tension is right to the square of that
         # near the vertical the slope is a step, on which a secant search would stall
         length = (low + high) / 2
         if _quantity(from_length(a, b, q, k, length), which)[1] > 0:

@@ -10,7 +10,7 @@ from cablepod.kernels import catenary as kernel
 
 MP = reference.MP
 UNIT = 2.0**-53
-# The kernel's own rounding: the worst of some thousand random cases was 1e-14 where the data fix the answer better than that.
+# The kernel's own rounding: the worst of thousands of random cases was 1e-14 where the data fix the answer that well.
 RIGHT = 5e-14
 
 GUY = {"a": 20.40, "b": 57.70, "q": 78500 * 1.25e-4, "k": 2e7}
@@ -70,16 +70,8 @@ def check(out, cable, tolerance):
 
 
 def lengths(chord):
-    return [
-        chord / 300,
-        chord / 1.5,
-        chord * (1 - 1e-4),
-        chord * (1 - 1e-9),
-        chord,
-        chord * (1 + 1e-6),
-        chord * 1.1,
-        3 * chord,
-    ]
+    taut = [chord / 300, chord / 1.5, chord * (1 - 1e-4), chord * (1 - 1e-9)]
+    return [*taut, chord, chord * (1 + 1e-6), chord * 1.1, 3 * chord]
 
 
 DIRECTIONS = {
@@ -125,8 +117,12 @@ def test_given_length(direction, load):
         check(out, cable, given_length_tolerance(cable))
 
 
-@pytest.mark.parametrize("load", LOADS)
-@pytest.mark.parametrize("direction", ["guy", "downward", "horizontal"])
+@pytest.mark.parametrize(
+    ("direction", "load"),
+    [(direction, "usual") for direction in DIRECTIONS if direction != "steep"]
+    + [(direction, "heavy_rubber") for direction in ("guy", "downward", "horizontal")]
+    + [("guy", load) for load in LOADS if load not in ("usual", "heavy_rubber")],
+)
 def test_given_tension_or_force(direction, load):
     (a, b), (q, k) = DIRECTIONS[direction], LOADS[load]
     chord = math.hypot(a, b)
@@ -147,17 +143,17 @@ def test_guy(tension):
     check(out, reference.from_quantity(a, b, q, k, 0, tension), RIGHT)
 
 
-@pytest.mark.parametrize("power", range(1, 13))
+@pytest.mark.parametrize("power", [1, 3, 6, 12])
 @pytest.mark.parametrize("rise", [57.7, -57.7])
 def test_nearly_vertical(rise, power):
     a, q, k = abs(rise) * 10.0**-power, 9.8125, 2e7
-    for length in (57.0, 57.69, 57.7, 57.71, 60.0, 170.0):
+    for length in (57.0, 57.7, 57.71, 170.0):
         status, out = solve(a, rise, q, k, kernel.LENGTH, length)
         assert status == kernel.FOUND
         cable = reference.from_length(a, rise, q, k, length)
         tolerance = given_length_tolerance(cable)
         check(out, cable, tolerance)
-        # the small force across is right relative to itself: eta of up to 30 doubles the roundings of exp(2 eta) 30 times
+        # the small force across is right relative to itself; exp(2 eta) multiplies the roundings of eta, up to 30, by that
         assert float(abs(out[2] - cable.force) / cable.force) < 10 * tolerance
         status, out = solve(a, rise, q, k, kernel.HORIZONTAL_FORCE, float(cable.force))
         assert status == kernel.FOUND
@@ -176,17 +172,17 @@ def test_vertical(rise, stiffness):
         check(out, cable, given_length_tolerance(cable))
         assert out[2] == 0.0
     for name in ("upper", "lower"):
-        for tension in (600.0, 1e4):
+        for tension in (700.0, 1e4):
             status, out = solve(0.0, rise, 9.8125, stiffness, KINDS[name], tension)
             assert status == kernel.FOUND
             check(out, reference.from_quantity(0.0, rise, 9.8125, stiffness, WHICH[name], tension), RIGHT)
 
 
 @pytest.mark.parametrize("a", [0.0, 1e-9, 1e-3])
-@pytest.mark.parametrize("tension", [1e-6, 1e-3, 1.0])
+@pytest.mark.parametrize("tension", [1e-3, 1.0])
 def test_small_tension_at_the_lower_end_is_right_relative_to_itself(a, tension):
     # It is what was given; T - |V| tanh(eta) or |V| - w would lose it beside the 566 N at the upper end.
-    for k in (1e4, 2e7, 1e13):
+    for k in (1e4, 1e13):
         for rise, kind, which in ((57.7, kernel.LOWER_TENSION, 1), (-57.7, kernel.UPPER_TENSION, 0)):
             try:
                 cable = reference.from_quantity(a, rise, 9.8125, k, which, tension)
@@ -217,7 +213,7 @@ def test_weightless_is_a_straight_spring(b, k):
     assert np.isnan(out).all()
 
 
-@pytest.mark.parametrize("q", [10.0**p for p in range(-9, 5)])
+@pytest.mark.parametrize("q", [10.0**p for p in range(-9, 5, 2)])
 def test_continuous_in_the_load(q):
     for length in (60.0, 61.19):
         status, out = solve(20.4, 57.7, q, 2e7, kernel.LENGTH, length)
@@ -233,7 +229,6 @@ def test_continuous_in_the_load(q):
         (20.40, 57.70, 9.8125, 2e7, 0, 628.29223035849819),
         (20.40, 57.70, 9.8125, 2e7, 1, 62.120752661968602),
         (20.40, 57.70, 9.8125, 1e15, 0, 628.30240524536),
-        (20.40, 57.70, 9.8125, 1e15, 1, 62.121155245556),
         (60.0, 0.0, 9.8125, 1e13, 0, None),
         (20.40, -57.70, 9.8125, 1e3, 0, None),
         (1e-6, 57.7, 9.8125, 2e7, 1, None),
@@ -251,7 +246,7 @@ def test_least_tension(a, b, q, k, which, printed):
     assert kernel.least_tension(a, b, math.hypot(a, b), q, k, sign) == pytest.approx(
         float(least), rel=0, abs=1e-14 * most
     )
-    for margin in (1e-13, 1e-10, 1e-7, 1e-4):
+    for margin in (1e-13, 1e-8, 1e-4):
         above, below = float(least + margin * most), float(least - margin * most)
         status, out = solve(a, b, q, k, which, below)
         assert status == kernel.BELOW_LEAST_TENSION
@@ -265,10 +260,9 @@ def test_least_tension(a, b, q, k, which, printed):
 
 def test_the_shorter_of_two_lengths():
     a, b, q, k = GUY.values()
-    slack = MP.findroot(
-        lambda s: reference.from_length(a, b, q, k, s).solution()[5] - 1875, (320, 330), solver="anderson", tol=1e-30
-    )
-    assert float(slack) == pytest.approx(324.6, abs=0.1)
+    slack = reference.from_length(a, b, q, k, MP.mpf("324.44439700111155"))
+    assert float(slack.tension(slack.length)) == pytest.approx(1875.0, rel=1e-13)
+    assert float(slack.stretched()) == pytest.approx(324.457728, rel=1e-9)
     status, out = solve(a, b, q, k, kernel.UPPER_TENSION, 1875.0)
     assert status == kernel.FOUND
     assert out[0] == pytest.approx(61.2367546459758, rel=1e-13)
@@ -316,6 +310,8 @@ def test_round_trips_between_the_four_ways_to_give_the_length():
         # a strain of hundreds under its own weight: q a / (2 H) is beyond cosh, eta is not
         (20.0, 5.0, 1e4, 1e3, 2, 100.0),
         (870.0900373205541, 0.0, 6931.702937618429, 3125.3345373707775, 2, 3100.9962305087583),
+        # taut and nearly horizontal, no force against the load at one end: the form for the nearly vertical must not be used
+        (60.0, 1e-9, 1e-9, 2e7, 3, 59.994),
         # eta just below and above where the series of eta coth(eta) takes over
         (482.0, -42.3, 0.0193, 1.06e3, 3, 484.0),
         (10.0, 1.0, 3.0, 1e7, 2, 32.0),
@@ -346,17 +342,16 @@ def test_sag_function():
 def test_impossible_values_are_refused(kind, value):
     for b in (57.7, -57.7, 0.0):
         for a in (20.4, 1e-9):
-            status, out = solve(a, b, 9.8125, 2e7, kind, value) if math.hypot(a, b) else (1, np.full(6, math.nan))
+            status, out = solve(a, b, 9.8125, 2e7, kind, value)
             assert status != kernel.FOUND
             assert np.isnan(out).all()
 
 
-@pytest.mark.parametrize("name", ["a", "b", "q", "k"])
-@pytest.mark.parametrize("value", [math.nan, math.inf, -1.0])
+@pytest.mark.parametrize(
+    ("name", "value"), [(n, v) for n in "abqk" for v in (math.nan, math.inf, -1.0) if (n, v) != ("b", -1.0)]
+)
 def test_impossible_cables_are_refused(name, value):
     data = GUY | {name: value}
-    if name == "b" and value == -1.0:
-        pytest.skip("an upper end below the lower one is a cable")
     for kind, given in ((0, 1875.0), (1, 1875.0), (2, 500.0), (3, 61.0), (3, 70.0)):
         status, out = solve(*data.values(), kind, given)
         assert status == kernel.NOT_FOUND
@@ -369,8 +364,8 @@ def test_other_statuses():
     status, out = solve(0.0, 57.7, 9.8125, 2e7, kernel.HORIZONTAL_FORCE, 1.0)
     assert status == kernel.VERTICAL_WITH_FORCE
     assert np.isnan(out).all()
-    # so slack that its length has no double: refused, not infinite
-    status, out = solve(20.4, 57.7, 9.8125, 1e13, kernel.HORIZONTAL_FORCE, 1e-3)
+    # so slack, and unable to stretch instead, that its tension is exp(1000) times the force: refused, not infinite
+    status, out = solve(20.4, 57.7, 9.8125, 1e300, kernel.HORIZONTAL_FORCE, 0.1)
     assert status == kernel.NOT_FOUND
     assert np.isnan(out).all()
     # vertical, hanging from its upper end with no tension at the lower one: the least there is

@@ -222,15 +222,16 @@ def _from_force(a, b, q, stiffness, force):
 def _end_tensions(eta, mean, force, mid, w):
     """Tensions at the lower and the upper end.
 
-    Where the smaller one is small beside the mean, |V| - w cancels; it is T^2 (u - H^2 / (T^2 u)) / (|V| + w) with
-    u = 1 / cosh(eta)^2.
+    Near the vertical |V| - w cancels where the smaller one is small; it is also (T^2 / cosh(eta)^2 - H^2 cosh(eta)^2) /
+    (|V| + w), which in its turn cancels where the forces against the load are small beside that across it.
     """
     total = abs(mid) + w
     rest = abs(mid) - w
-    if 0.5 * w < abs(mid) < 2.0 * w and eta < 300.0:
+    if eta < 300.0:
         ch = math.cosh(eta)
         near, far = mean / ch, force * ch
-        rest = (near - far) * ((near + far) / total)
+        if max(near, far) ** 2 < 0.5 * w * total:
+            rest = (near - far) * ((near + far) / total)
     small, large = math.hypot(force, rest), math.hypot(force, total)
     return (small, large) if mid > 0.0 else (large, small)
 

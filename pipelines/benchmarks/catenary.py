@@ -1,0 +1,190 @@
+"""Time and error of the catenary kernel, and of a general root search on the textbook's closed form.
+
+Run it from the repository, with the package installed, on an otherwise idle machine::
+
+    python pipelines/benchmarks/catenary.py [--members 10000] [--repeats 7]
+
+Protocol.  One thread.  Each row is one set of random cables of a kind (seed fixed).  ``array`` is the time of `solve_many`
+over all members divided by their number; ``call`` that of one call of `solve` from Python, over 1000 calls; ``root`` that of
+`scipy.optimize.root` (hybr, tolerance 1e-13) on the two (length or force given) or three equations of the closed form as
+printed in textbooks, started from a straight or parabolic cable of the same length, over 100 members.  All are medians of
+the repeats, after a warm-up that takes compilation, in microseconds.  Errors are the largest over the same 30 members,
+relative (lengths to themselves, forces to the largest tension), against the tests' 50-digit reference; ``limit`` is what
+one rounding of the given value does to the exact answer.  Members where `root` stops without success, or at another cable
+than the shortest, count as failed and not in its error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import statistics
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import root
+
+from cablepod.kernels import catenary as kernel
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
+import catenary_reference as reference
+
+KINDS = {
+    "length": kernel.LENGTH,
+    "upper": kernel.UPPER_TENSION,
+    "lower": kernel.LOWER_TENSION,
+    "force": kernel.HORIZONTAL_FORCE,
+}
+COLUMN = {"length": 0, "upper": 5, "lower": 4, "force": 2}
+WHICH = {"upper": 0, "lower": 1, "force": 2}
+#: span, rise, load, stiffness, and the shortest and longest length in chords.
+SETS = {
+    "taut": (20.40, 57.70, 9.8125, 2e7, 0.998, 0.9999),
+    "slack": (20.40, 57.70, 9.8125, 2e7, 1.001, 1.05),
+    "horizontal": (60.0, 0.0, 9.8125, 2e7, 0.999, 1.05),
+    "near-vertical": (1e-6, 57.70, 9.8125, 2e7, 0.998, 0.9999),
+    "near-vert. slack": (1e-6, 57.70, 9.8125, 2e7, 1.01, 2.0),
+    "stiff": (20.40, 57.70, 9.8125, 1e13, 0.9999999, 1.05),
+    "soft": (20.40, 57.70, 9.8125, 1e3, 0.05, 0.9),
+}
+
+
+def members(name, count):
+    """Return arrays a, b, c, q, K and the lengths of one set."""
+    a, b, q, k, low, high = SETS[name]
+    random = np.random.default_rng(7)
+    a = a * (1 + 0.01 * random.random(count))
+    b = np.full(count, b)
+    c = np.hypot(a, b)
+    return a, b, c, np.full(count, q), np.full(count, k), c * random.uniform(low, high, count)
+
+
+def median_time(function, repeats):
+    """Return the median time of a call in seconds, after one for warming up."""
+    function()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        function()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
+
+
+def textbook(unknowns, a, b, q, k, kind, value):
+    """Misfits of the closed form as printed in textbooks, scaled by the chord; unknowns log H, V0 and perhaps the length."""
+    c = math.hypot(a, b)
+    h = value if kind == "force" else math.exp(unknowns[0])
+    v0 = unknowns[1] * h
+    length = value if kind == "length" else unknowns[0 if kind == "force" else 2] * c
+    v1 = v0 + q * length
+    x = h * length / k + h / q * (math.asinh(v1 / h) - math.asinh(v0 / h))
+    y = length / k * (v0 + q * length / 2) + (math.hypot(h, v1) - math.hypot(h, v0)) / q
+    misfit = [(x - a) / c, (y - b) / c]
+    if kind in ("upper", "lower"):
+        misfit.append(math.hypot(h, v1 if kind == "upper" else v0) / value - 1)
+    return misfit
+
+
+def competitor(a, b, q, k, kind, value, length):
+    """Return the six columns by a general root search, or None where it gives up."""
+    c = math.hypot(a, b)
+    parabola = q * a / 2 * math.sqrt(a / (6 * abs(length - c) + 1e-3 * c))
+    h = max(parabola, k * (c - length) / length * a / c)
+    v0 = (b / a) * h - q * length / 2
+    start = {"length": [math.log(h), v0 / h], "force": [length / c, v0 / value]}.get(
+        kind, [math.log(h), v0 / h, length / c]
+    )
+    try:
+        found = root(textbook, start, args=(a, b, q, k, kind, value), tol=1e-13)
+        misfit = max(abs(m) for m in textbook(found.x, a, b, q, k, kind, value))
+    except (OverflowError, ValueError, ZeroDivisionError):
+        return None
+    if misfit > 1e-9:
+        return None
+    h = value if kind == "force" else math.exp(found.x[0])
+    v0 = found.x[1] * h
+    length = value if kind == "length" else found.x[0 if kind == "force" else 2] * c
+    v1 = v0 + q * length
+    t0, t1 = math.hypot(h, v0), math.hypot(h, v1)
+    turn = math.asinh(v1 / h) - math.asinh(v0 / h)
+    stretched = length + (v1 * t1 - v0 * t0 + h * h * turn) / (2 * q * k)
+    return [length, stretched, h, v0 + q * length / 2, t0, t1]
+
+
+def truth(a, b, q, k, kind, value):
+    """Return the reference's cable."""
+    if kind == "length":
+        return reference.from_length(a, b, q, k, value)
+    return reference.from_quantity(a, b, q, k, WHICH[kind], value)
+
+
+def distance(row, exact):
+    """Return the largest relative difference of a solution from the exact one."""
+    most = max(exact[4:])
+    return max(float(abs(r - e) / (e if j < 2 else most)) for j, (r, e) in enumerate(zip(row, exact, strict=True)))
+
+
+def measure(name, kind, count, repeats):
+    """Print one row of the table."""
+    a, b, c, q, k, length = members(name, count)
+    out, status = np.empty((count, 6)), np.empty(count, dtype=np.int64)
+    kernel.solve_many(a, b, c, q, k, kernel.LENGTH, length, out, status)
+    value = out[:, COLUMN[kind]].copy()
+    number = KINDS[kind]
+    array = median_time(lambda: kernel.solve_many(a, b, c, q, k, number, value, out, status), repeats) / count
+    refused = int((status != kernel.FOUND).sum())
+
+    rows = list(
+        zip(a.tolist(), b.tolist(), c.tolist(), q.tolist(), k.tolist(), value.tolist(), length.tolist(), strict=True)
+    )
+    one = np.empty(6)
+
+    def calls():
+        for aa, bb, cc, qq, kk, vv, _ in rows[:1000]:
+            kernel.solve(aa, bb, cc, qq, kk, number, vv, one)
+
+    single = median_time(calls, repeats) / min(count, 1000)
+
+    def roots():
+        return [competitor(aa, bb, qq, kk, kind, vv, ll) for aa, bb, _, qq, kk, vv, ll in rows[:100]]
+
+    other = median_time(roots, repeats) / min(count, 100)
+
+    worst, limit, worst_root, failed = 0.0, 0.0, 0.0, 0
+    for i, found in enumerate(roots()[:30]):
+        aa, bb, _, qq, kk, vv, _ = rows[i]
+        exact = truth(aa, bb, qq, kk, kind, vv).solution()
+        worst = max(worst, distance(out[i], exact))
+        limit = max(
+            limit, distance(truth(aa, bb, qq, kk, kind, vv * (1 + reference.MP.mpf(2) ** -53)).solution(), exact)
+        )
+        error = math.inf if found is None else distance(found, exact)
+        if error < 1e-3:
+            worst_root = max(worst_root, error)
+        else:
+            failed += 1
+    print(
+        f"{name:17s} {kind:7s} {array * 1e6:7.2f} {single * 1e6:7.2f} {other * 1e6:8.0f}   {worst:8.1e} {limit:8.1e} "
+        f"{worst_root:8.1e}  {failed:3d}/30  {refused:6d}"
+    )
+
+
+def main():
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--members", type=int, default=10_000)
+    parser.add_argument("--repeats", type=int, default=7)
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")  # the general search leaves the numbers that its equations can be evaluated at
+    print("                             time [us]                 largest relative error         root      kernel")
+    print("set               given     array    call     root     kernel    limit     root   failed    refused")
+    for name in SETS:
+        for kind in KINDS:
+            measure(name, kind, options.members, options.repeats)
+
+
+if __name__ == "__main__":
+    main()
