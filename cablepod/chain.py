@@ -381,7 +381,7 @@ class _Run:
             partial.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {instants.times[-1]:.6g} s"
         raise RunStopped(
             f"the chain left the finite numbers at {done / rate:.6g} s (velocity Verlet, step {1 / rate:.4g} s, step number "
-            f"{done}, stability limit {self.chain.step_limit():.4g} s); try a shorter step, gentler loads or end motion, or damping",
+            f"{done}, stability limit {self.chain.step_limit():.4g} s); try a shorter step, gentler loads or motion, or damping",
             partial,
         )
 

@@ -1,18 +1,20 @@
 """Scene file or Python values -> scene Dataset; every check of what a user gives.
 
 A scene is a Dataset whose variables are the keys of the scene file with ``_`` for ``.`` (``cable.area`` is the variable
-``cable_area`` [m2]); what the scene lacks is absent.  :func:`parameters` turns it into the plain numbers that the science
-modules compute with.
+``cable_area`` [m2]); what the scene lacks is absent.  :func:`parameters` turns it into the plain numbers that the
+science modules compute with.
 """
 
 from __future__ import annotations
 
-import itertools
 import json
+import math
 import os
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,15 +24,22 @@ import xarray as xr
 from cablepod import provenance, schema
 from cablepod.conventions import COORDINATES, ENDS, label
 from cablepod.motion import TimeFunction
-from cablepod.schema import SceneError, refuse
+from cablepod.schema import SceneError, named, refuse
 
 LARGEST_FILE = 64 * 2**20  # bytes; a scene or record beyond this is a mistake
+SHORTEST, LONGEST = 1e-6, 1e9  # m; the chord
+# Far more parts than any key of a scene has; tomllib takes minutes over twenty thousand.
+DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){32}""")
 
 
 @dataclass(frozen=True)
 class PointLoad:
-    """A force on one place of the cable: `fraction` of the unstretched length, `force` (dims,) [N], factor of time."""
+    """A force on one place of the cable: `fraction` of the unstretched length, `force` (dims,) [N], factor of time.
 
+    `key` is the key path of its table.
+    """
+
+    key: str
     fraction: float
     force: np.ndarray
     factor: TimeFunction | None
@@ -75,13 +84,11 @@ class Parameters:
     def times(self) -> np.ndarray:
         """Instants of the snapshots [s]: 0, interval, ... up to the duration."""
         if self.duration is None or self.interval is None:
-            raise SceneError(
-                "time: missing; allowed: a table with duration [s] and interval [s], or the argument times"
-            )
+            raise SceneError("time: missing; allowed: a table with duration and interval [s], or the argument times")
         return self.interval * np.arange(_count_instants(self.duration, self.interval))
 
     def end_positions(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Positions of both ends, or their first or second rate, as the scene prescribes them: (time, end, dims) [m]."""
+        """Positions of both ends as the scene prescribes them, or their first or second rate: (time, end, dims) [m]."""
         time = np.asarray(time, dtype=float)
         result = np.zeros((time.size, 2, self.dims))
         if derivative == 0:
@@ -90,18 +97,20 @@ class Parameters:
             result[:, ENDS.index(end), COORDINATES.index(axis)] += function(time, derivative)
         return result
 
+    def time_functions(self) -> dict[str, TimeFunction]:
+        """All motions and load factors under the keys of their tables."""
+        functions: dict[str, TimeFunction | None] = {f"motion.{e}.{axis}": f for (e, axis), f in self.motions.items()}
+        functions["load"] = self.load_factor
+        functions |= {load.key: load.factor for load in self.point_loads}
+        return {key: function for key, function in functions.items() if function is not None}
+
     def check_reach(self, time: float) -> None:
-        """Refuse an instant [s] beyond the end of a record."""
-        named: dict[str, TimeFunction | None] = {
-            f"motion.{end}.{axis}": item for (end, axis), item in self.motions.items()
-        }
-        named["load"] = self.load_factor
-        named |= {f"point_load.{index}": load.factor for index, load in enumerate(self.point_loads, start=1)}
-        for key, function in named.items():
-            if function is not None and time > function.end * (1.0 + 1e-12):
+        """Refuse a record that does not cover the run from 0 to `time` [s]."""
+        for key, function in self.time_functions().items():
+            if function.begin > 0.0 or time > function.end * (1.0 + 1e-12):
                 raise SceneError(
-                    f"{key}.path: the record ends at {function.end:g} s, before the last instant asked for; "
-                    f"allowed: one that reaches {time:g} s"
+                    f"{key}.path: the record is too short, from {function.begin:g} s to {function.end:g} s; "
+                    f"allowed: one that covers the run, from 0 s to {time:g} s"
                 )
 
 
@@ -131,17 +140,19 @@ def read_scene(path: str | os.PathLike[str]) -> xr.Dataset:
     path = Path(path)
     content = _read_text(path, "scene file")
     if not content.strip():
-        raise SceneError(f"{path}: the scene file is empty; allowed: TOML with at least [cable] and [ends]")
+        raise SceneError(f"{named(str(path))}: the scene file is empty; allowed: TOML with at least [cable] and [ends]")
     try:
+        if DEEP_KEY.search(content):
+            raise RecursionError
         mapping = tomllib.loads(content)
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{path}: not a TOML file: {error}") from None
     except RecursionError:
-        raise SceneError(f"{path}: not a scene: its values are nested too deeply") from None
+        raise SceneError(f"{named(str(path))}: not a scene: its tables or values are nested too deeply") from None
+    except ValueError as error:  # no TOML, or a whole number of more digits than Python reads
+        raise SceneError(f"{named(str(path))}: not a TOML file: {error}") from None
     try:
         return _make(mapping, path.parent)
     except SceneError as error:
-        raise SceneError(f"{path}: {error}") from None
+        raise SceneError(f"{named(str(path))}: {error}") from None
 
 
 def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
@@ -160,27 +171,30 @@ def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
     Raises
     ------
     SceneError
-        For unknown or missing keys, two ways to give the length, values, signs and sizes that cannot be, a tension below
-        the least possible, and an output that would not fit in memory.  The message names the key, what was given and
-        what is allowed.
+        For unknown or missing keys, two ways to give the length, values, signs and sizes that cannot be, a tension
+        below the least possible, and an output that would not fit in memory.  The message names the key, what was
+        given and what is allowed.
     """
     return _make(mapping, Path())
 
 
 def _read_text(path: Path, what: str) -> str:
+    name = named(str(path))
     try:
         if path.is_dir():
-            raise SceneError(f"{path}: is a folder; allowed: a {what}")
-        if path.stat().st_size > LARGEST_FILE:
-            raise SceneError(f"{path}: larger than {LARGEST_FILE // 2**20} MiB; allowed: a {what}")
-        return path.read_bytes().decode("utf-8-sig")
+            raise SceneError(f"{name}: is a folder; allowed: a {what}")
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise SceneError(f"{name}: larger than {LARGEST_FILE // 2**20} MiB; allowed: a {what}")
+        return content.decode("utf-8-sig")
+    except SceneError:
+        raise
     except UnicodeDecodeError:
-        raise SceneError(f"{path}: binary or not UTF-8; allowed: a {what} in text form") from None
+        raise SceneError(f"{name}: binary or not UTF-8; allowed: a {what} in text form") from None
     except (OSError, ValueError) as error:
-        if isinstance(error, SceneError):
-            raise
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise SceneError(f"{path}: cannot read the {what}: {reason}") from None
+        raise SceneError(f"{name}: cannot be read: {reason}; allowed: a {what}") from None
 
 
 # --- checks ---------------------------------------------------------------------------------------------------------
@@ -195,9 +209,12 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
         scene.attrs["ensemble_json"] = json.dumps(tree["ensemble"], sort_keys=True)
     provenance.seal(provenance.record(scene, function="make_scene", parameters={"scene": tree}))
     p = parameters(scene)
+    p.check_reach(p.duration or 0.0)
+    _check_functions(p)
     _check_statics(p)
-    if p.duration is not None and p.interval is not None and p.links is not None:
-        check_memory(_count_instants(p.duration, p.interval), p.links, p.dims, key="chain.links and time.interval")
+    instants = 1 if p.duration is None or p.interval is None else _count_instants(p.duration, p.interval)
+    check_memory(instants, p.links or 1, p.dims, key="chain.links and time.interval")
+    _check_bounds(mapping, tree.get("ensemble", {}).get("ranges", {}), folder)
     return scene
 
 
@@ -205,29 +222,18 @@ def _check(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Check all tables; returns the same tree with defaults filled in and records read."""
     if not isinstance(mapping, Mapping):
         raise refuse("scene", mapping, "a mapping with the tables of a scene")
-    allowed = [*schema.TOP, *schema.TABLES, *schema.OTHER_TABLES]
-    for name in mapping:
-        if name not in allowed:
-            raise SceneError(f"{name}: unknown key or table; allowed: {', '.join(allowed)}")
-    for name in ("cable", "ends"):
-        if name not in mapping:
-            raise SceneError(f"{name}: missing; allowed: a table with the keys {', '.join(schema.TABLES[name])}")
+    _check_names(mapping)
     tree = schema.check_table("", {key: mapping[key] for key in mapping if key in schema.TOP}, schema.TOP)
     for name, keys in schema.TABLES.items():
-        if name not in mapping:
-            continue
-        table = mapping[name]
-        if name == "load" and isinstance(table, Mapping):
-            table, factor = _split_factor("load", table, keys, folder)
-            tree["load"] = {**schema.check_table("load", table, keys), **factor}
-        else:
-            tree[name] = schema.check_table(name, table, keys)
+        if name == "load" and name in mapping:
+            tree[name] = _check_with_factor(name, mapping[name], keys, folder)
+        elif name in mapping:
+            tree[name] = schema.check_table(name, mapping[name], keys)
     dims = _check_ends(tree)
     _check_cable(tree)
     _check_chain(tree)
     _check_initial(tree, dims)
-    if "time" in tree:
-        _check_time(tree["time"], "load" in tree, dims)
+    _check_time(tree)
     if "load" in tree:
         _check_vector("load.uniform", tree["load"]["uniform"], dims)
     if "motion" in mapping:
@@ -236,8 +242,17 @@ def _check(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         tree["point_load"] = _check_point_loads(mapping["point_load"], dims, folder)
     if "ensemble" in mapping:
         tree["ensemble"] = _check_ensemble(mapping["ensemble"], tree)
-    _check_records(tree)
     return tree
+
+
+def _check_names(mapping: Mapping[str, Any]) -> None:
+    allowed = [*schema.TOP, *schema.TABLES, *schema.OTHER_TABLES]
+    for name in mapping:
+        if name not in allowed:
+            raise SceneError(f"{named(name)}: unknown key or table; allowed: {', '.join(allowed)}")
+    for name in ("cable", "ends"):
+        if name not in mapping:
+            raise SceneError(f"{name}: missing; allowed: a table with the keys {', '.join(schema.TABLES[name])}")
 
 
 def _check_vector(key: str, value: list[float], dims: int) -> None:
@@ -251,28 +266,25 @@ def _check_ends(tree: dict[str, Any]) -> int:
         raise refuse("ends.upper", upper, f"{len(lower)} numbers, as many as ends.lower has")
     if lower == upper:
         raise refuse("ends.upper", upper, "a point other than ends.lower, because ends that coincide span no cable")
-    chord = float(np.linalg.norm(np.subtract(upper, lower)))
-    if not 1e-6 <= chord <= 1e9:
-        raise refuse("ends.upper", upper, f"a chord from 1e-6 m to 1e9 m (it is {chord:g} m)")
+    chord = math.dist(lower, upper)
+    if not SHORTEST <= chord <= LONGEST:
+        raise refuse("ends.upper", upper, f"a chord from {SHORTEST:g} m to {LONGEST:g} m (it is {chord:g} m)")
     return len(lower)
 
 
 def _check_cable(tree: dict[str, Any]) -> None:
     cable = tree["cable"]
     schema.exactly_one("cable", cable, schema.LENGTH_KEYS)
-    kind = schema.exactly_one("cable", cable, ("specific_weight", "density"))
+    kind = schema.exactly_one("cable", cable, schema.WEIGHT_KEYS)
     if kind == "specific_weight" and tree["gravity"] == 0.0:
-        raise refuse(
-            "cable.specific_weight", cable[kind], "cable.density instead, because without gravity it gives no mass"
-        )
-    stiffness = cable["youngs_modulus"] * cable["area"]
+        raise refuse("cable.specific_weight", cable[kind], "cable.density instead, as without gravity it gives no mass")
+    modulus = cable["youngs_modulus"]
+    stiffness = modulus * cable["area"]
     if not 1e-6 <= stiffness <= 1e18:
-        raise refuse(
-            "cable.youngs_modulus", cable["youngs_modulus"], f"an axial stiffness of 1e-6 to 1e18 N ({stiffness:g})"
-        )
-    weight = cable[kind] * cable["area"] * (1.0 if kind == "specific_weight" else max(tree["gravity"], 1.0))
-    if not 1e-15 <= weight <= 1e15:
-        raise refuse(f"cable.{kind}", cable[kind], f"a weight of 1e-15 to 1e15 N/m ({weight:g})")
+        raise refuse("cable.youngs_modulus", modulus, f"an axial stiffness of 1e-6 to 1e18 N (it is {stiffness:g} N)")
+    mass = cable[kind] * cable["area"] / (tree["gravity"] if kind == "specific_weight" else 1.0)
+    if not 1e-15 <= mass <= 1e15 or not mass * tree["gravity"] <= 1e15:
+        raise refuse(f"cable.{kind}", cable[kind], f"1e-15 to 1e15 kg/m and at most 1e15 N/m (it is {mass:g} kg/m)")
 
 
 def _check_chain(tree: dict[str, Any]) -> None:
@@ -298,37 +310,38 @@ def _check_initial(tree: dict[str, Any], dims: int) -> None:
     line = initial["points"]
     for index, item in enumerate(line):
         _check_vector(f"initial.points[{index}]", item, dims)
-    chord = float(np.linalg.norm(np.subtract(tree["ends"]["upper"], tree["ends"]["lower"])))
+    chord = math.dist(tree["ends"]["lower"], tree["ends"]["upper"])
     for end, item in zip(ENDS, (line[0], line[-1]), strict=True):
         held = tree["ends"][end]
-        if end != tree["ends"].get("free") and np.linalg.norm(np.subtract(item, held)) > 1e-9 * chord:
+        if end != tree["ends"].get("free") and math.dist(item, held) > 1e-9 * chord:
             raise refuse("initial.points", item, f"a line that begins and ends at the held ends (ends.{end} is {held})")
-    if not any(np.linalg.norm(np.subtract(a, b)) > 0 for a, b in itertools.pairwise(line)):
+    if not sum(math.dist(a, b) for a, b in pairwise(line)) > 1e-9 * chord:
         raise refuse("initial.points", line, "a line of some length")
 
 
-def _check_time(table: dict[str, Any], loaded: bool, dims: int) -> None:
-    if table["interval"] > table["duration"]:
-        raise refuse("time.interval", table["interval"], f"at most time.duration, {table['duration']:g} s")
-    if table["duration"] / table["interval"] > 1e12:
-        raise refuse(
-            "time.interval", table["interval"], f"an interval that {table['duration']:g} s holds at most 1e12 times"
-        )
+def _check_time(tree: dict[str, Any]) -> None:
+    if "time" not in tree:
+        return
+    duration, interval = tree["time"]["duration"], tree["time"]["interval"]
+    if interval > duration:
+        raise refuse("time.interval", interval, f"at most time.duration, {duration:g} s")
+    if duration / interval > 1e12:
+        raise refuse("time.interval", interval, f"an interval that {duration:g} s holds at most 1e12 times")
 
 
-def _split_factor(
-    prefix: str, table: Mapping[str, Any], keys: Mapping[str, schema.Key], folder: Path
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Split a load's table into its own keys and those of its time factor, the latter checked."""
+def _check_with_factor(prefix: str, table: Any, keys: Mapping[str, schema.Key], folder: Path) -> dict[str, Any]:
+    """Check a load's table: its own keys and those of its time factor, if it has one."""
+    if not isinstance(table, Mapping):
+        raise refuse(prefix, table, "a table with the keys " + ", ".join(keys))
     own = {name: value for name, value in table.items() if name in keys}
     rest = {name: value for name, value in table.items() if name not in keys}
     factor_keys = {"kind", *(name for kind in schema.time_function_keys("1").values() for name in kind)}
     for name in rest:
         if name not in factor_keys:
-            raise SceneError(f"{prefix}.{name}: unknown key; allowed: {', '.join([*keys, 'kind (of a time factor)'])}")
-    if not rest:
-        return own, {}
-    return own, _check_time_function(prefix, rest, "1", folder)
+            allowed = ", ".join([*keys, "kind (of a time factor)"])
+            raise SceneError(f"{schema.join(prefix, name)}: unknown key; allowed: {allowed}")
+    checked = schema.check_table(prefix, own, keys)
+    return checked | _check_time_function(prefix, rest, "1", folder) if rest else checked
 
 
 def _check_time_function(prefix: str, table: Any, units: str, folder: Path) -> dict[str, Any]:
@@ -352,7 +365,7 @@ def _check_motion(table: Any, dims: int, free: str | None, folder: Path) -> dict
     checked: dict[str, Any] = {}
     for end, of_end in table.items():
         if end not in ENDS:
-            raise SceneError(f"motion.{end}: unknown key; allowed: {', '.join(ENDS)}")
+            raise SceneError(f"motion.{named(end)}: unknown key; allowed: {', '.join(ENDS)}")
         if not isinstance(of_end, Mapping):
             raise refuse(f"motion.{end}", of_end, f"tables motion.{end}.x and so on")
         if end == free and of_end:
@@ -360,7 +373,7 @@ def _check_motion(table: Any, dims: int, free: str | None, folder: Path) -> dict
         checked[end] = {}
         for axis, function in of_end.items():
             if axis not in axes:
-                raise SceneError(f"motion.{end}.{axis}: unknown axis; allowed: {', '.join(axes)}")
+                raise SceneError(f"motion.{end}.{named(axis)}: unknown axis; allowed: {', '.join(axes)}")
             checked[end][axis] = _check_time_function(f"motion.{end}.{axis}", function, "m", folder)
     return checked
 
@@ -371,10 +384,7 @@ def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, An
     checked = []
     for index, table in enumerate(loads, start=1):
         prefix = f"point_load.{index}"
-        if not isinstance(table, Mapping):
-            raise refuse(prefix, table, "a table with the keys arc_length and force")
-        own, factor = _split_factor(prefix, table, schema.POINT_LOAD, folder)
-        item = {**schema.check_table(prefix, own, schema.POINT_LOAD), **factor}
+        item = _check_with_factor(prefix, table, schema.POINT_LOAD, folder)
         _check_vector(f"{prefix}.force", item["force"], dims)
         checked.append(item)
     return checked
@@ -391,11 +401,11 @@ def _check_ensemble(table: Any, tree: dict[str, Any]) -> dict[str, Any]:
         raise refuse("ensemble.ranges", ranges, "a table from key paths to [low, high]")
     checked["ranges"] = {}
     for path, bounds in ranges.items():
-        key = f"ensemble.ranges.{path}"
+        key = schema.join("ensemble.ranges", path)
         value: Any = tree
-        for part in str(path).split("."):
+        for part in path.split(".") if isinstance(path, str) else ():
             value = value.get(part) if isinstance(value, Mapping) else None
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if not isinstance(value, int | float):
             raise SceneError(f"{key}: unknown key path; allowed: the path of a number that this scene has")
         low_high = schema.numbers_list(least_length=2)(key, bounds)
         if len(low_high) != 2 or low_high[0] >= low_high[1]:
@@ -404,64 +414,82 @@ def _check_ensemble(table: Any, tree: dict[str, Any]) -> dict[str, Any]:
     return checked
 
 
+def _check_bounds(mapping: Mapping[str, Any], ranges: Mapping[str, list[float]], folder: Path) -> None:
+    """Refuse a range of an ensemble at whose bounds there is no scene."""
+
+    def replaced(table: Mapping[str, Any], parts: list[str], value: float) -> dict[str, Any]:
+        first, *rest = parts
+        return {**table, first: replaced(table.get(first, {}), rest, value) if rest else value}
+
+    alone = {name: table for name, table in mapping.items() if name != "ensemble"}
+    for path, bounds in ranges.items():
+        for bound in bounds:
+            try:
+                _make(replaced(alone, path.split("."), bound), folder)
+            except SceneError as error:
+                raise SceneError(f"ensemble.ranges.{path}: given {bounds}, at {bound:g} no scene: {error}") from None
+
+
 def _read_record(key: str, path: Path) -> dict[str, list[float]]:
     """Read the CSV file of a record: a column `time` [s] and one value column."""
     try:
         content = _read_text(path, "record, a CSV file with the columns time and one value")
     except SceneError as error:
         raise SceneError(f"{key}: {error}") from None
+    name = named(str(path))
     rows = [line.split(",") for line in content.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     allowed = "a CSV file with a header (time and one value column) and at least 4 rows of numbers"
     if not rows:
-        raise SceneError(f"{key}: {path} is empty; allowed: {allowed}")
-    header = [name.strip() for name in rows[0]]
-    if len(header) != 2 or "time" not in header:
-        raise SceneError(f"{key}: {path} has the columns {', '.join(header)[:80]}; allowed: {allowed}")
+        raise SceneError(f"{key}: {name} is empty; allowed: {allowed}")
+    header = [item.strip() for item in rows[0]]
+    if len(header) != 2 or header.count("time") != 1:
+        raise SceneError(f"{key}: {name} has the columns {schema.shown(', '.join(header))}; allowed: {allowed}")
     table = []
     for number, row in enumerate(rows[1:], start=1):
         try:
             values = [float(item) for item in row]
         except ValueError:
             values = []
-        if len(values) != 2 or not np.isfinite(values).all():
-            raise SceneError(
-                f"{key}: {path} has a gap: row {number} holds {','.join(row)[:60]!r}; allowed: two finite numbers"
-            )
+        if len(values) != 2 or not all(abs(value) <= schema.LARGEST for value in values):
+            given = schema.shown(",".join(row))
+            raise SceneError(f"{key}: {name} has a gap: row {number} holds {given}; allowed: two finite numbers")
         table.append(values)
     if len(table) < 4:
-        raise SceneError(f"{key}: {path} is too short: {len(table)} rows; allowed: {allowed}")
+        raise SceneError(f"{key}: {name} is too short: {len(table)} rows; allowed: {allowed}")
     column = np.array(table)
     time, value = column[:, header.index("time")], column[:, 1 - header.index("time")]
     step = np.diff(time)
-    if (step <= 0).any():
-        where = int(np.argmax(step <= 0))
+    least = max(1e-9 * float(np.median(step)), schema.SMALLEST)
+    if step.min() < least:
+        where = int(np.argmax(step < least))
         raise SceneError(
-            f"{key}: {path} is unsorted: time {time[where + 1]:g} s follows {time[where]:g} s; allowed: rising"
+            f"{key}: {name} is unsorted: time {time[where + 1]:g} s follows {time[where]:g} s; allowed: rising times"
         )
     if step.max() > 10.0 * np.median(step):
         where = int(np.argmax(step))
         raise SceneError(
-            f"{key}: {path} has a gap of {step.max():g} s after {time[where]:g} s; "
+            f"{key}: {name} has a gap of {step.max():g} s after {time[where]:g} s; "
             f"allowed: at most ten times the median spacing, {np.median(step):g} s"
         )
     return {"time": time.tolist(), "value": value.tolist()}
 
 
-def _check_records(tree: dict[str, Any]) -> None:
-    """Refuse records that do not cover the run."""
-    tables = [(f"motion.{end}.{axis}", t) for end, axes in tree.get("motion", {}).items() for axis, t in axes.items()]
-    tables += [("load", tree["load"])] if "load" in tree else []
-    tables += [(f"point_load.{index}", item) for index, item in enumerate(tree.get("point_load", []), start=1)]
-    duration = tree.get("time", {}).get("duration", 0.0)
-    for prefix, table in tables:
-        if table.get("kind") != "file":
-            continue
-        first, last = table["time"][0], table["time"][-1]
-        if first > 0.0 or last < duration * (1.0 - 1e-12):
+def _check_functions(p: Parameters) -> None:
+    """Refuse motions and factors that leave the finite numbers, and ends that the motions bring together at the start."""
+    time = np.linspace(0.0, p.duration or 0.0, 101)
+    for key, function in p.time_functions().items():
+        with np.errstate(all="ignore"):
+            finite = [bool(np.isfinite(function(time, derivative)).all()) for derivative in range(3)]
+        if not all(finite):
             raise SceneError(
-                f"{prefix}.path: the record is too short, from {first:g} s to {last:g} s; "
-                f"allowed: one that covers the run, from 0 s to {duration:g} s"
+                f"{key}: given a {function.kind} that leaves the finite numbers by {time[-1]:g} s; "
+                "allowed: one that is finite during the run, and its first two rates too"
             )
+    chord = math.dist(*p.end_positions(np.zeros(1))[0])
+    if not SHORTEST <= chord <= LONGEST:
+        raise SceneError(
+            f"motion: given one that begins with the ends {chord:g} m apart; allowed: {SHORTEST:g} m to {LONGEST:g} m"
+        )
 
 
 def _check_statics(p: Parameters) -> None:
@@ -495,7 +523,7 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     SceneError
         Where no such cable exists; the message names the least possible tension.
     """
-    from cablepod.kernels import catenary as kernel  # numba is imported only to compute
+    from cablepod.kernels import catenary as kernel  # only here: numba is imported to compute, not to read
 
     a, b, c, q, _, _ = load_plane(p)
     out = np.empty(6)
@@ -508,23 +536,21 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     name = f"{prefix}.{key}"
     if status == kernel.BELOW_LEAST_TENSION:
         least = kernel.least_tension(a, b, c, q, p.stiffness, 1.0 if kind == kernel.UPPER_TENSION else -1.0)
-        raise refuse(name, value, f"at least {max(least, 0.0):.6g} N, below which no cable between these ends has it")
+        raise refuse(
+            name, value, f"at least {max(least, 0.0):.6g} N, the least that a cable between these ends can have"
+        )
     if status == kernel.SLACK_WEIGHTLESS:
         if "points" in p.initial and prefix == "cable":
             out[0] = value
             return out
-        raise refuse(
-            name, value, f"at most the chord, {c:.12g} m, because a slack cable without load has no shape at rest"
-        )
+        raise refuse(name, value, f"at most the chord, {c:.12g} m, as a slack cable without load has no shape at rest")
     if status == kernel.VERTICAL_WITH_FORCE:
-        raise refuse(
-            name, value, "another way to give the length, because a cable along the load has no force across it"
-        )
+        raise refuse(name, value, "another way to give the length, as a cable along the load has no force across it")
     raise refuse(name, value, "a value for which the catenary can be computed in double precision")
 
 
 def load_plane(p: Parameters) -> tuple[float, float, float, float, np.ndarray, np.ndarray]:
-    """Span across the total load, rise against it, chord [m], load [N/m], and the unit vectors across and against it."""
+    """Span across the total load, rise against it, chord [m], load [N/m], unit vectors across and against it."""
     chord = p.end_positions(np.zeros(1))[0]
     chord = chord[1] - chord[0]
     load = p.load_at(0.0)
@@ -550,54 +576,52 @@ def _norm(vector: np.ndarray) -> float:
 # --- Dataset and back -----------------------------------------------------------------------------------------------
 
 
+Variables = dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]
+
+
 def _to_dataset(tree: dict[str, Any]) -> xr.Dataset:
-    dims = len(tree["ends"]["lower"])
-    variables: dict[str, Any] = {}
-
-    def add(name: str, value: Any, key: schema.Key) -> None:
-        attrs = {"long_name": key.long_name} | ({"units": key.units} if key.units else {})
-        array = np.asarray(value)
-        if array.ndim == 0:
-            variables[name] = ((), array, attrs)
-        elif array.ndim == 2:
-            variables[name] = ((f"{name}_point", "coordinate"), array.astype(float), attrs)
-        else:
-            variables[name] = (
-                ("coordinate",) if key.check is schema.point else (name + "_item",),
-                array.astype(float),
-                attrs,
-            )
-
-    def add_factor(prefix: str, table: Mapping[str, Any], units: str, what: str) -> None:
-        if "kind" not in table:
-            return
-        variables[f"{prefix}_kind"] = ((), np.asarray(table["kind"]), {"long_name": f"kind of time function, {what}"})
-        keys = schema.time_function_keys(units)[table["kind"]]
-        for name, key in keys.items():
-            add(f"{prefix}_{name}", table[name], schema.Key(key.check, key.units, f"{key.long_name}, {what}"))
-        if table["kind"] == "file":
-            sample = f"{prefix}_sample"
-            record = {"time": ("s", "time of the record"), "value": (units, "value of the record")}
-            for name, (unit, long_name) in record.items():
-                attrs = {"units": unit, "long_name": f"{long_name}, {what}"}
-                variables[f"{prefix}_{name}"] = ((sample,), np.array(table[name]), attrs)
-
-    add("gravity", tree["gravity"], schema.TOP["gravity"])
+    variables = {"gravity": _variable("gravity", tree["gravity"], schema.TOP["gravity"])}
     for table, keys in schema.TABLES.items():
         for name, value in tree.get(table, {}).items():
             if name in keys:
-                add(f"{table}_{name}", value, keys[name])
-    add_factor("load", tree.get("load", {}), "1", "factor of the uniform load")
+                variables[f"{table}_{name}"] = _variable(f"{table}_{name}", value, keys[name])
+    variables |= _factor_variables("load", tree.get("load", {}), "1", "factor of the uniform load")
     for end, axes in tree.get("motion", {}).items():
         for axis, function in axes.items():
-            add_factor(f"motion_{end}_{axis}", function, "m", f"displacement of the {end} end along {axis}")
+            what = f"displacement of the {end} end along {axis}"
+            variables |= _factor_variables(f"motion_{end}_{axis}", function, "m", what)
     for index, item in enumerate(tree.get("point_load", []), start=1):
-        for name, key in schema.POINT_LOAD.items():
-            add(f"point_load_{index}_{name}", item[name], key)
-        add_factor(f"point_load_{index}", item, "1", f"factor of point load {index}")
+        prefix = f"point_load_{index}"
+        variables |= {f"{prefix}_{name}": _variable("", item[name], key) for name, key in schema.POINT_LOAD.items()}
+        variables |= _factor_variables(prefix, item, "1", f"factor of point load {index}")
+    dims = len(tree["ends"]["lower"])
     scene = xr.Dataset(variables, coords={"coordinate": list(COORDINATES[:dims])})
     label(scene[["coordinate"]])
     return scene
+
+
+def _variable(name: str, value: Any, key: schema.Key) -> tuple[tuple[str, ...], np.ndarray, dict[str, str]]:
+    attrs = {"long_name": key.long_name} | ({"units": key.units} if key.units else {})
+    array = np.asarray(value)
+    if array.ndim == 0:
+        return (), array, attrs
+    dims = ("coordinate",) if key.check is schema.point else (f"{name}_item",)
+    return (dims if array.ndim == 1 else (f"{name}_point", "coordinate")), array.astype(float), attrs
+
+
+def _factor_variables(prefix: str, table: Mapping[str, Any], units: str, what: str) -> Variables:
+    """Give the variables of a motion or of a load's time factor; none where `table` has no factor."""
+    if "kind" not in table:
+        return {}
+    variables: Variables = {f"{prefix}_kind": ((), np.asarray(table["kind"]), {"long_name": f"kind of {what}"})}
+    for name, key in schema.time_function_keys(units)[table["kind"]].items():
+        named_key = schema.Key(key.check, key.units, f"{key.long_name}, {what}")
+        variables[f"{prefix}_{name}"] = _variable(f"{prefix}_{name}", table[name], named_key)
+    if table["kind"] == "file":
+        for name, unit in (("time", "s"), ("value", units)):
+            attrs = {"units": unit, "long_name": f"{name} of the record, {what}"}
+            variables[f"{prefix}_{name}"] = ((f"{prefix}_sample",), np.array(table[name]), attrs)
+    return variables
 
 
 def parameters(scene: xr.Dataset) -> Parameters:
@@ -622,10 +646,9 @@ def parameters_of_members(scene: xr.Dataset) -> list[Parameters]:
     SceneError
         Where `scene` is not a scene.
     """
-    if not isinstance(scene, xr.Dataset) or "cable_youngs_modulus" not in scene or "ends_lower" not in scene:
-        raise SceneError(
-            "scene: given no Dataset with cable_youngs_modulus and ends_lower; allowed: what make_scene gives"
-        )
+    needed = ("gravity", "cable_youngs_modulus", "cable_area", "ends_lower", "ends_upper")
+    if not isinstance(scene, xr.Dataset) or not all(name in scene for name in needed):
+        raise SceneError(f"scene: given no Dataset with {', '.join(needed)}; allowed: what make_scene gives")
     fixed, varied = {}, {}
     for name, variable in scene.variables.items():
         if "member" in variable.dims:
@@ -633,10 +656,20 @@ def parameters_of_members(scene: xr.Dataset) -> list[Parameters]:
         else:
             fixed[str(name)] = variable.values[()]
     count = scene.sizes.get("member", 1)
-    return [_parameters({**fixed, **{name: item[i] for name, item in varied.items()}}) for i in range(count)]
+    return [_parameters(fixed | {name: item[i] for name, item in varied.items()}) for i in range(count)]
+
+
+def _is_gap(value: Any) -> bool:
+    """Tell whether a value is the nan by which xarray.concat fills what one scene has and another lacks."""
+    array = np.asarray(value)
+    return array.size > 0 and array.dtype.kind in "fO" and bool(np.all(array != array))
 
 
 def _parameters(value: Mapping[str, Any]) -> Parameters:
+    value = {name: item for name, item in value.items() if not _is_gap(item)}
+    cable = {key: value[f"cable_{key}"] for key in schema.CABLE if f"cable_{key}" in value}
+    length_key = schema.exactly_one("cable", cable, schema.LENGTH_KEYS)
+    weight_key = schema.exactly_one("cable", cable, schema.WEIGHT_KEYS)
 
     def number(name: str) -> float | None:
         return float(value[name]) if name in value else None
@@ -650,17 +683,17 @@ def _parameters(value: Mapping[str, Any]) -> Parameters:
 
     dims = len(value["ends_lower"])
     gravity, area = float(value["gravity"]), float(value["cable_area"])
-    if "cable_density" in value:
+    if weight_key == "density":
         mass = float(value["cable_density"]) * area
         weight = mass * gravity
     else:
         weight = float(value["cable_specific_weight"]) * area
         mass = weight / gravity
-    length_key = next(key for key in schema.LENGTH_KEYS if f"cable_{key}" in value)
     motions = {(end, axis): function(f"motion_{end}_{axis}") for end in ENDS for axis in COORDINATES[:dims]}
     loads: list[PointLoad] = []
     while (prefix := f"point_load_{len(loads) + 1}") + "_force" in value:
-        loads.append(PointLoad(float(value[prefix + "_arc_length"]), value[prefix + "_force"], function(prefix)))
+        key, place = f"point_load.{len(loads) + 1}", float(value[prefix + "_arc_length"])
+        loads.append(PointLoad(key, place, value[prefix + "_force"], function(prefix)))
     return Parameters(
         stiffness=float(value["cable_youngs_modulus"]) * area,
         mass=mass,

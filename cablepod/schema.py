@@ -26,9 +26,9 @@ def refuse(key: str, given: Any, allowed: str) -> SceneError:
 def shown(given: Any) -> str:
     """Write what was given in at most 120 characters, whatever it is."""
     try:
-        text = repr(given)
+        text = repr(given.item() if isinstance(given, np.generic) else given)
     except Exception:  # too deep, a number too long to write, an object that cannot say what it is
-        text = f"a {type(given).__name__} that cannot be shown"
+        text = f"something of type {type(given).__name__} that cannot be shown"
     return text if len(text) <= 120 else text[:117] + "..."
 
 
@@ -164,6 +164,7 @@ CABLE = {
     "unstretched_length": Key(number(above=0.0), "m", "unstretched length of the cable"),
 }
 LENGTH_KEYS = ("top_tension", "bottom_tension", "horizontal_force", "unstretched_length")
+WEIGHT_KEYS = ("specific_weight", "density")
 ENDS = {
     "lower": Key(point, "m", "position of the lower end at rest", required=True),
     "upper": Key(point, "m", "position of the upper end at rest", required=True),

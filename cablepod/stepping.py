@@ -19,6 +19,9 @@ BLOCK = 16384
 #: Time error that a run without scheme, step or tolerance keeps, as a fraction of the motion.
 DEFAULT_TOLERANCE = 1e-6
 
+#: A scheme that shows less than this order is not converging, and these many runs after the first are enough to tell.
+LEAST_ORDER, SECOND_ORDER, MOST_REFINEMENTS = 0.5, 2.0, 4
+
 # Steps per second are rounded up to one of these times a power of ten: a step then hits round instants, and neither it nor
 # any bit of the result depends on the instants asked for.
 _PREFERRED = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0)
@@ -180,8 +183,9 @@ def refine(
 ) -> tuple[Any, float, float]:
     """Run with rising numbers of steps per second until two runs agree within `tolerance`.
 
-    Each pair of runs of a scheme of second order tells the time error of its finer one: their distance over q^2 - 1, with q
-    the ratio of the steps.  The finer one is returned.
+    Two runs alone tell the time error of the finer one only if the order is known, and a scheme of second order has it only for
+    motion that its steps resolve (a jump in the velocity of an end makes waves that they do not).  So the distance of the first
+    two runs counts as it is, and from the third run on the order that the distances show.
 
     Parameters
     ----------
@@ -197,45 +201,68 @@ def refine(
     Returns
     -------
     tuple
-        The run, its steps per second, the estimate of its error.
+        The finest run, its steps per second, the estimate of its error.
 
     Warns
     -----
     NotConvergedWarning
-        Where shorter steps do not bring the runs together.
+        Where shorter steps do not bring the runs together, or only too slowly.
     """
-    coarse: Any = None
-    last = estimate = math.inf
-    factor = 2.0
-    for attempt in range(6):
-        try:
-            fine = run(rate)
-        except RunStopped:
-            if attempt > 2:
-                raise
-            coarse, rate = None, 2.0 * rate
-            continue
-        if coarse is not None:
-            estimate = _distance(position(fine), position(coarse)) / scale(fine) / (factor**2 - 1.0)
-            # the estimate is right within a factor of two where the order is reached
-            if estimate <= 0.5 * tolerance:
-                return fine, rate, estimate
-            # a scheme of second order gains factor**2; one that gains less than a quarter of it is not converging
-            if attempt == 5 or estimate > last / max(1.0, 0.25 * factor**2):
-                break
-            last = estimate
-            factor = min(8.0, max(1.25, 2.0 * math.sqrt(estimate / tolerance)))
-        coarse = fine
-        # the first doubling is exact, so that its runs share their instants; later steps are of preferred size again
+    coarse, rate = _first_sound_run(run, rate)
+    factor, last, last_factor = 2.0, math.inf, math.inf
+    for _ in range(MOST_REFINEMENTS):
+        # the first doubling is exact, so that its runs share their instants; later rates are preferred ones again
         new = 2.0 * rate if last == math.inf else preferred_rate(rate * factor)
         factor, rate = new / rate, new
+        fine = run(rate)
+        distance = _distance(position(fine), position(coarse)) / scale(fine)
+        if last == math.inf:
+            order, estimate, accepted = SECOND_ORDER, distance, distance <= tolerance
+        else:
+            order = _observed_order(distance / last, last_factor, factor)
+            estimate = distance / (factor**order - 1.0)
+            accepted = estimate <= 0.5 * tolerance
+        if accepted:
+            return fine, rate, estimate
+        if order < LEAST_ORDER:
+            break
+        coarse, last, last_factor = fine, distance, factor
+        expected = distance / (factor**order - 1.0)
+        factor = min(8.0, max(1.25, (4.0 * expected / tolerance) ** (1.0 / order)))
     warnings.warn(
-        f"two steps disagree by {estimate:.2g} of the motion, more than the tolerance {tolerance:.2g}, at step {1 / rate:.3g} s: "
-        "the motion is chaotic (judge it by statistics), or give a shorter step or a larger tolerance",
+        f"two steps disagree: an error of {estimate:.2g} of the motion is left at step {1 / rate:.3g} s, more than the tolerance "
+        f"{tolerance:.2g}; the motion is chaotic (judge it by statistics), or give a shorter step or a larger tolerance",
         NotConvergedWarning,
         stacklevel=4,
     )
     return fine, rate, estimate
+
+
+def _first_sound_run(run: Callable[[float], Any], rate: float) -> tuple[Any, float]:
+    """Run with `rate`, or twice or four times as many steps where that breaks down."""
+    for _ in range(2):
+        try:
+            return run(rate), rate
+        except RunStopped:
+            rate *= 2.0
+    return run(rate), rate
+
+
+def _observed_order(ratio: float, factor: float, next_factor: float) -> float:
+    """Order p between 0.1 and 2 that explains how the distance of two runs fell.
+
+    With errors C h^p the distances of a run to the next, whose steps are `factor` and then `next_factor` times shorter, have the
+    ratio factor^-p (1 - next_factor^-p) / (1 - factor^-p).
+    """
+
+    def expected(p: float) -> float:
+        return factor**-p * (1.0 - next_factor**-p) / (1.0 - factor**-p)
+
+    low, high = 0.1, SECOND_ORDER
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if expected(middle) > ratio else (low, middle)
+    return 0.5 * (low + high)
 
 
 def _distance(a: np.ndarray, b: np.ndarray) -> float:

@@ -1,6 +1,6 @@
 """Draw the picture of the README: Example 3, chain as dots, Galerkin model as lines.
 
-    python pipelines/example_figure.py [pipelines/figures/example3.png]
+python pipelines/example_figure.py [pipelines/figures/example3.png]
 """
 
 from __future__ import annotations

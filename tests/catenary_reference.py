@@ -231,8 +231,7 @@ def _vertical_from_tension(b, q, k, which, value):
 def least(a, b, q, stiffness, which):
     """Return the cable of least T1 or T0 (`which` 0, 1) and that tension: where its derivative by the length is zero.
 
-    It is the first minimum met from the short side; a cable that its own weight stretches to many times its length has
-    a second one of the same depth.
+    It is the first minimum met from the short side.
     """
     a, b, q, k = (MP.mpf(v) for v in (a, b, q, stiffness))
     c = MP.hypot(a, b)

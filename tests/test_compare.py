@@ -36,7 +36,7 @@ def test_where_nothing_moves_the_chord_counts():
     times = np.arange(2.0)
     truth = np.zeros((2, 3, 2))
     truth[..., 0] = [0.0, 1.0, 4.0]
-    run = [*truth, [[0.0, 0.0], [0.3, 0.0], [0.0, 0.0]]]
+    run = truth + np.array([[0.0, 0.0], [0.3, 0.0], [0.0, 0.0]])
     result = cp.compare.errors(trajectory(run, times), trajectory(truth, times))
     np.testing.assert_allclose(result.error, np.sqrt(0.09 / 3) / 4.0, rtol=1e-14)
 

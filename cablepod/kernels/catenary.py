@@ -289,7 +289,7 @@ def _by_force(a, b, q, stiffness, force):
 def _by_tension(sign, a, b, c, q, stiffness, tension):
     """As `_by_length`, from the tension at the upper (`sign` 1) or lower (-1) end."""
     mean = _mean_tension(sign, b, q, stiffness, tension)
-    if not (mean > 0.0 and tension >= 0.0):
+    if not mean > 0.0:
         return BELOW_LEAST_TENSION, 0.0, 0.0, 0.0, 0.0
     e = mean / stiffness
     # T (1 + e) - q c / 2 from the tension given: the gap between chord and rise, without cancellation
@@ -424,8 +424,8 @@ def _mean_tension_at(eta, a, c, q, stiffness):
 def least_tension(a, b, c, q, stiffness, sign):
     """Return the least tension [N] that the upper (`sign` 1) or lower (-1) end can have, over all lengths.
 
-    The end tension rises with the mean of both (at the upper end of a very soft cable only above a certain mean), whose
-    least value over eta is found by golden section.
+    The end tension T + q b / (2 (1 + e)) rises with the mean T, because no cable has T (1 + e) < q c / 2 (so that
+    (K + T)^2 > q b K / 2); the least mean over eta is found by golden section.
     """
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     low, high = math.log(1e-4), math.log(300.0)
@@ -442,7 +442,4 @@ def least_tension(a, b, c, q, stiffness, sign):
             right = low + ratio * (high - low)
             f_right = _mean_tension_at(math.exp(right), a, c, q, stiffness)
     mean = min(f_left, f_right)
-    if sign * b > 0.0:
-        # a cable that its own weight stretches to many times its length: the upper tension turns before the mean does
-        mean = max(mean, math.sqrt(0.5 * q * stiffness * sign * b) - stiffness)
     return mean + sign * 0.5 * q * b / (1.0 + mean / stiffness)

@@ -1,0 +1,116 @@
+"""Time functions: values against formulas, rates against finite differences, smoothness where it is promised."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from cablepod.motion import TimeFunction
+
+SAMPLES = np.linspace(0.0, 12.0, 41)
+RECORD = 0.3 * np.sin(0.9 * SAMPLES) + 0.02 * SAMPLES**2
+
+KINDS = {
+    "one_minus_cosine": {"amplitude": -0.07, "angular_frequency": 1.3},
+    "harmonic": {"amplitude": 0.4, "angular_frequency": 1.7, "phase": 0.6},
+    "ramp": {"amplitude": -2.5, "duration": 9.0},
+    "polynomial": {"coefficients": np.array([0.3, -0.2, 0.05, 0.001])},
+    "file": {"time": SAMPLES, "value": RECORD},
+}
+FORMULAS = {
+    "one_minus_cosine": lambda t: -0.07 * (1 - np.cos(1.3 * t)),
+    "harmonic": lambda t: 0.4 * (np.sin(1.7 * t + 0.6) - np.sin(0.6)),
+    "ramp": lambda t: -2.5 * (6 * (t / 9) ** 5 - 15 * (t / 9) ** 4 + 10 * (t / 9) ** 3),
+    "polynomial": lambda t: 0.3 * t - 0.2 * t**2 + 0.05 * t**3 + 0.001 * t**4,
+    "file": CubicSpline(SAMPLES, RECORD),
+}
+
+
+@pytest.fixture(params=KINDS)
+def kind(request):
+    return request.param
+
+
+def test_values_follow_the_formula(kind):
+    time = np.linspace(0.0, 9.0, 37)
+    np.testing.assert_allclose(TimeFunction(kind, KINDS[kind])(time), FORMULAS[kind](time), rtol=1e-13, atol=1e-14)
+
+
+def test_rates_are_those_of_the_values(kind):
+    function = TimeFunction(kind, KINDS[kind])
+    # Inside the intervals of the record, where the spline is one cubic; elsewhere the places do not matter.
+    time = 0.5 * (SAMPLES[:-1] + SAMPLES[1:])[1:29]
+    # Sixth-order central differences.  Truncation: h^6/140 times the 7th derivative of value or rate, at most 28 (0.4 *
+    # 1.7^8, harmonic): 2e-13 at h = 0.01.  Rounding: some 2e-16 * 4 (the largest value) / h = 1e-13.
+    h, offsets, weights = 0.01, np.array([1, 2, 3]), np.array([45, -9, 1]) / 60.0
+    for derivative in (0, 1):
+        ahead, behind = (np.array([function(time + sign * k * h, derivative) for k in offsets]) for sign in (1, -1))
+        np.testing.assert_allclose(function(time, derivative + 1), weights @ (ahead - behind) / h, rtol=0, atol=1e-12)
+
+
+def test_the_function_is_twice_continuously_differentiable(kind):
+    function = TimeFunction(kind, KINDS[kind])
+    knots = {"file": SAMPLES[1:-1], "ramp": np.array([0.0, 9.0])}.get(kind, np.array([1.0]))
+    for derivative in range(3):
+        jump = function(knots + 1e-9, derivative) - function(knots - 1e-9, derivative)
+        # 2e-9 s times the next rate, at most about 3 here (60 * 2.5 / 9^3 for the ramp)
+        assert np.abs(jump).max() < 1e-8
+
+
+def test_every_kind_but_a_record_begins_at_zero(kind):
+    if kind == "file":
+        assert TimeFunction(kind, {**KINDS[kind], "value": RECORD + 0.5})(0.0) == 0.5
+    else:
+        assert TimeFunction(kind, KINDS[kind])(0.0) == 0.0
+
+
+@pytest.mark.parametrize("phase", [-2.0, 0.0, 0.1, np.pi / 2, 3.0])
+def test_a_harmonic_motion_begins_at_zero_exactly(phase):
+    function = TimeFunction("harmonic", {"amplitude": 1.0, "angular_frequency": 3.0, "phase": phase})
+    assert function(0.0) == 0.0
+    assert function(0.0, 1) == pytest.approx(3.0 * np.cos(phase), rel=1e-15)
+
+
+def test_a_ramp_rests_before_and_after():
+    ramp = TimeFunction("ramp", KINDS["ramp"])
+    for time, value in ((-5.0, 0.0), (0.0, 0.0), (9.0, -2.5), (1e6, -2.5)):
+        assert [ramp(time, derivative) for derivative in range(3)] == [value, 0.0, 0.0]
+    assert ramp(4.5) == pytest.approx(-1.25, rel=1e-15)
+
+
+def test_a_record_passes_through_its_samples():
+    function = TimeFunction("file", KINDS["file"])
+    np.testing.assert_allclose(function(SAMPLES), RECORD, rtol=0, atol=1e-15)
+    assert function.begin == 0.0
+    assert function.end == 12.0
+
+
+def test_a_record_of_a_smooth_motion_is_interpolated_to_fourth_order():
+    errors = []
+    for count in (81, 161):
+        samples = np.linspace(0.0, 10.0, count)
+        function = TimeFunction("file", {"time": samples, "value": np.sin(samples)})
+        errors.append(np.abs(function(np.linspace(0, 10, 999)) - np.sin(np.linspace(0, 10, 999))).max())
+    assert 12 < errors[0] / errors[1] < 20
+
+
+def test_a_record_of_a_cubic_is_that_cubic():
+    uneven = np.cumsum([0.0, 0.3, 0.5, 0.2, 0.9, 0.4, 0.6])
+    function = TimeFunction("file", {"time": uneven, "value": uneven**3 - 2 * uneven})
+    time = np.linspace(0, uneven[-1], 50)
+    np.testing.assert_allclose(function(time), time**3 - 2 * time, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(function(time, 2), 6 * time, rtol=0, atol=1e-12)
+
+
+def test_only_a_record_begins_and_ends(kind):
+    function = TimeFunction(kind, KINDS[kind])
+    assert (function.begin, function.end) == ((0.0, 12.0) if kind == "file" else (-np.inf, np.inf))
+
+
+def test_the_shape_of_the_times_is_kept(kind):
+    function = TimeFunction(kind, KINDS[kind])
+    for derivative in range(3):
+        assert np.shape(function(1.0, derivative)) == ()
+        assert function(np.ones((2, 3)), derivative).shape == (2, 3)
+        assert function([1, 2], derivative).shape == (2,)
