@@ -9,7 +9,7 @@ import xarray as xr
 
 from cablepod import provenance, schema
 from cablepod.conventions import COORDINATES, label
-from cablepod.scene import Parameters, load_plane, parameters_of_members, solve_statics
+from cablepod.parameters import Parameters, load_plane, parameters_of_members, solve_statics
 
 
 def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:

@@ -14,7 +14,7 @@ from cablepod import provenance, stepping
 from cablepod.conventions import COORDINATES, label
 from cablepod.links import Chain, chain_of, square
 from cablepod.members import over_members
-from cablepod.scene import check_memory, load_plane, parameters, solve_statics
+from cablepod.parameters import check_memory, load_plane, parameters, solve_statics
 from cablepod.schema import SceneError, refuse
 from cablepod.stepping import Instants, RunStopped
 

@@ -17,7 +17,8 @@ import xarray as xr
 
 from cablepod import archive, catenary, chain, compare, galerkin, pod
 from cablepod.links import chain_of
-from cablepod.scene import parameters, read_scene
+from cablepod.parameters import parameters
+from cablepod.scene import read_scene
 from cablepod.schema import SceneError
 from cablepod.stepping import RunStopped
 

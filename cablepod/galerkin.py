@@ -14,7 +14,7 @@ from cablepod import pod, provenance, stepping
 from cablepod.conventions import label
 from cablepod.galerkin_model import Model, model_of
 from cablepod.members import over_members
-from cablepod.scene import check_memory, parameters
+from cablepod.parameters import check_memory, parameters
 from cablepod.schema import refuse
 from cablepod.stepping import Instants, RunStopped
 

@@ -15,7 +15,7 @@ from cablepod import pod
 from cablepod.chain import start
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.links import Chain
-from cablepod.scene import Parameters, solve_statics
+from cablepod.parameters import Parameters, solve_statics
 from cablepod.schema import SceneError, refuse
 
 LAWS = ("green", "linear")

@@ -11,7 +11,7 @@ import numpy as np
 
 from cablepod import schema
 from cablepod.catenary import unstretched_length
-from cablepod.scene import Parameters, check_memory
+from cablepod.parameters import Parameters, check_memory
 from cablepod.schema import SceneError, refuse
 
 

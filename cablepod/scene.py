@@ -13,7 +13,6 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -23,100 +22,19 @@ import xarray as xr
 
 from cablepod import provenance, schema
 from cablepod.conventions import COORDINATES, ENDS, label
-from cablepod.motion import TimeFunction
+from cablepod.parameters import (
+    Parameters,
+    check_memory,
+    count_instants,
+    parameters,
+    solve_statics,
+)
+from cablepod.records import read_record, read_text
 from cablepod.schema import SceneError, named, refuse
 
-LARGEST_FILE = 64 * 2**20  # bytes; a scene or record beyond this is a mistake
 SHORTEST, LONGEST = 1e-6, 1e9  # m; the chord
 # Far more parts than any key of a scene has; tomllib takes minutes over twenty thousand.
 DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){32}""")
-
-
-@dataclass(frozen=True)
-class PointLoad:
-    """A force on one place of the cable: `fraction` of the unstretched length, `force` (dims,) [N], factor of time.
-
-    `key` is the key path of its table.
-    """
-
-    key: str
-    fraction: float
-    force: np.ndarray
-    factor: TimeFunction | None
-
-
-@dataclass(frozen=True)
-class Parameters:
-    """A scene as plain numbers, SI units; None stands for a term that the scene lacks."""
-
-    stiffness: float  #: axial stiffness K [N]
-    mass: float  #: mass per unstretched length [kg/m]
-    weight: np.ndarray  #: weight per unstretched length (dims,) [N/m]
-    lower: np.ndarray  #: lower end at rest (dims,) [m]
-    upper: np.ndarray  #: upper end at rest (dims,) [m]
-    free: str | None  #: the end that moves freely
-    motions: Mapping[tuple[str, str], TimeFunction]  #: (end, axis) -> displacement [m]
-    load: np.ndarray | None  #: uniform load beside the weight (dims,) [N/m]
-    load_factor: TimeFunction | None
-    point_loads: tuple[PointLoad, ...]
-    length_key: str  #: which of schema.LENGTH_KEYS is given
-    length_value: float
-    duration: float | None
-    interval: float | None
-    links: int | None
-    link_lengths: np.ndarray | None  #: relative, (links,)
-    initial: Mapping[str, Any]  #: what the [initial] table has
-    mass_damping: float | None  #: [1/s]
-    link_viscosity: float | None  #: [s]
-
-    @property
-    def dims(self) -> int:
-        """Two for a planar scene, three for a spatial one."""
-        return self.lower.size
-
-    def load_at(self, time: float) -> np.ndarray:
-        """Weight and uniform load together at `time` [s], (dims,) [N/m]."""
-        if self.load is None:
-            return self.weight
-        factor = 1.0 if self.load_factor is None else float(self.load_factor(time))
-        return self.weight + factor * self.load
-
-    def times(self) -> np.ndarray:
-        """Instants of the snapshots [s]: 0, interval, ... up to the duration."""
-        if self.duration is None or self.interval is None:
-            raise SceneError("time: missing; allowed: a table with duration and interval [s], or the argument times")
-        return self.interval * np.arange(_count_instants(self.duration, self.interval))
-
-    def end_positions(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Positions of both ends as the scene prescribes them, or their first or second rate: (time, end, dims) [m]."""
-        time = np.asarray(time, dtype=float)
-        result = np.zeros((time.size, 2, self.dims))
-        if derivative == 0:
-            result += np.stack([self.lower, self.upper])
-        for (end, axis), function in self.motions.items():
-            result[:, ENDS.index(end), COORDINATES.index(axis)] += function(time, derivative)
-        return result
-
-    def time_functions(self) -> dict[str, TimeFunction]:
-        """All motions and load factors under the keys of their tables."""
-        functions: dict[str, TimeFunction | None] = {f"motion.{e}.{axis}": f for (e, axis), f in self.motions.items()}
-        functions["load"] = self.load_factor
-        functions |= {load.key: load.factor for load in self.point_loads}
-        return {key: function for key, function in functions.items() if function is not None}
-
-    def check_reach(self, time: float) -> None:
-        """Refuse a record that does not cover the run from 0 to `time` [s]."""
-        for key, function in self.time_functions().items():
-            if function.begin > 0.0 or time > function.end * (1.0 + 1e-12):
-                raise SceneError(
-                    f"{key}.path: the record is too short, from {function.begin:g} s to {function.end:g} s; "
-                    f"allowed: one that covers the run, from 0 s to {time:g} s"
-                )
-
-
-def _count_instants(duration: float, interval: float) -> int:
-    # a duration that is a multiple of the interval but for rounding ends with a snapshot
-    return int(np.floor(duration / interval * (1.0 + 1e-12))) + 1
 
 
 def read_scene(path: str | os.PathLike[str]) -> xr.Dataset:
@@ -138,7 +56,7 @@ def read_scene(path: str | os.PathLike[str]) -> xr.Dataset:
         For a file that cannot be read or is no TOML, and for all that :func:`make_scene` refuses.
     """
     path = Path(path)
-    content = _read_text(path, "scene file")
+    content = read_text(path, "scene file")
     if not content.strip():
         raise SceneError(f"{named(str(path))}: the scene file is empty; allowed: TOML with at least [cable] and [ends]")
     try:
@@ -178,25 +96,6 @@ def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
     return _make(mapping, Path())
 
 
-def _read_text(path: Path, what: str) -> str:
-    name = named(str(path))
-    try:
-        if path.is_dir():
-            raise SceneError(f"{name}: is a folder; allowed: a {what}")
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise SceneError(f"{name}: larger than {LARGEST_FILE // 2**20} MiB; allowed: a {what}")
-        return content.decode("utf-8-sig")
-    except SceneError:
-        raise
-    except UnicodeDecodeError:
-        raise SceneError(f"{name}: binary or not UTF-8; allowed: a {what} in text form") from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise SceneError(f"{name}: cannot be read: {reason}; allowed: a {what}") from None
-
-
 # --- checks ---------------------------------------------------------------------------------------------------------
 
 
@@ -212,7 +111,7 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     p.check_reach(p.duration or 0.0)
     _check_functions(p)
     _check_statics(p)
-    instants = 1 if p.duration is None or p.interval is None else _count_instants(p.duration, p.interval)
+    instants = 1 if p.duration is None or p.interval is None else count_instants(p.duration, p.interval)
     check_memory(instants, p.links or 1, p.dims, key="chain.links and time.interval")
     _check_bounds(mapping, tree.get("ensemble", {}).get("ranges", {}), folder)
     return scene
@@ -354,7 +253,7 @@ def _check_time_function(prefix: str, table: Any, units: str, folder: Path) -> d
     values = {name: value for name, value in table.items() if name != "kind"}
     checked = schema.check_table(prefix, values, kinds[kind])
     if kind == "file":
-        checked.update(_read_record(f"{prefix}.path", folder / checked["path"]))
+        checked.update(read_record(f"{prefix}.path", folder / checked["path"]))
     return {"kind": kind, **checked}
 
 
@@ -430,50 +329,6 @@ def _check_bounds(mapping: Mapping[str, Any], ranges: Mapping[str, list[float]],
                 raise SceneError(f"ensemble.ranges.{path}: given {bounds}, at {bound:g} no scene: {error}") from None
 
 
-def _read_record(key: str, path: Path) -> dict[str, list[float]]:
-    """Read the CSV file of a record: a column `time` [s] and one value column."""
-    try:
-        content = _read_text(path, "record, a CSV file with the columns time and one value")
-    except SceneError as error:
-        raise SceneError(f"{key}: {error}") from None
-    name = named(str(path))
-    rows = [line.split(",") for line in content.splitlines() if line.strip() and not line.lstrip().startswith("#")]
-    allowed = "a CSV file with a header (time and one value column) and at least 4 rows of numbers"
-    if not rows:
-        raise SceneError(f"{key}: {name} is empty; allowed: {allowed}")
-    header = [item.strip() for item in rows[0]]
-    if len(header) != 2 or header.count("time") != 1:
-        raise SceneError(f"{key}: {name} has the columns {schema.shown(', '.join(header))}; allowed: {allowed}")
-    table = []
-    for number, row in enumerate(rows[1:], start=1):
-        try:
-            values = [float(item) for item in row]
-        except ValueError:
-            values = []
-        if len(values) != 2 or not all(abs(value) <= schema.LARGEST for value in values):
-            given = schema.shown(",".join(row))
-            raise SceneError(f"{key}: {name} has a gap: row {number} holds {given}; allowed: two finite numbers")
-        table.append(values)
-    if len(table) < 4:
-        raise SceneError(f"{key}: {name} is too short: {len(table)} rows; allowed: {allowed}")
-    column = np.array(table)
-    time, value = column[:, header.index("time")], column[:, 1 - header.index("time")]
-    step = np.diff(time)
-    least = max(1e-9 * float(np.median(step)), schema.SMALLEST)
-    if step.min() < least:
-        where = int(np.argmax(step < least))
-        raise SceneError(
-            f"{key}: {name} is unsorted: time {time[where + 1]:g} s follows {time[where]:g} s; allowed: rising times"
-        )
-    if step.max() > 10.0 * np.median(step):
-        where = int(np.argmax(step))
-        raise SceneError(
-            f"{key}: {name} has a gap of {step.max():g} s after {time[where]:g} s; "
-            f"allowed: at most ten times the median spacing, {np.median(step):g} s"
-        )
-    return {"time": time.tolist(), "value": value.tolist()}
-
-
 def _check_functions(p: Parameters) -> None:
     """Refuse motions and factors that leave the finite numbers, and ends that the motions bring together at the start."""
     time = np.linspace(0.0, p.duration or 0.0, 101)
@@ -498,79 +353,6 @@ def _check_statics(p: Parameters) -> None:
     for key in ("top_tension", "unstretched_length"):
         if key in p.initial:
             solve_statics(p, key, p.initial[key], prefix="initial")
-
-
-def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable") -> np.ndarray:
-    """Solve the elastic catenary of a scene for one given quantity.
-
-    Parameters
-    ----------
-    p
-        The scene's parameters; weight and uniform load at time 0 act.
-    key, value
-        One of ``schema.LENGTH_KEYS`` and its value [N or m].
-    prefix
-        The table named in an error.
-
-    Returns
-    -------
-    numpy.ndarray
-        (6,) as in ``kernels.catenary.COLUMNS``; nan for a weightless slack cable that starts from given points, which
-        needs no rest.
-
-    Raises
-    ------
-    SceneError
-        Where no such cable exists; the message names the least possible tension.
-    """
-    from cablepod.kernels import catenary as kernel  # only here: numba is imported to compute, not to read
-
-    a, b, c, q, _, _ = load_plane(p)
-    out = np.empty(6)
-    kind = (kernel.UPPER_TENSION, kernel.LOWER_TENSION, kernel.HORIZONTAL_FORCE, kernel.LENGTH)[
-        schema.LENGTH_KEYS.index(key)
-    ]
-    status = kernel.solve(a, b, c, q, p.stiffness, kind, value, out)
-    if status == kernel.FOUND:
-        return out
-    name = f"{prefix}.{key}"
-    if status == kernel.BELOW_LEAST_TENSION:
-        least = kernel.least_tension(a, b, c, q, p.stiffness, 1.0 if kind == kernel.UPPER_TENSION else -1.0)
-        raise refuse(
-            name, value, f"at least {max(least, 0.0):.6g} N, the least that a cable between these ends can have"
-        )
-    if status == kernel.SLACK_WEIGHTLESS:
-        if "points" in p.initial and prefix == "cable":
-            out[0] = value
-            return out
-        raise refuse(name, value, f"at most the chord, {c:.12g} m, as a slack cable without load has no shape at rest")
-    if status == kernel.VERTICAL_WITH_FORCE:
-        raise refuse(name, value, "another way to give the length, as a cable along the load has no force across it")
-    raise refuse(name, value, "a value for which the catenary can be computed in double precision")
-
-
-def load_plane(p: Parameters) -> tuple[float, float, float, float, np.ndarray, np.ndarray]:
-    """Span across the total load, rise against it, chord [m], load [N/m], unit vectors across and against it."""
-    chord = p.end_positions(np.zeros(1))[0]
-    chord = chord[1] - chord[0]
-    load = p.load_at(0.0)
-    q = _norm(load)
-    against = -load / q if q > 0.0 else np.eye(p.dims)[1]
-    if q > 0.0 and np.count_nonzero(load) == 1:
-        against = np.sign(against)  # exactly an axis
-    b = float(chord @ against)
-    across = chord - b * against
-    across = across - (across @ against) * against  # once more: the first difference may have cancelled
-    a = _norm(across)
-    c = _norm(chord)
-    if a <= 1e-15 * c:
-        return 0.0, float(np.copysign(c, b)), c, q, np.zeros(p.dims), against
-    return a, b, c, q, across / a, against
-
-
-def _norm(vector: np.ndarray) -> float:
-    # hypot is right to the last digit or two and, unlike BLAS, gives planar and spatial scenes the same bits
-    return float(np.hypot.reduce(vector))
 
 
 # --- Dataset and back -----------------------------------------------------------------------------------------------
@@ -622,116 +404,3 @@ def _factor_variables(prefix: str, table: Mapping[str, Any], units: str, what: s
             attrs = {"units": unit, "long_name": f"{name} of the record, {what}"}
             variables[f"{prefix}_{name}"] = ((f"{prefix}_sample",), np.array(table[name]), attrs)
     return variables
-
-
-def parameters(scene: xr.Dataset) -> Parameters:
-    """Return the plain numbers of a scene.
-
-    Raises
-    ------
-    SceneError
-        Where `scene` is not a scene, or one with several members.
-    """
-    members = parameters_of_members(scene)
-    if "member" in scene.dims:
-        raise SceneError("scene: given several members; allowed: one, scene.isel(member=0)")
-    return members[0]
-
-
-def parameters_of_members(scene: xr.Dataset) -> list[Parameters]:
-    """Return the plain numbers of each member of a scene, a list of one where there is no dimension ``member``.
-
-    Raises
-    ------
-    SceneError
-        Where `scene` is not a scene.
-    """
-    needed = ("gravity", "cable_youngs_modulus", "cable_area", "ends_lower", "ends_upper")
-    if not isinstance(scene, xr.Dataset) or not all(name in scene for name in needed):
-        raise SceneError(f"scene: given no Dataset with {', '.join(needed)}; allowed: what make_scene gives")
-    fixed, varied = {}, {}
-    for name, variable in scene.variables.items():
-        if "member" in variable.dims:
-            varied[str(name)] = variable.transpose("member", ...).values
-        else:
-            fixed[str(name)] = variable.values[()]
-    count = scene.sizes.get("member", 1)
-    return [_parameters(fixed | {name: item[i] for name, item in varied.items()}) for i in range(count)]
-
-
-def _is_gap(value: Any) -> bool:
-    """Tell whether a value is the nan by which xarray.concat fills what one scene has and another lacks."""
-    array = np.asarray(value)
-    return array.size > 0 and array.dtype.kind in "fO" and bool(np.all(array != array))
-
-
-def _parameters(value: Mapping[str, Any]) -> Parameters:
-    value = {name: item for name, item in value.items() if not _is_gap(item)}
-    cable = {key: value[f"cable_{key}"] for key in schema.CABLE if f"cable_{key}" in value}
-    length_key = schema.exactly_one("cable", cable, schema.LENGTH_KEYS)
-    weight_key = schema.exactly_one("cable", cable, schema.WEIGHT_KEYS)
-
-    def number(name: str) -> float | None:
-        return float(value[name]) if name in value else None
-
-    def function(prefix: str) -> TimeFunction | None:
-        if f"{prefix}_kind" not in value:
-            return None
-        kind = str(value[f"{prefix}_kind"])
-        names = ("time", "value") if kind == "file" else tuple(schema.time_function_keys("1")[kind])
-        return TimeFunction(kind, {name: value[f"{prefix}_{name}"] for name in names})
-
-    dims = len(value["ends_lower"])
-    gravity, area = float(value["gravity"]), float(value["cable_area"])
-    if weight_key == "density":
-        mass = float(value["cable_density"]) * area
-        weight = mass * gravity
-    else:
-        weight = float(value["cable_specific_weight"]) * area
-        mass = weight / gravity
-    motions = {(end, axis): function(f"motion_{end}_{axis}") for end in ENDS for axis in COORDINATES[:dims]}
-    loads: list[PointLoad] = []
-    while (prefix := f"point_load_{len(loads) + 1}") + "_force" in value:
-        key, place = f"point_load.{len(loads) + 1}", float(value[prefix + "_arc_length"])
-        loads.append(PointLoad(key, place, value[prefix + "_force"], function(prefix)))
-    return Parameters(
-        stiffness=float(value["cable_youngs_modulus"]) * area,
-        mass=mass,
-        weight=np.array([0.0, -weight, 0.0][:dims]),
-        lower=value["ends_lower"],
-        upper=value["ends_upper"],
-        free=str(value["ends_free"]) if "ends_free" in value else None,
-        motions={key: item for key, item in motions.items() if item is not None},
-        load=value["load_uniform"] if np.any(value.get("load_uniform", 0.0)) else None,
-        load_factor=function("load"),
-        point_loads=tuple(load for load in loads if np.any(load.force)),
-        length_key=length_key,
-        length_value=float(value[f"cable_{length_key}"]),
-        duration=number("time_duration"),
-        interval=number("time_interval"),
-        links=int(value["chain_links"]) if "chain_links" in value else None,
-        link_lengths=value.get("chain_link_lengths"),
-        initial={key: value[f"initial_{key}"] for key in schema.INITIAL if f"initial_{key}" in value},
-        mass_damping=number("damping_mass_proportional") or None,
-        link_viscosity=number("damping_link_viscosity") or None,
-    )
-
-
-def check_memory(instants: int, links: int, dims: int, *, key: str, variables: int = 1) -> None:
-    """Refuse an output that would not fit in memory.
-
-    Raises
-    ------
-    SceneError
-        Naming what is needed and what the machine has.
-    """
-    needed = 8.0 * dims * variables * (float(instants) * (links + 1) + 20.0 * links)
-    try:
-        memory = float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
-    except (AttributeError, OSError, ValueError):  # a system that does not tell
-        memory = 16e9
-    if needed > 0.5 * memory:
-        raise SceneError(
-            f"{key}: given {links} links and {instants} instants, {needed / 1e9:.3g} GB of output; "
-            f"allowed: half of this machine's memory, {0.5 * memory / 1e9:.3g} GB"
-        )

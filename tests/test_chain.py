@@ -13,7 +13,7 @@ from conftest import spatial
 import cablepod as cp
 from cablepod import chain as chain_module
 from cablepod import links
-from cablepod.scene import parameters
+from cablepod.parameters import parameters
 
 TERMS = {
     "plain": {},

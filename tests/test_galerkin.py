@@ -12,7 +12,7 @@ from conftest import spatial
 
 import cablepod as cp
 from cablepod import galerkin_model
-from cablepod.scene import parameters
+from cablepod.parameters import parameters
 
 TERMS = {
     "plain": {},

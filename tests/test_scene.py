@@ -15,7 +15,7 @@ import xarray as xr
 
 import cablepod as cp
 from cablepod import schema
-from cablepod.scene import parameters, parameters_of_members
+from cablepod.parameters import parameters, parameters_of_members
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 

@@ -22,7 +22,7 @@ import numpy as np
 import cablepod as cp
 from cablepod.kernels import chain as kernel
 from cablepod.links import chain_of
-from cablepod.scene import parameters
+from cablepod.parameters import parameters
 
 HERE = Path(__file__).resolve().parent
 SCENE = HERE.parent.parent / "data" / "scenes" / "example2.toml"

@@ -21,7 +21,7 @@ import xarray as xr
 
 import cablepod as cp
 from cablepod.links import chain_of
-from cablepod.scene import parameters
+from cablepod.parameters import parameters
 
 SCENES = Path(__file__).resolve().parent.parent.parent / "data" / "scenes"
 TIMES = np.arange(1251) / 10.0
