@@ -49,16 +49,18 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
     Notes
     -----
     Newton's method on the force in the first link, which determines all else (the discrete catenary).  The residual is
-    that of the positions as stored: rounding them leaves about K/l 2^-53 times the chord.
+    that of the tensions along the links as they are stored; tensions computed again from the positions carry the rounding
+    of these, about K/l 2^-53 times the chord.
     """
     p = parameters(scene)
     chain = chain_of(p, links)
     position, tension = _rest(chain)
-    _, force = chain.pull(position)
+    reach = np.diff(position, axis=0)
+    force = (tension / np.sqrt(square(reach)))[:, None] * reach
     unbalanced = force[1:] - force[:-1] + chain.loads(0.0)[1:-1]
     scalars = {
         "unstretched_length": chain.total_length,
-        "stretched_length": float(np.sum(np.sqrt(square(np.diff(position, axis=0))))),
+        "stretched_length": float(np.sum(np.sqrt(square(reach)))),
         "tension_lower": tension[0],
         "tension_upper": tension[-1],
         "residual": float(np.sqrt(square(unbalanced)).max()),

@@ -293,9 +293,12 @@ def _figures(out: Path, truth: xr.Dataset, modes: xr.Dataset, rows: Sequence[Row
     for name, draw in drawings.items():
         draw()
         path, unfinished = out / f"{name}.png", out / f".{name}.png"
-        plt.savefig(unfinished, dpi=150, format="png")
-        plt.close("all")
-        unfinished.replace(path)
+        try:
+            plt.savefig(unfinished, dpi=150, format="png")
+            unfinished.replace(path)
+        finally:
+            plt.close("all")
+            unfinished.unlink(missing_ok=True)
         written.append(path)
     return written
 

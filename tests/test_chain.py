@@ -44,8 +44,29 @@ def positions(scene, **options):
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
 def test_rest_is_in_equilibrium(scenes, number):
-    rest = cp.chain.rest(cp.read_scene(scenes / f"example{number}.toml"))
+    scene = cp.read_scene(scenes / f"example{number}.toml")
+    rest = cp.chain.rest(scene)
     assert float(rest.residual) < 1e-9 * float(rest.tension.max())
+    # and by the law of the chain from the positions alone, whose rounding is worth 1e-7 N here
+    chain = links.chain_of(parameters(scene))
+    force = chain.pull(rest.position.values)[1]
+    left = force[1:] - force[:-1] + chain.loads(0.0)[1:-1]
+    assert np.abs(left).max() < 1e-9 * float(rest.tension.max())
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e7, 1e10, 1e13])
+@pytest.mark.parametrize("length", [60.0, 61.15, 61.3, 80.0, 180.0])
+def test_rest_from_soft_to_stiff_and_taut_to_slack(scenes, stiffness, length):
+    scene = cp.read_scene(scenes / "example2.toml").drop_vars("cable_top_tension")
+    scene = scene.assign(
+        cable_unstretched_length=((), length), cable_youngs_modulus=((), stiffness / float(scene.cable_area))
+    )
+    rest = cp.chain.rest(scene)
+    assert float(rest.residual) < 1e-9 * float(rest.tension.max())
+    stretched = np.linalg.norm(rest.position.diff("particle"), axis=1)
+    law = (stretched / (length / 40) - 1) * stiffness
+    # rounding of positions of 60 m (and sagging further) in links of 1.5 m: 1e-14 relative to the link
+    np.testing.assert_allclose(rest.tension, law, rtol=1e-11, atol=1e-12 * stiffness)
 
 
 def test_rest_tends_to_the_catenary_as_the_square_of_the_link(soft):

@@ -290,6 +290,27 @@ def test_what_is_allowed(soft, changes):
     assert p.links == 3 if "chain.links" in changes else p.links == 8
 
 
+def test_a_load_of_nothing_is_absent(soft):
+    soft["load"] = {"uniform": [0.0, 0.0]}
+    soft["point_load"] = [{"arc_length": 0.5, "force": [0.0, 0.0]}]
+    p = parameters(cp.make_scene(soft))
+    assert p.load is None
+    assert p.point_loads == ()
+
+
+def test_a_weightless_slack_cable_may_start_from_points(soft):
+    soft["gravity"] = 0.0
+    soft["cable"] = {"youngs_modulus": 2e7, "area": 1e-3, "density": 1000.0, "unstretched_length": 11.0}
+    soft["initial"] = {"points": [[0, 0], [6, -1], [8, 6]]}
+    assert parameters(cp.make_scene(soft)).length_value == 11.0
+
+
+def test_a_line_of_no_length(soft):
+    soft["ends"]["free"] = "lower"
+    soft["initial"] = {"points": [[8, 6], [8, 6]]}
+    refused(soft, r"^initial\.points: given \[\[8\.0, 6\.0\], \[8\.0, 6\.0\]\]; allowed: a line of some length$")
+
+
 def test_a_spatial_scene(soft):
     soft["ends"] = {"lower": [0.0, 0.0, 0.0], "upper": [3.0, 6.0, 4.0]}
     soft["motion"] = {"upper": {"z": {"kind": "ramp", "amplitude": 0.5, "duration": 1.0}}}
@@ -661,6 +682,11 @@ MISTAKES = [
         [[0, 0], [8, 6.1]],
         r"^initial\.points: given \[8\.0, 6\.1\]; allowed: a line that begins and ends",
     ),
+    (
+        "initial",
+        {"points": [[0, 0], [8, 6], [8, 6.1]]},
+        r"^initial\.points: given \[8\.0, 6\.1\]; allowed: a line that",
+    ),
     ("initial.points", np.array(1.0), r"^initial\.points: given array\(1\.\); allowed: a list of at least two points$"),
     (
         "initial.points",
@@ -675,6 +701,12 @@ MISTAKES = [
     ("ensemble", {"members": 3, "ranges": []}, r"^ensemble\.ranges: given \[\]; allowed: a table from key paths"),
     ("ensemble.member", 5, r"^ensemble\.member: unknown key; allowed: members, seed, sampling$"),
     ("ensemble", {"members": 0}, r"^ensemble\.members: given 0; allowed: a whole number of at least 1$"),
+    ("ensemble", {"members": True}, r"^ensemble\.members: given True; allowed: a whole number of at least 1$"),
+    (
+        "ensemble",
+        {"members": np.bool_(True)},
+        r"^ensemble\.members: given True; allowed: a whole number of at least 1$",
+    ),
     ("ensemble", {"members": 10**9}, r"^ensemble\.members: given 1000000000; allowed: .* at most 10000000$"),
     ("ensemble", {"members": 3, "seed": -1}, r"^ensemble\.seed: given -1; allowed: a whole number of at least 0$"),
     ("ensemble", {"members": 3, "sampling": "random"}, r'^ensemble\.sampling: given \'random\'; .*"sobol", "grid"$'),
@@ -936,6 +968,14 @@ def test_an_error_names_the_point_load_as_the_file_numbers_it(soft, folder):
     refused(soft, r"^point_load\.2\.path: the record is too short, from 0 s to 4 s; allowed: one that covers the run")
 
 
+def test_a_record_may_end_a_rounding_before_the_run(soft, folder):
+    write(folder / "good.csv", csv([(0.1 * i if i < 3 else 0.3, 0.1 * i) for i in range(4)]))
+    soft["motion"]["upper"]["x"] = {"kind": "file", "path": "good.csv"}
+    soft["time"] = {"duration": 3 * 0.1, "interval": 0.1}
+    assert soft["time"]["duration"] > 0.3
+    assert parameters(cp.make_scene(soft)).times().size == 4
+
+
 @pytest.mark.parametrize("order", ["time,value", "value,time", " time , anything "])
 def test_good_records(soft, folder, order):
     rows = [(v, t) if order.startswith("value") else (t, v) for t, v in ROWS]
@@ -987,6 +1027,15 @@ def test_a_bad_scene_file_is_named(folder, name):
     with pytest.raises(cp.SceneError, match=rf"^bad\.toml: {match}") as caught:
         cp.read_scene("bad.toml")
     assert time.perf_counter() - begin < 2.0
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", ["", "a", "gravity = 1.0", "a." * 20_000 + "a = 1", EVERYTHING])
+def test_a_name_that_breaks_the_line_is_shown_in_one(folder, content):
+    write(folder / "b\nd.toml", content.replace("record.csv", "b\\nd.csv"))
+    write(folder / "b\nd.csv", csv(ROWS[:2]))
+    with pytest.raises(cp.SceneError, match=r"^'b\\nd\.toml': ") as caught:
+        cp.read_scene("b\nd.toml")
     assert "\n" not in str(caught.value)
 
 
