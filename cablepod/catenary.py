@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from cablepod import provenance, schema
 from cablepod.conventions import COORDINATES, label
 from cablepod.parameters import Parameters, load_plane, parameters_of_members, solve_statics
+from cablepod.schema import SceneError, refuse
 
 
 def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
@@ -96,6 +99,59 @@ def _one(p: Parameters, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
     kernel.shape(s, solution, q, p.stiffness, x, y, tension)
     lower = p.end_positions(np.zeros(1))[0, 0]
     return lower + x[:, None] * across + y[:, None] * against, tension, s, solution
+
+
+def solve(
+    span: ArrayLike, rise: ArrayLike, load: ArrayLike, stiffness: ArrayLike, **given: ArrayLike
+) -> dict[str, np.ndarray]:
+    """Solve many elastic catenaries at array level, about a microsecond each.
+
+    Parameters
+    ----------
+    span, rise
+        Of the upper end from the lower one, across the load (>= 0) and against it [m].
+    load
+        Load per unstretched length (>= 0) [N/m].
+    stiffness
+        Axial stiffness K [N].
+    **given
+        Exactly one of ``top_tension``, ``bottom_tension``, ``horizontal_force`` [N], ``unstretched_length`` [m].
+
+    Returns
+    -------
+    dict
+        Arrays of the common shape of all arguments: ``unstretched_length``, ``stretched_length`` [m], ``horizontal_force``,
+        ``mid_force`` (force against the load at the middle of the unstretched length), ``tension_lower``,
+        ``tension_upper`` [N].
+
+    Raises
+    ------
+    SceneError
+        Where one of them has no solution; the message says which, and the least tension where that is the reason.
+    """
+    from cablepod.kernels import catenary as kernel  # numba is imported only to compute
+
+    key = schema.exactly_one("given", given, schema.LENGTH_KEYS)
+    if len(given) > 1:
+        raise SceneError(f"{', '.join(given)}: unknown key; allowed: exactly one of {', '.join(schema.LENGTH_KEYS)}")
+    arrays = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (span, rise, load, stiffness, given[key])))
+    a, b, q, k, value = (np.ascontiguousarray(x).ravel() for x in arrays)
+    out, status = np.empty((a.size, 6)), np.empty(a.size, dtype=np.int64)
+    kind = (kernel.UPPER_TENSION, kernel.LOWER_TENSION, kernel.HORIZONTAL_FORCE, kernel.LENGTH)[
+        schema.LENGTH_KEYS.index(key)
+    ]
+    kernel.solve_many(a, b, np.hypot(a, b), q, k, kind, value, out, status)
+    if (status != kernel.FOUND).any():
+        i = int(np.argmax(status != kernel.FOUND))
+        reason = "a combination for which there is a cable"
+        if status[i] == kernel.BELOW_LEAST_TENSION:
+            sign = 1.0 if kind == kernel.UPPER_TENSION else -1.0
+            least = kernel.least_tension(a[i], b[i], math.hypot(a[i], b[i]), q[i], k[i], sign)
+            reason = f"at least {max(least, 0.0):.6g} N"
+        elif status[i] == kernel.SLACK_WEIGHTLESS:
+            reason = "at most the chord, because a slack cable without load has no shape at rest"
+        raise refuse(f"{key}[{i}]", float(value[i]), reason)
+    return {name: out[:, column].reshape(arrays[0].shape) for column, name in enumerate(kernel.COLUMNS)}
 
 
 def unstretched_length(p: Parameters) -> float:

@@ -124,3 +124,20 @@ def test_every_variable_has_units():
     assert rest.sizes["particle"] == 5
     with pytest.raises(cp.SceneError, match="points: given 1; allowed: a whole number of at least 2"):
         cp.catenary.rest(cp.make_scene(guy(top_tension=7500.0)), points=1)
+
+
+def test_arrays_are_solved_in_one_call():
+    tensions = np.array([[1875.0, 3750.0], [7500.0, 15000.0]])
+    many = cp.catenary.solve(20.40, 57.70, 78500.0 * 1.25e-4, 2e7, top_tension=tensions)
+    for index, tension in np.ndenumerate(tensions):
+        alone = cp.catenary.rest(cp.make_scene(guy(top_tension=tension)))
+        for name in ("unstretched_length", "stretched_length", "horizontal_force", "tension_lower", "tension_upper"):
+            assert many[name][index] == float(alone[name])
+    with pytest.raises(cp.SceneError, match=r"top_tension\[1\]: given 600\.0; allowed: at least 628\.29"):
+        cp.catenary.solve(20.40, 57.70, 9.8125, 2e7, top_tension=[700.0, 600.0])
+    with pytest.raises(cp.SceneError, match=r"unstretched_length\[0\]: given 62\.0; allowed: at most the chord"):
+        cp.catenary.solve(20.40, 57.70, 0.0, 2e7, unstretched_length=62.0)
+    with pytest.raises(cp.SceneError, match="exactly one of top_tension"):
+        cp.catenary.solve(20.40, 57.70, 0.0, 2e7)
+    with pytest.raises(cp.SceneError, match="unknown key"):
+        cp.catenary.solve(20.40, 57.70, 0.0, 2e7, top_tension=1.0, tension=2.0)
