@@ -54,7 +54,7 @@ ROOT = {
     "comment": "Time is elapsed time in seconds since the start of the run and belongs to no date. Positions are "
     "Cartesian with y pointing up; arc length is unstretched and counts from the lower end.",
     "references": "Escalante, Faure, Rougier, Rosales, Filipich: A reduced order model of taut cable dynamics using "
-    "Karhunen-Loeve decomposition, Mecanica Computacional",
+    "Karhunen-Loeve decomposition",
     "license": "Freely distributed: cablepod (MIT license) sets no terms on what it computes",
 }
 SUMMARY = (

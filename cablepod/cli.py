@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
@@ -31,7 +32,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = _parser()
     options = parser.parse_args(arguments)
     try:
-        return options.run(options)
+        with warnings.catch_warnings():
+            warnings.simplefilter("always")
+            warnings.showwarning = _note  # put back on leaving
+            return options.run(options)
     except (SceneError, archive.ArchiveError, RunStopped) as error:
         return _fail(str(error))
     except KeyboardInterrupt:
@@ -43,6 +47,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail("out of memory; try fewer links, instants or modes")
     except OSError as error:
         return _fail(f"{error.filename or 'file'}: {error.strerror or error}")
+
+
+def _note(message: Warning | str, *_: object, **__: object) -> None:
+    """Show a warning as one line, without the place in the code that a user of the command has no use for."""
+    print("cablepod: note: " + " ".join(str(message).split()), file=sys.stderr)
 
 
 def _fail(message: str, status: int = 2) -> int:

@@ -73,6 +73,13 @@ def test_the_main_job(scene_file, tmp_path, capsys):
     assert cp.archive.read(out / "galerkin_r2.nc").attrs["id"] == reduced.attrs["id"]
 
 
+def test_warnings_are_notes_of_one_line(scene_file, tmp_path):
+    scene_file.write_text(SCENE + "[[point_load]]\narc_length = 0.5\nforce = [0.0, -10.0]\n")
+    done = call("run", scene_file, "--out", tmp_path / "out", "--ranks", "2")
+    assert done.returncode == 0
+    assert done.stderr == "cablepod: note: catenary.rest leaves out the point loads of the scene; chain.rest has them\n"
+
+
 def test_info_tells_what_a_file_is(scene_file, tmp_path, capsys):
     cp.archive.write(cp.chain.rest(cp.read_scene(scene_file)), tmp_path / "rest.nc")
     assert cli.main(["info", str(tmp_path / "rest.nc")]) == 0
