@@ -25,6 +25,10 @@ TERMS = {
             "upper": {"x": {"kind": "ramp", "amplitude": 0.1, "duration": 2.0}},
         }
     },
+    "damped, starting with a velocity": {
+        "damping": {"mass_proportional": 2.0},
+        "motion": {"upper": {"y": {"kind": "harmonic", "amplitude": 0.03, "angular_frequency": 1.7}}},
+    },
     "initial shape": {"initial": {"top_tension": 260.0}},
     "unequal links": {"chain": {"link_lengths": [1.0, 2.0, 1.0, 0.5, 2.0, 1.0, 1.0, 3.0]}},
 }

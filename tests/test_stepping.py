@@ -1,0 +1,100 @@
+"""What the steppers share: instants, dense output, and the choice of the step, on made-up runs of known error."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import cablepod as cp
+from cablepod import stepping
+
+
+@pytest.mark.parametrize("rate", [0.3, 1.0, 1.01, 7.9, 3250.0, 4001.0, 1e6 + 1])
+def test_preferred_rates_are_round_and_never_lower(rate):
+    chosen = stepping.preferred_rate(rate)
+    assert rate * (1 - 1e-12) <= chosen <= 1.28 * rate
+    assert chosen / 10.0 ** np.floor(np.log10(chosen)) == pytest.approx(
+        min(stepping._PREFERRED, key=lambda p: abs(p - chosen / 10.0 ** np.floor(np.log10(chosen))))
+    )
+
+
+def test_instants_on_steps_need_no_interpolation():
+    instants = stepping.Instants.of(np.arange(1251) / 10, 4000.0)
+    assert not instants.dense
+    np.testing.assert_array_equal(instants.steps, 400 * np.arange(1251))
+
+
+def test_dense_output_is_exact_for_quintics():
+    rate = 3.0
+    instants = stepping.Instants.of(np.array([0.0, 0.1, 0.7, 1.0, 1.9]), rate)
+    p = np.polynomial.Polynomial([1.0, -2.0, 0.5, 3.0, -1.0, 0.2])
+    t = instants.steps / rate
+    values = instants.at_times(*(f(t)[:, None, None] for f in (p, p.deriv(), p.deriv(2))))
+    np.testing.assert_allclose(values[:, 0, 0], p(instants.times), rtol=1e-13)
+
+
+class MadeUp:
+    """Runs whose error is `size` (rate / first rate)^-order, of a motion of size 1."""
+
+    def __init__(self, size, order, rate=100.0):
+        self.size, self.order, self.first, self.calls = size, order, rate, []
+
+    def __call__(self, rate):
+        self.calls.append(rate)
+        return rate, self.size * (rate / self.first) ** -self.order
+
+    def refine(self, tolerance):
+        def position(run):
+            return np.full((1, 1, 1), run[1])
+
+        return stepping.refine(self, position, lambda run: 1.0, self.first, tolerance)
+
+
+@pytest.mark.parametrize(
+    ("order", "size"),
+    [(1.0, 3e-5), *((p, size) for p in (1.0, 1.5, 2.0) for size in (1e-9, 1e-6, 2e-6, 4e-6, 1e-5)), (2.0, 1e-3)],
+)
+def test_the_step_meets_the_tolerance_whatever_the_order(order, size):
+    made_up = MadeUp(size, order)
+    (_, error), rate, estimate = made_up.refine(1e-6)
+    assert error <= 1e-6
+    # never an estimate below the error, but for rounding of the observed order
+    assert estimate >= 0.99 * error
+    assert rate == made_up.calls[-1]
+
+
+def test_slow_convergence_is_given_up_soon():
+    made_up = MadeUp(1e-2, 0.2)
+    with pytest.warns(cp.NotConvergedWarning, match="more than the tolerance 1e-06; the motion is chaotic"):
+        made_up.refine(1e-6)
+    assert len(made_up.calls) == 4
+
+
+def test_runs_that_differ_whatever_their_steps_are_given_up_soon():
+    calls = []
+
+    def run(rate):
+        calls.append(rate)
+        return 1e-2 * (-1.0) ** len(calls)
+
+    with pytest.warns(cp.NotConvergedWarning, match="an error of .* is left at step"):
+        stepping.refine(run, lambda run: np.full((1, 1, 1), run), lambda run: 1.0, 100.0, 1e-6)
+    assert len(calls) == 4
+
+
+def test_a_first_step_that_breaks_down_is_halved():
+    calls = []
+
+    def run(rate):
+        calls.append(rate)
+        if rate < 300:
+            raise cp.RunStopped("too long")
+        return rate, 0.0
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        _, rate, _ = stepping.refine(run, lambda run: np.zeros((1, 1, 1)), lambda run: 1.0, 100.0, 1e-6)
+    assert calls == [100.0, 200.0, 400.0, 800.0]
+    assert rate == 800.0
