@@ -126,12 +126,23 @@ def start(chain: Chain) -> np.ndarray:
 
 
 def _along_line(chain: Chain, line: np.ndarray) -> np.ndarray:
-    """Lay the particles on a line: one on each point, or by their share of the unstretched length."""
+    """Lay the particles on a line: one on each point, or by unstretched length.
+
+    Between two held ends the line is shared out in proportion; a free end lies where the unstretched length ends.
+    """
     if len(line) == chain.links + 1:
         position = line.copy()
     else:
         reach = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
         place = chain.arc_length / chain.total_length * reach[-1]
+        if chain.p.free is not None:
+            spare = reach[-1] - chain.total_length
+            if spare < -1e-9 * chain.total_length:
+                raise SceneError(
+                    f"initial.points: given a line of {reach[-1]:.9g} m; allowed: at least the unstretched length, "
+                    f"{chain.total_length:.9g} m, so that the free end can lie on it"
+                )
+            place = chain.arc_length + (spare if chain.p.free == "lower" else 0.0)
         position = np.stack([np.interp(place, reach, line[:, c]) for c in range(line.shape[1])], axis=1)
     ends = chain.p.end_positions(np.zeros(1))[0]
     for index, end in ((0, "lower"), (-1, "upper")):

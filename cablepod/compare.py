@@ -35,7 +35,7 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
 
     Notes
     -----
-    Section 8 of the design's theory.  With a dimension ``member`` on either side the errors have it too.
+    With a dimension ``member`` on either side the errors have it too.
     """
     for name, dataset in (("run", run), ("truth", truth)):
         if "position" not in dataset or "arc_length" not in dataset.variables:

@@ -127,7 +127,7 @@ def test_a_chain_that_folds_at_rest_is_refused():
 
 
 def test_positions_that_two_independent_schemes_agree_on(scenes):
-    # theory: mass 20 of 39 in Example 2, known to 3e-12 m; the default step keeps 1e-6 of a motion of 0.1 m
+    # mass 20 of 39 in Example 2, known to 3e-12 m; the default step keeps 1e-6 of a motion of 0.1 m
     run = cp.chain.simulate(cp.read_scene(scenes / "example2.toml"), times=[5.0, 45.0, 125.0])
     known = [[10.300121695, 28.812870094], [10.389263084, 28.768181787], [10.297997392, 28.815093996]]
     np.testing.assert_allclose(run.position[:, 20], known, rtol=0, atol=2e-8)
@@ -183,6 +183,24 @@ def test_a_released_end_carries_half_a_link(soft):
     mass = 1.0 * float(rest.unstretched_length) / 8 / 2
     # to first order in t: the pull itself changes by (omega t)^2 / 2 with omega ~ 2e2 rad/s, 2 % at 1 ms
     np.testing.assert_allclose(run.velocity[1, -1], 1e-3 * (pull / mass + [0, -9.81]), rtol=0.05)
+
+
+def test_a_line_is_shared_out_between_held_ends_and_laid_out_to_a_free_one(soft):
+    cable = {**soft["cable"], "unstretched_length": 8.0}
+    del cable["top_tension"]
+    ends = {"lower": [0.0, 0.0], "upper": [8.0, 0.0]}
+    line = {"points": [[0.0, 0.0], [4.0, 3.0], [8.0, 0.0]]}  # 10 m
+
+    def laid(**changes):
+        return positions(of(soft, cable=cable, initial=line, motion={}, **changes), times=[0.0], step=1e-3)[0]
+
+    held = laid(ends=ends)
+    np.testing.assert_allclose(held[[2, 4, 8]], [[2.0, 1.5], [4.0, 3.0], [8.0, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(laid(ends={**ends, "free": "upper"})[[4, 8]], [[3.2, 2.4], [6.4, 1.2]], atol=1e-12)
+    np.testing.assert_allclose(laid(ends={**ends, "free": "lower"})[[0, 8]], [[1.6, 1.2], [8.0, 0.0]], atol=1e-12)
+    cable["unstretched_length"] = 10.1
+    with pytest.raises(cp.SceneError, match=r"initial\.points: given a line of 10 m; allowed: at least .*10\.1 m"):
+        laid(ends={**ends, "free": "upper"})
 
 
 def test_a_free_lower_end_is_a_free_upper_end_seen_from_the_other_side(soft):

@@ -2,7 +2,7 @@
 
 In the plane of chord and load, with span a >= 0 across the load, rise b against it, load q >= 0 per unstretched length
 and axial stiffness K, let w = q L0/2, V the middle of the two vertical end forces and T the mean of both end tensions.
-The closed form of theory (linear law) then reads, without a cancelling difference,
+The closed form of the linear law then reads, without a cancelling difference,
 
     z = tanh(eta) = w / T,  e = T / K,  l = L0 (1 + e),  A = eta coth(eta),  G = (e + A) / (1 + e)
     V = T b / l,            H = a T / (l G),             l^2 = c^2 + a^2 sigma,   sigma = cosh(eta)^2 / G^2 - 1
