@@ -263,7 +263,6 @@ class _State:
     position: np.ndarray  # (times, n + 1, dims)
     velocity: np.ndarray | None
     extremes: tuple[np.ndarray, np.ndarray] | None
-    complete: bool = True
 
 
 @dataclass(frozen=True)
@@ -282,6 +281,8 @@ class _Run:
 
         chain, p, free = self.chain, self.chain.p, self.chain.free
         instants = Instants.of(self.times, rate)
+        if instants.dense:  # both neighbours of an instant are kept, with rates on either side
+            check_memory(instants.times.size, chain.links, p.dims, key="times between two steps", variables=12)
         total = int(instants.steps[-1]) + 1
         step = 1.0 / rate
         mass = p.mass * chain.share[free]

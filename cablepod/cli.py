@@ -128,7 +128,11 @@ def _run(options: argparse.Namespace) -> int:
             chain.simulate, scene, times=report_at, outputs=("position", "tension"), progress=progress
         )
     keep("chain", truth)
-    snapshots = truth if report_at.size == snapshots_at.size else _at_snapshots(truth, scene, snapshots_at)
+    snapshots = (
+        truth
+        if report_at.size == snapshots_at.size
+        else truth.isel(time=np.searchsorted(truth["time"].values, snapshots_at))
+    )
     modes = pod.decompose(snapshots, rank=min(20, snapshots.sizes["particle"] - 2, snapshots.sizes["time"] - 1))
     keep("modes", modes)
     rows: list[Row] = [("elastic chain", "", truth, seconds, None)]
@@ -203,12 +207,14 @@ def _report_times(snapshots_at: np.ndarray) -> np.ndarray:
         count = max(1, min(REPORT_INSTANTS, int(last / REPORT_INTERVAL)))
     grid = np.linspace(0.0, last, count + 1)
     # the snapshots are among the instants, so that one run of the chain serves both
-    return np.union1d(np.round(grid, 9), np.round(snapshots_at, 9))
+    nearest = np.abs(grid - snapshots_at[_nearest(snapshots_at, grid)])
+    return np.sort(np.concatenate([snapshots_at, grid[nearest > 1e-9 * last]]))
 
 
-def _at_snapshots(truth: xr.Dataset, scene: xr.Dataset, times: np.ndarray) -> xr.Dataset:
-    index = np.searchsorted(truth["time"].values, np.round(times, 9))
-    return truth.isel(time=index)
+def _nearest(places: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Index of the nearest of rising `places` for each value."""
+    right = np.clip(np.searchsorted(places, values), 1, places.size - 1)
+    return np.where(values - places[right - 1] < places[right] - values, right - 1, right)
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import xarray as xr
 
@@ -36,4 +36,4 @@ def over_members(function: F) -> F:
         name = f"{function.__module__.removeprefix('cablepod.')}.{function.__name__}"
         return provenance.record(joined, function=name, parameters={"members": values}, inputs=[results[0]])
 
-    return wrapper  # type: ignore[return-value]
+    return cast(F, wrapper)

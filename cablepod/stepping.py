@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.conventions import OUTPUTS
-from cablepod.schema import SceneError, refuse
+from cablepod.schema import SceneError, number, refuse
 
 #: Steps between two looks at the state: few enough to stop early, many enough to cost nothing.
 BLOCK = 16384
@@ -68,8 +68,6 @@ def check_outputs(outputs: Any) -> tuple[str, ...]:
 
 def check_positive(key: str, value: Any) -> float:
     """Check an option that must be a finite positive number."""
-    from cablepod.schema import number  # kept beside its only use
-
     return number(above=0.0)(key, value)
 
 

@@ -80,6 +80,15 @@ def test_warnings_are_notes_of_one_line(scene_file, tmp_path):
     assert done.stderr == "cablepod: note: catenary.rest leaves out the point loads of the scene; chain.rest has them\n"
 
 
+@pytest.mark.parametrize(("duration", "interval"), [(124.0, 1.0), (4.0, 0.3), (1e-7, 2.5e-8), (1e6, 3e3), (0.3, 0.1)])
+def test_the_snapshots_are_among_the_instants_of_the_report(duration, interval):
+    snapshots = interval * np.arange(int(duration / interval + 1e-9) + 1)
+    times = cli._report_times(snapshots)
+    assert (np.diff(times) > 0.5e-9 * duration).all()
+    np.testing.assert_array_equal(times[np.searchsorted(times, snapshots)], snapshots)
+    assert times.size <= cli.REPORT_INSTANTS + snapshots.size + 1
+
+
 def test_info_tells_what_a_file_is(scene_file, tmp_path, capsys):
     cp.archive.write(cp.chain.rest(cp.read_scene(scene_file)), tmp_path / "rest.nc")
     assert cli.main(["info", str(tmp_path / "rest.nc")]) == 0
