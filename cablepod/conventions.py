@@ -45,6 +45,7 @@ VARIABLES: dict[str, tuple[str, str]] = {
     # modes
     "mode_shape": ("1", "Karhunen-Loeve mode, of unit norm in the inner product of the decomposition"),
     "singular_value": ("m", "singular value of the centred, lifted snapshot matrix"),
+    "singular_value_uncertainty": ("m", "estimate of the rounding error of the singular value on the route taken"),
     "proper_orthogonal_value": (
         "m2",
         "proper orthogonal value, the squared singular value over the number of snapshots",

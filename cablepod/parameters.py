@@ -279,12 +279,20 @@ def check_memory(instants: int, links: int, dims: int, *, key: str, variables: i
         Naming what is needed and what the machine has.
     """
     needed = 8.0 * dims * variables * (float(instants) * (links + 1) + 20.0 * links)
+    check_bytes(needed, key, f"{links} links and {instants} instants, {needed / 1e9:.3g} GB of output")
+
+
+def check_bytes(needed: float, key: str, given: str) -> None:
+    """Refuse what would not fit in half of this machine's memory.
+
+    Raises
+    ------
+    SceneError
+        Naming what is needed and what the machine has.
+    """
     try:
         memory = float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
     except (AttributeError, OSError, ValueError):  # a system that does not tell
         memory = 16e9
     if needed > 0.5 * memory:
-        raise SceneError(
-            f"{key}: given {links} links and {instants} instants, {needed / 1e9:.3g} GB of output; "
-            f"allowed: half of this machine's memory, {0.5 * memory / 1e9:.3g} GB"
-        )
+        raise SceneError(f"{key}: given {given}; allowed: half of this machine's memory, {0.5 * memory / 1e9:.3g} GB")

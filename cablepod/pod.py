@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import provenance, schema
+from cablepod import decompositions, provenance, schema
 from cablepod.conventions import ENDS, label
+from cablepod.parameters import check_bytes
 from cablepod.schema import SceneError, refuse
 
 LAYOUTS = ("separate", "vector")
-METHODS = ("svd",)
+METHODS = tuple(decompositions.ROUTES)
 WEIGHTS = (None, "length", "mass")
 
 
@@ -44,7 +45,10 @@ def decompose(
     layout
         "separate": modes for each coordinate, as the paper has them; "vector": one set of modes for all coordinates.
     method
-        "svd".
+        The route, all three of section 5.1 of the paper: "svd", the singular value decomposition of the data, eq. (30), right to
+        the last digits; "covariance", eigenvectors of the (n, n) covariance matrix, eq. (29), the fastest for many snapshots;
+        "snapshots", Sirovich's, eigenvectors of an (m, m) matrix, for few snapshots of very many particles.  The last two
+        square the data: below 10^-8 of the largest singular value they give noise.
     weights
         Inner product over the particles: None, the paper's, counts all alike; "length" or "mass" by the unstretched length
         that each carries, scaled to mean 1 (the same for a uniform cable).
@@ -57,8 +61,9 @@ def decompose(
         ``mode_shape (coordinate, mode, particle)``, ``singular_value (coordinate, mode)`` [m] of the plain centred, lifted
         data matrix, or for "vector" ``mode_shape (mode, particle, coordinate)``, ``singular_value (mode)``; with
         ``proper_orthogonal_value`` (squared singular value over the number of snapshots), ``energy_share``,
-        ``singular_value_share`` (over all singular values computed), ``mean (particle, coordinate)`` [m].  The first entry
-        of a mode that reaches half its largest is positive.
+        ``singular_value_share`` (over all singular values computed), ``singular_value_uncertainty`` [m], an estimate of what
+        rounding on the chosen route may do, and ``mean (particle, coordinate)`` [m].  The first entry of a mode that reaches
+        half its largest is positive.
 
     Raises
     ------
@@ -86,11 +91,15 @@ def decompose(
         matrices = [np.ascontiguousarray(root[:, None] * inner[:, :, c].T) for c in range(dims)]
     else:
         matrices = [np.ascontiguousarray((root[None, :, None] * inner).reshape(samples, -1).T)]
-    decomposed = [np.linalg.svd(matrix, full_matrices=False) for matrix in matrices]
+    extent = matrices[0].shape
+    needed = decompositions.memory_needed(*extent, method)
+    check_bytes(needed, "method", f"{method!r} for {extent[0]} by {extent[1]} values, {needed / 1e9:.3g} GB")
+    decomposed = [decompositions.ROUTES[method](matrix) for matrix in matrices]
     values = np.stack([item[1] for item in decomposed])
+    unsure = np.stack([decompositions.uncertainty(item, extent, method) for item in values])
     kept = _count(values, rank, energy, samples - bool(center))
     shapes = []
-    for left, _, _ in decomposed:
+    for left, _ in decomposed:
         modes = left[:, :kept].T
         field = modes.reshape(kept, particles - 2, -1) / root[None, :, None]
         shapes.append(np.pad(_fix_sign(field), ((0, 0), (1, 1), (0, 0))))
@@ -108,6 +117,7 @@ def decompose(
         {
             "mode_shape": (shape_dims, shape),
             "singular_value": ((*lead, "mode"), values[:, :kept][pick]),
+            "singular_value_uncertainty": ((*lead, "mode"), unsure[:, :kept][pick]),
             "proper_orthogonal_value": ((*lead, "mode"), (squares / samples)[:, :kept][pick]),
             "energy_share": ((*lead, "mode"), share(squares)),
             "singular_value_share": ((*lead, "mode"), share(values)),

@@ -18,7 +18,7 @@ PACKAGE = Path(cp.__file__).parent
 # Each module may import from those before it.
 ORDER = (
     "conventions", "provenance", "kernels", "motion", "schema", "parameters", "records", "scene", "members", "stepping",
-    "catenary", "links", "chain", "pod", "compare", "galerkin_model", "galerkin", "plots", "archive", "cli",
+    "catenary", "links", "chain", "decompositions", "pod", "compare", "galerkin_model", "galerkin", "plots", "archive", "cli",
     "__init__", "__main__",
 )  # fmt: skip
 
