@@ -66,10 +66,10 @@ def uncertainty(values: np.ndarray, shape: tuple[int, int], method: str) -> np.n
     """Estimate how far the singular values of a matrix of `shape` may be off by rounding.
 
     An eigenvalue of a symmetric matrix, and a singular value, is right to a small multiple of 2^-52 of the largest; the
-    multiple grows slowly with the size, as a root.  Where eigenvalues are squares of singular values, the error of the
-    square is that of the largest square, so that of a small value is large.
+    multiple grows slowly with the size, as a root, from a few units on.  Where eigenvalues are squares of singular values,
+    the error of the square is that of the largest square, so that of a small value is large.
     """
-    unit = EPSILON * (4.0 + math.sqrt(max(shape)))
+    unit = EPSILON * (8.0 + math.sqrt(max(shape)))
     largest = values.max(initial=0.0)
     if method == "svd":
         return np.full(values.shape, unit * largest)

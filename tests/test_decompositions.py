@@ -43,8 +43,8 @@ def test_the_uncertainty_covers_the_error_and_is_not_idle(method, shape):
     error = np.abs(values - spectrum)
     unsure = decompositions.uncertainty(values, shape, method)
     assert np.all(error <= unsure)
-    # rounding acts as a random walk, of which the estimate is the envelope: two orders are as near as it can be
-    assert error.max() > 0.005 * unsure.max()
+    # an envelope of what rounding may do lies above what it does here, but not by more than three orders
+    assert error.max() > 0.001 * unsure.max()
 
 
 @pytest.mark.parametrize("method", ["covariance", "snapshots"])
