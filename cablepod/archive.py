@@ -7,7 +7,6 @@ identical to what was written, plus the attributes of the root that :func:`write
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import functools
 import hashlib
@@ -17,7 +16,6 @@ import os
 import platform
 import shutil
 import subprocess
-import uuid
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
@@ -27,6 +25,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import conventions, provenance
+from cablepod.whole import whole_file
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Mapping
@@ -90,20 +89,13 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
     _check_target(path, overwrite=overwrite)
     _check_content(dataset)
     stamped = _stamped(dataset)
-    part = path.parent / f".cablepod-{uuid.uuid4().hex}.part"
     try:
-        stamped.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding_of(stamped))
-        with part.open("r+b") as file:
-            os.fsync(file.fileno())
-        _check_target(path, overwrite=overwrite)  # again, for a long write leaves time for somebody else's file
-        os.replace(part, path)
+        with whole_file(path, check=lambda: _check_target(path, overwrite=overwrite)) as part:
+            stamped.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding_of(stamped))
     except ArchiveError:
         raise
     except LIBRARY_ERRORS as error:
         raise ArchiveError(f"{path}: not written, nothing is left behind: {_reason(error, path.parent)}") from error
-    finally:  # also when interrupted
-        _discard(part)
-    _sync_folder(path.parent)
     return path
 
 
@@ -176,13 +168,6 @@ def _check_attribute(owner: str, name: Hashable, value: Any) -> None:
         )
 
 
-def _discard(part: Path) -> None:
-    """Remove `part` if it is still there, and its contents first: a library that failed may hold it and its space."""
-    with contextlib.suppress(FileNotFoundError):
-        os.truncate(part, 0)
-        part.unlink()
-
-
 def _reason(error: BaseException, folder: Path) -> str:
     # On a full disk the library says "HDF error", or "Permission denied" when it cannot even begin.
     full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES)
@@ -190,16 +175,6 @@ def _reason(error: BaseException, folder: Path) -> str:
         free = shutil.disk_usage(folder).free / 1e6
         return f"{error}; is the disk full? {free:.1f} MB are free in {folder}; make room, or give another path"
     return str(error) or type(error).__name__
-
-
-def _sync_folder(folder: Path) -> None:
-    # The file is whole and in place; without this its name may not outlive a power cut, and not every system offers it.
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
 
 
 def _stamped(dataset: xr.Dataset) -> xr.Dataset:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import xarray as xr
 
 from cablepod import provenance, stepping
 from cablepod.conventions import COORDINATES, label
-from cablepod.links import Chain, chain_of, square
+from cablepod.links import LAWS, Chain, chain_of, check_law, square
 from cablepod.members import over_members
 from cablepod.parameters import check_memory, load_plane, parameters, solve_statics
 from cablepod.schema import SceneError, refuse
@@ -25,7 +25,7 @@ SCHEMES = ("velocity_verlet",)
 
 
 @over_members
-def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
+def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> xr.Dataset:
     """Compute the chain at rest between its ends, under all loads of the scene at time 0.
 
     Parameters
@@ -34,6 +34,8 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
         A scene; an end that is free during the run is held here.
     links
         Number of links, instead of the scene's.
+    law
+        "linear" or "green", see :func:`simulate`.
 
     Returns
     -------
@@ -44,16 +46,21 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
     Raises
     ------
     SceneError
-        For a scene without rest, and a chain that at rest has a link without force (folded on itself).
+        For a law that is not known, a scene without rest, and a chain that at rest has a link without force (folded on itself).
 
     Notes
     -----
     Newton's method on the force in the first link, which determines all else (the discrete catenary).  The residual is
     that of the tensions along the links as they are stored; tensions computed again from the positions carry the rounding
     of these, about K/l 2^-53 times the chord.
+
+    Where a scene gives a tension, its unstretched length follows by the linear law whatever `law` is: both laws have the same
+    cable, and by law (21), T = K xi (xi^2 - 1) / 2, the tension at rest is not quite the one given: with a strain e it is off by
+    1.5 e at most, relatively, and by much less where the sag decides.
     """
+    check_law(law)
     p = parameters(scene)
-    chain = chain_of(p, links)
+    chain = chain_of(p, links, law)
     position, tension = _rest(chain)
     reach = np.diff(position, axis=0)
     force = (tension / np.sqrt(square(reach)))[:, None] * reach
@@ -74,8 +81,15 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
         coords=_coordinates(chain),
     )
     label(result)
-    result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: chain at rest", stage="rest")
-    return provenance.record(result, function="chain.rest", parameters={"links": chain.links}, inputs=[scene])
+    result.attrs.update(
+        title=f"{scene.attrs.get('title', 'scene')}: chain at rest{_suffix(chain)}", stage="rest", law=chain.law
+    )
+    options = {"links": chain.links, "law": chain.law}
+    return provenance.record(result, function="chain.rest", parameters=options, inputs=[scene])
+
+
+def _suffix(chain: Chain) -> str:
+    return f", {chain.law} law" if chain.green else ""
 
 
 def _coordinates(chain: Chain) -> dict[str, Any]:
@@ -97,7 +111,7 @@ def _rest(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     if not np.isfinite(force).all() or not force.any():
         # weightless and slack but for point loads, or just without tension: begin with any pull along the chord
         force = chord / np.linalg.norm(chord) * max(float(np.abs(loads).sum()), 1e-6 * p.stiffness)
-    gap = kernel.equilibrium(chord, loads, chain.length, p.stiffness, force)
+    gap = kernel.equilibrium(chord, loads, chain.length, p.stiffness, chain.green, force)
     scale = max(float(np.linalg.norm(chord)), chain.total_length)
     forces = force - np.concatenate([np.zeros((1, p.dims)), np.cumsum(loads, axis=0)])
     tension = np.sqrt(square(forces))
@@ -106,7 +120,8 @@ def _rest(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
             f"chain: no rest found with all links taut (a gap of {gap:.2g} m is left); allowed: a scene whose chain does not "
             "fold on itself at rest, or a start from initial.points"
         )
-    reach = chain.length[:, None] * (forces / tension[:, None] + forces / p.stiffness)
+    secant = np.array([kernel.secant_modulus(size, p.stiffness, chain.green) for size in tension])
+    reach = chain.length[:, None] * (forces / tension[:, None] + forces / secant[:, None])
     position = ends[0] + np.concatenate([np.zeros((1, p.dims)), np.cumsum(reach, axis=0)])
     position[-1] = ends[1]
     return position, tension
@@ -121,7 +136,7 @@ def start(chain: Chain) -> np.ndarray:
         if key in p.initial:
             other = solve_statics(p, key, p.initial[key], prefix="initial")[0]
             factor = other / chain.total_length
-            return _rest(Chain(p, factor * chain.length, factor * chain.arc_length))[0]
+            return _rest(replace(chain, length=factor * chain.length, arc_length=factor * chain.arc_length))[0]
     return _rest(chain)[0]
 
 
@@ -160,6 +175,7 @@ def simulate(
     *,
     links: int | None = None,
     times: Any = None,
+    law: str = LAWS[0],
     scheme: str | None = None,
     step: float | None = None,
     tolerance: float | None = None,
@@ -177,6 +193,10 @@ def simulate(
     times
         Instants of the output [s], rising from 0 on; by default 0, interval, ... up to the scene's duration.  They change
         no bit of the motion: what lies between two steps is interpolated to the order of the scheme.
+    law
+        "linear": T = K (xi - 1), xi = |R| / l, where that is positive; a slack link carries nothing.  "green": eq. (21) of the
+        paper, T / xi = K (xi^2 - 1) / 2, the extensible cable cut into lumped linear elements; it resists compression.  A run
+        from equilibrium starts from that of its law.
     scheme
         "velocity_verlet".
     step
@@ -193,15 +213,19 @@ def simulate(
     -------
     xarray.Dataset
         ``position (time, particle, coordinate)`` [m], ``velocity`` [m/s], ``tension (time, link)`` [N],
-        ``tension_minimum``, ``tension_maximum (link)`` [N] as asked for.  Attributes say scheme, step [s], number of steps,
-        stability limit of the step [s], highest angular frequency [rad/s] and the estimate of the time error.
+        ``tension_minimum``, ``tension_maximum (link)`` [N] as asked for; by law "green" compression is negative.  Attributes say
+        law, scheme, step [s], number of steps, stability limit of the step [s], highest angular frequency [rad/s] and the
+        estimate of the time error; with law "green" limit and frequency are those of the start, and ``smallest_stretch`` says
+        the least xi at the instants of the output.
 
     Raises
     ------
     SceneError
-        For options that cannot be, a step above the stability limit, an output that would not fit in memory.
+        For options that cannot be, law "green" with viscous links, a step above the stability limit, an output that would not
+        fit in memory.
     RunStopped
-        Where the motion leaves the finite numbers; its ``partial`` holds what was computed until then.
+        Where the motion leaves the finite numbers; its ``partial`` holds what was computed until then.  With law "green" also
+        where at an instant of the output the links have become too stiff for a given step.
 
     Warns
     -----
@@ -213,21 +237,33 @@ def simulate(
     m r'' = P + T_j - T_(j-1) with T = k (1 - l/|R|) R for |R| > l, else 0; eqs. (1)-(3) of the paper.  Second order in step
     and in 1/n.  Damping by mass is integrated exactly; viscous links use a velocity predicted from the last two half steps,
     which keeps the order.
+
+    By law (21) T = k/2 (|R|^2/l^2 - 1) R, from the energy K (xi^2 - 1)^2 / 8 per unstretched length.  Along a link it is
+    (3 xi^2 - 1) / 2 times as stiff as unstretched, so the limit of the step is that of the stretch at the start and falls as the
+    links are pulled; the step that is chosen here counts on the largest distance of the ends, keeps a margin, and is halved where
+    that is not enough.
     """
+    check_law(law)
     stepping.check_scheme(scheme, SCHEMES)
     names = stepping.check_outputs(outputs)
     if step is not None and tolerance is not None:
         raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
     goal = stepping.DEFAULT_TOLERANCE if tolerance is None else stepping.check_positive("tolerance", tolerance)
     p = parameters(scene)
-    chain = chain_of(p, links)
+    if law == "green" and p.link_viscosity is not None:
+        raise refuse(
+            "law and damping.link_viscosity",
+            (law, p.link_viscosity),
+            'viscous links with law "linear"; with "green" none, mass_proportional is possible',
+        )
+    chain = chain_of(p, links, law)
     instants = p.times() if times is None else stepping.check_times(times)
     p.check_reach(float(instants[-1]))
     check_memory(
         instants.size, chain.links, p.dims, key="links" if links is not None else "chain.links and times", variables=3
     )
-    limit = chain.step_limit()
     initial = start(chain)
+    limit = chain.step_limit(chain.stiffening(initial))
     run = _Run(chain, instants, initial, names, progress, str(scene.attrs.get("title", "scene")))
     if step is None:
         chord = float(np.linalg.norm(p.upper - p.lower))
@@ -235,7 +271,7 @@ def simulate(
             run,
             lambda s: s.position,
             lambda s: stepping.motion_scale(s.position, initial, chord),
-            stepping.preferred_rate(1.0 / (0.9 * limit)),
+            stepping.preferred_rate(1.0 / _first_step(chain, initial, limit, float(instants[-1]))),
             goal,
         )
     else:
@@ -247,12 +283,20 @@ def simulate(
     options = {
         "links": chain.links,
         "times": instants,
+        "law": law,
         "scheme": SCHEMES[0],
         "step": 1.0 / rate,
         "tolerance": None if step is not None else goal,
         "outputs": list(names),
     }
     return provenance.record(result, function="chain.simulate", parameters=options, inputs=[scene])
+
+
+def _first_step(chain: Chain, initial: np.ndarray, limit: float, until: float) -> float:
+    """Choose the step to begin with [s]; by law (21) for the stretch to come, as far as the ends enforce it, and waves on top."""
+    if not chain.green:
+        return 0.9 * limit
+    return 0.8 * chain.step_limit(np.maximum(chain.stiffening(initial), chain.enforced_stiffening(until)))
 
 
 @dataclass
@@ -306,6 +350,7 @@ class _Run:
         halves = np.empty((instants.steps.size, 2, p.dims, mass.size)) if wants_velocity else None
         low = np.full(chain.links, np.inf) if "tension_extremes" in self.outputs else None
         high = np.full(chain.links, -np.inf) if low is not None else None
+        inverse = chain.inverse_squares
         moving = {end for end, _ in p.motions}
         bound = 1e6 * (chain.total_length + float(np.abs(self.initial).max()) + 1.0)
 
@@ -314,7 +359,7 @@ class _Run:
             ends = p.end_positions(time) if moving else None
             first, last = np.searchsorted(instants.steps, (start, start + steps))
             kernel.verlet(
-                *xyz, *uvw, *work, free.start, free.stop, chain.k, chain.length, per_mass, drive, step, decay,
+                *xyz, *uvw, *work, free.start, free.stop, chain.k, chain.length, inverse, per_mass, drive, step, decay,
                 np.ascontiguousarray(ends[:, 0]) if ends is not None and "lower" in moving else None,
                 np.ascontiguousarray(ends[:, 1]) if ends is not None and "upper" in moving else None,
                 patterns,
@@ -330,7 +375,9 @@ class _Run:
         if failed is not None:
             self._stop(instants, saved, halves, failed, rate)
         extremes = None if low is None or high is None else (low, high)
-        return self._gather(instants, saved, halves, extremes, rate)
+        result = self._gather(instants, saved, halves, extremes, rate)
+        self._check_limit(result)
+        return result
 
     def _first_half_step(
         self, step: float, mass: np.ndarray
@@ -382,6 +429,27 @@ class _Run:
             )
         return _State(instants, instants.at_times(x, v, a), velocity, extremes)
 
+    def _check_limit(self, state: _State, partial: xr.Dataset | None = None) -> None:
+        """Raise :class:`RunStopped` where the links became too stiff for the step, which only law (21) lets them."""
+        chain, rate = self.chain, state.instants.rate
+        if not chain.green:
+            return
+        stiffening = chain.stiffening(state.position)
+        if chain.step_limit(stiffening.max(axis=0)) > 1.0 / rate:
+            return  # not even all links at their stiffest
+        for time, now in zip(state.instants.times, stiffening, strict=True):
+            limit = chain.step_limit(now)
+            if limit <= 1.0 / rate:
+                raise RunStopped(
+                    f"the chain stiffened: at {time:.6g} s its stability limit is {limit:.6g} s, below the step "
+                    f"{1 / rate:.6g} s (velocity Verlet, law {chain.law}); try a shorter step",
+                    self.dataset(state) if partial is None else partial,
+                )
+
+    def _limit(self) -> float:
+        """Stability limit of the step at the start [s]."""
+        return self.chain.step_limit(self.chain.stiffening(self.initial))
+
     def _stop(self, instants: Instants, saved: np.ndarray, halves: np.ndarray | None, done: int, rate: float) -> None:
         """Raise :class:`RunStopped` with what was computed before step `done`."""
         count = int(np.searchsorted(instants.times, done / rate * (1.0 - 1e-12)))
@@ -389,13 +457,13 @@ class _Run:
         if count:
             few = Instants.of(instants.times[:count], rate)
             keep = few.steps.size
-            partial = self.dataset(
-                self._gather(few, saved[:keep], None if halves is None else halves[:keep], None, rate)
-            )
+            state = self._gather(few, saved[:keep], None if halves is None else halves[:keep], None, rate)
+            partial = self.dataset(state)
             partial.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {instants.times[-1]:.6g} s"
+            self._check_limit(state, partial)  # why it broke down, if that shows at an instant of the output
         raise RunStopped(
             f"the chain left the finite numbers at {done / rate:.6g} s (velocity Verlet, step {1 / rate:.4g} s, step number "
-            f"{done}, stability limit {self.chain.step_limit():.4g} s); try a shorter step, gentler loads or motion, or damping",
+            f"{done}, stability limit {self._limit():.4g} s); try a shorter step, gentler loads or motion, or damping",
             partial,
         )
 
@@ -414,15 +482,17 @@ class _Run:
         result = xr.Dataset(variables, coords={"time": state.instants.times, **_coordinates(chain)})
         result["unstretched_length"] = ((), chain.total_length)
         label(result)
-        limit = chain.step_limit()
         result.attrs.update(
-            title=f"{self.title}: elastic chain of {chain.links} links",
+            title=f"{self.title}: elastic chain of {chain.links} links{_suffix(chain)}",
             stage="trajectory",
             model="elastic chain",
+            law=chain.law,
             scheme=SCHEMES[0],
             step=1.0 / rate,
             number_of_steps=int(state.instants.steps[-1]),
-            step_limit=limit,
-            highest_angular_frequency=chain.highest_frequency(),
+            step_limit=self._limit(),
+            highest_angular_frequency=chain.highest_frequency(chain.stiffening(self.initial)),
         )
+        if chain.green:
+            result.attrs["smallest_stretch"] = float(chain.stretch(state.position).min())
         return result

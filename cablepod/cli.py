@@ -21,7 +21,9 @@ from cablepod.links import chain_of
 from cablepod.parameters import parameters
 from cablepod.scene import read_scene
 from cablepod.schema import SceneError
+from cablepod.shipped import scene_path
 from cablepod.stepping import RunStopped
+from cablepod.whole import whole_file
 
 #: Reports compare at every 0.1 s; longer runs at as many instants as 200 s have.
 REPORT_INTERVAL, REPORT_INSTANTS = 0.1, 2000
@@ -76,6 +78,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--overwrite", action="store_true", help="replace results that are already in DIR")
     run.set_defaults(run=_run)
+    paper = commands.add_parser(
+        "paper",
+        help="set every table and figure of the paper beside our own",
+        description="Table 1, Table 2, Examples 1 to 4, Figures 4 to 9, the routes to the modes and the range of validity of the "
+        "chain's basis: a netCDF file, figures and one page, paper.md.",
+        epilog="example: cablepod paper --out out/paper",
+    )
+    paper.add_argument("--out", required=True, metavar="DIR", help="folder for the report; made if missing")
+    paper.add_argument("--small", action="store_true", help="smaller studies, for a trial")
+    paper.add_argument("--overwrite", action="store_true", help="replace a report that is already in DIR")
+    paper.set_defaults(run=_paper)
     info = commands.add_parser("info", help="tell what a file is and how it came about")
     info.add_argument("path", metavar="PATH", help="a netCDF file of this package, or a folder of them")
     info.set_defaults(run=_info)
@@ -96,13 +109,28 @@ def _info(options: argparse.Namespace) -> int:
     return 0
 
 
+def _paper(options: argparse.Namespace) -> int:
+    _plain_figures()
+    from cablepod.paper import report, sections  # only this command needs scipy's solvers and all of the package
+
+    out = Path(options.out)
+    _prepare(out, report.FILES, overwrite=options.overwrite)
+    with _bar("the paper") as progress:
+        _, rows = report.write(out, size=sections.SMALL if options.small else sections.FULL, progress=progress)
+    widths = [max(len(row[i]) for row in (report.HEAD, *rows)) for i in range(len(report.HEAD))]
+    for row in (report.HEAD, *rows):
+        print("  ".join(item.replace("`", "").ljust(width) for item, width in zip(row, widths, strict=True)).rstrip())
+    print(f"\n{out / report.PAGE}, {report.DATASET} and {len(report.FIGURES)} figures beside it")
+    return 0
+
+
 # --- the main job ---------------------------------------------------------------------------------------------------
 
 
 def _run(options: argparse.Namespace) -> int:
     out = Path(options.out)
     ranks = _ranks(options.ranks)
-    path = _find_scene(options.scene)
+    path = scene_path(options.scene)
     scene = read_scene(path)
     p = parameters(scene)
     snapshots_at = p.times()  # refuses a scene without [time] before anything runs
@@ -149,6 +177,7 @@ def _run(options: argparse.Namespace) -> int:
     for figure in _figures(out, truth, modes, rows):
         print(f"  {figure}")
     print(_text(rows))
+    print(_values(modes))
     return 0
 
 
@@ -160,21 +189,6 @@ def _ranks(text: str) -> list[int]:
     if not ranks or ranks[0] < 1:
         raise SceneError(f"--ranks: given {text!r}; allowed: whole numbers of at least 1 with commas between")
     return ranks
-
-
-def data_folder() -> Path:
-    """Return the folder of shipped scenes and tables: inside an installed package, or beside it in a checkout."""
-    here = Path(__file__).resolve().parent
-    return here / "data" if (here / "data").is_dir() else here.parent / "data"
-
-
-def _find_scene(name: str) -> Path:
-    """Return the scene file `name`, or the shipped one of that name or path, so that an installed package has them too."""
-    path = Path(name)
-    if path.exists():
-        return path
-    shipped = data_folder() / "scenes" / (path.name if path.suffix else f"{path.name}.toml")
-    return shipped if shipped.exists() and str(path.parent) in (".", "data/scenes") else path
 
 
 def _prepare(out: Path, files: Sequence[str], *, overwrite: bool) -> None:
@@ -283,10 +297,26 @@ def _text(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
-def _figures(out: Path, truth: xr.Dataset, modes: xr.Dataset, rows: Sequence[Row]) -> list[Path]:
+def _values(modes: xr.Dataset) -> str:
+    """Tell the first singular values of each coordinate and what they hold."""
+    values = modes["singular_value"]
+    lines = []
+    for axis in modes["coordinate"].values:
+        one = values.sel(coordinate=axis).values
+        first = "  ".join(f"{value:.5g}" for value in one[:5])
+        held = 100.0 * one[:5].sum() / one.sum() if one.any() else 0.0
+        lines.append(f"singular values of {axis} [m]: {first}; {held:.2f} % of the sum of {one.size}")
+    return "\n".join(lines)
+
+
+def _plain_figures() -> None:
     import matplotlib as mpl  # only the command draws
 
     mpl.use("Agg")
+
+
+def _figures(out: Path, truth: xr.Dataset, modes: xr.Dataset, rows: Sequence[Row]) -> list[Path]:
+    _plain_figures()
     from matplotlib import pyplot as plt
 
     from cablepod import plots
@@ -307,13 +337,12 @@ def _figures(out: Path, truth: xr.Dataset, modes: xr.Dataset, rows: Sequence[Row
     written = []
     for name, draw in drawings.items():
         draw()
-        path, unfinished = out / f"{name}.png", out / f".{name}.png"
+        path = out / f"{name}.png"
         try:
-            plt.savefig(unfinished, dpi=150, format="png")
-            unfinished.replace(path)
+            with whole_file(path) as unfinished:
+                plt.savefig(unfinished, dpi=150, format="png")
         finally:
             plt.close("all")
-            unfinished.unlink(missing_ok=True)
         written.append(path)
     return written
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,11 +14,9 @@ import xarray as xr
 from cablepod import pod
 from cablepod.chain import start
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.links import Chain
+from cablepod.links import Chain, check_law
 from cablepod.parameters import Parameters, solve_statics
 from cablepod.schema import SceneError, refuse
-
-LAWS = ("green", "linear")
 
 
 @dataclass(frozen=True)
@@ -169,7 +167,7 @@ class Model:
         """Amplitudes at the start: the model's own equilibrium, or the projection of the shape that the scene says."""
         frozen = self.displacements(np.zeros(1))[0]
         p = self.chain.p
-        offset = start(self.chain) - self.shape - np.tensordot(frozen, self.lifts, axes=1)
+        offset = start(replace(self.chain, law=self.law)) - self.shape - np.tensordot(frozen, self.lifts, axes=1)
         q = np.einsum("pc,p,kpc->k", offset[1:-1], self.mass, self.fields[:, 1:-1])
         if p.initial:
             return q
@@ -227,8 +225,7 @@ def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) ->
     SceneError
         For a scene that this model cannot do.
     """
-    if law not in LAWS:
-        raise refuse("law", law, "one of " + ", ".join(f'"{name}"' for name in LAWS))
+    check_law(law)
     if p.free is not None:
         raise refuse(
             "ends.free", p.free, "two held ends, because the modes vanish at both; chain.simulate does a free end"

@@ -14,6 +14,9 @@ from cablepod.catenary import unstretched_length
 from cablepod.parameters import Parameters, check_memory
 from cablepod.schema import SceneError, refuse
 
+#: T = K (xi - 1) where that is positive; eq. (21) of the paper, T / xi = K (xi^2 - 1) / 2
+LAWS = ("linear", "green")
+
 
 @dataclass(frozen=True)
 class Chain:
@@ -26,6 +29,12 @@ class Chain:
     p: Parameters
     length: np.ndarray  #: unstretched lengths of the links (n,) [m]
     arc_length: np.ndarray  #: unstretched arc length of the particles (n + 1,) [m]
+    law: str = LAWS[0]  #: one of LAWS
+
+    @property
+    def green(self) -> bool:
+        """Whether law (21) holds."""
+        return self.law == "green"
 
     @property
     def links(self) -> int:
@@ -41,6 +50,11 @@ class Chain:
     def k(self) -> np.ndarray:
         """Stiffness of the links (n,) [N/m]."""
         return self.p.stiffness / self.length
+
+    @property
+    def inverse_squares(self) -> np.ndarray | None:
+        """One over the squares of the unstretched lengths (n,) [1/m^2] for law (21), None for the linear one."""
+        return 1.0 / (self.length * self.length) if self.green else None
 
     @property
     def share(self) -> np.ndarray:
@@ -83,8 +97,16 @@ class Chain:
         return patterns
 
     def pull(self, position: np.ndarray, velocity: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Tensions (..., n) [N] and forces of the links (..., n, dims) [N] at positions (..., n + 1, dims) [m]."""
+        """Tensions (..., n) [N] and forces of the links (..., n, dims) [N] at positions (..., n + 1, dims) [m].
+
+        By law (21) a compressed link pushes: its tension is negative.
+        """
         reach = np.diff(position, axis=-2)
+        inverse = self.inverse_squares
+        if inverse is not None:
+            squares = square(reach)
+            s = 0.5 * self.k * (squares * inverse - 1.0)
+            return s * np.sqrt(squares), s[..., None] * reach
         size = np.sqrt(square(reach))
         with np.errstate(divide="ignore", invalid="ignore"):
             s = self.k * (1.0 - self.length / size)
@@ -95,17 +117,37 @@ class Chain:
         s = np.where((s > 0.0) & (total > 0.0), total, 0.0)
         return s * size, s[..., None] * reach
 
-    def highest_frequency(self) -> float:
-        """Bound of the angular frequencies of the chain in any shape [rad/s].
+    def stretch(self, position: np.ndarray) -> np.ndarray:
+        """Stretch xi = |R| / l of the links (..., n) at positions (..., n + 1, dims) [m]."""
+        return np.sqrt(square(np.diff(position, axis=-2))) / self.length
 
-        A taut link resists no direction more than its own, so no shape has a higher frequency than the straight chain moved
-        along itself, whose frequencies are the eigenvalues of a tridiagonal matrix.
+    def stiffening(self, position: np.ndarray) -> np.ndarray:
+        """Tangent stiffness of the links over `k` (..., n) at positions (..., n + 1, dims) [m]; 1 by the linear law.
+
+        By law (21) it is (3 xi^2 - 1) / 2, but no less than 1 is returned: a compressed link comes back through xi = 1.
+        """
+        return np.maximum(1.0, 1.5 * self.stretch(position) ** 2 - 0.5) if self.green else np.ones(self.links)
+
+    def enforced_stiffening(self, until: float) -> float:
+        """Tangent stiffness over `k` at the stretch that the distance of the ends enforces at some time until then [s].
+
+        It is looked for at times of its own, so that it does not depend on the instants of an output.
+        """
+        ends = self.p.end_positions(np.linspace(0.0, until, 1001))
+        stretch = np.sqrt(square(ends[:, 1] - ends[:, 0])).max() / self.total_length
+        return max(1.0, 1.5 * float(stretch) ** 2 - 0.5) if self.green else 1.0
+
+    def highest_frequency(self, stiffening: np.ndarray | float = 1.0) -> float:
+        """Bound of the angular frequencies [rad/s] of the chain in any shape in which its links are no stiffer than said.
+
+        A link resists no direction more than its own, so no shape has a higher frequency than the straight chain moved along
+        itself, whose frequencies are the eigenvalues of a tridiagonal matrix.
         """
         from scipy.linalg import eigvalsh_tridiagonal  # takes longer to import than a short run
 
         first, last = self.free.start, self.free.stop
         m = self.p.mass * self.share[first:last]
-        k = np.concatenate([[0.0], self.k, [0.0]])
+        k = np.concatenate([[0.0], stiffening * self.k, [0.0]])
         diagonal = (k[first:last] + k[first + 1 : last + 1]) / m
         if diagonal.size == 1:
             return math.sqrt(diagonal[0])
@@ -113,9 +155,9 @@ class Chain:
         top = diagonal.size - 1
         return math.sqrt(eigvalsh_tridiagonal(diagonal, off, select="i", select_range=(top, top))[0])
 
-    def step_limit(self) -> float:
+    def step_limit(self, stiffening: np.ndarray | float = 1.0) -> float:
         """Stability limit of the step of velocity Verlet [s]: 2 over the highest frequency, less with viscous links."""
-        omega = self.highest_frequency()
+        omega = self.highest_frequency(stiffening)
         if self.p.link_viscosity is None:
             # damping by mass, integrated exactly, only widens the limit
             return 2.0 / omega
@@ -145,8 +187,14 @@ def _viscous_limit(omega: float, viscosity: float) -> float:
     return low / omega
 
 
-def chain_of(p: Parameters, links: int | None = None) -> Chain:
-    """Make the chain of a scene's parameters, with `links` links in place of the scene's."""
+def check_law(law: str) -> None:
+    """Check the name of a law."""
+    if law not in LAWS:
+        raise refuse("law", law, "one of " + ", ".join(f'"{name}"' for name in LAWS))
+
+
+def chain_of(p: Parameters, links: int | None = None, law: str = LAWS[0]) -> Chain:
+    """Make the chain of a scene's parameters, with `links` links in place of the scene's, by one of LAWS."""
     if links is not None:
         schema.integer(least=2)("links", links)
     count = p.links if links is None else int(links)
@@ -162,4 +210,4 @@ def chain_of(p: Parameters, links: int | None = None) -> Chain:
     length = total * (relative / relative.sum())
     arc_length = np.concatenate([[0.0], np.cumsum(length)])
     arc_length[-1] = total
-    return Chain(p, length, arc_length)
+    return Chain(p, length, arc_length, law)

@@ -92,7 +92,7 @@ def decompose(
     else:
         matrices = [np.ascontiguousarray((root[None, :, None] * inner).reshape(samples, -1).T)]
     extent = matrices[0].shape
-    needed = decompositions.memory_needed(*extent, method)
+    needed = decompositions.memory_needed(extent[0], extent[1], method)
     check_bytes(needed, "method", f"{method!r} for {extent[0]} by {extent[1]} values, {needed / 1e9:.3g} GB")
     decomposed = [decompositions.ROUTES[method](matrix) for matrix in matrices]
     values = np.stack([item[1] for item in decomposed])

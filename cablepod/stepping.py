@@ -22,6 +22,9 @@ DEFAULT_TOLERANCE = 1e-6
 #: A scheme that twice shows less than this order is not converging: runs that differ whatever their steps seem to have 0.1 to
 #: 0.7.  One that converges may take so many runs after the first, each at most so many times finer than the last.
 LEAST_ORDER, SECOND_ORDER, MOST_REFINEMENTS, LARGEST_FACTOR = 0.8, 2.0, 6, 4.0
+#: A run with more than so many times the steps of the first is not begun: the user would wait long for a motion that is hardly
+#: resolved.
+MOST_GROWTH = 512.0
 
 # Steps per second are rounded up to one of these times a power of ten: a step then hits round instants, and neither it nor
 # any bit of the result depends on the instants asked for.
@@ -208,6 +211,7 @@ def refine(
         Where shorter steps do not bring the runs together, or only too slowly.
     """
     coarse, rate = _first_sound_run(run, rate)
+    most = MOST_GROWTH * rate
     factor, last, last_factor, slow = 2.0, math.inf, math.inf, 0
     for _ in range(MOST_REFINEMENTS):
         # the first doubling is exact, so that its runs share their instants; later rates are preferred ones again
@@ -220,18 +224,19 @@ def refine(
         else:
             order = _observed_order(distance / last, last_factor, factor)
             estimate = distance / (factor**order - 1.0)
-            accepted = estimate <= 0.5 * tolerance
+            accepted = estimate <= (0.5 if rate < most else 1.0) * tolerance  # with a margin while there is a choice
         if accepted:
             return fine, rate, estimate
         slow = slow + 1 if order < LEAST_ORDER else 0
-        if slow == 2:  # once may be a wave that the steps only begin to resolve
+        if slow == 2 or rate >= most:  # once may be a wave that the steps only begin to resolve
             break
         coarse, last, last_factor = fine, distance, factor
         expected = distance / (factor**order - 1.0)
-        factor = min(LARGEST_FACTOR, max(1.25, (4.0 * expected / tolerance) ** (1.0 / order)))
+        factor = min(LARGEST_FACTOR, most / rate, max(1.25, (4.0 * expected / tolerance) ** (1.0 / order)))
     warnings.warn(
         f"two steps disagree: an error of {estimate:.2g} of the motion is left at step {1 / rate:.3g} s, more than the tolerance "
-        f"{tolerance:.2g}; the motion is chaotic (judge it by statistics), or give a shorter step or a larger tolerance",
+        f"{tolerance:.2g}; the motion is chaotic (judge it by statistics) or too abrupt for this scheme; a shorter step or a "
+        "larger tolerance can be given",
         NotConvergedWarning,
         stacklevel=4,
     )

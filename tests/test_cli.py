@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import cablepod as cp
-from cablepod import cli
+from cablepod import cli, shipped
 
 SCENE = """
 title = "a small guy"
@@ -112,9 +112,9 @@ def test_results_are_not_overwritten_without_being_asked(scene_file, tmp_path, c
 
 def test_shipped_scenes_are_found_by_name(tmp_path, monkeypatch, scenes):
     monkeypatch.chdir(tmp_path)
-    assert cli._find_scene("example2").samefile(scenes / "example2.toml")
-    assert cli._find_scene("data/scenes/example2.toml").samefile(scenes / "example2.toml")
-    assert not cli._find_scene("elsewhere/example2.toml").exists()
+    assert shipped.scene_path("example2").samefile(scenes / "example2.toml")
+    assert shipped.scene_path("data/scenes/example2.toml").samefile(scenes / "example2.toml")
+    assert not shipped.scene_path("elsewhere/example2.toml").exists()
 
 
 @pytest.mark.parametrize(

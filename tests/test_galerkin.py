@@ -217,7 +217,7 @@ def test_scenes_and_options_that_cannot_be(soft):
     scene = cp.make_scene(soft)
     modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3), rank=2)
     cases = [
-        (scene, {"law": "hooke"}, 'law: given \'hooke\'; allowed: one of "green", "linear"'),
+        (scene, {"law": "hooke"}, 'law: given \'hooke\'; allowed: one of "linear", "green"'),
         (scene, {"rank": 3}, "rank: given 3; allowed: at most 2"),
         (scene, {"scheme": "rk4"}, "scheme: given 'rk4'"),
         (

@@ -72,6 +72,19 @@ def test_slow_convergence_is_given_up_soon():
     assert len(made_up.calls) == 4
 
 
+def test_runs_do_not_grow_without_bound():
+    made_up = MadeUp(1.0, 1.0)
+    with pytest.warns(cp.NotConvergedWarning, match="too abrupt for this scheme"):
+        made_up.refine(1e-6)
+    # the last is rounded up to a preferred rate
+    assert max(made_up.calls) <= 1.3 * stepping.MOST_GROWTH * made_up.first
+    just = MadeUp(0.9e-6 * stepping.MOST_GROWTH, 1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (_, error), _, _ = just.refine(1e-6)
+    assert error <= 1e-6
+
+
 def test_runs_that_differ_whatever_their_steps_are_given_up_soon():
     calls = []
 

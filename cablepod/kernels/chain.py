@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-_options: dict[str, Any] = {"cache": True, "error_model": "numpy"}
+# without the interpreter lock, so that runs in several threads go on side by side
+_options: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True}
 
 
 @njit(**_options)
@@ -40,6 +41,27 @@ def _pull(x0, x1, y0, y1, z0, z1, k, length, fx, fy, fz):
             dz = z1[j] - z0[j]
             s = k[j] * (1.0 - length[j] / math.sqrt(dx * dx + dy * dy + dz * dz))
             s = s if s > 0.0 else 0.0
+            fx[j] = s * dx
+            fy[j] = s * dy
+            fz[j] = s * dz
+
+
+@njit(**_options)
+def _pull_green(x0, x1, y0, y1, z0, z1, k, inverse, fx, fy, fz):
+    """Compute forces of the links by law (21) [N]: k/2 (|R|^2/l^2 - 1) R; `inverse` is 1/l^2."""
+    if z0 is None:
+        for j in range(k.size):
+            dx = x1[j] - x0[j]
+            dy = y1[j] - y0[j]
+            s = 0.5 * k[j] * ((dx * dx + dy * dy) * inverse[j] - 1.0)
+            fx[j] = s * dx
+            fy[j] = s * dy
+    else:
+        for j in range(k.size):
+            dx = x1[j] - x0[j]
+            dy = y1[j] - y0[j]
+            dz = z1[j] - z0[j]
+            s = 0.5 * k[j] * ((dx * dx + dy * dy + dz * dz) * inverse[j] - 1.0)
             fx[j] = s * dx
             fy[j] = s * dy
             fz[j] = s * dz
@@ -103,6 +125,21 @@ def _extremes(fx, fy, fz, low, high):
 
 
 @njit(**_options)
+def _extremes_green(x0, x1, y0, y1, z0, z1, k, inverse, low, high):
+    """Update the extremes with sign, which the size of a force does not tell."""
+    for j in range(low.size):
+        dx = x1[j] - x0[j]
+        dy = y1[j] - y0[j]
+        square = dx * dx + dy * dy
+        if z0 is not None:
+            dz = z1[j] - z0[j]
+            square += dz * dz
+        tension = 0.5 * k[j] * (square * inverse[j] - 1.0) * math.sqrt(square)
+        low[j] = min(low[j], tension)
+        high[j] = max(high[j], tension)
+
+
+@njit(**_options)
 def _copy(target, source):
     for j in range(source.size):
         target[j] = source[j]
@@ -110,7 +147,7 @@ def _copy(target, source):
 
 @njit(**_options)
 def _advance(
-    x, y, z, vx, vy, vz, fz, uz, first, last, k, length, per_mass, drive, step, decay,
+    x, y, z, vx, vy, vz, fz, uz, first, last, k, length, inverse, per_mass, drive, step, decay,
     lower, upper, patterns, factors, viscosity, before, end_rates, begin, end, low, high,
 ):  # fmt: skip
     """Take the steps begin ... end - 1 of the tables; apart from saving, so that the compiler sees a plain loop."""
@@ -127,7 +164,12 @@ def _advance(
     if viscosity is not None:
         ux, uy = np.zeros(n + 1), np.zeros(n + 1)
     for i in range(begin, end):
-        if viscosity is None:
+        if inverse is not None:
+            if z is None:
+                _pull_green(x0, x1, y0, y1, None, None, k, inverse, gx, gy, None)
+            else:
+                _pull_green(x0, x1, y0, y1, z[:-1], z[1:], k, inverse, gx, gy, fz[1:-1])
+        elif viscosity is None:
             if z is None:
                 _pull(x0, x1, y0, y1, None, None, k, length, gx, gy, None)
             else:
@@ -144,7 +186,12 @@ def _advance(
                 _copy(before[2], vz)
             _pull_viscous(x, y, z, ux, uy, uz, k, length, viscosity, fx, fy, fz)
         if low is not None:
-            if z is None:
+            if inverse is not None:
+                if z is None:
+                    _extremes_green(x0, x1, y0, y1, None, None, k, inverse, low, high)
+                else:
+                    _extremes_green(x0, x1, y0, y1, z[:-1], z[1:], k, inverse, low, high)
+            elif z is None:
                 _extremes(gx, gy, None, low, high)
             else:
                 _extremes(gx, gy, fz[1:-1], low, high)
@@ -176,7 +223,7 @@ def _advance(
 
 @njit(**_options)
 def verlet(
-    x, y, z, vx, vy, vz, fz, uz, first, last, k, length, per_mass, drive, step, decay,
+    x, y, z, vx, vy, vz, fz, uz, first, last, k, length, inverse, per_mass, drive, step, decay,
     lower, upper, patterns, factors, viscosity, before, end_rates,
     steps, start, save_steps, saved, saved_half, low, high,
 ):  # fmt: skip
@@ -197,6 +244,8 @@ def verlet(
         The free particles.
     k, length : float arrays (n,)
         Stiffness [N/m] and unstretched length [m] of the links.
+    inverse : float array (n,) or None
+        1/length^2 [1/m^2] for law (21); None for the linear law.
     per_mass : float array (last - first,)
         Step over mass [s/kg]; with decay (1 - decay) / (damping mass), which integrates the damping exactly.
     drive : tuple of float arrays (last - first,)
@@ -210,7 +259,7 @@ def verlet(
     patterns, factors : float arrays (loads, dims, last - first), (steps + 1, loads) or None
         Loads that vary in time [N] and their factors at the steps.
     viscosity : float or None
-        Viscosity of the links over their stiffness [s].
+        Viscosity of the links over their stiffness [s]; only with the linear law.
     before : tuple of float arrays or None
         Velocities a whole step before those in `velocity`; only with viscosity.
     end_rates : float array (steps + 1, 2, dims) or None
@@ -224,7 +273,7 @@ def verlet(
     saved_half : float array (saves, 2, dims, last - first) or None
         Filled with the velocities half a step before and half a step after.
     low, high : float arrays (n,) or None
-        Extremes of the tensions, updated [N].
+        Extremes of the tensions, updated [N]; with law (21) compression is negative.
     """
     save, i = 0, 0
     while i < steps:
@@ -244,7 +293,7 @@ def verlet(
         if target == steps and save + saving < save_steps.size:
             target = save_steps[save + saving] - start
         _advance(
-            x, y, z, vx, vy, vz, fz, uz, first, last, k, length, per_mass, drive, step, decay,
+            x, y, z, vx, vy, vz, fz, uz, first, last, k, length, inverse, per_mass, drive, step, decay,
             lower, upper, patterns, factors, viscosity, before, end_rates, i, target, low, high,
         )  # fmt: skip
         i = target
@@ -258,10 +307,36 @@ def verlet(
 
 
 @njit(**_options)
-def _stretch(force, loads, length, stiffness, gap, hessian):
+def green_strain(load):
+    """Find xi - 1 of a pulled link by law (21), xi (xi^2 - 1)/2 = load, tension over stiffness.
+
+    In e = xi - 1 this is e (1 + e) (1 + e/2) = load, convex and rising, so Newton's method from e = load, too large, comes down
+    to the solution without a jump beyond it, and no digit of a small strain is lost.
+    """
+    e = load
+    for _ in range(60):
+        e_next = e - (e * (1.0 + e) * (1.0 + 0.5 * e) - load) / (1.0 + 3.0 * e + 1.5 * e * e)
+        if not e_next < e:
+            break
+        e = e_next
+    return e
+
+
+@njit(**_options)
+def secant_modulus(size, stiffness, green):
+    """Tension over strain [N] of a link under the tension `size` [N]: K, by law (21) K (1 + e) (1 + e/2)."""
+    if not green:
+        return stiffness
+    e = green_strain(size / stiffness)
+    return stiffness * (1.0 + e) * (1.0 + 0.5 * e)
+
+
+@njit(**_options)
+def _stretch(force, loads, length, stiffness, green, gap, hessian):
     """Gap between the end of a chain of given first link force and `gap`'s target (added in place); also its Jacobian.
 
-    Returns the complementary energy's part that depends on the force, sum l (|F| + |F|^2 / (2 K)).
+    Returns the complementary energy's part that depends on the force, sum l c(|F|): by the linear law c = T + T^2 / (2 K), by law
+    (21) c = T xi - K (xi^2 - 1)^2 / 8.
     """
     dims = force.size
     f = force.copy()
@@ -275,14 +350,26 @@ def _stretch(force, loads, length, stiffness, gap, hessian):
         for c in range(dims):
             square += f[c] * f[c]
         size = math.sqrt(square)
-        energy += length[j] * size * (1.0 + 0.5 * size / stiffness)
+        if green:
+            e = green_strain(size / stiffness)
+            strain = e * (1.0 + 0.5 * e)
+            energy += length[j] * (size * (1.0 + e) - 0.5 * stiffness * strain * strain)
+        else:
+            energy += length[j] * size * (1.0 + 0.5 * size / stiffness)
         if size == 0.0:
             continue
+        secant = secant_modulus(size, stiffness, green)
         for c in range(dims):
-            gap[c] += length[j] * (f[c] / size + f[c] / stiffness)
+            gap[c] += length[j] * (f[c] / size + f[c] / secant)
             for d in range(dims):
                 hessian[c, d] -= length[j] * (f[c] / size) * (f[d] / size) / size
-            hessian[c, c] += length[j] * (1.0 / size + 1.0 / stiffness)
+            hessian[c, c] += length[j] * (1.0 / size + 1.0 / secant)
+        if green:
+            # along the link the tangent counts: d xi / dT = 1 / (K (3 xi^2 - 1) / 2)
+            excess = 1.0 / (stiffness * (1.0 + 3.0 * e + 1.5 * e * e)) - 1.0 / secant
+            for c in range(dims):
+                for d in range(dims):
+                    hessian[c, d] += length[j] * (f[c] / size) * (f[d] / size) * excess
     return energy
 
 
@@ -303,11 +390,11 @@ def _solve_small(matrix, right):
 
 
 @njit(**_options)
-def equilibrium(chord, loads, length, stiffness, force):
+def equilibrium(chord, loads, length, stiffness, green, force):
     """Find the force in the first link of a chain at rest between two points, by Newton's method.
 
-    The force minimises the complementary energy, sum l (|F| + |F|^2 / 2K) - F . chord, which is strictly convex: the steps,
-    shortened until the energy falls, converge from anywhere where no link ends up without force.
+    The force minimises the complementary energy, sum l c(|F|) - F . chord with c(T) = T + T^2 / 2K or its like by law (21), which
+    is strictly convex: the steps, shortened until the energy falls, converge from anywhere where no link ends up without force.
 
     Parameters
     ----------
@@ -319,6 +406,8 @@ def equilibrium(chord, loads, length, stiffness, force):
         Unstretched lengths of the links [m].
     stiffness : float
         Axial stiffness [N].
+    green : bool
+        Whether law (21) holds instead of the linear one.
     force : float array (dims,)
         A guess of the force in the first link, pointing up the chain; overwritten by the solution [N].
 
@@ -330,7 +419,7 @@ def equilibrium(chord, loads, length, stiffness, force):
     dims = chord.size
     gap, trial_gap = -chord, np.empty(dims)
     hessian, trial_hessian = np.empty((dims, dims)), np.empty((dims, dims))
-    energy = _stretch(force, loads, length, stiffness, gap, hessian)
+    energy = _stretch(force, loads, length, stiffness, green, gap, hessian)
     energy -= _dot(force, chord)
     for _ in range(200):
         move = -gap
@@ -341,7 +430,8 @@ def equilibrium(chord, loads, length, stiffness, force):
         for _ in range(60):
             trial = force + part * move
             trial_gap[:] = -chord
-            trial_energy = _stretch(trial, loads, length, stiffness, trial_gap, trial_hessian) - _dot(trial, chord)
+            trial_energy = _stretch(trial, loads, length, stiffness, green, trial_gap, trial_hessian)
+            trial_energy -= _dot(trial, chord)
             if trial_energy <= energy + 1e-4 * part * slope or _size(trial_gap) < 0.5 * size:
                 break
             part *= 0.5

@@ -14,7 +14,13 @@ import numpy as np
 from numba import njit
 
 # Sums may be reordered here, which lets them vectorise; non-finite numbers keep their meaning.
-_options: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "arcp", "nsz"}}
+# Without the interpreter lock, so that runs in several threads go on side by side.
+_options: dict[str, Any] = {
+    "cache": True,
+    "error_model": "numpy",
+    "nogil": True,
+    "fastmath": {"contract", "reassoc", "arcp", "nsz"},
+}
 
 
 @njit(**_options)

@@ -1,0 +1,91 @@
+"""The report on the paper: every table and figure beside our own, as a Dataset, figures and one Markdown page."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import xarray as xr
+
+from cablepod import archive, provenance
+from cablepod.paper.sections import FULL, SECTIONS, Section, Size, lines
+from cablepod.paper.summary import HEAD, summary
+from cablepod.whole import whole_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DATASET, PAGE = "paper.nc", "paper.md"
+TEMPLATE = Path(__file__).with_name("page.md")
+FIGURES = (
+    "figure4", "table2", "figure5", "figure6", "figure7", "figure8", "figure9", "routes", "validity",
+)  # fmt: skip
+FILES = (DATASET, PAGE, *(f"{name}.png" for name in FIGURES))
+
+
+def write(
+    folder: Path, *, size: Size = FULL, progress: Callable[[float], None] | None = None
+) -> tuple[xr.Dataset, list[tuple[str, ...]]]:
+    """Compute everything and write :data:`FILES` into `folder`, replacing what is there.
+
+    Parameters
+    ----------
+    folder
+        An existing folder.
+    size
+        ``FULL``, or ``SMALL`` for a trial in a fraction of the time.
+    progress
+        Called with the part that is done, from 0 to 1.
+
+    Returns
+    -------
+    tuple
+        The Dataset of all tables, ours and printed, and the rows of the summary.
+    """
+    parts: list[Section] = []
+    seconds: list[float] = []
+    done = 0.0
+    for make, share in SECTIONS:
+        begin = time.perf_counter()
+
+        def tell(part: float, before: float = done, share: float = share) -> None:
+            if progress is not None:
+                progress(before + share * part)
+
+        parts.append(make(size, tell))
+        done += share
+        tell(1.0, done - share)
+        for name, figure in parts[-1].figures.items():
+            _save(figure, folder / f"{name}.png")
+        seconds.append(time.perf_counter() - begin)
+    result = xr.merge([part.data for part in parts], compat="equals", join="exact", combine_attrs="override")
+    result.attrs = {"title": "The paper's tables and figures beside our own", "stage": "report"}
+    inputs = [part.data for part in parts]
+    provenance.record(result, function="paper.report.write", parameters={"size": size.name}, inputs=inputs)
+    archive.write(result, folder / DATASET, overwrite=True)
+    rows = summary(result)
+    with whole_file(folder / PAGE) as unfinished:
+        unfinished.write_text(_page(result, parts, rows, seconds), encoding="utf-8")
+    return result, rows
+
+
+def _save(figure: Figure, path: Path) -> None:
+    from matplotlib import pyplot as plt  # only who draws needs it
+
+    try:
+        with whole_file(path) as unfinished:
+            figure.savefig(unfinished, dpi=110, format="png")
+    finally:
+        plt.close(figure)
+
+
+def _page(result: xr.Dataset, parts: Sequence[Section], rows: Sequence[Sequence[str]], seconds: Sequence[float]) -> str:
+    """Fill the page, whose prose stands in a file of its own."""
+    values: dict[str, Any] = {"summary": lines(HEAD, rows), "identifier": result.attrs["id"]}
+    for part in parts:
+        values |= part.values
+    each = [f"{part.title} {time:.1f} s" for part, time in zip(parts, seconds, strict=True)]
+    values["seconds"] = "; ".join(each) + f"; together {sum(seconds):.0f} s"
+    return TEMPLATE.read_text(encoding="utf-8").format_map(values)

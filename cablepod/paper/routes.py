@@ -1,0 +1,217 @@
+"""Section 5.1 of the paper: the three routes to the modes, what each loses and what it takes; and the inner product."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+
+import numpy as np
+import xarray as xr
+
+from cablepod import chain, decompositions, pod, provenance
+from cablepod.conventions import label
+from cablepod.shipped import scene
+
+METHODS = tuple(decompositions.ROUTES)
+#: (features n, snapshots m); the first is the paper's, the last what 100 runs of it with both coordinates give.
+SIZES = ((39, 125), (80, 500), (80, 2000), (80, 12500))
+#: More snapshots are not given to the method of snapshots, whose time grows with their cube.
+MOST_SNAPSHOTS = 2000
+
+
+def known_matrix(features: int, samples: int, *, smallest: float = 1e-13, seed: int = 0) -> tuple[np.ndarray, ...]:
+    """Make a matrix of known singular values, falling evenly from 1 to `smallest` on a logarithmic scale.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        The matrix (features, samples), its left singular vectors and its singular values.
+    """
+    rng = np.random.default_rng(seed)
+    count = min(features, samples)
+    values = np.geomspace(1.0, smallest, count)
+    left = np.linalg.qr(rng.standard_normal((features, count)))[0]
+    right = np.linalg.qr(rng.standard_normal((samples, count)))[0]
+    return (left * values) @ right.T, left, values
+
+
+def precision(*, features: int = 80, samples: int = 500, most_snapshots: int = MOST_SNAPSHOTS) -> xr.Dataset:
+    """Measure what each route loses on a matrix of known singular values.
+
+    Parameters
+    ----------
+    features, samples
+        Size of the matrix.
+    most_snapshots
+        The method of snapshots is left out above; what it gives is nan there.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``route_error (route, route_mode)``: relative error of the singular values; ``route_angle``: sine of the angle between
+        mode and exact mode; ``route_exact (route_mode)``: the exact values; ``route_usable (route)``: the smallest exact value
+        down to which all are right to a tenth.
+    """
+    data, left, values = known_matrix(features, samples)
+    error, angle = np.full((2, len(METHODS), values.size), np.nan)
+    for i, method in enumerate(METHODS):
+        if method == "snapshots" and samples > most_snapshots:
+            continue
+        modes, found = decompositions.ROUTES[method](data)
+        error[i] = np.abs(found / values - 1.0)
+        # the part of each mode that is not along the exact one; 1 - cos^2 would lose half of the digits
+        angle[i] = np.linalg.norm(modes - left * np.sum(left * modes, axis=0), axis=0)
+    right = np.logical_and.accumulate(error < 0.1, axis=1)
+    result = xr.Dataset(
+        {
+            "route_error": (("route", "route_mode"), error),
+            "route_angle": (("route", "route_mode"), np.minimum(angle, 1.0)),
+            "route_exact": ("route_mode", values),
+            "route_usable": (
+                "route",
+                [
+                    float(values[good].min(initial=np.nan if lost else 1.0))
+                    for good, lost in zip(right, np.isnan(error[:, 0]), strict=True)
+                ],
+            ),
+        },
+        coords={"route": list(METHODS), "route_mode": np.arange(1, values.size + 1)},
+    )
+    label(
+        result,
+        route=("1", "route to the modes"),
+        route_mode=("1", "number of the mode of the known matrix"),
+        route_error=("1", "relative error of the singular value"),
+        route_angle=("1", "sine of the angle between the mode and the exact one"),
+        route_exact=("1", "exact singular value, the largest being 1"),
+        route_usable=("1", "smallest singular value down to which all are right to a tenth"),
+    )
+    return provenance.record(
+        result, function="paper.routes.precision", parameters={"features": features, "samples": samples}
+    )
+
+
+def run_times(
+    *,
+    sizes: tuple[tuple[int, int], ...] = SIZES,
+    repeats: int = 5,
+    most_snapshots: int = MOST_SNAPSHOTS,
+    progress: Callable[[float], None] | None = None,
+) -> xr.Dataset:
+    """Measure the time of each route, on one BLAS thread.
+
+    Parameters
+    ----------
+    sizes
+        Pairs of features and snapshots.
+    repeats
+        The median of so many calls is taken, after one that does not count.
+    most_snapshots
+        The method of snapshots is left out above; its time there is nan.
+    progress
+        Called with the part that is done.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``route_time (route, route_size)`` [s] and ``route_features``, ``route_samples (route_size)``.
+    """
+    from threadpoolctl import threadpool_limits  # only who measures needs it
+
+    seconds = np.full((len(METHODS), len(sizes)), np.nan)
+    jobs = [(i, j) for j in range(len(sizes)) for i in range(len(METHODS))]
+    with threadpool_limits(limits=1):
+        for done, (i, j) in enumerate(jobs):
+            if METHODS[i] != "snapshots" or sizes[j][1] <= most_snapshots:
+                data = known_matrix(*sizes[j])[0]
+                seconds[i, j] = _median(decompositions.ROUTES[METHODS[i]], data, repeats)
+            if progress is not None:
+                progress((done + 1) / len(jobs))
+    result = xr.Dataset(
+        {
+            "route_time": (("route", "route_size"), seconds),
+            "route_features": ("route_size", [size[0] for size in sizes]),
+            "route_samples": ("route_size", [size[1] for size in sizes]),
+        },
+        coords={"route": list(METHODS)},
+    )
+    label(
+        result,
+        route=("1", "route to the modes"),
+        route_time=("s", f"time of one decomposition, one BLAS thread, median of {repeats}"),
+        route_features=("1", "features n"),
+        route_samples=("1", "snapshots m"),
+    )
+    options = {"sizes": [list(size) for size in sizes], "repeats": repeats, "most_snapshots": most_snapshots}
+    return provenance.record(result, function="paper.routes.run_times", parameters=options)
+
+
+def _median(job: Callable[[np.ndarray], object], data: np.ndarray, repeats: int) -> float:
+    job(data)
+    taken = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        job(data)
+        taken.append(time.perf_counter() - begin)
+    return statistics.median(taken)
+
+
+def weights(*, ratio: float = 9.0, links: int = 40, count: int = 3) -> xr.Dataset:
+    """Show what the inner product is for: Example 2's chain with unequal links beside the uniform one.
+
+    The same cable cut into links that grow from the lower end to the upper one has the same modes.  Counting all particles
+    alike, as the paper does, weighs the finely cut part more; weights by length undo that.
+
+    Parameters
+    ----------
+    ratio
+        Longest link over shortest.
+    links
+        Number of links of both chains.
+    count
+        Modes compared.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``weight_mode_gap (weights, coordinate, mode)``: distance of the mode from that of the uniform chain, both of unit
+        length-weighted norm; ``weight_value_gap``: relative difference of the singular values.
+    """
+    even = scene("example2")
+    lengths = np.geomspace(1.0, ratio, links)
+    uneven = even.assign(chain_links=links, chain_link_lengths=("link", lengths, {"units": "1"}))
+    uniform, graded = (chain.simulate(item) for item in (even.assign(chain_links=links), uneven))
+    target = pod.decompose(uniform, rank=count)
+    fine = pod.relative_arc_length(uniform)
+    kinds = (None, "length", "mass")
+    gaps, values = np.empty((2, len(kinds), 2, count))
+    for i, kind in enumerate(kinds):
+        modes = pod.decompose(graded, rank=count, weights=kind)
+        sigma = pod.relative_arc_length(graded)
+        values[i] = modes["singular_value"] / target["singular_value"] - 1.0
+        for c in range(2):
+            for m in range(count):
+                shape = np.interp(fine, sigma, modes["mode_shape"].values[c, m])
+                shape /= np.linalg.norm(shape)
+                reference = target["mode_shape"].values[c, m]
+                gaps[i, c, m] = np.linalg.norm(shape * np.sign(shape @ reference) - reference)
+    result = xr.Dataset(
+        {
+            "weight_mode_gap": (("weights", "coordinate", "mode"), gaps),
+            "weight_value_gap": (("weights", "coordinate", "mode"), values),
+        },
+        coords={
+            "weights": [str(kind) for kind in kinds],
+            "coordinate": target["coordinate"].values,
+            "mode": target["mode"].values,
+        },
+    )
+    label(
+        result,
+        weights=("1", "inner product of the decomposition"),
+        weight_mode_gap=("1", "distance of the mode of a chain of unequal links from that of the uniform chain"),
+        weight_value_gap=("1", "relative difference of the singular values"),
+    )
+    options = {"ratio": ratio, "links": links, "count": count}
+    return provenance.record(result, function="paper.routes.weights", parameters=options, inputs=[uniform, graded])

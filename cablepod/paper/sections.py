@@ -1,0 +1,316 @@
+"""The sections of the report: each computes its tables, draws its figures and fills its part of ``page.md``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.paper import examples, figures, routes, starts, statics, validity
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Tell = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is computed."""
+
+    name: str
+    rest_links: tuple[int, ...] = (10, 20, 40, 80, 160)
+    swapped_steps: tuple[float, ...] = examples.SWAPPED_STEPS
+    ranks: tuple[int, ...] = examples.RANKS
+    route_sizes: tuple[tuple[int, int], ...] = routes.SIZES
+    tensions: tuple[float, ...] = validity.TENSIONS
+    stiffnesses: tuple[float, ...] = validity.STIFFNESSES
+    sags: tuple[float, ...] = starts.EXAMPLE_3_SAGS
+
+
+FULL = Size("full")
+SMALL = Size(
+    "small",
+    rest_links=(10, 40),
+    ranks=(1, 2, 3),
+    route_sizes=((39, 125), (80, 500)),
+    tensions=(4e3, 60e3),
+    stiffnesses=(2e5, 2e7),
+    sags=(0.6,),
+)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A piece of the report."""
+
+    title: str
+    data: xr.Dataset
+    values: dict[str, Any]  #: what it puts into the page
+    figures: dict[str, Figure] = field(default_factory=dict)
+
+
+def lines(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Return a table in Markdown."""
+    body = [" | ".join(str(item) for item in row) for row in rows]
+    return "\n".join(f"| {row} |" for row in [" | ".join(head), " | ".join("---" for _ in head), *body])
+
+
+def table_1(size: Size, tell: Tell) -> Section:
+    """Set up Table 1, Example 1 and Figure 4."""
+    table = statics.table1()
+    tell(0.2)
+    rest = statics.rest_comparison(links=size.rest_links)
+    linear = table["table1_unstretched_length"].sel(procedure="linearised")
+    exact = table["table1_unstretched_length"].sel(procedure="exact")
+    off = np.abs(linear.values - exact.values).max(axis=0)
+    gaps = zip(rest["rest_links"].values, rest["rest_gap"].values, strict=True)
+    values = {
+        "table1": _rows_of_table_1(table),
+        "stiffness": float(table["table1_stiffness"][0]),
+        "table1_misfit_mm": 1e3 * float(table["table1_misfit"].max()),
+        "linear_mm": 1e3 * off[0],
+        "linear_soft_m": off[1],
+        "rest_gaps": ", ".join(f"{1e3 * gap:.3g} mm with {links} links" for links, gap in gaps),
+        **{name: float(rest[name]) for name in ("catenary_gap", "motion_gap", "motion_size")},
+    }
+    data = xr.merge([table, rest], combine_attrs="override")
+    return Section("Table 1", data, values, {"figure4": figures.figure4()})
+
+
+def _rows_of_table_1(table: xr.Dataset) -> str:
+    rows = []
+    for i in range(table.sizes["table1_row"]):
+        one = table.isel(table1_row=i)
+        linear, exact = (
+            one["table1_unstretched_length"].sel(procedure=name).values for name in ("linearised", "exact")
+        )
+        source = int(one["table1_source"])
+        length, lower = (float(one[f"table1_{name}"][0, 0]) for name in ("stretched_length", "tension_lower"))
+        rows.append(
+            (
+                f"{float(one['table1_top_tension']):.0f}",
+                f"{float(one['table1_unstretched_length_printed']):.4f}",
+                *(f"**{value:.5f}**" if j == source else f"{value:.5f}" for j, value in enumerate(linear)),
+                *(f"{value:.5f}" for value in exact),
+                f"{length:.5f} / {float(one['table1_stretched_length_printed']):.4f}",
+                f"{lower:.1f} / {float(one['table1_tension_lower_printed']):.0f}",
+            )
+        )
+    head = (
+        "T1 [N]", "L0 printed [m]", "eqs. (9)-(16), K", "eqs. (9)-(16), K/100", "exact, K", "exact, K/100",
+        "L ours / print [m]", "T0 ours / print [N]",
+    )  # fmt: skip
+    return lines(head, rows)
+
+
+def table_2(_: Size, tell: Tell) -> Section:
+    """Set up Table 2, Figures 5 and 6."""
+    table = examples.table2()
+    tell(0.7)
+    printed = table["table2_singular_value_printed"].values
+    shares = 100.0 * table["table2_share_printed"].values
+    rest, best = table.sel(start="example2"), table.sel(start="example2_out_of_equilibrium")
+    sigma, pov = rest["table2_singular_value"].values, rest["table2_proper_orthogonal_value"].values
+    values = {
+        "table2": _rows_of_table_2(table),
+        "print_x": printed[0, 0],
+        "print_y": printed[1, 0],
+        "print_ratio": printed[0, 0] / printed[1, 0],
+        "print_second": printed[0, 1],
+        "print_share_x": shares[0, 0],
+        "print_sum_y": 100.0 * printed[1, 0] / shares[1, 0],
+        "sigma_x": sigma[0, 0],
+        "sigma_y": sigma[1, 0],
+        "second": sigma[0, 1],
+        "sigma_ratio": sigma[0, 0] / sigma[1, 0],
+        "square_ratio": (sigma[0, 0] / sigma[1, 0]) ** 2,
+        "pov_x": pov[0, 0],
+        "pov_y": pov[1, 0],
+        "share_x": 100.0 * float(best["table2_share"][0, 0]),
+        "energy_x": 100.0 * float(best["table2_energy_share"][0, 0]),
+        "near": 100.0 * np.abs(best["table2_singular_value"].values[:, :3] / printed[:, :3] - 1.0).max(),
+    }
+    drawn = {
+        "table2": figures.singular_values(table),
+        "figure5": figures.figure5(),
+        "figure6": figures.figure6(),
+    }
+    return Section("Table 2", table, values, drawn)
+
+
+def _rows_of_table_2(table: xr.Dataset) -> str:
+    def row(values: np.ndarray) -> list[str]:
+        return [f"{value:.4f}" if value > 1e-3 else f"{value:.1e}" for value in values]
+
+    rows: list[Sequence[Any]] = []
+    for axis in ("x", "y"):
+        printed = table["table2_singular_value_printed"].sel(coordinate=axis).values
+        rows.append((f"**print, {axis}**", *row(printed), "", ""))
+        for name in table["start"].values:
+            one = table.sel(start=name, coordinate=axis)
+            total = f"{float(one['table2_sum']):.4f}"
+            misfit = f"{float(one['table2_misfit_3']):.3g} / {float(one['table2_misfit']):.3g}"
+            rows.append((f"`{name}`, {axis}", *row(one["table2_singular_value"].values), total, misfit))
+    return lines(("scene", "1", "2", "3", "4", "5", "sum of 20", "misfit of 3 / 5 rows"), rows)
+
+
+#: What the first value of y in Table 2 probably was before a slip [m].
+MENDED = 2.4026
+
+
+def which_start(size: Size, tell: Tell) -> Section:
+    """Set up what was tried to explain Table 2 and the shares of Example 3."""
+    tried = starts.tried(progress=lambda part: tell(0.6 * part))
+    example3 = starts.example3(sags=size.sags)
+    rows = []
+    for name in tried["tried"].values:
+        one = tried.sel(tried=name)
+        x, y = (" ".join(f"{value:.3g}" for value in row) for row in one["tried_singular_value"].values)
+        totals = "; ".join(f"{value:.3f}" for value in one["tried_sum"].values)
+        rows.append((name, x, y, totals, f"{float(one['tried_misfit_3']):.3f}", f"{float(one['tried_misfit']):.3f}"))
+    known, found, least = (
+        tried.sel(tried=name) for name in ("longer cable (rows 1 to 3)", "tauter cable (A)", "tauter cable (C)")
+    )
+    target, sums = starts.printed(), starts.printed_sums()
+    ratio = float(found["tried_singular_value"][0, 0] / found["tried_singular_value"][1, 0])
+    shares = 100.0 * example3["sagging_share"].values
+    values = {
+        "tried": lines(("start", "x", "y", "sums of 20, x; y", "misfit, 3 rows", "misfit, 5 rows"), rows),
+        "known_misfit": float(known["tried_misfit"]),
+        "found_misfit": float(found["tried_misfit"]),
+        "found_sum_x": float(found["tried_sum"][0]),
+        "found_sum_y": float(found["tried_sum"][1]),
+        "least_misfit": float(least["tried_misfit"]),
+        "least_off": 100.0 * (float(least["tried_singular_value"][0, 0]) / target[0, 0] - 1.0),
+        "print_sum_x": sums[0],
+        "print_sum_y_text": sums[1],
+        "slip_share": 100.0 * target[1, 0] / sums[1],
+        "mended_share": 100.0 * MENDED / sums[1],
+        "slip_ratio": target[0, 0] / MENDED,
+        "our_ratio": ratio,
+        "sag_least": min(size.sags),
+        "sag_most": max(size.sags),
+        "sag_share_least": shares.min(),
+        "sag_share_most": shares.max(),
+    }
+    return Section("Starts", xr.merge([tried, example3], combine_attrs="override"), values)
+
+
+def example_3(size: Size, _: Tell) -> Section:
+    """Set up the shares of Example 3, Figures 7 and 8."""
+    data = examples.example3_share(steps=size.swapped_steps)
+    every = 100.0 * data["example3_share_swapped"].values
+    fine = data["example3_step"].values <= examples.FINE_STEP
+    swapped, coarse = every[fine], every[~fine]
+    printed = 100.0 * data["example3_share_printed"].values
+    rest = 100.0 * data["example3_share_equilibrium"].values
+    runs = zip(data["example3_step"].values, every, strict=True)
+    rows = [
+        ("print", *(f"{value:.2f} %" for value in printed)),
+        ("`example3`, from equilibrium", *(f"{value:.2f} %" for value in rest)),
+        *(
+            (f"`example3_swapped_rows`, step {step:.3g} s", *(f"{value:.2f} %" for value in pair))
+            for step, pair in runs
+        ),
+    ]
+    values = {
+        "example3": lines(("share of the first five in the sum of 20 singular values", "x", "y"), rows),
+        "swapped": 0.5 * (swapped.min() + swapped.max()),
+        "swapped_half": 0.5 * np.ptp(swapped),
+        "print_share_3": printed[0],
+        "print_share_3_y": printed[1],
+        "finest_coarse": examples.FINE_STEP,
+        "coarse_least": coarse.min(),
+        "coarse_most": coarse.max(),
+    }
+    return Section("Example 3", data, values, {"figure7": figures.figure7(), "figure8": figures.figure8()})
+
+
+def reduced_models(size: Size, tell: Tell) -> Section:
+    """Set up the errors of the reduced model, Figure 9."""
+    data = examples.errors(ranks=size.ranks, progress=tell)
+    head = ("scene", "", *(f"r = {rank}" for rank in data["reduced_rank"].values))
+    rows = []
+    for name in data["scene"].values:
+        one = data.sel(scene=name)
+        for what, title in (("reduced_error", "reduced model"), ("projection_error", "projection only")):
+            rows.append((f"`{name}`", title, *(f"{value:.3g} %" for value in 100.0 * one[what].values)))
+    at_45 = []
+    for name, rank, number in (("example2", 1, 6), ("example3", 2, 8), ("example4", 3, 9)):
+        off = 100.0 * float(data["reduced_error_45"].sel(scene=name, reduced_rank=rank))
+        at_45.append(f"Figure {number} (r = {rank}, 45 s) is {off:.2g} % off")
+    values: dict[str, Any] = {"errors": lines(head, rows), "at_45": ", ".join(at_45)}
+    for name, sign in (("example4", "plus"), ("example4_opposite_load", "minus")):
+        values[f"length_{sign}"] = float(data["scene_unstretched_length"].sel(scene=name))
+        values[f"tension_{sign}"] = float(data["scene_smallest_tension"].sel(scene=name))
+    return Section("Examples 2 to 4", data, values, {"figure9": figures.figure9()})
+
+
+def three_routes(size: Size, tell: Tell) -> Section:
+    """Set up section 5.1: SVD, covariance, method of snapshots; weights."""
+    precision = routes.precision()
+    times = routes.run_times(sizes=size.route_sizes, progress=lambda part: tell(0.7 * part))
+    weights = routes.weights()
+    rows = []
+    for route in precision["route"].values:
+        usable = float(precision["route_usable"].sel(route=route))
+        seconds = times["route_time"].sel(route=route).values
+        rows.append((route, f"{usable:.0e}", *("left out" if np.isnan(t) else f"{1e3 * t:.3g} ms" for t in seconds)))
+    sizes = [f"{n} × {m}" for n, m in zip(times["route_features"].values, times["route_samples"].values, strict=True)]
+    kinds = []
+    for kind in weights["weights"].values:
+        one = weights.sel(weights=kind)
+        gap, value = float(one["weight_mode_gap"].max()), float(np.abs(one["weight_value_gap"]).max())
+        kinds.append((f"`{kind}`", f"{100 * gap:.1f} %", f"{100 * value:.1f} %"))
+    values = {
+        "routes": lines(("route", "values right to a tenth down to σ/σ1 =", *sizes), rows),
+        "most_snapshots": routes.MOST_SNAPSHOTS,
+        "weights": lines(("`weights`", "mode", "singular value"), kinds),
+    }
+    data = xr.merge([precision, times, weights], combine_attrs="override")
+    return Section("Three routes", data, values, {"routes": figures.routes(precision, times)})
+
+
+#: Strain [1] up to which the laws of chain and cable hardly differ.
+SMALL_STRAIN = 0.004
+
+
+def range_of_validity(size: Size, tell: Tell) -> Section:
+    """Set up the abstract's question."""
+    maps = validity.maps(tensions=size.tensions, stiffnesses=size.stiffnesses, progress=tell)
+    few, many = (int(maps["validity_rank"].values[i]) for i in (0, -1))
+    small = maps["validity_strain"] <= SMALL_STRAIN
+    chain, own = maps["validity_basis_error"], maps["validity_own_basis_error"]
+    model, control = maps["validity_model_error"].sel(validity_rank=few), maps["validity_own_error"]
+    values = {
+        "few": few,
+        "many": many,
+        "small_strain": 100.0 * SMALL_STRAIN,
+        "ratio_small": float((chain / own).where(small).max()),
+        "model_gap": 100.0 * float((model / control - 1.0).where(small).pipe(np.abs).max()),
+        "ratio_large": float((chain / own).max()),
+        "basis_few": 100.0 * float(chain.sel(validity_rank=few).max()),
+        "basis_many": 100.0 * float(chain.sel(validity_rank=many).max()),
+        "model_few": 100.0 * float(model.max()),
+        "model_many": 100.0 * float(maps["validity_model_error"].sel(validity_rank=many).max()),
+        "law_gap": 100.0 * float(maps["validity_law_gap"].max()),
+        "unsettled": int((maps["validity_settled"] < 1.0).sum()),
+        "cells": maps["validity_settled"].size,
+    }
+    return Section("Range of validity", maps, values, {"validity": figures.validity(maps)})
+
+
+#: How each section is made, and its share of the whole run time.
+SECTIONS: tuple[tuple[Callable[[Size, Tell], Section], float], ...] = (
+    (table_1, 0.1),
+    (table_2, 0.1),
+    (which_start, 0.08),
+    (example_3, 0.07),
+    (reduced_models, 0.12),
+    (three_routes, 0.13),
+    (range_of_validity, 0.4),
+)

@@ -1,0 +1,111 @@
+"""The summary of the report, in one table: what the paper prints and what comes out."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from cablepod.paper.examples import FINE_STEP
+
+HEAD = ("table or figure of the paper", "command", "ours", "print")
+
+
+def summary(report: xr.Dataset) -> list[tuple[str, ...]]:
+    """Return the rows (what, command, ours, print) of the table of which the README shows a copy.
+
+    Parameters
+    ----------
+    report
+        The Dataset of :func:`cablepod.paper.report.write`.
+    """
+    return [*_table1(report), *_table2(report), *_example3(report), *_figures(report)]
+
+
+def _table1(report: xr.Dataset) -> list[tuple[str, ...]]:
+    length = report["table1_unstretched_length"].sel(procedure="linearised").values
+    printed = report["table1_unstretched_length_printed"].values
+    source = report["table1_source"].values.astype(int)
+    tensions = report["table1_top_tension"].values
+    rows: list[tuple[str, ...]] = []
+    for i, tension in enumerate(tensions):
+        ours = f"{length[i, 0]:.4f} m; with K/100 {length[i, 1]:.4f} m"
+        mark = ("K", "K/100")[source[i]]
+        rows.append(
+            (f"Table 1, L0 at T1 = {tension:.0f} N", "`cablepod paper`", ours, f"{printed[i]:.4f} m (from {mark})")
+        )
+    return rows
+
+
+def _table2(report: xr.Dataset) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
+    printed = report["table2_singular_value_printed"].values
+    for start, title in (
+        ("example2", "Table 2, σ1 to σ3 of x; y, from equilibrium"),
+        ("example2_out_of_equilibrium", "the same, from the shape of a longer cable"),
+        ("example2_tauter_start", "the same, from the shape of a tauter cable"),
+    ):
+        rows.append(
+            (
+                title,
+                f"`cablepod run {start}`",
+                _pair(report["table2_singular_value"].sel(start=start).values),
+                _pair(printed, 6),
+            )
+        )
+    share = 100.0 * report["table2_share"].sel(start="example2_tauter_start").values[:, 0]
+    shares = 100.0 * report["table2_share_printed"].values[:, 0]
+    title = "Table 2, share σ1/Σσ of x; y"
+    ours, theirs = (f"{pair[0]:.2f} %; {pair[1]:.2f} %" for pair in (share, shares))
+    rows.append((title, "`cablepod run example2_tauter_start`", ours, theirs))
+    return rows
+
+
+def _pair(values: np.ndarray, digits: int = 4) -> str:
+    return "; ".join(", ".join(f"{value:.{digits}g}" for value in row[:3]) for row in values)
+
+
+def _example3(report: xr.Dataset) -> list[tuple[str, ...]]:
+    printed = "; ".join(f"{100 * float(value):.2f} %" for value in report["example3_share_printed"])
+    rest = "; ".join(f"{100 * float(value):.2f} %" for value in report["example3_share_equilibrium"])
+    fine = report["example3_step"].values <= FINE_STEP
+    swapped = 100.0 * report["example3_share_swapped"].values[fine]
+    title = "Example 3, share of five modes in Σσ of 20, x; y"
+    return [
+        (f"{title}, from equilibrium", "`cablepod run example3`", rest, printed),
+        (
+            "the same, from swapped rows",
+            "`cablepod run example3_swapped_rows`",
+            f"{swapped.min():.1f} to {swapped.max():.1f} %",
+            printed,
+        ),
+    ]
+
+
+def _figures(report: xr.Dataset) -> list[tuple[str, ...]]:
+    links = _nearest(report["rest_links"].values, 40)
+    gap = 1e3 * float(report["rest_gap"].sel(rest_links=links))
+    rows: list[tuple[str, ...]] = [
+        (
+            "Figure 4, the guy at rest",
+            "`cablepod run example1`",
+            f"chain of {links} links within {gap:.2g} mm of the catenary",
+            "drawn",
+        ),
+        ("Figure 5, first three modes of x", "`cablepod run example2`", "drawn by `cablepod paper`", "drawn"),
+    ]
+    for name, rank, what, which in (
+        ("example2", 1, "Figure 6, Example 2 at 45 s, one mode", "reduced_error_45"),
+        ("example3", 2, "Figure 7, Example 3 at six instants, two modes", "reduced_error_six"),
+        ("example3", 2, "Figure 8, Example 3 at 45 s, two modes", "reduced_error_45"),
+        ("example4", 3, "Figure 9, Example 4 at 45 s, three modes", "reduced_error_45"),
+        ("example4_opposite_load", 3, "the same with the load towards -x", "reduced_error_45"),
+    ):
+        error = float(report[which].sel(scene=name, reduced_rank=rank))
+        rows.append(
+            (what, f"`cablepod run {name}`", f"reduced model {100 * error:.2g} % from the chain", "drawn: alike")
+        )
+    return rows
+
+
+def _nearest(values: np.ndarray, wanted: int) -> int:
+    return int(values[np.abs(values - wanted).argmin()])

@@ -1,0 +1,46 @@
+"""Draw the pictures of the README: Example 3, Table 2, and where the basis of the chain holds.
+
+python pipelines/readme_figures.py [FOLDER]
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+from matplotlib import pyplot as plt
+
+import cablepod as cp
+from cablepod.paper import examples, figures, validity
+from cablepod.shipped import scene
+
+HERE = Path(__file__).resolve().parent
+
+
+def example3() -> plt.Figure:
+    """Draw Example 3, chain as dots, Galerkin model as lines, and the error over time."""
+    given = scene("example3")
+    chain = cp.chain.simulate(given)
+    modes = cp.pod.decompose(chain, rank=8)
+    models = {f"r = {rank}": cp.galerkin.simulate(given, modes, rank=rank) for rank in (1, 2, 4, 8)}
+    figure, (left, right) = plt.subplots(1, 2, figsize=(12, 4.2), layout="constrained")
+    cp.plots.shapes(chain, models["r = 2"], times=[0.0, 15.0, 45.0, 90.0], deflection=True, ax=left)
+    cp.plots.error_over_time({name: cp.compare.errors(run, chain) for name, run in models.items()}, ax=right)
+    left.set_title("Example 3: the guy at four instants")
+    right.set_title("Galerkin model against the chain")
+    return figure
+
+
+def main(folder: Path) -> None:
+    """Write the pictures into `folder`."""
+    example3().savefig(folder / "example3.png", dpi=90)
+    figures.singular_values(examples.table2()).savefig(folder / "table2.png", dpi=75)
+    figures.validity(validity.maps()).savefig(folder / "validity.png", dpi=75)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "figures")
