@@ -116,9 +116,10 @@ def _rest(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     forces = force - np.concatenate([np.zeros((1, p.dims)), np.cumsum(loads, axis=0)])
     tension = np.sqrt(square(forces))
     if not gap <= 1e-11 * scale or not tension.min() > 0.0:
+        left = f" (a gap of {gap:.2g} m is left)" if np.isfinite(gap) else ""
         raise SceneError(
-            f"chain: no rest found with all links taut (a gap of {gap:.2g} m is left); allowed: a scene whose chain does not "
-            "fold on itself at rest, or a start from initial.points"
+            f"chain: no rest found with all links taut{left}; allowed: a scene whose chain does not fold on itself at rest and "
+            f"is not far softer than its loads (its stiffness is {p.stiffness:.3g} N), or a start from initial.points"
         )
     secant = np.array([kernel.secant_modulus(size, p.stiffness, chain.green) for size in tension])
     reach = chain.length[:, None] * (forces / tension[:, None] + forces / secant[:, None])

@@ -21,12 +21,14 @@ from cablepod.links import chain_of
 from cablepod.parameters import parameters
 from cablepod.scene import read_scene
 from cablepod.schema import SceneError
-from cablepod.shipped import scene_path
-from cablepod.stepping import RunStopped
+from cablepod.shipped import scene_path, scenes
+from cablepod.stepping import DEFAULT_TOLERANCE, RunStopped
 from cablepod.whole import whole_file
 
 #: Reports compare at every 0.1 s; longer runs at as many instants as 200 s have.
 REPORT_INTERVAL, REPORT_INSTANTS = 0.1, 2000
+#: Time error of reduced models in reports, where it stands beside larger ones.
+REDUCED_TOLERANCE = 1e-5
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,14 +43,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (SceneError, archive.ArchiveError, RunStopped) as error:
         return _fail(str(error))
     except KeyboardInterrupt:
-        return _fail("interrupted; files already named above are whole, nothing else was written", status=130)
+        return _fail("interrupted; every file that was written is whole, --overwrite begins anew", status=130)
     except BrokenPipeError:  # the reader of our output, such as head, has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except MemoryError:
         return _fail("out of memory; try fewer links, instants or modes")
     except OSError as error:
-        return _fail(f"{error.filename or 'file'}: {error.strerror or error}")
+        return _fail(f"{error.filename or 'a file could not be written'}: {error.strerror or error}")
 
 
 def _note(message: Warning | str, *_: object, **__: object) -> None:
@@ -62,19 +64,26 @@ def _fail(message: str, status: int = 2) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="cablepod", description="Reduced-order models of cable dynamics.")
+    parser = argparse.ArgumentParser(
+        prog="cablepod",
+        description="Reduced-order models of cable dynamics.",
+        epilog="example: cablepod run example2 --out out/example2",
+    )
     parser.add_argument("--version", action="version", version=f"cablepod {version('cablepod')}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     run = commands.add_parser(
         "run",
-        help="do the main job on one scene",
+        help="simulate one scene: rest, chain, modes, reduced models and their errors",
         description="Rest, snapshots of the chain, modes, reduced models, their errors and run times, figures; all archived.",
         epilog="example: cablepod run data/scenes/example2.toml --out out/example2",
     )
-    run.add_argument("scene", metavar="SCENE.toml", help="scene file, or the name of a shipped scene such as example2")
+    run.add_argument("scene", metavar="SCENE.toml", help="scene file, or a shipped scene: " + ", ".join(scenes()))
     run.add_argument("--out", required=True, metavar="DIR", help="folder for netCDF files and figures; made if missing")
     run.add_argument(
-        "--ranks", default="1,2,3,4", metavar="R,R", help="modes of each coordinate to try (default 1,2,3,4)"
+        "--ranks",
+        default="1,2,3,4",
+        metavar="R,R",
+        help="modes of each coordinate to try, 20 at most (default 1,2,3,4)",
     )
     run.add_argument("--overwrite", action="store_true", help="replace results that are already in DIR")
     run.set_defaults(run=_run)
@@ -86,10 +95,15 @@ def _parser() -> argparse.ArgumentParser:
         epilog="example: cablepod paper --out out/paper",
     )
     paper.add_argument("--out", required=True, metavar="DIR", help="folder for the report; made if missing")
-    paper.add_argument("--small", action="store_true", help="smaller studies, for a trial")
+    paper.add_argument(
+        "--small",
+        action="store_true",
+        help="a trial in a quarter of the minute: fewer modes, routes, tensions and stiffnesses",
+    )
     paper.add_argument("--overwrite", action="store_true", help="replace a report that is already in DIR")
     paper.set_defaults(run=_paper)
-    info = commands.add_parser("info", help="tell what a file is and how it came about")
+    info = commands.add_parser("info", help="what a file holds and how it was made")
+    info.epilog = "example: cablepod info out/example2/chain.nc"
     info.add_argument("path", metavar="PATH", help="a netCDF file of this package, or a folder of them")
     info.set_defaults(run=_info)
     return parser
@@ -113,13 +127,12 @@ def _paper(options: argparse.Namespace) -> int:
     _plain_figures()
     from cablepod.paper import report, sections  # only this command needs scipy's solvers and all of the package
 
-    out = Path(options.out)
+    out = _folder(options.out)
     _prepare(out, report.FILES, overwrite=options.overwrite)
     with _bar("the paper") as progress:
         _, rows = report.write(out, size=sections.SMALL if options.small else sections.FULL, progress=progress)
-    widths = [max(len(row[i]) for row in (report.HEAD, *rows)) for i in range(len(report.HEAD))]
-    for row in (report.HEAD, *rows):
-        print("  ".join(item.replace("`", "").ljust(width) for item, width in zip(row, widths, strict=True)).rstrip())
+    for what, _, ours, printed in rows:
+        print(f"{what}\n    ours   {ours}\n    paper  {printed}".replace("`", ""))
     print(f"\n{out / report.PAGE}, {report.DATASET} and {len(report.FIGURES)} figures beside it")
     return 0
 
@@ -128,15 +141,19 @@ def _paper(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    out = Path(options.out)
+    out = _folder(options.out)
     ranks = _ranks(options.ranks)
-    path = scene_path(options.scene)
-    scene = read_scene(path)
+    scene = read_scene(scene_path(options.scene))
     p = parameters(scene)
     snapshots_at = p.times()  # refuses a scene without [time] before anything runs
     chain_of(p)
     if p.free is not None:
         raise SceneError("ends.free: given a free end; allowed: two held ends, because the reduced model lifts by both")
+    if p.link_viscosity is not None:
+        raise SceneError(
+            f"damping.link_viscosity: given {p.link_viscosity:g}; allowed: none, because the reduced model has no viscous links; "
+            "mass_proportional is possible, and chain.simulate does both"
+        )
     names = ["scene", "catenary", "chain_rest", "chain", "modes", "comparison", *(f"galerkin_r{r}" for r in ranks)]
     _prepare(out, [f"{name}.nc" for name in names], overwrite=options.overwrite)
 
@@ -169,7 +186,9 @@ def _run(options: argparse.Namespace) -> int:
             print(f"  note: only {modes.sizes['mode']} modes, r = {r} left out")
             continue
         with _stopping(keep, f"galerkin_r{r}"), _bar(f"Galerkin r = {r}") as progress:
-            reduced, seconds = _timed(galerkin.simulate, scene, modes, rank=r, times=report_at, progress=progress)
+            reduced, seconds = _timed(
+                galerkin.simulate, scene, modes, rank=r, times=report_at, tolerance=REDUCED_TOLERANCE, progress=progress
+            )
         keep(f"galerkin_r{r}", reduced)
         rows.append(("Galerkin", str(r), reduced, seconds, compare.errors(reduced, truth)))
     table = _table(rows)
@@ -189,6 +208,12 @@ def _ranks(text: str) -> list[int]:
     if not ranks or ranks[0] < 1:
         raise SceneError(f"--ranks: given {text!r}; allowed: whole numbers of at least 1 with commas between")
     return ranks
+
+
+def _folder(text: str) -> Path:
+    if not text.strip():
+        raise archive.ArchiveError("--out: given nothing; allowed: a folder, . for this one")
+    return Path(text)
 
 
 def _prepare(out: Path, files: Sequence[str], *, overwrite: bool) -> None:
@@ -252,8 +277,7 @@ def _bar(label: str) -> Iterator[Callable[[float], None]]:
     ) as bar:
 
         def progress(part: float) -> None:
-            bar.n = part
-            bar.refresh() if part in (0.0, 1.0) else bar.update(0)
+            bar.update(part - bar.n)
 
         yield progress
 
@@ -289,12 +313,22 @@ def _text(rows: Sequence[Row]) -> str:
         mean = "" if error is None else f"{100 * float(error['error_rms']):.4f} %"
         lines.append(
             f"{model:<15}{rank:>6}{worst:>15}{mean:>12}{run.attrs['step']:>11.3g}{run.attrs['number_of_steps']:>10}{seconds:>10.3f}"
+            + ("" if _settled(run) else " *")
         )
     lines.append(
         "errors over the largest rms displacement of the chain; times are of the whole call with the check of its step,"
     )
     lines.append("and include compilation the first time a model runs on this machine")
+    if not all(_settled(row[2]) for row in rows):
+        lines.append(
+            "* two steps disagree by more than the tolerance: chaotic or too abrupt a motion, to be judged by statistics"
+        )
     return "\n".join(lines)
+
+
+def _settled(run: xr.Dataset) -> bool:
+    limit = DEFAULT_TOLERANCE if run.attrs["model"] == "elastic chain" else REDUCED_TOLERANCE
+    return bool(run.attrs["time_error_estimate"] <= limit)
 
 
 def _values(modes: xr.Dataset) -> str:
@@ -304,8 +338,9 @@ def _values(modes: xr.Dataset) -> str:
     for axis in modes["coordinate"].values:
         one = values.sel(coordinate=axis).values
         first = "  ".join(f"{value:.5g}" for value in one[:5])
-        held = 100.0 * one[:5].sum() / one.sum() if one.any() else 0.0
-        lines.append(f"singular values of {axis} [m]: {first}; {held:.2f} % of the sum of {one.size}")
+        held = [100.0 * one[:count].sum() / one.sum() if one.any() else 0.0 for count in (1, 5)]
+        share = f"the first has {held[0]:.2f} %, these have {held[1]:.2f} % of the sum of {one.size}"
+        lines.append(f"singular values of {axis} [m]: {first}; {share}")
     return "\n".join(lines)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.scene import read_scene
+from cablepod.schema import refuse
 
 
 def data_folder() -> Path:
@@ -17,18 +18,39 @@ def data_folder() -> Path:
     return here / "data" if (here / "data").is_dir() else here.parent / "data"
 
 
+def scenes() -> list[str]:
+    """Names of the shipped scenes."""
+    return sorted(path.stem for path in (data_folder() / "scenes").glob("*.toml"))
+
+
 def scene_path(name: str) -> Path:
-    """Return the scene file `name`, or the shipped one of that name or path, so that an installed package has them too."""
+    """Return the shipped scene of a bare name such as ``example2``, otherwise the file `name`.
+
+    A path ``data/scenes/...`` that is not there means the shipped file too, so that an installed package has what a checkout has.
+
+    Raises
+    ------
+    SceneError
+        Where there is neither; it lists the shipped scenes.
+    """
     path = Path(name)
-    if path.exists():
-        return path
-    shipped = data_folder() / "scenes" / (path.name if path.suffix else f"{path.name}.toml")
-    return shipped if shipped.exists() and str(path.parent) in (".", "data/scenes") else path
+    if name in scenes():
+        return data_folder() / "scenes" / f"{name}.toml"
+    if (
+        not path.exists()
+        and str(path.parent) in (".", "data/scenes")
+        and path.stem in scenes()
+        and path.suffix == ".toml"
+    ):
+        return data_folder() / "scenes" / path.name
+    if not path.exists():
+        raise refuse("scene", name, f"a scene file, or one of the shipped scenes: {', '.join(scenes())}")
+    return path
 
 
 def scene(name: str) -> xr.Dataset:
-    """Read the scene file `name`, or the shipped one of that name."""
-    return read_scene(scene_path(name))
+    """Read the shipped scene of that name."""
+    return read_scene(data_folder() / "scenes" / f"{name}.toml")
 
 
 def table(name: str) -> dict[str, np.ndarray]:

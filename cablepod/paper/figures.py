@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import catenary, chain, galerkin, plots
-from cablepod.paper.examples import INSTANTS, Study, study
+from cablepod.paper.examples import INSTANTS, STARTS, Study, study
 from cablepod.shipped import scene
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def figure5() -> Figure:
     figure, axes = _panels(2, r"Figure 5: the first three modes of $\hat x$, Example 2")
     for ax, name, title in (
         (axes[0, 0], "example2", "from equilibrium"),
-        (axes[0, 1], "example2_out_of_equilibrium", "from the start that explains Table 2"),
+        (axes[0, 1], "example2_tauter_start", "from the shape of a tauter cable, as in Table 2"),
     ):
         modes = study(name).modes
         plots.modes(modes.sel(coordinate=["x"]), ax=ax)
@@ -71,8 +71,8 @@ def _beside(item: Study, rank: int, times: list[float], figure: Figure, axes: np
     reduced = galerkin.simulate(item.scene, item.modes, rank=rank)
     plots.shapes(item.chain, reduced, times=times, ax=axes[0])
     plots.shapes(item.chain, reduced, times=times, deflection=True, ax=axes[1])
-    axes[0].set_title("as in the paper")
-    axes[1].set_title("the same, seen from the chord")
+    axes[0].set_title("as in the paper (x and y to different scales)")
+    axes[1].set_title("the same by its deflection from the chord")
     axes[0].get_legend().remove()  # both panels have one
 
 
@@ -102,7 +102,7 @@ def figure9() -> Figure:
     figure, axes = _panels(2, "Figure 9: Example 4 at 45 s, r = 3, for both signs of the horizontal load", rows=2)
     for row, name, sign in ((0, "example4", "+x"), (1, "example4_opposite_load", "-x")):
         _beside(study(name), 3, [45.0], figure, axes[row])
-        axes[row, 0].set_title(f"load towards {sign}")
+        axes[row, 0].set_title(f"load towards {sign} (x and y to different scales)")
     return figure
 
 
@@ -124,12 +124,12 @@ def singular_values(table2: xr.Dataset) -> Figure:
         for i, name in enumerate(starts, start=1):
             values = table2["table2_singular_value"].sel(start=name, coordinate=axis)
             style = {
-                "color": plots.COLOURS[i],
+                "color": plots.COLOURS[(0, 1, 3, 5)[i]],
                 "linestyle": plots.LINES[i - 1],
                 "marker": plots.MARKERS[i],
                 "fillstyle": "none",
             }
-            ax.plot(rows, values, label=name.replace("example2_", "").replace("example2", "equilibrium"), **style)
+            ax.plot(rows, values, label=STARTS[name], **style)
         ax.set(xlabel="number of the mode [1]", ylabel="singular value [m]", yscale="log", title=rf"$\hat {axis}$")
         ax.set_xticks(rows)
         ax.grid(alpha=0.3)
@@ -157,10 +157,18 @@ def routes(precision: xr.Dataset, run_times: xr.Dataset | None) -> Figure:
             axes[0, 2].plot(run_times["route_samples"], 1e3 * seconds, label=str(method), **style)
     labels = ("relative error of the singular value [1]", "sine of the angle to the exact mode [1]")
     for ax, label in zip(axes[0], labels, strict=False):
-        ax.set(xscale="log", yscale="log", xlabel="exact singular value / largest [1]", ylabel=label, ylim=(1e-17, 1e3))
+        ax.set(
+            xscale="log",
+            yscale="log",
+            xlabel="exact singular value / largest, falling [1]",
+            ylabel=label,
+            ylim=(1e-17, 1e6),
+        )
         ax.invert_xaxis()
     axes[0, 1].set_ylim(1e-17, 10.0)
-    axes[0, 2].set(xscale="log", yscale="log", xlabel="snapshots [1]", ylabel="time, one thread [ms]")
+    axes[0, 2].set(
+        xscale="log", yscale="log", xlabel="snapshots m (n = 39 at 125, else 80) [1]", ylabel="time, one thread [ms]"
+    )
     for ax in axes[0]:
         ax.grid(alpha=0.3)
         ax.legend()
@@ -169,31 +177,21 @@ def routes(precision: xr.Dataset, run_times: xr.Dataset | None) -> Figure:
 
 def validity(maps: xr.Dataset) -> Figure:
     """Draw where the chain's basis holds: error maps over pretension and stiffness."""
-    ranks = [int(rank) for rank in maps["validity_rank"].values]
+    few, many = (int(maps["validity_rank"].values[i]) for i in (0, -1))
     omega = float(maps["validity_angular_frequency"])
-    panels: list[tuple[str, np.ndarray, bool]] = []
-    for rank in ranks:
-        panels.append(
-            (f"reduced model on the chain's modes, r = {rank}", _at(maps, "validity_model_error", rank), False)
-        )
-    for rank in ranks:
-        panels.append((f"projection on the chain's modes, r = {rank}", _at(maps, "validity_basis_error", rank), False))
-    ratio = _at(maps, "validity_basis_error", ranks[-1]) / _at(maps, "validity_own_basis_error", ranks[-1])
-    panels.append(
-        (
-            "chain and cable apart (the two laws)",
-            maps["validity_law_gap"].transpose("validity_stiffness", ...).values,
-            False,
-        )
-    )
-    panels.append((f"projection error, chain's modes over own, r = {ranks[-1]}", ratio, True))
-    columns = 2
-    figure, axes = _panels(
-        columns, f"Modes of the elastic chain on the extensible cable, ω = {omega:g} rad/s: error / largest displacement",
-        rows=-(-len(panels) // columns), height=3.4,
-    )  # fmt: skip
-    for ax, (title, values, is_ratio) in zip(axes.flat, panels, strict=True):
-        _map(ax, maps, values, title, is_ratio=is_ratio)
+    strain = maps["validity_strain"].transpose("validity_stiffness", "validity_tension").values
+    ratio = _at(maps, "validity_basis_error", many) / _at(maps, "validity_own_basis_error", many)
+    law = maps["validity_law_gap"].transpose("validity_stiffness", "validity_tension").values
+    title = f"Modes of the elastic chain on the extensible cable, end motion of {omega:g} rad/s: error / largest displacement"
+    figure, axes = _panels(2, title, rows=3, height=3.2, width=5.6)
+    for column, rank in enumerate((few, many)):
+        model, basis = (_at(maps, f"validity_{name}_error", rank) for name in ("model", "basis"))
+        _map(axes[0, column], maps, model, _percent(model), f"reduced model on the chain's modes, r = {rank}")
+        _map(axes[1, column], maps, basis, _percent(basis), f"projection on the chain's modes, r = {rank}")
+    _map(axes[2, 0], maps, law, _percent(law), "distance of chain (linear law) and cable, law (21)")
+    texts = np.array([f"{value:.3g}\n({100 * e:.2g} %)" for value, e in zip(ratio.flat, strain.flat, strict=True)])
+    last = f"projection error, chain's over own modes, r = {many} (strain)"
+    _map(axes[2, 1], maps, ratio, texts.reshape(ratio.shape), last, limits=(1.0, 100.0))
     return figure
 
 
@@ -201,18 +199,28 @@ def _at(maps: xr.Dataset, name: str, rank: int) -> np.ndarray:
     return maps[name].sel(validity_rank=rank).transpose("validity_stiffness", "validity_tension").values
 
 
-def _map(ax: Axes, maps: xr.Dataset, values: np.ndarray, title: str, *, is_ratio: bool) -> None:
-    """Colour a map and write the number into each cell, so that it reads in grey too."""
+def _percent(values: np.ndarray) -> np.ndarray:
+    return np.array([f"{100 * value:.2g} %" for value in values.flat]).reshape(values.shape)
+
+
+def _map(
+    ax: Axes,
+    maps: xr.Dataset,
+    values: np.ndarray,
+    texts: np.ndarray,
+    title: str,
+    *,
+    limits: tuple[float, float] = (1e-5, 1.0),
+) -> None:
+    """Colour a map on a logarithmic scale and write a text into each cell, so that it reads in grey too."""
     from matplotlib.colors import LogNorm
 
-    limits = (1.0, 100.0) if is_ratio else (1e-5, 1.0)
     ax.imshow(values, origin="lower", aspect="auto", cmap="cividis", norm=LogNorm(*limits, clip=True))
     settled = maps["validity_settled"].transpose("validity_stiffness", "validity_tension").values
     for (row, column), value in np.ndenumerate(values):
-        text = f"{value:.3g}" if is_ratio else f"{100.0 * value:.2g} %"
         dark = np.log10(max(value, limits[0]) / limits[0]) / np.log10(limits[1] / limits[0]) < 0.55
-        mark = "" if settled[row, column] else "*"
-        ax.text(column, row, text + mark, ha="center", va="center", fontsize=8, color="white" if dark else "black")
+        text, mark = str(texts[row, column]), "" if settled[row, column] else "*"
+        ax.text(column, row, text + mark, ha="center", va="center", fontsize=9, color="white" if dark else "black")
     tensions, stiffnesses = maps["validity_tension"].values, maps["validity_stiffness"].values
     ax.set_xticks(range(tensions.size), [f"{t / 1e3:g}" for t in tensions])
     ax.set_yticks(range(stiffnesses.size), [f"{k:.0e}".replace("e+0", "e") for k in stiffnesses])

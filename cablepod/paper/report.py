@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -28,7 +29,7 @@ FILES = (DATASET, PAGE, *(f"{name}.png" for name in FIGURES))
 def write(
     folder: Path, *, size: Size = FULL, progress: Callable[[float], None] | None = None
 ) -> tuple[xr.Dataset, list[tuple[str, ...]]]:
-    """Compute everything and write :data:`FILES` into `folder`, replacing what is there.
+    """Compute everything and write :data:`FILES` into `folder`, replacing what is there, all at the end.
 
     Parameters
     ----------
@@ -44,6 +45,16 @@ def write(
     tuple
         The Dataset of all tables, ours and printed, and the rows of the summary.
     """
+    with tempfile.TemporaryDirectory(prefix=".cablepod-", dir=folder) as beside:
+        result, rows = _write(Path(beside), size, progress)
+        for name in FILES:  # all are whole: an interrupted run leaves what was there before
+            (Path(beside) / name).replace(folder / name)
+    return result, rows
+
+
+def _write(
+    folder: Path, size: Size, progress: Callable[[float], None] | None
+) -> tuple[xr.Dataset, list[tuple[str, ...]]]:
     parts: list[Section] = []
     seconds: list[float] = []
     done = 0.0
@@ -67,7 +78,7 @@ def write(
     archive.write(result, folder / DATASET, overwrite=True)
     rows = summary(result)
     with whole_file(folder / PAGE) as unfinished:
-        unfinished.write_text(_page(result, parts, rows, seconds), encoding="utf-8")
+        unfinished.write_text(_page(result, parts, rows, seconds, size), encoding="utf-8")
     return result, rows
 
 
@@ -81,9 +92,11 @@ def _save(figure: Figure, path: Path) -> None:
         plt.close(figure)
 
 
-def _page(result: xr.Dataset, parts: Sequence[Section], rows: Sequence[Sequence[str]], seconds: Sequence[float]) -> str:
+def _page(
+    result: xr.Dataset, parts: Sequence[Section], rows: Sequence[Sequence[str]], seconds: Sequence[float], size: Size
+) -> str:
     """Fill the page, whose prose stands in a file of its own."""
-    values: dict[str, Any] = {"summary": lines(HEAD, rows), "identifier": result.attrs["id"]}
+    values: dict[str, Any] = {"summary": lines(HEAD, rows), "identifier": result.attrs["id"], "size": size.note}
     for part in parts:
         values |= part.values
     each = [f"{part.title} {time:.1f} s" for part, time in zip(parts, seconds, strict=True)]

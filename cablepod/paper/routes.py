@@ -53,12 +53,15 @@ def precision(*, features: int = 80, samples: int = 500, most_snapshots: int = M
         mode and exact mode; ``route_exact (route_mode)``: the exact values; ``route_usable (route)``: the smallest exact value
         down to which all are right to a tenth.
     """
+    from threadpoolctl import threadpool_limits  # only who measures needs it
+
     data, left, values = known_matrix(features, samples)
     error, angle = np.full((2, len(METHODS), values.size), np.nan)
     for i, method in enumerate(METHODS):
         if method == "snapshots" and samples > most_snapshots:
             continue
-        modes, found = decompositions.ROUTES[method](data)
+        with threadpool_limits(limits=1):  # the same digits whatever the machine
+            modes, found = decompositions.ROUTES[method](data)
         error[i] = np.abs(found / values - 1.0)
         # the part of each mode that is not along the exact one; 1 - cos^2 would lose half of the digits
         angle[i] = np.linalg.norm(modes - left * np.sum(left * modes, axis=0), axis=0)

@@ -22,6 +22,7 @@ class Size:
     """How much is computed."""
 
     name: str
+    note: str = ""  #: what the page says of it
     rest_links: tuple[int, ...] = (10, 20, 40, 80, 160)
     swapped_steps: tuple[float, ...] = examples.SWAPPED_STEPS
     ranks: tuple[int, ...] = examples.RANKS
@@ -34,6 +35,8 @@ class Size:
 FULL = Size("full")
 SMALL = Size(
     "small",
+    note="\n**This is the small form, a trial**: fewer modes, smaller routes, fewer tensions, stiffnesses and sags than the full "
+    "report. Statements about ranges hold for what was computed only.\n",
     rest_links=(10, 40),
     ranks=(1, 2, 3),
     route_sizes=((39, 125), (80, 500)),
@@ -97,12 +100,14 @@ def _rows_of_table_1(table: xr.Dataset) -> str:
                 *(f"**{value:.5f}**" if j == source else f"{value:.5f}" for j, value in enumerate(linear)),
                 *(f"{value:.5f}" for value in exact),
                 f"{length:.5f} / {float(one['table1_stretched_length_printed']):.4f}",
+                f"{length - linear[source]:.5f} / {float(one['table1_elongation_printed']):.3f}",
                 f"{lower:.1f} / {float(one['table1_tension_lower_printed']):.0f}",
             )
         )
     head = (
         "T1 [N]", "L0 printed [m]", "eqs. (9)-(16), K", "eqs. (9)-(16), K/100", "exact, K", "exact, K/100",
-        "L ours / print [m]", "T0 ours / print [N]",
+        "L ours / print [m]",
+        "ΔL ours / print [m]", "T0 ours / print [N]",
     )  # fmt: skip
     return lines(head, rows)
 
@@ -117,6 +122,9 @@ def table_2(_: Size, tell: Tell) -> Section:
     sigma, pov = rest["table2_singular_value"].values, rest["table2_proper_orthogonal_value"].values
     values = {
         "table2": _rows_of_table_2(table),
+        "soft_kN": 1e-3 * float(table["table2_top_tension"].sel(start="example2_soft")),
+        "as_printed_kN": 1e-3 * float(table["table2_top_tension"].sel(start="example2_as_printed")),
+        "samples": round(float(sigma[0, 0] ** 2 / pov[0, 0])),
         "print_x": printed[0, 0],
         "print_y": printed[1, 0],
         "print_ratio": printed[0, 0] / printed[1, 0],
@@ -144,44 +152,73 @@ def table_2(_: Size, tell: Tell) -> Section:
 
 def _rows_of_table_2(table: xr.Dataset) -> str:
     def row(values: np.ndarray) -> list[str]:
-        return [f"{value:.4f}" if value > 1e-3 else f"{value:.1e}" for value in values]
+        return [f"{value:.4g}" for value in values]
 
     rows: list[Sequence[Any]] = []
-    for axis in ("x", "y"):
+    for axis, total in zip(("x", "y"), starts.printed_sums(), strict=True):
         printed = table["table2_singular_value_printed"].sel(coordinate=axis).values
-        rows.append((f"**print, {axis}**", *row(printed), "", ""))
+        rows.append((f"**print, {axis}**", *(f"**{value:g}**" for value in printed), f"**{total:g}**", ""))
         for name in table["start"].values:
             one = table.sel(start=name, coordinate=axis)
-            total = f"{float(one['table2_sum']):.4f}"
-            misfit = f"{float(one['table2_misfit_3']):.3g} / {float(one['table2_misfit']):.3g}"
-            rows.append((f"`{name}`, {axis}", *row(one["table2_singular_value"].values), total, misfit))
-    return lines(("scene", "1", "2", "3", "4", "5", "sum of 20", "misfit of 3 / 5 rows"), rows)
+            misfit = f"{float(one['table2_misfit_3']):.3g} / {float(one['table2_misfit']):.3g}" if axis == "x" else ""
+            values = row(one["table2_singular_value"].values)
+            rows.append((f"`{name}`, {axis}", *values, f"{float(one['table2_sum']):.4g}", misfit))
+    return lines(("scene", "σ1 [m]", "σ2", "σ3", "σ4", "σ5", "sum of 20", "misfit of 3 / 5 rows, x and y"), rows)
 
 
 #: What the first value of y in Table 2 probably was before a slip [m].
 MENDED = 2.4026
+#: Starts of which the page speaks by name, and the misfit up to which a start counts as one that fits.
+START_NAMES = ("longer cable (rows 1 to 3)", "tauter cable (A)", "longer cable (B)", "tauter cable (C)")
+FITTING = 0.1
 
 
 def which_start(size: Size, tell: Tell) -> Section:
     """Set up what was tried to explain Table 2 and the shares of Example 3."""
     tried = starts.tried(progress=lambda part: tell(0.6 * part))
     example3 = starts.example3(sags=size.sags)
-    rows = []
+    target, sums = starts.printed(), starts.printed_sums()
+    rows: list[Sequence[Any]] = [
+        ("**print**", "", *(f"**{value:g}**" for value in target[0]), f"**{sums[0]:g}**", "", "")
+    ]
     for name in tried["tried"].values:
         one = tried.sel(tried=name)
-        x, y = (" ".join(f"{value:.3g}" for value in row) for row in one["tried_singular_value"].values)
-        totals = "; ".join(f"{value:.3f}" for value in one["tried_sum"].values)
-        rows.append((name, x, y, totals, f"{float(one['tried_misfit_3']):.3f}", f"{float(one['tried_misfit']):.3f}"))
-    known, found, least = (
-        tried.sel(tried=name) for name in ("longer cable (rows 1 to 3)", "tauter cable (A)", "tauter cable (C)")
+        x = [f"{value:.3g}" for value in one["tried_singular_value"].values[0]]
+        fit = [f"{float(one[key]):.3f}" for key in ("tried_misfit_3", "tried_misfit")]
+        rows.append((name, f"{float(one['tried_sag']):.2f}", *x, f"{float(one['tried_sum'][0]):.3f}", *fit))
+    known, found, other, least = (tried.sel(tried=name) for name in START_NAMES)
+
+    def off(one: xr.Dataset) -> float:
+        return 100.0 * float(np.abs(one["tried_singular_value"].values / target - 1.0).max())
+
+    fitting = [
+        f"{name} ({float(tried['tried_sag'].sel(tried=name)):.2f})"
+        for name in tried["tried"].values[tried["tried_misfit"].values < FITTING]
+    ]
+    head = (
+        "start",
+        "its sag / sag at rest",
+        "σ1 of x [m]",
+        "σ2",
+        "σ3",
+        "σ4",
+        "σ5",
+        "sum of 20",
+        "misfit, 3 rows",
+        "5 rows",
     )
-    target, sums = starts.printed(), starts.printed_sums()
     ratio = float(found["tried_singular_value"][0, 0] / found["tried_singular_value"][1, 0])
     shares = 100.0 * example3["sagging_share"].values
     values = {
-        "tried": lines(("start", "x", "y", "sums of 20, x; y", "misfit, 3 rows", "misfit, 5 rows"), rows),
+        "tried": lines(head, rows),
         "known_misfit": float(known["tried_misfit"]),
         "found_misfit": float(found["tried_misfit"]),
+        "found_off": off(found),
+        "other_misfit": float(other["tried_misfit"]),
+        "other_off": off(other),
+        "least_all": off(least),
+        "fitting": FITTING,
+        "fitting_starts": ", ".join(fitting),
         "found_sum_x": float(found["tried_sum"][0]),
         "found_sum_y": float(found["tried_sum"][1]),
         "least_misfit": float(least["tried_misfit"]),
@@ -219,8 +256,8 @@ def example_3(size: Size, _: Tell) -> Section:
     ]
     values = {
         "example3": lines(("share of the first five in the sum of 20 singular values", "x", "y"), rows),
-        "swapped": 0.5 * (swapped.min() + swapped.max()),
-        "swapped_half": 0.5 * np.ptp(swapped),
+        "swapped_least": swapped.min(),
+        "swapped_most": swapped.max(),
         "print_share_3": printed[0],
         "print_share_3_y": printed[1],
         "finest_coarse": examples.FINE_STEP,
@@ -244,6 +281,13 @@ def reduced_models(size: Size, tell: Tell) -> Section:
         off = 100.0 * float(data["reduced_error_45"].sel(scene=name, reduced_rank=rank))
         at_45.append(f"Figure {number} (r = {rank}, 45 s) is {off:.2g} % off")
     values: dict[str, Any] = {"errors": lines(head, rows), "at_45": ", ".join(at_45)}
+    jolted = 100.0 * data["reduced_error"].sel(scene=["example2_out_of_equilibrium", "example2_tauter_start"]).values
+    values |= {
+        "jolted_least": jolted[:, 0].min(),
+        "jolted_most": jolted[:, 0].max(),
+        "jolted_last": jolted[:, -1].max(),
+    }
+    values["jolted_rank"] = int(data["reduced_rank"][-1])
     for name, sign in (("example4", "plus"), ("example4_opposite_load", "minus")):
         values[f"length_{sign}"] = float(data["scene_unstretched_length"].sel(scene=name))
         values[f"tension_{sign}"] = float(data["scene_smallest_tension"].sel(scene=name))
@@ -297,11 +341,18 @@ def range_of_validity(size: Size, tell: Tell) -> Section:
         "basis_many": 100.0 * float(chain.sel(validity_rank=many).max()),
         "model_few": 100.0 * float(model.max()),
         "model_many": 100.0 * float(maps["validity_model_error"].sel(validity_rank=many).max()),
+        "model_stiff": 100.0 * float(model.isel(validity_stiffness=-1).max()),
         "law_gap": 100.0 * float(maps["validity_law_gap"].max()),
-        "unsettled": int((maps["validity_settled"] < 1.0).sum()),
-        "cells": maps["validity_settled"].size,
+        "settled": _settled(int((maps["validity_settled"] < 1.0).sum()), maps["validity_settled"].size),
+        "omega": float(maps["validity_angular_frequency"]),
     }
     return Section("Range of validity", maps, values, {"validity": figures.validity(maps)})
+
+
+def _settled(moved: int, cells: int) -> str:
+    if moved == 0:
+        return f"In none of the {cells} cells does halving the time step move a result."
+    return f"In {moved} of {cells} cells, marked by a star, halving the time step still moves the result."
 
 
 #: How each section is made, and its share of the whole run time.

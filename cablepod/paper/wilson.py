@@ -39,13 +39,15 @@ def simulate(
     free = start.size - 2
     motion = p.motions["upper", "x"]
 
-    def slope(t: float, state: np.ndarray) -> np.ndarray:
+    def slope(t: float, real: np.ndarray) -> np.ndarray:
+        state = np.ascontiguousarray(real).view(complex)  # some routines take real numbers only
         r = np.concatenate([start[:1], state[:free], start[-1:] + motion(np.array([t]))])
         reach = np.diff(r)
         force = k * np.maximum(1.0 - length / np.abs(reach), 0.0) * reach
-        return np.concatenate([state[free:], np.diff(force) / mass + weight])
+        return np.concatenate([state[free:], np.diff(force) / mass + weight]).view(float)
 
     state = np.concatenate([start[1:-1], np.zeros(free, dtype=complex)])
-    run = solve_ivp(slope, (0.0, times[-1]), state, method=method, t_eval=times, rtol=rtol, atol=atol)
-    r = np.concatenate([np.full((1, times.size), start[0]), run.y[:free], (start[-1] + motion(times))[None]])
+    run = solve_ivp(slope, (0.0, times[-1]), state.view(float), method=method, t_eval=times, rtol=rtol, atol=atol)
+    moved = np.ascontiguousarray(run.y.T).view(complex)[:, :free].T
+    r = np.concatenate([np.full((1, times.size), start[0]), moved, (start[-1] + motion(times))[None]])
     return np.stack([r.real.T, r.imag.T], axis=-1)
