@@ -148,7 +148,8 @@ def test_rest_and_motion_against_independent_solutions():
     found = statics.rest_comparison(links=(10, 20, 40), moving_links=6, duration=2.0)
     order = np.log2(found.rest_gap.values[:-1] / found.rest_gap.values[1:])
     np.testing.assert_allclose(order, 2.0, atol=0.05)
-    assert float(found.rest_gap[2]) < 4e-4
+    # a polygon of links 1.53 m long under a radius of about 460 m is 0.3 mm from its arc's places
+    assert float(found.rest_gap[2]) == pytest.approx(3.03e-4, rel=0.01)
     # the tolerance of the boundary value solver is 1e-10; two ways to the same number differ in the last digits
     assert 0.0 < float(found.catenary_gap) < 1e-9
     assert float(found.motion_gap) > 0.0
@@ -291,6 +292,7 @@ def test_errors_of_the_reduced_model_fall_and_lie_above_the_projection():
     assert np.all(found.reduced_error_six <= found.reduced_error)
     assert np.all(found.reduced_error_45 <= found.reduced_error_six)
     np.testing.assert_allclose(100 * projected, [0.327, 0.00282], rtol=2e-3)
+    np.testing.assert_allclose(100 * found.reduced_error_45.values[0], [0.5743, 0.0261], rtol=5e-3)
     # the tensions of Example 2 fall to 2740 N at the bottom
     assert float(found.scene_smallest_tension[0]) == pytest.approx(2740, abs=5)
     assert examples.INSTANTS == (0.0, 15.0, 30.0, 45.0, 60.0, 90.0)

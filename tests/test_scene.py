@@ -1080,7 +1080,7 @@ def guy(scenes, **cable):
 def test_every_table_names_its_source_and_is_told_of(scenes):
     told = (DATA / "README.md").read_text()
     paths = sorted(DATA.glob("*.csv"))
-    assert [path.stem for path in paths] == ["energy_shares", "examples", "table1", "table2"]
+    assert [path.stem for path in paths] == ["energy_shares", "examples", "starts", "table1", "table2"]
     for path in paths:
         assert path.read_text().startswith("# ")
         assert "Escalante" in path.read_text().splitlines()[0]
