@@ -416,6 +416,7 @@ def test_the_report_is_whole(folder):
         "one of 16.1 kN",
         "84.",
         "4.86 mm with 10 links",
+        "the projection error is at most 1.00 times",
     ):
         assert said in " ".join(text.split()), said
 
