@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod import provenance, stepping
-from cablepod.conventions import COORDINATES, label
+from cablepod import implicit, provenance, stepping
+from cablepod.conventions import label
+from cablepod.implicit import ImplicitRun
 from cablepod.links import LAWS, Chain, chain_of, check_law, square
 from cablepod.members import over_members
 from cablepod.parameters import check_memory, load_plane, parameters, solve_statics
-from cablepod.schema import SceneError, refuse
-from cablepod.stepping import Instants, RunStopped
+from cablepod.runs import Run, State, coordinates, suffix
+from cablepod.schema import SceneError, number, refuse
+from cablepod.verlet import VerletRun
 
-SCHEMES = ("velocity_verlet",)
+SCHEMES = ("velocity_verlet", *implicit.SCHEMES)
 
 
 # --- rest -----------------------------------------------------------------------------------------------------------
@@ -78,22 +79,14 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
             "tension": ("link", tension),
             **{name: ((), value) for name, value in scalars.items()},
         },
-        coords=_coordinates(chain),
+        coords=coordinates(chain),
     )
     label(result)
     result.attrs.update(
-        title=f"{scene.attrs.get('title', 'scene')}: chain at rest{_suffix(chain)}", stage="rest", law=chain.law
+        title=f"{scene.attrs.get('title', 'scene')}: chain at rest{suffix(chain)}", stage="rest", law=chain.law
     )
     options = {"links": chain.links, "law": chain.law}
     return provenance.record(result, function="chain.rest", parameters=options, inputs=[scene])
-
-
-def _suffix(chain: Chain) -> str:
-    return f", {chain.law} law" if chain.green else ""
-
-
-def _coordinates(chain: Chain) -> dict[str, Any]:
-    return {"arc_length": ("particle", chain.arc_length), "coordinate": list(COORDINATES[: chain.p.dims])}
 
 
 def _rest(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
@@ -178,6 +171,7 @@ def simulate(
     times: Any = None,
     law: str = LAWS[0],
     scheme: str | None = None,
+    spectral_radius: float | None = None,
     step: float | None = None,
     tolerance: float | None = None,
     outputs: tuple[str, ...] = ("position",),
@@ -199,7 +193,12 @@ def simulate(
         paper, T / xi = K (xi^2 - 1) / 2, the extensible cable cut into lumped linear elements; it resists compression.  A run
         from equilibrium starts from that of its law.
     scheme
-        "velocity_verlet".
+        By default picked by `tolerance`; the attribute ``choice_of_scheme`` says why.  "velocity_verlet" is explicit.  Implicit,
+        in O(n) per step and stable at any step as far as linear theory goes, are "trapezoidal" (average acceleration),
+        "generalized_alpha" (Chung and Hulbert; damps what its steps do not resolve) and "energy_momentum" (Simo and Tarnow;
+        keeps the energy).
+    spectral_radius
+        Of "generalized_alpha" for the highest frequencies, in [0, 1]; 0.8 by default.
     step
         Time step [s].  By default it follows from the highest frequency and is then halved or shortened until two runs agree
         within `tolerance`; with a given step there is one run and no such check.
@@ -250,6 +249,7 @@ def simulate(
     if step is not None and tolerance is not None:
         raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
     goal = stepping.DEFAULT_TOLERANCE if tolerance is None else stepping.check_positive("tolerance", tolerance)
+    radius = _check_radius(spectral_radius, scheme)
     p = parameters(scene)
     if law == "green" and p.link_viscosity is not None:
         raise refuse(
@@ -265,27 +265,34 @@ def simulate(
     )
     initial = start(chain)
     limit = chain.step_limit(chain.stiffening(initial))
-    run = _Run(chain, instants, initial, names, progress, str(scene.attrs.get("title", "scene")))
-    if step is None:
-        chord = float(np.linalg.norm(p.upper - p.lower))
-        state, rate, estimate = stepping.refine(
-            run,
-            lambda s: s.position,
-            lambda s: stepping.motion_scale(s.position, initial, chord),
-            stepping.preferred_rate(1.0 / _first_step(chain, initial, limit, float(instants[-1]))),
-            goal,
-        )
-    else:
-        rate = 1.0 / stepping.check_step(step, limit, f"2 over the highest angular frequency, {2 / limit:.6g} rad/s")
+    about = (chain, instants, initial, names, progress, str(scene.attrs.get("title", "scene")))
+    explicit = VerletRun(*about)
+    run: Run = explicit
+    if scheme not in (None, explicit.scheme):
+        run = ImplicitRun(*about, method=scheme, spectral_radius=radius)
+    reason = "given"
+    if step is not None:
+        most, why = limit, f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
+        if run is not explicit:
+            most, why = float(instants[-1]) or np.inf, "the length of the run"
+        rate = 1.0 / stepping.check_step(step, most, why)
         state, estimate = run(rate), None
+    elif scheme is not None:
+        state, rate, estimate = _refined(run, limit, goal)
+    else:
+        run, (state, rate, estimate), reason = _picked(
+            explicit, ImplicitRun(*about), limit, goal, asked=tolerance is not None
+        )
     result = run.dataset(state)
     if estimate is not None:
         result.attrs["time_error_estimate"] = estimate
+    result.attrs["choice_of_scheme"] = reason
     options = {
         "links": chain.links,
         "times": instants,
         "law": law,
-        "scheme": SCHEMES[0],
+        "scheme": run.scheme,
+        "spectral_radius": radius if run.scheme == "generalized_alpha" else None,
         "step": 1.0 / rate,
         "tolerance": None if step is not None else goal,
         "outputs": list(names),
@@ -293,207 +300,65 @@ def simulate(
     return provenance.record(result, function="chain.simulate", parameters=options, inputs=[scene])
 
 
-def _first_step(chain: Chain, initial: np.ndarray, limit: float, until: float) -> float:
-    """Choose the step to begin with [s]; by law (21) for the stretch to come, as far as the ends enforce it, and waves on top."""
+def _check_radius(radius: float | None, scheme: str | None) -> float:
+    if radius is None:
+        return ImplicitRun.spectral_radius
+    if scheme != "generalized_alpha":
+        raise refuse("spectral_radius", radius, 'none, but for scheme "generalized_alpha"')
+    return number(least=0.0, most=1.0)("spectral_radius", radius)
+
+
+#: An implicit step costs about as much as so many explicit ones, with the iterations of Newton's method.
+IMPLICIT_COST = 20.0
+#: Below so many seconds of explicit run time, at about 3 ns per link and step, no other scheme is tried unasked.
+CHEAP, LINK_STEP = 0.3, 3e-9
+#: Steps of the first implicit run in the period of the first transverse vibration.
+STEPS_PER_PERIOD = 8.0
+
+
+def _picked(
+    explicit: VerletRun, trapezoidal: ImplicitRun, limit: float, goal: float, *, asked: bool
+) -> tuple[Run, tuple[State, float, float], str]:
+    """Pick scheme and step for a tolerance: implicit as long as its steps are so long that it is the faster one."""
+    rate = 1.0 / _first_step(explicit, limit)
+    cost = 3.0 * float(explicit.times[-1]) * rate * explicit.chain.links * LINK_STEP
+    if not asked and cost < CHEAP:
+        return explicit, _refined(explicit, limit, goal), f"explicit: all its runs take about {cost:.1g} s"
+    most = 2.0 * rate / IMPLICIT_COST
+    found = stepping.halve(*_compared(trapezoidal, limit), goal, most)
+    if found is not None:
+        return trapezoidal, found, f"implicit: its steps may be {1.0 / (found[1] * limit):.3g} times the explicit limit"
+    return (
+        explicit,
+        _refined(explicit, limit, goal),
+        f"explicit: implicit steps would have to be shorter than {1 / most:.3g} s",
+    )
+
+
+def _refined(run: Run, limit: float, goal: float) -> tuple[State, float, float]:
+    return stepping.refine(*_compared(run, limit), goal)
+
+
+def _compared(run: Run, limit: float) -> tuple[Run, Callable[[State], np.ndarray], Callable[[State], float], float]:
+    """Return a run, how two of them are compared, and the number of steps per second to begin with."""
+    chord = float(np.linalg.norm(run.chain.p.upper - run.chain.p.lower))
+
+    def position(state: State) -> np.ndarray:
+        return state.position
+
+    def scale(state: State) -> float:
+        return stepping.motion_scale(state.position, run.initial, chord)
+
+    return run, position, scale, stepping.preferred_rate(1.0 / _first_step(run, limit))
+
+
+def _first_step(run: Run, limit: float) -> float:
+    """Choose the step to begin with [s]."""
+    chain, initial, until = run.chain, run.initial, float(run.times[-1])
+    if isinstance(run, ImplicitRun):
+        period = 2.0 * chain.total_length / np.sqrt(max(chain.pull(initial)[0].mean(), 1e-300) / chain.p.mass)
+        return float(max(min(until / 20.0, period / STEPS_PER_PERIOD), limit))
     if not chain.green:
         return 0.9 * limit
+    # for the stretch to come, as far as the ends enforce it, and waves on top
     return 0.8 * chain.step_limit(np.maximum(chain.stiffening(initial), chain.enforced_stiffening(until)))
-
-
-@dataclass
-class _State:
-    """What one run gives."""
-
-    instants: Instants
-    position: np.ndarray  # (times, n + 1, dims)
-    velocity: np.ndarray | None
-    extremes: tuple[np.ndarray, np.ndarray] | None
-
-
-@dataclass(frozen=True)
-class _Run:
-    """One scene, ready to be run with any step."""
-
-    chain: Chain
-    times: np.ndarray
-    initial: np.ndarray
-    outputs: tuple[str, ...]
-    progress: Callable[[float], None] | None
-    title: str
-
-    def __call__(self, rate: float) -> _State:
-        from cablepod.kernels import chain as kernel  # numba is imported only to compute
-
-        chain, p, free = self.chain, self.chain.p, self.chain.free
-        instants = Instants.of(self.times, rate)
-        if instants.dense:  # both neighbours of an instant are kept, with rates on either side
-            check_memory(instants.times.size, chain.links, p.dims, key="times between two steps", variables=12)
-        total = int(instants.steps[-1]) + 1
-        step = 1.0 / rate
-        mass = p.mass * chain.share[free]
-        decay, per_mass = None, step / mass
-        if p.mass_damping is not None:
-            decay = math.exp(-p.mass_damping * step)
-            per_mass = -math.expm1(-p.mass_damping * step) / (p.mass_damping * mass)
-        state = tuple(np.ascontiguousarray(self.initial[:, c]) for c in range(p.dims))
-        velocity, before = self._first_half_step(step, mass)
-        planar = p.dims == 2
-        xyz = (*state, None) if planar else state
-        uvw = (*velocity, None) if planar else velocity
-        work = (None, None) if planar else (np.zeros(chain.links + 2), np.zeros(chain.links + 1))
-        drive = tuple(np.ascontiguousarray(column) for column in (per_mass[:, None] * chain.loads()[free]).T)
-        varying = chain.varying()
-        patterns = np.array([np.ascontiguousarray(item[0][free].T) for item in varying]) if varying else None
-        wants_velocity = (
-            instants.dense or "velocity" in self.outputs or ("tension" in self.outputs and p.link_viscosity is not None)
-        )
-        saved = np.empty((instants.steps.size, p.dims, chain.links + 1))
-        halves = np.empty((instants.steps.size, 2, p.dims, mass.size)) if wants_velocity else None
-        low = np.full(chain.links, np.inf) if "tension_extremes" in self.outputs else None
-        high = np.full(chain.links, -np.inf) if low is not None else None
-        inverse = chain.inverse_squares
-        moving = {end for end, _ in p.motions}
-        bound = 1e6 * (chain.total_length + float(np.abs(self.initial).max()) + 1.0)
-
-        def advance(start: int, steps: int) -> bool:
-            time = np.arange(start, start + steps + 1) / rate
-            ends = p.end_positions(time) if moving else None
-            first, last = np.searchsorted(instants.steps, (start, start + steps))
-            kernel.verlet(
-                *xyz, *uvw, *work, free.start, free.stop, chain.k, chain.length, inverse, per_mass, drive, step, decay,
-                np.ascontiguousarray(ends[:, 0]) if ends is not None and "lower" in moving else None,
-                np.ascontiguousarray(ends[:, 1]) if ends is not None and "upper" in moving else None,
-                patterns,
-                np.stack([factor(time) for _, factor in varying], axis=1) if varying else None,
-                p.link_viscosity, before,
-                p.end_positions(time, 1) if before is not None else None,
-                steps, start, instants.steps[first:last], saved[first:last],
-                halves[first:last] if halves is not None else None, low, high,
-            )  # fmt: skip
-            return all(np.isfinite(x).all() and np.abs(x).max() < bound for x in state)
-
-        failed = stepping.march(advance, (*state, *velocity, *(before or ())), total, self.progress)
-        if failed is not None:
-            self._stop(instants, saved, halves, failed, rate)
-        extremes = None if low is None or high is None else (low, high)
-        result = self._gather(instants, saved, halves, extremes, rate)
-        self._check_limit(result)
-        return result
-
-    def _first_half_step(
-        self, step: float, mass: np.ndarray
-    ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...] | None]:
-        """Velocities half a step before the start from rest, and with viscosity those a step earlier."""
-        p, free = self.chain.p, self.chain.free
-        rates = p.end_positions(np.zeros(1), 1)[0]
-        all_rates = np.zeros_like(self.initial)
-        all_rates[0], all_rates[-1] = rates
-        all_rates[free] = 0.0
-        _, force = self.chain.pull(self.initial, all_rates)
-        zero = np.zeros((1, p.dims))
-        net = np.diff(np.concatenate([zero, force, zero]), axis=0) + self.chain.loads(0.0)
-        half = 0.5 * step if p.mass_damping is None else math.expm1(0.5 * p.mass_damping * step) / p.mass_damping
-        back = -half * net[free] / mass[:, None]
-        velocity = tuple(np.ascontiguousarray(column) for column in back.T)
-        # the prediction 1.5 v - 0.5 before then gives rest at the start
-        return velocity, None if p.link_viscosity is None else tuple(3.0 * v for v in velocity)
-
-    def _gather(
-        self,
-        instants: Instants,
-        saved: np.ndarray,
-        halves: np.ndarray | None,
-        extremes: tuple[np.ndarray, np.ndarray] | None,
-        rate: float,
-    ) -> _State:
-        x = np.ascontiguousarray(np.moveaxis(saved, 1, 2))
-        if halves is None:
-            return _State(instants, instants.at_times(x, None, None), None, extremes)
-        p, free = self.chain.p, self.chain.free
-        time = instants.steps / rate
-        v, a = np.zeros_like(x), np.zeros_like(x)
-        for target, order in ((v, 1), (a, 2)):
-            target[:, (0, -1)] = p.end_positions(time, order)
-        v[:, free] = np.moveaxis(0.5 * (halves[:, 0] + halves[:, 1]), 1, 2)
-        a[:, free] = np.moveaxis((halves[:, 1] - halves[:, 0]) * rate, 1, 2)
-        velocity = None
-        if "velocity" in self.outputs or "tension" in self.outputs:
-            velocity = v[instants.left]
-            between = instants.fraction > 0
-            i, s = instants.left[between], instants.fraction[between].reshape(-1, 1, 1)
-            # the cubic with values and rates
-            velocity[between] = (
-                (1 + 2 * s) * (1 - s) ** 2 * v[i]
-                + s * (1 - s) ** 2 / rate * a[i]
-                + s**2 * (3 - 2 * s) * v[np.minimum(i + 1, len(v) - 1)]
-                - s**2 * (1 - s) / rate * a[np.minimum(i + 1, len(v) - 1)]
-            )
-        return _State(instants, instants.at_times(x, v, a), velocity, extremes)
-
-    def _check_limit(self, state: _State, partial: xr.Dataset | None = None) -> None:
-        """Raise :class:`RunStopped` where the links became too stiff for the step, which only law (21) lets them."""
-        chain, rate = self.chain, state.instants.rate
-        if not chain.green:
-            return
-        stiffening = chain.stiffening(state.position)
-        if chain.step_limit(stiffening.max(axis=0)) > 1.0 / rate:
-            return  # not even all links at their stiffest
-        for time, now in zip(state.instants.times, stiffening, strict=True):
-            limit = chain.step_limit(now)
-            if limit <= 1.0 / rate:
-                raise RunStopped(
-                    f"the chain stiffened: at {time:.6g} s its stability limit is {limit:.6g} s, below the step "
-                    f"{1 / rate:.6g} s (velocity Verlet, law {chain.law}); try a shorter step",
-                    self.dataset(state) if partial is None else partial,
-                )
-
-    def _limit(self) -> float:
-        """Stability limit of the step at the start [s]."""
-        return self.chain.step_limit(self.chain.stiffening(self.initial))
-
-    def _stop(self, instants: Instants, saved: np.ndarray, halves: np.ndarray | None, done: int, rate: float) -> None:
-        """Raise :class:`RunStopped` with what was computed before step `done`."""
-        count = int(np.searchsorted(instants.times, done / rate * (1.0 - 1e-12)))
-        partial = None
-        if count:
-            few = Instants.of(instants.times[:count], rate)
-            keep = few.steps.size
-            state = self._gather(few, saved[:keep], None if halves is None else halves[:keep], None, rate)
-            partial = self.dataset(state)
-            partial.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {instants.times[-1]:.6g} s"
-            self._check_limit(state, partial)  # why it broke down, if that shows at an instant of the output
-        raise RunStopped(
-            f"the chain left the finite numbers at {done / rate:.6g} s (velocity Verlet, step {1 / rate:.4g} s, step number "
-            f"{done}, stability limit {self._limit():.4g} s); try a shorter step, gentler loads or motion, or damping",
-            partial,
-        )
-
-    def dataset(self, state: _State) -> xr.Dataset:
-        """Label what a run gave."""
-        chain, rate = self.chain, state.instants.rate
-        variables: dict[str, Any] = {}
-        if "position" in self.outputs:
-            variables["position"] = (("time", "particle", "coordinate"), state.position)
-        if "velocity" in self.outputs:
-            variables["velocity"] = (("time", "particle", "coordinate"), state.velocity)
-        if "tension" in self.outputs:
-            variables["tension"] = (("time", "link"), chain.pull(state.position, state.velocity)[0])
-        if state.extremes is not None:
-            variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
-        result = xr.Dataset(variables, coords={"time": state.instants.times, **_coordinates(chain)})
-        result["unstretched_length"] = ((), chain.total_length)
-        label(result)
-        result.attrs.update(
-            title=f"{self.title}: elastic chain of {chain.links} links{_suffix(chain)}",
-            stage="trajectory",
-            model="elastic chain",
-            law=chain.law,
-            scheme=SCHEMES[0],
-            step=1.0 / rate,
-            number_of_steps=int(state.instants.steps[-1]),
-            step_limit=self._limit(),
-            highest_angular_frequency=chain.highest_frequency(chain.stiffening(self.initial)),
-        )
-        if chain.green:
-            result.attrs["smallest_stretch"] = float(chain.stretch(state.position).min())
-        return result

@@ -68,10 +68,10 @@ def label(dataset: xr.Dataset, **extra: tuple[str, str]) -> xr.Dataset:
     attributes and must have units already.
     """
     known = {**VARIABLES, **extra}
-    for name in dataset.variables:
+    for name, variable in dataset.variables.items():  # to make a DataArray of each would take ten times as long
         if str(name) in known:
             units, long_name = known[str(name)]
-            dataset[name].attrs.update(units=units, long_name=long_name)
-        elif "units" not in dataset[name].attrs:
+            variable.attrs.update(units=units, long_name=long_name)
+        elif "units" not in variable.attrs:
             raise KeyError(f"variable {name!r} has no entry in the vocabulary and no units")
     return dataset

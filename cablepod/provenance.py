@@ -77,8 +77,9 @@ def seal(scene: xr.Dataset) -> xr.Dataset:
 def _digest(dataset: xr.Dataset) -> str:
     digest = hashlib.sha256()
     for name in sorted(str(name) for name in dataset.variables):
-        value = np.asarray(dataset[name].values)
-        digest.update(f"{name}{dataset[name].dims}{value.shape}".encode())
+        variable = dataset.variables[name]
+        value = np.asarray(variable.values)
+        digest.update(f"{name}{variable.dims}{value.shape}".encode())
         digest.update(str(value.tolist()).encode() if value.dtype.kind in "UO" else value.tobytes())
     return digest.hexdigest()[:16]
 

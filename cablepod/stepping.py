@@ -25,6 +25,8 @@ LEAST_ORDER, SECOND_ORDER, MOST_REFINEMENTS, LARGEST_FACTOR = 0.8, 2.0, 6, 4.0
 #: A run with more than so many times the steps of the first is not begun: the user would wait long for a motion that is hardly
 #: resolved.
 MOST_GROWTH = 512.0
+#: Two implicit runs must agree by so much better than the tolerance: their steps need not resolve all that moves.
+CAUTION = 4.0
 
 # Steps per second are rounded up to one of these times a power of ten: a step then hits round instants, and neither it nor
 # any bit of the result depends on the instants asked for.
@@ -241,6 +243,39 @@ def refine(
         stacklevel=4,
     )
     return fine, rate, estimate
+
+
+def halve(
+    run: Callable[[float], Any],
+    position: Callable[[Any], np.ndarray],
+    scale: Callable[[Any], float],
+    rate: float,
+    tolerance: float,
+    most_rate: float,
+) -> tuple[Any, float, float] | None:
+    """Run with halved steps, as long as they are so long that they pay, until two runs agree well within `tolerance`.
+
+    Long implicit steps do not resolve all that moves, and so show no order: the distance of two runs counts as it is, and must
+    be smaller than the tolerance by a margin.  Parameters as in :func:`refine`; no run with more than `most_rate` steps per
+    second is begun.
+
+    Returns
+    -------
+    tuple or None
+        The finer of the two runs, its steps per second, their distance; None where none met the tolerance.
+    """
+    coarse = None
+    while rate <= most_rate:
+        try:
+            fine = run(rate)
+        except RunStopped:
+            fine = None
+        if fine is not None and coarse is not None:
+            distance = _distance(position(fine), position(coarse)) / scale(fine)
+            if distance <= tolerance / CAUTION:
+                return fine, rate, distance
+        coarse, rate = fine, 2.0 * rate
+    return None
 
 
 def _first_sound_run(run: Callable[[float], Any], rate: float) -> tuple[Any, float]:

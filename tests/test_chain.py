@@ -14,6 +14,7 @@ import cablepod as cp
 from cablepod import chain as chain_module
 from cablepod import links
 from cablepod.parameters import parameters
+from cablepod.verlet import VerletRun
 
 TERMS = {
     "plain": {},
@@ -401,7 +402,7 @@ def test_the_stability_limit_is_where_it_is_predicted(soft):
     assert limit == pytest.approx(2 / (2 * np.sqrt(1e3 / link**2) * np.cos(np.pi / 16)), rel=1e-12)
 
     def largest(step):
-        run = chain_module._Run(chain, np.array([1000 * step]), chain_module.start(chain), ("position",), None, "")
+        run = VerletRun(chain, np.array([1000 * step]), chain_module.start(chain), ("position",), None, "")
         return np.abs(run(1 / step).position - line).max()
 
     assert largest(0.999 * limit) < 1e-5
@@ -418,7 +419,7 @@ def test_the_stability_limit_with_viscous_links(soft, viscosity):
     start[1:-1:2] += 1e-9
 
     def largest(step):
-        run = chain_module._Run(chain, np.array([3000 * step]), start, ("position",), None, "")
+        run = VerletRun(chain, np.array([3000 * step]), start, ("position",), None, "")
         return np.abs(run(1 / step).position - start).max()
 
     assert largest(0.99 * limit) < 1e-8
@@ -491,7 +492,7 @@ def test_a_chaotic_scene_is_said_to_be_one(scenes):
         ({"links": 1}, "links: given 1; allowed: a whole number of at least 2"),
         ({"links": True}, "links: given True"),
         ({"links": 10**12}, "links: .* GB of output; allowed: half of this machine's memory"),
-        ({"scheme": "euler"}, "scheme: given 'euler'; allowed: one of \"velocity_verlet\""),
+        ({"scheme": "euler"}, 'scheme: given \'euler\'; allowed: one of "velocity_verlet", "trapez'),
         ({"step": -1.0}, "step: given -1.0; allowed: a finite number above 0"),
         ({"step": "fast"}, "step: given 'fast'"),
         ({"step": 1e-3, "tolerance": 1e-3}, "step and tolerance"),

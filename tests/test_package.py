@@ -18,8 +18,8 @@ PACKAGE = Path(cp.__file__).parent
 # Each module may import from those before it.
 ORDER = (
     "conventions", "provenance", "kernels", "motion", "schema", "parameters", "records", "scene", "members", "stepping",
-    "catenary", "links", "chain", "decompositions", "pod", "compare", "galerkin_model", "galerkin", "plots", "whole", "archive",
-    "shipped", "paper", "cli", "__init__", "__main__",
+    "catenary", "links", "runs", "verlet", "implicit", "chain", "decompositions", "pod", "compare", "galerkin_model", "galerkin",
+    "plots", "whole", "archive", "shipped", "paper", "cli", "__init__", "__main__",
 )  # fmt: skip
 
 

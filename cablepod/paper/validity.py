@@ -122,8 +122,10 @@ def maps(
 def _cell(base: xr.Dataset, tension: float, stiffness: float, ranks: Sequence[int]) -> dict[str, object]:
     given = base.assign(cable_top_tension=tension, cable_youngs_modulus=stiffness / base["cable_area"])
     most = max(ranks)
-    elastic = chain.simulate(given, tolerance=TOLERANCE)
-    cable = chain.simulate(given, tolerance=TOLERANCE, law="green")
+    # one scheme for all cells, so that none differs by how it was computed
+    elastic, cable = (
+        chain.simulate(given, tolerance=TOLERANCE, scheme="velocity_verlet", law=law) for law in ("linear", "green")
+    )
     runs = [elastic, cable]
     model, basis = np.empty((2, 2, len(ranks)))
     for i, modes in enumerate(pod.decompose(run, rank=most) for run in (elastic, cable)):

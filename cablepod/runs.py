@@ -1,0 +1,175 @@
+"""What runs of a chain share, whatever the scheme: the scene made ready, what is kept of a run, how it is labelled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.conventions import COORDINATES, label
+from cablepod.links import Chain
+from cablepod.parameters import check_memory
+from cablepod.stepping import Instants, RunStopped
+
+
+@dataclass
+class State:
+    """What one run gives."""
+
+    instants: Instants
+    position: np.ndarray  #: (times, n + 1, dims) [m]
+    velocity: np.ndarray | None  #: the same [m/s]
+    extremes: tuple[np.ndarray, np.ndarray] | None  #: of the tensions (n,) [N]
+    notes: dict[str, Any] = field(default_factory=dict)  #: attributes of the result that this run alone knows
+
+
+def coordinates(chain: Chain) -> dict[str, Any]:
+    """Coordinates of a result on the particles of a chain."""
+    return {"arc_length": ("particle", chain.arc_length), "coordinate": list(COORDINATES[: chain.p.dims])}
+
+
+def suffix(chain: Chain) -> str:
+    """Return what a title says of the law."""
+    return f", {chain.law} law" if chain.green else ""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One scene, ready to be run with any step by one scheme."""
+
+    chain: Chain
+    times: np.ndarray
+    initial: np.ndarray
+    outputs: tuple[str, ...]
+    progress: Callable[[float], None] | None
+    title: str
+
+    @property
+    def scheme(self) -> str:
+        """Name of the scheme."""
+        raise NotImplementedError
+
+    def __call__(self, rate: float) -> State:
+        """Run with so many steps per second."""
+        raise NotImplementedError
+
+    @property
+    def moving(self) -> set[str]:
+        """The ends that move as the scene says."""
+        return {end for end, _ in self.chain.p.motions}
+
+    @property
+    def bound(self) -> float:
+        """A distance that no sound run reaches [m]."""
+        return 1e6 * (self.chain.total_length + float(np.abs(self.initial).max()) + 1.0)
+
+    def instants(self, rate: float) -> Instants:
+        """Place the instants of the output on the steps."""
+        instants = Instants.of(self.times, rate)
+        if instants.dense:  # both neighbours of an instant are kept, with rates on either side
+            links, dims = self.chain.links, self.chain.p.dims
+            check_memory(instants.times.size, links, dims, key="times between two steps", variables=12)
+        return instants
+
+    def wants_velocity(self, instants: Instants) -> bool:
+        """Whether velocities are needed for what is asked for."""
+        viscous = "tension" in self.outputs and self.chain.p.link_viscosity is not None
+        return instants.dense or "velocity" in self.outputs or viscous
+
+    def extremes(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Extremes of the tensions before the run, where they are asked for."""
+        if "tension_extremes" not in self.outputs:
+            return None
+        return np.full(self.chain.links, np.inf), np.full(self.chain.links, -np.inf)
+
+    def first_force(self) -> np.ndarray:
+        """Total forces on all particles (n + 1, dims) at the start, which is from rest [N]."""
+        p, free = self.chain.p, self.chain.free
+        rates = np.zeros_like(self.initial)
+        rates[0], rates[-1] = p.end_positions(np.zeros(1), 1)[0]
+        rates[free] = 0.0
+        _, force = self.chain.pull(self.initial, rates)
+        zero = np.zeros((1, p.dims))
+        return np.diff(np.concatenate([zero, force, zero]), axis=0) + self.chain.loads(0.0)
+
+    def state(
+        self,
+        instants: Instants,
+        x: np.ndarray,
+        v: np.ndarray | None,
+        a: np.ndarray | None,
+        extremes: tuple[np.ndarray, np.ndarray] | None,
+    ) -> State:
+        """Take what was saved at steps to the instants of the output.
+
+        Parameters
+        ----------
+        instants
+            Where they are.
+        x, v, a
+            Positions (saves, n + 1, dims), velocities and accelerations at the saved steps; the latter two None where not wanted,
+            and of the ends filled in here.
+        extremes
+            Of the tensions.
+        """
+        if v is None or a is None:
+            return State(instants, instants.at_times(x, None, None), None, extremes)
+        p, free, rate = self.chain.p, self.chain.free, instants.rate
+        held = [end for end in (0, -1) if not free.start <= end % len(self.initial) < free.stop]
+        time = instants.steps / rate
+        for target, order in ((v, 1), (a, 2)):
+            target[:, held] = p.end_positions(time, order)[:, held]
+        velocity = None
+        if "velocity" in self.outputs or "tension" in self.outputs:
+            velocity = v[instants.left]
+            between = instants.fraction > 0
+            i, s = instants.left[between], instants.fraction[between].reshape(-1, 1, 1)
+            # the cubic with values and rates
+            velocity[between] = (
+                (1 + 2 * s) * (1 - s) ** 2 * v[i]
+                + s * (1 - s) ** 2 / rate * a[i]
+                + s**2 * (3 - 2 * s) * v[np.minimum(i + 1, len(v) - 1)]
+                - s**2 * (1 - s) / rate * a[np.minimum(i + 1, len(v) - 1)]
+            )
+        return State(instants, instants.at_times(x, v, a), velocity, extremes)
+
+    def stop(self, partial: State | None, done: int, rate: float, why: str) -> None:
+        """Raise :class:`RunStopped`, with what was computed before step `done`."""
+        kept = None
+        if partial is not None:
+            kept = self.dataset(partial)
+            kept.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {self.times[-1]:.6g} s"
+        raise RunStopped(why, kept)
+
+    def dataset(self, state: State) -> xr.Dataset:
+        """Label what a run gave."""
+        chain, rate = self.chain, state.instants.rate
+        variables: dict[str, Any] = {}
+        if "position" in self.outputs:
+            variables["position"] = (("time", "particle", "coordinate"), state.position)
+        if "velocity" in self.outputs:
+            variables["velocity"] = (("time", "particle", "coordinate"), state.velocity)
+        if "tension" in self.outputs:
+            variables["tension"] = (("time", "link"), chain.pull(state.position, state.velocity)[0])
+        if state.extremes is not None:
+            variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
+        variables["unstretched_length"] = ((), chain.total_length)
+        result = xr.Dataset(variables, coords={"time": state.instants.times, **coordinates(chain)})
+        label(result)
+        result.attrs.update(
+            title=f"{self.title}: elastic chain of {chain.links} links{suffix(chain)}",
+            stage="trajectory",
+            model="elastic chain",
+            law=chain.law,
+            scheme=self.scheme,
+            step=1.0 / rate,
+            number_of_steps=int(state.instants.steps[-1]),
+            highest_angular_frequency=chain.highest_frequency(chain.stiffening(self.initial)),
+            **state.notes,
+        )
+        if chain.green:
+            result.attrs["smallest_stretch"] = float(chain.stretch(state.position).min())
+        return result

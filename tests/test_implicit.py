@@ -1,0 +1,269 @@
+"""Implicit schemes of the chain: orders, energy, links that slacken inside a step, and agreement with what is known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from conftest import spatial
+
+import cablepod as cp
+from cablepod import implicit
+from cablepod.kernels import implicit as kernel
+from cablepod.links import chain_of
+from cablepod.parameters import parameters
+
+SCHEMES = implicit.SCHEMES
+
+
+def of(mapping, **tables):
+    return cp.make_scene({**mapping, **tables})
+
+
+def pulled(soft, **tables):
+    """Ends at rest, released from the shape of a cable half as long again: a vibration that small steps resolve."""
+    return of(
+        soft, motion={}, initial={"unstretched_length": 10.4}, time={"duration": 1.0, "interval": 0.25},
+        cable={**soft["cable"], "youngs_modulus": 4e5}, **tables,
+    )  # fmt: skip
+
+
+def largest(run, truth):
+    return float(np.abs(run.position - truth.position).max())
+
+
+# --- the solver ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("m", [1, 2, 3, 4, 7, 40])
+@pytest.mark.parametrize("first", [0, 1])
+def test_block_elimination_against_a_dense_solution(dims, m, first):
+    rng = np.random.default_rng(m + dims)
+    pairs = [(i, j) for i in range(dims) for j in range(i, dims)]
+    stiff = rng.normal(size=(m + 3, dims, dims))
+    stiff = stiff @ stiff.transpose(0, 2, 1)  # positive, as those of taut links
+    stiff[0] = stiff[-1] = 0.0
+    diagonal, right = rng.uniform(0.1, 2.0, m), rng.normal(size=(dims, m))
+    dense = np.zeros((m, dims, m, dims))
+    for i in range(m):
+        p = first + i
+        dense[i, :, i] = diagonal[i] * np.eye(dims) + stiff[p] + stiff[p + 1]
+        if i + 1 < m:
+            dense[i, :, i + 1] = dense[i + 1, :, i] = -stiff[p + 1]
+    exact = np.linalg.solve(dense.reshape(m * dims, -1), right.T.ravel()).reshape(m, dims).T
+    s = tuple(np.ascontiguousarray(stiff[:, i, j]) for i, j in pairs)
+    b, kept = tuple(right.copy()), tuple(np.zeros((len(pairs), m)))
+    (kernel.solve_planar if dims == 2 else kernel.solve_spatial)(diagonal, s, b, kept, first)
+    np.testing.assert_allclose(np.array(b), exact, rtol=1e-9, atol=1e-11)
+
+
+def test_the_secant_keeps_the_energy_in_every_case():
+    def energy(square, law):
+        over = max(math.sqrt(square) - 2.0, 0.0)
+        return 0.5 * 3.0 * over**2 if law is None else 3.0 * 4.0 / 8.0 * (square / 4.0 - 1.0) ** 2
+
+    # taut, slack, slackening, tightening, hardly changing
+    for size0, size1 in [(2.5, 3.0), (1.0, 1.5), (2.5, 1.0), (1.0, 2.5), (2.3, 2.3 + 1e-9), (2.0 - 1e-9, 2.0 + 1e-9)]:
+        for inverse in (None, 0.25):
+            value, _ = kernel._secant(size0**2, size1**2, 3.0, 2.0, inverse)
+            gained = 0.5 * value * (size1**2 - size0**2)
+            assert gained == pytest.approx(energy(size1**2, inverse) - energy(size0**2, inverse), rel=1e-9, abs=1e-16)
+
+
+# --- accuracy -----------------------------------------------------------------------------------------------------
+
+TERMS = {
+    "plain": {},
+    "mass_damped": {"damping": {"mass_proportional": 2.0}},
+    "viscous": {"damping": {"link_viscosity": 0.02}},
+    "loaded": {"load": {"uniform": [3.0, 1.0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 9.0}},
+    "all": {
+        "damping": {"mass_proportional": 2.0, "link_viscosity": 0.02},
+        "load": {"uniform": [3.0, 1.0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 9.0},
+    },
+}
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("terms", TERMS)
+def test_second_order_with_every_term(soft, scheme, terms):
+    scene = pulled(soft, **TERMS[terms])
+    fine = cp.chain.simulate(scene, scheme="velocity_verlet", step=1e-5)
+    error = [largest(cp.chain.simulate(scene, scheme=scheme, step=h), fine) for h in (1e-3, 5e-4, 2.5e-4)]
+    orders = np.log2(np.array(error[:-1]) / error[1:])
+    np.testing.assert_allclose(orders, 2.0, atol=0.1)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_second_order_with_moving_ends_and_law_21(soft, scheme):
+    scene = of(
+        soft,
+        motion={"upper": {"x": {"kind": "one_minus_cosine", "amplitude": -0.2, "angular_frequency": 6.0}},
+                "lower": {"y": {"kind": "one_minus_cosine", "amplitude": 0.1, "angular_frequency": 4.0}}},
+        cable={**soft["cable"], "youngs_modulus": 4e5},
+        time={"duration": 1.0, "interval": 0.25},
+    )  # fmt: skip
+    fine = cp.chain.simulate(scene, scheme="velocity_verlet", step=1e-5, law="green")
+    runs = [cp.chain.simulate(scene, scheme=scheme, step=h, law="green") for h in (1e-3, 5e-4)]
+    error = [largest(run, fine) for run in runs]
+    assert math.log2(error[0] / error[1]) == pytest.approx(2.0, abs=0.1)
+
+
+def test_example_2_with_steps_300_times_the_explicit_limit(scenes):
+    scene = cp.read_scene(scenes / "example2.toml")
+    truth = cp.chain.simulate(scene, scheme="velocity_verlet", step=1.25e-4)
+    moved = float(np.sqrt(((truth.position - truth.position[0]) ** 2).sum("coordinate")).max())
+
+    def at_45(step, **options):
+        run = cp.chain.simulate(scene, scheme="trapezoidal", step=step, **options)
+        gap = (run.position - truth.position).sel(time=45.0)
+        return float(np.sqrt((gap**2).sum("coordinate")).max()) / moved
+
+    assert at_45(0.1) < 2e-5
+    assert at_45(0.01) < 2e-6
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_planar_and_spatial_agree(soft, scheme):
+    # 2 x 2 and 3 x 3 blocks are eliminated in different orders: rounding, and what Newton's method leaves
+    flat = cp.chain.simulate(pulled(soft), scheme=scheme, step=1e-3)
+    deep = cp.chain.simulate(cp.make_scene(spatial({**soft, "motion": {}, "initial": {"unstretched_length": 10.4},
+        "time": {"duration": 1.0, "interval": 0.25}, "cable": {**soft["cable"], "youngs_modulus": 4e5}})),
+        scheme=scheme, step=1e-3)  # fmt: skip
+    np.testing.assert_allclose(deep.position[:, :, :2], flat.position, atol=1e-9)
+    assert not deep.position[:, :, 2].any()
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_chain_at_rest_stays_at_rest(soft, scheme):
+    scene = of(soft, motion={})
+    run = cp.chain.simulate(scene, scheme=scheme, step=0.05)
+    assert float(np.abs(run.position - run.position[0]).max()) < 1e-11
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_saving_changes_nothing(soft, scheme):
+    scene = pulled(soft)
+    few = cp.chain.simulate(scene, scheme=scheme, step=2.5e-3, times=[0.5])
+    many = cp.chain.simulate(
+        scene, scheme=scheme, step=2.5e-3, times=np.arange(401) * 2.5e-3, outputs=("position", "tension_extremes")
+    )
+    np.testing.assert_array_equal(few.position[0], many.position.sel(time=0.5))
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_outputs_between_steps(soft, scheme):
+    scene = pulled(soft)
+    outputs = ("position", "velocity", "tension", "tension_extremes")
+    run = cp.chain.simulate(scene, scheme=scheme, step=1e-3, times=[0.1, 0.5003], outputs=outputs)
+    fine = cp.chain.simulate(scene, scheme="velocity_verlet", step=1e-5, times=[0.1, 0.5003], outputs=outputs)
+    for name in outputs[:3]:
+        scale = float(np.abs(fine[name]).max())
+        np.testing.assert_allclose(run[name], fine[name], atol=2e-3 * scale)
+    for name in ("tension_minimum", "tension_maximum"):
+        np.testing.assert_allclose(run[name], fine[name], atol=5e-3 * float(fine.tension_maximum.max()))
+
+
+# --- energy -------------------------------------------------------------------------------------------------------
+
+
+def energy(scene, run):
+    """Kinetic, strain and potential energy over time [J] by the linear law."""
+    p = parameters(scene)
+    chain = chain_of(p)
+    x, v = run.position.values, run.velocity.values
+    size = np.linalg.norm(np.diff(x, axis=1), axis=2)
+    strain = 0.5 * chain.k * np.maximum(size - chain.length, 0.0) ** 2
+    kinetic = 0.5 * p.mass * chain.share * (v**2).sum(axis=2)
+    return kinetic.sum(axis=1) + strain.sum(axis=1) - (x * chain.loads()).sum(axis=(1, 2))
+
+
+def test_the_energy_momentum_method_keeps_the_energy_of_a_violent_motion(soft):
+    # links slacken and snap taut; steps far beyond the explicit limit
+    scene = of(
+        soft,
+        motion={},
+        initial={"points": [[0.0, 0.0], [2.0, 6.5], [8.0, 6.0]]},
+        time={"duration": 20.0, "interval": 0.5},
+    )
+    run = cp.chain.simulate(
+        scene, scheme="energy_momentum", step=2e-3, outputs=("position", "velocity", "tension_extremes")
+    )
+    found = energy(scene, run)
+    assert float(run.tension_minimum.min()) == 0.0
+    np.testing.assert_allclose(found, found[0], rtol=1e-8)
+    rough = energy(scene, cp.chain.simulate(scene, scheme="trapezoidal", step=2e-3, outputs=("position", "velocity")))
+    assert np.ptp(rough) > 1e3 * np.ptp(found)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.5, 0.9, 1.0])
+def test_generalized_alpha_damps_what_its_steps_do_not_resolve(soft, radius):
+    # one mass between two stiff links, moved along them by far less than their stretch: a linear oscillator of 2.8e4 rad/s
+    taut = {**soft["cable"], "youngs_modulus": 2e12, "density": 1.0, "top_tension": 2e6}
+    start = [[0.0, 0.0], [4.0 * (1.0 + 1e-5), 3.0 * (1.0 + 1e-5)], [8.0, 6.0]]
+    scene = of(soft, motion={}, cable=taut, chain={"links": 2}, initial={"points": start})
+    run = cp.chain.simulate(
+        scene,
+        scheme="generalized_alpha",
+        spectral_radius=radius,
+        step=0.5,
+        times=np.arange(1, 21) * 0.5,
+        outputs=("velocity",),
+    )
+    speed = np.sqrt((run.velocity.isel(particle=1) ** 2).sum("coordinate")).values
+    # the roots are double: (A + B n) radius^n; at zero all is gone after two steps
+    if radius == 0.0:
+        assert speed[2:].max() < 1e-3 * speed[0]
+    else:
+        assert (speed[19] / speed[9]) ** 0.1 == pytest.approx(radius, abs=0.08)
+
+
+# --- choices and refusals -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_tolerance_is_met(soft, scheme):
+    scene = cp.make_scene(soft)
+    run = cp.chain.simulate(scene, scheme=scheme, tolerance=1e-4)
+    assert run.attrs["scheme"] == scheme
+    truth = cp.chain.simulate(scene, scheme="velocity_verlet", tolerance=1e-7)
+    assert float(cp.compare.errors(run, truth).error_max) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"scheme": "euler"}, "scheme: given 'euler'; allowed: one of .*trapezoidal"),
+        (
+            {"scheme": "generalized_alpha", "spectral_radius": 1.2},
+            r"spectral_radius: given 1\.2; allowed: .* at most 1",
+        ),
+        (
+            {"scheme": "trapezoidal", "spectral_radius": 0.5},
+            r'spectral_radius: given 0\.5; allowed: none, but for scheme "gen',
+        ),
+        ({"scheme": "trapezoidal", "step": 100.0}, r"step: given 100 s; allowed: .*the length of the run"),
+    ],
+)
+def test_options_that_cannot_be(soft, options, match):
+    with pytest.raises(cp.SceneError, match=match):
+        cp.chain.simulate(cp.make_scene(soft), **options)
+
+
+def test_a_step_that_does_not_converge_is_cut(soft, monkeypatch):
+    # a tangle that is let go: links slacken and snap taut within a step
+    tangle = np.random.default_rng(1).normal(size=(9, 2)) * 2 + np.linspace(0, 1, 9)[:, None] * [8, 6]
+    tangle[0], tangle[-1] = 0.0, [8, 6]
+    scene = of(soft, motion={}, initial={"points": tangle.tolist()}, time={"duration": 4.0, "interval": 0.5})
+    run = cp.chain.simulate(scene, scheme="energy_momentum", step=0.1, outputs=("position", "velocity"))
+    assert run.attrs["steps_cut"] > 0
+    found = energy(scene, run)
+    np.testing.assert_allclose(found, found[0], rtol=1e-6)
+    monkeypatch.setattr(implicit, "MOST_CUTS", 1)
+    with pytest.raises(
+        cp.RunStopped, match=r"Newton's method did not converge at .* s \(energy_momentum, step 0\.1 s"
+    ) as stopped:
+        cp.chain.simulate(scene, scheme="energy_momentum", step=0.1)
+    assert "incomplete" in stopped.value.partial.attrs
