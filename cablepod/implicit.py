@@ -11,9 +11,12 @@ from cablepod.runs import Run, State
 from cablepod.stepping import Instants
 
 SCHEMES = ("trapezoidal", "generalized_alpha", "energy_momentum")
-#: A correction of the positions as small as this part of the mean link ends Newton's method: its next one, of the order of the
-#: square, is then below rounding.
-ENOUGH = 1e-9
+#: A correction of the positions as small as this part of the mean link ends Newton's method: the next one, of the order of its
+#: square, is then below rounding.  The tangent of the energy-momentum method is not quite exact, so its corrections shrink by a
+#: factor, and the energy is kept as well as they are small.
+ENOUGH, ENOUGH_FOR_ENERGY = 1e-9, 1e-13
+#: What rounding makes of a correction, over the largest coordinate.
+ROUNDING = 64.0 * float(np.finfo(float).eps)
 #: A step in which Newton's method does not converge is cut into so many at most.
 MOST_CUTS = 1024
 
@@ -37,7 +40,7 @@ class ImplicitRun(Run):
     def __call__(self, rate: float) -> State:
         """Run with so many steps per second."""
         instants = self.instants(rate)
-        total = int(instants.steps[-1]) + 1
+        total = int(instants.steps[-1])
         march = _March(self, instants)
         done = 0
         while done < total:
@@ -46,12 +49,13 @@ class ImplicitRun(Run):
             done += reached
             if reached < steps:
                 if not march.cut(done):
-                    self._stop(march, done)
+                    self._stop(march, done, f"Newton's method did not converge, with the step cut into {MOST_CUTS},")
                 done += 1
             if not march.sound():
-                self._stop(march, done)
+                self._stop(march, done, "the chain left the finite numbers")
             if self.progress is not None:
-                self.progress(min(done / total, 1.0))
+                self.progress(done / total)
+        march.save_last()
         return self._gather(march, instants, instants.steps.size, march.extremes)
 
     def _gather(
@@ -84,21 +88,19 @@ class ImplicitRun(Run):
             a[:, chain.free] -= chain.p.mass_damping * v[:, chain.free]
         return a
 
-    def _stop(self, march: _March, done: int) -> None:
-        instants = march.instants
-        count = int(np.searchsorted(instants.times, done / instants.rate * (1.0 - 1e-12)))
+    def _stop(self, march: _March, done: int, what: str) -> None:
+        rate, times = march.instants.rate, march.instants.times
+        # the step before the last one done is saved for certain, and so is what lies before it
+        count = int(np.searchsorted(times, (done - 1) / rate * (1.0 + 1e-12), side="right")) if done > 0 else 0
         partial = None
         if count:
-            few = Instants.of(instants.times[:count], instants.rate)
+            few = Instants.of(times[:count], rate)
             partial = self._gather(march, few, few.steps.size, None)
-        self.stop(
-            partial,
-            done,
-            instants.rate,
-            f"Newton's method did not converge at {done / instants.rate:.6g} s ({self.method}, step {1 / instants.rate:.4g} s, "
-            f"step number {done}, cut into {MOST_CUTS}); try a shorter step, scheme velocity_verlet, gentler loads or motion, "
-            "or damping",
+        why = (
+            f"{what} at {done / rate:.6g} s ({self.method}, step {1 / rate:.4g} s, step number {done}); try a shorter step, "
+            "scheme velocity_verlet, gentler loads or motion, or damping"
         )
+        self.stop(partial, done, rate, why)
 
 
 class _March:
@@ -149,6 +151,17 @@ class _March:
             pieces *= 4
         return False
 
+    def save_last(self) -> None:
+        """Save the state after the last step, which no step begins with."""
+        free = self.run.chain.free
+        self.saved[-1, 0] = self.x
+        self.saved[-1, 1, :, free] = self.v
+        self.saved[-1, 2, :, free] = self.a
+        if self.extremes is not None:
+            tension = self.run.chain.pull(self.x.T)[0]
+            np.minimum(self.extremes[0], tension, out=self.extremes[0])
+            np.maximum(self.extremes[1], tension, out=self.extremes[1])
+
     def sound(self) -> bool:
         """Whether all positions are finite and near."""
         return bool(np.isfinite(self.x).all() and np.abs(self.x).max() < self.run.bound)
@@ -171,7 +184,9 @@ class _March:
             np.ascontiguousarray(ends[:, 0]) if ends is not None and "lower" in moving else None,
             np.ascontiguousarray(ends[:, 1]) if ends is not None and "upper" in moving else None,
         )
-        last = (ENOUGH * float(chain.length.mean()), start, steps, save, saved, low, high)
+        enough = ENOUGH_FOR_ENERGY if run.method == "energy_momentum" else ENOUGH
+        rounding = ROUNDING * float(np.abs(run.initial).max())
+        last = (max(enough * float(chain.length.mean()), rounding), start, steps, save, saved, low, high)
         if run.method == "energy_momentum":
             done, iterations = kernel.energy_momentum(self.x, self.v, *links, *loads, step, *last)
         else:
