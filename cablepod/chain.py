@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -15,7 +16,7 @@ from cablepod.implicit import ImplicitRun
 from cablepod.links import LAWS, Chain, chain_of, check_law, square
 from cablepod.members import over_members
 from cablepod.parameters import check_memory, load_plane, parameters, solve_statics
-from cablepod.runs import Run, State, coordinates, suffix
+from cablepod.runs import SUSPECT, Run, State, coordinates, suffix
 from cablepod.schema import SceneError, number, refuse
 from cablepod.verlet import VerletRun
 
@@ -224,13 +225,14 @@ def simulate(
         For options that cannot be, law "green" with viscous links, a step above the stability limit, an output that would not
         fit in memory.
     RunStopped
-        Where the motion leaves the finite numbers; its ``partial`` holds what was computed until then.  With law "green" also
-        where at an instant of the output the links have become too stiff for a given step.
+        Where the motion leaves the finite numbers, or its links hold far more energy than can be explained; its ``partial`` holds
+        what was computed until then.  With law "green" also where at an instant of the output the links have become too stiff for
+        a given step.
 
     Warns
     -----
     NotConvergedWarning
-        Where no step meets the tolerance, as in chaotic scenes.
+        Where no step meets the tolerance, as in chaotic scenes, and where a given step leaves more energy than can be explained.
 
     Notes
     -----
@@ -277,6 +279,14 @@ def simulate(
             most, why = float(instants[-1]) or np.inf, "the length of the run"
         rate = 1.0 / stepping.check_step(step, most, why)
         state, estimate = run(rate), None
+        if state.notes["energy_excess"] > SUSPECT:
+            warnings.warn(
+                f"the links hold up to {state.notes['energy_excess']:.2g} times the energy that rest, loads and ends explain: a "
+                "resonance, or a step too long for links that slacken and snap taut; compare with half the step or with scheme "
+                "energy_momentum",
+                stepping.NotConvergedWarning,
+                stacklevel=3,
+            )
     elif scheme is not None:
         state, rate, estimate = _refined(run, limit, goal)
     else:

@@ -56,7 +56,7 @@ class ImplicitRun(Run):
             if self.progress is not None:
                 self.progress(done / total)
         march.save_last()
-        return self._gather(march, instants, instants.steps.size, march.extremes)
+        return self.watch(self._gather(march, instants, instants.steps.size, march.extremes))
 
     def _gather(
         self, march: _March, instants: Instants, keep: int, extremes: tuple[np.ndarray, np.ndarray] | None

@@ -14,6 +14,10 @@ from cablepod.links import Chain
 from cablepod.parameters import check_memory
 from cablepod.stepping import Instants, RunStopped
 
+#: Strain energy over what rest, loads and ends can explain: a run above the second number has broken down, one above the first is
+#: suspect (resonance, or a step too long for links that slacken and snap taut).  Sound runs of hard cases stay below 1.
+SUSPECT, BROKEN = 10.0, 1e3
+
 
 @dataclass
 class State:
@@ -135,6 +139,60 @@ class Run:
                 - s**2 * (1 - s) / rate * a[np.minimum(i + 1, len(v) - 1)]
             )
         return State(instants, instants.at_times(x, v, a), velocity, extremes)
+
+    def watch(self, state: State) -> State:
+        """Stop a run whose links hold more energy than anything can explain: finite numbers may be garbage too.
+
+        The stability limit of the step holds for taut links; where links slacken and snap taut, explicit runs well below it may
+        gain energy in every snap, and stay finite because slack links do not pull.
+        """
+        energy = self._strain_energy(state.position)
+        excess = energy / self._energy_at_hand()
+        state.notes["energy_excess"] = float(excess.max(initial=0.0))
+        broken = np.flatnonzero(excess > BROKEN)
+        if broken.size == 0:
+            return state
+        first, rate = int(broken[0]), state.instants.rate
+        when = float(state.instants.times[first])
+        kept = None
+        if first:
+            kept = (
+                self.dataset(state)
+                .isel(time=slice(first))
+                .drop_vars(["tension_minimum", "tension_maximum"], errors="ignore")
+            )
+            kept.attrs["incomplete"] = f"stopped at {when:.6g} s of {self.times[-1]:.6g} s"
+        raise RunStopped(
+            f"the run broke down: at {when:.6g} s the links hold {energy[first]:.3g} J, {excess[first]:.1g} times what rest, "
+            f"loads and ends explain ({self.scheme}, step {1 / rate:.4g} s); try a step half as long, or scheme energy_momentum",
+            kept,
+        )
+
+    def _strain_energy(self, position: np.ndarray) -> np.ndarray:
+        """Strain energy of all links (times,) [J]."""
+        chain = self.chain
+        stretch = chain.stretch(position)
+        strain = np.maximum(stretch - 1.0, 0.0)
+        per_length = (stretch**2 - 1.0) ** 2 / 8.0 if chain.green else 0.5 * strain**2
+        return chain.p.stiffness * (per_length * chain.length).sum(axis=-1)
+
+    def _energy_at_hand(self) -> float:
+        """Energy that the start, the loads over the length of the cable, and the distance of the ends can put into links [J]."""
+        chain, p = self.chain, self.chain.p
+        loads = np.abs(chain.loads()).sum() + sum(
+            float(np.abs(factor(self.times)).max() * np.abs(pattern).sum()) for pattern, factor in chain.varying()
+        )
+        reach = chain.total_length + float(np.abs(np.diff(self.initial[[0, -1]], axis=0)).sum())
+        grid = np.linspace(0.0, float(self.times[-1]), 1001)
+        ends, speed = p.end_positions(grid), np.sqrt((p.end_positions(grid, 1) ** 2).sum(axis=-1)).max()
+        drawn = 0.0
+        if p.free is None:
+            drawn = max(
+                float(np.sqrt(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)).max()) / chain.total_length - 1.0, 0.0
+            )
+        enforced = 0.5 * p.stiffness * chain.total_length * (drawn + 1.5 * drawn**2) ** 2
+        pushed = 0.5 * p.mass * chain.total_length * float(speed) ** 2
+        return float(self._strain_energy(self.initial[None])[0]) + float(loads) * reach + enforced + pushed + 1e-300
 
     def stop(self, partial: State | None, done: int, rate: float, why: str) -> None:
         """Raise :class:`RunStopped`, with what was computed before step `done`."""

@@ -71,7 +71,7 @@ class VerletRun(Run):
             self._stop(instants, saved, halves, failed, rate)
         result = self._gather(instants, saved, halves, extremes)
         self._check_limit(result)
-        return result
+        return self.watch(result)
 
     def _first_half_step(
         self, step: float, mass: np.ndarray

@@ -476,6 +476,37 @@ def test_the_tolerance_is_met_where_the_motion_begins_with_a_jump(soft):
     assert float(cp.compare.errors(run, exact).error_max) < 1e-6
 
 
+def test_finite_garbage_is_stopped(scenes):
+    # links slacken and snap taut: the step is below the limit of taut links, 3.4e-4 s, yet every snap adds energy
+    scene = cp.read_scene(scenes / "example3_swapped_rows.toml")
+    said = r"the run broke down: at 99 s the links hold .* times what rest, loads and ends explain \(velocity_verlet, step 0\.00025 s"
+    with pytest.raises(cp.RunStopped, match=said) as stopped:
+        cp.chain.simulate(scene, step=2.5e-4)
+    assert stopped.value.partial.sizes["time"] == 99
+    assert stopped.value.partial.attrs["incomplete"] == "stopped at 99 s of 124 s"
+    sound = cp.chain.simulate(scene, step=2e-4)
+    assert sound.attrs["energy_excess"] < 0.01
+
+
+def test_an_unexplained_energy_is_warned_of(soft, monkeypatch):
+    # with the limit set to what any motion holds
+    monkeypatch.setattr(chain_module, "SUSPECT", 1e-9)
+    with pytest.warns(cp.NotConvergedWarning, match="times the energy that rest, loads and ends explain"):
+        cp.chain.simulate(cp.make_scene(soft), step=1e-3)
+
+
+@pytest.mark.parametrize("law", ["linear", "green"])
+def test_the_energy_of_links(soft, law):
+    p = parameters(cp.make_scene(soft))
+    run = VerletRun(links.chain_of(p, law=law), np.array([1.0]), np.zeros((9, 2)), ("position",), None, "")
+    stretched = np.linspace(0.0, 1.0, 9)[:, None] * [8.0, 6.0] * 1.1
+    xi = 1.1 * 10.0 / run.chain.total_length
+    expected = (
+        p.stiffness * run.chain.total_length * (0.5 * (xi - 1.0) ** 2 if law == "linear" else (xi**2 - 1.0) ** 2 / 8.0)
+    )
+    assert run._strain_energy(stretched[None])[0] == pytest.approx(expected, rel=1e-9)
+
+
 def test_a_chaotic_scene_is_said_to_be_one(scenes):
     scene = cp.read_scene(scenes / "example2.toml")
     wild = scene.assign(

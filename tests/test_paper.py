@@ -221,6 +221,11 @@ def test_the_shares_of_example_3():
     np.testing.assert_allclose(found.example3_share_swapped, 0.844, atol=0.007)
 
 
+def test_a_step_too_long_for_snapping_links_is_not_passed_over():
+    found = examples.example3_share(steps=(2.5e-4,))
+    assert np.isnan(found.example3_share_swapped).all()
+
+
 def test_misfit_is_the_rms_of_logarithms():
     printed = np.array([[2.0, 1.0], [1.0, 0.5]])
     assert examples.misfit(printed * math.e, printed) == pytest.approx(1.0)

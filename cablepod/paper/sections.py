@@ -249,10 +249,7 @@ def example_3(size: Size, _: Tell) -> Section:
     rows = [
         ("print", *(f"{value:.2f} %" for value in printed)),
         ("`example3`, from equilibrium", *(f"{value:.2f} %" for value in rest)),
-        *(
-            (f"`example3_swapped_rows`, step {step:.3g} s", *(f"{value:.2f} %" for value in pair))
-            for step, pair in runs
-        ),
+        *((f"`example3_swapped_rows`, step {step:.3g} s", *(_share(value) for value in pair)) for step, pair in runs),
     ]
     values = {
         "example3": lines(("share of the first five in the sum of 20 singular values", "x", "y"), rows),
@@ -261,10 +258,13 @@ def example_3(size: Size, _: Tell) -> Section:
         "print_share_3": printed[0],
         "print_share_3_y": printed[1],
         "finest_coarse": examples.FINE_STEP,
-        "coarse_least": coarse.min(),
-        "coarse_most": coarse.max(),
+        "coarse": f"{int(np.isnan(coarse).any(axis=1).sum())} of the {len(coarse)} longer ones",
     }
     return Section("Example 3", data, values, {"figure7": figures.figure7(), "figure8": figures.figure8()})
+
+
+def _share(percent: float) -> str:
+    return "broke down" if np.isnan(percent) else f"{percent:.2f} %"
 
 
 def reduced_models(size: Size, tell: Tell) -> Section:
