@@ -274,10 +274,11 @@ def simulate(
         run = ImplicitRun(*about, method=scheme, spectral_radius=radius)
     reason = "given"
     if step is not None:
-        most, why = limit, f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
-        if run is not explicit:
-            most, why = float(instants[-1]) or np.inf, "the length of the run"
-        rate = 1.0 / stepping.check_step(step, most, why)
+        if run is explicit:
+            why = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
+            rate = 1.0 / stepping.check_step(step, limit, why)
+        else:
+            rate = 1.0 / number(above=0.0, most=float(instants[-1]) or np.inf)("step", step)
         state, estimate = run(rate), None
         if state.notes["energy_excess"] > SUSPECT:
             warnings.warn(
@@ -362,8 +363,17 @@ def _compared(run: Run, limit: float) -> tuple[Run, Callable[[State], np.ndarray
     return run, position, scale, stepping.preferred_rate(1.0 / _first_step(run, limit))
 
 
+#: No run that chooses its step has fewer steps in the shortest time over which motions and loads change.  Steps that are
+#: multiples of a period all see the same phase: two runs would agree, and both be wrong.
+STEPS_PER_CHANGE = 8.0
+
+
 def _first_step(run: Run, limit: float) -> float:
     """Choose the step to begin with [s]."""
+    return min(_unforced_step(run, limit), run.chain.p.time_scale / STEPS_PER_CHANGE)
+
+
+def _unforced_step(run: Run, limit: float) -> float:
     chain, initial, until = run.chain, run.initial, float(run.times[-1])
     if isinstance(run, ImplicitRun):
         period = 2.0 * chain.total_length / np.sqrt(max(chain.pull(initial)[0].mean(), 1e-300) / chain.p.mass)

@@ -107,7 +107,8 @@ def simulate(
             run,
             lambda s: model.positions(s.q, s.instants.times),
             lambda s: stepping.motion_scale(model.positions(s.q, s.instants.times), initial, chord),
-            stepping.preferred_rate(1.0 / (0.8 * limit)),
+            # and short enough to see every change of motions and loads
+            stepping.preferred_rate(1.0 / min(0.8 * limit, p.time_scale / 8.0)),
             goal,
         )
     else:

@@ -76,6 +76,19 @@ class TimeFunction:
         return self._spline(time, derivative)
 
     @property
+    def time_scale(self) -> float:
+        """Shortest time over which it changes [s]: a period, the length of a ramp, twice the spacing of a record."""
+        if self.kind in ("one_minus_cosine", "harmonic"):
+            return (
+                2.0 * np.pi / abs(float(self.values["angular_frequency"]))
+                if self.values["angular_frequency"]
+                else np.inf
+            )
+        if self.kind == "ramp":
+            return float(self.values["duration"])
+        return 2.0 * float(np.diff(self.values["time"]).min()) if self.kind == "file" else np.inf
+
+    @property
     def begin(self) -> float:
         """First time [s] at which the function is known; minus infinity but for a record."""
         return float(self.values["time"][0]) if self.kind == "file" else -np.inf

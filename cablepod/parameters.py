@@ -88,6 +88,11 @@ class Parameters:
         functions |= {load.key: load.factor for load in self.point_loads}
         return {key: function for key, function in functions.items() if function is not None}
 
+    @property
+    def time_scale(self) -> float:
+        """Shortest time over which a motion or load changes [s]; infinite where none does."""
+        return min((function.time_scale for function in self.time_functions().values()), default=np.inf)
+
     def check_reach(self, time: float) -> None:
         """Refuse a record that does not cover the run from 0 to `time` [s]."""
         for key, function in self.time_functions().items():

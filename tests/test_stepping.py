@@ -85,6 +85,45 @@ def test_runs_do_not_grow_without_bound():
     assert error <= 1e-6
 
 
+def halved(size, order, tolerance, most_rate):
+    made_up = MadeUp(size, order)
+    found = stepping.halve(
+        made_up, lambda run: np.full((1, 1, 1), run[1]), lambda run: 1.0, made_up.first, tolerance, most_rate
+    )
+    return found, made_up.calls
+
+
+def test_halving_stops_where_two_runs_agree_by_a_margin():
+    # errors 4e-3, 1e-3, 2.5e-4, 6.2e-5: the distances are three quarters of the former
+    found, calls = halved(4e-3, 2.0, 1e-3, 1e9)
+    assert calls == [100.0, 200.0, 400.0, 800.0]
+    (rate, error), same, estimate = found
+    assert rate == same == 800.0
+    assert estimate == pytest.approx(0.75 * 2.5e-4)
+    assert error < estimate <= 1e-3 / stepping.CAUTION
+
+
+def test_halving_goes_no_further_than_it_may():
+    found, calls = halved(4e-3, 2.0, 1e-6, 500.0)
+    assert found is None
+    assert calls == [100.0, 200.0, 400.0]
+    assert halved(4e-3, 2.0, 1e-3, 50.0) == (None, [])
+
+
+def test_halving_passes_over_steps_that_break_down():
+    calls = []
+
+    def run(rate):
+        calls.append(rate)
+        if rate < 300:
+            raise cp.RunStopped("too long")
+        return 0.0
+
+    found = stepping.halve(run, lambda run: np.zeros((1, 1, 1)), lambda run: 1.0, 100.0, 1e-3, 1e9)
+    assert calls == [100.0, 200.0, 400.0, 800.0]
+    assert found[1] == 800.0
+
+
 def test_runs_that_differ_whatever_their_steps_are_given_up_soon():
     calls = []
 
