@@ -217,7 +217,8 @@ def simulate(
         ``tension_minimum``, ``tension_maximum (link)`` [N] as asked for; by law "green" compression is negative.  Attributes say
         law, scheme, step [s], number of steps, stability limit of the step [s], highest angular frequency [rad/s] and the
         estimate of the time error; with law "green" limit and frequency are those of the start, and ``smallest_stretch`` says
-        the least xi at the instants of the output.
+        the least xi at the instants of the output.  ``energy_excess`` is the largest strain energy over what start, loads and
+        ends explain; implicit runs add ``newton_iterations`` and ``steps_cut``.
 
     Raises
     ------
@@ -363,14 +364,9 @@ def _compared(run: Run, limit: float) -> tuple[Run, Callable[[State], np.ndarray
     return run, position, scale, stepping.preferred_rate(1.0 / _first_step(run, limit))
 
 
-#: No run that chooses its step has fewer steps in the shortest time over which motions and loads change.  Steps that are
-#: multiples of a period all see the same phase: two runs would agree, and both be wrong.
-STEPS_PER_CHANGE = 8.0
-
-
 def _first_step(run: Run, limit: float) -> float:
     """Choose the step to begin with [s]."""
-    return min(_unforced_step(run, limit), run.chain.p.time_scale / STEPS_PER_CHANGE)
+    return min(_unforced_step(run, limit), run.chain.p.time_scale / stepping.STEPS_PER_CHANGE)
 
 
 def _unforced_step(run: Run, limit: float) -> float:

@@ -107,8 +107,7 @@ def simulate(
             run,
             lambda s: model.positions(s.q, s.instants.times),
             lambda s: stepping.motion_scale(model.positions(s.q, s.instants.times), initial, chord),
-            # and short enough to see every change of motions and loads
-            stepping.preferred_rate(1.0 / min(0.8 * limit, p.time_scale / 8.0)),
+            stepping.preferred_rate(1.0 / min(0.8 * limit, p.time_scale / stepping.STEPS_PER_CHANGE)),
             goal,
         )
     else:

@@ -25,6 +25,9 @@ LEAST_ORDER, SECOND_ORDER, MOST_REFINEMENTS, LARGEST_FACTOR = 0.8, 2.0, 6, 4.0
 #: A run with more than so many times the steps of the first is not begun: the user would wait long for a motion that is hardly
 #: resolved.
 MOST_GROWTH = 512.0
+#: No run that chooses its step has fewer steps in the shortest time over which motions and loads change.  Steps that are
+#: multiples of a period all see the same phase: two runs would agree, and both be wrong.
+STEPS_PER_CHANGE = 8.0
 #: Two implicit runs must agree by so much better than the tolerance: their steps need not resolve all that moves.
 CAUTION = 4.0
 
