@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from cablepod import schema
 from cablepod.catenary import unstretched_length
+from cablepod.motion import TimeFunction
 from cablepod.parameters import Parameters, check_memory
 from cablepod.schema import SceneError, refuse
 
@@ -78,7 +79,7 @@ class Chain:
                 total = total + float(factor(time)) * pattern
         return total
 
-    def varying(self) -> list[tuple[np.ndarray, Callable[..., np.ndarray]]]:
+    def varying(self) -> list[tuple[np.ndarray, TimeFunction]]:
         """Return loads that vary in time: patterns (n + 1, dims) [N] and their factors."""
         return [(pattern, factor) for pattern, factor in self._patterns() if factor is not None]
 
@@ -143,6 +144,16 @@ class Chain:
         A link resists no direction more than its own, so no shape has a higher frequency than the straight chain moved along
         itself, whose frequencies are the eigenvalues of a tridiagonal matrix.
         """
+        if not self.green:
+            return self._frequency
+        return self._highest(stiffening)
+
+    @cached_property
+    def _frequency(self) -> float:
+        """Highest angular frequency of links that do not stiffen [rad/s]; asked for several times in a run."""
+        return self._highest(1.0)
+
+    def _highest(self, stiffening: np.ndarray | float) -> float:
         from scipy.linalg import eigvalsh_tridiagonal  # takes longer to import than a short run
 
         first, last = self.free.start, self.free.stop

@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+#: Fine angles to a coarse one, near the square root of the steps that are taken between two looks at a state.
+_FINE = 128
+
 
 @dataclass(frozen=True)
 class TimeFunction:
@@ -41,6 +44,24 @@ class TimeFunction:
     def __call__(self, time: ArrayLike, derivative: int = 0) -> Array:
         """Evaluate at `time` [s]; `derivative` 0, 1 or 2 gives the value, the rate or the second rate."""
         return getattr(self, f"_{self.kind}")(np.asarray(time, dtype=float), derivative)
+
+    def on_steps(self, start: int, steps: int, rate: float, derivative: int = 0, origin: float = 0.0) -> Array:
+        """Evaluate at the steps `start` ... `start + steps` of so many to the second, (steps + 1,); `origin` is added to values.
+
+        Sines of equidistant angles come from those of few coarse and few fine ones, in one product of matrices; computed one by
+        one they would cost a tenth of what a chain of 40 links does.
+        """
+        if self.kind not in ("one_minus_cosine", "harmonic"):
+            result = self(np.arange(start, start + steps + 1) / rate, derivative)
+            return result + origin if derivative == 0 else result
+        omega = self.values["angular_frequency"]
+        size = self.values["amplitude"] * omega**derivative
+        phase = self.values["phase"] if self.kind == "harmonic" else -0.5 * np.pi
+        coarse = np.arange(start, start + steps + 1, _FINE) * (omega / rate) + (phase + 0.5 * np.pi * derivative)
+        fine = np.arange(_FINE) * (omega / rate)
+        constant = origin - size * np.sin(phase) if derivative == 0 else 0.0
+        left = np.stack([size * np.sin(coarse), size * np.cos(coarse), np.full(coarse.size, constant)], axis=1)
+        return (left @ np.stack([np.cos(fine), np.sin(fine), np.ones(_FINE)])).reshape(-1)[: steps + 1]
 
     def _one_minus_cosine(self, time: Array, derivative: int) -> Array:
         amplitude, omega = self.values["amplitude"], self.values["angular_frequency"]

@@ -81,6 +81,17 @@ class Parameters:
             result[:, ENDS.index(end), COORDINATES.index(axis)] += function(time, derivative)
         return result
 
+    def end_tables(self, start: int, steps: int, rate: float, derivative: int = 0) -> np.ndarray:
+        """Coordinates of the ends that move [m], or their rates, at steps `start` ... `start + steps`: (moving, steps + 1)."""
+        rows = [
+            function.on_steps(
+                start, steps, rate, derivative, (self.lower if end == "lower" else self.upper)[COORDINATES.index(axis)]
+            )
+            for (end, axis), function in self.motions.items()
+        ]
+        # of one motion, the common case, no copy is made
+        return rows[0][None] if len(rows) == 1 else np.array(rows).reshape(len(rows), steps + 1)
+
     def time_functions(self) -> dict[str, TimeFunction]:
         """All motions and load factors under the keys of their tables."""
         functions: dict[str, TimeFunction | None] = {f"motion.{e}.{axis}": f for (e, axis), f in self.motions.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.conventions import COORDINATES, label
-from cablepod.links import Chain
+from cablepod.links import Chain, square
 from cablepod.parameters import check_memory
 from cablepod.stepping import Instants, RunStopped
 
@@ -184,14 +185,12 @@ class Run:
         )
         reach = chain.total_length + float(np.abs(np.diff(self.initial[[0, -1]], axis=0)).sum())
         grid = np.linspace(0.0, float(self.times[-1]), 1001)
-        ends, speed = p.end_positions(grid), np.sqrt((p.end_positions(grid, 1) ** 2).sum(axis=-1)).max()
+        ends, speed = p.end_positions(grid), math.sqrt(square(p.end_positions(grid, 1)).max())
         drawn = 0.0
         if p.free is None:
-            drawn = max(
-                float(np.sqrt(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)).max()) / chain.total_length - 1.0, 0.0
-            )
+            drawn = max(math.sqrt(square(ends[:, 1] - ends[:, 0]).max()) / chain.total_length - 1.0, 0.0)
         enforced = 0.5 * p.stiffness * chain.total_length * (drawn + 1.5 * drawn**2) ** 2
-        pushed = 0.5 * p.mass * chain.total_length * float(speed) ** 2
+        pushed = 0.5 * p.mass * chain.total_length * speed**2
         return float(self._strain_energy(self.initial[None])[0]) + float(loads) * reach + enforced + pushed + 1e-300
 
     def stop(self, partial: State | None, done: int, rate: float, why: str) -> None:

@@ -15,7 +15,7 @@ from cablepod.conventions import OUTPUTS
 from cablepod.schema import SceneError, number, refuse
 
 #: Steps between two looks at the state: few enough to stop early, many enough to cost nothing.
-BLOCK = 16384
+BLOCK = 65536
 #: Time error that a run without scheme, step or tolerance keeps, as a fraction of the motion.
 DEFAULT_TOLERANCE = 1e-6
 

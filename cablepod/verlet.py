@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from cablepod import stepping
+from cablepod.conventions import COORDINATES, ENDS
 from cablepod.runs import Run, State
 from cablepod.stepping import Instants, RunStopped
 
@@ -23,66 +24,69 @@ class VerletRun(Run):
         """Run with so many steps per second."""
         from cablepod.kernels import chain as kernel  # numba is imported only to compute
 
-        chain, p, free = self.chain, self.chain.p, self.chain.free
         instants = self.instants(rate)
         total = int(instants.steps[-1]) + 1
-        step = 1.0 / rate
-        mass = p.mass * chain.share[free]
-        decay, per_mass = None, step / mass
-        if p.mass_damping is not None:
-            decay = math.exp(-p.mass_damping * step)
-            per_mass = -math.expm1(-p.mass_damping * step) / (p.mass_damping * mass)
-        position = tuple(np.ascontiguousarray(self.initial[:, c]) for c in range(p.dims))
-        velocity, before = self._first_half_step(step, mass)
-        planar = p.dims == 2
-        xyz = (*position, None) if planar else position
-        uvw = (*velocity, None) if planar else velocity
-        work = (None, None) if planar else (np.zeros(chain.links + 2), np.zeros(chain.links + 1))
-        drive = tuple(np.ascontiguousarray(column) for column in (per_mass[:, None] * chain.loads()[free]).T)
-        varying = chain.varying()
-        patterns = np.array([np.ascontiguousarray(item[0][free].T) for item in varying]) if varying else None
+        state, decay, patterns = self._first_state(1.0 / rate)
+        chain, p = self.chain, self.chain.p
+        factors = [factor for _, factor in chain.varying()]
         saved = np.empty((instants.steps.size, p.dims, chain.links + 1))
-        wanted = self.wants_velocity(instants)
-        halves = np.empty((instants.steps.size, 2, p.dims, mass.size)) if wanted else None
-        extremes = self.extremes()
-        low, high = extremes or (None, None)
-        inverse = chain.inverse_squares
-        moving, bound = self.moving, self.bound
+        halves = np.empty((len(saved), 2, *saved.shape[1:])) if self.wants_velocity(instants) else None
+        extremes = True if "tension_extremes" in self.outputs else None
+        rows = np.array([kernel.X + COORDINATES.index(axis) for _, axis in p.motions], dtype=np.int64)
+        columns = np.array([chain.links * ENDS.index(end) for end, _ in p.motions], dtype=np.int64)
+        position, bound = state[kernel.X : kernel.X + p.dims, : chain.links + 1], self.bound
 
         def advance(start: int, steps: int) -> bool:
-            time = np.arange(start, start + steps + 1) / rate
-            ends = p.end_positions(time) if moving else None
             first, last = np.searchsorted(instants.steps, (start, start + steps))
             kernel.verlet(
-                *xyz, *uvw, *work, free.start, free.stop, chain.k, chain.length, inverse, per_mass, drive, step, decay,
-                np.ascontiguousarray(ends[:, 0]) if ends is not None and "lower" in moving else None,
-                np.ascontiguousarray(ends[:, 1]) if ends is not None and "upper" in moving else None,
-                patterns,
-                np.stack([factor(time) for _, factor in varying], axis=1) if varying else None,
-                p.link_viscosity, before,
-                p.end_positions(time, 1) if before is not None else None,
+                state, chain.links, True if p.dims == 3 else None, True if chain.green else None, 1.0 / rate, decay,
+                p.link_viscosity, patterns,
+                np.stack([factor.on_steps(start, steps, rate) for factor in factors], axis=1) if factors else None,
+                rows, columns, p.end_tables(start, steps, rate),
+                p.end_tables(start, steps, rate, 1) if p.link_viscosity is not None else None, extremes,
                 steps, start, instants.steps[first:last], saved[first:last],
-                halves[first:last] if halves is not None else None, low, high,
+                halves[first:last] if halves is not None else None,
             )  # fmt: skip
-            return all(np.isfinite(x).all() and np.abs(x).max() < bound for x in position)
+            return bool(np.isfinite(position).all() and np.abs(position).max() < bound)
 
-        failed = stepping.march(advance, (*position, *velocity, *(before or ())), total, self.progress)
+        failed = stepping.march(advance, (state,), total, self.progress)
         if failed is not None:
             self._stop(instants, saved, halves, failed, rate)
-        result = self._gather(instants, saved, halves, extremes)
+        low, high = (_root(state[row, : chain.links]) for row in (kernel.LOW, kernel.HIGH))
+        result = self._gather(instants, saved, halves, (low, high) if extremes else None)
         self._check_limit(result)
         return self.watch(result)
 
-    def _first_half_step(
-        self, step: float, mass: np.ndarray
-    ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...] | None]:
-        """Velocities half a step before the start from rest, and with viscosity those a step earlier."""
-        p, free = self.chain.p, self.chain.free
-        half = 0.5 * step if p.mass_damping is None else math.expm1(0.5 * p.mass_damping * step) / p.mass_damping
-        back = -half * self.first_force()[free] / mass[:, None]
-        velocity = tuple(np.ascontiguousarray(column) for column in back.T)
-        # the prediction 1.5 v - 0.5 before then gives rest at the start
-        return velocity, None if p.link_viscosity is None else tuple(3.0 * v for v in velocity)
+    def _first_state(self, step: float) -> tuple[np.ndarray, float | None, np.ndarray | None]:
+        """State of the kernel at the start from rest, its decay, and its patterns of loads that vary in time."""
+        from cablepod.kernels import chain as kernel
+
+        chain, p, free = self.chain, self.chain.p, self.chain.free
+        state, links, particles = kernel.new_state(chain.links), slice(chain.links), slice(chain.links + 1)
+        mass = p.mass * chain.share[free]
+        decay, half = None, 0.5 * step
+        state[kernel.PER_MASS, free] = step / mass
+        if p.mass_damping is not None:
+            decay = math.exp(-p.mass_damping * step)
+            half = math.expm1(0.5 * p.mass_damping * step) / p.mass_damping
+            state[kernel.PER_MASS, free] = -math.expm1(-p.mass_damping * step) / (p.mass_damping * mass)
+        per_mass = state[kernel.PER_MASS, particles]
+        varying = chain.varying()
+        force, loads = self.first_force(), chain.loads()
+        for c in range(p.dims):
+            state[kernel.X + c, particles] = self.initial[:, c]
+            state[kernel.VX + c, free] = -half * force[free, c] / mass
+            state[(kernel.STEADY_X if varying else kernel.DRIVE_X) + c, particles] = per_mass * loads[:, c]
+            # with viscosity the prediction 1.5 v - 0.5 before then gives rest at the start
+            state[kernel.BX + c] = 3.0 * state[kernel.VX + c]
+        state[kernel.STIFFNESS, links], state[kernel.LENGTH, links] = chain.k, chain.length
+        if chain.inverse_squares is not None:
+            state[kernel.INVERSE, links] = chain.inverse_squares
+        state[kernel.LOW], state[kernel.HIGH] = np.inf, -np.inf
+        patterns = (
+            np.array([np.ascontiguousarray((per_mass[:, None] * item).T) for item, _ in varying]) if varying else None
+        )
+        return state, decay, patterns
 
     def _gather(
         self,
@@ -94,10 +98,8 @@ class VerletRun(Run):
         x = np.ascontiguousarray(np.moveaxis(saved, 1, 2))
         v = a = None
         if halves is not None:
-            free = self.chain.free
-            v, a = np.zeros_like(x), np.zeros_like(x)
-            v[:, free] = np.moveaxis(0.5 * (halves[:, 0] + halves[:, 1]), 1, 2)
-            a[:, free] = np.moveaxis((halves[:, 1] - halves[:, 0]) * instants.rate, 1, 2)
+            v = np.ascontiguousarray(np.moveaxis(0.5 * (halves[:, 0] + halves[:, 1]), 1, 2))
+            a = np.ascontiguousarray(np.moveaxis((halves[:, 1] - halves[:, 0]) * instants.rate, 1, 2))
         state = self.state(instants, x, v, a, extremes)
         state.notes = {"step_limit": self._limit()}
         return state
@@ -141,3 +143,8 @@ class VerletRun(Run):
             f"the chain left the finite numbers at {done / rate:.6g} s (velocity Verlet, step {1 / rate:.4g} s, step number "
             f"{done}, stability limit {self._limit():.4g} s); try a shorter step, gentler loads or motion, or damping",
         )
+
+
+def _root(signed_square: np.ndarray) -> np.ndarray:
+    """T from T |T|."""
+    return np.copysign(np.sqrt(np.abs(signed_square)), signed_square)

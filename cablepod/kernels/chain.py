@@ -1,8 +1,12 @@
 """The elastic chain: velocity Verlet in leapfrog form, and the chain at rest.
 
 Floats and arrays only; a term that a scene lacks is None and is compiled away.  No fastmath: the loops over links vectorise
-without it (nothing is summed), a planar and a spatial run give the same bits, and so do two machines.  Each loop over
-particles works on slices of equal length, because a signed loop index with an offset keeps numba from vectorising.
+without it (nothing is summed), and a planar and a spatial run give the same bits.
+
+The state of a run is one array with a row for each quantity.  Of rows of one array the compiler knows that they do not overlap;
+with an array for each it has to test that before each of the short loops, which takes half as long as the loops themselves.
+Held ends take part in the loops, with nothing that moves them, so that every loop begins at index 0: a loop that begins at an
+index which is only known at run time is not vectorised.
 """
 
 from __future__ import annotations
@@ -16,216 +20,193 @@ from numba import njit
 # without the interpreter lock, so that runs in several threads go on side by side
 _options: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True}
 
+# Rows of the state; column j is particle j, or link j, which is between the particles j and j + 1.
+X, Y, Z = range(3)  #: positions [m]
+VX, VY, VZ = range(3, 6)  #: velocities half a step before [m/s]; 0 at held ends
+FX, FY, FZ = range(
+    6, 9
+)  #: forces of the links [N]; that of link j in column j + 1, so that a particle is between its two
+STIFFNESS, LENGTH, INVERSE = range(9, 12)  #: of the links [N/m], unstretched [m], and for law (21) 1/length^2 [1/m^2]
+PER_MASS = (
+    12  #: step over mass [s/kg], 0 at held ends; with decay (1 - decay) / (damping mass), so that damping is exact
+)
+DRIVE_X, DRIVE_Y, DRIVE_Z = range(13, 16)  #: what loads add to the velocity in a step [m/s]; 0 at held ends
+# only with loads that vary in time, which make the drive anew in each step
+STEADY_X, STEADY_Y, STEADY_Z = range(16, 19)  #: the part of the drive that is constant [m/s]
+# only with viscous links
+UX, UY, UZ = range(19, 22)  #: velocities predicted for the step [m/s]
+BX, BY, BZ = range(22, 25)  #: velocities a whole step before VX, VY, VZ [m/s]
+# only where extremes are wanted
+LOW, HIGH = range(25, 27)  #: of T |T| of the links [N^2], which needs no root; with law (21) compression is negative
+ROWS = 27
 
-@njit(**_options)
-def _drift(x, v, dt):
-    for j in range(x.size):
-        x[j] += dt * v[j]
+
+def new_state(links):
+    """Make a state of zeros (ROWS, at least links + 2).
+
+    An odd number of cache lines to a row keeps the same column of all rows from falling on the same place in the cache.
+    """
+    return np.zeros((ROWS, 8 * ((links + 9) // 8 | 1)))
 
 
-@njit(**_options)
-def _pull(x0, x1, y0, y1, z0, z1, k, length, fx, fy, fz):
+@njit(inline="always", **_options)
+def _pull(s, links, spatial):
     """Compute forces of the links [N]: k (1 - l/|R|) R where |R| > l, else 0."""
-    if z0 is None:
-        for j in range(k.size):
-            dx = x1[j] - x0[j]
-            dy = y1[j] - y0[j]
-            s = k[j] * (1.0 - length[j] / math.sqrt(dx * dx + dy * dy))
-            s = s if s > 0.0 else 0.0
-            fx[j] = s * dx
-            fy[j] = s * dy
-    else:
-        for j in range(k.size):
-            dx = x1[j] - x0[j]
-            dy = y1[j] - y0[j]
-            dz = z1[j] - z0[j]
-            s = k[j] * (1.0 - length[j] / math.sqrt(dx * dx + dy * dy + dz * dz))
-            s = s if s > 0.0 else 0.0
-            fx[j] = s * dx
-            fy[j] = s * dy
-            fz[j] = s * dz
-
-
-@njit(**_options)
-def _pull_green(x0, x1, y0, y1, z0, z1, k, inverse, fx, fy, fz):
-    """Compute forces of the links by law (21) [N]: k/2 (|R|^2/l^2 - 1) R; `inverse` is 1/l^2."""
-    if z0 is None:
-        for j in range(k.size):
-            dx = x1[j] - x0[j]
-            dy = y1[j] - y0[j]
-            s = 0.5 * k[j] * ((dx * dx + dy * dy) * inverse[j] - 1.0)
-            fx[j] = s * dx
-            fy[j] = s * dy
-    else:
-        for j in range(k.size):
-            dx = x1[j] - x0[j]
-            dy = y1[j] - y0[j]
-            dz = z1[j] - z0[j]
-            s = 0.5 * k[j] * ((dx * dx + dy * dy + dz * dz) * inverse[j] - 1.0)
-            fx[j] = s * dx
-            fy[j] = s * dy
-            fz[j] = s * dz
-
-
-@njit(**_options)
-def _pull_viscous(x, y, z, u, v, w, k, length, viscosity, fx, fy, fz):
-    """Compute forces of links with viscosity; velocities u, v(, w) of all particles.  A link that is slack carries nothing."""
-    for j in range(k.size):
-        dx = x[j + 1] - x[j]
-        dy = y[j + 1] - y[j]
+    for j in range(links):
+        dx = s[X, j + 1] - s[X, j]
+        dy = s[Y, j + 1] - s[Y, j]
         square = dx * dx + dy * dy
-        rate = dx * (u[j + 1] - u[j]) + dy * (v[j + 1] - v[j])
-        if z is not None:
-            dz = z[j + 1] - z[j]
+        if spatial is not None:
+            dz = s[Z, j + 1] - s[Z, j]
             square += dz * dz
-            rate += dz * (w[j + 1] - w[j])
-        s = k[j] * (1.0 - length[j] / math.sqrt(square))
-        total = s + viscosity * k[j] * rate / square
-        s = total if s > 0.0 and total > 0.0 else 0.0
-        fx[j + 1] = s * dx
-        fy[j + 1] = s * dy
-        if z is not None:
-            fz[j + 1] = s * dz
+        pull = s[STIFFNESS, j] * (1.0 - s[LENGTH, j] / math.sqrt(square))
+        pull = pull if pull > 0.0 else 0.0
+        s[FX, j + 1] = pull * dx
+        s[FY, j + 1] = pull * dy
+        if spatial is not None:
+            s[FZ, j + 1] = pull * dz
 
 
-@njit(**_options)
-def _kick(v, f0, f1, h, c, decay):
-    """V <- decay v + (f1 - f0) h + c; decay None means 1."""
-    if decay is None:
-        for j in range(v.size):
-            v[j] += (f1[j] - f0[j]) * h[j] + c[j]
-    else:
-        for j in range(v.size):
-            v[j] = decay * v[j] + (f1[j] - f0[j]) * h[j] + c[j]
+@njit(inline="always", **_options)
+def _pull_green(s, links, spatial):
+    """Compute forces of the links by law (21) [N]: k/2 (|R|^2/l^2 - 1) R."""
+    for j in range(links):
+        dx = s[X, j + 1] - s[X, j]
+        dy = s[Y, j + 1] - s[Y, j]
+        square = dx * dx + dy * dy
+        if spatial is not None:
+            dz = s[Z, j + 1] - s[Z, j]
+            square += dz * dz
+        pull = 0.5 * s[STIFFNESS, j] * (square * s[INVERSE, j] - 1.0)
+        s[FX, j + 1] = pull * dx
+        s[FY, j + 1] = pull * dy
+        if spatial is not None:
+            s[FZ, j + 1] = pull * dz
 
 
-@njit(**_options)
-def _push(v, pattern, factor, scale):
-    """Add a load that varies in time."""
-    for j in range(v.size):
-        v[j] += scale[j] * factor * pattern[j]
+@njit(inline="always", **_options)
+def _pull_viscous(s, links, viscosity, spatial):
+    """Compute forces of links with viscosity from the predicted velocities.  A link that is slack carries nothing."""
+    for j in range(links):
+        dx = s[X, j + 1] - s[X, j]
+        dy = s[Y, j + 1] - s[Y, j]
+        square = dx * dx + dy * dy
+        rate = dx * (s[UX, j + 1] - s[UX, j]) + dy * (s[UY, j + 1] - s[UY, j])
+        if spatial is not None:
+            dz = s[Z, j + 1] - s[Z, j]
+            square += dz * dz
+            rate += dz * (s[UZ, j + 1] - s[UZ, j])
+        elastic = s[STIFFNESS, j] * (1.0 - s[LENGTH, j] / math.sqrt(square))
+        total = elastic + viscosity * s[STIFFNESS, j] * rate / square
+        pull = total if elastic > 0.0 and total > 0.0 else 0.0
+        s[FX, j + 1] = pull * dx
+        s[FY, j + 1] = pull * dy
+        if spatial is not None:
+            s[FZ, j + 1] = pull * dz
 
 
-@njit(**_options)
-def _predict(ahead, v, v_before):
+@njit(inline="always", **_options)
+def _predict(s, links, spatial):
     """Velocity at the step from the last two half steps: second order, so that damping does not cost the scheme its order."""
-    for j in range(v.size):
-        ahead[j] = v[j] + 0.5 * (v[j] - v_before[j])
+    for j in range(links + 1):
+        s[UX, j] = s[VX, j] + 0.5 * (s[VX, j] - s[BX, j])
+        s[UY, j] = s[VY, j] + 0.5 * (s[VY, j] - s[BY, j])
+        s[BX, j] = s[VX, j]
+        s[BY, j] = s[VY, j]
+        if spatial is not None:
+            s[UZ, j] = s[VZ, j] + 0.5 * (s[VZ, j] - s[BZ, j])
+            s[BZ, j] = s[VZ, j]
 
 
-@njit(**_options)
-def _extremes(fx, fy, fz, low, high):
-    for j in range(low.size):
-        square = fx[j] * fx[j] + fy[j] * fy[j]
-        if fz is not None:
-            square += fz[j] * fz[j]
-        tension = math.sqrt(square)
-        low[j] = min(low[j], tension)
-        high[j] = max(high[j], tension)
+@njit(inline="always", **_options)
+def _drive(s, links, patterns, factors, spatial):
+    """Make the drive of a step: that of the constant loads and of those that vary in time."""
+    factor = factors[0]
+    for j in range(links + 1):
+        s[DRIVE_X, j] = s[STEADY_X, j] + factor * patterns[0, 0, j]
+        s[DRIVE_Y, j] = s[STEADY_Y, j] + factor * patterns[0, 1, j]
+        if spatial is not None:
+            s[DRIVE_Z, j] = s[STEADY_Z, j] + factor * patterns[0, 2, j]
+    for load in range(1, patterns.shape[0]):
+        factor = factors[load]
+        for j in range(links + 1):
+            s[DRIVE_X, j] += factor * patterns[load, 0, j]
+            s[DRIVE_Y, j] += factor * patterns[load, 1, j]
+            if spatial is not None:
+                s[DRIVE_Z, j] += factor * patterns[load, 2, j]
 
 
-@njit(**_options)
-def _extremes_green(x0, x1, y0, y1, z0, z1, k, inverse, low, high):
-    """Update the extremes with sign, which the size of a force does not tell."""
-    for j in range(low.size):
-        dx = x1[j] - x0[j]
-        dy = y1[j] - y0[j]
-        square = dx * dx + dy * dy
-        if z0 is not None:
-            dz = z1[j] - z0[j]
-            square += dz * dz
-        tension = 0.5 * k[j] * (square * inverse[j] - 1.0) * math.sqrt(square)
-        low[j] = min(low[j], tension)
-        high[j] = max(high[j], tension)
+@njit(inline="always", **_options)
+def _move(s, links, step, decay, spatial):
+    """Kick and drift: V <- decay V + (f1 - f0) h + drive; X <- X + step V.  A decay of None means 1."""
+    for j in range(links + 1):
+        vx, vy = s[VX, j], s[VY, j]
+        if decay is not None:
+            vx, vy = decay * vx, decay * vy
+        vx += (s[FX, j + 1] - s[FX, j]) * s[PER_MASS, j] + s[DRIVE_X, j]
+        vy += (s[FY, j + 1] - s[FY, j]) * s[PER_MASS, j] + s[DRIVE_Y, j]
+        s[VX, j] = vx
+        s[VY, j] = vy
+        s[X, j] += step * vx
+        s[Y, j] += step * vy
+        if spatial is not None:
+            vz = s[VZ, j]
+            if decay is not None:
+                vz = decay * vz
+            vz += (s[FZ, j + 1] - s[FZ, j]) * s[PER_MASS, j] + s[DRIVE_Z, j]
+            s[VZ, j] = vz
+            s[Z, j] += step * vz
 
 
-@njit(**_options)
-def _copy(target, source):
-    for j in range(source.size):
-        target[j] = source[j]
+@njit(inline="always", **_options)
+def _extremes(s, links, green, spatial):
+    """Update the extremes of the tensions; by law (21) with their sign, which the size of a force does not tell."""
+    for j in range(links):
+        if green is None:
+            size = s[FX, j + 1] * s[FX, j + 1] + s[FY, j + 1] * s[FY, j + 1]
+            if spatial is not None:
+                size += s[FZ, j + 1] * s[FZ, j + 1]
+        else:
+            dx = s[X, j + 1] - s[X, j]
+            dy = s[Y, j + 1] - s[Y, j]
+            square = dx * dx + dy * dy
+            if spatial is not None:
+                dz = s[Z, j + 1] - s[Z, j]
+                square += dz * dz
+            pull = 0.5 * s[STIFFNESS, j] * (square * s[INVERSE, j] - 1.0)
+            size = pull * abs(pull) * square
+        s[LOW, j] = min(s[LOW, j], size)
+        s[HIGH, j] = max(s[HIGH, j], size)
 
 
 @njit(**_options)
 def _advance(
-    x, y, z, vx, vy, vz, fz, uz, first, last, k, length, inverse, per_mass, drive, step, decay,
-    lower, upper, patterns, factors, viscosity, before, end_rates, begin, end, low, high,
+    s, links, spatial, green, step, decay, viscosity, patterns, factors, rows, columns, ends, end_rates, begin, end, extremes,
 ):  # fmt: skip
     """Take the steps begin ... end - 1 of the tables; apart from saving, so that the compiler sees a plain loop."""
-    n = k.size
-    free = slice(first, last)
-    after = slice(first + 1, last + 1)
-    # link j pulls at index j + 1; the zeros at both ends stand for the links that a free end lacks
-    fx, fy = np.zeros(n + 2), np.zeros(n + 2)
-    x0, x1, y0, y1 = x[:-1], x[1:], y[:-1], y[1:]
-    gx, gy = fx[1:-1], fy[1:-1]
-    # views are made once: making one in every step costs as much as ten links
-    x_free, y_free, fx0, fx1, fy0, fy1 = x[free], y[free], fx[free], fx[after], fy[free], fy[after]
-    drive_x, drive_y = drive[0], drive[1]
-    if viscosity is not None:
-        ux, uy = np.zeros(n + 1), np.zeros(n + 1)
     for i in range(begin, end):
-        if inverse is not None:
-            if z is None:
-                _pull_green(x0, x1, y0, y1, None, None, k, inverse, gx, gy, None)
-            else:
-                _pull_green(x0, x1, y0, y1, z[:-1], z[1:], k, inverse, gx, gy, fz[1:-1])
-        elif viscosity is None:
-            if z is None:
-                _pull(x0, x1, y0, y1, None, None, k, length, gx, gy, None)
-            else:
-                _pull(x0, x1, y0, y1, z[:-1], z[1:], k, length, gx, gy, fz[1:-1])
+        if viscosity is not None:
+            _predict(s, links, spatial)
+            for m in range(rows.size):
+                s[rows[m] + UX, columns[m]] = end_rates[m, i]
+            _pull_viscous(s, links, viscosity, spatial)
+        elif green is not None:
+            _pull_green(s, links, spatial)
         else:
-            ux[0], uy[0], ux[n], uy[n] = end_rates[i, 0, 0], end_rates[i, 0, 1], end_rates[i, 1, 0], end_rates[i, 1, 1]
-            _predict(ux[free], vx, before[0])
-            _predict(uy[free], vy, before[1])
-            _copy(before[0], vx)
-            _copy(before[1], vy)
-            if z is not None:
-                uz[0], uz[n] = end_rates[i, 0, 2], end_rates[i, 1, 2]
-                _predict(uz[free], vz, before[2])
-                _copy(before[2], vz)
-            _pull_viscous(x, y, z, ux, uy, uz, k, length, viscosity, fx, fy, fz)
-        if low is not None:
-            if inverse is not None:
-                if z is None:
-                    _extremes_green(x0, x1, y0, y1, None, None, k, inverse, low, high)
-                else:
-                    _extremes_green(x0, x1, y0, y1, z[:-1], z[1:], k, inverse, low, high)
-            elif z is None:
-                _extremes(gx, gy, None, low, high)
-            else:
-                _extremes(gx, gy, fz[1:-1], low, high)
-        _kick(vx, fx0, fx1, per_mass, drive_x, decay)
-        _kick(vy, fy0, fy1, per_mass, drive_y, decay)
-        if z is not None:
-            _kick(vz, fz[free], fz[after], per_mass, drive[2], decay)
+            _pull(s, links, spatial)
+        if extremes is not None:
+            _extremes(s, links, green, spatial)
         if patterns is not None:
-            for load in range(patterns.shape[0]):
-                _push(vx, patterns[load, 0], factors[i, load], per_mass)
-                _push(vy, patterns[load, 1], factors[i, load], per_mass)
-                if z is not None:
-                    _push(vz, patterns[load, 2], factors[i, load], per_mass)
-        _drift(x_free, vx, step)
-        _drift(y_free, vy, step)
-        if z is not None:
-            _drift(z[free], vz, step)
-        if lower is not None:
-            x[0] = lower[i + 1, 0]
-            y[0] = lower[i + 1, 1]
-            if z is not None:
-                z[0] = lower[i + 1, 2]
-        if upper is not None:
-            x[n] = upper[i + 1, 0]
-            y[n] = upper[i + 1, 1]
-            if z is not None:
-                z[n] = upper[i + 1, 2]
+            _drive(s, links, patterns, factors[i], spatial)
+        _move(s, links, step, decay, spatial)
+        for m in range(rows.size):
+            s[rows[m], columns[m]] = ends[m, i + 1]
 
 
 @njit(**_options)
 def verlet(
-    x, y, z, vx, vy, vz, fz, uz, first, last, k, length, inverse, per_mass, drive, step, decay,
-    lower, upper, patterns, factors, viscosity, before, end_rates,
-    steps, start, save_steps, saved, saved_half, low, high,
+    s, links, spatial, green, step, decay, viscosity, patterns, factors, rows, columns, ends, end_rates, extremes,
+    steps, start, save_steps, saved, saved_half,
 ):  # fmt: skip
     """Advance a chain by `steps` steps of velocity Verlet in leapfrog form.
 
@@ -234,75 +215,55 @@ def verlet(
 
     Parameters
     ----------
-    x, y, z : float arrays (n + 1,)
-        Positions of all particles [m]; advanced in place.  In a planar chain z, vz, fz and uz are None.
-    vx, vy, vz : float arrays (last - first,)
-        Velocities of the free particles first ... last - 1 half a step before [m/s]; advanced in place.
-    fz, uz : float arrays (n + 2,), (n + 1,)
-        Zeros to work in; arguments because only an argument that is None is compiled away.
-    first, last : int
-        The free particles.
-    k, length : float arrays (n,)
-        Stiffness [N/m] and unstretched length [m] of the links.
-    inverse : float array (n,) or None
-        1/length^2 [1/m^2] for law (21); None for the linear law.
-    per_mass : float array (last - first,)
-        Step over mass [s/kg]; with decay (1 - decay) / (damping mass), which integrates the damping exactly.
-    drive : tuple of float arrays (last - first,)
-        What constant loads add to the velocity in a step [m/s].
+    s : float array (ROWS, columns)
+        The state, see the constants of this module; advanced in place.
+    links : int
+        Number of links n.
+    spatial, green, extremes : True or None
+        Whether there is a third coordinate, whether law (21) holds, whether extremes of the tensions are kept.
     step : float
         [s].
     decay : float or None
         exp(-damping step), damping per mass; None without.
-    lower, upper : float arrays (steps + 1, dims) or None
-        Positions of the ends at the steps from `start` on [m]; None for an end that stands still or is free.
-    patterns, factors : float arrays (loads, dims, last - first), (steps + 1, loads) or None
-        Loads that vary in time [N] and their factors at the steps.
     viscosity : float or None
         Viscosity of the links over their stiffness [s]; only with the linear law.
-    before : tuple of float arrays or None
-        Velocities a whole step before those in `velocity`; only with viscosity.
-    end_rates : float array (steps + 1, 2, dims) or None
-        Velocities of the ends [m/s]; only with viscosity.
+    patterns, factors : float arrays (loads, dims, n + 1), (steps + 1, loads) or None
+        Loads that vary in time, as what they add to the velocity in a step [m/s], and their factors at the steps.
+    rows, columns : int arrays (moving,)
+        Where in the state the coordinates of the ends are that move.
+    ends : float array (moving, steps + 1)
+        Their values at the steps from `start` on [m].
+    end_rates : float array (moving, steps + 1) or None
+        Their rates [m/s]; only with viscosity.
     steps, start : int
         Number of steps, number of the first.
     save_steps : int array (saves,)
         Rising numbers of the steps to save, start <= number < start + steps.
     saved : float array (saves, dims, n + 1)
         Filled with positions.
-    saved_half : float array (saves, 2, dims, last - first) or None
+    saved_half : float array (saves, 2, dims, n + 1) or None
         Filled with the velocities half a step before and half a step after.
-    low, high : float arrays (n,) or None
-        Extremes of the tensions, updated [N]; with law (21) compression is negative.
     """
+    dims = saved.shape[1]
     save, i = 0, 0
     while i < steps:
         target = steps
         saving = save < save_steps.size and save_steps[save] == start + i
         if saving:
-            saved[save, 0] = x
-            saved[save, 1] = y
-            if z is not None:
-                saved[save, 2] = z
+            saved[save] = s[X : X + dims, : links + 1]
             if saved_half is not None:
-                saved_half[save, 0, 0] = vx
-                saved_half[save, 0, 1] = vy
-                if z is not None:
-                    saved_half[save, 0, 2] = vz
+                saved_half[save, 0] = s[VX : VX + dims, : links + 1]
                 target = i + 1
         if target == steps and save + saving < save_steps.size:
             target = save_steps[save + saving] - start
         _advance(
-            x, y, z, vx, vy, vz, fz, uz, first, last, k, length, inverse, per_mass, drive, step, decay,
-            lower, upper, patterns, factors, viscosity, before, end_rates, i, target, low, high,
+            s, links, spatial, green, step, decay, viscosity, patterns, factors, rows, columns, ends, end_rates, i, target,
+            extremes,
         )  # fmt: skip
         i = target
         if saving:
             if saved_half is not None:
-                saved_half[save, 1, 0] = vx
-                saved_half[save, 1, 1] = vy
-                if z is not None:
-                    saved_half[save, 1, 2] = vz
+                saved_half[save, 1] = s[VX : VX + dims, : links + 1]
             save += 1
 
 

@@ -1,9 +1,10 @@
-"""Time per link and step of the explicit chain, kernel and whole call, beside a plain C loop compiled on the spot.
+"""Time per link and step of the explicit chain, stepping and whole call, beside a plain C loop compiled on the spot.
 
     python pipelines/benchmarks/chain.py [--repeats 7]
 
 One thread (the kernel has no other); compilation and a warm-up run lie outside; medians over the repeats, C and ours taken in
-turn so that a busy machine hurts both.  The C loop is the same step of a planar chain without any other term
+turn so that a busy machine hurts both.  Stepping is all between the first state and the last: the kernel, the motion of the end,
+which the C loop has too, and the look at each block of steps for numbers that are not finite or not near.  The C loop is the same step of a planar chain without any other term
 (chain_step.c, gcc -O3 -march=native -ffast-math); where there is no gcc its column is empty.
 """
 
@@ -20,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 import cablepod as cp
-from cablepod.kernels import chain as kernel
+from cablepod import stepping
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
 
@@ -63,7 +64,7 @@ def c_time(program: Path | None, links: int) -> float:
 def our_time(
     links: int, *, spatial: bool = False, outputs: tuple[str, ...] = ("position",), **tables
 ) -> tuple[float, float]:
-    """Nanoseconds per link and step of the kernel and of the whole call."""
+    """Nanoseconds per link and step of the stepping and of the whole call."""
     mapping = mapping_of_example(**tables)
     if spatial:
         mapping["ends"] = {name: [*end, 0.0] for name, end in mapping["ends"].items()}
@@ -71,23 +72,24 @@ def our_time(
     scene = cp.make_scene(mapping)
     step = 0.5 * chain_of(parameters(scene), links).step_limit()
     steps = WORK // links
-    in_kernel = 0.0
-    plain = kernel.verlet
+    stepping_time = 0.0
+    plain = stepping.march
 
     def timed(*arguments):
-        nonlocal in_kernel
+        nonlocal stepping_time
         begin = time.perf_counter()
-        plain(*arguments)
-        in_kernel += time.perf_counter() - begin
+        failed = plain(*arguments)
+        stepping_time += time.perf_counter() - begin
+        return failed
 
-    kernel.verlet = timed
+    stepping.march = timed
     try:
         begin = time.perf_counter()
         cp.chain.simulate(scene, links=links, step=step, times=[0.0, steps * step], outputs=outputs)
         whole = time.perf_counter() - begin
     finally:
-        kernel.verlet = plain
-    return 1e9 * in_kernel / (steps * links), 1e9 * whole / (steps * links)
+        stepping.march = plain
+    return 1e9 * stepping_time / (steps * links), 1e9 * whole / (steps * links)
 
 
 def mapping_of_example(**tables):
@@ -104,14 +106,14 @@ def main() -> None:
     repeats = parser.parse_args().repeats
     program = compiled_yardstick()
     print(f"ns per link and step, median of {repeats}, {WORK:,} link-steps each")
-    print(f"{'links':>6}{'kernel':>9}{'whole call':>12}{'C loop':>9}{'kernel / C':>12}")
+    print(f"{'links':>6}{'stepping':>9}{'whole call':>12}{'C loop':>9}{'ours / C':>12}")
     for links in (40, 160, 640):
         our_time(links)
         rows = [(*our_time(links), c_time(program, links)) for _ in range(repeats)]
         inside, whole, c = (statistics.median(column) for column in zip(*rows, strict=True))
         ratio = statistics.median(row[0] / row[2] for row in rows)
         print(f"{links:>6}{inside:>9.2f}{whole:>12.2f}{c:>9.2f}{ratio:>12.2f}")
-    print(f"\nkernel at 160 links, each term alone\n{'term':<24}{'ns':>8}{'over plain':>12}")
+    print(f"\nstepping at 160 links, each term alone\n{'term':<24}{'ns':>8}{'over plain':>12}")
     plain = float("nan")
     for name, term in TERMS.items():
         our_time(160, **term)
