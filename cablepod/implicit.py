@@ -185,7 +185,8 @@ class _March:
             np.ascontiguousarray(ends[:, 1]) if ends is not None and "upper" in moving else None,
         )
         enough = ENOUGH_FOR_ENERGY if run.method == "energy_momentum" else ENOUGH
-        rounding = ROUNDING * float(np.abs(run.initial).max())
+        # where the chain is now and where its ends go: it may have been moved far from where it began
+        rounding = ROUNDING * max(float(np.abs(self.x).max()), 0.0 if ends is None else float(np.abs(ends).max()))
         last = (max(enough * float(chain.length.mean()), rounding), start, steps, save, saved, low, high)
         if run.method == "energy_momentum":
             done, iterations = kernel.energy_momentum(self.x, self.v, *links, *loads, step, *last)

@@ -141,6 +141,25 @@ class Run:
             )
         return State(instants, instants.at_times(x, v, a), velocity, extremes)
 
+    def jolt(self) -> dict[str, float]:
+        """Attributes of a run whose ends start to move at once, at a speed other than 0; empty for others.
+
+        The chain is at rest until then.  A jump of the speed along the cable by v sends out an axial wave, behind which the
+        tension has changed by v sqrt(K mu); when it has run along the cable once it carries the energy mu L v^2.
+        """
+        p, total = self.chain.p, self.chain.total_length
+        rates = p.end_positions(np.zeros(1), 1)[0]
+        reach = np.diff(self.initial[[0, 1, -2, -1]], axis=0)[[0, 2]]
+        size = np.sqrt(square(reach))
+        if not rates.any() or not size.all():
+            return {}
+        along = (rates * reach).sum(axis=1) / size
+        return {
+            "start_jolt_speed": math.sqrt(square(rates).max()),
+            "start_jolt_tension": float(np.abs(along).max()) * math.sqrt(p.stiffness * p.mass),
+            "start_jolt_energy": p.mass * total * float((along**2).sum()),
+        }
+
     def watch(self, state: State) -> State:
         """Stop a run whose links hold more energy than anything can explain: finite numbers may be garbage too.
 
@@ -226,6 +245,7 @@ class Run:
             number_of_steps=int(state.instants.steps[-1]),
             highest_angular_frequency=chain.highest_frequency(chain.stiffening(self.initial)),
             **state.notes,
+            **self.jolt(),
         )
         if chain.green:
             result.attrs["smallest_stretch"] = float(chain.stretch(state.position).min())

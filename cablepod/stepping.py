@@ -21,7 +21,7 @@ DEFAULT_TOLERANCE = 1e-6
 
 #: A scheme that twice shows less than this order is not converging: runs that differ whatever their steps seem to have 0.1 to
 #: 0.7.  One that converges may take so many runs after the first, each at most so many times finer than the last.
-LEAST_ORDER, SECOND_ORDER, MOST_REFINEMENTS, LARGEST_FACTOR = 0.8, 2.0, 6, 4.0
+LEAST_ORDER, FIRST_ORDER, SECOND_ORDER, MOST_REFINEMENTS, LARGEST_FACTOR = 0.8, 1.0, 2.0, 6, 4.0
 #: A run with more than so many times the steps of the first is not begun: the user would wait long for a motion that is hardly
 #: resolved.
 MOST_GROWTH = 512.0
@@ -187,6 +187,7 @@ def refine(
     scale: Callable[[Any], float],
     rate: float,
     tolerance: float,
+    kinked: Callable[[Any], bool] = lambda run: False,
 ) -> tuple[Any, float, float]:
     """Run with rising numbers of steps per second until two runs agree within `tolerance`.
 
@@ -204,6 +205,9 @@ def refine(
         First number of steps per second.
     tolerance
         Wanted error as a fraction of the motion.
+    kinked
+        Tells of a run whether its forces had kinks, as where links slacken and snap taut.  Then each kink adds an error that
+        depends on where in a step it falls: distances fall by luck as well as by order, and no more than first order is believed.
 
     Returns
     -------
@@ -224,12 +228,16 @@ def refine(
         factor, rate = new / rate, new
         fine = run(rate)
         distance = _distance(position(fine), position(coarse)) / scale(fine)
+        most_order = FIRST_ORDER if kinked(fine) else SECOND_ORDER
+        margin = 0.5 if rate < most else 1.0  # while there is a choice
         if last == math.inf:
-            order, estimate, accepted = SECOND_ORDER, distance, distance <= tolerance
+            order = most_order
+            # the order is not known to be the second yet, so nothing is gained from it
+            estimate, accepted = distance, distance <= (tolerance if order > FIRST_ORDER else margin * tolerance)
         else:
-            order = _observed_order(distance / last, last_factor, factor)
+            order = min(most_order, _observed_order(distance / last, last_factor, factor))
             estimate = distance / (factor**order - 1.0)
-            accepted = estimate <= (0.5 if rate < most else 1.0) * tolerance  # with a margin while there is a choice
+            accepted = estimate <= margin * tolerance
         if accepted:
             return fine, rate, estimate
         slow = slow + 1 if order < LEAST_ORDER else 0

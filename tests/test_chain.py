@@ -540,3 +540,40 @@ def test_a_chaotic_scene_is_said_to_be_one(scenes):
 def test_options_that_cannot_be(soft, options, match):
     with pytest.raises(cp.SceneError, match=match):
         cp.chain.simulate(of(soft), **options)
+
+
+# --- ends that start with a jolt ------------------------------------------------------------------------------------
+
+
+def test_the_energy_of_a_jolt_is_that_of_the_axial_wave():
+    # a straight cable without weight: until the wave arrives, the chain has its energy and the work against the first tension
+    speed, stiffness, mass, length = 0.5, 2e4, 1.0, 10.0
+    scene = cp.make_scene(
+        {
+            "gravity": 0.0,
+            "cable": {"youngs_modulus": stiffness / 1e-3, "area": 1e-3, "density": 1000.0, "unstretched_length": length / 1.01},
+            "ends": {"lower": [0.0, 0.0], "upper": [8.0, 6.0]},
+            "motion": {"upper": {axis: {"kind": "polynomial", "coefficients": [speed * part]}
+                                 for axis, part in (("x", 0.8), ("y", 0.6))}},
+            "chain": {"links": 800},
+        }
+    )  # fmt: skip
+    arrival = length / 1.01 / np.sqrt(stiffness / mass)
+    run = cp.chain.simulate(
+        scene, times=[0.0, 0.9 * arrival], step=0.25 * arrival / 800, outputs=("position", "velocity", "tension")
+    )
+    chain = links.chain_of(parameters(scene))
+    kinetic = 0.5 * (mass * chain.share[1:-1, None] * run.velocity.values[1, 1:-1] ** 2).sum()
+    strain = (run.tension**2 * chain.length / (2 * stiffness)).sum("link")
+    work = run.tension[0, -1] * speed * 0.9 * arrival
+    found = float(kinetic + strain[1] - strain[0] - work)
+    # 0.9 of the way; the front of a chain is not sharp: a few links of 800
+    assert found == pytest.approx(0.9 * run.attrs["start_jolt_energy"], rel=0.01)
+    assert run.attrs["start_jolt_speed"] == pytest.approx(speed, rel=1e-12)
+    behind = float((run.tension[1, 400:700] - run.tension[0, 400:700]).mean())
+    assert behind == pytest.approx(run.attrs["start_jolt_tension"], rel=0.01)
+
+
+def test_ends_that_start_smoothly_give_no_jolt(soft):
+    run = cp.chain.simulate(cp.make_scene(soft), times=[0.0], scheme="trapezoidal", step=0.1)
+    assert not [name for name in run.attrs if name.startswith("start_jolt")]

@@ -24,8 +24,10 @@ def of(mapping, **tables):
 def pulled(soft, **tables):
     """Ends at rest, released from the shape of a cable half as long again: a vibration that small steps resolve."""
     return of(
-        soft, motion={}, initial={"unstretched_length": 10.4}, time={"duration": 1.0, "interval": 0.25},
-        cable={**soft["cable"], "youngs_modulus": 4e5}, **tables,
+        soft, **{
+            "motion": {}, "initial": {"unstretched_length": 10.4}, "time": {"duration": 1.0, "interval": 0.25},
+            "cable": {**soft["cable"], "youngs_modulus": 4e5}, **tables,
+        }
     )  # fmt: skip
 
 
@@ -348,6 +350,69 @@ def test_a_step_that_does_not_converge_is_cut(soft, monkeypatch):
     with pytest.raises(cp.RunStopped, match=said) as stopped:
         cp.chain.simulate(scene, scheme="energy_momentum", step=0.1)
     assert stopped.value.partial is None
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_an_attempt_to_cut_a_step_that_fails_leaves_no_trace(soft, monkeypatch, scheme):
+    name = "energy_momentum" if scheme == "energy_momentum" else "generalized_alpha"
+    step_position, plain = {"energy_momentum": 14, "generalized_alpha": 17}[name], getattr(kernel, name)
+
+    def run(*, garble):
+        tried = []
+
+        def stubborn(*arguments):
+            step = arguments[step_position]
+            if step == pytest.approx(0.05):
+                tried.append(step)
+                return 0, 1  # every step of the grid fails
+            if step == pytest.approx(0.025):
+                for state in arguments[: 2 if scheme == "energy_momentum" else 4]:
+                    state += garble
+                return 1, 1  # and its first piece in two
+            return plain(*arguments)
+
+        monkeypatch.setattr(kernel, name, stubborn)
+        result = cp.chain.simulate(pulled(soft), scheme=scheme, step=0.05, times=[0.0, 0.5, 1.0])
+        assert len(tried) == result.attrs["steps_cut"] == 20
+        return result
+
+    np.testing.assert_array_equal(run(garble=1e-3).position, run(garble=0.0).position)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_newton_converges_far_from_the_origin(soft, scheme):
+    # where rounding of the coordinates is larger than the correction that would end the iteration near the origin
+    away = np.array([3e5, -2e5])
+    ends = {name: (np.array(place) + away).tolist() for name, place in soft["ends"].items()}
+    near, there = (
+        cp.chain.simulate(scene, scheme=scheme, step=0.05, times=np.arange(5) / 4)
+        for scene in (pulled(soft), pulled(soft, ends=ends))
+    )
+    assert there.attrs["steps_cut"] == 0
+    # rounding of 3e5 m is 6e-11 m; in 20 steps stiff links of 1e6 N/m make forces of it
+    assert float(np.abs(there.position - away - near.position).max()) < 1e-6
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_newton_converges_where_the_chain_is_towed_far_away(soft, scheme):
+    tow = {end: {"x": {"kind": "polynomial", "coefficients": [0.0, 5.0]}} for end in ("lower", "upper")}
+    run = cp.chain.simulate(
+        of(soft, motion=tow, time={"duration": 400.0, "interval": 10.0}), scheme=scheme, step=0.05, times=[0.0, 400.0]
+    )
+    assert run.attrs["steps_cut"] == 0
+    assert float(run.position[-1, 0, 0]) == pytest.approx(8e5)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_finite_numbers_beyond_all_bounds_are_stopped(soft, scheme):
+    blown = of(
+        soft, motion={}, ends={**soft["ends"], "free": "upper"}, load={"uniform": [1e6, 0.0]},
+        time={"duration": 100.0, "interval": 10.0},
+        cable={"youngs_modulus": 1e3, "area": 1e-3, "density": 1000.0, "unstretched_length": 10.0},
+        initial={"points": [[0.0, 0.0], [8.0, 6.0]]},
+    )  # fmt: skip
+    with pytest.raises(cp.RunStopped, match="left the finite numbers"):
+        cp.chain.simulate(blown, scheme=scheme, step=1.0)
 
 
 def test_a_run_that_fails_on_the_way_keeps_what_was_computed(soft, monkeypatch):

@@ -45,11 +45,11 @@ class MadeUp:
         self.calls.append(rate)
         return rate, self.size * (rate / self.first) ** -self.order
 
-    def refine(self, tolerance):
+    def refine(self, tolerance, *kinked):
         def position(run):
             return np.full((1, 1, 1), run[1])
 
-        return stepping.refine(self, position, lambda run: 1.0, self.first, tolerance)
+        return stepping.refine(self, position, lambda run: 1.0, self.first, tolerance, *kinked)
 
 
 @pytest.mark.parametrize(
@@ -63,6 +63,18 @@ def test_the_step_meets_the_tolerance_whatever_the_order(order, size):
     # never an estimate below the error, but for rounding of the observed order
     assert estimate >= 0.99 * error
     assert rate == made_up.calls[-1]
+
+
+@pytest.mark.parametrize("size", [9e-7, 1e-6, 1e-5, 1e-4])
+def test_of_forces_with_kinks_no_more_than_first_order_is_believed(size):
+    # second order may be luck: of a kink in each step one run knows more than the next
+    made_up = MadeUp(size, 2.0)
+    _, rate, estimate = made_up.refine(1e-6, lambda run: True)
+    last, before = made_up.calls[-1], made_up.calls[-2]
+    distance = size * ((before / 100.0) ** -2 - (last / 100.0) ** -2)
+    assert estimate == pytest.approx(distance / (last / before - 1.0), rel=1e-6)
+    assert estimate <= 0.5e-6
+    assert rate > MadeUp(size, 2.0).refine(1e-6)[1] or size < 1e-6
 
 
 def test_slow_convergence_is_given_up_soon():

@@ -4,7 +4,8 @@
 
 One thread (the kernel has no other); compilation and a warm-up run lie outside; medians over the repeats, C and ours taken in
 turn so that a busy machine hurts both.  Stepping is all between the first state and the last: the kernel, the motion of the end,
-which the C loop has too, and the look at each block of steps for numbers that are not finite or not near.  The C loop is the same step of a planar chain without any other term
+which the C loop has too, and the look at each block of steps for numbers that are not finite or not near.  The C loop is the
+same step of a planar chain without any other term
 (chain_step.c, gcc -O3 -march=native -ffast-math); where there is no gcc its column is empty.
 """
 
