@@ -25,21 +25,10 @@ import cablepod as cp
 from cablepod import stepping
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
+from cablepod.shipped import scene
 
 HERE = Path(__file__).resolve().parent
-SCENE = HERE.parent.parent / "data" / "scenes" / "example2.toml"
 WORK = 12_000_000  # links times steps in one measurement
-
-TERMS = {
-    "plain, planar": {},
-    "spatial": {"spatial": True},
-    "mass damping": {"damping": {"mass_proportional": 0.1}},
-    "viscous links": {"damping": {"link_viscosity": 1e-5}},
-    "varying uniform load": {
-        "load": {"uniform": [5.0, 0.0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 1.0}
-    },
-    "tension extremes": {"outputs": ("position", "tension_extremes")},
-}
 
 
 def compiled_yardstick() -> Path | None:
@@ -62,16 +51,10 @@ def c_time(program: Path | None, links: int) -> float:
     return float(said.split("step")[1].split()[0])
 
 
-def our_time(
-    links: int, *, spatial: bool = False, outputs: tuple[str, ...] = ("position",), **tables
-) -> tuple[float, float]:
+def our_time(links: int) -> tuple[float, float]:
     """Nanoseconds per link and step of the stepping and of the whole call."""
-    mapping = mapping_of_example(**tables)
-    if spatial:
-        mapping["ends"] = {name: [*end, 0.0] for name, end in mapping["ends"].items()}
-        del mapping["load"]  # a planar load of zero
-    scene = cp.make_scene(mapping)
-    step = 0.5 * chain_of(parameters(scene), links).step_limit()
+    given = scene("example2")
+    step = 0.5 * chain_of(parameters(given), links).step_limit()
     steps = WORK // links
     stepping_time = 0.0
     plain = stepping.march
@@ -86,22 +69,15 @@ def our_time(
     stepping.march = timed
     try:
         begin = time.perf_counter()
-        cp.chain.simulate(scene, links=links, step=step, times=[0.0, steps * step], outputs=outputs)
+        cp.chain.simulate(given, links=links, step=step, times=[0.0, steps * step])
         whole = time.perf_counter() - begin
     finally:
         stepping.march = plain
     return 1e9 * stepping_time / (steps * links), 1e9 * whole / (steps * links)
 
 
-def mapping_of_example(**tables):
-    """Return Example 2 as Python values, with `tables` put in."""
-    import tomllib
-
-    return {**tomllib.loads(SCENE.read_text()), **tables}
-
-
 def main() -> None:
-    """Print both tables."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=7)
     repeats = parser.parse_args().repeats
@@ -114,13 +90,6 @@ def main() -> None:
         inside, whole, c = (statistics.median(column) for column in zip(*rows, strict=True))
         ratio = statistics.median(row[0] / row[2] for row in rows)
         print(f"{links:>6}{inside:>9.2f}{whole:>12.2f}{c:>9.2f}{ratio:>12.2f}")
-    print(f"\nstepping at 160 links, each term alone\n{'term':<24}{'ns':>8}{'over plain':>12}")
-    plain = float("nan")
-    for name, term in TERMS.items():
-        our_time(160, **term)
-        ns = statistics.median(our_time(160, **term)[0] for _ in range(repeats))
-        plain = ns if name.startswith("plain") else plain
-        print(f"{name:<24}{ns:>8.2f}{ns / plain:>12.2f}")
     print(f"\nnumpy {np.__version__}")
 
 
