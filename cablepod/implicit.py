@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,10 +12,13 @@ from cablepod.runs import Run, State
 from cablepod.stepping import Instants
 
 SCHEMES = ("trapezoidal", "generalized_alpha", "energy_momentum")
-#: A correction of the positions as small as this part of the mean link ends Newton's method: the next one, of the order of its
-#: square, is then below rounding.  The tangent of the energy-momentum method is not quite exact, so its corrections shrink by a
-#: factor, and the energy is kept as well as they are small.
-ENOUGH, ENOUGH_FOR_ENERGY = 1e-9, 1e-13
+#: Newton's method ends with a correction of the positions, over the mean link, of at most the last number, and so small that what
+#: the tangent does not know of it changes the mean tension by no more than the first: turned by an angle d a link is longer by
+#: half its square, so a correction of d l leaves K d^2/2.
+TENSION_LEFT, SMALLEST, LARGEST = 1e-10, 1e-9, 1e-6
+#: For the energy-momentum method, whose tangent is not quite exact: its corrections shrink by a factor, and the energy is kept as
+#: well as they are small.
+ENOUGH_FOR_ENERGY = 1e-13
 #: What rounding makes of a correction, over the largest coordinate.
 ROUNDING = 64.0 * float(np.finfo(float).eps)
 #: A step in which Newton's method does not converge is cut into so many at most.
@@ -121,6 +125,11 @@ class _March:
         )
         self.saved = np.zeros((instants.steps.size, 3, p.dims, chain.links + 1))
         self.extremes = run.extremes()
+        enough = ENOUGH_FOR_ENERGY
+        if run.method != "energy_momentum":
+            tension = float(np.abs(chain.pull(run.initial)[0]).mean())
+            enough = min(max(math.sqrt(2.0 * TENSION_LEFT * tension / p.stiffness), SMALLEST), LARGEST)
+        self.enough = enough * float(chain.length.mean())
         self.iterations, self.cuts = 0, 0
 
     def advance(self, start: int, steps: int) -> int:
@@ -184,10 +193,9 @@ class _March:
             np.ascontiguousarray(ends[:, 0]) if ends is not None and "lower" in moving else None,
             np.ascontiguousarray(ends[:, 1]) if ends is not None and "upper" in moving else None,
         )
-        enough = ENOUGH_FOR_ENERGY if run.method == "energy_momentum" else ENOUGH
         # where the chain is now and where its ends go: it may have been moved far from where it began
         rounding = ROUNDING * max(float(np.abs(self.x).max()), 0.0 if ends is None else float(np.abs(ends).max()))
-        last = (max(enough * float(chain.length.mean()), rounding), start, steps, save, saved, low, high)
+        last = (max(self.enough, rounding), start, steps, save, saved, low, high)
         if run.method == "energy_momentum":
             done, iterations = kernel.energy_momentum(self.x, self.v, *links, *loads, step, *last)
         else:
