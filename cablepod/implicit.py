@@ -16,11 +16,8 @@ SCHEMES = ("trapezoidal", "generalized_alpha", "energy_momentum")
 #: the tangent does not know of it changes the mean tension by no more than the first: turned by an angle d a link is longer by
 #: half its square, so a correction of d l leaves K d^2/2.
 TENSION_LEFT, SMALLEST, LARGEST = 1e-10, 1e-9, 1e-6
-#: For the energy-momentum method, whose tangent is not quite exact: its corrections shrink by a factor, and the energy is kept as
-#: well as they are small.
-ENOUGH_FOR_ENERGY = 1e-13
-#: What rounding makes of a correction, over the largest coordinate.
-ROUNDING = 64.0 * float(np.finfo(float).eps)
+#: What rounding makes of a correction, over the largest coordinate, in stiff chains; and in most.
+ROUNDING, LEAST_ROUNDING = 64.0 * float(np.finfo(float).eps), 8.0 * float(np.finfo(float).eps)
 #: A step in which Newton's method does not converge is cut into so many at most.
 MOST_CUTS = 1024
 
@@ -125,10 +122,8 @@ class _March:
         )
         self.saved = np.zeros((instants.steps.size, 3, p.dims, chain.links + 1))
         self.extremes = run.extremes()
-        enough = ENOUGH_FOR_ENERGY
-        if run.method != "energy_momentum":
-            tension = float(np.abs(chain.pull(run.initial)[0]).mean())
-            enough = min(max(math.sqrt(2.0 * TENSION_LEFT * tension / p.stiffness), SMALLEST), LARGEST)
+        tension = float(np.abs(chain.pull(run.initial)[0]).mean())
+        enough = min(max(math.sqrt(2.0 * TENSION_LEFT * tension / p.stiffness), SMALLEST), LARGEST)
         self.enough = enough * float(chain.length.mean())
         self.iterations, self.cuts = 0, 0
 
@@ -194,14 +189,25 @@ class _March:
             np.ascontiguousarray(ends[:, 1]) if ends is not None and "upper" in moving else None,
         )
         # where the chain is now and where its ends go: it may have been moved far from where it began
-        rounding = ROUNDING * max(float(np.abs(self.x).max()), 0.0 if ends is None else float(np.abs(ends).max()))
-        last = (max(self.enough, rounding), start, steps, save, saved, low, high)
+        largest = max(float(np.abs(self.x).max()), 0.0 if ends is None else float(np.abs(ends).max()))
+        last = (start, steps, save, saved, low, high)
         if run.method == "energy_momentum":
-            done, iterations = kernel.energy_momentum(self.x, self.v, *links, *loads, step, *last)
+            rounding = (LEAST_ROUNDING * largest, ROUNDING * largest)
+            done, iterations = kernel.energy_momentum(self.x, self.v, *links, *loads, step, *rounding, *last)
         else:
             rates = p.end_positions(time, 1) if p.link_viscosity is not None else None
             done, iterations = kernel.generalized_alpha(
-                self.x, self.v, self.a, self.force, *links, *loads, rates, step, *_weights(run), *last
+                self.x,
+                self.v,
+                self.a,
+                self.force,
+                *links,
+                *loads,
+                rates,
+                step,
+                *_weights(run),
+                max(self.enough, ROUNDING * largest),
+                *last,
             )
         self.iterations += iterations
         return done

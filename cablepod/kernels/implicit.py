@@ -540,13 +540,15 @@ def generalized_alpha(
 @njit(**_options)
 def energy_momentum(
     x, v, first, k, length, inverse, mass, damping, loads, patterns, factors, viscosity, lower, upper, step,
-    enough, start, steps, save_steps, saved, low, high,
+    enough, rounding, start, steps, save_steps, saved, low, high,
 ):  # fmt: skip
     """Advance a chain by `steps` steps of the energy-momentum method (Simo and Tarnow 1992).
 
     The forces of the links over a step are difference quotients of their energies, so that with ends and loads at rest the sum of
     kinetic, strain and potential energy stays what it is, at any step, as far as Newton's method is carried.  Parameters and
-    result as in :func:`generalized_alpha`; loads that vary are taken as the mean of both ends of the step.
+    result as in :func:`generalized_alpha`; loads that vary are taken as the mean of both ends of the step.  What Newton's method
+    leaves has a sign, and adds up in the energy over many steps: so corrections are made until they are as small as `enough`
+    [m], or, below `rounding` [m], no longer shrink.
     """
     dims, m = v.shape
     n = k.size
@@ -573,7 +575,7 @@ def energy_momentum(
                 d[c, j] = 2.0 * step * v[c, j] - before[c, j]
                 trial[c, first + j] = x[c, first + j] + d[c, j]
         _set_ends(trial, lower, upper, i + 1)
-        converged = False
+        converged, last = False, np.inf
         for _ in range(MOST_ITERATIONS):
             iterations += 1
             _pull_conserving(x, trial, k, length, inverse, viscosity, 1.0 / step, f, s)
@@ -588,11 +590,12 @@ def energy_momentum(
                     b[c, j] = total - mass[j] * 2.0 * (d[c, j] / step - v[c, j]) / step
             _solve(diagonal, s, b, kept, first)
             size = _correct(d, b, x, trial, first)
-            if size <= enough:
+            if size <= enough or (size <= rounding and size > 0.5 * last):
                 converged = True
                 break
             if not size < 1e300:
                 break
+            last = size
         if not converged:
             return i, iterations
         for c in range(dims):

@@ -1,0 +1,180 @@
+"""The scenes of the stability report: each is hard for a reason of its own.
+
+All are changes to one guy, 61.2 m long and K = 2e7 N, whose upper end comes in by up to 10 cm.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import cablepod as cp
+from cablepod.links import chain_of
+from cablepod.parameters import parameters
+
+GUY: dict[str, Any] = {
+    "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "specific_weight": 78500.0, "top_tension": 8000.0},
+    "ends": {"lower": [0.0, 0.0], "upper": [20.4, 57.7]},
+    "motion": {"upper": {"x": {"kind": "one_minus_cosine", "amplitude": -0.05, "angular_frequency": 1.0}}},
+    "time": {"duration": 10.0, "interval": 0.25},
+    "chain": {"links": 20},
+}
+CHORD = math.hypot(20.4, 57.7)
+LEVEL = {"lower": [0.0, 0.0], "upper": [40.0, 0.0]}
+#: Tables that a case gives whole; of the others it gives the keys that differ.
+WHOLE = ("motion", "chain", "ends", "initial")
+#: What implicit runs resolve: so many steps in the first transverse period, and in the time in which motions or loads change.
+PER_PERIOD, PER_CHANGE = 200.0, 40.0
+#: Velocity Verlet takes so much of its limit.
+OF_LIMIT = 0.9
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene that is hard for some reason."""
+
+    group: str
+    name: str
+    tables: dict[str, Any] = field(default_factory=dict)
+    quiet: bool = False  #: ends and loads at rest and no damping: the energy must stay
+    long: bool = False  #: so long that phases are lost: judged by statistics
+    implicit_step: float | None = None  #: [s], where the rule of :meth:`steps` would cost too much
+
+    def scene(self) -> xr.Dataset:
+        """Return the scene: the guy with these tables put in."""
+        mapping = copy.deepcopy(GUY)
+        for key, table in self.tables.items():
+            if not isinstance(table, dict):
+                mapping[key] = table
+                continue
+            mapping[key] = {**({} if key in WHOLE else mapping.get(key, {})), **table}
+        cable = mapping["cable"]
+        if "unstretched_length" in cable:
+            del cable["top_tension"]
+        if "density" in cable:
+            del cable["specific_weight"]
+        return cp.make_scene({"title": self.name, **mapping})
+
+    def steps(self, scene: xr.Dataset) -> dict[str, float]:
+        """Return the step of each scheme [s]; all divide the interval, so that no energy is blurred by interpolation."""
+        p = parameters(scene)
+        limit = chain_of(p).step_limit()
+        wanted = self.implicit_step
+        if wanted is None:
+            duration, period = float(scene["time_duration"]), 2.0 * np.pi / first_frequency(scene)
+            wanted = max(min(period / PER_PERIOD, p.time_scale / PER_CHANGE, duration / 20.0), limit)
+        explicit = cp.chain.SCHEMES[0]
+        return {
+            scheme: dividing(scene, OF_LIMIT * limit if scheme == explicit else wanted) for scheme in cp.chain.SCHEMES
+        }
+
+
+def dividing(scene: xr.Dataset, step: float) -> float:
+    """Return the longest step up to `step` that divides the interval of the output [s]."""
+    interval = float(scene["time_interval"])
+    return interval / math.ceil(interval / step * (1.0 - 1e-12))
+
+
+def first_frequency(scene: xr.Dataset) -> float:
+    """Angular frequency of the first transverse vibration of the cable at rest, taken as a string [rad/s]."""
+    p = parameters(scene)
+    at_rest = cp.chain.rest(scene)
+    tension = max(float(at_rest["tension"].mean()), 1e-9)
+    return math.pi / float(at_rest["unstretched_length"]) * math.sqrt(tension / p.mass)
+
+
+def moved(kind: str, **values: Any) -> dict[str, Any]:
+    """Return a motion of the upper end along x."""
+    return {"upper": {"x": {"kind": kind, **values}}}
+
+
+def short(duration: float, interval: float) -> dict[str, float]:
+    """Return the table of times [s]."""
+    return {"duration": duration, "interval": interval}
+
+
+def cases() -> list[Case]:
+    """Return all cases, group by group."""
+    omega = first_frequency(Case("stiffness", "the guy").scene())
+    axial = math.pi / CHORD * math.sqrt(2e7 / (78500.0 * 1.25e-4 / 9.81))
+    slack = {"cable": {"unstretched_length": 62.5}}
+    plucked: dict[str, Any] = {"motion": {}, "initial": {"top_tension": 6000.0}}
+    line = {"points": [[0.0, 0.0], [20.4, 57.7]]}
+    fast = moved("one_minus_cosine", amplitude=-0.005, angular_frequency=3.0)
+    return [
+        Case("stiffness", "the guy, K = 2e7 N"),
+        Case("stiffness", "K = 1e10 N", {"cable": {"youngs_modulus": 8e13}, "motion": fast, "time": short(4.0, 0.1)}),
+        Case("stiffness", "K = 1e13 N", {"cable": {"youngs_modulus": 8e16}, "motion": fast, "time": short(1.0, 0.05)}),
+        Case("stiffness", "rubber, K = 2e4 N", {"cable": {"youngs_modulus": 1.6e8}}),
+        Case("stiffness", "K = 1e3 N, ninefold", {"cable": {"youngs_modulus": 8e6}, "chain": {"links": 12}}),
+        Case("size", "2 links", {"chain": {"links": 2}}),
+        Case("size", "10 links", {"chain": {"links": 10}}),
+        Case("size", "2000 links", {"chain": {"links": 2000}, "motion": fast, "time": short(0.5, 0.05)}),
+        Case("size", "links 1 : 1000 in turn", {"chain": {"link_lengths": [1.0, 1000.0] * 5}, "time": short(1.0, 0.1)}),
+        Case(
+            "size",
+            "links and masses 1 : 1000",
+            {"chain": {"link_lengths": np.geomspace(1.0, 1000.0, 12).tolist()}, "time": short(4.0, 0.1)},
+        ),
+        Case("slack", "slack cable, end moved", slack),
+        Case("slack", "pulled taut with a snap", {
+            "cable": {"unstretched_length": 61.5}, "motion": moved("ramp", amplitude=1.0, duration=0.5), "time": short(2.0, 0.05),
+        }),
+        Case("slack", "slackens and snaps", {"motion": moved("one_minus_cosine", amplitude=-0.5, angular_frequency=4.0)}),
+        Case("slack", "let go at zero tension", {
+            "motion": {}, "cable": {"unstretched_length": CHORD}, "initial": line, "time": short(1.0, 0.05),
+        }, quiet=True),
+        Case("slack", "let go above its rest", {"motion": {}, "initial": line, **slack}, quiet=True),
+        Case("release", "taut, one end let go", {
+            "motion": {}, "ends": {**LEVEL, "free": "upper"}, "time": short(0.5, 0.025),
+        }, quiet=True),
+        Case("release", "whip, from a level line", {
+            "motion": {}, "ends": {**LEVEL, "free": "upper"}, "cable": {"unstretched_length": 40.0},
+            "initial": {"points": [[0.0, 0.0], [40.0, 0.0]]}, "time": short(4.0, 0.1),
+        }, quiet=True),
+        Case("release", "let fall from a wide arc", {
+            "motion": {}, "ends": LEVEL, "cable": {"unstretched_length": 70.0},
+            "initial": {"points": [[0.0, 0.0], [20.0, 25.0], [40.0, 0.0]]},
+        }, quiet=True),
+        Case("ends", "moved by half the span", {"motion": moved("one_minus_cosine", amplitude=-5.1, angular_frequency=0.8)}),
+        Case("ends", "jump of 20 mm in 1 ms", {
+            "motion": moved("ramp", amplitude=-0.02, duration=1e-3), "time": short(4.0, 0.1),
+        }),
+        Case("ends", "jump of 2 mm in 1 us", {
+            "motion": moved("ramp", amplitude=-0.002, duration=1e-6), "time": short(1.0, 0.05),
+        }),
+        Case("ends", "velocity jumps to 5 cm/s", {
+            "motion": moved("polynomial", coefficients=[-0.05]), "time": short(1.0, 0.05),
+        }),
+        Case("resonance", "at the first frequency", {"motion": moved("harmonic", amplitude=0.005, angular_frequency=omega)}),
+        Case("resonance", "at twice the first", {"motion": moved("harmonic", amplitude=0.005, angular_frequency=2 * omega)}),
+        Case("resonance", "at the first axial", {
+            "motion": moved("harmonic", amplitude=1e-4, angular_frequency=axial), "time": short(1.0, 0.05),
+        }),
+        Case("geometry", "horizontal", {"ends": LEVEL}),
+        Case("geometry", "vertical", {"ends": {"lower": [0.0, 0.0], "upper": [0.0, 60.0]}}),
+        Case("geometry", "weightless", {"gravity": 0.0, "cable": {"density": 8000.0}, "motion": fast}),
+        Case("geometry", "spatial, wind across", {
+            "ends": {"lower": [0.0, 0.0, 0.0], "upper": [20.4, 57.7, 0.0]},
+            "load": {"uniform": [0.0, 0.0, 5.0], "kind": "one_minus_cosine", "amplitude": 1.0, "angular_frequency": 2.0},
+        }),
+        Case("geometry", "vertical, slack: it folds", {
+            "ends": {"lower": [0.0, 0.0], "upper": [0.0, 60.0]}, "cable": {"unstretched_length": 70.0},
+        }),
+        Case("damping", "plucked, none", plucked, quiet=True),
+        Case("damping", "by mass, 50 per s", {**plucked, "damping": {"mass_proportional": 50.0}}),
+        Case("damping", "viscous links, 10 ms", {**plucked, "damping": {"link_viscosity": 1e-2}, "time": short(4.0, 0.1)}),
+        Case("damping", "all terms at once", {
+            "damping": {"mass_proportional": 0.1, "link_viscosity": 1e-4},
+            "load": {"uniform": [10.0, 0.0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 3.0},
+        }),
+        Case("long runs", "plucked, 1e5 s", {**plucked, "chain": {"links": 5}, "time": short(1e5, 100.0)},
+             quiet=True, long=True, implicit_step=0.05),
+        Case("long runs", "end moves, 1e5 s", {"chain": {"links": 5}, "time": short(1e5, 100.0)},
+             long=True, implicit_step=0.05),
+    ]  # fmt: skip

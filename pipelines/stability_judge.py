@@ -1,0 +1,327 @@
+"""What a run of the stability report is judged by, and what is said of it."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.stats import t as student
+from stability_cases import Case, dividing
+
+import cablepod as cp
+from cablepod.links import Chain, chain_of
+from cablepod.parameters import parameters
+
+SCHEMES = cp.chain.SCHEMES
+VERLET, REFERENCE = SCHEMES[0], "energy_momentum"
+ACCURATE, INACCURATE, REFUSED, STOPPED, BROKEN = CLASSES = ("accurate", "inaccurate", "refused", "stopped", "broken")
+MET, MISSED, WARNED, CHAOTIC, OPEN, NOT_TRIED = STATES = (
+    "met", "missed", "missed with a warning", "no single truth", "truth too coarse", "not tried",
+)  # fmt: skip
+TOLERANCES = (1e-3, 1e-4, 1e-6)
+#: The first and the last of them are tried only where the middle one takes no longer than this [s].
+COSTLY = 4.0
+
+#: An error up to this part of the motion counts as accurate: it is the width of a line in a drawing of it.
+LIMIT = 1e-2
+#: The truth is refined until two runs agree so well, a tenth of the smallest tolerance, or a run takes so many links times steps.
+AGREE, BUDGET, CHECK_BUDGET = 1e-7, 4e8, 1e7
+#: Runs that tell how far equally good runs of a chaotic scene differ; an exact run is taken for a wrong one as rarely as this.
+REALISATIONS, DOUBT = 6, 1e-3
+#: No sound run has so many times the energy of the truth: the numbers are finite, and garbage.
+GARBAGE = 10.0
+#: A run that takes longer than this counts as a hang [s].
+PATIENCE = 120.0
+OUTPUTS = ("position", "velocity", "tension_extremes")
+
+
+class Overdue(RuntimeError):
+    """A run takes too long."""
+
+
+def simulate(scene: xr.Dataset, **options: Any) -> xr.Dataset:
+    """Run the chain, not longer than PATIENCE."""
+    begin = time.perf_counter()
+
+    def look(_: float) -> None:
+        if time.perf_counter() - begin > PATIENCE:
+            raise Overdue
+
+    return cp.chain.simulate(scene, progress=look, **options)
+
+
+# --- energy ---------------------------------------------------------------------------------------------------------
+
+
+def energies(chain: Chain, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Kinetic and strain energy and that of the constant loads [J], (time,), from positions [m] and velocities [m/s].
+
+    Particles that are held count nowhere.  The loads' energy counts from the first position, so that it is no large number
+    of which digits cancel.
+    """
+    p, free = chain.p, chain.free
+    size = np.sqrt(np.sum(np.diff(x, axis=1) ** 2, axis=-1))
+    strain = 0.5 * (chain.k * np.maximum(size - chain.length, 0.0) ** 2).sum(axis=-1)
+    kinetic = 0.5 * p.mass * (chain.share * np.sum(v**2, axis=-1))[:, free].sum(axis=-1)
+    return kinetic, strain, -((x - x[0]) * chain.loads())[:, free].sum(axis=(1, 2))
+
+
+def drift(chain: Chain, x: np.ndarray, v: np.ndarray, work: np.ndarray | float = 0.0) -> float:
+    """Largest change of the energy, less the work of the ends, over the largest kinetic and strain energy at one time.
+
+    That sum is what a scheme handles and rounds, and it does not depend on where the loads' energy is counted from.
+    """
+    kinetic, strain, potential = energies(chain, x, v)
+    change = kinetic + strain + potential - work
+    return float(np.abs(change - change[0]).max() / max((kinetic + strain).max(), 1e-300))
+
+
+def work_of_ends(chain: Chain, x: np.ndarray, *, conserving: bool) -> np.ndarray:
+    """Work that the ends have done since the start [J], (time,), from the positions at all steps.
+
+    The force of a step is the mean of those at its two ends; for the energy-momentum scheme that of the scheme, by the
+    difference quotient of the link's energy: then kinetic, strain and potential energy change by just this work.
+    """
+    total = np.zeros(len(x))
+    for end, link in ((0, 0), (-1, -1)):
+        reach = np.diff(x, axis=1)[:, link] * (1.0 if end == -1 else -1.0)  # from the neighbour to the end
+        square = np.sum(reach**2, axis=-1)
+        size, k, length = np.sqrt(square), chain.k[link], chain.length[link]
+        over = np.maximum(size - length, 0.0)
+        if conserving:
+            gap = square[1:] - square[:-1]
+            tangent = k * np.maximum(1.0 - 2.0 * length / (size[1:] + size[:-1]), 0.0)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                secant = k * (over[1:] ** 2 - over[:-1] ** 2) / gap
+            both = (over[1:] > 0.0) & (over[:-1] > 0.0)
+            factor = np.where(both | (gap == 0.0), tangent, secant)
+            force = factor[:, None] * 0.5 * (reach[1:] + reach[:-1])
+        else:
+            pull = (k * over / size)[:, None] * reach
+            force = 0.5 * (pull[1:] + pull[:-1])
+        total[1:] += np.cumsum(np.sum(force * np.diff(x[:, end], axis=0), axis=-1))
+    return total
+
+
+# --- truth ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the runs of a case are judged by."""
+
+    run: xr.Dataset  #: the finest run
+    error: float  #: its distance to the next coarser one, over the motion
+    check: float  #: its distance to the run by another scheme
+    energy: float  #: its largest kinetic and strain energy [J]
+    samples: (
+        np.ndarray | None
+    )  #: statistics of equally good runs (realisation, statistic), where single motions mean nothing
+
+
+def statistics(chain: Chain, run: xr.Dataset) -> np.ndarray:
+    """Rms displacement [m], mean kinetic and strain energy [J], largest tension [N]."""
+    x, v = run["position"].values, run["velocity"].values
+    kinetic, strain, _ = energies(chain, x, v)
+    away = np.sqrt(np.mean(np.sum((x - x[0]) ** 2, axis=-1)))
+    return np.array([away, np.mean(kinetic + strain), float(run["tension_maximum"].max())])
+
+
+def error_of(run: xr.Dataset, truth: xr.Dataset) -> float:
+    """Largest error over the motion."""
+    return float(cp.compare.errors(run, truth)["error_max"])
+
+
+def truth_of(case: Case, scene: xr.Dataset) -> Truth:
+    """Find the truth of a case, or that there is none."""
+    chain = chain_of(parameters(scene))
+    limit, duration = chain.step_limit(), float(scene["time_duration"])
+
+    def run(part: float) -> xr.Dataset:
+        return simulate(scene, scheme=VERLET, step=dividing(scene, limit / part), outputs=OUTPUTS)
+
+    if case.long:
+        # phases are lost: no refinement that anyone could wait for brings two runs together
+        samples = np.array([statistics(chain, run(part)) for part in (1.5, 2.0, 2.5)])
+        fine = run(2.0)
+        error = check = np.inf
+    else:
+        part, fine, error = 4.0, run(4.0), np.inf
+        while error == np.inf or (error > AGREE and 2.0 * part * duration / limit * chain.links <= BUDGET):
+            part, coarse, fine = 2.0 * part, fine, run(2.0 * part)
+            error = error_of(coarse, fine)
+        other = max(limit / part, duration * chain.links / CHECK_BUDGET)
+        check = error_of(simulate(scene, scheme=REFERENCE, step=dividing(scene, other)), fine)
+        samples = None
+        if error > LIMIT:
+            samples = np.array([statistics(chain, run(4.0 + i)) for i in range(REALISATIONS)])
+    kinetic, strain, _ = energies(chain, fine["position"].values, fine["velocity"].values)
+    return Truth(fine, error, check, float((kinetic + strain).max()), samples)
+
+
+# --- judging --------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Verdict:
+    """What came of one run."""
+
+    outcome: str
+    error: float = np.nan  #: over the motion; of the statistic that is farthest off where there is no other truth
+    energy_drift: float = np.nan
+    steps: int = 0
+    run_time: float = 0.0  #: [s]
+    step: float = np.nan  #: [s]
+    kept: float = 0.0  #: part of the duration that was computed
+    message: str = ""
+
+
+def garbage(chain: Chain, run: xr.Dataset, truth: Truth | None) -> str:
+    """Say what is wrong with a run that claims to be sound; nothing where nothing is."""
+    for name in run.data_vars:
+        if not np.isfinite(run[name].values).all():
+            return f"{name} is not finite everywhere"
+    if truth is not None:
+        kinetic, strain, _ = energies(chain, run["position"].values, run["velocity"].values)
+        if float((kinetic + strain).max()) > GARBAGE * truth.energy:
+            return (
+                f"finite, but with {float((kinetic + strain).max()) / truth.energy:.2g} times the energy of the truth"
+            )
+    return ""
+
+
+def judge(case: Case, scene: xr.Dataset, truth: Truth | None, run: Callable[[], xr.Dataset]) -> Verdict:
+    """Make a run and say what came of it; `truth` is None where no run was possible."""
+    chain = chain_of(parameters(scene))
+    try:
+        result = run()
+    except cp.SceneError as error:
+        return Verdict(REFUSED if str(error) else BROKEN, message=str(error))
+    except cp.RunStopped as error:
+        return _stopped(chain, float(scene["time_duration"]), error)
+    except Overdue:
+        return Verdict(BROKEN, message=f"still running after {PATIENCE:g} s")
+    verdict = Verdict(BROKEN, steps=int(result.attrs["number_of_steps"]), step=float(result.attrs["step"]), kept=1.0)
+    verdict.message = garbage(chain, result, truth)
+    if verdict.message or truth is None:
+        return verdict
+    if case.quiet:
+        verdict.energy_drift = drift(chain, result["position"].values, result["velocity"].values)
+    verdict.error, accurate = _accuracy(chain, result, truth)
+    verdict.outcome = ACCURATE if accurate else INACCURATE
+    return verdict
+
+
+def _stopped(chain: Chain, duration: float, error: cp.RunStopped) -> Verdict:
+    """Judge what is left of a run that was stopped: it must be there, marked, and free of garbage."""
+    kept = error.partial
+    if kept is None or "incomplete" not in kept.attrs or not str(error):
+        return Verdict(BROKEN, message=f"stopped, and nothing kept of it: {error}")
+    wrong = garbage(chain, kept, None)
+    return Verdict(
+        BROKEN if wrong else STOPPED,
+        steps=int(kept.attrs["number_of_steps"]),
+        step=float(kept.attrs["step"]),
+        kept=float(kept["time"][-1]) / duration,
+        message=wrong or str(error),
+    )
+
+
+def _accuracy(chain: Chain, run: xr.Dataset, truth: Truth) -> tuple[float, bool]:
+    """Error of a run, and whether that is accurate.
+
+    Where there is no truth but in statistics, a run is accurate if it lies no farther from the mean of equally good runs than
+    one more of them would in all but one of a thousand cases (Student's distribution, as the spread is known from few runs),
+    or within LIMIT.
+    """
+    if truth.samples is None:
+        error = error_of(run, truth.run)
+        return error, error <= LIMIT
+    count, mean = len(truth.samples), truth.samples.mean(axis=0)
+    spread = truth.samples.std(axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / count)
+    away = np.abs(statistics(chain, run) - mean)
+    allowed = np.maximum(student.isf(0.5 * DOUBT, count - 1) * spread, LIMIT * mean)
+    worst = int(np.argmax(away / np.maximum(allowed, 1e-300)))
+    return float(away[worst] / mean[worst]), bool((away <= allowed).all())
+
+
+def of_scheme(case: Case, scene: xr.Dataset, truth: Truth | None, scheme: str, step: float) -> Verdict:
+    """Judge one scheme on one case, with the run time of its second run: the first may have to compile."""
+    options = {"scheme": scheme, "step": step, "outputs": OUTPUTS}
+    verdict, first = _timed(lambda: judge(case, scene, truth, lambda: simulate(scene, **options)))
+    verdict.run_time = first
+    if verdict.kept:
+        again = [first]
+        if first < 2.0:
+            again.append(_timed(lambda: _quietly(lambda: simulate(scene, **options)))[1])
+        verdict.run_time = min(again)
+    return verdict
+
+
+def _timed(call: Callable[[], Any]) -> tuple[Any, float]:
+    begin = time.perf_counter()
+    return call(), time.perf_counter() - begin
+
+
+def _quietly(call: Callable[[], Any]) -> Any:
+    try:
+        return call()
+    except cp.RunStopped:
+        return None
+
+
+@dataclass
+class Chosen:
+    """What came of a run with a tolerance."""
+
+    state: str
+    error: float = np.nan
+    scheme: str = ""
+    step: float = np.nan  #: [s]
+    run_time: float = 0.0  #: [s]
+    reason: str = ""
+
+
+def of_tolerance(scene: xr.Dataset, truth: Truth | None, tolerance: float) -> Chosen:
+    """Judge the scheme and step that a tolerance picks."""
+    if truth is None or truth.samples is not None:
+        return Chosen(CHAOTIC)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            run, seconds = _timed(lambda: simulate(scene, tolerance=tolerance))
+        except (cp.SceneError, cp.RunStopped, Overdue) as error:
+            return Chosen(MISSED, reason=f"{type(error).__name__}: {error}")
+    told = any(issubclass(item.category, cp.NotConvergedWarning) for item in caught)
+    error = error_of(run, truth.run)
+    state = MET if error <= tolerance else WARNED if told else MISSED
+    if truth.error > 0.3 * tolerance:  # halving the step brings another third of it at most where the order is two
+        state = OPEN
+    attrs = run.attrs
+    return Chosen(state, error, attrs["scheme"], float(attrs["step"]), seconds, str(attrs["choice_of_scheme"]))
+
+
+def row(case: Case) -> dict[str, Any]:
+    """Run all schemes and tolerances over one case."""
+    scene = case.scene()
+    try:
+        truth, steps = truth_of(case, scene), case.steps(scene)
+    except cp.SceneError:  # then every scheme must say so by itself
+        truth, steps = None, dict.fromkeys(SCHEMES, dividing(scene, 0.5 * chain_of(parameters(scene)).step_limit()))
+    verdicts = [of_scheme(case, scene, truth, scheme, steps[scheme]) for scheme in SCHEMES]
+    chosen = {1e-4: of_tolerance(scene, truth, 1e-4)}
+    for tolerance in TOLERANCES:
+        if tolerance not in chosen:
+            costly = chosen[1e-4].run_time > COSTLY
+            chosen[tolerance] = Chosen(NOT_TRIED) if costly else of_tolerance(scene, truth, tolerance)
+    return {
+        "case": case,
+        "truth": truth,
+        "verdicts": verdicts,
+        "chosen": [chosen[tolerance] for tolerance in TOLERANCES],
+    }
