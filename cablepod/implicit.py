@@ -12,11 +12,11 @@ from cablepod.runs import Run, State
 from cablepod.stepping import Instants
 
 SCHEMES = ("trapezoidal", "generalized_alpha", "energy_momentum")
-#: Newton's method ends with a correction of the positions, over the mean link, of at most the last number, and so small that what
-#: the tangent does not know of it changes the mean tension by no more than the first: turned by an angle d a link is longer by
-#: half its square, so a correction of d l leaves K d^2/2.
+#: Newton's method ends with a correction that turns the links by so little, in the mean, that what the tangent does not know
+#: of it changes the mean tension by no more than the first number: turned by an angle d a link is longer by half its square,
+#: which pulls with K d^2/2.  The angle is kept between the other two.
 TENSION_LEFT, SMALLEST, LARGEST = 1e-10, 1e-9, 1e-6
-#: What rounding makes of a correction, over the largest coordinate, in stiff chains; and in most.
+#: What rounding makes of a correction, over the coordinates, in stiff chains; and in most.
 ROUNDING, LEAST_ROUNDING = 64.0 * float(np.finfo(float).eps), 8.0 * float(np.finfo(float).eps)
 #: A step in which Newton's method does not converge is cut into so many at most.
 MOST_CUTS = 1024
@@ -84,7 +84,7 @@ class ImplicitRun(Run):
         for pattern, factor in chain.varying():
             total += factor(time)[:, None, None] * pattern
         a = np.zeros_like(x)
-        a[:, chain.free] = total[:, chain.free] / march.mass[:, None]
+        a[:, chain.free] = total[:, chain.free] / march.mass[chain.free, None]
         if chain.p.mass_damping is not None:
             a[:, chain.free] -= chain.p.mass_damping * v[:, chain.free]
         return a
@@ -110,22 +110,27 @@ class _March:
     def __init__(self, run: ImplicitRun, instants: Instants) -> None:
         chain, p, free = run.chain, run.chain.p, run.chain.free
         self.run, self.instants = run, instants
-        self.mass = p.mass * chain.share[free]
+        # the kernels loop over all particles: what moves them is 0 at those that are held
+        self.mass = np.zeros(chain.links + 1)
+        self.mass[free] = p.mass * chain.share[free]
         self.x = np.ascontiguousarray(run.initial.T)
-        self.v = np.zeros((p.dims, self.mass.size))
-        self.force = np.ascontiguousarray(run.first_force()[free].T)
-        self.a = self.force / self.mass
-        self.loads = np.ascontiguousarray(chain.loads()[free].T)
+        self.v = np.zeros_like(self.x)
+        self.force, self.a = self._of_free(run.first_force()), np.zeros_like(self.x)
+        self.a[:, free] = self.force[:, free] / self.mass[free]
+        self.loads = self._of_free(chain.loads())
         self.varying = chain.varying()
-        self.patterns = (
-            np.array([np.ascontiguousarray(pattern[free].T) for pattern, _ in self.varying]) if self.varying else None
-        )
+        self.patterns = np.array([self._of_free(pattern) for pattern, _ in self.varying]) if self.varying else None
         self.saved = np.zeros((instants.steps.size, 3, p.dims, chain.links + 1))
         self.extremes = run.extremes()
         tension = float(np.abs(chain.pull(run.initial)[0]).mean())
-        enough = min(max(math.sqrt(2.0 * TENSION_LEFT * tension / p.stiffness), SMALLEST), LARGEST)
-        self.enough = enough * float(chain.length.mean())
+        self.enough = min(max(math.sqrt(2.0 * TENSION_LEFT * tension / p.stiffness), SMALLEST), LARGEST)
         self.iterations, self.cuts = 0, 0
+
+    def _of_free(self, values: np.ndarray) -> np.ndarray:
+        """(dims, n + 1) from (n + 1, dims), with 0 at the particles that are held."""
+        free, result = self.run.chain.free, np.zeros(values.shape[::-1])
+        result[:, free] = values[free].T
+        return result
 
     def advance(self, start: int, steps: int) -> int:
         """Take steps on the grid of the run; returns how many were done."""
@@ -157,10 +162,7 @@ class _March:
 
     def save_last(self) -> None:
         """Save the state after the last step, which no step begins with."""
-        free = self.run.chain.free
-        self.saved[-1, 0] = self.x
-        self.saved[-1, 1, :, free] = self.v
-        self.saved[-1, 2, :, free] = self.a
+        self.saved[-1] = self.x, self.v, self.a
         if self.extremes is not None:
             tension = self.run.chain.pull(self.x.T)[0]
             np.minimum(self.extremes[0], tension, out=self.extremes[0])
@@ -179,7 +181,15 @@ class _March:
         moving = run.moving
         ends = p.end_positions(time) if moving else None
         low, high = self.extremes or (None, None)
-        links = (chain.free.start, chain.k, chain.length, chain.inverse_squares, self.mass, p.mass_damping)
+        links = (
+            chain.free.start,
+            chain.free.stop,
+            chain.k,
+            chain.length,
+            chain.inverse_squares,
+            self.mass,
+            p.mass_damping,
+        )
         loads = (
             self.loads,
             self.patterns,
@@ -190,9 +200,10 @@ class _March:
         )
         # where the chain is now and where its ends go: it may have been moved far from where it began
         largest = max(float(np.abs(self.x).max()), 0.0 if ends is None else float(np.abs(ends).max()))
+        turned = largest * math.sqrt((1.0 / chain.length**2).mean())  # a link, by a coordinate that is off by itself
         last = (start, steps, save, saved, low, high)
         if run.method == "energy_momentum":
-            rounding = (LEAST_ROUNDING * largest, ROUNDING * largest)
+            rounding = (LEAST_ROUNDING * turned, ROUNDING * turned)
             done, iterations = kernel.energy_momentum(self.x, self.v, *links, *loads, step, *rounding, *last)
         else:
             rates = p.end_positions(time, 1) if p.link_viscosity is not None else None
@@ -206,7 +217,7 @@ class _March:
                 rates,
                 step,
                 *_weights(run),
-                max(self.enough, ROUNDING * largest),
+                max(self.enough, ROUNDING * turned),
                 *last,
             )
         self.iterations += iterations
