@@ -497,7 +497,7 @@ def generalized_alpha(
     rate, inertia = gamma / (beta * step), (1.0 - alpha_m) / (1.0 - alpha_f)
     old_g, old_a = alpha_f / (1.0 - alpha_f), alpha_m / (1.0 - alpha_f)
     diagonal = inert * (inertia * per_d + (0.0 if damping is None else damping * rate))
-    steady = loads.reshape(-1)
+    steady, last_a, first_a = loads.reshape(-1), flat_a.copy(), flat_a.copy()
     iterations, save = 0, 0
     for i in range(steps):
         if save < save_steps.size and save_steps[save] == start + i:
@@ -509,7 +509,8 @@ def generalized_alpha(
             _note_tension(x, low, high, inverse, k, length)
         for q in range(d.size):
             vq, aq = flat_v[q], flat_a[q]
-            d[q] = step * (vq + 0.5 * step * aq)
+            # what is resolved goes on linearly, what is not swings from step to step: a1 = a + a(-1) - a(-2) is right for both
+            d[q] = step * (vq + step * ((0.5 - beta) * aq + beta * (aq + last_a[q] - first_a[q])))
             flat_trial[q] = flat_x[q] + d[q]
             # all of the balance that the unknowns of the step do not change
             balance = old_g * flat_g[q] + inert[q] * (inertia * (per_v * vq + per_a * aq) - old_a * aq)
@@ -559,6 +560,7 @@ def generalized_alpha(
             new = per_d * (d[q] - step * vq) - per_a * aq
             flat_v[q] = vq + step * ((1.0 - gamma) * aq + gamma * new)
             flat_g[q] = inert[q] * (inertia * new + old_a * aq) - old_g * flat_g[q]
+            first_a[q], last_a[q] = last_a[q], aq
             flat_a[q] = new
             flat_x[q] = flat_trial[q]
     return steps, iterations
