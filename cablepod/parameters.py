@@ -230,6 +230,8 @@ def parameters_of_members(scene: xr.Dataset) -> list[Parameters]:
 
 def _is_gap(value: Any) -> bool:
     """Tell whether a value is the nan by which xarray.concat fills what one scene has and another lacks."""
+    if isinstance(value, float | str):  # most are, and the other way takes ten times as long
+        return value != value
     array = np.asarray(value)
     return array.size > 0 and array.dtype.kind in "fO" and bool(np.all(array != array))
 

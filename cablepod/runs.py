@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,13 @@ class State:
 
 def coordinates(chain: Chain) -> dict[str, Any]:
     """Coordinates of a result on the particles of a chain."""
-    return {"arc_length": ("particle", chain.arc_length), "coordinate": list(COORDINATES[: chain.p.dims])}
+    return {"arc_length": ("particle", chain.arc_length), "coordinate": _axes(chain.p.dims)}
+
+
+@lru_cache
+def _axes(dims: int) -> xr.IndexVariable:
+    """Names of the axes; to make their index takes as long as a hundred steps of a chain."""
+    return xr.IndexVariable("coordinate", list(COORDINATES[:dims]))
 
 
 def suffix(chain: Chain) -> str:
