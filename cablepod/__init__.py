@@ -2,7 +2,7 @@
 
 from importlib.metadata import version
 
-from cablepod import archive, catenary, chain, compare, galerkin, plots, pod
+from cablepod import archive, cable, catenary, chain, compare, galerkin, plots, pod
 from cablepod.archive import ArchiveError
 from cablepod.scene import make_scene, read_scene
 from cablepod.schema import SceneError
@@ -16,6 +16,7 @@ __all__ = [
     "RunStopped",
     "SceneError",
     "archive",
+    "cable",
     "catenary",
     "chain",
     "compare",

@@ -126,7 +126,7 @@ def start(chain: Chain) -> np.ndarray:
     """Positions from which a run starts (n + 1, dims) [m]: at rest, or the shape that the scene's initial table says."""
     p = chain.p
     if "points" in p.initial:
-        return _along_line(chain, np.asarray(p.initial["points"], dtype=float))
+        return along_line(chain, np.asarray(p.initial["points"], dtype=float))
     for key in ("top_tension", "unstretched_length"):
         if key in p.initial:
             other = solve_statics(p, key, p.initial[key], prefix="initial")[0]
@@ -135,7 +135,7 @@ def start(chain: Chain) -> np.ndarray:
     return _rest(chain)[0]
 
 
-def _along_line(chain: Chain, line: np.ndarray) -> np.ndarray:
+def along_line(chain: Chain, line: np.ndarray) -> np.ndarray:
     """Lay the particles on a line: one on each point, or by unstretched length.
 
     Between two held ends the line is shared out in proportion; a free end lies where the unstretched length ends.

@@ -42,6 +42,9 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "tension_maximum": ("N", "largest tension of the link over all steps of the run"),
     "end_position": ("m", "position of the ends"),
     "amplitude": ("m", "amplitude of the mode"),
+    # small vibrations
+    "angular_frequency": ("rad s-1", "angular frequency of small vibrations about rest"),
+    "out_of_plane_share": ("1", "share of the mean square of the shape normal to the plane of chord and load"),
     # modes
     "mode_shape": ("1", "Karhunen-Loeve mode, of unit norm in the inner product of the decomposition"),
     "singular_value": ("m", "singular value of the centred, lifted snapshot matrix"),

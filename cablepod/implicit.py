@@ -42,7 +42,7 @@ class ImplicitRun(Run):
         """Run with so many steps per second."""
         instants = self.instants(rate)
         total = int(instants.steps[-1])
-        march = _March(self, instants)
+        march = self.march(instants)
         done = 0
         while done < total:
             steps = min(stepping.BLOCK, total - done)
@@ -59,8 +59,12 @@ class ImplicitRun(Run):
         march.save_last()
         return self.watch(self._gather(march, instants, instants.steps.size, march.extremes))
 
+    def march(self, instants: Instants) -> March:
+        """Return the state of a run; a model with steps of its own overrides it."""
+        return March(self, instants)
+
     def _gather(
-        self, march: _March, instants: Instants, keep: int, extremes: tuple[np.ndarray, np.ndarray] | None
+        self, march: March, instants: Instants, keep: int, extremes: tuple[np.ndarray, np.ndarray] | None
     ) -> State:
         x, v, a = (np.ascontiguousarray(np.moveaxis(march.saved[:keep, i], 1, 2)) for i in range(3))
         if not self.wants_velocity(instants):
@@ -74,7 +78,7 @@ class ImplicitRun(Run):
             state.notes["spectral_radius"] = self.spectral_radius
         return state
 
-    def _accelerations(self, march: _March, instants: Instants, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def _accelerations(self, march: March, instants: Instants, x: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Accelerations at the saved steps, which the energy-momentum method does not have, from the forces there."""
         chain = self.chain
         time = instants.steps[: len(x)] / instants.rate
@@ -89,7 +93,7 @@ class ImplicitRun(Run):
             a[:, chain.free] -= chain.p.mass_damping * v[:, chain.free]
         return a
 
-    def _stop(self, march: _March, done: int, what: str) -> None:
+    def _stop(self, march: March, done: int, what: str) -> None:
         rate, times = march.instants.rate, march.instants.times
         # the step before the last one done is saved for certain, and so is what lies before it
         count = int(np.searchsorted(times, (done - 1) / rate * (1.0 + 1e-12), side="right")) if done > 0 else 0
@@ -104,7 +108,7 @@ class ImplicitRun(Run):
         self.stop(partial, done, rate, why)
 
 
-class _March:
+class March:
     """The state of an implicit run, advanced in place by the kernels."""
 
     def __init__(self, run: ImplicitRun, instants: Instants) -> None:

@@ -192,6 +192,7 @@ class Run:
             return state
         first, rate = int(np.argmax(broken)), state.instants.rate
         when = float(state.instants.times[first])
+        limit = f", limit {state.notes['step_limit']:.4g} s for taut links" if "step_limit" in state.notes else ""
         kept = None
         if first:
             kept = (
@@ -202,7 +203,8 @@ class Run:
             kept.attrs["incomplete"] = f"stopped at {when:.6g} s of {self.times[-1]:.6g} s"
         raise RunStopped(
             f"the run broke down: at {when:.6g} s the links hold {energy[first]:.3g} J, {excess[first]:.1g} times what rest, "
-            f"loads and ends explain ({self.scheme}, step {1 / rate:.4g} s); try a step half as long, or scheme energy_momentum",
+            f"loads and ends explain ({self.scheme}, step {1 / rate:.4g} s{limit}); try a step half as long, or scheme "
+            "energy_momentum",
             kept,
         )
 

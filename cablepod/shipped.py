@@ -64,3 +64,22 @@ def table(name: str) -> dict[str, np.ndarray]:
         except ValueError:  # texts stay texts
             continue
     return columns
+
+
+def truths() -> list[tuple[str, str]]:
+    """Scenes and laws of which the converged continuous cable is on file."""
+    parts = (path.stem.rpartition("_") for path in (data_folder() / "truth").glob("*.nc"))
+    return sorted((name, law) for name, _, law in parts)
+
+
+def truth_path(name: str, law: str = "green") -> Path:
+    """Return the file of the converged continuous cable of a shipped scene, for ``archive.read``.
+
+    Raises
+    ------
+    SceneError
+        Where there is none; it lists those there are.
+    """
+    if (name, law) not in truths():
+        raise refuse("truth", f"{name}, {law}", "; ".join(", ".join(item) for item in truths()))
+    return data_folder() / "truth" / f"{name}_{law}.nc"

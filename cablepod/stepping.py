@@ -235,7 +235,7 @@ def refine(
             # the order is not known to be the second yet, so nothing is gained from it
             estimate, accepted = distance, distance <= (tolerance if order > FIRST_ORDER else margin * tolerance)
         else:
-            order = min(most_order, _observed_order(distance / last, last_factor, factor))
+            order = min(most_order, observed_order(distance / last, last_factor, factor))
             estimate = distance / (factor**order - 1.0)
             accepted = estimate <= margin * tolerance
         if accepted:
@@ -299,7 +299,7 @@ def _first_sound_run(run: Callable[[float], Any], rate: float) -> tuple[Any, flo
     return run(rate), rate
 
 
-def _observed_order(ratio: float, factor: float, next_factor: float) -> float:
+def observed_order(ratio: float, factor: float, next_factor: float) -> float:
     """Order p between 0.1 and 2 that explains how the distance of two runs fell.
 
     With errors C h^p the distances of a run to the next, whose steps are `factor` and then `next_factor` times shorter, have the

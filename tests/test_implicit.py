@@ -425,13 +425,13 @@ def test_finite_numbers_beyond_all_bounds_are_stopped(soft, scheme):
 def test_a_run_that_fails_on_the_way_keeps_what_was_computed(soft, monkeypatch):
     scene = pulled(soft)
     whole = cp.chain.simulate(scene, scheme="trapezoidal", step=0.05, outputs=("position", "velocity"))
-    plain = implicit._March.advance
+    plain = implicit.March.advance
 
     def until_the_twelfth(self, start, steps):
         return plain(self, start, min(steps, 12 - start)) if start < 12 else 0
 
-    monkeypatch.setattr(implicit._March, "advance", until_the_twelfth)
-    monkeypatch.setattr(implicit._March, "cut", lambda self, number: False)
+    monkeypatch.setattr(implicit.March, "advance", until_the_twelfth)
+    monkeypatch.setattr(implicit.March, "cut", lambda self, number: False)
     with pytest.raises(cp.RunStopped, match=r"at 0\.6 s \(trapezoidal, step 0\.05 s, step number 12\); try") as stopped:
         cp.chain.simulate(scene, scheme="trapezoidal", step=0.05, outputs=("position", "velocity"))
     partial = stopped.value.partial

@@ -55,7 +55,7 @@ def test_nothing_else_needs_the_reproduction():
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_shipped_scene_runs(name):
     given = shipped.scene(name)
-    run = cp.chain.simulate(given, times=[0.0, 0.5], step=2e-4)
+    run = cp.chain.simulate(given, times=[0.0, 0.5], step=1e-4)
     assert np.isfinite(run.position).all()
     assert given.attrs["title"] not in {shipped.scene(other).attrs["title"] for other in VARIANTS if other != name}
     text = (shipped.data_folder() / "README.md").read_text()

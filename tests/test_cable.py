@@ -1,0 +1,377 @@
+"""The continuous cable at rest and its small vibrations: against analytic results, other solvers, its order, what it refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import spatial
+from scipy.integrate import solve_bvp
+from scipy.optimize import brentq
+
+import cablepod as cp
+from cablepod import elements
+
+SAGGING = {
+    "cable": {"youngs_modulus": 2.0e7, "area": 1.0e-3, "density": 1000.0, "unstretched_length": 12.0},
+    "ends": {"lower": [0.0, 0.0], "upper": [10.0, 1.0]},
+}
+
+
+def of(mapping, **changes):
+    return cp.make_scene({**mapping, **changes})
+
+
+def orders(errors, numbers):
+    return np.log(np.divide(errors[:-1], errors[1:])) / np.log(np.divide(numbers[1:], numbers[:-1]))
+
+
+# --- elements ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 7, 8, 16])
+def test_quadrature_and_derivative_are_exact_for_polynomials(order):
+    node, weight, d = elements.reference(order)
+    for power in range(2 * order):
+        exact = 2.0 / (power + 1) if power % 2 == 0 else 0.0
+        assert weight @ node**power == pytest.approx(exact, abs=1e-14)  # sums of numbers of size 1
+        if power <= order:
+            slope = power * node ** max(power - 1, 0)
+            # the entries of d grow with the square of the order: rounding times 16^2 times a few
+            assert np.allclose(d @ node**power, slope, atol=1e-12)
+    place = np.linspace(-1.0, 1.0, 9)
+    assert np.allclose(elements.lagrange(order, place) @ node**order, place**order, atol=1e-14)
+
+
+def test_point_loads_stand_between_elements(soft):
+    from cablepod.parameters import parameters
+
+    soft["point_load"] = [{"arc_length": 0.1, "force": [0.0, -1.0]}, {"arc_length": 0.73, "force": [0.0, -2.0]}]
+    mesh = elements.mesh_of(parameters(of(soft)), 7)
+    border = mesh.arc_length[:: mesh.order] / mesh.total_length
+    assert np.abs(border[:, None] - [0.1, 0.73]).min(axis=0) == pytest.approx([0.0, 0.0], abs=1e-14)
+    loads = mesh.loads() - mesh.share[:, None] * parameters(of(soft)).weight
+    assert sorted(loads[:, 1])[:2] == pytest.approx([-2.0, -1.0], rel=1e-14)
+    assert mesh.sizes.size == 7
+    assert mesh.sizes.sum() == pytest.approx(mesh.total_length, rel=1e-14)
+    with pytest.raises(cp.SceneError, match=r"elements: given 2; allowed: at least 3"):
+        elements.mesh_of(parameters(of(soft)), 2)
+
+
+# --- rest -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["example1", "example2", "example3", "example4", "sagging", "slack, steep", "soft"])
+def test_rest_by_the_linear_law_is_the_catenary(name, scenes, soft):
+    if name == "slack, steep":
+        scene = of(SAGGING, ends={"lower": [0.0, 0.0], "upper": [2.0, 10.0]})
+    else:
+        scene = of(soft) if name == "soft" else cp.read_scene(scenes / f"{name}.toml")
+    rest = cp.cable.rest(scene, law="linear", points=41)
+    exact = cp.catenary.rest(scene, points=41)
+    length = float(exact.unstretched_length)
+    # between nodes the polynomials of an element are as good as at them: the default asks for 1e-10 of the length there
+    assert np.abs(rest.position - exact.position).max() < 1e-9 * length
+    nodes = cp.cable.rest(scene, law="linear", elements=128)
+    assert (
+        np.abs(nodes.position - cp.catenary.rest(scene, points=nodes.sizes["particle"]).position).max() < 1e-10 * length
+    )
+    # a tension is K times a strain, which has the rounding of positions over the distance of nodes, a 2000th of the length here
+    rounding = 1e-12 * float(scene.cable_youngs_modulus * scene.cable_area)
+    assert float(nodes.tension_upper) == pytest.approx(float(exact.tension_upper), rel=1e-8, abs=rounding)
+    assert float(nodes.tension_lower) == pytest.approx(float(exact.tension_lower), rel=1e-8, abs=rounding)
+    assert float(nodes.stretched_length) == pytest.approx(float(exact.stretched_length), rel=1e-11)
+
+
+def boundary_value_solution(mapping, length, fractions):
+    """Rest by law (21) from the differential equation (F)' = q, r' = F/|F| xi(|F|), by collocation in SciPy."""
+    k = mapping["cable"]["youngs_modulus"] * mapping["cable"]["area"]
+    q = mapping["cable"]["density"] * mapping["cable"]["area"] * 9.81
+    (x0, y0), (x1, y1) = mapping["ends"]["lower"], mapping["ends"]["upper"]
+
+    def slope(s, state):
+        size = np.hypot(state[2], state[3])
+        # Cardano: xi^3 - xi = 2 |F| / K, its root above 1
+        c = 3.0 * np.sqrt(3.0) * size / k
+        xi = (
+            2.0
+            / np.sqrt(3.0)
+            * np.where(
+                c < 1.0, np.cos(np.arccos(np.minimum(c, 1.0)) / 3.0), np.cosh(np.arccosh(np.maximum(c, 1.0)) / 3.0)
+            )
+        )
+        return np.stack([xi * state[2] / size, xi * state[3] / size, 0.0 * size, q + 0.0 * size])
+
+    def ends(a, b):
+        return np.array([a[0] - x0, a[1] - y0, b[0] - x1, b[1] - y1])
+
+    s = np.linspace(0.0, length, 400)
+    guess = np.stack(
+        [x0 + (x1 - x0) * s / length, y0 - 3.0 * np.sin(np.pi * s / length), 0 * s + 30.0, q * (s - length / 2)]
+    )
+    solution = solve_bvp(slope, ends, s, guess, tol=1e-10, max_nodes=50000)
+    assert solution.success
+    return solution.sol(length * fractions).T[:, :2]
+
+
+@pytest.mark.parametrize("youngs_modulus", [2.0e5, 2.0e7, 2.0e4])
+def test_rest_by_law_21_solves_the_boundary_value_problem(youngs_modulus):
+    mapping = {**SAGGING, "cable": {**SAGGING["cable"], "youngs_modulus": youngs_modulus}}
+    rest = cp.cable.rest(of(mapping), elements=32, points=21)
+    other = boundary_value_solution(mapping, 12.0, np.linspace(0.0, 1.0, 21))
+    # the other solver asks for 1e-10, relative, of the slopes between its nodes
+    assert np.abs(rest.position.values - other).max() < 1e-9
+    if youngs_modulus == 2.0e5:  # strains of some tenths: here the laws differ by more than a hundred times that
+        assert (
+            np.abs(cp.cable.rest(of(mapping), elements=32, points=21, law="linear").position.values - other).max()
+            > 1e-3
+        )
+
+
+@pytest.mark.parametrize(("order", "numbers"), [(1, (32, 64)), (2, (64, 128)), (3, (32, 64)), (4, (32, 64))])
+def test_rest_converges_at_the_order_of_the_elements(order, numbers):
+    scene = of(SAGGING, cable={**SAGGING["cable"], "unstretched_length": 11.0})
+    exact = cp.cable.rest(scene, elements=64, points=400).position  # of order 7
+    errors = [
+        float(np.sqrt(((cp.cable.rest(scene, elements=n, order=order, points=400).position - exact) ** 2).mean()))
+        for n in numbers
+    ]
+    # order + 2 from order 2 on: GLL nodes are places of superconvergence (Bakker 1982), and what interpolation between them
+    # adds, of order + 1, is small in so smooth a shape.  A sag of a quarter of the span leaves a fifth of an order to the limit.
+    assert orders(errors, numbers) == pytest.approx([2 if order == 1 else order + 2], abs=0.25)
+
+
+def test_rest_under_point_loads_is_the_limit_of_the_chain(soft):
+    soft["point_load"] = [{"arc_length": 0.25, "force": [3.0, -20.0]}, {"arc_length": 0.7, "force": [0.0, 10.0]}]
+    soft["load"] = {"uniform": [2.0, 1.0]}
+    scene = of(soft)
+    coarse, fine = (cp.chain.rest(scene, links=n, law="green").position.values[:: n // 20] for n in (200, 400))
+    limit = (4.0 * fine - coarse) / 3.0
+    rest = cp.cable.rest(scene, points=21)
+    # Richardson: what is left is of fourth order, 1e-4 of the distance of the two chains at least
+    assert np.abs(rest.position.values - limit).max() < 1e-8
+    assert np.abs(fine - limit).max() > 1e-7
+    assert float(rest.residual) < 1e-7  # K/h times the rounding of positions
+
+
+def test_rest_planar_is_spatial(soft):
+    soft["point_load"] = [{"arc_length": 0.25, "force": [3.0, -20.0]}]
+    flat, deep = cp.cable.rest(of(soft)), cp.cable.rest(of(spatial(soft)))
+    assert np.array_equal(flat.position.values, deep.position.values[:, :2])
+    assert not deep.position.values[:, 2].any()
+    assert np.array_equal(flat.tension.values, deep.tension.values)
+
+
+def test_rest_of_a_hardly_extensible_cable():
+    mapping = {**SAGGING, "cable": {**SAGGING["cable"], "youngs_modulus": 1e16}}
+    rest = cp.cable.rest(of(mapping), law="linear", points=41)
+    assert np.abs(rest.position - cp.catenary.rest(of(mapping)).position).max() < 1e-9
+
+
+@pytest.mark.parametrize("span", [0.5, 0.1])
+def test_a_cable_that_turns_sharply(span):
+    # the bend has a radius of some cm, and 128 elements, the most that are tried, are of 9 cm
+    scene = of(SAGGING, ends={"lower": [0.0, 0.0], "upper": [span, 10.0]})
+    rest = cp.cable.rest(scene, law="linear", points=41)
+    assert rest.attrs["elements"] == 128
+    error = np.abs(rest.position - cp.catenary.rest(scene).position).max()
+    # what is said of it is the largest distance at nodes and between them
+    assert error <= rest.attrs["space_error_estimate"] * float(rest.unstretched_length) < 1e-2 * span
+    with pytest.raises(cp.SceneError, match=r"stretch in 2 elements is 0\.\d+ somewhere; allowed: .* enough elements"):
+        cp.cable.frequencies(scene, elements=2, order=3)
+    if span == 0.1:
+        with pytest.raises(cp.SceneError, match=r"stretch in 128 elements is 0\.\d+ somewhere"):
+            cp.cable.frequencies(scene, count=1)
+
+
+def test_rest_refuses(soft):
+    with pytest.raises(cp.SceneError, match=r'law: given .cubic.; allowed: one of "linear", "green"'):
+        cp.cable.rest(of(soft), law="cubic")
+    with pytest.raises(cp.SceneError, match=r"order: given 17; .* at most 16"):
+        cp.cable.rest(of(soft), order=17)
+    with pytest.raises(cp.SceneError, match=r"elements: given 0; allowed: a whole number of at least 1"):
+        cp.cable.rest(of(soft), elements=0)
+    for points in ([0.0, 0.5], [0.0, 0.5, 0.5, 1.0]):
+        with pytest.raises(cp.SceneError, match=r"points: given .*; allowed: rising fractions"):
+            cp.cable.rest(of(soft), points=points)
+    with pytest.raises(cp.SceneError, match=r'points: given .all.; allowed: .*"nodes"'):
+        cp.cable.rest(of(soft), points="all")
+    with pytest.raises(cp.SceneError, match=r"^cable: no rest found with all places taut"):
+        cp.cable.rest(of(SAGGING, ends={"lower": [0.0, 0.0], "upper": [0.0, 10.0]}))
+
+
+def test_where_results_are_given(soft):
+    assert cp.cable.rest(of(soft)).sizes == {"particle": 9, "link": 8, "coordinate": 2}
+    relative = cp.cable.rest(of(soft, chain={"link_lengths": [1.0, 3.0]}))
+    assert (relative.arc_length / relative.unstretched_length).values == pytest.approx([0.0, 0.25, 1.0], rel=1e-15)
+    del soft["chain"]
+    assert cp.cable.rest(of(soft)).sizes["particle"] == 41
+    nodes = cp.cable.rest(of(soft), elements=3, order=4, points="nodes")
+    assert nodes.sizes["particle"] == 13
+    some = cp.cable.rest(of(soft), elements=3, order=4, points=[0.0, 0.2, 1.0])
+    assert (some.arc_length / some.unstretched_length).values == pytest.approx([0.0, 0.2, 1.0])
+    for dataset in (nodes, some):
+        for variable in dataset.variables.values():
+            assert {"units", "long_name"} <= set(variable.attrs)
+
+
+# --- small vibrations -------------------------------------------------------------------------------------------------
+
+
+def horizontal(lam2, slope, dims=3):
+    """Return a horizontal cable of Irvine's lambda^2 and of weight over horizontal force `slope`, and its sqrt(H/mu)/span."""
+    load, span = 10.0, 100.0
+    force = load * span / slope
+    stiffness = lam2 * force * (1.0 + slope**2 / 8.0) / slope**2
+    scene = cp.make_scene(
+        {
+            "cable": {"youngs_modulus": stiffness, "area": 1.0, "specific_weight": load, "horizontal_force": force},
+            "ends": {"lower": [0.0] * dims, "upper": [span] + [0.0] * (dims - 1)},
+        }
+    )
+    return scene, np.sqrt(force * 9.81 / load) / span, force / stiffness
+
+
+def symmetric_roots(lam2, count):
+    """Roots of tan(z/2) = z/2 - 4/lam2 (z/2)^3, Irvine and Caughey (1974), without its poles."""
+
+    def f(z):
+        return np.sin(z / 2.0) + (4.0 / lam2 * (z / 2.0) ** 3 - z / 2.0) * np.cos(z / 2.0)
+
+    z = np.linspace(1e-2, (2 * count + 3) * np.pi, 4001)
+    change = np.flatnonzero(f(z[:-1]) * f(z[1:]) < 0.0)
+    return np.array([brentq(f, z[i], z[i + 1], xtol=1e-12) for i in change])[:count]
+
+
+@pytest.mark.parametrize("lam2", [0.1, 1.0, 10.0, 4.0 * np.pi**2, 60.0, 200.0, 1000.0])
+@pytest.mark.parametrize("law", ["linear", "green"])
+def test_frequencies_of_a_horizontal_cable_are_irvine_and_caugheys(lam2, law):
+    slope = 0.02
+    scene, unit, strain = horizontal(lam2, slope)
+    result = cp.cable.frequencies(scene, count=8, law=law)
+    found = result.angular_frequency.values / unit
+    out = result.out_of_plane_share.values > 0.5
+    assert np.abs(result.out_of_plane_share.values - out).max() < 1e-12  # each mode is in the plane or normal to it
+    # the theory leaves out the square of the slope of the sag, at most slope/2, and the stretch: a cable of mass mu per
+    # unstretched length is longer by H/K than its span and has tension over stretch, not tension, across it
+    allowed = slope**2 / 4.0 + 1.6 * strain
+    theory = np.sort(np.concatenate([symmetric_roots(lam2, 4), 2.0 * np.pi * np.arange(1, 5)]))[: (~out).sum()]
+    assert np.abs(found[~out] / theory - 1.0).max() < allowed
+    assert np.abs(found[out] / np.pi / np.arange(1, out.sum() + 1) - 1.0).max() < allowed
+
+
+def test_the_distance_from_irvine_and_caughey_falls_with_the_square_of_the_sag():
+    distance = []
+    for slope in (0.08, 0.04, 0.02):
+        scene, unit, _ = horizontal(30.0, slope, dims=2)
+        found = cp.cable.frequencies(scene, count=4, law="linear").angular_frequency.values / unit
+        theory = np.sort(np.concatenate([symmetric_roots(30.0, 3), 2.0 * np.pi * np.arange(1, 4)]))[:4]
+        distance.append(np.abs(found / theory - 1.0).max())
+    assert orders(distance, (1.0, 2.0, 4.0)) == pytest.approx([2.0, 2.0], abs=0.1)
+
+
+def test_the_crossover():
+    # below 4 pi^2 the first symmetric vibration is the lowest, above it the antisymmetric one; the shape tells which
+    for lam2, antisymmetric in ((0.97 * 4.0 * np.pi**2, False), (1.03 * 4.0 * np.pi**2, True)):
+        scene, _, _ = horizontal(lam2, 0.02, dims=2)
+        shape = cp.cable.frequencies(scene, count=1, points=41).mode_shape.values[0, :, 1]
+        assert (np.abs(shape + shape[::-1]).max() < 1e-6) == antisymmetric
+        assert (np.abs(shape - shape[::-1]).max() < 1e-6) != antisymmetric
+
+
+@pytest.mark.parametrize("law", ["linear", "green"])
+def test_frequencies_of_a_weightless_cable_are_exact(law):
+    length, span, stiffness, mass = 10.0, 10.5, 2.0e4, 1.0
+    stretch = span / length
+    tension = stiffness * (stretch - 1.0) if law == "linear" else 0.5 * stiffness * stretch * (stretch**2 - 1.0)
+    tangent = stiffness if law == "linear" else stiffness * (1.5 * stretch**2 - 0.5)
+    scene = cp.make_scene(
+        {
+            "gravity": 1e-9,
+            "cable": {"youngs_modulus": stiffness, "area": 1.0, "density": mass, "unstretched_length": length},
+            "ends": {"lower": [0.0, 0.0], "upper": [0.6 * span, 0.8 * span]},
+        }
+    )
+    result = cp.cable.frequencies(scene, count=6, law=law)
+    number = np.arange(1, 7) * np.pi / length
+    exact = np.sort(np.concatenate([number * np.sqrt(tension / stretch / mass), number * np.sqrt(tangent / mass)]))[:6]
+    # the default asks that twice the elements change nothing by more than 1e-8
+    assert result.angular_frequency.values == pytest.approx(exact, rel=1e-8)
+    shape = result.mode_shape.values[0]
+    assert np.abs(shape @ [0.6, 0.8]).max() < 1e-6  # the lowest one is across the cable
+    assert np.abs(shape @ [-0.8, 0.6]).max() == pytest.approx(np.sqrt(2.0), rel=1e-8)  # a sine of mean square 1
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_frequencies_converge_at_twice_the_order(order):
+    scene = of(SAGGING, cable={**SAGGING["cable"], "unstretched_length": 10.2})
+    exact = cp.cable.frequencies(scene, elements=32, count=3).angular_frequency.values
+    numbers = (16, 32) if order == 3 else (32, 64)
+    errors = [
+        np.abs(
+            cp.cable.frequencies(scene, elements=n, order=order, count=3).angular_frequency.values / exact - 1.0
+        ).max()
+        for n in numbers
+    ]
+    assert orders(errors, numbers) == pytest.approx([2 * order], abs=0.1)
+
+
+def chain_frequencies(scene, links, law):
+    """Eigenvalues of the chain's tangent at rest by dense matrices, written down link by link [rad/s]."""
+    rest = cp.chain.rest(scene, links=links, law=law)
+    x, length = rest.position.values, float(rest.unstretched_length) / links
+    stiffness = float(scene.cable_youngs_modulus * scene.cable_area)
+    mass = float(scene.cable_specific_weight * scene.cable_area / scene.gravity) * length
+    dims = x.shape[1]
+    matrix = np.zeros((links + 1, dims, links + 1, dims))
+    for j, reach in enumerate(np.diff(x, axis=0)):
+        xi = np.linalg.norm(reach) / length
+        secant, along = (1.0 - 1.0 / xi, 1.0 / xi**3) if law == "linear" else (0.5 * (xi**2 - 1.0), 1.0)
+        block = stiffness / length * (secant * np.eye(dims) + along * np.outer(reach, reach) / length**2)
+        for a, b, sign in ((j, j, 1), (j + 1, j + 1, 1), (j, j + 1, -1), (j + 1, j, -1)):
+            matrix[a, :, b] += sign * block
+    inner = matrix[1:-1, :, 1:-1].reshape((links - 1) * dims, -1)
+    return np.sqrt(np.linalg.eigvalsh(inner / mass)[:6])
+
+
+@pytest.mark.parametrize("number", [2, 3, 4])
+@pytest.mark.parametrize("law", ["linear", "green"])
+def test_frequencies_of_inclined_cables_are_the_limit_of_the_chain(number, law, scenes):
+    scene = cp.read_scene(scenes / f"example{number}.toml")
+    found = cp.cable.frequencies(scene, law=law).angular_frequency.values
+    coarse, fine = (chain_frequencies(scene, links, law) for links in (60, 120))
+    # mode k of n links is off by (pi k / n)^2 / 24, Richardson leaves its square or so: 1e-6 for k = 6
+    assert (4.0 * fine - coarse) / 3.0 == pytest.approx(found, rel=3e-6)
+    assert np.abs(fine / found - 1.0).max() > 1e-4
+
+
+def test_frequencies_have_units_members_and_norm(soft):
+    scene = of(soft)
+    single = cp.cable.frequencies(scene, count=3, points="nodes", elements=4)
+    share = elements.mesh_of(cp.parameters.parameters(scene), 4).share
+    mean = ((single.mode_shape**2).sum("coordinate") * share).sum("particle") / share.sum()
+    assert mean.values == pytest.approx(np.ones(3), rel=1e-12)
+    assert not single.mode_shape.values[:, [0, -1]].any()
+    assert single.angular_frequency.attrs["units"] == "rad s-1"
+    import xarray as xr
+
+    other = of(soft, cable={**soft["cable"], "top_tension": 300.0})
+    both = cp.cable.frequencies(
+        xr.concat([scene, other], dim="member", data_vars="all", coords="minimal", compat="override", join="exact")
+    )
+    assert both.sizes["member"] == 2
+    assert both.angular_frequency.values[0] == pytest.approx(
+        cp.cable.frequencies(scene).angular_frequency.values, rel=1e-12
+    )
+    assert both.angular_frequency.values[1] == pytest.approx(
+        cp.cable.frequencies(other).angular_frequency.values, rel=1e-12
+    )
+
+
+def test_frequencies_refuse(soft):
+    del soft["motion"]
+    with pytest.raises(cp.SceneError, match=r"ends.free: given .upper.; allowed: ends that are held"):
+        cp.cable.frequencies(of(soft, ends={**soft["ends"], "free": "upper"}))
+    with pytest.raises(cp.SceneError, match=r"count: given 9; allowed: at most 6"):
+        cp.cable.frequencies(of(soft), count=9, elements=1, order=4)
+    with pytest.raises(cp.SceneError, match=r"count: given 0"):
+        cp.cable.frequencies(of(soft), count=0)
