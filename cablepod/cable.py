@@ -152,6 +152,7 @@ def simulate(
         "velocity_verlet", explicit, or "trapezoidal", implicit; by default the one that takes less time for `tolerance`.
     step
         Time step [s].  By default it is chosen as for the chain: shortened until two runs agree within `tolerance`.
+        A given one is shortened too, where more elements than those at first need it; the attribute says to what.
     tolerance
         Wanted error in time, and that in space, as fractions of the largest rms displacement; 1e-6 by default.
     points
@@ -188,9 +189,9 @@ def simulate(
     Notes
     -----
     mu r'' = (T r'/xi)' + p, from the energy K (xi^2 - 1)^2 / 8 per unstretched length by law (21); GLL points are nodes and
-    points of quadrature.  The error falls with order + 1 in the size of the elements where the motion is smooth, and with the
-    square of the step.  A cable that goes slack has corners, and a slack place resists nothing by the linear law: order is lost
-    there.
+    points of quadrature.  Where the motion is smooth the error at the nodes falls with order + 2 in the size of the elements
+    (with 2 for order 1), and with the square of the step.  A cable that goes slack has corners, and a slack place resists nothing
+    by the linear law: order is lost there.
     """
     check_law(law)
     stepping.check_scheme(scheme, SCHEMES)

@@ -53,6 +53,11 @@ class MeshRun(Run):
         rates[free] = 0.0
         return self.chain.forces(self.initial, rates) + self.chain.loads(0.0)
 
+    @property
+    def cure(self) -> str:
+        """What to try where a run gains energy from nothing."""
+        return "a step half as long, or other elements"
+
     def end_places(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of the prescribed coordinates in positions (dims, nodes), in the order of the motions."""
         motions = self.chain.p.motions
@@ -218,16 +223,19 @@ class _MeshMarch(March):
         table = np.array([ends[:, -1 if column else 0, row] for row, column in zip(rows, columns, strict=True)])
         # where the cable is now and where its ends go: it may have been moved far from where it began
         rounding = ROUNDING * max(float(np.abs(self.x).max()), float(np.abs(table).max(initial=0.0)))
+        # the kernel knows the free nodes only
         free = mesh.free
+        v, a, loads = (np.ascontiguousarray(item[:, free]) for item in (self.v, self.a, self.loads))
         patterns = np.zeros((0, *self.x.shape)) if self.patterns is None else self.patterns
         done, iterations = kernel.trapezoidal(
-            self.x, self.v[:, free], self.a[:, free], free.start, d, weight, scale, mesh.fixed, stiffness, green,
-            self.mass[free], p.mass_damping or 0.0, self.loads[:, free], np.ascontiguousarray(patterns[..., free]),
+            self.x, v, a, free.start, d, weight, scale, mesh.fixed, stiffness, green,
+            self.mass[free], p.mass_damping or 0.0, loads, np.ascontiguousarray(patterns[..., free]),
             _factors(self.varying, time), p.link_viscosity, rows, columns, table.reshape(rows.size, time.size),
             p.end_positions(time, 1) if p.link_viscosity is not None else None,
             step, max(ENOUGH * mesh.total_length / mesh.links, rounding), start, steps, save, saved,
             self.element, self.rows, low, high, self.slack,
         )  # fmt: skip
+        self.v[:, free], self.a[:, free] = v, a
         self.iterations += iterations
         return done
 

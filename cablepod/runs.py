@@ -70,6 +70,11 @@ class Run:
         """Name of the scheme."""
         raise NotImplementedError
 
+    @property
+    def cure(self) -> str:
+        """What to try where a run gains energy from nothing."""
+        return "a step half as long" + ("" if self.scheme == "energy_momentum" else ", or scheme energy_momentum")
+
     def __call__(self, rate: float) -> State:
         """Run with so many steps per second."""
         raise NotImplementedError
@@ -203,8 +208,7 @@ class Run:
             kept.attrs["incomplete"] = f"stopped at {when:.6g} s of {self.times[-1]:.6g} s"
         raise RunStopped(
             f"the run broke down: at {when:.6g} s the links hold {energy[first]:.3g} J, {excess[first]:.1g} times what rest, "
-            f"loads and ends explain ({self.scheme}, step {1 / rate:.4g} s{limit}); try a step half as long, or scheme "
-            "energy_momentum",
+            f"loads and ends explain ({self.scheme}, step {1 / rate:.4g} s{limit}); try {self.cure}",
             kept,
         )
 

@@ -11,8 +11,8 @@ import xarray as xr
 from conftest import spatial
 
 import cablepod as cp
+from cablepod import cable_runs, links
 from cablepod import chain as chain_module
-from cablepod import links
 from cablepod.parameters import parameters
 from cablepod.verlet import VerletRun
 
@@ -483,10 +483,18 @@ def test_finite_garbage_is_stopped(scenes):
     said = r"the run broke down: at 99 s the links hold .* J, .* explain \(velocity_verlet, step 0\.00025 s, limit 0\.0"
     with pytest.raises(cp.RunStopped, match=said) as stopped:
         cp.chain.simulate(scene, step=2.5e-4)
+    assert str(stopped.value).endswith("try a step half as long, or scheme energy_momentum")
     assert stopped.value.partial.sizes["time"] == 99
     assert stopped.value.partial.attrs["incomplete"] == "stopped at 99 s of 124 s"
     sound = cp.chain.simulate(scene, step=2e-4)
     assert sound.attrs["energy_excess"] < 0.01
+
+
+def test_a_run_that_breaks_down_is_told_only_of_other_schemes(soft):
+    about = (links.chain_of(parameters(cp.make_scene(soft))), np.zeros(1), np.zeros((9, 2)), ("position",), None, "")
+    assert chain_module.ImplicitRun(*about, method="trapezoidal").cure.endswith("or scheme energy_momentum")
+    assert chain_module.ImplicitRun(*about, method="energy_momentum").cure == "a step half as long"
+    assert "energy_momentum" not in cable_runs.MeshVerlet(*about).cure
 
 
 def test_an_unexplained_energy_is_warned_of(soft, monkeypatch):
