@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import decompositions, provenance, schema
+from cablepod import decompositions, pod_normal, provenance, schema
 from cablepod.conventions import ENDS, label
 from cablepod.parameters import check_bytes
 from cablepod.schema import SceneError, refuse
 
-LAYOUTS = ("separate", "vector")
+LAYOUTS = ("separate", "vector", "normal")
 METHODS = tuple(decompositions.ROUTES)
 WEIGHTS = (None, "length", "mass")
 
@@ -43,7 +43,9 @@ def decompose(
     energy
         Keep as many modes as are needed for this share of the sum of squared singular values, in (0, 1].
     layout
-        "separate": modes for each coordinate, as the paper has them; "vector": one set of modes for all coordinates.
+        "separate": modes for each coordinate, as the paper has them; "vector": one set of modes for all coordinates; "normal":
+        modes of the deflection normal to the chord of the moment, for :mod:`cablepod.condensed`, with a set of their own out of
+        the plane of chord and vertical in spatial scenes.
     method
         The route, all three of section 5.1 of the paper: "svd", the singular value decomposition of the data, eq. (30), right to
         the last digits; "covariance", eigenvectors of the (n, n) covariance matrix, eq. (29), the fastest for many snapshots;
@@ -53,13 +55,14 @@ def decompose(
         Inner product over the particles: None, the paper's, counts all alike; "length" or "mass" by the unstretched length
         that each carries, scaled to mean 1 (the same for a uniform cable).
     center
-        Take the time mean off first.
+        Take the time mean off first.  Deflections normal to the chord keep their mean.
 
     Returns
     -------
     xarray.Dataset
         ``mode_shape (coordinate, mode, particle)``, ``singular_value (coordinate, mode)`` [m] of the plain centred, lifted
-        data matrix, or for "vector" ``mode_shape (mode, particle, coordinate)``, ``singular_value (mode)``; with
+        data matrix, or for "vector" ``mode_shape (mode, particle, coordinate)``, ``singular_value (mode)``, or for "normal"
+        ``mode_shape (mode, particle)``, ``singular_value (mode)``, with the same names and ``_out_of_plane`` in space; with
         ``proper_orthogonal_value`` (squared singular value over the number of snapshots), ``energy_share``,
         ``singular_value_share`` (over all singular values computed), ``singular_value_uncertainty`` [m], an estimate of what
         rounding on the chosen route may do, and ``mean (particle, coordinate)`` [m].  The first entry of a mode that reaches
@@ -79,15 +82,19 @@ def decompose(
             raise refuse(key, value, "one of " + ", ".join(repr(item) for item in allowed))
     if rank is not None and energy is not None:
         raise refuse("rank and energy", (rank, energy), "one of them")
-    hat, _ = lift(snapshots)
-    samples, particles, dims = hat.shape
+    if layout == "normal":
+        hat = np.moveaxis(pod_normal.deflections(_positions(snapshots)), 0, -1)
+        center = False
+    else:
+        hat, _ = lift(snapshots)
     sigma = relative_arc_length(snapshots)
+    samples, particles, dims = hat.shape
     mean = hat.mean(axis=0) if center else np.zeros((particles, dims))
     inner = (hat - mean)[:, 1:-1]
     scale = np.ones(particles) if weights is None else _share(sigma)
     root = np.sqrt(scale[1:-1])
     # rows of the ends are zero: leaving them out keeps them from becoming modes of their own
-    if layout == "separate":
+    if layout != "vector":
         matrices = [np.ascontiguousarray(root[:, None] * inner[:, :, c].T) for c in range(dims)]
     else:
         matrices = [np.ascontiguousarray((root[None, :, None] * inner).reshape(samples, -1).T)]
@@ -105,25 +112,30 @@ def decompose(
         shapes.append(np.pad(_fix_sign(field), ((0, 0), (1, 1), (0, 0))))
     squares = values**2
     lead = ("coordinate",) if layout == "separate" else ()
-    pick = slice(None) if lead else 0
 
     def share(part: np.ndarray) -> np.ndarray:
         total = part.sum(axis=1, keepdims=True)
-        return np.divide(part, total, out=np.zeros_like(part), where=total > 0)[:, :kept][pick]
+        return np.divide(part, total, out=np.zeros_like(part), where=total > 0)
 
-    shape = np.stack([item[:, :, 0] for item in shapes]) if lead else shapes[0]
-    shape_dims = ("coordinate", "mode", "particle") if lead else ("mode", "particle", "coordinate")
+    shape = np.stack([item[:, :, 0] for item in shapes]) if layout != "vector" else shapes[0][None]
+    shape_dims = ("mode", "particle", "coordinate") if layout == "vector" else (*lead, "mode", "particle")
+    tables = {
+        "singular_value": values,
+        "singular_value_uncertainty": unsure,
+        "proper_orthogonal_value": squares / samples,
+        "energy_share": share(squares),
+        "singular_value_share": share(values),
+    }
+    variables: dict[str, Any] = {}
+    for i, suffix in enumerate(pod_normal.SETS[:dims] if layout == "normal" else ("",)):
+        pick = slice(None) if lead else i
+        variables[f"mode_shape{suffix}"] = (shape_dims, shape[pick])
+        variables |= {f"{name}{suffix}": ((*lead, "mode"), table[:, :kept][pick]) for name, table in tables.items()}
+    if layout != "normal":
+        variables["mean"] = (("particle", "coordinate"), mean)
+    variables["unstretched_length"] = ((), _arc_length(snapshots)[-1])
     result = xr.Dataset(
-        {
-            "mode_shape": (shape_dims, shape),
-            "singular_value": ((*lead, "mode"), values[:, :kept][pick]),
-            "singular_value_uncertainty": ((*lead, "mode"), unsure[:, :kept][pick]),
-            "proper_orthogonal_value": ((*lead, "mode"), (squares / samples)[:, :kept][pick]),
-            "energy_share": ((*lead, "mode"), share(squares)),
-            "singular_value_share": ((*lead, "mode"), share(values)),
-            "mean": (("particle", "coordinate"), mean),
-            "unstretched_length": ((), _arc_length(snapshots)[-1]),
-        },
+        variables,
         coords={
             "mode": np.arange(1, kept + 1),
             "coordinate": snapshots["coordinate"].values,
@@ -210,6 +222,14 @@ def lift(snapshots: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     SceneError
         Where positions are missing or not finite.
     """
+    position = _positions(snapshots)
+    sigma = relative_arc_length(snapshots)[None, :, None]
+    ends = position[:, (0, -1)]
+    return position - (1.0 - sigma) * ends[:, :1] - sigma * ends[:, 1:], ends
+
+
+def _positions(snapshots: xr.Dataset) -> np.ndarray:
+    """Positions (samples, particle, coordinate) [m] of a trajectory, all its further dimensions counted as samples."""
     if "position" not in snapshots or "arc_length" not in snapshots.variables:
         raise SceneError("snapshots: given a Dataset without position or arc_length; allowed: a trajectory")
     for name in ("time", "particle", "coordinate"):
@@ -223,9 +243,7 @@ def lift(snapshots: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
         raise SceneError(
             f"snapshots: given {position.shape[1]} particles; allowed: at least 3, because modes vanish at both ends"
         )
-    sigma = relative_arc_length(snapshots)[None, :, None]
-    ends = position[:, (0, -1)]
-    return position - (1.0 - sigma) * ends[:, :1] - sigma * ends[:, 1:], ends
+    return position
 
 
 def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
@@ -236,9 +254,10 @@ def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
     SceneError
         Where `modes` are none, or fewer than `rank`.
     """
-    if "mode_shape" not in modes or modes.attrs.get("layout") not in LAYOUTS:
+    if "mode_shape" not in modes or modes.attrs.get("layout") not in LAYOUTS[:2]:
         raise SceneError(
-            f"modes: given a Dataset without mode_shape or layout; allowed: what pod.decompose gives ({LAYOUTS})"
+            f"modes: given a Dataset without mode_shape, or layout {modes.attrs.get('layout')!r}; allowed: what pod.decompose "
+            f"gives with one of {LAYOUTS[:2]}"
         )
     most = modes.sizes["mode"]
     if rank is not None:
@@ -302,11 +321,15 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
         raise SceneError(
             f"snapshots: given {own.size} particles; allowed: the {sigma.size} particles of the modes, at the same S / L0"
         )
-    hat, ends = lift(snapshots)
-    fields = mode_fields(modes)
     weight = np.ones(sigma.size) if modes.attrs["weights"] == "None" else _share(sigma)
-    amplitude = np.einsum("tpc,mpc->tm", (hat - _mean(modes)) * weight[:, None], fields)
-    result = amplitude_dataset(amplitude, ends, snapshots["time"].values, modes)
+    if modes.attrs["layout"] == "normal":
+        position = _positions(snapshots)
+        values = pod_normal.project(position, modes, weight)
+        result = pod_normal.amplitude_dataset(values, position[:, (0, -1)], snapshots["time"].values, modes)
+    else:
+        hat, ends = lift(snapshots)
+        amplitude = np.einsum("tpc,mpc->tm", (hat - _mean(modes)) * weight[:, None], mode_fields(modes))
+        result = amplitude_dataset(amplitude, ends, snapshots["time"].values, modes)
     result.attrs.update(title=f"{snapshots.attrs.get('title', 'snapshots')}: amplitudes", stage="amplitudes")
     return provenance.record(result, function="pod.project", parameters={}, inputs=[snapshots, modes])
 
@@ -328,14 +351,17 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        ``position (time, particle, coordinate)`` [m].
+        ``position (time, particle, coordinate)`` [m].  Modes of the deflection normal to the chord say nothing of the distances
+        along it: all links are then taken to be stretched alike.
     """
-    rank = amplitudes.sizes["mode"]
-    fields = mode_fields(modes, rank)
-    order = ("time", "coordinate", "mode") if modes.attrs["layout"] == "separate" else ("time", "mode")
-    amplitude = amplitudes["amplitude"].transpose(*order).values.reshape(amplitudes.sizes["time"], -1)
-    ends = amplitudes["end_position"].transpose("time", "end", "coordinate").values
-    position = compose(amplitude, ends, fields, _mean(modes), relative_arc_length(modes))
+    if modes.attrs["layout"] == "normal":
+        position = pod_normal.reconstruct(amplitudes, modes, relative_arc_length(modes))
+    else:
+        fields = mode_fields(modes, amplitudes.sizes["mode"])
+        order = ("time", "coordinate", "mode") if modes.attrs["layout"] == "separate" else ("time", "mode")
+        amplitude = amplitudes["amplitude"].transpose(*order).values.reshape(amplitudes.sizes["time"], -1)
+        ends = amplitudes["end_position"].transpose("time", "end", "coordinate").values
+        position = compose(amplitude, ends, fields, _mean(modes), relative_arc_length(modes))
     result = xr.Dataset(
         {"position": (("time", "particle", "coordinate"), position)},
         coords={
