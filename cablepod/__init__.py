@@ -2,7 +2,7 @@
 
 from importlib.metadata import version
 
-from cablepod import archive, cable, catenary, chain, compare, galerkin, plots, pod
+from cablepod import archive, cable, catenary, chain, compare, galerkin, plots, pod, rigid
 from cablepod.archive import ArchiveError
 from cablepod.scene import make_scene, read_scene
 from cablepod.schema import SceneError
@@ -25,4 +25,5 @@ __all__ = [
     "plots",
     "pod",
     "read_scene",
+    "rigid",
 ]
