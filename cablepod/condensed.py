@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod import condensed_output, provenance, stepping
+from cablepod import condensed_estimate, condensed_output, provenance, stepping
 from cablepod.condensed_model import Model, model_of
 from cablepod.condensed_output import State
+from cablepod.conventions import OUTPUTS
 from cablepod.members import over_members
 from cablepod.parameters import check_memory, parameters
 from cablepod.schema import refuse
@@ -22,6 +23,9 @@ SCHEMES = ("velocity_verlet", "trapezoidal")
 #: Where the stretching of the sag takes the explicit limit below this share of what the tension alone would allow, steps are
 #: implicit by default.
 STIFF = 0.3
+#: First step of a search times the highest frequency (implicit: the lowest).  Nothing damps free vibrations, so that with longer
+#: steps their phases are off by turns at the end of a run, and two runs tell nothing of each other.
+RESOLVING = 0.4
 
 
 @over_members
@@ -36,7 +40,7 @@ def simulate(
     scheme: str | None = None,
     step: float | None = None,
     tolerance: float | None = None,
-    outputs: tuple[str, ...] = ("position",),
+    outputs: tuple[str, ...] = ("position", "error_estimate"),
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Simulate the cable of a scene, quasi-static along its chord, on modes of the deflection normal to it.
@@ -65,7 +69,8 @@ def simulate(
     tolerance
         Wanted time error as a fraction of the largest rms displacement; 1e-6 by default.
     outputs
-        Some of "position", "velocity", "tension", "tension_extremes" (over all steps); nothing else is computed.
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "error_estimate" (of the model, see
+        :func:`cablepod.condensed_estimate.estimate`; it takes longer than the run itself); nothing else is computed.
     progress
         Called now and then with the part of the run that is done, from 0 to 1.
 
@@ -74,8 +79,9 @@ def simulate(
     xarray.Dataset
         ``amplitude (time, mode)`` [m], in space also ``amplitude_out_of_plane``, ``end_position`` [m] and the outputs asked for,
         on the particles of the modes.  Attributes say scheme, step [s], number of steps, ``step_limit`` [s] of explicit steps,
-        and how far the run stayed from where the model fails: ``smallest_chordwise_force`` [N] over all steps and
-        ``forcing_over_axial_frequency``.
+        and how far the run stayed from where the model fails: ``smallest_chordwise_force`` [N] over all steps,
+        ``forcing_over_axial_frequency``, ``energy_share_kept`` of the snapshots by the modes; ``error_estimate`` is the largest
+        error to be expected over time, as a fraction of the motion, ``time_error_estimate`` the part of the steps in it.
 
     Raises
     ------
@@ -100,7 +106,7 @@ def simulate(
     turning of the chord as far as it acts on the deflection itself and, but for order "inertial", inertia of what moves along
     the chord relative to it.
     """
-    names = stepping.check_outputs(outputs)
+    names = stepping.check_outputs(outputs, (*OUTPUTS, "error_estimate"))
     if step is not None and tolerance is not None:
         raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
     if scheme is not None:
@@ -144,6 +150,11 @@ def simulate(
     result.attrs.update(step_limit=limit, scheme=scheme)
     if estimate is not None:
         result.attrs["time_error_estimate"] = estimate
+    if "error_estimate" in names:
+        again = replace(run, outputs=(), progress=None)
+        result.attrs["error_estimate"] = (estimate or 0.0) + condensed_estimate.estimate(
+            model, lambda at, steps: replace(again, times=at)(steps), rate, float(instants[-1])
+        )
     condensed_output.warn_out_of_range(result)
     options = {
         "rank": model.plane,
@@ -161,10 +172,10 @@ def simulate(
 def _unforced_step(run: Run, fastest: float) -> float:
     until = float(run.times[-1])
     if run.scheme == SCHEMES[0]:
-        return 1.6 / math.sqrt(max(fastest, run.model.taut_square(until)))
+        return RESOLVING / math.sqrt(max(fastest, run.model.taut_square(until)))
     h = max(run.model.taut_square(until), 1e-300) / run.model.turned[1].max()
     slowest = math.sqrt(max(h, 1e-9 * run.model.chain.p.stiffness) * run.model.turned[1].min())
-    return min(max(until, 1e-300) / 20.0, 2.0 * math.pi / slowest / 8.0)
+    return min(max(until, 1e-300) / 20.0, RESOLVING / slowest)
 
 
 @dataclass(frozen=True)

@@ -138,14 +138,10 @@ class Model:
 
     @cached_property
     def inertia(self) -> np.ndarray:
-        """Mass matrix (n, n) [kg] of the motion along the chord that stretching links bring with them; empty without."""
+        """Masses [kg] and relative arc lengths of the particles above the links (2, n); empty without inertia along the chord."""
         if self.order != "inertial":
             return np.empty((0, 0))
-        chain = self.chain
-        n, sigma = chain.links, chain.arc_length / chain.total_length
-        # a link that grows by its length times u moves all particles above it, and the chord is what it is
-        move = (np.tri(n + 1, n, -1) - sigma[:, None]) * chain.length
-        return np.ascontiguousarray((move.T * self.mass) @ move)
+        return np.stack([self.mass[1:], self.chain.arc_length[1:] / self.chain.total_length])
 
     @cached_property
     def reference(self) -> int:

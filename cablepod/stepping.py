@@ -65,12 +65,12 @@ def check_times(times: Any) -> np.ndarray:
     return result
 
 
-def check_outputs(outputs: Any) -> tuple[str, ...]:
+def check_outputs(outputs: Any, allowed: tuple[str, ...] = OUTPUTS) -> tuple[str, ...]:
     """Check the names of the outputs."""
     names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
     for name in names:
-        if name not in OUTPUTS:
-            raise refuse("outputs", name, "some of " + ", ".join(OUTPUTS))
+        if name not in allowed:
+            raise refuse("outputs", name, "some of " + ", ".join(allowed))
     return names
 
 

@@ -21,7 +21,7 @@ ORDER = (
     "catenary", "links", "runs", "verlet", "implicit", "chain", "elements", "cable_runs", "cable_choice", "cable",
     "rigid_start", "rigid_runs", "rigid",
     "chord", "pod_normal", "decompositions", "pod", "compare", "galerkin_model", "galerkin_runs", "galerkin",
-    "condensed_model", "condensed_output", "condensed",
+    "condensed_model", "condensed_output", "condensed_estimate", "condensed",
     "plots", "whole", "archive", "shipped", "paper", "cli", "__init__", "__main__",
 )  # fmt: skip
 

@@ -398,6 +398,28 @@ def close(squared, tau, h, chord, stiffness, green, force, z, work):
     return np.nan
 
 
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _carry(stretching, h, inertia, momentum):
+    """Fill the product (m,) of links that stretch with the mass that they carry along the chord.
+
+    A link that grows moves all particles above it, less what keeps the chord as it is.
+    """
+    m = h.size
+    total = 0.0
+    for j in range(m):
+        total += h[j] * stretching[j]
+        momentum[j] = total
+    mean = 0.0
+    for j in range(m):
+        momentum[j] = inertia[0, j] * (momentum[j] - inertia[1, j] * total)
+        mean += inertia[1, j] * momentum[j]
+    above = -mean
+    for back in range(m):
+        j = m - 1 - back
+        above += momentum[j]
+        momentum[j] = h[j] * above
+
+
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE)
 def exact_force(
     q, v, row, slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed, lever, f, tangent, mass
@@ -411,7 +433,8 @@ def exact_force(
     row, slopes, plane, taus, h, stiffness, green, pushes
         As in :func:`leading_verlet` and :func:`close`, at the points of quadrature (m,).
     inertia
-        Mass matrix of the stretching of the points (m, m) [kg], or without entries: no chordwise inertia.
+        Masses [kg] of the particles above the links and their relative arc lengths (2, m), or without entries: no chordwise
+        inertia.
     guess
         First guess of H [N].
     z, work, slope, speed, lever
@@ -485,11 +508,7 @@ def exact_force(
             rate = (slope[0, j] * speed[0, j] + slope[1, j] * speed[1, j]) / z[j]
             speed[0, j] = -(speed[0, j] * speed[0, j] + speed[1, j] * speed[1, j] + rate * rate) / z[j]
         for i in range(r):
-            for j in range(m):
-                total = 0.0
-                for k in range(m):
-                    total += inertia[j, k] * lever[i, k]
-                lever[r + i, j] = total
+            _carry(lever[i], h, inertia, lever[r + i])
         for i in range(r):
             total = 0.0
             for j in range(m):
@@ -663,3 +682,75 @@ def close_all(squared, tau, h, chord, stiffness, green, force, z):
                 z[i, j] = z[i - 1, j]
         force[i] = close(squared[i], tau[i], h, chord[i], stiffness, green, guess, z[i], work)
         guess = force[i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def error_growth(
+    y, rate, acc, rows, step, damping, stiffness, slopes, plane, taus, h, green, pushes, inertia, first, guess, z, sigma, sizes
+):  # fmt: skip
+    """Integrate the error that the residual of a richer model drives, by the trapezoidal rule on sampled instants.
+
+    Parameters
+    ----------
+    y, rate, acc
+        Motion of the poorer model in the coordinates of the richer one, at the samples (samples, r).
+    step
+        Distance of the samples [s].
+    first
+        Error at the start (r,).
+    sigma
+        Relative arc length of the particles (n + 1,).
+    sizes
+        Filled: mean square of the error over the particles (samples,) [m^2], in the deflection and along the chord.
+
+    The other parameters are those of :func:`exact_force` for the richer model.
+    """
+    r, m = slopes.shape
+    f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))
+    work, slope, speed, lever = np.empty((4, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
+    error, v, a, ahead, moved = first.copy(), np.zeros(r), np.zeros(r), np.empty(r), np.empty((2, m))
+    quarter = 0.25 * step * step
+    for i in range(y.shape[0]):
+        guess = exact_force(
+            y[i], rate[i], rows[i], slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed,
+            lever, f, tangent, mass,
+        )  # fmt: skip
+        for j in range(r):
+            ahead[j] = error[j] if i == 0 else error[j] + step * v[j] + quarter * a[j]
+        for j in range(r):
+            # the residual, less what the error so far pulls back
+            total = f[j]
+            for k in range(r):
+                known = rate[i, k] if i == 0 else rate[i, k] + v[k] + 0.5 * step * a[k]
+                total -= mass[j, k] * (acc[i, k] + damping * known) + tangent[j, k] * ahead[k]
+            f[j] = total
+        for j in range(r):
+            for k in range(r):
+                if i:
+                    mass[j, k] = (1.0 + 0.5 * step * damping) * mass[j, k] + quarter * tangent[j, k]
+        if not _solve(mass, f):
+            sizes[i:] = np.inf
+            return
+        for j in range(r):
+            if i:
+                error[j] = ahead[j] + quarter * f[j]
+                v[j] += 0.5 * step * (a[j] + f[j])
+            a[j] = f[j]
+        for j in range(m):
+            moved[0, j] = 0.0
+            moved[1, j] = 0.0
+        for k in range(r):
+            s = 0 if k < plane else 1
+            for j in range(m):
+                moved[s, j] += slopes[k, j] * error[k]
+        reach = 0.0
+        for j in range(m):
+            reach -= h[j] * (slope[0, j] * moved[0, j] + slope[1, j] * moved[1, j]) / z[j]
+        normal, across, along, total = 0.0, 0.0, 0.0, 0.0
+        for j in range(m):
+            normal += h[j] * moved[0, j]
+            across += h[j] * moved[1, j]
+            along -= h[j] * (slope[0, j] * moved[0, j] + slope[1, j] * moved[1, j]) / z[j]
+            shift = along - sigma[j + 1] * reach
+            total += normal * normal + across * across + shift * shift
+        sizes[i] = total / (m + 1)
