@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -118,14 +118,13 @@ def simulate(
     p.check_reach(float(instants[-1]))
     check_memory(instants.size, model.chain.links, p.dims, key="times", variables=3)
     q0, v0 = model.initial()
-    row = model.first_row
-    h = model.force(q0, v0, row)[2]
-    fastest = model.highest_square(q0, row, h)
+    push, _, h = model.force(q0, v0, model.first_row)
+    fastest = model.highest_square(q0, model.first_row, h)
     limit = 2.0 / math.sqrt(fastest)
     if scheme is None:
         explicit = limit >= STIFF * 2.0 / math.sqrt(max(abs(h) * model.turned[1].max(), 1e-300))
         scheme = SCHEMES[0] if explicit or (step is not None and step < limit) else SCHEMES[1]
-    run = Run(model, instants, (q0, v0), names, progress, scheme)
+    run = Run(model, instants, Start(q0, v0, push, h), names, progress, scheme)
     if step is None:
         first = min(_unforced_step(run, fastest), p.time_scale / stepping.STEPS_PER_CHANGE)
         chord = float(np.linalg.norm(p.upper - p.lower))
@@ -157,7 +156,7 @@ def simulate(
         )
     condensed_output.warn_out_of_range(result)
     options = {
-        "rank": model.plane,
+        "rank": model.rank,
         "times": instants,
         "order": order,
         "law": law,
@@ -178,13 +177,22 @@ def _unforced_step(run: Run, fastest: float) -> float:
     return min(max(until, 1e-300) / 20.0, RESOLVING / slowest)
 
 
+class Start(NamedTuple):
+    """What a run starts from."""
+
+    q: np.ndarray  #: coordinates (r,)
+    rates: np.ndarray  #: their rates
+    push: np.ndarray  #: their accelerations but for damping
+    h: float  #: H [N]
+
+
 @dataclass(frozen=True)
 class Run:
     """One scene on one set of modes, ready to be run with any step."""
 
     model: Model
     times: np.ndarray
-    start: tuple[np.ndarray, np.ndarray]
+    start: Start
     outputs: tuple[str, ...]
     progress: Callable[[float], None] | None
     scheme: str
@@ -202,7 +210,7 @@ class Run:
         saved, halves = np.empty((instants.steps.size, r)), np.empty((instants.steps.size, 2, r))
         wanted = chain.links if "tension_extremes" in self.outputs else 0
         low, high = np.full(wanted, np.inf), np.full(wanted, -np.inf)
-        watch = np.array([np.inf, 0.0, 0.0, 0.0, -np.inf, model.guess(model.first_row, q)])
+        watch = np.array([np.inf, 0.0, 0.0, 4.0 * rate**2 if explicit else np.inf, np.inf, self.start.h])
         decay = math.exp(-damping * step)
         kick = -math.expm1(-damping * step) / damping if damping else step
         total = int(instants.steps[-1]) + (1 if explicit else 0)
@@ -244,22 +252,21 @@ class Run:
         if total == 0:  # an implicit run of no length has only its start
             advance(0, 0)
         state = State(instants, saved, halves, (low, high) if wanted else None, watch, self.scheme)
+        if watch[4] < np.inf:  # before any breakdown, whose cause it is
+            first = int(watch[4])
+            raise RunStopped(
+                f"the condensed model stiffened: from {first / rate:.6g} s on its stability limit is below the step {step:.6g} s "
+                f"({self.scheme}), at least {2 / math.sqrt(watch[2]):.6g} s; try a shorter step, or scheme trapezoidal",
+                self._partial(state, first, rate),
+            )
         if failed is not None:
             self._stop(state, failed, rate)
-        if explicit and watch[2] >= 4.0 * rate**2:
-            raise RunStopped(
-                f"the condensed model stiffened: at {watch[3] / rate:.6g} s its stability limit is "
-                f"{2 / math.sqrt(watch[2]):.6g} s, below the step {step:.6g} s (velocity_verlet); "
-                "try a shorter step, or scheme trapezoidal",
-                None,
-            )
         return state
 
     def _first_state(self, step: float, explicit: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates, rates (half a step before the start for explicit steps), accelerations, chordwise stretch."""
         model, damping = self.model, self.model.chain.p.mass_damping or 0.0
-        q, rates = self.start
-        push = model.force(q, rates, model.first_row)[0]
+        q, rates, push, _ = self.start
         z = model.first_stretch(model.first_row)
         if not explicit:
             return q.copy(), rates.copy(), push - damping * rates, z
@@ -268,18 +275,21 @@ class Run:
         return q.copy(), rates * (1.0 + grow) - back * push, push - damping * rates, z
 
     def _stop(self, state: State, done: int, rate: float) -> None:
-        count = int(np.searchsorted(state.instants.times, done / rate * (1.0 - 1e-12)))
-        partial = None
-        if count:
-            few = Instants.of(state.instants.times[:count], rate)
-            part = State(
-                few, state.saved[: few.steps.size], state.halves[: few.steps.size], None, state.watch, self.scheme
-            )
-            partial = condensed_output.dataset(self.model, part, None, ("position",), "stopped")
-            partial.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {state.instants.times[-1]:.6g} s"
         raise RunStopped(
             f"the condensed model left the finite numbers or found no equilibrium along the chord at {done / rate:.6g} s "
             f"({self.scheme}, step {1 / rate:.4g} s, step number {done}, least chordwise force {state.watch[0]:.3g} N); try a "
             "shorter step or, where the cable goes slack, the chain itself",
-            partial,
+            self._partial(state, done, rate),
         )
+
+    def _partial(self, state: State, done: int, rate: float) -> xr.Dataset | None:
+        """Make a Dataset of the instants before the step number `done`."""
+        count = int(np.searchsorted(state.instants.times, done / rate * (1.0 - 1e-12)))
+        if not count:
+            return None
+        few = Instants.of(state.instants.times[:count], rate)
+        saved, halves = state.saved[: few.steps.size], state.halves[: few.steps.size]
+        part = State(few, saved, halves, None, state.watch, self.scheme)
+        result = condensed_output.dataset(self.model, part, None, ("position",), "stopped")
+        result.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {state.instants.times[-1]:.6g} s"
+        return result
