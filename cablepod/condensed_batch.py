@@ -130,8 +130,8 @@ def sibling(model: Model, p: Parameters) -> Model:
         bends=model.bends * (grown * heavier**2 / stretch)[:, None, None],
         norms=model.norms * (grown * heavier**2 / stretch),
         pushes=model.pushes * (np.tile(grown, p.dims - 1) * heavier)[:, None],
-        first_guess=_parabola(made, statics),
     )
+    made.__dict__["first_guess"] = _parabola(made, statics)
     return made
 
 
