@@ -76,11 +76,9 @@ def run(
         return made, attributes_of(solution, modes, options)
 
     stack = gather(one, len(members), progress)
-    coords = condensed_output.coordinates_of(
-        model, members[0].times() if options.times is None else options.times, options.links
-    )
-    del coords["arc_length"]
     title = condensed_output.title_of(model, str(scene.attrs.get("title", "scene")))
+    times = members[0].times() if options.times is None else options.times
+    coords = condensed_output.coordinates_of(model, times, options.links)
     result = join(stack, scene, coords).set_coords("arc_length")
     result.attrs = {"title": title, **result.attrs}
     _warn(stack.attrs)

@@ -11,29 +11,32 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from xarray.indexes import PandasIndex
 
 from cablepod import pod_normal
 from cablepod.chord import Frame
 from cablepod.condensed_model import Model
-from cablepod.conventions import ENDS, label
-from cablepod.runs import coordinates
+from cablepod.conventions import COORDINATES, ENDS, label
 from cablepod.stepping import Instants
 
 #: Motion of the ends with a frequency above this share of the first axial one makes waves along the cable, which the model lacks.
 FAST = 0.2
 
 
-# to make the index of a coordinate takes as long as a thousand steps
 @lru_cache
-def end_axis() -> xr.IndexVariable:
-    """Names of the ends, as a coordinate."""
-    return xr.IndexVariable("end", list(ENDS))
+def _fixed_indexes(dims: int, rank: int) -> dict[str, PandasIndex]:
+    """Names of axes and ends, numbers of modes; to make them takes longer than a run of a thousand steps."""
+    names = {"coordinate": list(COORDINATES[:dims]), "mode": np.arange(1, rank + 1), "end": list(ENDS)}
+    return {key: PandasIndex(np.asarray(values), key) for key, values in names.items()}
 
 
-@lru_cache
-def numbers(count: int) -> xr.IndexVariable:
-    """Numbers of modes from 1 on, as a coordinate."""
-    return xr.IndexVariable("mode", np.arange(1, count + 1))
+def coordinates_of(model: Model, times: np.ndarray, links: np.ndarray | None) -> xr.Coordinates:
+    """Coordinates of a result but for the arc length, with the indexes that xarray would make of them."""
+    indexes = {**_fixed_indexes(model.chain.p.dims, model.rank), "time": PandasIndex(times, "time")}
+    if links is not None:
+        indexes["link"] = PandasIndex(links + 1, "link")
+    variables = {name: variable for index in indexes.values() for name, variable in index.create_variables().items()}
+    return xr.Coordinates(variables, indexes=indexes)
 
 
 class OutOfRangeWarning(UserWarning):
@@ -169,7 +172,7 @@ def attributes(model: Model, state: State, modes: xr.Dataset | None) -> dict[str
     axial, slowest = model.first_axial_frequency, model.chain.p.time_scale
     kept = {}
     if modes is not None and "energy_share" in modes:
-        kept["energy_share_kept"] = float(modes["energy_share"].values[: model.plane].sum())
+        kept["energy_share_kept"] = float(modes.variables["energy_share"].values[: model.plane].sum())
     return {
         "stage": "trajectory",
         "model": "condensed",
@@ -197,8 +200,8 @@ def dataset(
 ) -> xr.Dataset:
     """Label what a run gave."""
     made: dict[str, Any] = variables(model, state, outputs, links)
-    coords = coordinates_of(model, state.instants.times, links)
-    result = label(xr.Dataset(made, coords=coords))
+    made["arc_length"] = (("particle",), model.chain.arc_length)
+    result = label(xr.Dataset(made, coords=coordinates_of(model, state.instants.times, links)).set_coords("arc_length"))
     result.attrs = {"title": title_of(model, title), **attributes(model, state, modes)}
     return result
 
@@ -210,15 +213,10 @@ def title_of(model: Model, title: str) -> str:
     )
 
 
-def coordinates_of(model: Model, times: np.ndarray, links: np.ndarray | None) -> dict[str, Any]:
-    """Coordinates of a result."""
-    some = {} if links is None else {"link": links + 1}
-    return {**coordinates(model.chain), **some, "time": times, "mode": numbers(model.rank), "end": end_axis()}
-
-
 def _padded(amplitude: np.ndarray, rank: int) -> np.ndarray:
     """Amplitudes (times, modes) with zeros for modes that never moved."""
-    return np.pad(amplitude, ((0, 0), (0, rank - amplitude.shape[1])))
+    missing = rank - amplitude.shape[1]
+    return np.pad(amplitude, ((0, 0), (0, missing))) if missing else amplitude
 
 
 def _tension(model: Model, z: np.ndarray, force: np.ndarray, squared: np.ndarray) -> np.ndarray:

@@ -166,7 +166,7 @@ def gather(
     return stack
 
 
-def join(stack: Stack, scene: xr.Dataset, coords: Mapping[str, Any]) -> xr.Dataset:
+def join(stack: Stack, scene: xr.Dataset, coords: Any) -> xr.Dataset:
     """Make a Dataset of stacked members, with the varied parameters of the scene as coordinates along ``member``.
 
     Numbers among the attributes that differ become variables; `coords` are shared by all.

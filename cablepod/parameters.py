@@ -218,7 +218,9 @@ def parameters_of_members(scene: xr.Dataset) -> list[Parameters]:
     needed = ("gravity", "cable_youngs_modulus", "cable_area", "ends_lower", "ends_upper")
     if not isinstance(scene, xr.Dataset) or not all(name in scene for name in needed):
         raise SceneError(f"scene: given no Dataset with {', '.join(needed)}; allowed: what make_scene gives")
-    fixed, varied, gapped = {}, {}, {}
+    fixed: dict[str, Any] = {}
+    varied: dict[str, Any] = {}
+    gapped: dict[str, Any] = {}
     for name, variable in scene.variables.items():
         if "member" in variable.dims:
             values = variable.transpose("member", ...).values
