@@ -241,6 +241,12 @@ class Model:
         """Find the equilibrium nearest to q by Newton's method; None where it fails."""
         # rest knows no acceleration: its forces are those of the loads alone
         still = self.still_row
+        if self.order == "leading":
+            from cablepod.kernels import condensed as kernel
+
+            chain, q = self.chain, q.copy()
+            about = chain.p.stiffness, chain.total_length, self.turned[1], self.means, self.bends, self.pushes
+            return q if kernel.leading_rest(q, still, *about) else None
         size = np.abs(q).max()
         for _ in range(60):
             force, tangent, _ = self.force(q, np.zeros_like(q), still)

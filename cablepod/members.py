@@ -61,6 +61,7 @@ class Stack:
         self.variables: Arrays = {}
         self.attrs: dict[str, list[Any]] = {}
         self.failures: list[Exception | None] = [None] * count
+        self.shapes: list[dict[str, tuple[int, ...]]] = [{}] * count
         self.done = 0
         self._lock = threading.Lock()
 
@@ -70,17 +71,26 @@ class Stack:
             with self._lock:
                 if not self.variables:
                     self.variables = self._empty(variables)
-        for name, (dims, values) in variables.items():
-            target = self.variables[name][1]
-            if np.shape(values) != target.shape[1:]:
-                raise SceneError(
-                    f"member {i}: {name} has {dict(zip(dims, np.shape(values), strict=True))}, of other members "
-                    f"{dict(zip(dims, target.shape[1:], strict=True))}; allowed: members that give arrays of one shape"
-                )
-            target[i] = values
+        self.shapes[i] = {name: np.shape(values) for name, (_, values) in variables.items()}
+        for name, (_, values) in variables.items():
+            if self.variables[name][1].shape[1:] == self.shapes[i][name]:
+                self.variables[name][1][i] = values
         for name, value in attrs.items():
             with self._lock:
                 self.attrs.setdefault(name, [None] * self.count)[i] = value
+
+    def check_shapes(self) -> None:
+        """Refuse members whose arrays differ in shape from those of the first that did not fail."""
+        good = [i for i, error in enumerate(self.failures) if error is None]
+        first = self.shapes[good[0]]
+        odd = [i for i in good if self.shapes[i] != first]
+        if odd:
+            name = next(name for name in first if self.shapes[odd[0]].get(name) != first[name])
+            dims = ", ".join(self.variables[name][0][1:])
+            raise SceneError(
+                f"member {odd[0]} (and {len(odd) - 1} more): given {name} ({dims}) of shape {self.shapes[odd[0]].get(name)}; "
+                f"allowed: one shape for all, member {good[0]} has {first[name]}"
+            )
 
     def attributes(self) -> dict[str, Any]:
         """Attributes of the first member that did not fail."""
@@ -157,6 +167,7 @@ def gather(
     failed = [(i, error) for i, error in enumerate(stack.failures) if error is not None]
     if failed and len(failed) == count:
         raise failed[0][1]
+    stack.check_shapes()
     if failed:
         warnings.warn(
             f"{len(failed)} of {count} members failed and hold nan, the first of them member {failed[0][0]}: {failed[0][1]}",
