@@ -97,17 +97,27 @@ def condensed(cases: int, repeats: int) -> None:
     result = run(scenes)
     for threads in (2, 1):
         with members.threads(threads):
-            print(f"condensed, {cases} cases of 600 s, step {STEP} s, {threads} threads: {median(lambda: run(scenes), repeats):.2f} s")
-    print(f"  output {result.nbytes / 1e9:.2f} GB, largest memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB")
+            print(
+                f"condensed, {cases} cases of 600 s, step {STEP} s, {threads} threads: {median(lambda: run(scenes), repeats):.2f} s"
+            )
+    print(
+        f"  output {result.nbytes / 1e9:.2f} GB, largest memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB"
+    )
     some = scenes.isel(member=slice(0, 20))
     fine = run(some, STEP / 5)
     chain = cp.chain.simulate(some, times=TIMES, outputs=("tension", "tension_extremes"), tolerance=1e-4)
     own = [item.tension.isel(link=-1).values for item in (result.isel(member=slice(0, 20)), fine, chain)]
     for name, truth in (("step", own[1]), ("model", own[2])):
         errors = [deviation(tension, other) for tension, other in zip(own[0], truth, strict=True)]
-        print(f"  error of the {name}, of the tension of the top link: median {np.median(errors):.2g}, largest {max(errors):.2g}")
-    peak = (result.tension_maximum.isel(member=slice(0, 20), link=-1) / chain.tension_maximum.isel(link=-1) - 1.0).values
-    print(f"  largest tension against that of the chain: median {np.median(np.abs(peak)):.2g}, largest {np.abs(peak).max():.2g}")
+        print(
+            f"  error of the {name}, of the tension of the top link: median {np.median(errors):.2g}, largest {max(errors):.2g}"
+        )
+    peak = (
+        result.tension_maximum.isel(member=slice(0, 20), link=-1) / chain.tension_maximum.isel(link=-1) - 1.0
+    ).values
+    print(
+        f"  largest tension against that of the chain: median {np.median(np.abs(peak)):.2g}, largest {np.abs(peak).max():.2g}"
+    )
 
 
 def chains(number: int, repeats: int) -> None:
@@ -135,7 +145,9 @@ def chains(number: int, repeats: int) -> None:
     with members.threads(1):
         run()
     kernel.verlet = plain
-    print(f"  in one thread, inside the compiled loop {inside[0]:.2f} s; the call took {took / inside[0]:.3f} times as long")
+    print(
+        f"  in one thread, inside the compiled loop {inside[0]:.2f} s; the call took {took / inside[0]:.3f} times as long"
+    )
 
 
 def main() -> None:
