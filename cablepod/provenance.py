@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 
     import xarray as xr
 
+#: Attributes that say what a result is; they lead wherever it is printed.
+LEADING = (
+    "title", "stage", "model", "incomplete", "scheme", "formulation", "step", "number_of_steps",
+    "error_estimate", "time_error_estimate", "space_error_estimate",
+)  # fmt: skip
 #: Longer arrays are not kept in a history.
 KEPT = 64
 #: Ways to make equidistant numbers, see :func:`equidistant`.
@@ -103,8 +108,11 @@ def record(
     stages[identifier] = {"id": identifier, "function": function, "parameters": resolved, "inputs": parents}
     if chosen:
         stages[identifier]["chosen"] = sorted(chosen)
-    result.attrs["id"] = identifier
-    result.attrs["history_json"] = json.dumps(list(stages.values()), sort_keys=True)
+    attrs = {**result.attrs, "id": identifier, "history_json": json.dumps(list(stages.values()), sort_keys=True)}
+    first = [name for name in LEADING if name in attrs]
+    last = ("id", "history_json")
+    between = [name for name in attrs if name not in first and name not in last]
+    result.attrs = {name: attrs[name] for name in (*first, *between, *last)}
     return result
 
 

@@ -51,3 +51,13 @@ def test_long_arrays_are_kept_as_digests():
     assert short == [0.0, 1.0, 2.0]
     assert long["shape"] == [100]
     assert provenance.plain(squares.tolist()) == long
+
+
+def test_results_lead_with_what_they_are(soft):
+    scene = cp.make_scene(soft)
+    run = cp.chain.simulate(scene, tolerance=1e-4)
+    assert list(run.attrs)[:2] == ["title", "stage"]
+    assert list(run.attrs)[-2:] == ["id", "history_json"]
+    assert 0 <= list(run.attrs).index("scheme") < list(run.attrs).index("step") < 6
+    text = repr(run).split("Attributes:")[1]
+    assert text.index("title") < text.index("time_error_estimate") < text.index("law")
