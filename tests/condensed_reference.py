@@ -191,7 +191,7 @@ class Reference:
         )
         return found.x.reshape(guess.shape)
 
-    def positions(self, times, w0=None):
+    def positions(self, times, w0=None, *, rtol=1e-11):
         """Positions (times, inner, dims) from rest."""
         w0 = self.rest() if w0 is None else w0
         rates = self.p.end_positions(np.zeros(1), 1)[0]
@@ -202,7 +202,7 @@ class Reference:
             w, v = state.reshape(2, *w0.shape)
             return np.concatenate([v, self.accelerate_all(t, w, v)]).ravel()
 
-        run = solve_ivp(rate, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=1e-11, atol=1e-12)
+        run = solve_ivp(rate, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=rtol, atol=0.1 * rtol)
         result = []
         for t, state in zip(times, run.y.T, strict=True):
             w = state.reshape(2, *w0.shape)[0]
