@@ -113,7 +113,7 @@ def _summed(parts: np.ndarray) -> np.ndarray:
 
 
 def _rates_of_stretch(model: Model, z: np.ndarray, squared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of the chordwise stretch (times, n) by N / K, and by half the slope squared with the sign turned."""
+    """Differentiate the chordwise stretch (times, n) by N / K, and by half the slope squared with the sign turned."""
     if model.order == "leading":
         return np.ones_like(z), np.ones_like(z)
     if model.green:

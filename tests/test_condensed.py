@@ -15,6 +15,7 @@ import cablepod as cp
 from cablepod.condensed import SCHEMES
 from cablepod.condensed_model import ORDERS
 
+
 @pytest.fixture(scope="module")
 def modes():
     return {dims: full_modes(dims=dims) for dims in (2, 3)}
@@ -63,7 +64,7 @@ class Lagrangian(Reference):
 def test_chordwise_inertia_is_that_of_the_kinetic_energy_of_all_that_moves(soft, modes):
     ratio = []
     for times_tension in (1.0, 2.0):
-        # slopes are inverse to the tension; with K by its cube Irvine's parameter, and so the motion in its own units, is the same
+        # slopes are inverse to the tension; with K by its cube Irvine's parameter, and so the motion in its own units, stays
         tension, times = 200.0 * times_tension, np.array([0.5, 1.0]) / math.sqrt(times_tension)
         soft |= {"motion": {}, "initial": {"top_tension": 0.95 * tension}, "chain": {"links": len(LENGTHS)}}
         soft["cable"] |= {"top_tension": tension, "youngs_modulus": 2e7 * times_tension**3}

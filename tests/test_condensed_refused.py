@@ -65,6 +65,13 @@ def test_options_that_cannot_be(soft, modes):
             cp.galerkin.simulate(scene, m)
 
 
+def test_a_chord_that_turns_into_the_axis_that_tells_the_normals(soft, modes):
+    to_axis = {"x": {"kind": "ramp", "amplitude": -8.0, "duration": 2.0}}
+    scene = cp.make_scene(spatial({**soft, "motion": {"upper": to_axis}}))
+    with pytest.raises(cp.SceneError, match="motion: the chord turns into the axis y; allowed: one that stays away"):
+        cp.condensed.simulate(scene, modes[3], rank=2, step=1e-3)
+
+
 def test_a_slack_cable_and_fast_ends_are_warned_of(soft, modes):
     lifted = cp.make_scene(
         {**soft, "load": {"uniform": [0.0, 30.0], "kind": "ramp", "amplitude": 1.0, "duration": 1.0}}
