@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 import cablepod as cp
+from cablepod import pod_normal
 from cablepod.chord import Frame, stretch_to_close
 
 SPECTRA = [1.0, 0.3, 0.04, 0.001], [0.2, 0.03, 0.002]
@@ -148,6 +149,8 @@ def test_a_planar_motion_in_space_has_the_modes_of_the_plane():
     np.testing.assert_allclose(space.singular_value, plane.singular_value, atol=1e-13)
     np.testing.assert_allclose(space.mode_shape[:4], plane.mode_shape[:4], atol=1e-10)
     assert not space.singular_value_out_of_plane.any()
+    # modes that never moved are no coordinates of a model
+    assert [len(shape) for _, shape in pod_normal.sets(space)] == [4, 0]
 
 
 @pytest.mark.parametrize("dims", [2, 3])
