@@ -160,9 +160,12 @@ def test_a_stiff_cable_takes_implicit_steps(scenes):
     limit = run.attrs["step_limit"]
     with pytest.raises(cp.SceneError, match=r"^step: given .* allowed: below the stability limit"):
         cp.condensed.simulate(scene, found, step=2 * limit, scheme="velocity_verlet", **options)
-    longer = cp.condensed.simulate(scene, found, step=2 * limit, **options)
-    assert longer.attrs["scheme"] == "trapezoidal"
-    assert float(cp.compare.errors(longer, chain).error_max) < 5e-4
+    assert run.attrs["step"] > 5 * limit
+    # each step takes Newton's method as far as the tension of a stiff cable needs it: one correction is not enough
+    for order in ("leading", "exact"):
+        longer = cp.condensed.simulate(scene, found, step=50 * limit, **(options | {"order": order}))
+        assert longer.attrs["scheme"] == "trapezoidal"
+        assert float(cp.compare.errors(longer, chain).error_max) < 1e-3
 
 
 @pytest.mark.parametrize("order", ORDERS)

@@ -318,7 +318,7 @@ def leading_implicit(
             start[j] = q[j]
             q[j] += step * v[j] + quarter * (3.0 * acc[j] - past[j])
             size = max(size, abs(q[j]))
-        before, ended = np.inf, False
+        before, ended = 0.0, False  # of the first correction no gain is known
         for _ in range(MOST):
             h = _tension(q, row, squares, means, stiffness, length)
             _push(q, row, h, squares, bends, pushes, f)
@@ -645,7 +645,7 @@ def exact_implicit(
             start[j] = q[j]
             q[j] += step * v[j] + quarter * (3.0 * acc[j] - past[j])
             size = max(size, abs(q[j]))
-        before, ended = np.inf, False
+        before, ended = 0.0, False  # of the first correction no gain is known
         for _ in range(MOST):
             for j in range(r):
                 rate[j] = 2.0 / step * (q[j] - start[j]) - v[j]
