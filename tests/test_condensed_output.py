@@ -131,9 +131,9 @@ def test_members_are_single_runs(soft, modes):
     joined = cp.condensed.simulate(xr.concat(scenes, "member", data_vars="all"), modes[2], rank=2, step=2e-3)
     for i, scene in enumerate(scenes):
         single = cp.condensed.simulate(scene, modes[2], rank=2, step=2e-3)
-        np.testing.assert_array_equal(joined.amplitude.isel(member=i), single.amplitude)
-        # sums of modes are cut into other pieces: rounding of lengths of 10 m
-        np.testing.assert_allclose(joined.position.isel(member=i), single.position, rtol=0, atol=1e-14)
+        # coefficients of a member are those of another one scaled: they differ by the rounding of some ten operations
+        for name in ("amplitude", "position"):
+            np.testing.assert_allclose(joined[name].isel(member=i), single[name], rtol=0, atol=1e-12)
     np.testing.assert_array_equal(joined.cable_top_tension, [200.0, 230.0])
 
 
