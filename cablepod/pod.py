@@ -6,19 +6,29 @@ ends of the moment is taken off.  Modes vanish at both ends and live on sigma = 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 
 from cablepod import decompositions, provenance, schema
+from cablepod import snapshots as reading
 from cablepod.conventions import ENDS, label
 from cablepod.parameters import check_bytes
+from cablepod.pod_stream import LAYOUTS, Stream, check_options, labelled
 from cablepod.schema import SceneError, refuse
+from cablepod.snapshots import lift, relative_arc_length
+from cablepod.streaming import COMPLETE
 
-LAYOUTS = ("separate", "vector")
-METHODS = tuple(decompositions.ROUTES)
-WEIGHTS = (None, "length", "mass")
+__all__ = [
+    "Stream",
+    "amplitude_dataset",
+    "compose",
+    "decompose",
+    "lift",
+    "mode_fields",
+    "project",
+    "reconstruct",
+    "relative_arc_length",
+]
 
 
 def decompose(
@@ -46,9 +56,11 @@ def decompose(
         "separate": modes for each coordinate, as the paper has them; "vector": one set of modes for all coordinates.
     method
         The route, all three of section 5.1 of the paper: "svd", the singular value decomposition of the data, eq. (30), right to
-        the last digits; "covariance", eigenvectors of the (n, n) covariance matrix, eq. (29), the fastest for many snapshots;
-        "snapshots", Sirovich's, eigenvectors of an (m, m) matrix, for few snapshots of very many particles.  The last two
-        square the data: below 10^-8 of the largest singular value they give noise.
+        the last digits; "covariance", eigenvectors of the (n, n) covariance matrix, eq. (29); "snapshots", Sirovich's,
+        eigenvectors of an (m, m) matrix, for few snapshots of very many particles.  The last two square the data: below 10^-8
+        of the largest singular value they give noise.  For "svd", many snapshots and those held in chunks (as
+        ``archive.read(path, chunks=...)`` gives them) are not made into one matrix, but read once, in blocks, by
+        :class:`Stream`; the attribute ``algorithm`` says so.
     weights
         Inner product over the particles: None, the paper's, counts all alike; "length" or "mass" by the unstretched length
         that each carries, scaled to mean 1 (the same for a uniform cable).
@@ -61,31 +73,27 @@ def decompose(
         ``mode_shape (coordinate, mode, particle)``, ``singular_value (coordinate, mode)`` [m] of the plain centred, lifted
         data matrix, or for "vector" ``mode_shape (mode, particle, coordinate)``, ``singular_value (mode)``; with
         ``proper_orthogonal_value`` (squared singular value over the number of snapshots), ``energy_share``,
-        ``singular_value_share`` (over all singular values computed), ``singular_value_uncertainty`` [m], an estimate of what
-        rounding on the chosen route may do, and ``mean (particle, coordinate)`` [m].  The first entry of a mode that reaches
-        half its largest is positive.
+        ``singular_value_share`` (over all singular values computed), and ``mean (particle, coordinate)`` [m].  What is not
+        known: ``truncation_error``, the root of the share of the energy that the modes do not hold;
+        ``singular_value_uncertainty`` [m], an estimate of what the chosen route may be off by, and ``mode_uncertainty`` [rad],
+        the angle that this lets a mode turn by, which grows as neighbouring singular values come close.  The first entry of a
+        mode that reaches half its largest is positive.
 
     Raises
     ------
     SceneError
         For options that cannot be and snapshots that are not finite or too few.
     """
-    for key, value, allowed in (
-        ("layout", layout, LAYOUTS),
-        ("method", method, METHODS),
-        ("weights", weights, WEIGHTS),
-    ):
-        if value not in allowed:
-            raise refuse(key, value, "one of " + ", ".join(repr(item) for item in allowed))
-    if rank is not None and energy is not None:
-        raise refuse("rank and energy", (rank, energy), "one of them")
+    check_options(layout, method, weights, rank, energy)
+    if method == "svd" and _in_blocks(reading.position_of(snapshots), layout, rank):
+        stream = Stream(layout=layout, weights=weights, center=center).update(snapshots)
+        return stream.modes(rank=rank, energy=energy, function="pod.decompose")
     hat, _ = lift(snapshots)
     samples, particles, dims = hat.shape
     sigma = relative_arc_length(snapshots)
     mean = hat.mean(axis=0) if center else np.zeros((particles, dims))
     inner = (hat - mean)[:, 1:-1]
-    scale = np.ones(particles) if weights is None else _share(sigma)
-    root = np.sqrt(scale[1:-1])
+    root = reading.weight_roots(sigma, weights)
     # rows of the ends are zero: leaving them out keeps them from becoming modes of their own
     if layout == "separate":
         matrices = [np.ascontiguousarray(root[:, None] * inner[:, :, c].T) for c in range(dims)]
@@ -96,136 +104,30 @@ def decompose(
     check_bytes(needed, "method", f"{method!r} for {extent[0]} by {extent[1]} values, {needed / 1e9:.3g} GB")
     decomposed = [decompositions.ROUTES[method](matrix) for matrix in matrices]
     values = np.stack([item[1] for item in decomposed])
-    unsure = np.stack([decompositions.uncertainty(item, extent, method) for item in values])
-    kept = _count(values, rank, energy, samples - bool(center))
-    shapes = []
-    for left, _ in decomposed:
-        modes = left[:, :kept].T
-        field = modes.reshape(kept, particles - 2, -1) / root[None, :, None]
-        shapes.append(np.pad(_fix_sign(field), ((0, 0), (1, 1), (0, 0))))
-    squares = values**2
-    lead = ("coordinate",) if layout == "separate" else ()
-    pick = slice(None) if lead else 0
-
-    def share(part: np.ndarray) -> np.ndarray:
-        total = part.sum(axis=1, keepdims=True)
-        return np.divide(part, total, out=np.zeros_like(part), where=total > 0)[:, :kept][pick]
-
-    shape = np.stack([item[:, :, 0] for item in shapes]) if lead else shapes[0]
-    shape_dims = ("coordinate", "mode", "particle") if lead else ("mode", "particle", "coordinate")
-    result = xr.Dataset(
-        {
-            "mode_shape": (shape_dims, shape),
-            "singular_value": ((*lead, "mode"), values[:, :kept][pick]),
-            "singular_value_uncertainty": ((*lead, "mode"), unsure[:, :kept][pick]),
-            "proper_orthogonal_value": ((*lead, "mode"), (squares / samples)[:, :kept][pick]),
-            "energy_share": ((*lead, "mode"), share(squares)),
-            "singular_value_share": ((*lead, "mode"), share(values)),
-            "mean": (("particle", "coordinate"), mean),
-            "unstretched_length": ((), _arc_length(snapshots)[-1]),
-        },
-        coords={
-            "mode": np.arange(1, kept + 1),
-            "coordinate": snapshots["coordinate"].values,
-            "arc_length": ("particle", _arc_length(snapshots)),
-        },
+    return labelled(
+        [left.T.reshape(left.shape[1], particles - 2, -1) / root[:, None] for left, _ in decomposed],
+        values,
+        np.stack([decompositions.uncertainty(item, extent, method) for item in values]),
+        np.zeros(len(values)),
+        mean,
+        samples,
+        choice=(rank, energy),
+        options={"layout": layout, "method": method, "weights": weights, "center": bool(center)},
+        algorithm=decompositions.ALGORITHMS[method],
+        like=snapshots,
+        inputs=[snapshots],
     )
-    label(result)
-    result.attrs.update(
-        title=f"{snapshots.attrs.get('title', 'snapshots')}: Karhunen-Loeve modes",
-        stage="modes",
-        layout=layout,
-        method=method,
-        weights=str(weights),
-        number_of_snapshots=samples,
+
+
+def _in_blocks(position: xr.DataArray, layout: str, rank: int | None) -> bool:
+    """Tell whether snapshots are read in blocks: those in chunks, and in memory where that is faster than one matrix."""
+    samples = reading.count(position)
+    features = position.sizes["particle"] * (position.sizes["coordinate"] if layout == "vector" else 1)
+    if reading.is_lazy(position):
+        return True
+    return samples >= 1000 and (
+        samples >= 8 * features if features <= COMPLETE else 20 * (rank or features) <= features
     )
-    options: dict[str, Any] = {
-        "rank": kept,
-        "layout": layout,
-        "method": method,
-        "weights": weights,
-        "center": bool(center),
-        "snapshots": samples,
-    }
-    return provenance.record(result, function="pod.decompose", parameters=options, inputs=[snapshots])
-
-
-def _count(values: np.ndarray, rank: int | None, energy: float | None, most: int) -> int:
-    most = min(values.shape[1], most)
-    if most < 1:
-        raise SceneError("snapshots: given one instant; allowed: at least two, because the time mean is taken off")
-    if rank is not None:
-        schema.integer(least=1)("rank", rank)
-        if rank > most:
-            raise refuse("rank", rank, f"at most {most}, as many as particles and snapshots give")
-        return int(rank)
-    if energy is None:
-        return most
-    schema.number(above=0.0, most=1.0)("energy", energy)
-    needed = 1
-    for squares in values**2:
-        if squares.sum() > 0.0:
-            gathered = np.cumsum(squares) / squares.sum()
-            needed = max(needed, int(np.searchsorted(gathered, energy * (1.0 - 1e-15))) + 1)
-    return min(needed, most)
-
-
-def _fix_sign(field: np.ndarray) -> np.ndarray:
-    """Turn each mode (modes, particles, dims) so that its first entry of at least half the largest size is positive."""
-    flat = field.reshape(len(field), -1)
-    size = np.abs(flat)
-    first = np.argmax(size >= 0.5 * size.max(axis=1, keepdims=True), axis=1)
-    sign = np.where(flat[np.arange(len(flat)), first] < 0.0, -1.0, 1.0)
-    return field * sign[:, None, None]
-
-
-def _arc_length(snapshots: xr.Dataset) -> np.ndarray:
-    s = snapshots["arc_length"]
-    return s.values if s.ndim == 1 else s.transpose("particle", ...).values.reshape(s.sizes["particle"], -1)[:, 0]
-
-
-def relative_arc_length(dataset: xr.Dataset) -> np.ndarray:
-    """Return sigma = S / L0 of the particles, from 0 to 1."""
-    s = _arc_length(dataset)
-    return s / s[-1]
-
-
-def _share(sigma: np.ndarray) -> np.ndarray:
-    """Return the length that each particle carries, scaled to mean 1 over the inner particles."""
-    step = np.diff(sigma)
-    share = 0.5 * np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
-    return share / share[1:-1].mean()
-
-
-def lift(snapshots: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Take the straight line between the ends off the positions, eq. (35).
-
-    Returns
-    -------
-    tuple
-        Lifted positions (samples, particle, coordinate) and positions of the ends (samples, 2, coordinate) [m].
-
-    Raises
-    ------
-    SceneError
-        Where positions are missing or not finite.
-    """
-    if "position" not in snapshots or "arc_length" not in snapshots.variables:
-        raise SceneError("snapshots: given a Dataset without position or arc_length; allowed: a trajectory")
-    for name in ("time", "particle", "coordinate"):
-        if name not in snapshots["position"].dims:
-            raise SceneError(f"snapshots: position lacks the dimension {name}; allowed: (time, particle, coordinate)")
-    position = snapshots["position"].transpose(..., "time", "particle", "coordinate").values
-    position = position.reshape(-1, *position.shape[-2:]).astype(float)
-    if not np.isfinite(position).all():
-        raise SceneError("snapshots: position is not finite everywhere; allowed: finite numbers")
-    if position.shape[1] < 3:
-        raise SceneError(
-            f"snapshots: given {position.shape[1]} particles; allowed: at least 3, because modes vanish at both ends"
-        )
-    sigma = relative_arc_length(snapshots)[None, :, None]
-    ends = position[:, (0, -1)]
-    return position - (1.0 - sigma) * ends[:, :1] - sigma * ends[:, 1:], ends
 
 
 def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
@@ -304,7 +206,7 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
         )
     hat, ends = lift(snapshots)
     fields = mode_fields(modes)
-    weight = np.ones(sigma.size) if modes.attrs["weights"] == "None" else _share(sigma)
+    weight = np.ones(sigma.size) if modes.attrs["weights"] == "None" else reading.shares(sigma)
     amplitude = np.einsum("tpc,mpc->tm", (hat - _mean(modes)) * weight[:, None], fields)
     result = amplitude_dataset(amplitude, ends, snapshots["time"].values, modes)
     result.attrs.update(title=f"{snapshots.attrs.get('title', 'snapshots')}: amplitudes", stage="amplitudes")

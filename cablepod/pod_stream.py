@@ -1,0 +1,284 @@
+"""Modes as a labelled Dataset, and a stream of snapshots that becomes one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import decompositions, provenance, schema
+from cablepod import snapshots as reading
+from cablepod.conventions import label
+from cablepod.schema import SceneError, refuse
+from cablepod.snapshots import relative_arc_length
+from cablepod.streaming import COMPLETE, Accumulator
+
+LAYOUTS = ("separate", "vector")
+METHODS = tuple(decompositions.ROUTES)
+WEIGHTS = (None, "length", "mass")
+
+
+def check_options(layout: str, method: str, weights: str | None, rank: int | None, energy: float | None) -> None:
+    for key, value, allowed in (
+        ("layout", layout, LAYOUTS),
+        ("method", method, METHODS),
+        ("weights", weights, WEIGHTS),
+    ):
+        if value not in allowed:
+            raise refuse(key, value, "one of " + ", ".join(repr(item) for item in allowed))
+    if rank is not None and energy is not None:
+        raise refuse("rank and energy", (rank, energy), "one of them")
+
+
+def labelled(
+    fields: list[np.ndarray],
+    values: np.ndarray,
+    unsure: np.ndarray,
+    lost: np.ndarray,
+    mean: np.ndarray,
+    samples: int,
+    *,
+    choice: tuple[int | None, float | None],
+    options: dict[str, Any],
+    algorithm: str,
+    like: xr.Dataset,
+    inputs: list[xr.Dataset],
+    function: str = "pod.decompose",
+) -> xr.Dataset:
+    """Label modes (mode, inner particle, dims) of each matrix, their singular values (matrix, mode) and what was `lost` [m]."""
+    # squares of any size of snapshots stay within the range
+    unit = np.exp2(np.frexp(np.maximum(values.max(axis=1), lost))[1].astype(float))[:, None]
+    squares, outside = (values / unit) ** 2, (lost[:, None] / unit) ** 2
+    kept = _count(squares, outside, choice[0], choice[1], samples - bool(options["center"]))
+    separate = options["layout"] == "separate"
+    shapes = [np.pad(_fix_sign(field[:kept]), ((0, 0), (1, 1), (0, 0))) for field in fields]
+    lead = ("coordinate",) if separate else ()
+    pick = slice(None) if lead else 0
+
+    def share(part: np.ndarray, rest: np.ndarray | float = 0.0) -> np.ndarray:
+        total = part.sum(axis=1, keepdims=True) + rest
+        return np.divide(part, total, out=np.zeros_like(part), where=total > 0)[:, :kept][pick]
+
+    total = squares.sum(axis=1, keepdims=True) + outside
+    left_out = squares[:, kept:].sum(axis=1, keepdims=True) + outside
+    truncation = np.sqrt(np.divide(left_out, total, out=np.zeros_like(total), where=total > 0))[:, 0]
+    angle = decompositions.mode_angles(values, unsure)
+    arc_length = reading.arc_length(like)
+    with np.errstate(over="ignore", under="ignore"):
+        proper = values**2 / samples
+    shape = np.stack([item[:, :, 0] for item in shapes]) if lead else shapes[0]
+    shape_dims = ("coordinate", "mode", "particle") if lead else ("mode", "particle", "coordinate")
+    result = xr.Dataset(
+        {
+            "mode_shape": (shape_dims, shape),
+            "singular_value": ((*lead, "mode"), values[:, :kept][pick]),
+            "singular_value_uncertainty": ((*lead, "mode"), unsure[:, :kept][pick]),
+            "mode_uncertainty": ((*lead, "mode"), angle[:, :kept][pick]),
+            "proper_orthogonal_value": ((*lead, "mode"), proper[:, :kept][pick]),
+            "energy_share": ((*lead, "mode"), share(squares, outside)),
+            "singular_value_share": ((*lead, "mode"), share(values / unit)),
+            "truncation_error": (lead, truncation[pick]),
+            "mean": (("particle", "coordinate"), mean),
+            "unstretched_length": ((), arc_length[-1]),
+        },
+        coords={
+            "mode": np.arange(1, kept + 1),
+            "coordinate": like["coordinate"].values,
+            "arc_length": ("particle", arc_length),
+        },
+    )
+    label(result)
+    result.attrs.update(
+        title=f"{like.attrs.get('title', 'snapshots')}: Karhunen-Loeve modes",
+        stage="modes",
+        layout=options["layout"],
+        method=options["method"],
+        algorithm=algorithm,
+        weights=str(options["weights"]),
+        number_of_snapshots=samples,
+    )
+    parameters: dict[str, Any] = {"rank": kept, **options, "snapshots": samples}
+    return provenance.record(result, function=function, parameters=parameters, inputs=inputs)
+
+
+class Stream:
+    """Karhunen-Loeve modes of snapshots that need not be kept: fed piece by piece, merged, asked at any time.
+
+    What is held is a few arrays of the size of the modes, whatever the number of snapshots; it can be pickled.  Workers may
+    each own one and merge them at the end.  The modes are those that :func:`cablepod.pod.decompose` gives of all snapshots together, but for
+    rounding, in whatever order they came; :mod:`cablepod.streaming` says how.
+
+    Parameters
+    ----------
+    layout, weights, center
+        As in :func:`cablepod.pod.decompose`.
+    """
+
+    def __init__(self, *, layout: str = "separate", weights: str | None = None, center: bool = True) -> None:
+        check_options(layout, "svd", weights, None, None)
+        self.layout, self.weights, self.center = layout, weights, bool(center)
+        self.samples = 0
+        self._sums: list[Accumulator] = []
+        self._like: xr.Dataset | None = None
+        self._inputs: dict[str, xr.Dataset] = {}
+
+    def update(self, snapshots: xr.Dataset) -> Stream:
+        """Count a trajectory or several, in memory or in chunks, and return the stream.
+
+        Parameters
+        ----------
+        snapshots
+            As in :func:`cablepod.pod.decompose`; the same particles (S / L0) and coordinates each time.
+
+        Raises
+        ------
+        SceneError
+            For other particles than before, and positions that are missing or not finite; the stream is then as it was
+            before.
+        """
+        position = reading.position_of(snapshots)
+        sigma = relative_arc_length(snapshots)
+        dims = position.sizes["coordinate"]
+        features = [sigma.size - 2] * dims if self.layout == "separate" else [dims * (sigma.size - 2)]
+        sums = [Accumulator(size, center=self.center) for size in features]
+        if self._like is not None:
+            self._agrees(snapshots)
+        root = None if self.weights is None else reading.weight_roots(sigma, self.weights)
+        samples = reading.count(position)
+        try:
+            for block in reading.blocks(position):
+                if sums[0].count == 0 and len(block):
+                    # snapshots from all over the block, a few for each feature: they know of motions that come late
+                    some = block[:: max(1, len(block) // (4 * min(features[0], COMPLETE)))]
+                    for part in reading.rows(some[: 8 * COMPLETE], sigma, root, self.layout):
+                        for own, rows in zip(sums, part, strict=True):
+                            own.prepare(rows)
+                noise = decompositions.EPSILON * float(np.abs(block[:, (0, -1)]).max(initial=0.0))
+                for part in reading.rows(block, sigma, root, self.layout):
+                    for own, rows in zip(sums, part, strict=True):
+                        own.add(rows, noise=noise)
+        except FloatingPointError:
+            raise SceneError("snapshots: position is not finite everywhere; allowed: finite numbers") from None
+        return self._joined(sums, samples, snapshots, [snapshots])
+
+    def merge(self, other: Stream) -> Stream:
+        """Count all that `other` has counted, which stays as it is, and return the stream.
+
+        Parameters
+        ----------
+        other
+            A stream of the same options, particles and coordinates.
+
+        Raises
+        ------
+        SceneError
+            Where they differ.
+        """
+        own, its = ((item.layout, item.weights, item.center) for item in (self, other))
+        if own != its:
+            raise refuse("other", its, f"a stream of the same layout, weights and center, {own}")
+        if other._like is None:
+            return self
+        if self._like is not None:
+            self._agrees(other._like)
+        return self._joined(other._sums, other.samples, other._like, list(other._inputs.values()))
+
+    def modes(
+        self, *, rank: int | None = None, energy: float | None = None, function: str = "pod.Stream.modes"
+    ) -> xr.Dataset:
+        """Return the modes of all snapshots so far; the stream may be fed further.
+
+        Parameters
+        ----------
+        rank, energy
+            As in :func:`cablepod.pod.decompose`.
+        function
+            The name that goes into the history.
+        """
+        check_options(self.layout, "svd", self.weights, rank, energy)
+        if self._like is None or self.samples == 0:
+            raise SceneError("snapshots: given none; allowed: at least two instants")
+        sigma = relative_arc_length(self._like)
+        root = reading.weight_roots(sigma, self.weights)
+        width, dims = sigma.size - 2, self._like.sizes["coordinate"]
+        # all coordinates have as many modes as the one that has most
+        most = max(item.axes.shape[1] for item in self._sums)
+        found = [item.decomposed(most) for item in self._sums]
+        count = min(self.samples, most)
+        values = np.stack([item.values[:count] for item in found])
+        lost = np.array([item.lost for item in found])
+        shape = (self._sums[0].features, self.samples)
+        unsure = np.stack(
+            [decompositions.uncertainty(v, shape, "blocks", lost=x) for v, x in zip(values, lost, strict=True)]
+        )
+        # the stream has its features coordinate by coordinate
+        fields = [item.left[:, :count].T.reshape(count, -1, width).transpose(0, 2, 1) / root[:, None] for item in found]
+        mean = np.stack([item.mean().reshape(-1, width) for item in self._sums]).reshape(dims, width).T / root[:, None]
+        return labelled(
+            fields,
+            values,
+            unsure,
+            lost,
+            np.pad(mean, ((1, 1), (0, 0))),
+            self.samples,
+            choice=(rank, energy),
+            options={"layout": self.layout, "method": "svd", "weights": self.weights, "center": self.center},
+            algorithm=decompositions.ALGORITHMS["blocks"],
+            like=self._like,
+            inputs=list(self._inputs.values()),
+            function=function,
+        )
+
+    def _agrees(self, snapshots: xr.Dataset) -> None:
+        assert self._like is not None
+        own, its = relative_arc_length(self._like), relative_arc_length(snapshots)
+        same = own.shape == its.shape and np.abs(own - its).max() <= 1e-9
+        if not same or list(snapshots["coordinate"].values) != list(self._like["coordinate"].values):
+            raise SceneError(
+                f"snapshots: given {its.size} particles and coordinates {list(snapshots['coordinate'].values)}; allowed: the "
+                f"{own.size} particles, at the same S / L0, and the coordinates of those before"
+            )
+
+    def _joined(self, sums: list[Accumulator], samples: int, like: xr.Dataset, inputs: list[xr.Dataset]) -> Stream:
+        if self._like is None:
+            names = [name for name in ("arc_length", "coordinate") if name in like.variables]
+            self._like = like[names].load().copy(deep=True)
+            self._like.attrs = dict(like.attrs)
+            self._sums = [Accumulator(item.features, center=self.center) for item in sums]
+        for own, item in zip(self._sums, sums, strict=True):
+            own.merge(item)
+        self.samples += samples
+        for origin in inputs:
+            stub = xr.Dataset(attrs={key: origin.attrs[key] for key in ("id", "history_json") if key in origin.attrs})
+            self._inputs.setdefault(str(origin.attrs.get("id", "unknown")), stub)
+        return self
+
+
+def _count(squares: np.ndarray, outside: np.ndarray, rank: int | None, energy: float | None, most: int) -> int:
+    most = min(squares.shape[1], most)
+    if most < 1:
+        raise SceneError("snapshots: given one instant; allowed: at least two, because the time mean is taken off")
+    if rank is not None:
+        schema.integer(least=1)("rank", rank)
+        if rank > most:
+            raise refuse("rank", rank, f"at most {most}, as many as particles and snapshots give")
+        return int(rank)
+    if energy is None:
+        return most
+    schema.number(above=0.0, most=1.0)("energy", energy)
+    needed = 1
+    for own, rest in zip(squares, outside[:, 0], strict=True):
+        if own.sum() > 0.0:
+            gathered = np.cumsum(own) / (own.sum() + rest)
+            needed = max(needed, int(np.searchsorted(gathered, energy * (1.0 - 1e-15))) + 1)
+    return min(needed, most)
+
+
+def _fix_sign(field: np.ndarray) -> np.ndarray:
+    """Turn each mode (modes, particles, dims) so that its first entry of at least half the largest size is positive."""
+    flat = field.reshape(len(field), -1)
+    size = np.abs(flat)
+    first = np.argmax(size >= 0.5 * size.max(axis=1, keepdims=True), axis=1)
+    sign = np.where(flat[np.arange(len(flat)), first] < 0.0, -1.0, 1.0)
+    return field * sign[:, None, None]
