@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from cablepod.conventions import label
 from cablepod.schema import SceneError, refuse
 from cablepod.snapshots import relative_arc_length
 from cablepod.streaming import COMPLETE, Accumulator
+from cablepod.threads import one_blas_thread
 
 LAYOUTS = ("separate", "vector")
 METHODS = tuple(decompositions.ROUTES)
@@ -20,6 +23,7 @@ WEIGHTS = (None, "length", "mass")
 
 
 def check_options(layout: str, method: str, weights: str | None, rank: int | None, energy: float | None) -> None:
+    """Refuse options of a decomposition that cannot be."""
     for key, value, allowed in (
         ("layout", layout, LAYOUTS),
         ("method", method, METHODS),
@@ -106,8 +110,8 @@ class Stream:
     """Karhunen-Loeve modes of snapshots that need not be kept: fed piece by piece, merged, asked at any time.
 
     What is held is a few arrays of the size of the modes, whatever the number of snapshots; it can be pickled.  Workers may
-    each own one and merge them at the end.  The modes are those that :func:`cablepod.pod.decompose` gives of all snapshots together, but for
-    rounding, in whatever order they came; :mod:`cablepod.streaming` says how.
+    each own one and merge them at the end.  The modes are those that :func:`cablepod.pod.decompose` gives of all snapshots
+    together, but for rounding, in whatever order they came; :mod:`cablepod.streaming` says how.
 
     Parameters
     ----------
@@ -141,26 +145,20 @@ class Stream:
         sigma = relative_arc_length(snapshots)
         dims = position.sizes["coordinate"]
         features = [sigma.size - 2] * dims if self.layout == "separate" else [dims * (sigma.size - 2)]
-        sums = [Accumulator(size, center=self.center) for size in features]
         if self._like is not None:
             self._agrees(snapshots)
+        # copies, so that a fault in the midst of many blocks leaves the stream as it was
+        sums = copy.deepcopy(self._sums) or [Accumulator(size, center=self.center) for size in features]
         root = None if self.weights is None else reading.weight_roots(sigma, self.weights)
         samples = reading.count(position)
         try:
-            for block in reading.blocks(position):
-                if sums[0].count == 0 and len(block):
-                    # snapshots from all over the block, a few for each feature: they know of motions that come late
-                    some = block[:: max(1, len(block) // (4 * min(features[0], COMPLETE)))]
-                    for part in reading.rows(some[: 8 * COMPLETE], sigma, root, self.layout):
-                        for own, rows in zip(sums, part, strict=True):
-                            own.prepare(rows)
-                noise = decompositions.EPSILON * float(np.abs(block[:, (0, -1)]).max(initial=0.0))
-                for part in reading.rows(block, sigma, root, self.layout):
-                    for own, rows in zip(sums, part, strict=True):
-                        own.add(rows, noise=noise)
+            with one_blas_thread() if features[0] <= COMPLETE else nullcontext():
+                for block in reading.blocks(position):
+                    _count_in(sums, block, sigma, root, self.layout)
         except FloatingPointError:
             raise SceneError("snapshots: position is not finite everywhere; allowed: finite numbers") from None
-        return self._joined(sums, samples, snapshots, [snapshots])
+        self._sums = sums
+        return self._noted(samples, snapshots, [snapshots])
 
     def merge(self, other: Stream) -> Stream:
         """Count all that `other` has counted, which stays as it is, and return the stream.
@@ -182,7 +180,12 @@ class Stream:
             return self
         if self._like is not None:
             self._agrees(other._like)
-        return self._joined(other._sums, other.samples, other._like, list(other._inputs.values()))
+        sums = copy.deepcopy(self._sums) or [Accumulator(item.features, center=self.center) for item in other._sums]
+        with one_blas_thread():
+            for mine, others in zip(sums, other._sums, strict=True):
+                mine.merge(others)
+        self._sums = sums
+        return self._noted(other.samples, other._like, list(other._inputs.values()))
 
     def modes(
         self, *, rank: int | None = None, energy: float | None = None, function: str = "pod.Stream.modes"
@@ -204,7 +207,8 @@ class Stream:
         width, dims = sigma.size - 2, self._like.sizes["coordinate"]
         # all coordinates have as many modes as the one that has most
         most = max(item.axes.shape[1] for item in self._sums)
-        found = [item.decomposed(most) for item in self._sums]
+        with one_blas_thread() if most <= COMPLETE else nullcontext():
+            found = [item.decomposed(most) for item in self._sums]
         count = min(self.samples, most)
         values = np.stack([item.values[:count] for item in found])
         lost = np.array([item.lost for item in found])
@@ -240,19 +244,32 @@ class Stream:
                 f"{own.size} particles, at the same S / L0, and the coordinates of those before"
             )
 
-    def _joined(self, sums: list[Accumulator], samples: int, like: xr.Dataset, inputs: list[xr.Dataset]) -> Stream:
+    def _noted(self, samples: int, like: xr.Dataset, inputs: list[xr.Dataset]) -> Stream:
+        """Note how many snapshots came, and whence."""
         if self._like is None:
-            names = [name for name in ("arc_length", "coordinate") if name in like.variables]
-            self._like = like[names].load().copy(deep=True)
+            self._like = like[["arc_length", "coordinate"]].load().copy(deep=True)
             self._like.attrs = dict(like.attrs)
-            self._sums = [Accumulator(item.features, center=self.center) for item in sums]
-        for own, item in zip(self._sums, sums, strict=True):
-            own.merge(item)
         self.samples += samples
         for origin in inputs:
             stub = xr.Dataset(attrs={key: origin.attrs[key] for key in ("id", "history_json") if key in origin.attrs})
             self._inputs.setdefault(str(origin.attrs.get("id", "unknown")), stub)
         return self
+
+
+def _count_in(
+    sums: list[Accumulator], block: np.ndarray, sigma: np.ndarray, root: np.ndarray | None, layout: str
+) -> None:
+    """Add a block (samples, particle, coordinate) to sums."""
+    if sums[0].count == 0 and len(block):
+        # snapshots from all over the block, a few for each feature: they know of motions that come late
+        some = block[:: max(1, len(block) // (4 * min(sums[0].features, COMPLETE)))]
+        for part in reading.rows(some[: 8 * COMPLETE], sigma, root, layout):
+            for own, rows in zip(sums, part, strict=True):
+                own.prepare(rows)
+    noise = decompositions.EPSILON * float(np.abs(block[:, (0, -1)]).max(initial=0.0))
+    for part in reading.rows(block, sigma, root, layout):
+        for own, rows in zip(sums, part, strict=True):
+            own.add(rows, noise=noise)
 
 
 def _count(squares: np.ndarray, outside: np.ndarray, rank: int | None, energy: float | None, most: int) -> int:

@@ -1,13 +1,15 @@
 """Snapshots: their form, what is left of them when the straight line between the ends is taken off, and how they are read.
 
-Positions come in blocks, whether they lie in memory or in files.  A block is read while the one before is worked on, so that the disk and the arithmetic wait for each other as little as possible.
-Blocks are so small that the allocator hands the same memory out again and again.
+Positions come in blocks, whether they lie in memory or in files.  A block is read while the one before is worked on, so that the
+disk and the arithmetic wait for each other as little as possible.  Blocks are so small that the allocator hands the same memory
+out again and again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import product
+import functools
+import math
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -15,8 +17,8 @@ import xarray as xr
 
 from cablepod.schema import SceneError
 
-#: Bytes of a block that is asked for from files, and of the largest chunk that is taken whole.
-BLOCK, LARGEST = 1 << 24, 1 << 27
+#: Bytes of chunks that are computed together, and of the largest chunk that is computed while another is in use.
+BLOCK, LARGEST = 1 << 24, 1 << 28
 #: Bytes of the rows that are worked on at a time: they stay in the cache of a core.
 CACHED = 3 << 18
 
@@ -108,58 +110,93 @@ def count(position: xr.DataArray) -> int:
 
 
 def blocks(position: xr.DataArray) -> Iterator[np.ndarray]:
-    """Yield `position` as arrays (samples, particle, coordinate) [m], in memory, in an order that suits the chunks."""
+    """Yield `position` as arrays (samples, particle, coordinate) [m] in memory, in the order of its chunks where it has some."""
     position = position.transpose(..., "time", "particle", "coordinate")
+    shape = position.shape[-2:]
     if not is_lazy(position):
-        yield position.values.reshape(-1, *position.shape[-2:])
+        yield position.values.reshape(-1, *shape)
         return
     from concurrent.futures import ThreadPoolExecutor  # only who reads files needs it
 
-    def read(region: tuple[slice, ...]) -> np.ndarray:
-        return np.asarray(position.variable[region].data)
-
-    with ThreadPoolExecutor(1, thread_name_prefix="cablepod-read") as reader:
-        ahead = None
-        for region in _regions(position):
-            coming = reader.submit(read, region)
-            if ahead is not None:
-                yield ahead.result().reshape(-1, *position.shape[-2:])
-            ahead = coming
-        if ahead is not None:
-            yield ahead.result().reshape(-1, *position.shape[-2:])
+    jobs, ahead = _jobs(position.data.rechunk({position.ndim - 2: -1, position.ndim - 1: -1}))
+    with ThreadPoolExecutor(1, thread_name_prefix="cablepod-read") as executor:
+        coming = executor.submit(jobs[0]) if jobs else None
+        for number in range(len(jobs)):
+            ready = coming.result() if coming is not None else jobs[number]()
+            more = ahead and number + 1 < len(jobs)
+            coming = executor.submit(jobs[number + 1]) if more else None
+            while ready:  # what has been used may go
+                yield np.asarray(ready.pop(0)).reshape(-1, *shape)
 
 
-def _regions(position: xr.DataArray) -> Iterator[tuple[slice, ...]]:
-    """Cut the leading dimensions along the chunks: small ones are taken together, very large ones cut."""
-    chunks: Any = position.chunks
-    row = position.dtype.itemsize * position.sizes["particle"] * position.sizes["coordinate"]
-    lead = position.dims[:-2]
-    chunk_rows = int(np.prod([max(chunks[i]) for i in range(len(lead))]))
-    wanted = max(1, BLOCK // row)
-    whole = chunk_rows * row <= LARGEST
-    cuts: list[list[slice]] = []
-    # whole chunks: how many of them may go together; otherwise how many rows
-    left = max(1, wanted // chunk_rows) if whole else wanted
-    for i in range(len(lead) - 1, -1, -1):
-        ranges = _joined(chunks[i], left) if whole else _cut(chunks[i], left)
-        longest = max(part.stop - part.start for part in ranges)
-        left = max(1, left // (max(1, longest // max(chunks[i])) if whole else longest))
-        cuts.insert(0, ranges)
-    yield from product(*cuts)
+def _jobs(data: Any) -> tuple[list[Callable[[], list[np.ndarray]]], bool]:
+    """Return calls that give the chunks of a dask array, some at a time, and whether to make one ahead of its need.
+
+    Slices of the array would be optimised as a whole graph each time, which for thousands of chunks takes longer than to read
+    them; so the graph is optimised once, and its tasks are picked out.  Where chunks are no more than ranges of something that
+    can be sliced, as a variable in a file is, that is sliced itself: small chunks in one piece, large ones in several.
+    """
+    import dask
+    from dask.base import get_scheduler
+    from dask.optimization import cull
+
+    largest = data.dtype.itemsize * math.prod(max(sizes) for sizes in data.chunks)
+    get = get_scheduler()
+    graph = dict(data.__dask_graph__())
+    sources = [_source(graph, (data.name, *index)) for index in np.ndindex(*data.numblocks)]
+    if get is None and all(source is not None for source in sources):
+        row = data.dtype.itemsize * math.prod(data.shape[1:])
+        return [functools.partial(_sliced, *item) for item in _ranges(sources, max(1, BLOCK // row))], True
+    get = get or dask.get
+    (data,) = dask.optimize(data)
+    graph = dict(data.__dask_graph__())
+    keys = [(data.name, *index) for index in np.ndindex(*data.numblocks)]
+    together = max(1, BLOCK // max(1, largest))
+    groups = [keys[i : i + together] for i in range(0, len(keys), together)]
+    return [functools.partial(_computed, get, cull, graph, group) for group in groups], largest <= LARGEST
 
 
-def _joined(sizes: tuple[int, ...], together: int) -> list[slice]:
-    stops = np.concatenate([[0], np.cumsum(sizes)])
-    return [slice(int(stops[i]), int(stops[min(i + together, len(sizes))])) for i in range(0, len(sizes), together)]
+def _computed(get: Callable[..., Any], cull: Callable[..., Any], graph: dict[Any, Any], group: list[Any]) -> list[Any]:
+    return list(get(cull(graph, group)[0], group))
 
 
-def _cut(sizes: tuple[int, ...], most: int) -> list[slice]:
-    stops = np.cumsum(sizes)
-    return [
-        slice(int(start), int(min(start + most, stop)))
-        for stop, size in zip(stops, sizes, strict=True)
-        for start in range(stop - size, stop, most)
-    ]
+def _sliced(source: Any, region: tuple[slice, ...]) -> list[np.ndarray]:
+    return [np.asarray(source[region])]
+
+
+def _source(graph: dict[Any, Any], key: Any) -> tuple[Any, tuple[slice, ...]] | None:
+    """Return what chunk `key` is a range of, and the range; None where it is anything else, as a computed one."""
+    task = graph.get(key)
+    while isinstance(task, tuple) or hasattr(task, "target"):  # another name, as of the parts of what is joined
+        task = graph.get(getattr(task, "target", task))
+    args: Any = getattr(task, "args", ())
+    func = getattr(task, "func", None)
+    if getattr(func, "__name__", "") != "getter" or len(args) != 2 or getattr(task, "kwargs", None):
+        return None
+    source = graph.get(getattr(args[0], "key", None))
+    source, region = getattr(source, "value", source), getattr(args[1], "value", args[1])
+    if source is None or not isinstance(region, tuple):
+        return None
+    plain = all(isinstance(item, slice) and item.step in (None, 1) for item in region)
+    return (source, region) if plain else None
+
+
+def _ranges(sources: list[Any], most: int) -> Iterator[tuple[Any, tuple[slice, ...]]]:
+    """Join ranges that follow one another along the first dimension, and cut them again into `most` of its rows."""
+    start = 0
+    while start < len(sources):
+        source, (first, *others) = sources[start]
+        stop, end = start + 1, first.stop
+        while stop < len(sources) and sources[stop][0] is source:
+            then, *rest = sources[stop][1]
+            if rest != others or then.start != end:
+                break
+            end, stop = then.stop, stop + 1
+        size = first.stop - first.start
+        step = most // size * size or most  # along the chunks, where they are small
+        for low in range(first.start, end, step):
+            yield source, (slice(low, min(end, low + step)), *others)
+        start = stop
 
 
 def rows(position: np.ndarray, sigma: np.ndarray, root: np.ndarray | None, layout: str) -> Iterator[np.ndarray]:

@@ -341,6 +341,9 @@ def graded_svd(factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return singular values, largest first, and right singular vectors of a square matrix of graded columns."""
     if not factor.any():
         return np.zeros(len(factor)), np.eye(len(factor))
+    if len(factor) > COMPLETE:  # rotations would take minutes, and what was left out is larger than their last digits
+        _, values, rows = np.linalg.svd(factor)
+        return values, rows.T
     from scipy.linalg import lapack  # costly to import
 
     # joba "C": relative accuracy for graded columns; no left vectors; jobr "N": nothing is set to zero
@@ -362,6 +365,8 @@ def turned_factor(factor: np.ndarray, axes: np.ndarray, other: np.ndarray) -> np
     Columns of `axes` are orthonormal only to rounding, and the vectors they stand for are Y (A^T A)^-1 A^T; to second order
     the inverse is 2 - A^T A.
     """
+    if not factor.any():
+        return np.zeros((len(factor), other.shape[1]))
     high, low = accurate_product(axes.T, other)
     gram, gram_low = accurate_product(axes.T, axes)
     skew = (gram - np.eye(len(gram))) + gram_low

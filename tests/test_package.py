@@ -19,7 +19,7 @@ PACKAGE = Path(cp.__file__).parent
 ORDER = (
     "conventions", "provenance", "kernels", "motion", "schema", "parameters", "records", "scene", "members", "stepping",
     "catenary", "links", "runs", "verlet", "implicit", "chain", "elements", "cable_runs", "cable_choice", "cable",
-    "decompositions", "streaming", "snapshots", "pod_stream", "pod", "compare", "galerkin_model", "galerkin",
+    "decompositions", "threads", "streaming", "snapshots", "pod_stream", "pod", "compare", "galerkin_model", "galerkin",
     "plots", "whole", "archive", "shipped", "paper", "cli", "__init__", "__main__",
 )  # fmt: skip
 
