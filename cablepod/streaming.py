@@ -188,21 +188,18 @@ class Accumulator:
 
     def _rescale(self, rows: np.ndarray) -> None:
         """Bring `rows` to the units of the sums, in place, and change these units where squares would leave the range."""
+        with np.errstate(over="ignore", under="ignore"):
+            energy = float(np.vdot(rows, rows)) * self.scale * self.scale
+        if not TINY < energy < HUGE:
+            size = max(abs(float(rows.max())), abs(float(rows.min())))
+            if not math.isfinite(size):
+                raise FloatingPointError("rows are not finite")
+            # small rows count in small units only while there is nothing larger
+            small = size < 1.0 / self.scale
+            if size > 0.0 and not (small and (self.gram.any() or self.center_row.any())):
+                self._to_units(2.0 ** -math.frexp(size)[1])
         if self.scale != 1.0:
             rows *= self.scale
-        with np.errstate(over="ignore", under="ignore"):
-            energy = float(np.vdot(rows, rows))
-        if TINY < energy < HUGE:
-            return
-        size = max(abs(float(rows.max())), abs(float(rows.min())))
-        if not math.isfinite(size):
-            raise FloatingPointError("rows are not finite")
-        # small rows count in small units only while there is nothing larger
-        if size == 0.0 or (energy <= TINY and (self.gram.any() or self.center_row.any())):
-            return
-        units = 2.0 ** -math.frexp(size)[1]
-        rows *= units
-        self._to_units(self.scale * units)
 
     def _to_units(self, scale: float) -> None:
         with np.errstate(under="ignore"):
