@@ -2,8 +2,9 @@
 
 from importlib.metadata import version
 
-from cablepod import archive, cable, catenary, chain, compare, galerkin, plots, pod
+from cablepod import archive, cable, catenary, chain, compare, condensed, galerkin, plots, pod, rigid
 from cablepod.archive import ArchiveError
+from cablepod.condensed_output import OutOfRangeWarning
 from cablepod.scene import make_scene, read_scene
 from cablepod.schema import SceneError
 from cablepod.stepping import NotConvergedWarning, RunStopped
@@ -13,6 +14,7 @@ __version__ = version("cablepod")
 __all__ = [
     "ArchiveError",
     "NotConvergedWarning",
+    "OutOfRangeWarning",
     "RunStopped",
     "SceneError",
     "archive",
@@ -20,9 +22,11 @@ __all__ = [
     "catenary",
     "chain",
     "compare",
+    "condensed",
     "galerkin",
     "make_scene",
     "plots",
     "pod",
     "read_scene",
+    "rigid",
 ]

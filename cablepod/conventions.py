@@ -47,7 +47,7 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "out_of_plane_share": ("1", "share of the mean square of the shape normal to the plane of chord and load"),
     # modes
     "mode_shape": ("1", "Karhunen-Loeve mode, of unit norm in the inner product of the decomposition"),
-    "singular_value": ("m", "singular value of the centred, lifted snapshot matrix"),
+    "singular_value": ("m", "singular value of the snapshot matrix, centred and lifted unless of deflections"),
     "singular_value_uncertainty": ("m", "estimate of the error of the singular value on the route taken"),
     "mode_uncertainty": ("rad", "estimate of the angle by which that error may turn the mode"),
     "truncation_error": ("1", "root of the share of the energy that the modes do not hold"),
@@ -64,6 +64,15 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "error_rms": ("1", "root mean square of the error over time"),
     "displacement_scale": ("m", "length by which the error is divided"),
 }
+
+
+VARIABLES |= {
+    f"{name}_out_of_plane": (VARIABLES[name][0], f"{VARIABLES[name][1]}, out of the plane of chord and vertical")
+    for name in (
+        "amplitude", "mode_shape", "singular_value", "singular_value_uncertainty", "mode_uncertainty", "truncation_error",
+        "proper_orthogonal_value", "energy_share", "singular_value_share",
+    )
+}  # fmt: skip
 
 
 def label(dataset: xr.Dataset, **extra: tuple[str, str]) -> xr.Dataset:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from cablepod import decompositions, provenance, schema
+from cablepod import decompositions, pod_normal, provenance, schema
 from cablepod import snapshots as reading
 from cablepod.conventions import ENDS, label
 from cablepod.parameters import check_bytes
@@ -53,7 +53,9 @@ def decompose(
     energy
         Keep as many modes as are needed for this share of the sum of squared singular values, in (0, 1].
     layout
-        "separate": modes for each coordinate, as the paper has them; "vector": one set of modes for all coordinates.
+        "separate": modes for each coordinate, as the paper has them; "vector": one set of modes for all coordinates; "normal":
+        modes of the deflection normal to the chord of the moment, for :mod:`cablepod.condensed`, with a set of their own out of
+        the plane of chord and vertical in spatial scenes.
     method
         The route, all three of section 5.1 of the paper: "svd", the singular value decomposition of the data, eq. (30), right to
         the last digits; "covariance", eigenvectors of the (n, n) covariance matrix, eq. (29); "snapshots", Sirovich's,
@@ -65,13 +67,14 @@ def decompose(
         Inner product over the particles: None, the paper's, counts all alike; "length" or "mass" by the unstretched length
         that each carries, scaled to mean 1 (the same for a uniform cable).
     center
-        Take the time mean off first.
+        Take the time mean off first.  Deflections normal to the chord keep their mean.
 
     Returns
     -------
     xarray.Dataset
         ``mode_shape (coordinate, mode, particle)``, ``singular_value (coordinate, mode)`` [m] of the plain centred, lifted
-        data matrix, or for "vector" ``mode_shape (mode, particle, coordinate)``, ``singular_value (mode)``; with
+        data matrix, or for "vector" ``mode_shape (mode, particle, coordinate)``, ``singular_value (mode)``, or for "normal"
+        ``mode_shape (mode, particle)``, ``singular_value (mode)``, with the same names and ``_out_of_plane`` in space; with
         ``proper_orthogonal_value`` (squared singular value over the number of snapshots), ``energy_share``,
         ``singular_value_share`` (over all singular values computed), and ``mean (particle, coordinate)`` [m].  What is not
         known: ``truncation_error``, the root of the share of the energy that the modes do not hold;
@@ -88,14 +91,17 @@ def decompose(
     if method == "svd" and _in_blocks(reading.position_of(snapshots), layout, rank):
         stream = Stream(layout=layout, weights=weights, center=center).update(snapshots)
         return stream.modes(rank=rank, energy=energy, function="pod.decompose")
-    hat, _ = lift(snapshots)
-    samples, particles, dims = hat.shape
+    if layout == "normal":
+        hat, center = np.moveaxis(pod_normal.deflections(reading.positions(snapshots)), 0, -1), False
+    else:
+        hat, _ = lift(snapshots)
     sigma = relative_arc_length(snapshots)
+    samples, particles, dims = hat.shape
     mean = hat.mean(axis=0) if center else np.zeros((particles, dims))
     inner = (hat - mean)[:, 1:-1]
     root = reading.weight_roots(sigma, weights)
     # rows of the ends are zero: leaving them out keeps them from becoming modes of their own
-    if layout == "separate":
+    if layout != "vector":
         matrices = [np.ascontiguousarray(root[:, None] * inner[:, :, c].T) for c in range(dims)]
     else:
         matrices = [np.ascontiguousarray((root[None, :, None] * inner).reshape(samples, -1).T)]
@@ -138,9 +144,10 @@ def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
     SceneError
         Where `modes` are none, or fewer than `rank`.
     """
-    if "mode_shape" not in modes or modes.attrs.get("layout") not in LAYOUTS:
+    if "mode_shape" not in modes or modes.attrs.get("layout") not in LAYOUTS[:2]:
         raise SceneError(
-            f"modes: given a Dataset without mode_shape or layout; allowed: what pod.decompose gives ({LAYOUTS})"
+            f"modes: given a Dataset without mode_shape, or layout {modes.attrs.get('layout')!r}; allowed: what pod.decompose "
+            f"gives with one of {LAYOUTS[:2]}"
         )
     most = modes.sizes["mode"]
     if rank is not None:
@@ -204,11 +211,15 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
         raise SceneError(
             f"snapshots: given {own.size} particles; allowed: the {sigma.size} particles of the modes, at the same S / L0"
         )
-    hat, ends = lift(snapshots)
-    fields = mode_fields(modes)
     weight = np.ones(sigma.size) if modes.attrs["weights"] == "None" else reading.shares(sigma)
-    amplitude = np.einsum("tpc,mpc->tm", (hat - _mean(modes)) * weight[:, None], fields)
-    result = amplitude_dataset(amplitude, ends, snapshots["time"].values, modes)
+    if modes.attrs["layout"] == "normal":
+        position = reading.positions(snapshots)
+        values = pod_normal.project(position, modes, weight)
+        result = pod_normal.amplitude_dataset(values, position[:, (0, -1)], snapshots["time"].values, modes)
+    else:
+        hat, ends = lift(snapshots)
+        amplitude = np.einsum("tpc,mpc->tm", (hat - _mean(modes)) * weight[:, None], mode_fields(modes))
+        result = amplitude_dataset(amplitude, ends, snapshots["time"].values, modes)
     result.attrs.update(title=f"{snapshots.attrs.get('title', 'snapshots')}: amplitudes", stage="amplitudes")
     return provenance.record(result, function="pod.project", parameters={}, inputs=[snapshots, modes])
 
@@ -230,14 +241,17 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        ``position (time, particle, coordinate)`` [m].
+        ``position (time, particle, coordinate)`` [m].  Modes of the deflection normal to the chord say nothing of the distances
+        along it: all links are then taken to be stretched alike.
     """
-    rank = amplitudes.sizes["mode"]
-    fields = mode_fields(modes, rank)
-    order = ("time", "coordinate", "mode") if modes.attrs["layout"] == "separate" else ("time", "mode")
-    amplitude = amplitudes["amplitude"].transpose(*order).values.reshape(amplitudes.sizes["time"], -1)
-    ends = amplitudes["end_position"].transpose("time", "end", "coordinate").values
-    position = compose(amplitude, ends, fields, _mean(modes), relative_arc_length(modes))
+    if modes.attrs["layout"] == "normal":
+        position = pod_normal.reconstruct(amplitudes, modes, relative_arc_length(modes))
+    else:
+        fields = mode_fields(modes, amplitudes.sizes["mode"])
+        order = ("time", "coordinate", "mode") if modes.attrs["layout"] == "separate" else ("time", "mode")
+        amplitude = amplitudes["amplitude"].transpose(*order).values.reshape(amplitudes.sizes["time"], -1)
+        ends = amplitudes["end_position"].transpose("time", "end", "coordinate").values
+        position = compose(amplitude, ends, fields, _mean(modes), relative_arc_length(modes))
     result = xr.Dataset(
         {"position": (("time", "particle", "coordinate"), position)},
         coords={

@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import decompositions, provenance, schema
+from cablepod import decompositions, pod_normal, provenance, schema
 from cablepod import snapshots as reading
+from cablepod.chord import Frame
 from cablepod.conventions import label
 from cablepod.schema import SceneError, refuse
 from cablepod.snapshots import relative_arc_length
 from cablepod.streaming import COMPLETE, Accumulator
 from cablepod.threads import one_blas_thread
 
-LAYOUTS = ("separate", "vector")
+LAYOUTS = ("separate", "vector", "normal")
 METHODS = tuple(decompositions.ROUTES)
 WEIGHTS = (None, "length", "mass")
 
@@ -55,14 +56,12 @@ def labelled(
     unit = np.exp2(np.frexp(np.maximum(values.max(axis=1), lost))[1].astype(float))[:, None]
     squares, outside = (values / unit) ** 2, (lost[:, None] / unit) ** 2
     kept = _count(squares, outside, choice[0], choice[1], samples - bool(options["center"]))
-    separate = options["layout"] == "separate"
+    layout = options["layout"]
     shapes = [np.pad(_fix_sign(field[:kept]), ((0, 0), (1, 1), (0, 0))) for field in fields]
-    lead = ("coordinate",) if separate else ()
-    pick = slice(None) if lead else 0
 
     def share(part: np.ndarray, rest: np.ndarray | float = 0.0) -> np.ndarray:
         total = part.sum(axis=1, keepdims=True) + rest
-        return np.divide(part, total, out=np.zeros_like(part), where=total > 0)[:, :kept][pick]
+        return np.divide(part, total, out=np.zeros_like(part), where=total > 0)
 
     total = squares.sum(axis=1, keepdims=True) + outside
     left_out = squares[:, kept:].sum(axis=1, keepdims=True) + outside
@@ -71,21 +70,29 @@ def labelled(
     arc_length = reading.arc_length(like)
     with np.errstate(over="ignore", under="ignore"):
         proper = values**2 / samples
-    shape = np.stack([item[:, :, 0] for item in shapes]) if lead else shapes[0]
-    shape_dims = ("coordinate", "mode", "particle") if lead else ("mode", "particle", "coordinate")
+    tables = {
+        "singular_value": values,
+        "singular_value_uncertainty": unsure,
+        "mode_uncertainty": angle,
+        "proper_orthogonal_value": proper,
+        "energy_share": share(squares, outside),
+        "singular_value_share": share(values / unit),
+    }
+    shape = shapes[0][None] if layout == "vector" else np.stack([item[:, :, 0] for item in shapes])
+    shape_dims = ("mode", "particle", "coordinate") if layout == "vector" else ("mode", "particle")
+    variables: dict[str, Any] = {}
+    # separate modes stand along a dimension, modes in and out of the plane under names of their own
+    lead = ("coordinate",) if layout == "separate" else ()
+    for number, suffix in enumerate(pod_normal.SETS[: len(values)] if layout == "normal" else ("",)):
+        pick = slice(None) if lead else number
+        variables[f"mode_shape{suffix}"] = ((*lead, *shape_dims), shape[pick])
+        variables |= {f"{name}{suffix}": ((*lead, "mode"), table[:, :kept][pick]) for name, table in tables.items()}
+        variables[f"truncation_error{suffix}"] = (lead, truncation[pick])
+    if layout != "normal":
+        variables["mean"] = (("particle", "coordinate"), mean)
+    variables["unstretched_length"] = ((), arc_length[-1])
     result = xr.Dataset(
-        {
-            "mode_shape": (shape_dims, shape),
-            "singular_value": ((*lead, "mode"), values[:, :kept][pick]),
-            "singular_value_uncertainty": ((*lead, "mode"), unsure[:, :kept][pick]),
-            "mode_uncertainty": ((*lead, "mode"), angle[:, :kept][pick]),
-            "proper_orthogonal_value": ((*lead, "mode"), proper[:, :kept][pick]),
-            "energy_share": ((*lead, "mode"), share(squares, outside)),
-            "singular_value_share": ((*lead, "mode"), share(values / unit)),
-            "truncation_error": (lead, truncation[pick]),
-            "mean": (("particle", "coordinate"), mean),
-            "unstretched_length": ((), arc_length[-1]),
-        },
+        variables,
         coords={
             "mode": np.arange(1, kept + 1),
             "coordinate": like["coordinate"].values,
@@ -96,7 +103,7 @@ def labelled(
     result.attrs.update(
         title=f"{like.attrs.get('title', 'snapshots')}: Karhunen-Loeve modes",
         stage="modes",
-        layout=options["layout"],
+        layout=layout,
         method=options["method"],
         algorithm=algorithm,
         weights=str(options["weights"]),
@@ -121,8 +128,9 @@ class Stream:
 
     def __init__(self, *, layout: str = "separate", weights: str | None = None, center: bool = True) -> None:
         check_options(layout, "svd", weights, None, None)
-        self.layout, self.weights, self.center = layout, weights, bool(center)
+        self.layout, self.weights, self.center = layout, weights, bool(center) and layout != "normal"
         self.samples = 0
+        self._reference: int | None = None  # of the first chord, for layout "normal"
         self._sums: list[Accumulator] = []
         self._like: xr.Dataset | None = None
         self._inputs: dict[str, xr.Dataset] = {}
@@ -143,21 +151,23 @@ class Stream:
         """
         position = reading.position_of(snapshots)
         sigma = relative_arc_length(snapshots)
-        dims = position.sizes["coordinate"]
-        features = [sigma.size - 2] * dims if self.layout == "separate" else [dims * (sigma.size - 2)]
+        dims, width = position.sizes["coordinate"], sigma.size - 2
+        features = {"separate": [width] * dims, "vector": [dims * width], "normal": [width] * (dims - 1)}[self.layout]
         if self._like is not None:
             self._agrees(snapshots)
         # copies, so that a fault in the midst of many blocks leaves the stream as it was
         sums = copy.deepcopy(self._sums) or [Accumulator(size, center=self.center) for size in features]
         root = None if self.weights is None else reading.weight_roots(sigma, self.weights)
-        samples = reading.count(position)
+        samples, reference = reading.count(position), self._reference
         try:
             with one_blas_thread() if features[0] <= COMPLETE else nullcontext():
                 for block in reading.blocks(position):
-                    _count_in(sums, block, sigma, root, self.layout)
+                    if reference is None and self.layout == "normal" and len(block):
+                        reference = Frame.of(block[:1, -1] - block[:1, 0]).reference
+                    _count_in(sums, block, (sigma, root, self.layout, reference))
         except FloatingPointError:
             raise SceneError("snapshots: position is not finite everywhere; allowed: finite numbers") from None
-        self._sums = sums
+        self._sums, self._reference = sums, reference
         return self._noted(samples, snapshots, [snapshots])
 
     def merge(self, other: Stream) -> Stream:
@@ -180,11 +190,17 @@ class Stream:
             return self
         if self._like is not None:
             self._agrees(other._like)
+        references = {item for item in (self._reference, other._reference) if item is not None}
+        if len(references) > 1:
+            raise SceneError(
+                "other: its first chord is so steep that another axis tells deflection in the plane from deflection out of it; "
+                "allowed: streams that began with chords alike"
+            )
         sums = copy.deepcopy(self._sums) or [Accumulator(item.features, center=self.center) for item in other._sums]
         with one_blas_thread():
             for mine, others in zip(sums, other._sums, strict=True):
                 mine.merge(others)
-        self._sums = sums
+        self._sums, self._reference = sums, next(iter(references), None)
         return self._noted(other.samples, other._like, list(other._inputs.values()))
 
     def modes(
@@ -204,7 +220,7 @@ class Stream:
             raise SceneError("snapshots: given none; allowed: at least two instants")
         sigma = relative_arc_length(self._like)
         root = reading.weight_roots(sigma, self.weights)
-        width, dims = sigma.size - 2, self._like.sizes["coordinate"]
+        width = sigma.size - 2
         # all coordinates have as many modes as the one that has most
         most = max(item.axes.shape[1] for item in self._sums)
         with one_blas_thread() if most <= COMPLETE else nullcontext():
@@ -218,7 +234,7 @@ class Stream:
         )
         # the stream has its features coordinate by coordinate
         fields = [item.left[:, :count].T.reshape(count, -1, width).transpose(0, 2, 1) / root[:, None] for item in found]
-        mean = np.stack([item.mean().reshape(-1, width) for item in self._sums]).reshape(dims, width).T / root[:, None]
+        mean = np.stack([item.mean().reshape(-1, width) for item in self._sums]).reshape(-1, width).T / root[:, None]
         return labelled(
             fields,
             values,
@@ -256,18 +272,16 @@ class Stream:
         return self
 
 
-def _count_in(
-    sums: list[Accumulator], block: np.ndarray, sigma: np.ndarray, root: np.ndarray | None, layout: str
-) -> None:
-    """Add a block (samples, particle, coordinate) to sums."""
+def _count_in(sums: list[Accumulator], block: np.ndarray, how: tuple[Any, ...]) -> None:
+    """Add a block (samples, particle, coordinate) to sums, in rows as :func:`cablepod.snapshots.rows` makes them `how`."""
     if sums[0].count == 0 and len(block):
         # snapshots from all over the block, a few for each feature: they know of motions that come late
         some = block[:: max(1, len(block) // (4 * min(sums[0].features, COMPLETE)))]
-        for part in reading.rows(some[: 8 * COMPLETE], sigma, root, layout):
+        for part in reading.rows(some[: 8 * COMPLETE], *how):
             for own, rows in zip(sums, part, strict=True):
                 own.prepare(rows)
     noise = decompositions.EPSILON * float(np.abs(block[:, (0, -1)]).max(initial=0.0))
-    for part in reading.rows(block, sigma, root, layout):
+    for part in reading.rows(block, *how):
         for own, rows in zip(sums, part, strict=True):
             own.add(rows, noise=noise)
 

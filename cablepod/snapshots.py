@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod import pod_normal
 from cablepod.schema import SceneError
 
 #: Bytes of chunks that are computed together, and of the largest chunk that is computed while another is in use.
@@ -77,13 +78,8 @@ def _check_members(lengths: xr.DataArray) -> None:
         )
 
 
-def lift(snapshots: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Take the straight line between the ends off the positions, eq. (35).
-
-    Returns
-    -------
-    tuple
-        Lifted positions (samples, particle, coordinate) and positions of the ends (samples, 2, coordinate) [m].
+def positions(snapshots: xr.Dataset) -> np.ndarray:
+    """Return the positions (samples, particle, coordinate) [m], all further dimensions counted as samples.
 
     Raises
     ------
@@ -94,6 +90,18 @@ def lift(snapshots: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     position = position.reshape(-1, *position.shape[-2:]).astype(float)
     if not np.isfinite(position).all():
         raise SceneError("snapshots: position is not finite everywhere; allowed: finite numbers")
+    return position
+
+
+def lift(snapshots: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Take the straight line between the ends off the positions, eq. (35).
+
+    Returns
+    -------
+    tuple
+        Lifted positions (samples, particle, coordinate) and positions of the ends (samples, 2, coordinate) [m].
+    """
+    position = positions(snapshots)
     sigma = relative_arc_length(snapshots)[None, :, None]
     ends = position[:, (0, -1)]
     return position - (1.0 - sigma) * ends[:, :1] - sigma * ends[:, 1:], ends
@@ -199,7 +207,9 @@ def _ranges(sources: list[Any], most: int) -> Iterator[tuple[Any, tuple[slice, .
         start = stop
 
 
-def rows(position: np.ndarray, sigma: np.ndarray, root: np.ndarray | None, layout: str) -> Iterator[np.ndarray]:
+def rows(
+    position: np.ndarray, sigma: np.ndarray, root: np.ndarray | None, layout: str, reference: int | None = None
+) -> Iterator[np.ndarray]:
     """Yield lifted snapshots, eq. (35), as rows of inner particles, a few thousand numbers at a time.
 
     Parameters
@@ -212,7 +222,9 @@ def rows(position: np.ndarray, sigma: np.ndarray, root: np.ndarray | None, layou
         Roots of the weights of the inner particles; None for ones.
     layout
         "separate" yields arrays (coordinate, samples, particle), "vector" (1, samples, coordinate * particle), coordinate
-        by coordinate.
+        by coordinate; "normal" (normals, samples, particle), deflections normal to the chord.
+    reference
+        The axis that tells the normals apart in space, see :class:`cablepod.chord.Frame`.
     """
     samples, particles, dims = position.shape
     inner = particles - 2
@@ -220,6 +232,12 @@ def rows(position: np.ndarray, sigma: np.ndarray, root: np.ndarray | None, layou
     step = max(64, CACHED // (8 * inner * (dims if layout == "vector" else 1)))
     for start in range(0, samples, step):
         part = position[start : start + step]
+        if layout == "normal":
+            if not np.isfinite(part[:, (0, -1)]).all():
+                raise FloatingPointError("ends are not finite")
+            hat = pod_normal.deflections(part.astype(float, copy=False), reference)[:, :, 1:-1]
+            yield np.multiply(hat, 1.0 if root is None else root, order="C")
+            continue
         hat = np.empty((dims, len(part), inner) if layout == "separate" else (len(part), dims, inner))
         for c in range(dims):
             out = hat[c] if layout == "separate" else hat[:, c]

@@ -1,0 +1,362 @@
+"""A cable that is quasi-static along its chord, restricted to modes of the deflection normal to it: coefficients and states."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import pod, pod_normal, schema
+from cablepod.chain import start
+from cablepod.chord import Frame
+from cablepod.conventions import COORDINATES, ENDS
+from cablepod.links import Chain, check_law
+from cablepod.parameters import Parameters, solve_statics
+from cablepod.schema import SceneError, refuse
+
+#: "leading": closure and force to the first order in slope squared and strain; "exact": the chordwise stretch as it is;
+#: "inertial": exact, with the inertia of the motion along the chord that the deflection brings with it.
+ORDERS = ("leading", "exact", "inertial")
+
+
+@dataclass(frozen=True)
+class Model:
+    """Coefficients of the condensed model.
+
+    Coordinates q are mass-orthonormal; ``plane`` of them are deflections in the plane.  Chordwise force N = H + tau, where tau
+    is the sum of a pattern for each load; deflections normal to the chord are sums of modes.
+    """
+
+    chain: Chain  #: links and masses on the particles of the modes
+    order: str  #: one of ORDERS
+    modes: tuple[np.ndarray, ...]  #: of each set as given, (mode, particle)
+
+    @property
+    def green(self) -> bool:
+        """Whether law (21) holds."""
+        return self.chain.green
+
+    @property
+    def plane(self) -> int:
+        """Number of coordinates in the plane."""
+        return len(self.modes[0])
+
+    @property
+    def rank(self) -> int:
+        """Number of modes of the larger set."""
+        return max(self.ranks)
+
+    @cached_property
+    def ranks(self) -> tuple[int, ...]:
+        """Number of coordinates of each set."""
+        return tuple(len(item) for item in self.modes)
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """Masses of the particles (n + 1,) [kg]."""
+        return self.chain.p.mass * self.chain.share
+
+    @cached_property
+    def turned(self) -> tuple[list[np.ndarray], np.ndarray]:
+        """Coordinates in terms of modes, set by set, and the squares of their slopes (r,) [1/(kg m)].
+
+        In each set they are orthogonal in mass and slope.
+        """
+        from scipy.linalg import eigh  # costly to import
+
+        turns, squares = [], []
+        for psi in self.modes:
+            slope = np.diff(psi, axis=1) / self.chain.length
+            try:
+                values, vectors = eigh((slope * self.chain.length) @ slope.T, (psi * self.mass) @ psi.T)
+            except np.linalg.LinAlgError:
+                raise SceneError(
+                    "modes: given some that are sums of others; allowed: independent ones, as pod.decompose gives"
+                ) from None
+            turns.append(vectors)
+            squares.append(values)
+        return turns, np.concatenate(squares)
+
+    @cached_property
+    def shapes(self) -> np.ndarray:
+        """Mass-orthonormal shapes of the coordinates (r, particle) [kg^-1/2]."""
+        return np.concatenate([turn.T @ psi for turn, psi in zip(self.turned[0], self.modes, strict=True)])
+
+    @cached_property
+    def slopes(self) -> np.ndarray:
+        """Their slopes on the links (r, n)."""
+        return np.diff(self.shapes, axis=1) / self.chain.length
+
+    @cached_property
+    def patterns(self) -> np.ndarray:
+        """Loads on the particles for patterns of size one (patterns, particle): lengths [m] but for point loads."""
+        chain, p = self.chain, self.chain.p
+        rows = [chain.share]
+        if p.motions:
+            rows.append(chain.share * chain.arc_length / chain.total_length)
+        rows += [_lever(chain, load.fraction) for load in p.point_loads]
+        return np.array(rows)
+
+    @cached_property
+    def taus(self) -> np.ndarray:
+        """Chordwise force on the links for patterns of size one, but for H (patterns, n)."""
+        inner = np.cumsum(self.patterns[:, 1:-1], axis=1)
+        return np.concatenate([np.zeros((len(inner), 1)), inner], axis=1)
+
+    @cached_property
+    def means(self) -> np.ndarray:
+        """Their means over the length (patterns,)."""
+        return self.taus @ self.chain.length / self.chain.total_length
+
+    @cached_property
+    def knots(self) -> np.ndarray:
+        """The same on the links where the sum may be least: at the ends and beside point loads (patterns, knots)."""
+        places = {0, self.chain.links - 1}
+        for load in self.chain.p.point_loads:
+            j = np.flatnonzero(_lever(self.chain, load.fraction)[1:-1])
+            places |= {int(item) for item in np.concatenate([j, j + 1])}
+        return np.ascontiguousarray(self.taus[:, sorted(places)])
+
+    @cached_property
+    def bends(self) -> np.ndarray:
+        """What patterns of chordwise force do to the coordinates (patterns, r, r)."""
+        r = len(self.shapes)
+        same = np.zeros((r, r), dtype=bool)
+        same[: self.plane, : self.plane] = same[self.plane :, self.plane :] = True
+        return np.einsum("an,n,in,jn->aij", self.taus, self.chain.length, self.slopes, self.slopes) * same
+
+    @cached_property
+    def norms(self) -> np.ndarray:
+        """Largest eigenvalues of `bends` by size (patterns,)."""
+        return np.abs(np.linalg.eigvalsh(self.bends)).max(axis=1)
+
+    @cached_property
+    def pushes(self) -> np.ndarray:
+        """Normal patterns on the coordinates (normals times patterns, r)."""
+        full = self.patterns @ self.shapes.T
+        parts = []
+        for k in range(self.chain.p.dims - 1):
+            part = np.zeros_like(full)
+            at = slice(0, self.plane) if k == 0 else slice(self.plane, None)
+            part[:, at] = full[:, at]
+            parts.append(part)
+        return np.concatenate(parts)
+
+    @cached_property
+    def inertia(self) -> np.ndarray:
+        """Masses [kg] and relative arc lengths of the particles above the links (2, n); empty without inertia along the chord."""
+        if self.order != "inertial":
+            return np.empty((0, 0))
+        return np.stack([self.mass[1:], self.chain.arc_length[1:] / self.chain.total_length])
+
+    @cached_property
+    def reference(self) -> int:
+        """Axis that tells the normals apart in space."""
+        ends = self.chain.p.end_positions(np.zeros(1))
+        return Frame.of(ends[:, 1] - ends[:, 0]).reference
+
+    def rows(self, begin: int, steps: int, rate: float) -> np.ndarray:
+        """Tell what the steps `begin` ... `begin + steps` must know of ends and loads; see ``kernels.condensed.frames``."""
+        p, count = self.chain.p, steps + 1
+        ends, second = np.empty((2 * p.dims, count)), np.zeros((2 * p.dims, count if p.motions else 0))
+        ends[: p.dims], ends[p.dims :] = p.lower[:, None], p.upper[:, None]
+        derivatives = (0, 2, 1) if p.mass_damping else (0, 2)
+        for (end, axis), function in p.motions.items():
+            at = ENDS.index(end) * p.dims + COORDINATES.index(axis)
+            tables = function.all_on_steps(begin, steps, rate, derivatives, ends[at, 0])
+            ends[at] = tables[0]
+            second[at] = tables[1] + p.mass_damping * tables[2] if p.mass_damping else tables[1]
+        return self._filled(ends, second, begin, steps, rate)
+
+    def rows_at(self, times: np.ndarray) -> np.ndarray:
+        """Do the same at any instants [s]."""
+        p = self.chain.p
+        ends, second = p.end_positions(times), np.zeros((0, 2, p.dims))
+        if p.motions:
+            # damping acts on the motion of the frame as on that of the deflection
+            second = p.end_positions(times, 2) + (p.mass_damping or 0.0) * p.end_positions(times, 1)
+        flat = (np.ascontiguousarray(item.reshape(-1, 2 * p.dims).T) for item in (ends, second))
+        return self._filled(*flat, times, 0, 0.0)
+
+    def _filled(self, ends: np.ndarray, second: np.ndarray, begin: Any, steps: int, rate: float) -> np.ndarray:
+        from cablepod.kernels import condensed as kernel  # numba is imported only to compute
+
+        p = self.chain.p
+
+        def factor(function: Any) -> np.ndarray:
+            return function.on_steps(begin, steps, rate) if rate else function(begin)
+
+        load = p.weight[:, None] if p.load is None else (p.weight + p.load)[:, None]
+        if p.load is not None and p.load_factor is not None:
+            load = p.weight[:, None] + p.load[:, None] * factor(p.load_factor)
+        varying = any(item.factor is not None for item in p.point_loads)
+        points = np.empty((len(p.point_loads), p.dims, ends.shape[1] if varying else 1))
+        for target, item in zip(points, p.point_loads, strict=True):
+            target[:] = item.force[:, None] * (1.0 if item.factor is None else factor(item.factor))
+        rows = np.empty((ends.shape[1], 1 + len(self.patterns) * p.dims))
+        kernel.frames(ends, second, np.ascontiguousarray(load), points, self.reference, p.mass, rows)
+        return rows
+
+    def coordinates(self, deflection: np.ndarray) -> np.ndarray:
+        """Coordinates (times, r) nearest in mass to deflections (normals, times, particle) [m]."""
+        sets = [
+            (part * self.mass) @ self.shapes[at].T
+            for part, at in zip(deflection, (slice(0, self.plane), slice(self.plane, None)), strict=False)
+        ]
+        return np.concatenate(sets, axis=1)
+
+    def initial(self) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates at the start and their rates; a run from equilibrium starts from the model's own."""
+        p = self.chain.p
+        position = start(self.chain)
+        frame = Frame.of((position[-1] - position[0])[None], self.reference)
+        q = self.coordinates(frame.split(position[None])[1])[0]
+        if not p.initial:
+            q = self._equilibrium(q)
+        rates = p.end_positions(np.zeros(1), 1)[0]
+        if not rates.any():
+            return q, np.zeros_like(q)
+        # the particles are at rest, the frame is not
+        sigma = self.chain.arc_length / self.chain.total_length
+        speed = rates[0] + sigma[:, None] * (rates[1] - rates[0])
+        return q, self.coordinates(-np.einsum("pc,kc->kp", speed, frame.normals[0])[:, None])[0]
+
+    def _equilibrium(self, q: np.ndarray) -> np.ndarray:
+        first = q
+        # rest knows no acceleration: its forces are those of the loads alone
+        still = self._still_row
+        size = np.abs(q).max()
+        for _ in range(60):
+            force, tangent, _ = self.force(q, np.zeros_like(q), still)
+            try:
+                change = np.linalg.solve(tangent, force)
+            except np.linalg.LinAlgError:
+                return first
+            q = q + change
+            if not np.isfinite(q).all() or np.abs(q).max() > 10.0 * size:
+                return first
+            if np.abs(change).max() <= 1e-14 * size:
+                break
+        return q
+
+    @cached_property
+    def first_row(self) -> np.ndarray:
+        """What the start must know of ends and loads."""
+        return self.rows_at(np.zeros(1))[0]
+
+    @cached_property
+    def _still_row(self) -> np.ndarray:
+        p = self.chain.p
+        if not p.motions:
+            return self.first_row
+        still = self._filled(
+            np.ascontiguousarray(p.end_positions(np.zeros(1)).reshape(1, -1).T),
+            np.zeros((2 * p.dims, 1)), np.zeros(1), 0, 0.0,
+        )  # fmt: skip
+        return still[0]
+
+    def force(self, q: np.ndarray, v: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Accelerations of the coordinates without damping, their tangent, H [N]."""
+        from cablepod.kernels import condensed as kernel
+
+        chain, r, n = self.chain, q.size, self.chain.links
+        f, tangent, k = np.empty(r), np.empty((r, r)), chain.p.stiffness
+        if self.order == "leading":
+            squares = self.turned[1]
+            h = kernel.leading_force(
+                q, row, k, chain.total_length, squares, self.means, self.bends, self.pushes, f, tangent
+            )
+            return f, tangent, h
+        work = np.empty((4, n)), np.empty((2, n)), np.empty((2, n)), np.empty((2 * r, n))
+        mass = np.empty((r, r))
+        h = kernel.exact_force(
+            q, v, row, self.slopes, self.plane, self.taus, chain.length, k, self.green, self.pushes, self.inertia,
+            self.guess(row, q), self.first_stretch(row), *work, f, tangent, mass,
+        )  # fmt: skip
+        return (np.linalg.solve(mass, f) if self.inertia.size else f), tangent, h
+
+    def guess(self, row: np.ndarray, q: np.ndarray) -> float:
+        """H to leading order, to begin a search with [N]."""
+        chain, k = self.chain, self.chain.p.stiffness
+        grown = 0.5 * k / chain.total_length * float(self.turned[1] @ q**2)
+        h = k * (row[0] / chain.total_length - 1.0) - row[1 : 1 + self.means.size] @ self.means + grown
+        # far from small slopes it may be off: at least what carries the loads with a sag of an eighth of the chord
+        sideways = np.abs(row[1 + self.means.size :]).sum() * chain.total_length / 8.0
+        return max(h, sideways, 1e-6 * k)
+
+    def first_stretch(self, row: np.ndarray) -> np.ndarray:
+        """Chordwise stretch (n,) to begin a search with."""
+        return np.full(self.chain.links, max(1.0, row[0] / self.chain.total_length))
+
+    def highest_square(self, q: np.ndarray, row: np.ndarray, h: float) -> float:
+        """Bound of the square of the frequencies [1/s^2]."""
+        squares = self.turned[1]
+        stray = float(np.abs(row[1 : 1 + self.norms.size]) @ self.norms)
+        sag = self.chain.p.stiffness / self.chain.total_length * float(((squares * q) ** 2).sum())
+        return abs(h) * float(squares.max()) + stray + sag
+
+    def taut_square(self, until: float) -> float:
+        """Return the same at the largest distance of the ends until some time, without sag [1/s^2]."""
+        ends = self.chain.p.end_positions(np.linspace(0.0, until, 1001))
+        reach = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max()
+        h = self.chain.p.stiffness * max(float(reach) / self.chain.total_length - 1.0, 0.0)
+        return h * float(self.turned[1].max())
+
+    @property
+    def first_axial_frequency(self) -> float:
+        """First angular frequency of waves along the cable [rad/s]."""
+        p = self.chain.p
+        return math.pi / self.chain.total_length * math.sqrt(p.stiffness / p.mass)
+
+
+def _lever(chain: Chain, fraction: float) -> np.ndarray:
+    """Shares of the particles (n + 1,) in a point load, as in the chain."""
+    s = fraction * chain.total_length
+    j = min(int(np.searchsorted(chain.arc_length, s, side="right")) - 1, chain.links - 1)
+    right = (s - chain.arc_length[j]) / chain.length[j]
+    shares = np.zeros(chain.links + 1)
+    shares[j], shares[j + 1] = 1.0 - right, right
+    return shares
+
+
+def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, order: str, law: str) -> Model:
+    """Make the condensed model of a scene's parameters on modes.
+
+    Raises
+    ------
+    SceneError
+        For a scene or modes that this model cannot do.
+    """
+    check_law(law)
+    if order not in ORDERS:
+        raise refuse("order", order, "one of " + ", ".join(f'"{name}"' for name in ORDERS))
+    if order == "leading" and law != "linear":
+        raise refuse("law", law, '"linear" with order "leading", which knows no strain beside the first order')
+    if p.free is not None:
+        raise refuse(
+            "ends.free", p.free, "two held ends, because there is no chord without; chain.simulate does a free end"
+        )
+    if p.link_viscosity is not None:
+        raise refuse(
+            "damping.link_viscosity", p.link_viscosity, "none for a reduced model; mass_proportional is possible"
+        )
+    sets = pod_normal.sets(modes)
+    if modes.sizes["coordinate"] != p.dims:
+        raise SceneError(
+            f"modes: given {modes.sizes['coordinate']} coordinates; allowed: the {p.dims} coordinates of the scene"
+        )
+    most = max(len(shape) for _, shape in sets)
+    if rank is not None:
+        schema.integer(least=1)("rank", rank)
+        if rank > most:
+            raise refuse("rank", rank, f"at most {most}, as many modes as there are")
+    sigma = pod.relative_arc_length(modes)
+    total = float(solve_statics(p, p.length_key, p.length_value)[0])
+    arc_length = total * sigma
+    chain = Chain(p, np.diff(arc_length), arc_length, law)
+    chosen = [shape if rank is None else shape[:rank] for _, shape in sets]
+    return Model(chain, order, tuple(chosen))

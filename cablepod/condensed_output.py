@@ -1,0 +1,214 @@
+"""From amplitudes of the condensed model back to positions, velocities and tensions, and how far the result can be trusted."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import pod_normal
+from cablepod.chord import Frame
+from cablepod.condensed_model import Model
+from cablepod.conventions import ENDS, label
+from cablepod.runs import coordinates
+from cablepod.stepping import Instants
+
+#: Motion of the ends with a frequency above this share of the first axial one makes waves along the cable, which the model lacks.
+FAST = 0.2
+
+
+# to make the index of a coordinate takes as long as a thousand steps
+@lru_cache
+def end_axis() -> xr.IndexVariable:
+    """Names of the ends, as a coordinate."""
+    return xr.IndexVariable("end", list(ENDS))
+
+
+@lru_cache
+def numbers(count: int) -> xr.IndexVariable:
+    """Numbers of modes from 1 on, as a coordinate."""
+    return xr.IndexVariable("mode", np.arange(1, count + 1))
+
+
+class OutOfRangeWarning(UserWarning):
+    """A reduced model was used where it cannot be trusted; the message says which number decides."""
+
+
+@dataclass
+class State:
+    """What one run gives."""
+
+    instants: Instants
+    saved: np.ndarray  #: coordinates at the saved steps (steps, r)
+    halves: np.ndarray  #: rates half a step before and after (steps, 2, r)
+    extremes: tuple[np.ndarray, np.ndarray] | None  #: of the tensions (n,) [N]
+    watch: np.ndarray  #: see ``kernels.condensed.leading_verlet``
+    scheme: str
+
+    @property
+    def q(self) -> np.ndarray:
+        """Coordinates at the instants of the output (times, r)."""
+        if not self.instants.dense:
+            return self.saved[self.instants.left]
+        rates = 0.5 * (self.halves[:, 0] + self.halves[:, 1])
+        return self.instants.at_times(self.saved, rates, (self.halves[:, 1] - self.halves[:, 0]) * self.instants.rate)
+
+    @property
+    def rates(self) -> np.ndarray:
+        """Their rates (times, r)."""
+        v = 0.5 * (self.halves[:, 0] + self.halves[:, 1])
+        i, s = self.instants.left, self.instants.fraction[:, None]
+        after = np.minimum(i + 1, len(v) - 1)
+        return np.where(s > 0, (1 - s) * v[i] + s * v[after], v[i])
+
+
+def _sets(model: Model) -> tuple[slice, ...]:
+    return (slice(0, model.plane), slice(model.plane, None))[: model.chain.p.dims - 1]
+
+
+def _closed(model: Model, q: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Chordwise stretch, chordwise force, slopes squared (times, n) of the links, and deflections (normals, times, particle)."""
+    from cablepod.kernels import condensed as kernel
+
+    chain, k = model.chain, model.chain.p.stiffness
+    rows = model.rows_at(times)
+    deflection = np.stack([q[:, at] @ model.shapes[at] for at in _sets(model)])
+    squared = ((np.diff(deflection, axis=2) / chain.length) ** 2).sum(axis=0)
+    tau = rows[:, 1 : 1 + len(model.taus)] @ model.taus
+    if model.order == "leading":
+        mean = (tau @ chain.length)[:, None] / chain.total_length
+        h = (
+            k * (rows[:, :1] / chain.total_length - 1.0 + 0.5 * (squared @ chain.length)[:, None] / chain.total_length)
+            - mean
+        )
+        force = h + tau
+        return 1.0 + force / k - 0.5 * squared, force, squared, deflection
+    z, h = np.empty_like(squared), np.empty(times.size)
+    z[0], h[0] = model.first_stretch(rows[0]), model.guess(rows[0], q[0])
+    kernel.close_all(squared, tau, chain.length, np.ascontiguousarray(rows[:, 0]), k, model.green, h, z)
+    return z, h[:, None] + tau, squared, deflection
+
+
+def positions(model: Model, q: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Positions of the particles (times, particle, dims) [m] for coordinates (times, r)."""
+    z, _, _, deflection = _closed(model, q, times)
+    return _joined(model, z, deflection, times)
+
+
+def _joined(model: Model, z: np.ndarray, deflection: np.ndarray, times: np.ndarray) -> np.ndarray:
+    ends = model.chain.p.end_positions(times)
+    frame = Frame.of(ends[:, 1] - ends[:, 0], model.reference)
+    position = frame.join(ends[:, 0], _summed(z * model.chain.length), deflection)
+    position[:, -1] = ends[:, 1]  # but for rounding, and for modes that are not quite zero there
+    return position
+
+
+def _summed(parts: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.zeros((len(parts), 1)), np.cumsum(parts, axis=1)], axis=1)
+
+
+def _velocities(
+    model: Model, z: np.ndarray, deflection: np.ndarray, rates: np.ndarray, times: np.ndarray
+) -> np.ndarray:
+    """Velocities (times, particle, dims) [m/s]; what the strain contributes along the chord is spread evenly."""
+    chain, p = model.chain, model.chain.p
+    ends, speeds = p.end_positions(times), p.end_positions(times, 1)
+    reach, speed = ends[:, 1] - ends[:, 0], speeds[:, 1] - speeds[:, 0]
+    frame = Frame.of(reach, model.reference)
+    grow, turn, swing = frame.rates(reach, speed)
+    moving = np.stack([rates[:, at] @ model.shapes[at] for at in _sets(model)])
+    slope, slope_rate = (np.diff(item, axis=2) / chain.length for item in (deflection, moving))
+    stretching = -(slope * slope_rate).sum(axis=0) / z
+    stretching += ((grow - stretching @ chain.length) / chain.total_length)[:, None]
+    along, along_rate = _summed(z * chain.length), _summed(stretching * chain.length)
+    velocity = speeds[:, :1] + along_rate[:, :, None] * frame.along[:, None] + along[:, :, None] * turn[:, None]
+    velocity = (
+        velocity + np.einsum("ktp,tkc->tpc", moving, frame.normals) + np.einsum("ktp,tkc->tpc", deflection, swing)
+    )
+    velocity[:, -1] = speeds[:, 1]
+    return velocity
+
+
+def dataset(model: Model, state: State, modes: xr.Dataset | None, outputs: tuple[str, ...], title: str) -> xr.Dataset:
+    """Label what a run gave."""
+    chain, p = model.chain, model.chain.p
+    times, q = state.instants.times, state.q
+    variables: dict[str, Any] = {
+        f"amplitude{suffix}": (("time", "mode"), _padded(q[:, at] @ turn.T, model.rank))
+        for suffix, at, turn in zip(pod_normal.SETS, _sets(model), model.turned[0], strict=False)
+    }
+    variables["end_position"] = (("time", "end", "coordinate"), p.end_positions(times))
+    variables["unstretched_length"] = ((), chain.total_length)
+    place = ("time", "particle", "coordinate")
+    if {"position", "velocity", "tension"} & set(outputs):
+        z, force, squared, deflection = _closed(model, q, times)
+        if "position" in outputs:
+            variables["position"] = (place, _joined(model, z, deflection, times))
+        if "velocity" in outputs:
+            variables["velocity"] = (place, _velocities(model, z, deflection, state.rates, times))
+        if "tension" in outputs:
+            variables["tension"] = (("time", "link"), _tension(model, z, force, squared))
+    if state.extremes is not None:
+        variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
+    coords = {**coordinates(chain), "time": times, "mode": numbers(model.rank), "end": end_axis()}
+    result = label(xr.Dataset(variables, coords=coords))
+    axial, slowest = model.first_axial_frequency, p.time_scale
+    kept = {}
+    if modes is not None and "energy_share" in modes:
+        kept["energy_share_kept"] = float(modes["energy_share"].values[: model.plane].sum())
+    result.attrs.update(
+        title=f"{title}: condensed model, r = {model.rank}, order {model.order}"
+        + (f", {chain.law} law" if chain.green else ""),
+        stage="trajectory",
+        model="condensed",
+        order=model.order,
+        law=chain.law,
+        rank=model.rank,
+        scheme=state.scheme,
+        step=1.0 / state.instants.rate,
+        number_of_steps=int(state.instants.steps[-1]),
+        smallest_chordwise_force=float(state.watch[0]),
+        time_of_smallest_force=float(state.watch[1]) / state.instants.rate,
+        first_axial_frequency=axial,
+        forcing_over_axial_frequency=2.0 * math.pi / slowest / axial if slowest < math.inf else 0.0,
+        **kept,
+    )
+    return result
+
+
+def _padded(amplitude: np.ndarray, rank: int) -> np.ndarray:
+    """Amplitudes (times, modes) with zeros for modes that never moved."""
+    return np.pad(amplitude, ((0, 0), (0, rank - amplitude.shape[1])))
+
+
+def _tension(model: Model, z: np.ndarray, force: np.ndarray, squared: np.ndarray) -> np.ndarray:
+    """Tensions of the links (times, n) [N]."""
+    if model.order == "leading":
+        return force * np.sqrt(1.0 + squared)
+    k, xi = model.chain.p.stiffness, np.sqrt(z * z + squared)
+    return 0.5 * k * xi * (xi * xi - 1.0) if model.green else k * (xi - 1.0)
+
+
+def warn_out_of_range(result: xr.Dataset) -> None:
+    """Warn where the numbers of a run say that the model cannot be trusted."""
+    if result.attrs["smallest_chordwise_force"] < 0.0:
+        warnings.warn(
+            f"the chordwise force falls to {result.attrs['smallest_chordwise_force']:.3g} N at "
+            f"{result.attrs['time_of_smallest_force']:.4g} s, below zero: the cable goes slack there, and the condensed "
+            "model is ill-posed; compare with chain.simulate",
+            OutOfRangeWarning,
+            stacklevel=4,
+        )
+    ratio = result.attrs["forcing_over_axial_frequency"]
+    if ratio > FAST:
+        warnings.warn(
+            f"loads or ends change with {ratio:.2g} times the first axial frequency, {result.attrs['first_axial_frequency']:.3g} "
+            f"rad/s (above {FAST}): the condensed model lacks waves along the cable; compare with chain.simulate",
+            OutOfRangeWarning,
+            stacklevel=4,
+        )

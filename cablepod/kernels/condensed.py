@@ -1,0 +1,771 @@
+"""Compiled loops of the condensed model: quasi-static along the chord, modes for the deflection normal to it.
+
+Coordinates q are mass-orthonormal, and inside a set (in the plane, out of it) orthogonal in their slopes too, so that the tension
+acts on each by itself.  Index a counts patterns of load along the cable: its uniform part, with a moving end the inertia that
+grows linearly from the lower end to the upper one, each point load.  A row of `rows` is what a step needs to know of the outside:
+length of the chord [m]; along the chord, normal to it and (spatial scenes) across both, the size of each pattern.
+
+Sums are free to be reordered (reassoc, nsz), which lets them run in lanes; numbers that are not finite stay so.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+LOOSE = {"reassoc", "nsz", "contract"}
+#: Newton's method ends when what is left of a correction is below this share of the amplitudes, or of the tension.
+CLOSE = 1e-11
+MOST = 30
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def frames(ends, second, load, points, reference, mass, rows):
+    """Fill the rows from positions of the ends.
+
+    Parameters
+    ----------
+    ends, second
+        Positions and second rates of the ends, coordinate by coordinate, the lower end first (2 dims, steps) [m], [m/s^2];
+        with damping by mass its rate times the rates of the ends is added to the latter.  `second` has no columns where no
+        end moves.
+    load, points
+        Uniform load with weight (dims, steps or 1) [N/m]; point loads (loads, dims, steps or 1) [N].
+    reference
+        The axis to which the normal is closest, in spatial scenes.
+    mass
+        Per unstretched length [kg/m].
+    rows
+        Filled: (steps, 1 + patterns (1 + normals)).
+    """
+    dims, loads = load.shape[0], points.shape[0]
+    moving = second.shape[1] > 0
+    first_point = 3 if moving else 2
+    patterns = first_point - 1 + loads
+    axes = np.zeros((3, 3))  # against the chord, normal to it, across both
+    push, turn = np.zeros(3), np.zeros(3)
+    for i in range(rows.shape[0]):
+        c = 0.0
+        for d in range(dims):
+            axes[0, d] = ends[d, i] - ends[dims + d, i]
+            c += axes[0, d] * axes[0, d]
+        c = math.sqrt(c)
+        inverse = 1.0 / c
+        for d in range(dims):
+            axes[0, d] *= inverse
+        if dims == 2:
+            axes[1, 0], axes[1, 1] = axes[0, 1], -axes[0, 0]
+        else:
+            part = axes[0, reference]
+            inverse = 1.0 / math.sqrt(1.0 - part * part)
+            for d in range(3):
+                axes[1, d] = ((1.0 if d == reference else 0.0) - part * axes[0, d]) * inverse
+            for d in range(3):
+                j, k = (d + 1) % 3, (d + 2) % 3
+                axes[2, d] = axes[1, j] * axes[0, k] - axes[1, k] * axes[0, j]
+        k = i if load.shape[1] > 1 else 0
+        for d in range(dims):
+            push[d] = load[d, k]
+            if moving:
+                push[d] -= mass * second[d, i]
+                turn[d] = mass * (second[d, i] - second[dims + d, i])
+        rows[i, 0] = c
+        at = 1
+        for side in range(dims):
+            along, growing = 0.0, 0.0
+            for d in range(dims):
+                along += push[d] * axes[side, d]
+                growing += turn[d] * axes[side, d]
+            rows[i, at] = along
+            if moving:
+                rows[i, at + 1] = growing
+            at += patterns
+        k = i if points.shape[2] > 1 else 0
+        for j in range(loads):
+            for side in range(dims):
+                along = 0.0
+                for d in range(dims):
+                    along += points[j, d, k] * axes[side, d]
+                rows[i, first_point + side * patterns + j] = along
+
+
+# --- leading order ----------------------------------------------------------------------------------------------------
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _tension(q, row, squares, means, stiffness, length):
+    """Part H of the chordwise force that is the same all along, from the closure to leading order [N]."""
+    patterns = means.size
+    h = stiffness * (row[0] / length - 1.0)
+    for a in range(patterns):
+        h -= row[1 + a] * means[a]
+    grown = 0.0
+    for i in range(q.size):
+        grown += squares[i] * q[i] * q[i]
+    return h + 0.5 * stiffness / length * grown
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _push(q, row, h, squares, bends, pushes, f):
+    """Accelerations f of the coordinates for a given H."""
+    patterns = bends.shape[0]
+    for i in range(q.size):
+        f[i] = -h * squares[i] * q[i]
+    for a in range(patterns):
+        g = row[1 + a]
+        for i in range(q.size):
+            total = 0.0
+            for j in range(q.size):
+                total += bends[a, i, j] * q[j]
+            f[i] -= g * total
+    for a in range(pushes.shape[0]):
+        g = row[1 + patterns + a]
+        for i in range(q.size):
+            f[i] += g * pushes[a, i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _look(i, q, row, h, squares, norms, knots, stiffness, length, watch):
+    """Keep the least chordwise force with its step, the largest square of a frequency, the first step where it is too large."""
+    least = np.inf
+    for k in range(knots.shape[1]):
+        tau = 0.0
+        for a in range(knots.shape[0]):
+            tau += row[1 + a] * knots[a, k]
+        least = min(least, tau)
+    if h + least < watch[0]:
+        watch[0], watch[1] = h + least, i
+    sag, top, stray = 0.0, 0.0, 0.0
+    for j in range(q.size):
+        sag += (squares[j] * q[j]) ** 2
+        top = max(top, squares[j])
+    for a in range(norms.size):
+        stray += abs(row[1 + a]) * norms[a]
+    fastest = abs(h) * top + stray + stiffness / length * sag
+    if fastest > watch[2]:
+        watch[2] = fastest
+        if fastest >= watch[3]:
+            watch[4] = min(watch[4], i)
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE)
+def link_tensions(q, row, h, slopes, plane, taus, stiffness, work, low, high):
+    """Take the tensions of all links, to leading order, into their extremes."""
+    links = low.size
+    for j in range(links):
+        work[0, j] = 0.0
+        work[1, j] = 0.0
+        work[2, j] = h
+    for i in range(q.size):
+        k = 0 if i < plane else 1
+        for j in range(links):
+            work[k, j] += slopes[i, j] * q[i]
+    for a in range(taus.shape[0]):
+        for j in range(links):
+            work[2, j] += row[1 + a] * taus[a, j]
+    for j in range(links):
+        size = work[2, j] * math.sqrt(1.0 + work[0, j] * work[0, j] + work[1, j] * work[1, j])
+        low[j] = min(low[j], size)
+        high[j] = max(high[j], size)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def leading_verlet(
+    q, v, step, decay, kick, rows, stiffness, length, squares, means, bends, pushes, norms, knots,
+    slopes, plane, taus, begin, marks, saved, halves, low, high, watch,
+):  # fmt: skip
+    """Velocity Verlet (velocities at half steps) over the rows, to leading order.
+
+    Parameters
+    ----------
+    q, v
+        Amplitudes and their rates half a step before, (r,); changed.
+    step, decay, kick
+        Step [s]; what damping leaves of a velocity over a step; what an acceleration adds to it [s].
+    rows
+        See :func:`frames`; one for each step.
+    stiffness, length
+        K [N] and L0 [m].
+    squares, means, bends, pushes
+        Coefficients: (r,), (patterns,), (patterns, r, r), (patterns times normals, r).
+    norms, knots
+        Norms of `bends` (patterns,); chordwise force of the patterns where it may be least (patterns, knots).
+    slopes, plane, taus
+        Of the links, for extremes of tension: (r, n), the number of coordinates in the plane, (patterns, n).
+    begin, marks, saved, halves
+        Number of the first step; steps to save; q there (marks, r) and the rates on both sides (marks, 2, r).
+    low, high
+        Extremes of the tensions over all steps (n,), or without entries.
+    watch
+        Least chordwise force and its step; largest square of a frequency, the one that is too large, the first step where
+        it was.
+    """
+    f, work = np.empty(q.size), np.empty((3, low.size))
+    mark = 0
+    for i in range(rows.shape[0]):
+        row = rows[i]
+        h = _tension(q, row, squares, means, stiffness, length)
+        _push(q, row, h, squares, bends, pushes, f)
+        _look(begin + i, q, row, h, squares, norms, knots, stiffness, length, watch)
+        if low.size:
+            link_tensions(q, row, h, slopes, plane, taus, stiffness, work, low, high)
+        here = mark < marks.size and marks[mark] == begin + i
+        if here:
+            for j in range(q.size):
+                saved[mark, j] = q[j]
+                halves[mark, 0, j] = v[j]
+        for j in range(q.size):
+            v[j] = decay * v[j] + kick * f[j]
+        if here:
+            for j in range(q.size):
+                halves[mark, 1, j] = v[j]
+            mark += 1
+        for j in range(q.size):
+            q[j] += step * v[j]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _solve(matrix, x):
+    """Solve a small system in place by elimination with pivots; False where it has no solution.
+
+    A stiff cable whose ends come closer is pushed, H < 0, until Newton's method has let it sag: the matrix is then indefinite,
+    and Cholesky's method would give up.
+    """
+    n = x.size
+    for j in range(n):
+        best = j
+        for i in range(j + 1, n):
+            if abs(matrix[i, j]) > abs(matrix[best, j]):
+                best = i
+        if not abs(matrix[best, j]) > 0.0:
+            return False
+        if best != j:
+            for k in range(j, n):
+                matrix[j, k], matrix[best, k] = matrix[best, k], matrix[j, k]
+            x[j], x[best] = x[best], x[j]
+        for i in range(j + 1, n):
+            factor = matrix[i, j] / matrix[j, j]
+            for k in range(j + 1, n):
+                matrix[i, k] -= factor * matrix[j, k]
+            x[i] -= factor * x[j]
+    for back in range(n):
+        i = n - 1 - back
+        for k in range(i + 1, n):
+            x[i] -= matrix[i, k] * x[k]
+        x[i] /= matrix[i, i]
+    return True
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def leading_tangent(q, row, h, squares, bends, stiffness, length, tangent):
+    """Fill the derivative of minus the accelerations (r, r)."""
+    for i in range(q.size):
+        for j in range(q.size):
+            total = stiffness / length * squares[i] * q[i] * squares[j] * q[j]
+            for a in range(bends.shape[0]):
+                total += row[1 + a] * bends[a, i, j]
+            tangent[i, j] = total
+        tangent[i, i] += h * squares[i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def leading_force(q, row, stiffness, length, squares, means, bends, pushes, f, tangent):
+    """Accelerations, their tangent and H for one state; used to look for equilibria."""
+    h = _tension(q, row, squares, means, stiffness, length)
+    _push(q, row, h, squares, bends, pushes, f)
+    leading_tangent(q, row, h, squares, bends, stiffness, length, tangent)
+    return h
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def leading_implicit(
+    q, v, acc, step, damping, rows, stiffness, length, squares, means, bends, pushes, norms, knots,
+    slopes, plane, taus, begin, marks, saved, halves, low, high, watch,
+):  # fmt: skip
+    """Trapezoidal rule (average acceleration) with Newton's method; `v` and `acc` are those of the first row.
+
+    The state after the run is that of the row after the last but one: the last row is the first of the next block.  Other
+    parameters as in :func:`leading_verlet`.
+
+    Returns
+    -------
+    int
+        Steps done, fewer than asked for where Newton's method did not end.
+    """
+    r = q.size
+    f, work, tangent = np.empty(r), np.empty((3, low.size)), np.empty((r, r))
+    change, start, past = np.empty(r), np.empty(r), acc.copy()
+    quarter, mark, last = 0.25 * step * step, 0, rows.shape[0] - 1
+    for i in range(rows.shape[0]):
+        row = rows[i]
+        h = _tension(q, row, squares, means, stiffness, length)
+        _look(begin + i, q, row, h, squares, norms, knots, stiffness, length, watch)
+        if low.size:
+            link_tensions(q, row, h, slopes, plane, taus, stiffness, work, low, high)
+        if mark < marks.size and marks[mark] == begin + i:
+            for j in range(r):
+                saved[mark, j] = q[j]
+                halves[mark, 0, j] = v[j] - 0.5 * step * acc[j]
+                halves[mark, 1, j] = v[j] + 0.5 * step * acc[j]
+            mark += 1
+        if i == last:
+            break
+        row = rows[i + 1]
+        size = 0.0
+        for j in range(r):
+            start[j] = q[j]
+            q[j] += step * v[j] + quarter * (3.0 * acc[j] - past[j])
+            size = max(size, abs(q[j]))
+        before, ended = np.inf, False
+        for _ in range(MOST):
+            h = _tension(q, row, squares, means, stiffness, length)
+            _push(q, row, h, squares, bends, pushes, f)
+            leading_tangent(q, row, h, squares, bends, stiffness, length, tangent)
+            for j in range(r):
+                new = 2.0 / step * (q[j] - start[j]) - v[j]
+                change[j] = start[j] + step * v[j] + quarter * (acc[j] + f[j] - damping * new) - q[j]
+                for k in range(r):
+                    tangent[j, k] *= quarter
+                tangent[j, j] += 1.0 + 0.5 * step * damping
+            if not _solve(tangent, change):
+                break
+            largest = 0.0
+            for j in range(r):
+                q[j] += change[j]
+                largest = max(largest, abs(change[j]))
+            # quadratic convergence: the next correction is smaller by the square of the last gain
+            gain = min(largest / before, 1.0)
+            if largest * gain * gain <= CLOSE * size or largest == 0.0:
+                ended = True
+                break
+            before = largest
+        if not ended:
+            for j in range(r):
+                q[j] = start[j]
+            return i
+        for j in range(r):
+            new = 2.0 / step * (q[j] - start[j]) - v[j]
+            past[j] = acc[j]
+            acc[j] = 2.0 / step * (new - v[j]) - acc[j]
+            v[j] = new
+    return last
+
+
+# --- exact chordwise stretch ------------------------------------------------------------------------------------------
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE)
+def close(squared, tau, h, chord, stiffness, green, force, z, work):
+    """Find H and the chordwise stretch z for which the cable reaches from end to end.
+
+    Parameters
+    ----------
+    squared, tau, h
+        Squares of the slopes w', chordwise force beside H [N], unstretched lengths or weights of quadrature [m], (m,).
+    chord, stiffness, green
+        Distance of the ends [m], K [N], whether law (21) holds.
+    force, z
+        First guess of H [N] and, changed, of z (m,).
+    work
+        (3, m); on return the chordwise force, dz/dN, and the stretch xi.
+
+    Returns
+    -------
+    float
+        H, not finite where the search did not end.
+    """
+    m = z.size
+    for sweep in range(MOST):
+        if green:
+            for j in range(m):
+                n = force + tau[j]
+                slope = 3.0 * z[j] * z[j] + squared[j] - 1.0
+                z[j] -= (z[j] * (z[j] * z[j] + squared[j] - 1.0) - 2.0 * n / stiffness) / slope
+                work[0, j] = n
+                work[1, j] = 2.0 / (stiffness * slope)
+        else:
+            for j in range(m):
+                n = force + tau[j]
+                xi2 = z[j] * z[j] + squared[j]
+                inverse = 1.0 / math.sqrt(xi2)
+                slope = 1.0 - squared[j] * inverse / xi2
+                z[j] -= (z[j] * (1.0 - inverse) - n / stiffness) / slope
+                work[0, j] = n
+                work[1, j] = 1.0 / (stiffness * slope)
+        reach, give = 0.0, 0.0
+        for j in range(m):
+            reach += h[j] * z[j]
+            give += h[j] * work[1, j]
+        change = (chord - reach) / give
+        force += change
+        for j in range(m):
+            z[j] += work[1, j] * change
+            work[0, j] += change
+        # H enters quadratically: what is left is far below the last change; near zero tension K is the scale
+        if abs(change) <= 1e-7 * abs(force) + 1e-13 * stiffness and sweep > 0:
+            for j in range(m):
+                work[2, j] = math.sqrt(z[j] * z[j] + squared[j])
+            return force
+        if not abs(change) < np.inf:
+            break
+    return np.nan
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _carry(stretching, h, inertia, momentum):
+    """Fill the product (m,) of links that stretch with the mass that they carry along the chord.
+
+    A link that grows moves all particles above it, less what keeps the chord as it is.
+    """
+    m = h.size
+    total = 0.0
+    for j in range(m):
+        total += h[j] * stretching[j]
+        momentum[j] = total
+    mean = 0.0
+    for j in range(m):
+        momentum[j] = inertia[0, j] * (momentum[j] - inertia[1, j] * total)
+        mean += inertia[1, j] * momentum[j]
+    above = -mean
+    for back in range(m):
+        j = m - 1 - back
+        above += momentum[j]
+        momentum[j] = h[j] * above
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE)
+def exact_force(
+    q, v, row, slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed, lever, f, tangent, mass
+):  # fmt: skip
+    """Accelerations f of the coordinates with the chordwise stretch as it is; H on return, not finite where there is none.
+
+    Parameters
+    ----------
+    q, v
+        Amplitudes and rates (r,); the latter count only with chordwise inertia.
+    row, slopes, plane, taus, h, stiffness, green, pushes
+        As in :func:`leading_verlet` and :func:`close`, at the points of quadrature (m,).
+    inertia
+        Masses [kg] of the particles above the links and their relative arc lengths (2, m), or without entries: no chordwise
+        inertia.
+    guess
+        First guess of H [N].
+    z, work, slope, speed, lever
+        Arrays to work in: (m,), kept from step to step; (4, m); (2, m); (2, m); (2 r, m).
+    f, tangent, mass
+        Filled: forces (r,); the derivative of minus the forces (r, r), or without entries, close enough for Newton's method;
+        the mass matrix (r, r) where there is inertia, else something to work in.
+    """
+    r, m = slopes.shape
+    for j in range(m):
+        slope[0, j] = 0.0
+        slope[1, j] = 0.0
+        work[3, j] = 0.0
+    for i in range(r):
+        k = 0 if i < plane else 1
+        for j in range(m):
+            slope[k, j] += slopes[i, j] * q[i]
+    for a in range(taus.shape[0]):
+        for j in range(m):
+            work[3, j] += row[1 + a] * taus[a, j]
+    for j in range(m):
+        speed[0, j] = slope[0, j] * slope[0, j] + slope[1, j] * slope[1, j]
+    force = close(speed[0], work[3], h, row[0], stiffness, green, guess, z, work)
+    # work[3]: the transverse stiffness N / z, with weights
+    for j in range(m):
+        work[3, j] = h[j] * work[0, j] / z[j]
+    for i in range(r):
+        k = 0 if i < plane else 1
+        total = 0.0
+        for j in range(m):
+            total += work[3, j] * slopes[i, j] * slope[k, j]
+        f[i] = -total
+    patterns = taus.shape[0]
+    for a in range(pushes.shape[0]):
+        g = row[1 + patterns + a]
+        for i in range(r):
+            f[i] += g * pushes[a, i]
+    if tangent.size:
+        give = 0.0
+        for j in range(m):
+            give += h[j] * work[1, j]
+            # the derivative of z by w' at constant N is minus this times w'
+            cube = 1.0 if green else work[2, j] ** 3
+            speed[1, j] = stiffness * work[1, j] * z[j] / cube
+        for i in range(r):
+            k = 0 if i < plane else 1
+            total = 0.0
+            for j in range(m):
+                total += h[j] * speed[1, j] * slope[k, j] * slopes[i, j]
+            mass[i, i] = total / give  # change of H with this coordinate
+        for j in range(m):
+            work[3, j] *= 1.0 + speed[1, j] * speed[0, j] / z[j]
+        for i in range(r):
+            for j in range(i + 1):
+                total = 0.0
+                if (i < plane) == (j < plane):
+                    for k in range(m):
+                        total += work[3, k] * slopes[i, k] * slopes[j, k]
+                tangent[i, j] = total + mass[i, i] * mass[j, j] * give
+                tangent[j, i] = tangent[i, j]
+    if inertia.size:
+        for j in range(m):
+            speed[0, j] = 0.0
+            speed[1, j] = 0.0
+        for i in range(r):
+            k = 0 if i < plane else 1
+            for j in range(m):
+                speed[k, j] += slopes[i, j] * v[i]
+                lever[i, j] = -slope[k, j] * slopes[i, j] / z[j]
+        for j in range(m):
+            rate = (slope[0, j] * speed[0, j] + slope[1, j] * speed[1, j]) / z[j]
+            speed[0, j] = -(speed[0, j] * speed[0, j] + speed[1, j] * speed[1, j] + rate * rate) / z[j]
+        for i in range(r):
+            _carry(lever[i], h, inertia, lever[r + i])
+        for i in range(r):
+            total = 0.0
+            for j in range(m):
+                total += lever[r + i, j] * speed[0, j]
+            f[i] -= total
+            for k in range(i + 1):
+                total = 0.0
+                for j in range(m):
+                    total += lever[r + i, j] * lever[k, j]
+                mass[i, k] = total
+                mass[k, i] = total
+            mass[i, i] += 1.0
+    return force
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _extremes(work, stiffness, green, low, high):
+    """Take tensions by the stretch xi into their extremes."""
+    for j in range(low.size):
+        xi = work[2, j]
+        size = 0.5 * stiffness * xi * (xi * xi - 1.0) if green else stiffness * (xi - 1.0)
+        low[j] = min(low[j], size)
+        high[j] = max(high[j], size)
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _observe(i, q, row, force, work, squares, norms, stiffness, length, watch):
+    """As :func:`_look`, with the chordwise force where it is least."""
+    for j in range(work.shape[1]):
+        if work[0, j] < watch[0]:
+            watch[0], watch[1] = work[0, j], i
+    sag, top, stray = 0.0, 0.0, 0.0
+    for j in range(q.size):
+        sag += (squares[j] * q[j]) ** 2
+        top = max(top, squares[j])
+    for a in range(norms.size):
+        stray += abs(row[1 + a]) * norms[a]
+    fastest = abs(force) * top + stray + stiffness / length * sag
+    if fastest > watch[2]:
+        watch[2] = fastest
+        if fastest >= watch[3]:
+            watch[4] = min(watch[4], i)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def exact_verlet(
+    q, v, acc, step, decay, kick, rows, stiffness, length, squares, pushes, norms,
+    slopes, plane, taus, h, green, inertia, z, begin, marks, saved, halves, low, high, watch,
+):  # fmt: skip
+    """Velocity Verlet over the rows with the chordwise stretch as it is; `acc` are the accelerations of the last step.
+
+    `watch[5]` is the last H.  Chordwise inertia sees the rates carried on from half a step before with the last accelerations.
+    Other parameters as in :func:`leading_verlet` and :func:`exact_force`.
+    """
+    r, m = slopes.shape
+    f, rate, mass, none = np.empty(r), np.empty(r), np.empty((r, r)), np.empty((0, 0))
+    work, slope, speed, lever = np.empty((4, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
+    mark = 0
+    for i in range(rows.shape[0]):
+        for j in range(r):
+            rate[j] = v[j] + 0.5 * step * acc[j]
+        watch[5] = exact_force(
+            q, rate, rows[i], slopes, plane, taus, h, stiffness, green, pushes, inertia, watch[5], z, work, slope, speed,
+            lever, f, none, mass,
+        )  # fmt: skip
+        if inertia.size:
+            _solve(mass, f)
+        _observe(begin + i, q, rows[i], watch[5], work, squares, norms, stiffness, length, watch)
+        if low.size:
+            _extremes(work, stiffness, green, low, high)
+        here = mark < marks.size and marks[mark] == begin + i
+        if here:
+            for j in range(r):
+                saved[mark, j] = q[j]
+                halves[mark, 0, j] = v[j]
+        for j in range(r):
+            new = decay * v[j] + kick * f[j]
+            acc[j] = (new - v[j]) / step
+            v[j] = new
+        if here:
+            for j in range(r):
+                halves[mark, 1, j] = v[j]
+            mark += 1
+        for j in range(r):
+            q[j] += step * v[j]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def exact_implicit(
+    q, v, acc, step, damping, rows, stiffness, length, squares, pushes, norms,
+    slopes, plane, taus, h, green, inertia, z, begin, marks, saved, halves, low, high, watch,
+):  # fmt: skip
+    """Trapezoidal rule with the chordwise stretch as it is; as :func:`leading_implicit` and :func:`exact_verlet`."""
+    r, m = slopes.shape
+    f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))
+    work, slope, speed, lever = np.empty((4, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
+    change, start, rate, past, none = np.empty(r), np.empty(r), np.empty(r), acc.copy(), np.empty((0, 0))
+    quarter, mark, last = 0.25 * step * step, 0, rows.shape[0] - 1
+    for i in range(rows.shape[0]):
+        save = mark < marks.size and marks[mark] == begin + i
+        if save:
+            for j in range(r):
+                saved[mark, j] = q[j]
+                halves[mark, 0, j] = v[j] - 0.5 * step * acc[j]
+                halves[mark, 1, j] = v[j] + 0.5 * step * acc[j]
+            mark += 1
+        # once more: of a stiff cable the last correction, however small, is much of the tension
+        watch[5] = exact_force(
+            q, v, rows[i], slopes, plane, taus, h, stiffness, green, pushes, none, watch[5], z, work, slope, speed,
+            lever, f, none, mass,
+        )  # fmt: skip
+        _observe(begin + i, q, rows[i], watch[5], work, squares, norms, stiffness, length, watch)
+        if low.size:
+            _extremes(work, stiffness, green, low, high)
+        if i == last:
+            break
+        size = 0.0
+        for j in range(r):
+            start[j] = q[j]
+            q[j] += step * v[j] + quarter * (3.0 * acc[j] - past[j])
+            size = max(size, abs(q[j]))
+        before, ended = np.inf, False
+        for _ in range(MOST):
+            for j in range(r):
+                rate[j] = 2.0 / step * (q[j] - start[j]) - v[j]
+            watch[5] = exact_force(
+                q, rate, rows[i + 1], slopes, plane, taus, h, stiffness, green, pushes, inertia, watch[5], z, work, slope,
+                speed, lever, f, tangent, mass,
+            )  # fmt: skip
+            for j in range(r):
+                if not inertia.size:
+                    for k in range(r):
+                        mass[j, k] = 1.0 if j == k else 0.0
+                change[j] = quarter * f[j]
+            for j in range(r):
+                for k in range(r):
+                    known = start[k] + step * v[k] + quarter * (acc[k] - damping * rate[k]) - q[k]
+                    change[j] += mass[j, k] * known
+                    tangent[j, k] = quarter * tangent[j, k] + (1.0 + 0.5 * step * damping) * mass[j, k]
+            if not _solve(tangent, change):
+                break
+            largest = 0.0
+            for j in range(r):
+                q[j] += change[j]
+                largest = max(largest, abs(change[j]))
+            # the tangent is a little off: what is left shrinks by the last gain, no faster
+            if largest * min(largest / before, 1.0) <= CLOSE * size or largest == 0.0:
+                ended = True
+                break
+            before = largest
+        if not ended:
+            for j in range(r):
+                q[j] = start[j]
+            return i
+        for j in range(r):
+            new = 2.0 / step * (q[j] - start[j]) - v[j]
+            past[j] = acc[j]
+            acc[j] = 2.0 / step * (new - v[j]) - acc[j]
+            v[j] = new
+    return last
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def close_all(squared, tau, h, chord, stiffness, green, force, z):
+    """Close many shapes: (times, m) squares of slopes, chordwise forces, stretches (filled); (times,) chords and H (filled)."""
+    work = np.empty((3, h.size))
+    guess = force[0]
+    for i in range(chord.size):
+        if i:
+            for j in range(h.size):
+                z[i, j] = z[i - 1, j]
+        force[i] = close(squared[i], tau[i], h, chord[i], stiffness, green, guess, z[i], work)
+        guess = force[i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def error_growth(
+    y, rate, acc, rows, step, damping, stiffness, slopes, plane, taus, h, green, pushes, inertia, first, guess, z, sigma, sizes
+):  # fmt: skip
+    """Integrate the error that the residual of a richer model drives, by the trapezoidal rule on sampled instants.
+
+    Parameters
+    ----------
+    y, rate, acc
+        Motion of the poorer model in the coordinates of the richer one, at the samples (samples, r).
+    step
+        Distance of the samples [s].
+    first
+        Error at the start (r,).
+    sigma
+        Relative arc length of the particles (n + 1,).
+    sizes
+        Filled: mean square of the error over the particles (samples,) [m^2], in the deflection and along the chord.
+
+    The other parameters are those of :func:`exact_force` for the richer model.
+    """
+    r, m = slopes.shape
+    f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))
+    work, slope, speed, lever = np.empty((4, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
+    error, v, a, ahead, moved = first.copy(), np.zeros(r), np.zeros(r), np.empty(r), np.empty((2, m))
+    quarter = 0.25 * step * step
+    for i in range(y.shape[0]):
+        guess = exact_force(
+            y[i], rate[i], rows[i], slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed,
+            lever, f, tangent, mass,
+        )  # fmt: skip
+        for j in range(r):
+            ahead[j] = error[j] if i == 0 else error[j] + step * v[j] + quarter * a[j]
+        for j in range(r):
+            # the residual, less what the error so far pulls back
+            total = f[j]
+            for k in range(r):
+                known = rate[i, k] if i == 0 else rate[i, k] + v[k] + 0.5 * step * a[k]
+                total -= mass[j, k] * (acc[i, k] + damping * known) + tangent[j, k] * ahead[k]
+            f[j] = total
+        for j in range(r):
+            for k in range(r):
+                if i:
+                    mass[j, k] = (1.0 + 0.5 * step * damping) * mass[j, k] + quarter * tangent[j, k]
+        if not _solve(mass, f):
+            sizes[i:] = np.inf
+            return
+        for j in range(r):
+            if i:
+                error[j] = ahead[j] + quarter * f[j]
+                v[j] += 0.5 * step * (a[j] + f[j])
+            a[j] = f[j]
+        for j in range(m):
+            moved[0, j] = 0.0
+            moved[1, j] = 0.0
+        for k in range(r):
+            s = 0 if k < plane else 1
+            for j in range(m):
+                moved[s, j] += slopes[k, j] * error[k]
+        reach = 0.0
+        for j in range(m):
+            reach -= h[j] * (slope[0, j] * moved[0, j] + slope[1, j] * moved[1, j]) / z[j]
+        normal, across, along, total = 0.0, 0.0, 0.0, 0.0
+        for j in range(m):
+            normal += h[j] * moved[0, j]
+            across += h[j] * moved[1, j]
+            along -= h[j] * (slope[0, j] * moved[0, j] + slope[1, j] * moved[1, j]) / z[j]
+            shift = along - sigma[j + 1] * reach
+            total += normal * normal + across * across + shift * shift
+        sizes[i] = total / (m + 1)
