@@ -6,6 +6,8 @@ ends of the moment is taken off.  Modes vanish at both ends and live on sigma = 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 
@@ -32,7 +34,7 @@ __all__ = [
 
 
 def decompose(
-    snapshots: xr.Dataset,
+    snapshots: xr.Dataset | Sequence[xr.Dataset],
     *,
     rank: int | None = None,
     energy: float | None = None,
@@ -47,7 +49,8 @@ def decompose(
     ----------
     snapshots
         A trajectory with ``position (time, particle, coordinate)`` [m] and ``arc_length (particle)`` [m], dimensions in any
-        order; further dimensions such as ``member`` count as more snapshots.
+        order; further dimensions such as ``member`` count as more snapshots.  Or several trajectories on the same particles
+        (S / L0), of any lengths, for "svd".
     rank
         Number of modes to keep (of each coordinate where they are separate); all by default.
     energy
@@ -88,11 +91,34 @@ def decompose(
         For options that cannot be and snapshots that are not finite or too few.
     """
     check_options(layout, method, weights, rank, energy)
-    if method == "svd" and _in_blocks(reading.position_of(snapshots), layout, rank):
-        stream = Stream(layout=layout, weights=weights, center=center).update(snapshots)
+    parts = [snapshots] if isinstance(snapshots, xr.Dataset) else list(snapshots)
+    reading.check_alike(parts)
+    if len(parts) > 1 and method != "svd":
+        raise refuse("method", method, "'svd' for several trajectories")
+    if len(parts) > 1 or (method == "svd" and _in_blocks(reading.position_of(parts[0]), layout, rank)):
+        stream = Stream(layout=layout, weights=weights, center=center)
+        for part in parts:
+            stream.update(part)
         return stream.modes(rank=rank, energy=energy, function="pod.decompose")
+    return _at_once(parts[0], (rank, energy), layout, method, weights, center and layout != "normal")
+
+
+def _at_once(
+    snapshots: xr.Dataset,
+    choice: tuple[int | None, float | None],
+    layout: str,
+    method: str,
+    weights: str | None,
+    center: bool,
+) -> xr.Dataset:
+    """Decompose the matrix of all snapshots."""
+    position = reading.position_of(snapshots)
+    width, dims = position.sizes["particle"] - 2, position.sizes["coordinate"]
+    extent = (width * dims if layout == "vector" else width, reading.count(position))
+    needed = decompositions.memory_needed(*extent, method)
+    check_bytes(needed, "method", f"{method!r} for {extent[0]} by {extent[1]} values, {needed / 1e9:.3g} GB")
     if layout == "normal":
-        hat, center = np.moveaxis(pod_normal.deflections(reading.positions(snapshots)), 0, -1), False
+        hat = np.moveaxis(pod_normal.deflections(reading.positions(snapshots)), 0, -1)
     else:
         hat, _ = lift(snapshots)
     sigma = relative_arc_length(snapshots)
@@ -105,9 +131,6 @@ def decompose(
         matrices = [np.ascontiguousarray(root[:, None] * inner[:, :, c].T) for c in range(dims)]
     else:
         matrices = [np.ascontiguousarray((root[None, :, None] * inner).reshape(samples, -1).T)]
-    extent = matrices[0].shape
-    needed = decompositions.memory_needed(extent[0], extent[1], method)
-    check_bytes(needed, "method", f"{method!r} for {extent[0]} by {extent[1]} values, {needed / 1e9:.3g} GB")
     decomposed = [decompositions.ROUTES[method](matrix) for matrix in matrices]
     values = np.stack([item[1] for item in decomposed])
     return labelled(
@@ -117,7 +140,7 @@ def decompose(
         np.zeros(len(values)),
         mean,
         samples,
-        choice=(rank, energy),
+        choice=choice,
         options={"layout": layout, "method": method, "weights": weights, "center": bool(center)},
         algorithm=decompositions.ALGORITHMS[method],
         like=snapshots,

@@ -160,13 +160,14 @@ class Stream:
         root = None if self.weights is None else reading.weight_roots(sigma, self.weights)
         samples, reference = reading.count(position), self._reference
         try:
-            with one_blas_thread() if features[0] <= COMPLETE else nullcontext():
+            with one_blas_thread() if max(features, default=0) <= COMPLETE else nullcontext():
                 for block in reading.blocks(position):
                     if reference is None and self.layout == "normal" and len(block):
                         reference = Frame.of(block[:1, -1] - block[:1, 0]).reference
                     _count_in(sums, block, (sigma, root, self.layout, reference))
         except FloatingPointError:
-            raise SceneError("snapshots: position is not finite everywhere; allowed: finite numbers") from None
+            where = reading.broken_member(position)
+            raise SceneError(f"snapshots: position is not finite everywhere{where}; allowed: finite numbers") from None
         self._sums, self._reference = sums, reference
         return self._noted(samples, snapshots, [snapshots])
 
@@ -254,10 +255,12 @@ class Stream:
         assert self._like is not None
         own, its = relative_arc_length(self._like), relative_arc_length(snapshots)
         same = own.shape == its.shape and np.abs(own - its).max() <= 1e-9
-        if not same or list(snapshots["coordinate"].values) != list(self._like["coordinate"].values):
+        coordinates = list(snapshots["coordinate"].values)
+        if not same or coordinates != list(self._like["coordinate"].values):
+            members = f" in members {np.ravel(snapshots['member'])[:5].tolist()}" if "member" in snapshots else ""
             raise SceneError(
-                f"snapshots: given {its.size} particles and coordinates {list(snapshots['coordinate'].values)}; allowed: the "
-                f"{own.size} particles, at the same S / L0, and the coordinates of those before"
+                f"snapshots: given {its.size} particles{members} and coordinates {coordinates}; allowed: "
+                f"the {own.size} particles, at the same S / L0, and the coordinates of those before"
             )
 
     def _noted(self, samples: int, like: xr.Dataset, inputs: list[xr.Dataset]) -> Stream:

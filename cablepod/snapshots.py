@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -68,14 +68,61 @@ def _check_members(lengths: xr.DataArray) -> None:
     """Refuse members whose particles lie at different S / L0: their rows cannot stand in one matrix."""
     if lengths.ndim == 1:
         return
-    s = lengths.transpose(..., "particle").values.reshape(-1, lengths.sizes["particle"])
+    lead = [name for name in lengths.dims if name != "particle"]
+    s = lengths.transpose(*lead, "particle").values.reshape(-1, lengths.sizes["particle"])
+    names = lengths[lead[0]].values if len(lead) == 1 else np.arange(len(s))
+    # members of unlike shapes that xarray has joined are filled up with what is not a number
+    there = np.isfinite(s).sum(axis=1)
+    if there.min(initial=s.shape[1]) < s.shape[1]:
+        kinds = [f"{number} particles in {_some(names[there == number])}" for number in np.unique(there)]
+        raise SceneError(f"snapshots: given members with {', '.join(kinds)}; allowed: the same particles in all")
     sigma = s / s[:, -1:]
-    other = np.flatnonzero(np.abs(sigma - sigma[0]).max(axis=1) > 1e-9)
-    if other.size:
+    other = np.abs(sigma - sigma[0]).max(axis=1) > 1e-9
+    if other.any():
         raise SceneError(
-            f"snapshots: given members whose particles lie at different S / L0, from the first one differ {other[:5].tolist()}; "
-            "allowed: the same particles in all"
+            "snapshots: given members whose particles lie at different S / L0, from the first one differ "
+            f"{_some(names[other])}; allowed: the same particles in all"
         )
+
+
+def check_alike(parts: Sequence[xr.Dataset]) -> None:
+    """Refuse trajectories of different particles or coordinates, naming them by their place."""
+    if not parts:
+        raise SceneError("snapshots: given no trajectory; allowed: at least one")
+    lines = [position_of(part).sizes["particle"] for part in parts]
+    if len(set(lines)) > 1:
+        places = np.arange(len(parts))
+        kinds = [f"{number} particles in {_some(places[np.equal(lines, number)])}" for number in sorted(set(lines))]
+        raise SceneError(f"snapshots: given trajectories with {', '.join(kinds)}; allowed: the same particles in all")
+    first = parts[0]
+    other = [
+        place
+        for place, part in enumerate(parts)
+        if np.abs(relative_arc_length(part) - relative_arc_length(first)).max() > 1e-9
+        or list(part["coordinate"].values) != list(first["coordinate"].values)
+    ]
+    if other:
+        raise SceneError(
+            "snapshots: given trajectories whose particles lie at different S / L0, or of other coordinates, from the first one "
+            f"differ {_some(np.array(other))}; allowed: the same in all"
+        )
+
+
+def _some(names: np.ndarray) -> str:
+    """Name the first five."""
+    more = f" and {len(names) - 5} more" if len(names) > 5 else ""
+    return str(names[:5].tolist()) + more
+
+
+def broken_member(position: xr.DataArray) -> str:
+    """Return words for the first member whose positions are not finite; nothing where there are no members."""
+    if "member" not in position.dims:
+        return ""
+    names = position["member"].values
+    for number, name in enumerate(names):
+        if not all(np.isfinite(block).all() for block in blocks(position.isel(member=number))):
+            return f" in member {name}"
+    return ""
 
 
 def positions(snapshots: xr.Dataset) -> np.ndarray:
@@ -89,7 +136,8 @@ def positions(snapshots: xr.Dataset) -> np.ndarray:
     position = position_of(snapshots).transpose(..., "time", "particle", "coordinate").values
     position = position.reshape(-1, *position.shape[-2:]).astype(float)
     if not np.isfinite(position).all():
-        raise SceneError("snapshots: position is not finite everywhere; allowed: finite numbers")
+        where = broken_member(snapshots["position"])
+        raise SceneError(f"snapshots: position is not finite everywhere{where}; allowed: finite numbers")
     return position
 
 

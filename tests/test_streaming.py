@@ -15,6 +15,7 @@ from mpmath import matrix, mp
 import cablepod as cp
 from cablepod import decompositions, streaming
 from cablepod import snapshots as reading
+from cablepod.chord import Frame
 from cablepod.streaming import Accumulator
 from cablepod.threads import one_blas_thread
 
@@ -57,6 +58,30 @@ def trajectory(samples=6000, particles=22, dims=2, spectrum=STEEP, kind="random"
         attrs={"id": "made up"},
     )
     return snapshots, left
+
+
+def turning(samples=3000, particles=22, dims=3, steep=False):
+    """Snapshots on a chord that turns and grows, with deflections of known spectra; and their modes, normal by normal."""
+    spectra = [np.geomspace(1.0, 1e-6, 10), np.geomspace(0.1, 1e-7, 8)][: dims - 1]
+    known = [known_rows(samples, particles - 2, item, seed=number) for number, item in enumerate(spectra)]
+    time = np.linspace(0.0, 1.0, samples)
+    reach = np.stack([8.0 + time, 0.5 * time**2, 2.0 * np.sin(3.0 * time)], axis=1)[
+        :, [1, 0, 2] if steep else [0, 1, 2]
+    ]
+    frame = Frame.of(reach[:, :dims])
+    deflection = np.zeros((dims - 1, samples, particles))
+    deflection[:, :, 1:-1] = [item[0] for item in known]
+    along = frame.chord[:, None] * np.linspace(0.0, 1.0, particles) ** 1.1
+    lower = np.stack([0.3 * time] * dims, axis=1)
+    snapshots = xr.Dataset(
+        {"position": (("time", "particle", "coordinate"), frame.join(lower, along, deflection))},
+        coords={
+            "time": time,
+            "arc_length": ("particle", np.linspace(0.0, 10.0, particles)),
+            "coordinate": list("xyz"[:dims]),
+        },
+    )
+    return snapshots, spectra, [item[1] for item in known]
 
 
 def sines(modes, left):
@@ -216,6 +241,102 @@ def test_memory_chunks_and_streams_give_the_same(layout, weights):
         np.testing.assert_allclose(one.energy_share, other.energy_share, rtol=1e-8)
     assert full.attrs["id"] == lazy.attrs["id"]
     assert stream.modes(rank=8).attrs["id"] != lazy.attrs["id"]
+
+
+@pytest.mark.parametrize("dims", [2, 3])
+def test_deflections_in_blocks(dims):
+    snapshots, spectra, left = turning(dims=dims)
+    whole = cp.pod.decompose(snapshots.isel(time=slice(0, 150)), rank=6, layout="normal", weights="length")
+    assert "gesdd" in whole.attrs["algorithm"]
+    cut = cp.pod.decompose(
+        snapshots.isel(time=slice(0, 150)).chunk({"time": 40}), rank=6, layout="normal", weights="length"
+    )
+    assert set(cut.variables) == set(whole.variables)
+    for name in whole.data_vars:  # LAPACK is right to 1e-16 of the positions, over 1e-4 of the sixth mode
+        if "uncertainty" not in name and "truncation" not in name:
+            np.testing.assert_allclose(cut[name], whole[name], rtol=1e-9, atol=1e-10, err_msg=name)
+    streams = [cp.pod.Stream(layout="normal") for _ in range(3)]
+    for number, stream in enumerate(streams):
+        stream.update(snapshots.isel(time=slice(1000 * number, 1000 * (number + 1))))
+    merged = cp.pod.Stream(layout="normal").merge(streams[0]).merge(streams[1]).merge(streams[2])
+    lazy = cp.pod.decompose(snapshots.chunk({"time": 700}), rank=8, layout="normal")
+    for found in (lazy, cp.pod.decompose(snapshots, rank=8, layout="normal"), merged.modes(rank=8)):
+        assert "one pass" in found.attrs["algorithm"]
+        assert "mean" not in found
+        for suffix, spectrum, exact in zip(("", "_out_of_plane"), spectra, left, strict=False):
+            # the rounding of positions of size 8, some 5e-16 along any pair of vectors, is 5e-9 of the smallest
+            np.testing.assert_allclose(found[f"singular_value{suffix}"], spectrum[:8], rtol=2e-8)
+            shape = found[f"mode_shape{suffix}"].values[:6, 1:-1].T
+            off = shape - exact[:, :6] * np.sum(exact[:, :6] * shape, axis=0)
+            assert np.linalg.norm(off, axis=0).max() < 1e-8
+    assert lazy.attrs["id"] == cp.pod.decompose(snapshots, rank=8, layout="normal").attrs["id"]
+
+
+def test_streams_of_deflections_keep_the_first_chord_s_axis():
+    steep = turning(steep=True)[0].isel(time=slice(0, 1500))
+    other = turning()[0]
+    stream = cp.pod.Stream(layout="normal").update(steep)
+    with pytest.raises(cp.SceneError, match="other: its first chord is so steep"):
+        cp.pod.Stream(layout="normal").update(other).merge(stream)
+    # later pieces, whose own first chord is far from the vertical, do not begin anew
+    late = steep.isel(time=slice(1400, None))
+    assert Frame.of(late.position.values[:1, -1] - late.position.values[:1, 0]).reference == 1
+    pieces = cp.pod.Stream(layout="normal").update(steep.isel(time=slice(0, 1400))).update(late).modes(rank=6)
+    np.testing.assert_allclose(pieces.singular_value, stream.modes(rank=6).singular_value, rtol=1e-9)
+    with pytest.raises(cp.SceneError, match="coordinate: given 1"):
+        cp.pod.decompose(other.isel(coordinate=[0]).chunk(), layout="normal")
+    ends = other.where((other.time < 0.5) | (np.arange(22) < 21))
+    with pytest.raises(cp.SceneError, match="not finite"):
+        cp.pod.decompose(ends.assign_coords(arc_length=other.arc_length).chunk(), layout="normal")
+
+
+def test_mixed_shapes_are_refused_by_name():
+    snapshots, _ = trajectory(samples=300)
+    long = snapshots.assign_coords(particle=np.arange(22))
+    short = snapshots.isel(particle=slice(0, 15)).assign_coords(particle=np.arange(15))
+    shifted = snapshots.assign_coords(arc_length=snapshots.arc_length**1.1)
+    for parts, match in (
+        ([long, short, long, short], r"15 particles in \[1, 3\], 22 particles in \[0, 2\]"),
+        ([snapshots, shifted], r"different S / L0.*differ \[1\]"),
+        ([snapshots, snapshots, snapshots.isel(coordinate=[0])], r"of other coordinates.*differ \[2\]"),
+        ([], "given no trajectory"),
+    ):
+        with pytest.raises(cp.SceneError, match=match):
+            cp.pod.decompose(parts)
+    with pytest.raises(cp.SceneError, match="method: given 'covariance'"):
+        cp.pod.decompose([snapshots, snapshots], method="covariance")
+    # what xarray makes of members of unlike shapes, with gaps
+    options = {"join": "outer", "data_vars": "all", "coords": "different", "compat": "equals"}
+    joined = xr.concat([short, long, short], "member", **options).assign_coords(member=[4, 5, 6])
+    for case in (joined, joined.chunk({"time": 100})):
+        with pytest.raises(cp.SceneError, match=r"15 particles in \[4, 6\], 22 particles in \[5\]"):
+            cp.pod.decompose(case)
+    alike = xr.concat([snapshots] * 3, "member", data_vars="all").assign_coords(member=[4, 5, 6])
+    broken = alike.where((alike.member != 5) | (alike.time < 9.0)).assign_coords(arc_length=snapshots.arc_length)
+    for case in (broken.isel(time=slice(80, 120)), broken.chunk({"time": 100})):
+        with pytest.raises(cp.SceneError, match="not finite everywhere in member 5"):
+            cp.pod.decompose(case)
+    stream = cp.pod.Stream().update(long)
+    with pytest.raises(cp.SceneError, match=r"given 15 particles in members \[7\]"):
+        stream.update(short.assign_coords(member=7))
+
+
+def test_trajectories_of_any_lengths_in_one_decomposition():
+    snapshots, _ = trajectory(spectrum=np.geomspace(1.0, 1e-6, 12))
+    cuts = [(0, 10), (10, 700), (700, 6000)]
+    parts = [snapshots.isel(time=slice(*cut)).assign_attrs(id=f"part {number}") for number, cut in enumerate(cuts)]
+    found, whole = (cp.pod.decompose(item, rank=8) for item in (parts, snapshots))
+    np.testing.assert_allclose(found.singular_value, whole.singular_value, rtol=1e-9)
+    np.testing.assert_allclose(found.mode_shape, whole.mode_shape, atol=1e-8)
+    assert [f"part {number}" in found.attrs["history_json"] for number in range(3)] == [True] * 3
+
+
+def test_what_does_not_fit_is_refused_before_it_is_read():
+    snapshots, _ = trajectory(samples=30)
+    huge = da.broadcast_to(da.zeros((1, 22, 2)), (10**10, 22, 2), chunks=(10**8, 22, 2))
+    lazy = xr.Dataset({"position": (("time", "particle", "coordinate"), huge)}, snapshots.drop_vars("time").coords)
+    with pytest.raises(cp.SceneError, match="method: given 'covariance' for 20 by 10000000000 values"):
+        cp.pod.decompose(lazy, method="covariance")
 
 
 def test_lazy_data_meet_what_is_known():
