@@ -21,6 +21,8 @@ from cablepod.threads import one_blas_thread
 LAYOUTS = ("separate", "vector", "normal")
 METHODS = tuple(decompositions.ROUTES)
 WEIGHTS = (None, "length", "mass")
+#: Snapshots in chunks from which on two threads count them; the number is the same on every machine, and so are the bits.
+SHARED = 20_000
 
 
 def check_options(layout: str, method: str, weights: str | None, rank: int | None, energy: float | None) -> None:
@@ -159,12 +161,20 @@ class Stream:
         sums = copy.deepcopy(self._sums) or [Accumulator(size, center=self.center) for size in features]
         root = None if self.weights is None else reading.weight_roots(sigma, self.weights)
         samples, reference = reading.count(position), self._reference
+        small = max(features, default=0) <= COMPLETE
+        # with small matrices BLAS has one thread, so that what comes from files is shared out between two, and their sums merged
+        shared = [sums]
+        if small and reading.is_lazy(position) and samples >= SHARED:
+            shared.append([Accumulator(size, center=self.center) for size in features])
         try:
-            with one_blas_thread() if max(features, default=0) <= COMPLETE else nullcontext():
+            with one_blas_thread() if small else nullcontext():
                 for block in reading.blocks(position):
                     if reference is None and self.layout == "normal" and len(block):
                         reference = Frame.of(block[:1, -1] - block[:1, 0]).reference
-                    _count_in(sums, block, (sigma, root, self.layout, reference))
+                    _share_out(shared, block, (sigma, root, self.layout, reference))
+                for part in shared[1:]:
+                    for mine, others in zip(sums, part, strict=True):
+                        mine.merge(others)
         except FloatingPointError:
             where = reading.broken_member(position)
             raise SceneError(f"snapshots: position is not finite everywhere{where}; allowed: finite numbers") from None
@@ -273,6 +283,20 @@ class Stream:
             stub = xr.Dataset(attrs={key: origin.attrs[key] for key in ("id", "history_json") if key in origin.attrs})
             self._inputs.setdefault(str(origin.attrs.get("id", "unknown")), stub)
         return self
+
+
+def _share_out(shared: list[list[Accumulator]], block: np.ndarray, how: tuple[Any, ...]) -> None:
+    """Let a thread for each of the `shared` sums add its part of a block."""
+    if len(shared) == 1:
+        _count_in(shared[0], block, how)
+        return
+    from concurrent.futures import ThreadPoolExecutor  # only who reads files needs it
+
+    with ThreadPoolExecutor(len(shared), thread_name_prefix="cablepod-sums") as executor:
+        parts = np.array_split(block, len(shared))
+        jobs = [executor.submit(_count_in, sums, part, how) for sums, part in zip(shared, parts, strict=True)]
+        for job in jobs:
+            job.result()
 
 
 def _count_in(sums: list[Accumulator], block: np.ndarray, how: tuple[Any, ...]) -> None:

@@ -285,7 +285,7 @@ def test_streams_of_deflections_keep_the_first_chord_s_axis():
     np.testing.assert_allclose(pieces.singular_value, stream.modes(rank=6).singular_value, rtol=1e-9)
     with pytest.raises(cp.SceneError, match="coordinate: given 1"):
         cp.pod.decompose(other.isel(coordinate=[0]).chunk(), layout="normal")
-    ends = other.where((other.time < 0.5) | (np.arange(22) < 21))
+    ends = other.where((other.time < 0.5) | (other.arc_length < 10.0))
     with pytest.raises(cp.SceneError, match="not finite"):
         cp.pod.decompose(ends.assign_coords(arc_length=other.arc_length).chunk(), layout="normal")
 
@@ -392,6 +392,25 @@ def test_an_archive_is_read_once_and_in_small_pieces(tmp_path, monkeypatch):
     with cp.archive.read(path, chunks={}) as lazy:
         parts = xr.concat([lazy.isel(time=slice(0, 9000)), lazy.isel(time=slice(9000, None))], "time")
         np.testing.assert_allclose(cp.pod.decompose(2.0 * parts, rank=5, layout="vector").singular_value, 2 * STEEP[:5])
+
+
+def test_two_threads_share_long_lazy_data_and_give_the_same_bits(monkeypatch):
+    snapshots, _ = trajectory(samples=20000)
+    lazy = snapshots.chunk({"time": 3000})
+    counted_in, seen = cp.pod_stream._count_in, []
+
+    def counted(sums, block, how):
+        seen.append((threading.current_thread().name, len(block)))
+        counted_in(sums, block, how)
+
+    monkeypatch.setattr(cp.pod_stream, "_count_in", counted)
+    one, other = (cp.pod.decompose(lazy, rank=12, layout="vector") for _ in range(2))
+    xr.testing.assert_identical(one.drop_attrs(deep=False), other.drop_attrs(deep=False))
+    assert all(name.startswith("cablepod-sums") for name, _ in seen)
+    assert sum(size for _, size in seen) == 40000
+    broken = lazy.where((lazy.time != 1500.0) | (lazy.particle != 5))
+    with pytest.raises(cp.SceneError, match="not finite"):
+        cp.pod.decompose(broken)
 
 
 def test_streams_merge_and_travel():
