@@ -265,8 +265,8 @@ class Stream:
         assert self._like is not None
         own, its = relative_arc_length(self._like), relative_arc_length(snapshots)
         same = own.shape == its.shape and np.abs(own - its).max() <= 1e-9
-        coordinates = list(snapshots["coordinate"].values)
-        if not same or coordinates != list(self._like["coordinate"].values):
+        coordinates = snapshots["coordinate"].values.tolist()
+        if not same or coordinates != self._like["coordinate"].values.tolist():
             members = f" in members {np.ravel(snapshots['member'])[:5].tolist()}" if "member" in snapshots else ""
             raise SceneError(
                 f"snapshots: given {its.size} particles{members} and coordinates {coordinates}; allowed: "
