@@ -202,7 +202,11 @@ def _jobs(data: Any) -> tuple[list[Callable[[], list[np.ndarray]]], bool]:
     sources = [_source(graph, (data.name, *index)) for index in np.ndindex(*data.numblocks)]
     if get is None and all(source is not None for source in sources):
         row = data.dtype.itemsize * math.prod(data.shape[1:])
-        return [functools.partial(_sliced, *item) for item in _ranges(sources, max(1, BLOCK // row))], True
+        pieces = _ranges(sources, max(1, BLOCK // row))
+        if row > BLOCK and data.ndim > 3:  # members so long that they are cut in time
+            most = max(1, BLOCK // (row // data.shape[1]))
+            pieces = (piece for source, region in pieces for piece in _cut(source, region, most))
+        return [functools.partial(_sliced, *item) for item in pieces], True
     get = get or dask.get
     (data,) = dask.optimize(data)
     graph = dict(data.__dask_graph__())
@@ -253,6 +257,13 @@ def _ranges(sources: list[Any], most: int) -> Iterator[tuple[Any, tuple[slice, .
         for low in range(first.start, end, step):
             yield source, (slice(low, min(end, low + step)), *others)
         start = stop
+
+
+def _cut(source: Any, region: tuple[slice, ...], most: int) -> Iterator[tuple[Any, tuple[slice, ...]]]:
+    """Cut a range into `most` along the second dimension."""
+    first, second, *others = region
+    for low in range(second.start, second.stop, most):
+        yield source, (first, slice(low, min(second.stop, low + most)), *others)
 
 
 def rows(

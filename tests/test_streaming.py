@@ -390,6 +390,15 @@ def test_an_archive_is_read_once_and_in_small_pieces(tmp_path, monkeypatch):
         assert sines(modes, left).max() < 1e-8
         assert sum(sizes) == snapshots.position.nbytes
         assert max(sizes) <= 1 << 20
+    # members so long that one is more than a piece
+    long = xr.concat([snapshots, 2.0 * snapshots], "member", data_vars="all", combine_attrs="override")
+    long.to_netcdf(tmp_path / "long.nc", encoding={"position": {"chunksizes": (1, 1000, 22, 2)}})
+    sizes.clear()
+    with xr.open_dataset(tmp_path / "long.nc", chunks=-1) as lazy:
+        modes = cp.pod.decompose(lazy, rank=20, layout="vector")
+    np.testing.assert_allclose(modes.singular_value, np.sqrt(5.0) * STEEP, rtol=1e-10)
+    assert sum(sizes) == long.position.nbytes
+    assert max(sizes) <= 1 << 20
     with cp.archive.read(path, chunks={}) as lazy:
         parts = xr.concat([lazy.isel(time=slice(0, 9000)), lazy.isel(time=slice(9000, None))], "time")
         np.testing.assert_allclose(cp.pod.decompose(2.0 * parts, rank=5, layout="vector").singular_value, 2 * STEEP[:5])
