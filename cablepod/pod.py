@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from cablepod import decompositions, pod_normal, provenance, schema
 from cablepod import snapshots as reading
@@ -23,6 +24,7 @@ from cablepod.streaming import COMPLETE
 __all__ = [
     "Stream",
     "amplitude_dataset",
+    "at_times",
     "compose",
     "decompose",
     "lift",
@@ -206,6 +208,31 @@ def amplitude_dataset(amplitude: np.ndarray, ends: np.ndarray, time: np.ndarray,
         },
     )
     return label(result)
+
+
+def at_times(trajectory: xr.Dataset, *, times: ArrayLike) -> xr.Dataset:
+    """Pick instants of a trajectory as snapshots, and note so in its history, which ``isel`` and ``sel`` do not.
+
+    Parameters
+    ----------
+    trajectory
+        With ``time`` [s]; not modified.
+    times
+        Instants of it [s].
+
+    Raises
+    ------
+    SceneError
+        Where an instant is none of the trajectory's.
+    """
+    own, wanted = trajectory["time"].values, np.atleast_1d(np.asarray(times, dtype=float))
+    right = np.clip(np.searchsorted(own, wanted), min(1, own.size - 1), own.size - 1)
+    nearest = np.where(wanted - own[right - 1] < own[right] - wanted, right - 1, right)
+    off = np.abs(own[nearest] - wanted) > 1e-9 * np.maximum(1.0, np.abs(wanted))
+    if off.any():
+        raise refuse("times", float(wanted[off][0]), "instants of the trajectory")
+    picked = trajectory.isel(time=nearest)
+    return provenance.record(picked, function="pod.at_times", parameters={"times": wanted}, inputs=[trajectory])
 
 
 def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
