@@ -53,6 +53,7 @@ class State:
     extremes: tuple[np.ndarray, np.ndarray] | None  #: of the tensions (n,) [N]
     watch: np.ndarray  #: see ``kernels.condensed.leading_verlet``
     scheme: str
+    tension: np.ndarray | None = None  #: of the links asked for at the instants (times, links) [N], where taken on the way
 
     @property
     def q(self) -> np.ndarray:
@@ -173,7 +174,8 @@ def variables(
             tension = _tension(model, z, force, squared)
             made["tension"] = (("time", "link"), tension if links is None else tension[:, links])
     elif "tension" in outputs:
-        made["tension"] = (("time", "link"), _tensions(model, q, times, links))
+        taken = state.tension
+        made["tension"] = (("time", "link"), _tensions(model, q, times, links) if taken is None else taken)
     if state.extremes is not None:
         made["tension_minimum"], made["tension_maximum"] = ((("link",), item) for item in state.extremes)
     return made

@@ -104,9 +104,13 @@ class Stack:
         for name, (dims, values) in variables.items():
             first = np.asarray(values)
             kind = object if first.dtype.kind in "UO" else first.dtype
-            fill: Any = np.nan if first.dtype.kind == "f" else "" if kind is object else 0
-            made[name] = ("member", *dims), np.full((self.count, *first.shape), fill, kind)
+            made[name] = ("member", *dims), np.empty((self.count, *first.shape), kind)
         return made
+
+    def blank(self, i: int) -> None:
+        """Fill the row of a member that failed."""
+        for _, values in self.variables.values():
+            values[i] = np.nan if values.dtype.kind == "f" else "" if values.dtype.kind == "O" else 0
 
 
 def gather(
@@ -168,6 +172,8 @@ def gather(
     if failed and len(failed) == count:
         raise failed[0][1]
     stack.check_shapes()
+    for i, _ in failed:
+        stack.blank(i)
     if failed:
         warnings.warn(
             f"{len(failed)} of {count} members failed and hold nan, the first of them member {failed[0][0]}: {failed[0][1]}",
