@@ -156,13 +156,11 @@ class Model:
     def rows(self, begin: int, steps: int, rate: float) -> np.ndarray:
         """Tell what the steps `begin` ... `begin + steps` must know of ends and loads; see ``kernels.condensed.frames``."""
         p, count = self.chain.p, steps + 1
-        ends = np.empty((2 * p.dims, count))
-        ends[:] = np.concatenate([p.lower, p.upper])[:, None]
-        second = np.zeros((2 * p.dims, count if p.motions else 0))
-        if p.motions:
-            at = [ENDS.index(end) * p.dims + COORDINATES.index(axis) for end, axis in p.motions]
-            ends[at] = p.end_tables(begin, steps, rate)
-            second[at] = p.end_tables(begin, steps, rate, 2)
+        ends, second = np.empty((2 * p.dims, count)), np.zeros((2 * p.dims, count if p.motions else 0))
+        ends[: p.dims], ends[p.dims :] = p.lower[:, None], p.upper[:, None]
+        for (end, axis), function in p.motions.items():
+            at = ENDS.index(end) * p.dims + COORDINATES.index(axis)
+            ends[at], second[at] = function.all_on_steps(begin, steps, rate, (0, 2), ends[at, 0])
         return self._filled(ends, second, begin, steps, rate)
 
     def rows_at(self, times: np.ndarray) -> np.ndarray:
