@@ -156,6 +156,8 @@ class Model:
     @cached_property
     def reference(self) -> int:
         """Axis that tells the normals apart in space."""
+        if self.chain.p.dims == 2:
+            return 1
         ends = self.chain.p.end_positions(np.zeros(1))
         return Frame.of(ends[:, 1] - ends[:, 0]).reference
 
@@ -177,10 +179,11 @@ class Model:
         p = self.chain.p
         ends, second = p.end_positions(times), np.zeros((0, 2, p.dims))
         if p.motions:
-            # damping acts on the motion of the frame as on that of the deflection
-            second = p.end_positions(times, 2) + (p.mass_damping or 0.0) * p.end_positions(times, 1)
-        flat = (np.ascontiguousarray(item.reshape(-1, 2 * p.dims).T) for item in (ends, second))
-        return self._filled(*flat, times, 0, 0.0)
+            second = p.end_positions(times, 2)
+            if p.mass_damping:  # it acts on the motion of the frame as on that of the deflection
+                second += p.mass_damping * p.end_positions(times, 1)
+        places, pushed = (np.ascontiguousarray(item.reshape(-1, 2 * p.dims).T) for item in (ends, second))
+        return self._filled(places, pushed, times, 0, 0.0)
 
     def _filled(self, ends: np.ndarray, second: np.ndarray, begin: Any, steps: int, rate: float) -> np.ndarray:
         from cablepod.kernels import condensed as kernel  # numba is imported only to compute

@@ -10,29 +10,30 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from xarray.indexes import PandasIndex
 
 from cablepod import pod_normal
 from cablepod.chord import Frame
 from cablepod.condensed_model import Model
-from cablepod.conventions import ENDS, label
-from cablepod.runs import coordinates
+from cablepod.conventions import COORDINATES, ENDS, label
 from cablepod.stepping import Instants
 
 #: Motion of the ends with a frequency above this share of the first axial one makes waves along the cable, which the model lacks.
 FAST = 0.2
 
 
-# to make the index of a coordinate takes as long as a thousand steps
 @lru_cache
-def end_axis() -> xr.IndexVariable:
-    """Names of the ends, as a coordinate."""
-    return xr.IndexVariable("end", list(ENDS))
+def _fixed_indexes(dims: int, rank: int) -> dict[str, PandasIndex]:
+    """Names of axes and ends, numbers of modes; to make them takes longer than a run of a thousand steps."""
+    names = {"coordinate": list(COORDINATES[:dims]), "mode": np.arange(1, rank + 1), "end": list(ENDS)}
+    return {key: PandasIndex(np.asarray(values), key) for key, values in names.items()}
 
 
-@lru_cache
-def numbers(count: int) -> xr.IndexVariable:
-    """Numbers of modes from 1 on, as a coordinate."""
-    return xr.IndexVariable("mode", np.arange(1, count + 1))
+def _coordinates(model: Model, times: np.ndarray) -> xr.Coordinates:
+    """Coordinates of a result, with the indexes that xarray would make of them."""
+    indexes = {**_fixed_indexes(model.chain.p.dims, model.rank), "time": PandasIndex(times, "time")}
+    variables = {name: variable for index in indexes.values() for name, variable in index.create_variables().items()}
+    return xr.Coordinates({**variables, "arc_length": ("particle", model.chain.arc_length)}, indexes=indexes)
 
 
 class OutOfRangeWarning(UserWarning):
@@ -155,8 +156,7 @@ def dataset(model: Model, state: State, modes: xr.Dataset | None, outputs: tuple
             variables["tension"] = (("time", "link"), _tension(model, z, force, squared))
     if state.extremes is not None:
         variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
-    coords = {**coordinates(chain), "time": times, "mode": numbers(model.rank), "end": end_axis()}
-    result = label(xr.Dataset(variables, coords=coords))
+    result = label(xr.Dataset(variables, coords=_coordinates(model, times)))
     axial, slowest = model.first_axial_frequency, p.time_scale
     kept = {}
     if modes is not None and "energy_share" in modes:
@@ -183,7 +183,8 @@ def dataset(model: Model, state: State, modes: xr.Dataset | None, outputs: tuple
 
 def _padded(amplitude: np.ndarray, rank: int) -> np.ndarray:
     """Amplitudes (times, modes) with zeros for modes that never moved."""
-    return np.pad(amplitude, ((0, 0), (0, rank - amplitude.shape[1])))
+    missing = rank - amplitude.shape[1]
+    return np.pad(amplitude, ((0, 0), (0, missing))) if missing else amplitude
 
 
 def _tension(model: Model, z: np.ndarray, force: np.ndarray, squared: np.ndarray) -> np.ndarray:

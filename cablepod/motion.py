@@ -46,8 +46,8 @@ class TimeFunction:
     def on_steps(self, start: int, steps: int, rate: float, derivative: int = 0, origin: float = 0.0) -> Array:
         """Evaluate at the steps `start` ... `start + steps` of so many to the second, (steps + 1,); `origin` is added to values.
 
-        Sines of equidistant angles come from compiled rotations; computed one by one they would cost a tenth of what a chain of 40
-        links does.
+        Sines of equidistant angles come from compiled rotations; computed one by one they would cost a tenth of what a chain of
+        40 links does.
         """
         return self.all_on_steps(start, steps, rate, (derivative,), origin)[0]
 
