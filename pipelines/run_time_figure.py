@@ -32,7 +32,11 @@ STYLES = {
     ("condensed", "trapezoidal"): ("<", "#E69F00", "condensed, implicit"),
     ("catenary", ""): ("x", "black", "catenaries, splines between"),
 }
-LINES = {"full": ("-", "#003a5c", "front, full"), "reduced": ("--", "#a33c00", "front, reduced"), "quasi-static": (":", "black", "")}
+LINES = {
+    "full": ("-", "#003a5c", "front, full"),
+    "reduced": ("--", "#a33c00", "front, reduced"),
+    "quasi-static": (":", "black", ""),
+}
 
 
 def draw(result: xr.Dataset) -> plt.Figure:
@@ -41,13 +45,19 @@ def draw(result: xr.Dataset) -> plt.Figure:
     columns = min(len(names), 3)
     lines = -(-(len(names) + (len(names) > 3)) // columns)
     figure, grid = plt.subplots(
-        lines, columns, figsize=(4.6 * columns, 3.9 * lines), sharex=True, sharey=True, layout="constrained", squeeze=False
+        lines,
+        columns,
+        figsize=(4.6 * columns, 3.9 * lines),
+        sharex=True,
+        sharey=True,
+        layout="constrained",
+        squeeze=False,
     )
     axes = list(grid.flat)
     for ax, name in zip(axes, names, strict=False):
         _panel(ax, result.sel(scene=name))
-        ax.set_title(f"{TITLES[name]}; modes from " + ("Examples 2–4" if "," in str(result["trained_on"].sel(scene=name).values)
-                                                       else "itself"), fontsize=10)  # fmt: skip
+        several = "," in str(result["trained_on"].sel(scene=name).values)
+        ax.set_title(f"{TITLES[name]}; modes from " + ("Examples 2 to 4" if several else "itself"), fontsize=10)
         ax.tick_params(labelbottom=True)
         ax.set_xlabel("kernel time for the run [ms]")
     for row in grid:
@@ -73,7 +83,16 @@ def _panel(ax: plt.Axes, of: xr.Dataset) -> None:
         rows = np.flatnonzero((of["on_front"].values == 1) & (of["family"].values == family) & (error < 1.0))
         rows = rows[np.argsort(seconds[rows])]
         # a front is a staircase: between two settings the error is that of the faster one
-        ax.loglog(seconds[rows], error[rows], style, color=colour, lw=1.5, drawstyle="steps-post", label=text or None, zorder=1)
+        ax.loglog(
+            seconds[rows],
+            error[rows],
+            style,
+            color=colour,
+            lw=1.5,
+            drawstyle="steps-post",
+            label=text or None,
+            zorder=1,
+        )
     for level in LEVELS:
         ax.axhline(level, color="0.6", lw=0.6, zorder=0)
         ratio = float(of["time_ratio"].sel(level=level))
@@ -93,8 +112,9 @@ def percent(value: float) -> str:
 def markdown(rows: list[dict[str, Any]]) -> str:
     """Write the table of best full and best reduced models."""
     lines = [
-        "| scene | error | best full model | kernel, call | best reduced model | kernel, call | offline | full over reduced |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| scene | error | best full model | kernel, call | best reduced model | kernel, call | offline "
+        "| kernels: full over reduced | calls |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for row in rows:
         cells = [TITLES[row["scene"]], "≤ " + percent(row["level"])]
@@ -106,7 +126,7 @@ def markdown(rows: list[dict[str, Any]]) -> str:
             ]  # fmt: skip
         of = row["best"]["reduced"]
         cells.append("" if of is None else f"{float(of['offline_time']):.2g} s")
-        cells.append("" if np.isnan(row["ratio"]) else f"{row['ratio']:.3g}")
+        cells += ["" if np.isnan(row[key]) else f"{row[key]:.3g}" for key in ("ratio", "call_ratio")]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 

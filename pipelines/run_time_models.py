@@ -28,9 +28,10 @@ from cablepod.kernels import reduced as reduced_kernel
 from cablepod.links import chain_of
 from cablepod.parameters import Parameters, load_plane, parameters, solve_statics
 from cablepod.shipped import scene as shipped
+from cablepod.shipped import truth_path, truths
 
 EXAMPLES = ("example2", "example3", "example4")
-#: Scenes on which no modes are trained, as changes of Example 2: a flatter guy in side wind, and a long cable that is almost level.
+#: Scenes on which no modes are trained, cables like Example 2's: a flatter guy in side wind, and a long one that is almost level.
 UNSEEN: dict[str, dict[str, Any]] = {
     "guy": {
         "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "specific_weight": 78500.0, "top_tension": 6000.0},
@@ -110,6 +111,18 @@ def truth_of(name: str, given: xr.Dataset, law: str, times: np.ndarray, folder: 
     return Truth(given, law, run["position"].values, elements)
 
 
+def from_file(name: str, truth: Truth, times: np.ndarray) -> float:
+    """Return the largest difference of a truth from the one on file, over the motion; not a number where there is none."""
+    if (name, truth.law) not in truths():
+        return float("nan")
+    kept = cp.archive.read(truth_path(name, truth.law))
+    kept = kept.isel(time=kept["time"].values <= times[-1] + 1e-9)
+    ours = truth.at(kept.sizes["particle"])[np.searchsorted(times, kept["time"].values - 1e-9)]
+    theirs = kept["position"].values
+    scale = stepping.motion_scale(theirs, theirs[0], float(np.linalg.norm(theirs[0, -1] - theirs[0, 0])))
+    return float(np.sqrt(np.mean(np.sum((ours - theirs) ** 2, axis=-1), axis=-1)).max()) / scale
+
+
 # --- modes ------------------------------------------------------------------------------------------------------------
 
 
@@ -170,12 +183,15 @@ def settings(*, quick: bool) -> list[Setting]:
     found = []
     for n in (8, 20) if quick else (5, 8, 10, 13, 16, 20, 26, 32, 40, 56, 80, 113, 160):
         found += [Setting("full", "chain", "trapezoidal", n, step=h) for h in (STEPS[2:7:2] if quick else STEPS)]
-    found += [Setting("full", "chain", "velocity_verlet", n, share=0.9) for n in ((8,) if quick else (5, 10, 20, 40, 80, 160))]
+    found += [
+        Setting("full", "chain", "velocity_verlet", n, share=0.9) for n in ((8,) if quick else (5, 10, 20, 40, 80, 160))
+    ]
     cables = ((7, (1,)),) if quick else ((3, (2, 4, 8)), (5, (1, 2, 4)), (7, (1, 2, 3, 4)))
     for order, counts in cables:
         for count in counts:
             found += [
-                Setting("full", "cable", "trapezoidal", count, str(order), step=h) for h in (STEPS[3:5] if quick else STEPS)
+                Setting("full", "cable", "trapezoidal", count, str(order), step=h)
+                for h in (STEPS[3:5] if quick else STEPS)
             ]
             if order == 7 and not quick:
                 found.append(Setting("full", "cable", "velocity_verlet", count, "7", share=0.9))
@@ -251,7 +267,7 @@ def job_of(given: xr.Dataset, setting: Setting, step: float, training: Training)
 
 
 def _catenaries(p: Parameters, times: np.ndarray) -> tuple[list[tuple[Any, tuple[Any, ...]]], tuple[np.ndarray, ...]]:
-    """Calls that solve the catenaries at some instants, for the compiled loop; and lower ends, solutions, unit vectors."""
+    """Return calls that solve the catenaries at some instants; and lower ends, solutions to be, unit vectors."""
     _, _, _, q, across, against = load_plane(p)
     length = float(solve_statics(p, p.length_key, p.length_value)[0])
     ends = p.end_positions(times)
@@ -270,7 +286,9 @@ def knots(times: np.ndarray, step: float) -> np.ndarray:
     return step * np.arange(max(int(np.ceil(times[-1] / step - 1e-9)), 3) + 1)
 
 
-def sequence(given: xr.Dataset, step: float, *, times: np.ndarray, outputs: tuple[str, ...] = ("position",)) -> xr.Dataset:
+def sequence(
+    given: xr.Dataset, step: float, *, times: np.ndarray, outputs: tuple[str, ...] = ("position",)
+) -> xr.Dataset:
     """Quasi-static positions: catenaries every `step`, cubic splines in time between them."""
     p = parameters(given)
     at = knots(times, step)
@@ -284,7 +302,9 @@ def sequence(given: xr.Dataset, step: float, *, times: np.ndarray, outputs: tupl
         catenary_kernel.shape(s, solution, p_load(p), p.stiffness, x, y, tension)
         shape[:] = base + x[:, None] * across + y[:, None] * against
     position = CubicSpline(at, shapes, axis=0)(times)
-    return xr.Dataset({name: (("time", "particle", "coordinate"), position) for name in outputs}, coords={"time": times})
+    return xr.Dataset(
+        {name: (("time", "particle", "coordinate"), position) for name in outputs}, coords={"time": times}
+    )
 
 
 def p_load(p: Parameters) -> float:
@@ -341,7 +361,9 @@ def _recorded(calls: list[tuple[Any, tuple[Any, ...]]]) -> Iterator[None]:
         def wrapper(*args: Any, **options: Any) -> Any:
             outermost = marching[0] and not inside[0]
             if outermost:
-                calls.append((partial(function, **options) if options else function, tuple(copied(item) for item in args)))
+                calls.append(
+                    (partial(function, **options) if options else function, tuple(copied(item) for item in args))
+                )
             before, inside[0] = inside[0], True
             try:
                 return function(*args, **options)
