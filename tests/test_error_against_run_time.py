@@ -44,6 +44,47 @@ def test_front_keeps_what_nothing_beats(pipeline):
     np.testing.assert_array_equal(pipeline["study"].near_front(np.array([1.0, 2.5]), np.array([1e-3, 1e-3])), [1, 0])
 
 
+def test_ladders_go_from_long_steps_to_short_ones(pipeline):
+    tried = pipeline["models"].settings(quick=False)
+    found = pipeline["study"].ladders(tried)
+    assert sorted(i for ladder in found for i in ladder) == list(range(len(tried)))
+    for ladder in found:
+        steps = [tried[i].step for i in ladder]
+        assert steps == sorted(steps, reverse=True)
+        assert len(set(steps)) == len(steps)
+        assert len({(tried[i].model, tried[i].scheme, tried[i].size, tried[i].rank, tried[i].order) for i in ladder}) == 1
+
+
+def test_shorter_steps_are_tried_as_long_as_they_help(pipeline, monkeypatch):
+    """Of errors 0.5 (too coarse to count), 0.1, 0.05, 0.049, 0.048 the last two are idle: nothing shorter is tried."""
+    study, models = pipeline["study"], pipeline["models"]
+    given = models.scene_of("example2", 2.0)
+    errors = dict(zip((1.0, 0.5, 0.2, 0.1, 0.05, 0.02), (0.5, 0.1, 0.05, 0.049, 0.048, 0.01), strict=True))
+    tried = [models.Setting("full", "chain", "trapezoidal", 5, step=step) for step in errors]
+    plain = study.kernel_calls
+
+    def said(job, times, setting, outputs=()):
+        calls, run = plain(job, times, setting, outputs)
+        run["position"].values[:] = errors[setting.step]
+        return calls, run
+
+    class Told:
+        def errors(self, position):
+            return float(position[0, 0, 0]), float(position[0, 0, 0])
+
+    monkeypatch.setattr(study, "kernel_calls", said)
+    found = study.measured(given, {"linear": Told()}, models.Training({}, {}), tried, 2.0, 1)
+    np.testing.assert_array_equal(found["error_max"], [0.5, 0.1, 0.05, 0.049, 0.048, np.nan])
+
+
+def test_truth_is_that_on_file(result):
+    """The truth of a quick study has 4 elements, and errs by less than 1e-3 over the first seconds of Example 2."""
+    assert (result["truth_difference"].sel(scene="example2").values < 1e-3).all()
+    assert np.isnan(result["truth_difference"].sel(scene="guy").values).all()
+    # the laws differ by 0.03 % of the motion: a truth of the wrong law would be seen only by its own file
+    assert (result["truth_difference"].sel(scene="example2").values > 0.0).all()
+
+
 def test_fronts_of_a_study(result, pipeline):
     for name in result["scene"].values:
         of = result.sel(scene=name)
@@ -65,8 +106,11 @@ def test_study_measures_what_it_says(result):
     assert set(result["model"].values) == {"chain", "cable", "Galerkin", "condensed", "catenary"}
     assert list(result["trained_on"].values) == ["example2", "example2, example3, example4"]
     done = np.isfinite(result["error_max"].values)
-    assert done.all()
-    assert (result["error_rms"].values <= result["error_max"].values).all()
+    # a model's longest step is always tried; shorter ones as long as they help
+    for name in result["scene"].values:
+        of = result.sel(scene=name)
+        assert set(of["model"].values[np.isfinite(of["error_max"].values)]) == set(result["model"].values)
+    assert (result["error_rms"].values[done] <= result["error_max"].values[done]).all()
     again = result["measured_again"].values == 1
     assert (np.isfinite(result["call_time"].values) == again).all()
     # a kernel is a part of its call; times of both are of different runs, and a machine may be disturbed in one
@@ -85,6 +129,11 @@ def test_ratio_is_that_of_the_fastest_settings(result, pipeline):
     good = (of["error_max"].values <= 1e-2) & (of["measured_again"].values == 1) & (of["family"].values == "full")
     assert float(full["kernel_time"]) == of["kernel_time"].values[good].min()
     assert pipeline["study"].best(of, "full", 1e-12) is None
+    # whole calls are compared by themselves: the shortest of each family
+    calls = [
+        of["call_time"].values[(of["error_max"].values <= 1e-2) & (of["family"].values == name)] for name in ("full", "reduced")
+    ]
+    assert row["call_ratio"] == np.nanmin(calls[0]) / np.nanmin(calls[1])
 
 
 def test_table_figure_and_file(result, pipeline, tmp_path):
