@@ -309,6 +309,26 @@ def leading_force(q, row, stiffness, length, squares, means, bends, pushes, f, t
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def leading_rest(q, row, stiffness, length, squares, means, bends, pushes):
+    """Change q into the equilibrium nearest to it by Newton's method; False where there is none near."""
+    f, tangent = np.empty(q.size), np.empty((q.size, q.size))
+    size = np.abs(q).max()
+    for _ in range(2 * MOST):
+        leading_force(q, row, stiffness, length, squares, means, bends, pushes, f, tangent)
+        if not _solve(tangent, f):
+            return False
+        change, largest = 0.0, 0.0
+        for i in range(q.size):
+            q[i] += f[i]
+            change, largest = max(change, abs(f[i])), max(largest, abs(q[i]))
+            if not abs(q[i]) <= 10.0 * size:
+                return False
+        if change <= 1e-14 * size:
+            break
+    return True
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def leading_implicit(
     q, v, acc, step, damping, rows, stiffness, length, squares, means, bends, pushes, norms, knots,
     slopes, plane, taus, begin, marks, saved, halves, low, high, watch,
