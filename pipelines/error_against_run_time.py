@@ -16,13 +16,13 @@ kernel
     What is computed between the first state and the last, in every model the same: the compiled loops and the tables of the ends'
     motion and the loads they need, without what Python does around them.  The state is saved every second.  The calls are
     recorded in a run and called again with the same arguments; a sample is the median of as many repetitions as fit in 2 ms.
+    (Above 20 ms they are timed where they are.)
 call
     The whole public call with positions every second (a sequence of catenaries: with its splines).
 
-Every model is run once with shorter and shorter steps until two in a row do not take a tenth off its error.  Settings that no
-other of their family beats by a factor of two in time at no larger error are measured again, in turns so that a busy machine
-hurts all alike, and medians taken; only these make the fronts and the table.  A front at an error e is the least time of a
-setting whose error is e at most: nothing is interpolated.
+All settings are run once.  Those that no other of their family beats by a factor of two in time at no larger error are measured
+again, in turns so that a busy machine hurts all alike, and medians taken; only these make the fronts and the table.  A front at
+an error e is the least time of a setting whose error is e at most: nothing is interpolated.
 """
 
 from __future__ import annotations
@@ -35,7 +35,6 @@ import argparse
 import statistics
 import time
 import warnings
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +55,7 @@ from run_time_models import (
     limit_of,
     scene_of,
     seconds_of,
+    seconds_within,
     settings,
     trained_on,
     truth_of,
@@ -71,8 +71,10 @@ DURATION = 124.0
 #: Settings within this factor of time of one that is no worse are measured again.
 NEAR = 2.0
 FAMILIES = ("full", "reduced", "quasi-static")
-#: Shorter steps are tried until two in a row leave more than this share of the least error, once it is below COARSE.
-SETTLED, COARSE = 0.9, 0.3
+#: An error above this is no result, and not measured again.
+COARSE = 0.3
+#: Kernels that take longer [s] are timed inside the call, in which they take nearly all.
+LONG = 0.02
 
 
 def front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -87,18 +89,10 @@ def front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
 def near_front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Tell which settings no other one beats by the factor NEAR in time at no larger error."""
     result = np.zeros(seconds.size, dtype=bool)
-    for i in np.flatnonzero(np.isfinite(seconds)):
+    for i in np.flatnonzero(np.isfinite(seconds) & np.isfinite(error)):
         rivals = seconds[error <= error[i]]
         result[i] = not (NEAR * rivals < seconds[i]).any()
     return result
-
-
-def ladders(tried: list[Setting]) -> list[list[int]]:
-    """Return the numbers of the settings of each model, from the longest step to the shortest."""
-    found: dict[Setting, list[int]] = {}
-    for i, setting in enumerate(tried):
-        found.setdefault(replace(setting, step=0.0), []).append(i)
-    return [sorted(rows, key=lambda i: -tried[i].step) for rows in found.values()]
 
 
 def measured(
@@ -108,40 +102,37 @@ def measured(
     fine, coarse = np.arange(round(10 * duration) + 1) / 10.0, np.arange(round(duration) + 1.0)
     found = {key: np.full(len(tried), np.nan) for key in ("error_max", "error_rms", "kernel_time", "call_time", "step")}
     jobs: dict[int, Any] = {}
-    for ladder in tqdm(ladders(tried), desc=str(given.attrs.get("title", "")), disable=None):
-        least, idle = np.inf, 0
-        for i in ladder:
-            setting = tried[i]
-            try:
-                step = setting.step
-                if setting.share:  # rounded down, so that steps hit seconds
-                    step = 1.0 / stepping.preferred_rate(1.0 / (setting.share * limit_of(given, setting, training)))
-                job = job_of(given, setting, step, training)
-                calls, run = kernel_calls(job, fine, setting, ("position",))
-            except (cp.RunStopped, cp.SceneError):
-                continue  # an explicit step above the limit, or a run that broke down
-            found["error_max"][i], found["error_rms"][i] = truths[law_of(setting)].errors(run["position"].values)
-            found["kernel_time"][i], found["step"][i] = seconds_of(calls, least=1e-3), step
-            jobs[i] = job
-            error = found["error_max"][i]
-            idle = 0 if error < SETTLED * least or error > COARSE else idle + 1
-            least = min(least, error)
-            if idle == 2:
-                break
+    for i, setting in enumerate(tqdm(tried, desc=str(given.attrs.get("title", "")), disable=None)):
+        try:
+            step = setting.step
+            if setting.share:  # rounded down, so that steps hit seconds
+                step = 1.0 / stepping.preferred_rate(1.0 / (setting.share * limit_of(given, setting, training)))
+            job = job_of(given, setting, step, training)
+            calls, run = kernel_calls(job, fine, setting, ("position",))
+        except (cp.RunStopped, cp.SceneError):
+            continue  # an explicit step above the limit, a rule too coarse for the modes, or a run that broke down
+        found["error_max"][i], found["error_rms"][i] = truths[law_of(setting)].errors(run["position"].values)
+        found["kernel_time"][i], found["step"][i] = seconds_of(calls, least=1e-3), step
+        jobs[i] = job
     families = np.array([setting.family for setting in tried])
     again = np.zeros(len(tried), dtype=bool)
     for family in FAMILIES:
         own = np.flatnonzero(families == family)
-        again[own] = near_front(found["kernel_time"][own], found["error_max"][own])
+        again[own] = near_front(
+            found["kernel_time"][own], np.where(found["error_max"] < COARSE, found["error_max"], np.nan)[own]
+        )
     picked = [int(i) for i in np.flatnonzero(again)]
-    calls_of = {i: kernel_calls(jobs[i], coarse, tried[i])[0] for i in picked}
+    calls_of = {i: kernel_calls(jobs[i], coarse, tried[i])[0] for i in picked if found["kernel_time"][i] < LONG}
     taken: dict[int, list[tuple[float, float]]] = {i: [] for i in picked}
     for _ in range(repeats):
         for i in picked:
-            kernel = seconds_of(calls_of[i])
-            begin = time.perf_counter()
-            jobs[i](times=coarse)
-            taken[i].append((kernel, time.perf_counter() - begin))
+            if i in calls_of:
+                kernel = seconds_of(calls_of[i])
+                begin = time.perf_counter()
+                jobs[i](times=coarse)
+                taken[i].append((kernel, time.perf_counter() - begin))
+            else:
+                taken[i].append(seconds_within(jobs[i], coarse))
     for i in picked:
         for key, column in (("kernel_time", 0), ("call_time", 1)):
             found[key][i] = statistics.median(row[column] for row in taken[i])
@@ -187,7 +178,7 @@ def study(names: list[str], *, quick: bool, repeats: int, folder: Path) -> xr.Da
             "name": ("setting", [setting.name for setting in tried]),
             **{
                 key: ("setting", [getattr(setting, key) for setting in tried])
-                for key in ("family", "model", "scheme", "size", "order", "rank")
+                for key in ("family", "model", "scheme", "size", "order", "rank", "points")
             },
         },
     )
@@ -221,6 +212,7 @@ def study(names: list[str], *, quick: bool, repeats: int, folder: Path) -> xr.Da
         size=("1", "links of a chain or of the chain trained on, elements of a cable"),
         order=("1", "order of the elements or of the condensed model"),
         rank=("1", "number of modes"),
+        points=("1", "points of quadrature along the cable, 0 for the links"),
     )
     result.attrs.update(
         title="Error against run time of full and reduced models",

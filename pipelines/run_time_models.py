@@ -167,6 +167,7 @@ class Setting:
     size: int  #: links of a chain or of the one trained on, elements of a cable
     order: str = ""  #: of the elements, or of the condensed model
     rank: int = 0
+    points: int = 0  #: of quadrature along the cable, instead of the links
     step: float = 0.0  #: [s]
     share: float = 0.0  #: of the stability limit, instead of a step
 
@@ -174,7 +175,13 @@ class Setting:
     def name(self) -> str:
         """What it is called in tables."""
         what = {"chain": "n", "cable": "elements"}.get(self.model, "trained with n")
-        parts = [self.model, self.order, f"r = {self.rank}" if self.rank else "", f"{what} = {self.size}"]
+        parts = [
+            self.model,
+            self.order,
+            f"r = {self.rank}" if self.rank else "",
+            f"{what} = {self.size}" if self.size else "",
+            f"{self.points} points" if self.points else "",
+        ]
         return ", ".join(part for part in [*parts, self.scheme.replace("_", " ")] if part)
 
 
@@ -183,17 +190,15 @@ def settings(*, quick: bool) -> list[Setting]:
     found = []
     for n in (8, 20) if quick else (5, 8, 10, 13, 16, 20, 26, 32, 40, 56, 80, 113, 160):
         found += [Setting("full", "chain", "trapezoidal", n, step=h) for h in (STEPS[2:7:2] if quick else STEPS)]
-    found += [
-        Setting("full", "chain", "velocity_verlet", n, share=0.9) for n in ((8,) if quick else (5, 10, 20, 40, 80, 160))
-    ]
-    cables = ((7, (1,)),) if quick else ((3, (2, 4, 8)), (5, (1, 2, 4)), (7, (1, 2, 3, 4)))
+    found += [Setting("full", "chain", "velocity_verlet", n, share=0.9) for n in ((8,) if quick else (10, 20, 40, 80))]
+    cables = ((7, (1,)),) if quick else ((3, (2, 4)), (5, (1, 2)), (7, (1, 2, 3, 4)))
     for order, counts in cables:
         for count in counts:
             found += [
                 Setting("full", "cable", "trapezoidal", count, str(order), step=h)
-                for h in (STEPS[3:5] if quick else STEPS)
+                for h in (STEPS[3:5] if quick else STEPS[1:] if count < 3 else STEPS[1:-1])
             ]
-            if order == 7 and not quick:
+            if order == 7 and count < 4 and not quick:
                 found.append(Setting("full", "cable", "velocity_verlet", count, "7", share=0.9))
     found += [Setting("quasi-static", "catenary", "", 0, step=h) for h in (5.0, 2.0, 1.0, 0.5, 0.1)]
     found += [
@@ -208,21 +213,27 @@ def _condensed(quick: bool) -> list[Setting]:
     if quick:
         return [
             Setting("reduced", "condensed", scheme, 40, "leading", 2, step=h)
-            for scheme, h in (("velocity_verlet", 0.1), ("velocity_verlet", 0.05), ("trapezoidal", 1.0))
-        ] + [Setting("reduced", "condensed", "velocity_verlet", 40, "exact", 3, step=0.05)]
+            for scheme, h in (("velocity_verlet", 0.1), ("velocity_verlet", 0.05), ("trapezoidal", 0.2))
+        ] + [Setting("reduced", "condensed", "velocity_verlet", 40, "exact", 2, points, step=0.05) for points in (0, 8)]
     found = []
     explicit, implicit = "velocity_verlet", "trapezoidal"
-    for order, scheme, sizes, ranks, steps in (
+    for order, scheme, sizes, ranks, points, steps in (
         # to leading order a step costs the same whatever the links
-        ("leading", explicit, (40, 160), RANKS, (0.25, *(h for h in STEPS if h <= 0.2), 0.0025)),
-        ("leading", implicit, (40, 160), RANKS, STEPS),
-        ("exact", explicit, TRAINED, RANKS[1:-1], (0.2, 0.1, 0.05, 0.02, 0.01)),
-        ("exact", implicit, TRAINED, RANKS[1:-1], (5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02)),
-        ("inertial", explicit, TRAINED[:2], (2, 4, 6, 8), (0.05, 0.02, 0.01)),
-        ("inertial", implicit, TRAINED[:2], (2, 4, 6, 8), (0.2, 0.1, 0.05, 0.02)),
+        ("leading", explicit, (40, 160), RANKS, (0,), (0.25, *(h for h in STEPS if h <= 0.2))),
+        ("leading", implicit, (40, 160), RANKS[:-1], (0,), STEPS[:-2]),
+        ("exact", explicit, TRAINED, (2, 3, 4, 6, 8), (0,), (0.1, 0.05, 0.02, 0.01)),
+        ("exact", implicit, TRAINED, (2, 3, 4, 6), (0,), (2.0, 1.0, 0.5, 0.2, 0.1)),
+        ("exact", explicit, (160,), (1, 2, 3, 4), (8, 16), (0.25, 0.2, 0.1, 0.05, 0.02, 0.01)),
+        ("exact", implicit, (160,), (1, 2, 3, 4), (8, 16), (2.0, 1.0, 0.5, 0.2, 0.1)),
+        ("inertial", explicit, TRAINED, (4, 6, 8), (0,), (0.02, 0.01)),
+        ("inertial", implicit, TRAINED[:2], (2, 4, 8), (0,), (0.5, 0.2, 0.1, 0.05)),
     ):
         found += [
-            Setting("reduced", "condensed", scheme, n, order, r, step=h) for n in sizes for r in ranks for h in steps
+            Setting("reduced", "condensed", scheme, n, order, r, m, step=h)
+            for n in sizes
+            for r in ranks
+            for m in points
+            for h in steps
         ]
     return found
 
@@ -260,6 +271,8 @@ def job_of(given: xr.Dataset, setting: Setting, step: float, training: Training)
     if setting.model == "Galerkin":
         return partial(cp.galerkin.simulate, given, training.modes["separate", setting.size], law="green", **options)
     modes = training.modes["normal", setting.size]
+    if setting.points:
+        options["quadrature"] = setting.points
     return partial(cp.condensed.simulate, given, modes, order=setting.order, **options)
 
 
@@ -338,13 +351,36 @@ def kernel_calls(
         given, step = job.args  # type: ignore[attr-defined]
         return _catenaries(parameters(given), knots(times, step))[0], job(times=times, outputs=outputs)
     calls: list[tuple[Any, tuple[Any, ...]]] = []
-    with _recorded(calls):
+
+    def note(function: Callable[..., Any], args: tuple[Any, ...], options: dict[str, Any]) -> Any:
+        calls.append((partial(function, **options) if options else function, tuple(copied(item) for item in args)))
+        return function(*args, **options)
+
+    with _through(note):
         result = job(times=times, outputs=outputs)
     return calls, result
 
 
+def seconds_within(job: Callable[..., Any], times: np.ndarray) -> tuple[float, float]:
+    """Time that a call spends between its first state and its last, and all of it."""
+    spent = [0.0]
+
+    def watch(function: Callable[..., Any], args: tuple[Any, ...], options: dict[str, Any]) -> Any:
+        begin = time.perf_counter()
+        result = function(*args, **options)
+        spent[0] += time.perf_counter() - begin
+        return result
+
+    with _through(watch):
+        begin = time.perf_counter()
+        job(times=times)
+        whole = time.perf_counter() - begin
+    return spent[0], whole
+
+
 @contextlib.contextmanager
-def _recorded(calls: list[tuple[Any, tuple[Any, ...]]]) -> Iterator[None]:
+def _through(note: Callable[..., Any]) -> Iterator[None]:
+    """Let `note` make the calls of compiled loops and tables between first and last state."""
     marching, inside = [False], [False]
 
     def marched(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -359,16 +395,13 @@ def _recorded(calls: list[tuple[Any, tuple[Any, ...]]]) -> Iterator[None]:
 
     def recorded(function: Callable[..., Any]) -> Callable[..., Any]:
         def wrapper(*args: Any, **options: Any) -> Any:
-            outermost = marching[0] and not inside[0]
-            if outermost:
-                calls.append(
-                    (partial(function, **options) if options else function, tuple(copied(item) for item in args))
-                )
-            before, inside[0] = inside[0], True
-            try:
+            if not marching[0] or inside[0]:
                 return function(*args, **options)
+            inside[0] = True
+            try:
+                return note(function, args, options)
             finally:
-                inside[0] = before
+                inside[0] = False
 
         return wrapper
 

@@ -40,41 +40,8 @@ def test_front_keeps_what_nothing_beats(pipeline):
     error = np.array([1e-2, 1e-3, 2e-3, 1e-5, np.nan, 1e-9])
     np.testing.assert_array_equal(pipeline["study"].front(seconds, error), [1, 1, 0, 1, 0, 0])
     # three seconds lie within the factor of two of what beats them
-    np.testing.assert_array_equal(pipeline["study"].near_front(seconds, error), [1, 1, 1, 1, 1, 0])
+    np.testing.assert_array_equal(pipeline["study"].near_front(seconds, error), [1, 1, 1, 1, 0, 0])
     np.testing.assert_array_equal(pipeline["study"].near_front(np.array([1.0, 2.5]), np.array([1e-3, 1e-3])), [1, 0])
-
-
-def test_ladders_go_from_long_steps_to_short_ones(pipeline):
-    tried = pipeline["models"].settings(quick=False)
-    found = pipeline["study"].ladders(tried)
-    assert sorted(i for ladder in found for i in ladder) == list(range(len(tried)))
-    for ladder in found:
-        steps = [tried[i].step for i in ladder]
-        assert steps == sorted(steps, reverse=True)
-        assert len(set(steps)) == len(steps)
-        assert len({(tried[i].model, tried[i].scheme, tried[i].size, tried[i].rank, tried[i].order) for i in ladder}) == 1
-
-
-def test_shorter_steps_are_tried_as_long_as_they_help(pipeline, monkeypatch):
-    """Of errors 0.5 (too coarse to count), 0.1, 0.05, 0.049, 0.048 the last two are idle: nothing shorter is tried."""
-    study, models = pipeline["study"], pipeline["models"]
-    given = models.scene_of("example2", 2.0)
-    errors = dict(zip((1.0, 0.5, 0.2, 0.1, 0.05, 0.02), (0.5, 0.1, 0.05, 0.049, 0.048, 0.01), strict=True))
-    tried = [models.Setting("full", "chain", "trapezoidal", 5, step=step) for step in errors]
-    plain = study.kernel_calls
-
-    def said(job, times, setting, outputs=()):
-        calls, run = plain(job, times, setting, outputs)
-        run["position"].values[:] = errors[setting.step]
-        return calls, run
-
-    class Told:
-        def errors(self, position):
-            return float(position[0, 0, 0]), float(position[0, 0, 0])
-
-    monkeypatch.setattr(study, "kernel_calls", said)
-    found = study.measured(given, {"linear": Told()}, models.Training({}, {}), tried, 2.0, 1)
-    np.testing.assert_array_equal(found["error_max"], [0.5, 0.1, 0.05, 0.049, 0.048, np.nan])
 
 
 def test_truth_is_that_on_file(result):
@@ -106,10 +73,8 @@ def test_study_measures_what_it_says(result):
     assert set(result["model"].values) == {"chain", "cable", "Galerkin", "condensed", "catenary"}
     assert list(result["trained_on"].values) == ["example2", "example2, example3, example4"]
     done = np.isfinite(result["error_max"].values)
-    # a model's longest step is always tried; shorter ones as long as they help
-    for name in result["scene"].values:
-        of = result.sel(scene=name)
-        assert set(of["model"].values[np.isfinite(of["error_max"].values)]) == set(result["model"].values)
+    # the condensed model refuses explicit steps that are too long for a scene; nothing else fails here
+    assert (done | (result["model"].values == "condensed")).all()
     assert (result["error_rms"].values[done] <= result["error_max"].values[done]).all()
     again = result["measured_again"].values == 1
     assert (np.isfinite(result["call_time"].values) == again).all()
@@ -117,7 +82,7 @@ def test_study_measures_what_it_says(result):
     assert np.median((result["kernel_time"] / result["call_time"]).values[again]) < 1.0
     assert ((result["offline_time"] > 0.0) == (result["family"] == "reduced")).all()
     # ten links are right to 1 % here, the coarsest catenaries to no more than 50 %
-    assert result["error_max"].values.max() < 0.5
+    assert result["error_max"].values[done].max() < 0.5
     assert result["error_max"].sel(scene="example2").values.min() < 1e-3
 
 
@@ -131,7 +96,8 @@ def test_ratio_is_that_of_the_fastest_settings(result, pipeline):
     assert pipeline["study"].best(of, "full", 1e-12) is None
     # whole calls are compared by themselves: the shortest of each family
     calls = [
-        of["call_time"].values[(of["error_max"].values <= 1e-2) & (of["family"].values == name)] for name in ("full", "reduced")
+        of["call_time"].values[(of["error_max"].values <= 1e-2) & (of["family"].values == name)]
+        for name in ("full", "reduced")
     ]
     assert row["call_ratio"] == np.nanmin(calls[0]) / np.nanmin(calls[1])
 
@@ -150,18 +116,21 @@ def test_kernel_is_recorded_whole_and_once(pipeline):
     """The calls that are timed, called again, give the motion of the run: nothing of it happens elsewhere."""
     models = pipeline["models"]
     given = models.scene_of("example2", 3.0)
-    training = models.trained_on([given], (10,), 3)
+    training = models.trained_on([given], (10, 40), 3)
     times = np.arange(4.0)
     for setting, kernel in (
         (models.Setting("full", "chain", "trapezoidal", 10, step=0.1), "generalized_alpha"),
         (models.Setting("full", "cable", "trapezoidal", 1, "7", step=0.1), "trapezoidal"),
         (models.Setting("reduced", "condensed", "trapezoidal", 10, "leading", 2, step=0.1), "leading_implicit"),
+        (models.Setting("reduced", "condensed", "velocity_verlet", 40, "exact", 1, 6, step=0.05), "exact_verlet"),
     ):
-        job = models.job_of(given, setting, 0.1, training)
+        job = models.job_of(given, setting, setting.step, training)
         calls, _ = models.kernel_calls(job, times, setting)
         names = [getattr(function, "__name__", "") for function, _ in calls]
         assert names.count(kernel) == 1
         assert any("on_steps" in name or "call" in name for name in names)  # the table of the end
+        within, whole = models.seconds_within(job, times)
+        assert 0.0 < within < whole
         again, _ = models.kernel_calls(job, times, setting)
         before = calls[names.index(kernel)][1][0].copy()
         assert models.seconds_of(calls, least=0.0) > 0.0
