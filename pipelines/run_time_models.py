@@ -361,7 +361,7 @@ def kernel_calls(
     return calls, result
 
 
-def seconds_within(job: Callable[..., Any], times: np.ndarray) -> tuple[float, float]:
+def seconds_within(job: Callable[..., Any], times: np.ndarray, outputs: tuple[str, ...]) -> tuple[float, float]:
     """Time that a call spends between its first state and its last, and all of it."""
     spent = [0.0]
 
@@ -373,7 +373,7 @@ def seconds_within(job: Callable[..., Any], times: np.ndarray) -> tuple[float, f
 
     with _through(watch):
         begin = time.perf_counter()
-        job(times=times)
+        job(times=times, outputs=outputs)
         whole = time.perf_counter() - begin
     return spent[0], whole
 
