@@ -137,4 +137,5 @@ def markdown(rows: list[dict[str, Any]]) -> str:
 
 
 def _milliseconds(value: Any) -> str:
-    return f"{1e3 * float(value):.2g}"
+    number = 1e3 * float(value)
+    return f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
