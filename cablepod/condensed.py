@@ -13,7 +13,7 @@ from cablepod.condensed_batch import result_of
 from cablepod.condensed_model import model_of
 from cablepod.condensed_runs import SCHEMES, Options, solve
 from cablepod.conventions import OUTPUTS
-from cablepod.members import varied_values
+from cablepod.members import unnamed_values
 from cablepod.parameters import parameters_of_members
 from cablepod.schema import refuse
 
@@ -146,9 +146,15 @@ def simulate(
         "tolerance": None if step is not None else options.tolerance,
         "outputs": list(names),
         **({} if links is None else {"links": [int(item) for item in links]}),
-        **({} if "member" not in scene.dims else {"members": varied_values(scene)}),
+        **(unnamed_values(scene) if "member" in scene.dims else {}),
     }
-    return provenance.record(result, function="condensed.simulate", parameters=record, inputs=[scene, modes])
+    return provenance.record(
+        result,
+        function="condensed.simulate",
+        parameters=record,
+        inputs=[scene, modes],
+        chosen=provenance.unset(rank=rank, times=times, scheme=scheme, step=step, tolerance=tolerance),
+    )
 
 
 def check_links(links: Any, modes: xr.Dataset) -> np.ndarray:

@@ -238,20 +238,23 @@ def over_members(function: F) -> F:
             if name in first[0].variables:
                 variable.attrs = dict(first[0].variables[name].attrs)
         joined = joined.set_coords([name for name in first[0].coords if name in joined.data_vars])
-        # the attributes of a joined scene may be those of its first member
+        given = {name: value for name, value in options.items() if name != "progress"}
         return provenance.record(
             joined,
             function=f"{function.__module__.removeprefix('cablepod.')}.{function.__name__}",
-            parameters={"members": varied_values(scene)},
-            inputs=[xr.Dataset(attrs=stack.attributes())],
+            parameters=given | unnamed_values(scene),
+            inputs=[scene, *(item for item in args if isinstance(item, xr.Dataset))],
         )
 
     return cast(F, wrapper)
 
 
-def varied_values(scene: xr.Dataset) -> dict[str, np.ndarray]:
-    """Values of all that differs between members, which make the identity of what comes of them."""
-    return {str(name): variable.values for name, variable in scene.variables.items() if "member" in variable.dims}
+def unnamed_values(scene: xr.Dataset) -> dict[str, Any]:
+    """Values of all that differs between members of a scene that has no id, which make the identity of what comes of them."""
+    if "values_sha256" in scene.attrs:
+        return {}
+    values = {str(name): variable.values for name, variable in scene.variables.items() if "member" in variable.dims}
+    return {"members": values}
 
 
 def _shared(stack: Stack, first: xr.Dataset) -> dict[str, Any]:
