@@ -111,7 +111,7 @@ def sibling(model: Model, p: Parameters) -> Model:
     total = float(statics[0])
     stretch = total / model.chain.total_length
     chain = Chain(p, model.chain.length * stretch, model.chain.arc_length * stretch, model.chain.law)
-    made = Model(chain, model.order, model.modes)
+    made = Model(chain, model.order, model.modes, model.quadrature)
     heavier = 1.0 / math.sqrt(p.mass / own.mass * stretch)
     turns, squares = model.turned
     # uniform and linearly growing loads grow with the length, point loads do not

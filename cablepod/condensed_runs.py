@@ -170,7 +170,9 @@ class Run:
                 else:
                     done = kernel.leading_implicit(q, v, acc, step, damping, rows, *rest)
             else:
-                rest = (*about, model.pushes, model.norms, *links, chain.length, model.green, model.inertia, z, *kept)
+                slopes, taus, weights = model.rule
+                along = (slopes, model.plane, taus, weights)
+                rest = (*about, model.pushes, model.norms, *along, model.green, model.inertia, z, *kept)
                 if explicit:
                     kernel.exact_verlet(q, v, acc, step, decay, kick, rows, *rest)
                 else:
@@ -199,7 +201,7 @@ class Run:
         """Coordinates, rates (half a step before the start for explicit steps), accelerations, chordwise stretch."""
         model, damping = self.model, self.model.chain.p.mass_damping or 0.0
         q, rates, push, _ = self.start
-        z = model.first_stretch(model.first_row)
+        z = np.full(model.rule[2].size if model.order != "leading" else 0, model.first_stretch(model.first_row))
         if not explicit:
             return q.copy(), rates.copy(), push - damping * rates, z
         grow = math.expm1(0.5 * damping * step)
