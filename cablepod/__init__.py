@@ -2,7 +2,7 @@
 
 from importlib.metadata import version
 
-from cablepod import archive, cable, catenary, chain, compare, condensed, galerkin, plots, pod
+from cablepod import archive, cable, catenary, chain, compare, condensed, galerkin, plots, pod, rigid
 from cablepod.archive import ArchiveError
 from cablepod.condensed_output import OutOfRangeWarning
 from cablepod.scene import make_scene, read_scene
@@ -28,4 +28,5 @@ __all__ = [
     "plots",
     "pod",
     "read_scene",
+    "rigid",
 ]

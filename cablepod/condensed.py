@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from cablepod import condensed_output, provenance, stepping
+from cablepod import condensed_estimate, condensed_output, provenance, stepping
 from cablepod.condensed_model import Model, model_of
 from cablepod.condensed_output import State
+from cablepod.conventions import OUTPUTS
 from cablepod.members import over_members
 from cablepod.parameters import check_memory, parameters
 from cablepod.schema import refuse
@@ -22,6 +23,9 @@ SCHEMES = ("velocity_verlet", "trapezoidal")
 #: Where the stretching of the sag takes the explicit limit below this share of what the tension alone would allow, steps are
 #: implicit by default.
 STIFF = 0.3
+#: First step of a search times the highest frequency (implicit: the lowest).  Nothing damps free vibrations, so that with longer
+#: steps their phases are off by turns at the end of a run, and two runs tell nothing of each other.
+RESOLVING = 0.4
 
 
 @over_members
@@ -36,7 +40,7 @@ def simulate(
     scheme: str | None = None,
     step: float | None = None,
     tolerance: float | None = None,
-    outputs: tuple[str, ...] = ("position",),
+    outputs: tuple[str, ...] = ("position", "error_estimate"),
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Simulate the cable of a scene, quasi-static along its chord, on modes of the deflection normal to it.
@@ -65,7 +69,8 @@ def simulate(
     tolerance
         Wanted time error as a fraction of the largest rms displacement; 1e-6 by default.
     outputs
-        Some of "position", "velocity", "tension", "tension_extremes" (over all steps); nothing else is computed.
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "error_estimate" (of the model, see
+        :func:`cablepod.condensed_estimate.estimate`; it takes longer than the run itself); nothing else is computed.
     progress
         Called now and then with the part of the run that is done, from 0 to 1.
 
@@ -74,8 +79,9 @@ def simulate(
     xarray.Dataset
         ``amplitude (time, mode)`` [m], in space also ``amplitude_out_of_plane``, ``end_position`` [m] and the outputs asked for,
         on the particles of the modes.  Attributes say scheme, step [s], number of steps, ``step_limit`` [s] of explicit steps,
-        and how far the run stayed from where the model fails: ``smallest_chordwise_force`` [N] over all steps and
-        ``forcing_over_axial_frequency``.
+        and how far the run stayed from where the model fails: ``smallest_chordwise_force`` [N] over all steps,
+        ``forcing_over_axial_frequency``, ``energy_share_kept`` of the snapshots by the modes; ``error_estimate`` is the largest
+        error to be expected over time, as a fraction of the motion, ``time_error_estimate`` the part of the steps in it.
 
     Raises
     ------
@@ -100,7 +106,7 @@ def simulate(
     turning of the chord as far as it acts on the deflection itself and, but for order "inertial", inertia of what moves along
     the chord relative to it.
     """
-    names = stepping.check_outputs(outputs)
+    names = stepping.check_outputs(outputs, (*OUTPUTS, "error_estimate"))
     if step is not None and tolerance is not None:
         raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
     if scheme is not None:
@@ -112,14 +118,13 @@ def simulate(
     p.check_reach(float(instants[-1]))
     check_memory(instants.size, model.chain.links, p.dims, key="times", variables=3)
     q0, v0 = model.initial()
-    row = model.first_row
-    h = model.force(q0, v0, row)[2]
-    fastest = model.highest_square(q0, row, h)
+    push, _, h = model.force(q0, v0, model.first_row)
+    fastest = model.highest_square(q0, model.first_row, h)
     limit = 2.0 / math.sqrt(fastest)
     if scheme is None:
         explicit = limit >= STIFF * 2.0 / math.sqrt(max(abs(h) * model.turned[1].max(), 1e-300))
         scheme = SCHEMES[0] if explicit or (step is not None and step < limit) else SCHEMES[1]
-    run = Run(model, instants, (q0, v0), names, progress, scheme)
+    run = Run(model, instants, Start(q0, v0, push, h), names, progress, scheme)
     if step is None:
         first = min(_unforced_step(run, fastest), p.time_scale / stepping.STEPS_PER_CHANGE)
         chord = float(np.linalg.norm(p.upper - p.lower))
@@ -144,9 +149,14 @@ def simulate(
     result.attrs.update(step_limit=limit, scheme=scheme)
     if estimate is not None:
         result.attrs["time_error_estimate"] = estimate
+    if "error_estimate" in names:
+        again = replace(run, outputs=(), progress=None)
+        result.attrs["error_estimate"] = (estimate or 0.0) + condensed_estimate.estimate(
+            model, lambda at, steps: replace(again, times=at)(steps), rate, float(instants[-1])
+        )
     condensed_output.warn_out_of_range(result)
     options = {
-        "rank": model.plane,
+        "rank": model.rank,
         "times": instants,
         "order": order,
         "law": law,
@@ -161,10 +171,19 @@ def simulate(
 def _unforced_step(run: Run, fastest: float) -> float:
     until = float(run.times[-1])
     if run.scheme == SCHEMES[0]:
-        return 1.6 / math.sqrt(max(fastest, run.model.taut_square(until)))
+        return RESOLVING / math.sqrt(max(fastest, run.model.taut_square(until)))
     h = max(run.model.taut_square(until), 1e-300) / run.model.turned[1].max()
     slowest = math.sqrt(max(h, 1e-9 * run.model.chain.p.stiffness) * run.model.turned[1].min())
-    return min(max(until, 1e-300) / 20.0, 2.0 * math.pi / slowest / 8.0)
+    return min(max(until, 1e-300) / 20.0, RESOLVING / slowest)
+
+
+class Start(NamedTuple):
+    """What a run starts from."""
+
+    q: np.ndarray  #: coordinates (r,)
+    rates: np.ndarray  #: their rates
+    push: np.ndarray  #: their accelerations but for damping
+    h: float  #: H [N]
 
 
 @dataclass(frozen=True)
@@ -173,7 +192,7 @@ class Run:
 
     model: Model
     times: np.ndarray
-    start: tuple[np.ndarray, np.ndarray]
+    start: Start
     outputs: tuple[str, ...]
     progress: Callable[[float], None] | None
     scheme: str
@@ -191,7 +210,7 @@ class Run:
         saved, halves = np.empty((instants.steps.size, r)), np.empty((instants.steps.size, 2, r))
         wanted = chain.links if "tension_extremes" in self.outputs else 0
         low, high = np.full(wanted, np.inf), np.full(wanted, -np.inf)
-        watch = np.array([np.inf, 0.0, 0.0, 0.0, -np.inf, model.guess(model.first_row, q)])
+        watch = np.array([np.inf, 0.0, 0.0, 4.0 * rate**2 if explicit else np.inf, np.inf, self.start.h])
         decay = math.exp(-damping * step)
         kick = -math.expm1(-damping * step) / damping if damping else step
         total = int(instants.steps[-1]) + (1 if explicit else 0)
@@ -233,22 +252,21 @@ class Run:
         if total == 0:  # an implicit run of no length has only its start
             advance(0, 0)
         state = State(instants, saved, halves, (low, high) if wanted else None, watch, self.scheme)
+        if watch[4] < np.inf:  # before any breakdown, whose cause it is
+            first = int(watch[4])
+            raise RunStopped(
+                f"the condensed model stiffened: from {first / rate:.6g} s on its stability limit is below the step {step:.6g} s "
+                f"({self.scheme}), at least {2 / math.sqrt(watch[2]):.6g} s; try a shorter step, or scheme trapezoidal",
+                self._partial(state, first, rate),
+            )
         if failed is not None:
             self._stop(state, failed, rate)
-        if explicit and watch[2] >= 4.0 * rate**2:
-            raise RunStopped(
-                f"the condensed model stiffened: at {watch[3] / rate:.6g} s its stability limit is "
-                f"{2 / math.sqrt(watch[2]):.6g} s, below the step {step:.6g} s (velocity_verlet); "
-                "try a shorter step, or scheme trapezoidal",
-                None,
-            )
         return state
 
     def _first_state(self, step: float, explicit: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates, rates (half a step before the start for explicit steps), accelerations, chordwise stretch."""
         model, damping = self.model, self.model.chain.p.mass_damping or 0.0
-        q, rates = self.start
-        push = model.force(q, rates, model.first_row)[0]
+        q, rates, push, _ = self.start
         z = model.first_stretch(model.first_row)
         if not explicit:
             return q.copy(), rates.copy(), push - damping * rates, z
@@ -257,18 +275,21 @@ class Run:
         return q.copy(), rates * (1.0 + grow) - back * push, push - damping * rates, z
 
     def _stop(self, state: State, done: int, rate: float) -> None:
-        count = int(np.searchsorted(state.instants.times, done / rate * (1.0 - 1e-12)))
-        partial = None
-        if count:
-            few = Instants.of(state.instants.times[:count], rate)
-            part = State(
-                few, state.saved[: few.steps.size], state.halves[: few.steps.size], None, state.watch, self.scheme
-            )
-            partial = condensed_output.dataset(self.model, part, None, ("position",), "stopped")
-            partial.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {state.instants.times[-1]:.6g} s"
         raise RunStopped(
             f"the condensed model left the finite numbers or found no equilibrium along the chord at {done / rate:.6g} s "
             f"({self.scheme}, step {1 / rate:.4g} s, step number {done}, least chordwise force {state.watch[0]:.3g} N); try a "
             "shorter step or, where the cable goes slack, the chain itself",
-            partial,
+            self._partial(state, done, rate),
         )
+
+    def _partial(self, state: State, done: int, rate: float) -> xr.Dataset | None:
+        """Make a Dataset of the instants before the step number `done`."""
+        count = int(np.searchsorted(state.instants.times, done / rate * (1.0 - 1e-12)))
+        if not count:
+            return None
+        few = Instants.of(state.instants.times[:count], rate)
+        saved, halves = state.saved[: few.steps.size], state.halves[: few.steps.size]
+        part = State(few, saved, halves, None, state.watch, self.scheme)
+        result = condensed_output.dataset(self.model, part, None, ("position",), "stopped")
+        result.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {state.instants.times[-1]:.6g} s"
+        return result

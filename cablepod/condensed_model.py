@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import pod, pod_normal
+from cablepod import pod, pod_normal, schema
 from cablepod.chain import start
 from cablepod.chord import Frame
 from cablepod.conventions import COORDINATES, ENDS
@@ -45,6 +45,11 @@ class Model:
         """Number of coordinates in the plane."""
         return len(self.modes[0])
 
+    @property
+    def rank(self) -> int:
+        """Number of modes of the larger set."""
+        return max(self.ranks)
+
     @cached_property
     def ranks(self) -> tuple[int, ...]:
         """Number of coordinates of each set."""
@@ -66,7 +71,12 @@ class Model:
         turns, squares = [], []
         for psi in self.modes:
             slope = np.diff(psi, axis=1) / self.chain.length
-            values, vectors = eigh((slope * self.chain.length) @ slope.T, (psi * self.mass) @ psi.T)
+            try:
+                values, vectors = eigh((slope * self.chain.length) @ slope.T, (psi * self.mass) @ psi.T)
+            except np.linalg.LinAlgError:
+                raise SceneError(
+                    "modes: given some that are sums of others; allowed: independent ones, as pod.decompose gives"
+                ) from None
             turns.append(vectors)
             squares.append(values)
         return turns, np.concatenate(squares)
@@ -138,14 +148,10 @@ class Model:
 
     @cached_property
     def inertia(self) -> np.ndarray:
-        """Mass matrix (n, n) [kg] of the motion along the chord that stretching links bring with them; empty without."""
+        """Masses [kg] and relative arc lengths of the particles above the links (2, n); empty without inertia along the chord."""
         if self.order != "inertial":
             return np.empty((0, 0))
-        chain = self.chain
-        n, sigma = chain.links, chain.arc_length / chain.total_length
-        # a link that grows by its length times u moves all particles above it, and the chord is what it is
-        move = (np.tri(n + 1, n, -1) - sigma[:, None]) * chain.length
-        return np.ascontiguousarray((move.T * self.mass) @ move)
+        return np.stack([self.mass[1:], self.chain.arc_length[1:] / self.chain.total_length])
 
     @cached_property
     def reference(self) -> int:
@@ -156,21 +162,25 @@ class Model:
     def rows(self, begin: int, steps: int, rate: float) -> np.ndarray:
         """Tell what the steps `begin` ... `begin + steps` must know of ends and loads; see ``kernels.condensed.frames``."""
         p, count = self.chain.p, steps + 1
-        ends = np.empty((2 * p.dims, count))
-        ends[:] = np.concatenate([p.lower, p.upper])[:, None]
-        second = np.zeros((2 * p.dims, count if p.motions else 0))
-        if p.motions:
-            at = [ENDS.index(end) * p.dims + COORDINATES.index(axis) for end, axis in p.motions]
-            ends[at] = p.end_tables(begin, steps, rate)
-            second[at] = p.end_tables(begin, steps, rate, 2)
+        ends, second = np.empty((2 * p.dims, count)), np.zeros((2 * p.dims, count if p.motions else 0))
+        ends[: p.dims], ends[p.dims :] = p.lower[:, None], p.upper[:, None]
+        derivatives = (0, 2, 1) if p.mass_damping else (0, 2)
+        for (end, axis), function in p.motions.items():
+            at = ENDS.index(end) * p.dims + COORDINATES.index(axis)
+            tables = function.all_on_steps(begin, steps, rate, derivatives, ends[at, 0])
+            ends[at] = tables[0]
+            second[at] = tables[1] + p.mass_damping * tables[2] if p.mass_damping else tables[1]
         return self._filled(ends, second, begin, steps, rate)
 
     def rows_at(self, times: np.ndarray) -> np.ndarray:
         """Do the same at any instants [s]."""
         p = self.chain.p
-        ends = p.end_positions(times).reshape(times.size, -1).T
-        second = p.end_positions(times, 2).reshape(times.size, -1).T if p.motions else np.zeros((2 * p.dims, 0))
-        return self._filled(np.ascontiguousarray(ends), np.ascontiguousarray(second), times, 0, 0.0)
+        ends, second = p.end_positions(times), np.zeros((0, 2, p.dims))
+        if p.motions:
+            # damping acts on the motion of the frame as on that of the deflection
+            second = p.end_positions(times, 2) + (p.mass_damping or 0.0) * p.end_positions(times, 1)
+        flat = (np.ascontiguousarray(item.reshape(-1, 2 * p.dims).T) for item in (ends, second))
+        return self._filled(*flat, times, 0, 0.0)
 
     def _filled(self, ends: np.ndarray, second: np.ndarray, begin: Any, steps: int, rate: float) -> np.ndarray:
         from cablepod.kernels import condensed as kernel  # numba is imported only to compute
@@ -339,8 +349,11 @@ def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, order: str, 
         raise SceneError(
             f"modes: given {modes.sizes['coordinate']} coordinates; allowed: the {p.dims} coordinates of the scene"
         )
-    if rank is not None and not 1 <= rank <= len(sets[0][1]):
-        raise refuse("rank", rank, f"1 to {len(sets[0][1])}, as many modes as there are")
+    most = max(len(shape) for _, shape in sets)
+    if rank is not None:
+        schema.integer(least=1)("rank", rank)
+        if rank > most:
+            raise refuse("rank", rank, f"at most {most}, as many modes as there are")
     sigma = pod.relative_arc_length(modes)
     total = float(solve_statics(p, p.length_key, p.length_value)[0])
     arc_length = total * sigma

@@ -139,7 +139,7 @@ def dataset(model: Model, state: State, modes: xr.Dataset | None, outputs: tuple
     chain, p = model.chain, model.chain.p
     times, q = state.instants.times, state.q
     variables: dict[str, Any] = {
-        f"amplitude{suffix}": (("time", "mode"), _padded(q[:, at] @ turn.T, model.plane))
+        f"amplitude{suffix}": (("time", "mode"), _padded(q[:, at] @ turn.T, model.rank))
         for suffix, at, turn in zip(pod_normal.SETS, _sets(model), model.turned[0], strict=False)
     }
     variables["end_position"] = (("time", "end", "coordinate"), p.end_positions(times))
@@ -155,20 +155,20 @@ def dataset(model: Model, state: State, modes: xr.Dataset | None, outputs: tuple
             variables["tension"] = (("time", "link"), _tension(model, z, force, squared))
     if state.extremes is not None:
         variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
-    coords = {**coordinates(chain), "time": times, "mode": numbers(model.plane), "end": end_axis()}
+    coords = {**coordinates(chain), "time": times, "mode": numbers(model.rank), "end": end_axis()}
     result = label(xr.Dataset(variables, coords=coords))
     axial, slowest = model.first_axial_frequency, p.time_scale
     kept = {}
     if modes is not None and "energy_share" in modes:
         kept["energy_share_kept"] = float(modes["energy_share"].values[: model.plane].sum())
     result.attrs.update(
-        title=f"{title}: condensed model, r = {model.plane}, order {model.order}"
+        title=f"{title}: condensed model, r = {model.rank}, order {model.order}"
         + (f", {chain.law} law" if chain.green else ""),
         stage="trajectory",
         model="condensed",
         order=model.order,
         law=chain.law,
-        rank=model.plane,
+        rank=model.rank,
         scheme=state.scheme,
         step=1.0 / state.instants.rate,
         number_of_steps=int(state.instants.steps[-1]),

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod import pod, provenance, stepping
-from cablepod.conventions import label
-from cablepod.galerkin_model import Model, model_of
+from cablepod import provenance, stepping
+from cablepod.galerkin_model import model_of
+from cablepod.galerkin_runs import ImplicitRun, Run, State, VerletRun
 from cablepod.members import over_members
 from cablepod.parameters import check_memory, parameters
-from cablepod.schema import refuse
-from cablepod.stepping import Instants, RunStopped
+from cablepod.schema import number, refuse
 
-SCHEMES = ("velocity_verlet",)
+SCHEMES = ("velocity_verlet", "trapezoidal", "energy_momentum")
+#: An implicit step costs about as much as so many explicit ones, and so many more for each amplitude (40 links).
+IMPLICIT_COST, COST_OF_AMPLITUDE = 4.0, 0.45
+#: Below so many seconds of explicit run time no other scheme is tried unasked; seconds per step, and more for each amplitude.
+CHEAP, STEP_TIME, TIME_OF_AMPLITUDE = 0.3, 2e-7, 2e-8
+#: Steps of the first implicit run in the period of the first transverse vibration; and how many times as many resolve enough of
+#: what moves for runs to show an order.
+STEPS_PER_PERIOD, RESOLVING = 8.0, 16.0
 
 
 @over_members
@@ -48,14 +52,17 @@ def simulate(
     times
         Instants of the output [s], rising from 0 on; by default those of the scene.
     law
-        "green": eq. (21), T / xi = K (xi^2 - 1) / 2, whose coefficients are computed once, so that the cost of a step does not
-        depend on the number of particles.  It resists compression, where a cable goes slack.  "linear": the chain's law,
-        evaluated link by link, for verification.
+        "green": eq. (21), T / xi = K (xi^2 - 1) / 2, a polynomial whose coefficients are computed once where that is faster: then
+        the cost of a step does not depend on the number of particles.  Few particles are evaluated link by link.  It resists
+        compression, where a cable goes slack.  "linear": the chain's law, always link by link.
     scheme
-        "velocity_verlet".
+        By default picked by `tolerance`; the attribute ``choice_of_scheme`` says why.  "velocity_verlet" is explicit: its step
+        follows the fastest axial mode.  Implicit, stable at any step as far as linear theory goes, so that steps may follow the
+        transverse motion, are "trapezoidal" (average acceleration) and "energy_momentum" (Simo and Tarnow; keeps the energy, by
+        both laws).
     step
-        Time step [s]; by default it follows from the highest frequency of the model and is shortened until two runs agree within
-        `tolerance`.
+        Time step [s].  By default it follows from the highest frequency of the model, or of the transverse vibration where
+        implicit, and is shortened until two runs agree within `tolerance`; with a given step there is one run and no such check.
     tolerance
         Wanted time error as a fraction of the largest rms displacement; 1e-6 by default.
     outputs
@@ -68,14 +75,19 @@ def simulate(
     xarray.Dataset
         ``amplitude (time, coordinate, mode)`` or ``(time, mode)`` [m], ``end_position`` [m] and the outputs asked for, on the
         particles of the modes.  The attribute ``smallest_stretch`` says the least xi met at the instants of the output where
-        positions or tensions were asked for.
+        positions or tensions were asked for.  ``energy_defect`` is the largest kinetic and strain energy, at the steps at or
+        beside the instants of the output, that is not explained by the start, the work of loads and of the ends, and damping,
+        over the largest of these terms (kinetic energy, change of strain energy, works, dissipation): some 1e-15 to 1e-12 for
+        "energy_momentum", of second order in the step for the others, and no estimate of the error of the motion.  Implicit runs
+        add ``newton_iterations`` and ``steps_cut``: a step in which Newton's method fails is cut.
 
     Raises
     ------
     SceneError
         For options that cannot be, a scene with a free end, a step above the stability limit.
     RunStopped
-        Where the motion leaves the finite numbers or its highest frequency outgrows a given step.
+        Where the motion leaves the finite numbers, Newton's method does not converge, or the highest frequency outgrows a given
+        explicit step; its ``partial`` holds what was computed until then.
 
     Warns
     -----
@@ -84,8 +96,13 @@ def simulate(
 
     Notes
     -----
-    Lifting by the analytic motion of the ends, strain taken link by link as in the chain, masses of the chain.  A run from
-    equilibrium starts from the model's own.
+    Lifting by the motion of the ends, strain taken link by link as in the chain, masses of the chain, whatever layout and weights
+    the modes have.  What is stepped are mass-weighted projections of the particles themselves, not of what the lifting leaves:
+    with all modes each scheme is then that of the chain to rounding, also where an end starts with a jump of its speed.  A run
+    from equilibrium starts from the model's own.
+
+    Kinetic energy and work of the ends count that part of the lifting which the modes can represent; what is left of it moves as
+    the ends prescribe, and exchanges nothing with the modes.
     """
     stepping.check_scheme(scheme, SCHEMES)
     names = stepping.check_outputs(outputs)
@@ -98,30 +115,34 @@ def simulate(
     p.check_reach(float(instants[-1]))
     check_memory(instants.size, model.chain.links, p.dims, key="times", variables=3)
     q0 = model.initial()
-    run = _Run(model, instants, q0, names, progress, scene, modes)
     limit = 2.0 / model.highest_frequency(q0, 0.0)
-    if step is None:
-        chord = float(np.linalg.norm(p.upper - p.lower))
-        initial = model.positions(q0[None], np.zeros(1))[0]
-        state, rate, estimate = stepping.refine(
-            run,
-            lambda s: model.positions(s.q, s.instants.times),
-            lambda s: stepping.motion_scale(model.positions(s.q, s.instants.times), initial, chord),
-            stepping.preferred_rate(1.0 / min(0.8 * limit, p.time_scale / stepping.STEPS_PER_CHANGE)),
-            goal,
+    runs: dict[str, Run] = {
+        name: (VerletRun if name == SCHEMES[0] else ImplicitRun)(
+            model, instants, q0, names, progress, scene, modes, name
         )
-    else:
-        rate = 1.0 / stepping.check_step(step, limit, f"2 over the highest angular frequency, {2 / limit:.6g} rad/s")
+        for name in SCHEMES
+    }
+    run, reason = runs[scheme or SCHEMES[0]], "given"
+    if step is not None:
+        if run.scheme == SCHEMES[0]:
+            why = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
+            rate = 1.0 / stepping.check_step(step, limit, why)
+        else:
+            rate = 1.0 / number(above=0.0, most=float(instants[-1]) or np.inf)("step", step)
         state, estimate = run(rate), None
+    elif scheme is not None:
+        state, rate, estimate = _refined(run, limit, goal)
+    else:
+        run, (state, rate, estimate), reason = _picked(runs, limit, goal, asked=tolerance is not None)
     result = run.dataset(state)
-    result.attrs["step_limit"] = limit
+    result.attrs.update(step_limit=limit, choice_of_scheme=reason)
     if estimate is not None:
         result.attrs["time_error_estimate"] = estimate
     options = {
         "rank": len(model.modes) // (p.dims if model.layout == "separate" else 1),
         "times": instants,
         "law": law,
-        "scheme": SCHEMES[0],
+        "scheme": run.scheme,
         "step": 1.0 / rate,
         "tolerance": None if step is not None else goal,
         "outputs": list(names),
@@ -129,167 +150,56 @@ def simulate(
     return provenance.record(result, function="galerkin.simulate", parameters=options, inputs=[scene, modes])
 
 
-@dataclass
-class _State:
-    """What one run gives."""
+def _picked(
+    runs: dict[str, Run], limit: float, goal: float, *, asked: bool
+) -> tuple[Run, tuple[State, float, float], str]:
+    """Pick scheme and step for a tolerance: implicit as long as its steps are so long that it is the faster one."""
+    explicit, implicit = runs["velocity_verlet"], runs["trapezoidal"]
+    *_, rate = _compared(explicit, limit)
+    count = explicit.q0.size
+    cost = 3.0 * float(explicit.times[-1]) * rate * (STEP_TIME + TIME_OF_AMPLITUDE * count)
+    if not asked and cost < CHEAP:
+        return explicit, _refined(explicit, limit, goal), f"explicit: all its runs take about {cost:.1g} s"
+    # the explicit runs have this rate and twice as much, the implicit ones all up to it
+    most = 1.5 * rate / (IMPLICIT_COST + COST_OF_AMPLITUDE * count)
+    found = stepping.halve(*_compared(implicit, limit), goal, most)
+    if found is not None:
+        return implicit, found, f"implicit: its steps may be {1.0 / (found[1] * limit):.3g} times the explicit limit"
+    why = f"explicit: implicit steps would have to be shorter than {1 / most:.3g} s"
+    return explicit, _refined(explicit, limit, goal), why
 
-    instants: Instants
-    q: np.ndarray  # (times, modes)
-    rates: np.ndarray
-    extremes: tuple[np.ndarray, np.ndarray] | None
+
+def _refined(run: Run, limit: float, goal: float) -> tuple[State, float, float]:
+    model = run.model
+
+    def slackened(state: State) -> bool:
+        # law (21) pulls and pushes without a kink
+        return model.law == "linear" and bool((model.chain.stretch(model.positions(state.q, run.times)) < 1.0).any())
+
+    run, position, scale, rate = _compared(run, limit)
+    if isinstance(run, ImplicitRun):
+        found = stepping.halve(run, position, scale, rate, goal, RESOLVING * rate)
+        if found is not None:
+            return found
+        rate *= RESOLVING
+    return stepping.refine(run, position, scale, rate, goal, slackened)
 
 
-@dataclass(frozen=True)
-class _Run:
-    """One scene on one set of modes, ready to be run with any step."""
+def _compared(run: Run, limit: float) -> tuple[Run, Callable[[State], np.ndarray], Callable[[State], float], float]:
+    """Return a run, how two of them are compared, and the number of steps per second to begin with."""
+    model, p = run.model, run.model.chain.p
+    chord = float(np.linalg.norm(p.upper - p.lower))
+    initial = model.positions(run.q0[None], np.zeros(1))[0]
 
-    model: Model
-    times: np.ndarray
-    q0: np.ndarray
-    outputs: tuple[str, ...]
-    progress: Callable[[float], None] | None
-    scene: xr.Dataset
-    modes: xr.Dataset
+    def position(state: State) -> np.ndarray:
+        return model.positions(state.q, state.instants.times)
 
-    def __call__(self, rate: float) -> _State:
-        from cablepod.kernels import reduced as kernel  # numba is imported only to compute
+    def scale(state: State) -> float:
+        return stepping.motion_scale(position(state), initial, chord)
 
-        model, damping = self.model, self.model.chain.p.mass_damping
-        instants = Instants.of(self.times, rate)
-        total, step = int(instants.steps[-1]) + 1, 1.0 / rate
-        decay = None if damping is None else math.exp(-damping * step)
-        kick = step if damping is None else -math.expm1(-damping * step) / damping
-        q, velocity = self.q0.copy(), self._first_half_step(step)
-        packed = model.packed if model.law == "green" else None
-        linked = model.linked if model.law == "linear" else None
-        saved = np.empty((instants.steps.size, q.size))
-        halves = np.empty((instants.steps.size, 2, q.size))
-        low, high = np.full(model.chain.links, np.inf), np.full(model.chain.links, -np.inf)
-        every = "tension_extremes" in self.outputs
-        bound = 1e6 * math.sqrt(model.mass.sum()) * (model.chain.total_length + float(np.abs(model.shape).max()))
-
-        def advance(begin: int, steps: int) -> bool:
-            time = np.arange(begin, begin + steps + 1) / rate
-            first, last = np.searchsorted(instants.steps, (begin, begin + steps))
-            frozen = model.displacements(time) if model.moving else None
-            marks = np.arange(begin, begin + steps) if every else instants.steps[first:last]
-            rows = np.empty((marks.size, q.size)) if every else saved[first:last]
-            sides = np.empty((marks.size, 2, q.size)) if every else halves[first:last]
-            kernel.verlet(
-                q,
-                velocity,
-                step,
-                decay,
-                kick,
-                model.drive(time),
-                frozen,
-                packed,
-                linked,
-                steps,
-                begin,
-                marks,
-                rows,
-                sides,
-            )
-            if not (np.isfinite(q).all() and np.abs(q).max() < bound):
-                return False
-            if every:
-                saved[first:last], halves[first:last] = (
-                    item[instants.steps[first:last] - begin] for item in (rows, sides)
-                )
-                for some in np.array_split(np.arange(steps), max(1, steps // 1024)):
-                    tension = model.tension(model.positions(rows[some], time[some]))
-                    np.minimum(low, tension.min(axis=0), out=low)
-                    np.maximum(high, tension.max(axis=0), out=high)
-            return True
-
-        failed = stepping.march(advance, (q, velocity), total, self.progress)
-        if failed is not None:
-            self._stop(instants, saved, halves, failed, rate)
-        state = self._gather(instants, saved, halves, rate)
-        state.extremes = (low, high) if every else None
-        self._check_limit(state, rate)
-        return state
-
-    def _first_half_step(self, step: float) -> np.ndarray:
-        """Rates half a step before the start: the particles start from rest, so the amplitudes oppose the lifting."""
-        model = self.model
-        damping = model.chain.p.mass_damping
-        rates = -model.displacements(np.zeros(1), 1)[0] @ model.coupling
-        slope, _ = model.gradient(np.concatenate([self.q0, model.displacements(np.zeros(1))[0]]))
-        push = model.drive(np.zeros(1))[0] - slope
-        if damping is None:
-            return rates - 0.5 * step * push
-        grow = math.expm1(0.5 * damping * step)
-        return rates * (1.0 + grow) - grow / damping * push
-
-    def _gather(self, instants: Instants, saved: np.ndarray, halves: np.ndarray, rate: float) -> _State:
-        v = 0.5 * (halves[:, 0] + halves[:, 1])
-        a = (halves[:, 1] - halves[:, 0]) * rate
-        q = instants.at_times(saved, v, a)
-        s = instants.fraction[:, None]
-        after = np.minimum(instants.left + 1, len(v) - 1)
-        rates = np.where(s > 0, (1 - s) * v[instants.left] + s * v[after], v[instants.left])
-        return _State(instants, q, rates, None)
-
-    def _check_limit(self, state: _State, rate: float) -> None:
-        """Stop where the highest frequency on the way is too high for the step."""
-        picked = np.unique(np.linspace(0, len(state.q) - 1, 50).astype(int))
-        for i in picked:
-            time = float(state.instants.times[i])
-            omega = self.model.highest_frequency(state.q[i], time)
-            if omega >= 2.0 * rate:
-                raise RunStopped(
-                    f"the reduced model stiffened: at {time:.6g} s its stability limit is {2 / omega:.6g} s, below the step "
-                    f"{1 / rate:.6g} s (velocity Verlet); try a shorter step",
-                    self.dataset(state),
-                )
-
-    def _stop(self, instants: Instants, saved: np.ndarray, halves: np.ndarray, done: int, rate: float) -> None:
-        count = int(np.searchsorted(instants.times, done / rate * (1.0 - 1e-12)))
-        partial = None
-        if count:
-            few = Instants.of(instants.times[:count], rate)
-            partial = self.dataset(self._gather(few, saved[: few.steps.size], halves[: few.steps.size], rate))
-            partial.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {instants.times[-1]:.6g} s"
-        raise RunStopped(
-            f"the reduced model left the finite numbers at {done / rate:.6g} s (velocity Verlet, step {1 / rate:.4g} s, step "
-            f"number {done}); try a shorter step, more modes, or the chain itself",
-            partial,
-        )
-
-    def dataset(self, state: _State) -> xr.Dataset:
-        """Label what a run gave."""
-        from scipy.linalg import solve_triangular  # costly to import
-
-        model, time = self.model, state.instants.times
-        amplitude = solve_triangular(model.root, state.q.T, lower=True, trans="T").T
-        result = pod.amplitude_dataset(amplitude, model.chain.p.end_positions(time), time, self.modes)
-        result = result.assign_coords(arc_length=("particle", model.chain.arc_length))
-        result["unstretched_length"] = ((), model.chain.total_length)
-        place = ("time", "particle", "coordinate")
-        if {"position", "tension"} & set(self.outputs):
-            position = model.positions(state.q, time)
-            if "position" in self.outputs:
-                result["position"] = (place, position)
-            if "tension" in self.outputs:
-                result["tension"] = (("time", "link"), model.tension(position))
-            size = np.sqrt(np.sum(np.diff(position, axis=1) ** 2, axis=-1))
-            result.attrs["smallest_stretch"] = float((size / model.chain.length).min())
-        if "velocity" in self.outputs:
-            result["velocity"] = (place, model.velocities(state.rates, time))
-        if state.extremes is not None:
-            result["tension_minimum"], result["tension_maximum"] = (("link", item) for item in state.extremes)
-        label(result)
-        rank = result.sizes["mode"]
-        result.attrs.update(
-            title=f"{self.scene.attrs.get('title', 'scene')}: Galerkin model, r = {rank}, {model.law} law",
-            stage="trajectory",
-            model="Galerkin",
-            law=model.law,
-            rank=rank,
-            scheme=SCHEMES[0],
-            step=1.0 / state.instants.rate,
-            number_of_steps=int(state.instants.steps[-1]),
-        )
-        return result
+    first = 0.8 * limit
+    if isinstance(run, ImplicitRun):
+        tension = max(float(model.tension(initial).mean()), 1e-300)
+        period = 2.0 * model.chain.total_length / np.sqrt(tension / p.mass)
+        first = float(max(min(float(run.times[-1]) / 20.0, period / STEPS_PER_PERIOD), limit))
+    return run, position, scale, stepping.preferred_rate(1.0 / min(first, p.time_scale / stepping.STEPS_PER_CHANGE))

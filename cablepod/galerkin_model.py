@@ -14,7 +14,7 @@ import xarray as xr
 from cablepod import pod
 from cablepod.chain import start
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.links import Chain, check_law
+from cablepod.links import Chain, check_law, square
 from cablepod.parameters import Parameters, solve_statics
 from cablepod.schema import SceneError, refuse
 
@@ -90,50 +90,61 @@ class Model:
         return np.diff(self.shape, axis=0) / length, np.diff(fields, axis=1) / length
 
     @cached_property
+    def pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """The pairs of coordinates whose products the strain holds; without a common axis they have none, and cost nothing."""
+        first, second = np.triu_indices(len(self.used))
+        common = (self.used[first] & self.used[second]).any(axis=1)
+        return first[common], second[common]
+
+    @cached_property
+    def used(self) -> np.ndarray:
+        """Along which axes the coordinates move (coordinates, dims)."""
+        return np.abs(self.slopes[1]).max(axis=1) > 0.0
+
+    @cached_property
+    def strain(self) -> np.ndarray:
+        """Strain (xi^2 - 1)/2 of the links in the mean shape (n,)."""
+        length = self.chain.length
+        size = np.sqrt(np.sum(np.diff(self.shape, axis=0) ** 2, axis=1))
+        return 0.5 * (size - length) / length * (size + length) / length
+
+    @cached_property
     def packed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Law (21) in packed form: triangular factor, offset, pairs; see ``kernels.reduced``."""
         shape, rates = self.slopes
-        length = self.chain.length
-        count = len(rates)
-        # axes of a field: two fields without a common axis have no product, and cost nothing
-        axes = np.abs(rates).max(axis=1) > 0.0
-        pairs = [(j, k) for j in range(count) for k in range(j, count) if (axes[j] & axes[k]).any()]
-        first, second = (np.array(item, dtype=np.int64) for item in zip(*pairs, strict=True))
+        first, second = self.pairs
         # the strain (xi^2 - 1)/2 about the mean shape, where differences of large numbers are gone
-        reach = np.diff(self.shape, axis=0)
-        size = np.sqrt(np.sum(reach**2, axis=1))
-        strain = 0.5 * (size - length) / length * (size + length) / length
         linear = np.einsum("jc,kjc->jk", shape, rates)
         quadratic = np.einsum("pjc,pjc->jp", rates[first], rates[second]) * np.where(first == second, 0.5, 1.0)
-        weight = np.sqrt(self.chain.p.stiffness * length)[:, None]
-        table = weight * np.concatenate([linear, quadratic, strain[:, None]], axis=1)
+        weight = np.sqrt(self.chain.p.stiffness * self.chain.length)[:, None]
+        table = weight * np.concatenate([linear, quadratic, self.strain[:, None]], axis=1)
         triangle: Any = np.linalg.qr(table, mode="r")
         factor = triangle[: table.shape[1] - 1]  # a last row would only add a constant to the energy
         return np.ascontiguousarray(factor[:, :-1]), np.ascontiguousarray(factor[:, -1]), first, second
 
     @cached_property
-    def linked(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The linear law link by link; see ``kernels.reduced``."""
+    def linked(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Energy link by link; see ``kernels.reduced``."""
         shape, rates = self.slopes
         k = self.chain.p.stiffness * self.chain.length
-        return np.ascontiguousarray(shape.T), np.ascontiguousarray(np.moveaxis(rates, 1, 2)), k
+        return np.ascontiguousarray(shape.T), self.strain, np.ascontiguousarray(np.moveaxis(rates, 1, 2)), self.used, k
 
-    def drive(self, time: np.ndarray) -> np.ndarray:
-        """Generalised loads on the amplitudes at times (time, modes); one row where they stand still."""
-        p = self.chain.p
+    @cached_property
+    def turns(self) -> np.ndarray:
+        """By how much an amplitude turns and stretches the links, in the mean (modes,) [kg^-1/2 m^-1]."""
+        return np.sqrt(np.mean(np.sum(self.slopes[1][: len(self.modes)] ** 2, axis=2), axis=1))
+
+    def loads_on_steps(self, start: int, steps: int, rate: float) -> np.ndarray:
+        """Generalised loads (steps + 1, modes) at so many steps from `start` on; one row where they stand still."""
         total = np.einsum("pc,kpc->k", self.chain.loads(), self.fields)[None]
-        varying = self.chain.varying()
-        if not varying and not self.moving:
-            return total
-        result = np.repeat(total, time.size, axis=0)
-        for pattern, factor in varying:
-            result += factor(time)[:, None] * np.einsum("pc,kpc->k", pattern, self.fields)
-        if self.moving:
-            pull = self.displacements(time, 2)
-            if p.mass_damping is not None:
-                pull = pull + p.mass_damping * self.displacements(time, 1)
-            result -= pull @ self.coupling
-        return result
+        for pattern, factor in self.chain.varying():
+            total = total + factor.on_steps(start, steps, rate)[:, None] * np.einsum("pc,kpc->k", pattern, self.fields)
+        return total
+
+    def displacements_on_steps(self, start: int, steps: int, rate: float) -> np.ndarray:
+        """Displacements of the ends that move (steps + 1, moving) at so many steps from `start` on."""
+        columns = [self.chain.p.motions[key].on_steps(start, steps, rate) for key in self.moving]
+        return np.ascontiguousarray(np.stack(columns, axis=1)) if columns else np.zeros((steps + 1, 0))
 
     def displacements(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Displacements of the ends that move, or their rates: (time, moving)."""
@@ -176,7 +187,7 @@ class Model:
 
     def tension(self, position: np.ndarray) -> np.ndarray:
         """Tensions of the links (..., n) [N] by the law of the model."""
-        size = np.sqrt(np.sum(np.diff(position, axis=-2) ** 2, axis=-1))
+        size = np.sqrt(square(np.diff(position, axis=-2)))
         strain = (size - self.chain.length) / self.chain.length
         if self.law == "linear":
             return self.chain.p.stiffness * np.maximum(strain, 0.0)
@@ -184,7 +195,22 @@ class Model:
 
     def positions(self, q: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Positions (time, particle, dims) [m] from amplitudes (time, modes)."""
-        return pod.compose(q, self.chain.p.end_positions(time), self.fields, self.mean, self.sigma)
+        ends = self.chain.p.end_positions(time)
+        # a product of matrices would sum in an order that depends on the number of instants
+        position = np.einsum("tk,kp->tp", np.concatenate([q, ends.reshape(time.size, -1)], axis=1), self._composition)
+        position = position.reshape(time.size, *self.mean.shape)
+        position += self.mean
+        position[:, [0, -1]] = ends  # rounding in sigma must not move the ends
+        return position
+
+    @cached_property
+    def _composition(self) -> np.ndarray:
+        """Fields of the amplitudes, then of both ends along each axis: one product of matrices makes positions."""
+        dims = self.chain.p.dims
+        lines = np.zeros((2, dims, self.sigma.size, dims))
+        for c in range(dims):
+            lines[0, c, :, c], lines[1, c, :, c] = 1.0 - self.sigma, self.sigma
+        return np.concatenate([self.fields.reshape(len(self.modes), -1), lines.reshape(2 * dims, -1)])
 
     def velocities(self, rates: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Velocities (time, particle, dims) [m/s] from the rates of the amplitudes."""

@@ -204,10 +204,10 @@ def check_law(law: str) -> None:
         raise refuse("law", law, "one of " + ", ".join(f'"{name}"' for name in LAWS))
 
 
-def chain_of(p: Parameters, links: int | None = None, law: str = LAWS[0]) -> Chain:
-    """Make the chain of a scene's parameters, with `links` links in place of the scene's, by one of LAWS."""
+def chain_of(p: Parameters, links: int | None = None, law: str = LAWS[0], *, least: int = 2) -> Chain:
+    """Make the chain of a scene's parameters, with `links` links in place of the scene's, at least `least`, by one of LAWS."""
     if links is not None:
-        schema.integer(least=2)("links", links)
+        schema.integer(least=least)("links", links)
     count = p.links if links is None else int(links)
     if count is None:
         raise SceneError(

@@ -51,17 +51,29 @@ class TimeFunction:
         Sines of equidistant angles come from those of few coarse and few fine ones, in one product of matrices; computed one by
         one they would cost a tenth of what a chain of 40 links does.
         """
+        return self.all_on_steps(start, steps, rate, (derivative,), origin)[0]
+
+    def all_on_steps(
+        self, start: int, steps: int, rate: float, derivatives: tuple[int, ...], origin: float = 0.0
+    ) -> Array:
+        """Evaluate several derivatives at once, (derivatives, steps + 1), as :meth:`on_steps` does one."""
         if self.kind not in ("one_minus_cosine", "harmonic"):
-            result = self(np.arange(start, start + steps + 1) / rate, derivative)
-            return result + origin if derivative == 0 else result
-        omega = self.values["angular_frequency"]
-        size = self.values["amplitude"] * omega**derivative
+            time = np.arange(start, start + steps + 1) / rate
+            return np.array([self(time, derivative) + (0.0 if derivative else origin) for derivative in derivatives])
+        amplitude, omega = self.values["amplitude"], self.values["angular_frequency"]
         phase = self.values["phase"] if self.kind == "harmonic" else -0.5 * np.pi
-        coarse = np.arange(start, start + steps + 1, _FINE) * (omega / rate) + (phase + 0.5 * np.pi * derivative)
+        coarse = np.arange(start, start + steps + 1, _FINE) * (omega / rate) + phase
         fine = np.arange(_FINE) * (omega / rate)
-        constant = origin - size * np.sin(phase) if derivative == 0 else 0.0
-        left = np.stack([size * np.sin(coarse), size * np.cos(coarse), np.full(coarse.size, constant)], axis=1)
-        return (left @ np.stack([np.cos(fine), np.sin(fine), np.ones(_FINE)])).reshape(-1)[: steps + 1]
+        sine, cosine = np.sin(coarse), np.cos(coarse)
+        left, right = np.zeros((len(derivatives), coarse.size, 3)), np.ones((3, _FINE))
+        right[0], right[1] = np.cos(fine), np.sin(fine)
+        for row, derivative in zip(left, derivatives, strict=True):
+            size = amplitude * omega**derivative
+            a, b = ((sine, cosine), (cosine, -sine), (-sine, -cosine))[derivative]
+            row[:, 0], row[:, 1] = size * a, size * b
+            if derivative == 0:
+                row[:, 2] = origin - size * np.sin(phase)
+        return (left.reshape(-1, 3) @ right).reshape(len(derivatives), -1)[:, : steps + 1]
 
     def _one_minus_cosine(self, time: Array, derivative: int) -> Array:
         amplitude, omega = self.values["amplitude"], self.values["angular_frequency"]

@@ -1,6 +1,7 @@
 """The scenes of the stability report: each is hard for a reason of its own.
 
-All are changes to one guy, 61.2 m long and K = 2e7 N, whose upper end comes in by up to 10 cm.
+All but the last group are changes to one guy, 61.2 m long and K = 2e7 N, whose upper end comes in by up to 10 cm.  Those of the
+last one are for the chain of rigid links: the shipped scenes, two motions that no single run can follow, and one that is refused.
 """
 
 from __future__ import annotations
@@ -14,8 +15,11 @@ import numpy as np
 import xarray as xr
 
 import cablepod as cp
+from cablepod import shipped
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
+from cablepod.rigid_runs import FORMULATIONS, RigidRun
+from cablepod.rigid_start import start
 
 GUY: dict[str, Any] = {
     "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "specific_weight": 78500.0, "top_tension": 8000.0},
@@ -32,6 +36,8 @@ WHOLE = ("motion", "chain", "ends", "initial")
 PER_PERIOD, PER_CHANGE = 200.0, 40.0
 #: Velocity Verlet takes so much of its limit.
 OF_LIMIT = 0.9
+#: Rigid links turn by no more than this in a step [rad].
+TURN = 0.1
 
 
 @dataclass(frozen=True)
@@ -44,9 +50,16 @@ class Case:
     quiet: bool = False  #: ends and loads at rest and no damping: the energy must stay
     long: bool = False  #: so long that phases are lost: judged by statistics
     implicit_step: float | None = None  #: [s], where the rule of :meth:`steps` would cost too much
+    rigid: bool = False  #: a scene of rigid links, which elastic ones would move through in another way
+    shipped: str = ""  #: name of a shipped scene that takes the place of the guy
 
     def scene(self) -> xr.Dataset:
-        """Return the scene: the guy with these tables put in."""
+        """Return the scene: the guy with these tables put in, or a shipped one at other times."""
+        if self.shipped:
+            times = {
+                f"time_{key}": ((), float(value), {"units": "s"}) for key, value in self.tables.get("time", {}).items()
+            }
+            return shipped.scene(self.shipped).assign(times).assign_attrs(title=self.name)
         mapping = copy.deepcopy(GUY)
         for key, table in self.tables.items():
             if not isinstance(table, dict):
@@ -62,6 +75,8 @@ class Case:
 
     def steps(self, scene: xr.Dataset) -> dict[str, float]:
         """Return the step of each scheme [s]; all divide the interval, so that no energy is blurred by interpolation."""
+        if self.rigid:
+            return dict.fromkeys(FORMULATIONS, dividing(scene, rigid_step(scene)))
         p = parameters(scene)
         limit = chain_of(p).step_limit()
         wanted = self.implicit_step
@@ -69,9 +84,26 @@ class Case:
             duration, period = float(scene["time_duration"]), 2.0 * np.pi / first_frequency(scene)
             wanted = max(min(period / PER_PERIOD, p.time_scale / PER_CHANGE, duration / 20.0), limit)
         explicit = cp.chain.SCHEMES[0]
-        return {
+        elastic = {
             scheme: dividing(scene, OF_LIMIT * limit if scheme == explicit else wanted) for scheme in cp.chain.SCHEMES
         }
+        return elastic | dict.fromkeys(FORMULATIONS, dividing(scene, rigid_step(scene, wanted)))
+
+
+def rigid_step(scene: xr.Dataset, otherwise: float | None = None) -> float:
+    """Return a step of rigid links [s]: that with which their runs begin, and in which no link turns by more than TURN.
+
+    Scenes that rigid links refuse get `otherwise`, where it is given.
+    """
+    chain = chain_of(parameters(scene))
+    try:
+        begin = RigidRun(chain, parameters(scene).times(), start(chain), ("position",), None, "step").first_step()
+        probe = cp.rigid.simulate(scene, formulation=FORMULATIONS[1], step=dividing(scene, begin / 8.0))
+    except cp.SceneError:
+        if otherwise is None:
+            raise
+        return otherwise
+    return min(begin, TURN / float(probe.attrs["largest_turn_rate"]))
 
 
 def dividing(scene: xr.Dataset, step: float) -> float:
@@ -177,4 +209,18 @@ def cases() -> list[Case]:
              quiet=True, long=True, implicit_step=0.05),
         Case("long runs", "end moves, 1e5 s", {"chain": {"links": 5}, "time": short(1e5, 100.0)},
              long=True, implicit_step=0.05),
+        Case("rigid links", "slack guy", shipped="slack_cable", rigid=True),
+        Case("rigid links", "line let go at one end", shipped="released_line", rigid=True, quiet=True),
+        Case("rigid links", "bent line let go", shipped="slack_line", rigid=True, quiet=True),
+        Case("rigid links", "tight fold falls", shipped="folded_chain", rigid=True, quiet=True),
+        Case("rigid links", "whip, handle jerked", shipped="whip", rigid=True),
+        Case("rigid links", "pendulum", shipped="pendulum", rigid=True, quiet=True),
+        Case("rigid links", "double pendulum, 3 s", shipped="double_pendulum", rigid=True, quiet=True),
+        Case("rigid links", "double pendulum, 60 s", {"time": short(60.0, 0.5)}, shipped="double_pendulum", rigid=True,
+             quiet=True),
+        Case("rigid links", "double pendulum, 1e4 s", {"time": short(1e4, 10.0)}, shipped="double_pendulum", rigid=True,
+             quiet=True, long=True),
+        Case("rigid links", "ends drawn too far apart", {
+            "cable": {"unstretched_length": 61.5}, "motion": moved("ramp", amplitude=1.0, duration=0.5), "time": short(2.0, 0.05),
+        }, rigid=True),
     ]  # fmt: skip

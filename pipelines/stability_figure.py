@@ -21,6 +21,7 @@ CLASSES = {
     "refused": ("R", "#ffffff", "////", "black"),
     "stopped": ("S", "#b5521b", "", "white"),
     "broken": ("BROKEN", "#000000", "", "white"),
+    "another model": ("", "#ffffff", "", "#666666"),
 }
 STATES = {
     "met": ("A", "#cfe6f5", "", "black"),
@@ -34,8 +35,10 @@ SHORT = {
     "velocity_verlet": "velocity\nVerlet",
     "generalized_alpha": "generalized\nalpha",
     "energy_momentum": "energy-\nmomentum",
+    "rattle": "rigid links,\nRATTLE",
+    "index1": "rigid links,\nindex 1",
 }
-INITIAL = {"velocity_verlet": "V", "trapezoidal": "T", "generalized_alpha": "G", "energy_momentum": "E"}
+INITIAL = {"velocity_verlet": "V", "trapezoidal": "T", "generalized_alpha": "G", "energy_momentum": "E", "rattle": "R"}
 
 
 def number(value: float) -> str:
@@ -89,7 +92,7 @@ def matrix(result: xr.Dataset) -> Figure:
     schemes, tolerances = list(result["scheme"].values), list(result["wanted_error"].values)
     probed = result.sizes["limit_case"]
     bottom = float(rows[-1]) + 1.0
-    figure = plt.figure(figsize=(10.5, 0.235 * bottom + 1.9 + 0.19 * probed + 0.6), layout="constrained")
+    figure = plt.figure(figsize=(12.5, 0.235 * bottom + 1.9 + 0.19 * probed + 0.6), layout="constrained")
     parts = [bottom * 0.235 + 1.45] + ([0.19 * probed + 0.6] if probed else [])
     axes = figure.subplots(len(parts), 1, height_ratios=parts, squeeze=False)[:, 0]
     _cells(axes[0], result, headings, rows, bottom)
@@ -127,11 +130,13 @@ def _cells(ax: Axes, result: xr.Dataset, headings: list[tuple[float, str]], rows
     patches = [
         Patch(facecolor=fill, hatch=hatch, edgecolor="#999999", label=f"{letter[0]}  {name}")
         for name, (letter, fill, hatch, _) in CLASSES.items()
+        if letter
     ]
     said = (
         "number: error over the motion (accurate: up to 1 %);  ΔE: energy drift over kinetic and strain energy;  S at: part "
         "computed and kept\n* chaotic: judged by statistics, as the long runs are;  right: error with that tolerance (A met, "
-        "W missed with a warning,\n- no single truth) by velocity Verlet (V) or the trapezoidal rule (T), as it picks"
+        "W missed with a warning,\n- no single truth) by velocity Verlet (V) or the trapezoidal rule (T), as it picks; of rigid "
+        "links by RATTLE (R);\nrigid links in scenes of elastic ones: distance of the models"
     )
     ax.legend(handles=patches, ncols=5, loc="upper center", bbox_to_anchor=(0.42, 0.0), fontsize=8.5, frameon=False, title=said,
               title_fontsize=8, alignment="left")  # fmt: skip

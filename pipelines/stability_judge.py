@@ -11,15 +11,19 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from scipy.stats import t as student
-from stability_cases import Case, dividing
+from stability_cases import Case, dividing, rigid_step
 
 import cablepod as cp
 from cablepod.links import Chain, chain_of
 from cablepod.parameters import parameters
+from cablepod.rigid_runs import FORMULATIONS
 
-SCHEMES = cp.chain.SCHEMES
+SCHEMES = (*cp.chain.SCHEMES, *FORMULATIONS)
 VERLET, REFERENCE = SCHEMES[0], "energy_momentum"
-ACCURATE, INACCURATE, REFUSED, STOPPED, BROKEN = CLASSES = ("accurate", "inaccurate", "refused", "stopped", "broken")
+RATTLE, INDEX1 = FORMULATIONS
+ACCURATE, INACCURATE, REFUSED, STOPPED, BROKEN, OTHER = CLASSES = (
+    "accurate", "inaccurate", "refused", "stopped", "broken", "another model",
+)  # fmt: skip
 MET, MISSED, WARNED, CHAOTIC, OPEN, NOT_TRIED = STATES = (
     "met", "missed", "missed with a warning", "no single truth", "truth too coarse", "not tried",
 )  # fmt: skip
@@ -31,6 +35,8 @@ COSTLY = 4.0
 LIMIT = 1e-2
 #: The truth is refined until two runs agree so well, a tenth of the smallest tolerance, or a run takes so many links times steps.
 AGREE, BUDGET, CHECK_BUDGET = 1e-7, 4e8, 1e7
+#: As BUDGET, for the chain of rigid links, whose truth is found by a scheme of fourth order.
+RIGID_BUDGET = 1e7
 #: Runs that tell how far equally good runs of a chaotic scene differ; an exact run is taken for a wrong one as rarely as this.
 REALISATIONS, DOUBT = 6, 1e-3
 #: No sound run has so many times the energy of the truth: the numbers are finite, and garbage.
@@ -45,13 +51,15 @@ class Overdue(RuntimeError):
 
 
 def simulate(scene: xr.Dataset, **options: Any) -> xr.Dataset:
-    """Run the chain, not longer than PATIENCE."""
+    """Run the chain, of elastic or rigid links as the scheme says, not longer than PATIENCE."""
     begin = time.perf_counter()
 
     def look(_: float) -> None:
         if time.perf_counter() - begin > PATIENCE:
             raise Overdue
 
+    if options.get("scheme") in FORMULATIONS:
+        return cp.rigid.simulate(scene, progress=look, formulation=options.pop("scheme"), **options)
     return cp.chain.simulate(scene, progress=look, **options)
 
 
@@ -140,10 +148,12 @@ def error_of(run: xr.Dataset, truth: xr.Dataset) -> float:
 def truth_of(case: Case, scene: xr.Dataset) -> Truth:
     """Find the truth of a case, or that there is none."""
     chain = chain_of(parameters(scene))
-    limit, duration = chain.step_limit(), float(scene["time_duration"])
+    duration = float(scene["time_duration"])
+    scheme, checking, budget = (INDEX1, RATTLE, RIGID_BUDGET) if case.rigid else (VERLET, REFERENCE, BUDGET)
+    limit = rigid_step(scene) if case.rigid else chain.step_limit()
 
     def run(part: float) -> xr.Dataset:
-        return simulate(scene, scheme=VERLET, step=dividing(scene, limit / part), outputs=OUTPUTS)
+        return simulate(scene, scheme=scheme, step=dividing(scene, limit / part), outputs=OUTPUTS)
 
     if case.long:
         # phases are lost: no refinement that anyone could wait for brings two runs together
@@ -152,13 +162,13 @@ def truth_of(case: Case, scene: xr.Dataset) -> Truth:
         error = check = np.inf
     else:
         part, fine, error = 4.0, run(4.0), np.inf
-        while error == np.inf or (error > AGREE and 2.0 * part * duration / limit * chain.links <= BUDGET):
+        while error == np.inf or (error > AGREE and 2.0 * part * duration / limit * chain.links <= budget):
             part, coarse, fine = 2.0 * part, fine, run(2.0 * part)
             error = error_of(coarse, fine)
         other = max(limit / part, duration * chain.links / CHECK_BUDGET)
-        check = error_of(simulate(scene, scheme=REFERENCE, step=dividing(scene, other)), fine)
+        check = error_of(simulate(scene, scheme=checking, step=dividing(scene, other)), fine)
         samples = None
-        if error > LIMIT:
+        if max(error, check) > LIMIT:
             samples = np.array([statistics(chain, run(4.0 + i)) for i in range(REALISATIONS)])
     kinetic, strain, _ = energies(chain, fine["position"].values, fine["velocity"].values)
     return Truth(fine, error, check, float((kinetic + strain).max()), samples)
@@ -210,6 +220,8 @@ def judge(case: Case, scene: xr.Dataset, truth: Truth | None, run: Callable[[], 
     verdict.message = garbage(chain, result, truth)
     if verdict.message or truth is None:
         return verdict
+    if case.rigid:  # with the work of the ends as the run itself counts it
+        verdict.energy_drift = float(result.attrs["energy_drift"])
     if case.quiet:
         verdict.energy_drift = drift(chain, result["position"].values, result["velocity"].values)
     verdict.error, accurate = _accuracy(chain, result, truth)
@@ -287,14 +299,15 @@ class Chosen:
     reason: str = ""
 
 
-def of_tolerance(scene: xr.Dataset, truth: Truth | None, tolerance: float) -> Chosen:
-    """Judge the scheme and step that a tolerance picks."""
+def of_tolerance(case: Case, scene: xr.Dataset, truth: Truth | None, tolerance: float) -> Chosen:
+    """Judge the scheme and step that a tolerance picks; of rigid links the step of RATTLE, their default."""
+    options: dict[str, Any] = {"scheme": RATTLE} if case.rigid else {}
     if truth is None or truth.samples is not None:
         return Chosen(CHAOTIC)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            run, seconds = _timed(lambda: simulate(scene, tolerance=tolerance))
+            run, seconds = _timed(lambda: simulate(scene, tolerance=tolerance, **options))
         except (cp.SceneError, cp.RunStopped, Overdue) as error:
             return Chosen(MISSED, reason=f"{type(error).__name__}: {error}")
     told = any(issubclass(item.category, cp.NotConvergedWarning) for item in caught)
@@ -303,7 +316,7 @@ def of_tolerance(scene: xr.Dataset, truth: Truth | None, tolerance: float) -> Ch
     if truth.error > 0.3 * tolerance:  # halving the step brings another third of it at most where the order is two
         state = OPEN
     attrs = run.attrs
-    return Chosen(state, error, attrs["scheme"], float(attrs["step"]), seconds, str(attrs["choice_of_scheme"]))
+    return Chosen(state, error, attrs["scheme"], float(attrs["step"]), seconds, str(attrs.get("choice_of_scheme", "")))
 
 
 def row(case: Case) -> dict[str, Any]:
@@ -313,12 +326,17 @@ def row(case: Case) -> dict[str, Any]:
         truth, steps = truth_of(case, scene), case.steps(scene)
     except cp.SceneError:  # then every scheme must say so by itself
         truth, steps = None, dict.fromkeys(SCHEMES, dividing(scene, 0.5 * chain_of(parameters(scene)).step_limit()))
-    verdicts = [of_scheme(case, scene, truth, scheme, steps[scheme]) for scheme in SCHEMES]
-    chosen = {1e-4: of_tolerance(scene, truth, 1e-4)}
+    verdicts = [
+        Verdict(OTHER, message="elastic links move in another way")
+        if case.rigid and scheme not in FORMULATIONS
+        else of_scheme(case, scene, truth, scheme, steps[scheme])
+        for scheme in SCHEMES
+    ]
+    chosen = {1e-4: of_tolerance(case, scene, truth, 1e-4)}
     for tolerance in TOLERANCES:
         if tolerance not in chosen:
             costly = chosen[1e-4].run_time > COSTLY
-            chosen[tolerance] = Chosen(NOT_TRIED) if costly else of_tolerance(scene, truth, tolerance)
+            chosen[tolerance] = Chosen(NOT_TRIED) if costly else of_tolerance(case, scene, truth, tolerance)
     return {
         "case": case,
         "truth": truth,

@@ -19,8 +19,9 @@ PACKAGE = Path(cp.__file__).parent
 ORDER = (
     "conventions", "provenance", "kernels", "motion", "schema", "parameters", "records", "scene", "members", "stepping",
     "catenary", "links", "runs", "verlet", "implicit", "chain", "elements", "cable_runs", "cable_choice", "cable",
-    "chord", "pod_normal", "decompositions", "pod", "compare", "galerkin_model", "galerkin",
-    "condensed_model", "condensed_output", "condensed",
+    "rigid_start", "rigid_runs", "rigid",
+    "chord", "pod_normal", "decompositions", "pod", "compare", "galerkin_model", "galerkin_runs", "galerkin",
+    "condensed_model", "condensed_output", "condensed_estimate", "condensed",
     "plots", "whole", "archive", "shipped", "paper", "cli", "__init__", "__main__",
 )  # fmt: skip
 
@@ -90,8 +91,8 @@ def test_importing_adds_little_time():
 def test_public_names_have_docstrings_and_keyword_only_options():
     functions = [
         cp.read_scene, cp.make_scene, cp.catenary.rest, cp.chain.rest, cp.chain.simulate, cp.cable.rest,
-        cp.cable.simulate, cp.cable.frequencies, cp.pod.decompose, cp.pod.project, cp.pod.reconstruct, cp.galerkin.simulate,
-        cp.condensed.simulate, cp.compare.errors, cp.archive.write, cp.archive.read,
+        cp.cable.simulate, cp.cable.frequencies, cp.rigid.rest, cp.rigid.simulate, cp.pod.decompose, cp.pod.project,
+        cp.pod.reconstruct, cp.galerkin.simulate, cp.condensed.simulate, cp.compare.errors, cp.archive.write, cp.archive.read,
     ]  # fmt: skip
     for function in functions:
         text = inspect.getdoc(function)

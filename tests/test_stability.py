@@ -38,7 +38,7 @@ def pipeline():
 
 SMALL = (
     "K = 1e10 N", "rubber, K = 2e4 N", "2 links", "links 1 : 1000 in turn", "let go at zero tension", "let fall from a wide arc",
-    "vertical, slack: it folds", "plucked, none",
+    "vertical, slack: it folds", "plucked, none", "tight fold falls", "ends drawn too far apart",
 )  # fmt: skip
 
 
@@ -48,7 +48,7 @@ def shortened(case, duration, interval):
 
 @pytest.fixture(scope="module")
 def small(pipeline):
-    """The report on eight cases, those that take longest cut short."""
+    """The report on ten cases, those that take longest cut short."""
     cases = [pipeline["cases"][name] for name in SMALL]
     cases[0] = shortened(cases[0], 0.5, 0.1)
     patch = pytest.MonkeyPatch()
@@ -79,15 +79,22 @@ def test_no_cell_is_broken_and_every_number_is_there(pipeline, small):
 def test_classes_of_the_small_cases(pipeline, small):
     # soft, stiff, uneven and coarse chains are smooth motions, which two hundred steps in a period resolve to a hundredth
     for case in ("K = 1e10 N", "rubber, K = 2e4 N", "2 links", "links 1 : 1000 in turn", "plucked, none"):
-        assert outcomes(pipeline, small, case) == ["accurate"] * 4, case
+        assert outcomes(pipeline, small, case)[:4] == ["accurate"] * 4, case
     # the links snap taut, where 0.9 of the limit of taut links is too long: that is noticed, though all numbers are finite
     assert outcomes(pipeline, small, "let go at zero tension")[0] == "stopped"
     assert outcomes(pipeline, small, "let go at zero tension")[3] == "accurate"
     # a chain that hangs down on itself has no rest to start from
-    assert outcomes(pipeline, small, "vertical, slack: it folds") == ["refused"] * 4
+    assert outcomes(pipeline, small, "vertical, slack: it folds") == ["refused"] * 6
     # in the free fall every scheme but the one that keeps the energy gains it in snaps, until it is stopped
     assert outcomes(pipeline, small, "let fall from a wide arc")[:3] == ["stopped"] * 3
     assert outcomes(pipeline, small, "let fall from a wide arc")[3] in ("accurate", "inaccurate")
+    # rigid links: taut elastic cables are stretched starts; elastic links are not run on scenes of rigid ones
+    for case in ("rubber, K = 2e4 N", "2 links", "plucked, none"):
+        assert outcomes(pipeline, small, case)[4:] == ["refused"] * 2, case
+    assert outcomes(pipeline, small, "tight fold falls") == ["another model"] * 4 + ["accurate"] * 2
+    assert outcomes(pipeline, small, "ends drawn too far apart")[4:] == ["refused"] * 2
+    message = str(small["message"].sel(case="ends drawn too far apart", scheme="rattle").values)
+    assert "too far apart from 0.36" in message
     assert list(small["case"].values[small["chaotic"].values == 1]) == ["let fall from a wide arc"]
 
 
@@ -95,7 +102,7 @@ def test_truths_are_confirmed_by_the_other_scheme(small):
     # both are of second order, so two ways of resolving the same motion agree far below what counts as accurate
     single = small["statistical"].values == 0
     there = single & np.isfinite(small["truth_check"].values)
-    assert there.sum() == 6
+    assert there.sum() == 7
     assert small["truth_error"].values[there].max() < 1e-5
     assert small["truth_check"].values[there].max() < 2e-4  # the check has longer steps
 
@@ -111,7 +118,8 @@ def test_energy_is_kept_as_each_scheme_promises(small):
 
 def test_tolerances_are_met(pipeline, small):
     states = pipeline["judge"].STATES
-    smooth = [name for name in SMALL if name not in ("let go at zero tension", "let fall from a wide arc", SMALL[6])]
+    rough = ("let go at zero tension", "let fall from a wide arc", SMALL[6], SMALL[9])
+    smooth = [name for name in SMALL if name not in rough]
     for case in smooth:
         for wanted in small["wanted_error"].values:
             one = small.sel(case=case, wanted_error=wanted)

@@ -29,7 +29,8 @@ def frames(ends, second, load, points, reference, mass, rows):
     ----------
     ends, second
         Positions and second rates of the ends, coordinate by coordinate, the lower end first (2 dims, steps) [m], [m/s^2];
-        `second` without columns where no end moves.
+        with damping by mass its rate times the rates of the ends is added to the latter.  `second` has no columns where no
+        end moves.
     load, points
         Uniform load with weight (dims, steps or 1) [N/m]; point loads (loads, dims, steps or 1) [N].
     reference
@@ -39,49 +40,55 @@ def frames(ends, second, load, points, reference, mass, rows):
     rows
         Filled: (steps, 1 + patterns (1 + normals)).
     """
-    dims, normals = load.shape[0], load.shape[0] - 1
+    dims, loads = load.shape[0], points.shape[0]
     moving = second.shape[1] > 0
-    first_point = 2 if moving else 1
-    patterns = first_point + points.shape[0]
-    e, n, b = np.zeros(3), np.zeros(3), np.zeros(3)
+    first_point = 3 if moving else 2
+    patterns = first_point - 1 + loads
+    axes = np.zeros((3, 3))  # against the chord, normal to it, across both
+    push, turn = np.zeros(3), np.zeros(3)
     for i in range(rows.shape[0]):
         c = 0.0
         for d in range(dims):
-            e[d] = ends[dims + d, i] - ends[d, i]
-            c += e[d] * e[d]
+            axes[0, d] = ends[d, i] - ends[dims + d, i]
+            c += axes[0, d] * axes[0, d]
         c = math.sqrt(c)
+        inverse = 1.0 / c
         for d in range(dims):
-            e[d] /= c
+            axes[0, d] *= inverse
         if dims == 2:
-            n[0], n[1] = -e[1], e[0]
+            axes[1, 0], axes[1, 1] = axes[0, 1], -axes[0, 0]
         else:
-            size = math.sqrt(1.0 - e[reference] * e[reference])
+            part = axes[0, reference]
+            inverse = 1.0 / math.sqrt(1.0 - part * part)
             for d in range(3):
-                n[d] = ((1.0 if d == reference else 0.0) - e[reference] * e[d]) / size
-            b[0] = e[1] * n[2] - e[2] * n[1]
-            b[1] = e[2] * n[0] - e[0] * n[2]
-            b[2] = e[0] * n[1] - e[1] * n[0]
-        rows[i, 0] = c
+                axes[1, d] = ((1.0 if d == reference else 0.0) - part * axes[0, d]) * inverse
+            for d in range(3):
+                j, k = (d + 1) % 3, (d + 2) % 3
+                axes[2, d] = axes[1, j] * axes[0, k] - axes[1, k] * axes[0, j]
         k = i if load.shape[1] > 1 else 0
-        for side in range(1 + normals):
-            axis, sign = (e, -1.0) if side == 0 else ((n, 1.0) if side == 1 else (b, 1.0))
-            at = 1 + side * patterns
-            along, base, turn = 0.0, 0.0, 0.0
-            for d in range(dims):
-                along += load[d, k] * axis[d]
+        for d in range(dims):
+            push[d] = load[d, k]
             if moving:
-                for d in range(dims):
-                    base += second[d, i] * axis[d]
-                    turn += (second[dims + d, i] - second[d, i]) * axis[d]
-                rows[i, at + 1] = -sign * mass * turn
-            rows[i, at] = sign * (along - mass * base)
-            for j in range(points.shape[0]):
-                k = i if points.shape[2] > 1 else 0
+                push[d] -= mass * second[d, i]
+                turn[d] = mass * (second[d, i] - second[dims + d, i])
+        rows[i, 0] = c
+        at = 1
+        for side in range(dims):
+            along, growing = 0.0, 0.0
+            for d in range(dims):
+                along += push[d] * axes[side, d]
+                growing += turn[d] * axes[side, d]
+            rows[i, at] = along
+            if moving:
+                rows[i, at + 1] = growing
+            at += patterns
+        k = i if points.shape[2] > 1 else 0
+        for j in range(loads):
+            for side in range(dims):
                 along = 0.0
                 for d in range(dims):
-                    along += points[j, d, k] * axis[d]
-                rows[i, at + first_point + j] = sign * along
-            k = i if load.shape[1] > 1 else 0
+                    along += points[j, d, k] * axes[side, d]
+                rows[i, first_point + side * patterns + j] = along
 
 
 # --- leading order ----------------------------------------------------------------------------------------------------
@@ -121,7 +128,7 @@ def _push(q, row, h, squares, bends, pushes, f):
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _look(i, q, row, h, squares, norms, knots, stiffness, length, watch):
-    """Keep the least chordwise force, the largest square of a frequency, and the largest H, with the steps of the former two."""
+    """Keep the least chordwise force with its step, the largest square of a frequency, the first step where it is too large."""
     least = np.inf
     for k in range(knots.shape[1]):
         tau = 0.0
@@ -138,8 +145,9 @@ def _look(i, q, row, h, squares, norms, knots, stiffness, length, watch):
         stray += abs(row[1 + a]) * norms[a]
     fastest = abs(h) * top + stray + stiffness / length * sag
     if fastest > watch[2]:
-        watch[2], watch[3] = fastest, i
-    watch[4] = max(watch[4], h)
+        watch[2] = fastest
+        if fastest >= watch[3]:
+            watch[4] = min(watch[4], i)
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE)
@@ -191,7 +199,8 @@ def leading_verlet(
     low, high
         Extremes of the tensions over all steps (n,), or without entries.
     watch
-        Least chordwise force and its step, largest square of a frequency and its step, largest H.
+        Least chordwise force and its step; largest square of a frequency, the one that is too large, the first step where
+        it was.
     """
     f, work = np.empty(q.size), np.empty((3, low.size))
     mark = 0
@@ -217,28 +226,34 @@ def leading_verlet(
             q[j] += step * v[j]
 
 
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+@njit(cache=True, error_model="numpy", nogil=True)
 def _solve(matrix, x):
-    """Solve a small positive definite system in place by Cholesky; False where it is not."""
+    """Solve a small system in place by elimination with pivots; False where it has no solution.
+
+    A stiff cable whose ends come closer is pushed, H < 0, until Newton's method has let it sag: the matrix is then indefinite,
+    and Cholesky's method would give up.
+    """
     n = x.size
     for j in range(n):
-        for k in range(j):
-            matrix[j, j] -= matrix[j, k] * matrix[j, k]
-        if not matrix[j, j] > 0.0:
-            return False
-        matrix[j, j] = math.sqrt(matrix[j, j])
+        best = j
         for i in range(j + 1, n):
-            for k in range(j):
-                matrix[i, j] -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] /= matrix[j, j]
-    for i in range(n):
-        for k in range(i):
-            x[i] -= matrix[i, k] * x[k]
-        x[i] /= matrix[i, i]
+            if abs(matrix[i, j]) > abs(matrix[best, j]):
+                best = i
+        if not abs(matrix[best, j]) > 0.0:
+            return False
+        if best != j:
+            for k in range(j, n):
+                matrix[j, k], matrix[best, k] = matrix[best, k], matrix[j, k]
+            x[j], x[best] = x[best], x[j]
+        for i in range(j + 1, n):
+            factor = matrix[i, j] / matrix[j, j]
+            for k in range(j + 1, n):
+                matrix[i, k] -= factor * matrix[j, k]
+            x[i] -= factor * x[j]
     for back in range(n):
         i = n - 1 - back
         for k in range(i + 1, n):
-            x[i] -= matrix[k, i] * x[k]
+            x[i] -= matrix[i, k] * x[k]
         x[i] /= matrix[i, i]
     return True
 
@@ -398,6 +413,28 @@ def close(squared, tau, h, chord, stiffness, green, force, z, work):
     return np.nan
 
 
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _carry(stretching, h, inertia, momentum):
+    """Fill the product (m,) of links that stretch with the mass that they carry along the chord.
+
+    A link that grows moves all particles above it, less what keeps the chord as it is.
+    """
+    m = h.size
+    total = 0.0
+    for j in range(m):
+        total += h[j] * stretching[j]
+        momentum[j] = total
+    mean = 0.0
+    for j in range(m):
+        momentum[j] = inertia[0, j] * (momentum[j] - inertia[1, j] * total)
+        mean += inertia[1, j] * momentum[j]
+    above = -mean
+    for back in range(m):
+        j = m - 1 - back
+        above += momentum[j]
+        momentum[j] = h[j] * above
+
+
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE)
 def exact_force(
     q, v, row, slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed, lever, f, tangent, mass
@@ -411,7 +448,8 @@ def exact_force(
     row, slopes, plane, taus, h, stiffness, green, pushes
         As in :func:`leading_verlet` and :func:`close`, at the points of quadrature (m,).
     inertia
-        Mass matrix of the stretching of the points (m, m) [kg], or without entries: no chordwise inertia.
+        Masses [kg] of the particles above the links and their relative arc lengths (2, m), or without entries: no chordwise
+        inertia.
     guess
         First guess of H [N].
     z, work, slope, speed, lever
@@ -485,11 +523,7 @@ def exact_force(
             rate = (slope[0, j] * speed[0, j] + slope[1, j] * speed[1, j]) / z[j]
             speed[0, j] = -(speed[0, j] * speed[0, j] + speed[1, j] * speed[1, j] + rate * rate) / z[j]
         for i in range(r):
-            for j in range(m):
-                total = 0.0
-                for k in range(m):
-                    total += inertia[j, k] * lever[i, k]
-                lever[r + i, j] = total
+            _carry(lever[i], h, inertia, lever[r + i])
         for i in range(r):
             total = 0.0
             for j in range(m):
@@ -529,8 +563,9 @@ def _observe(i, q, row, force, work, squares, norms, stiffness, length, watch):
         stray += abs(row[1 + a]) * norms[a]
     fastest = abs(force) * top + stray + stiffness / length * sag
     if fastest > watch[2]:
-        watch[2], watch[3] = fastest, i
-    watch[4] = max(watch[4], force)
+        watch[2] = fastest
+        if fastest >= watch[3]:
+            watch[4] = min(watch[4], i)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -595,12 +630,11 @@ def exact_implicit(
                 halves[mark, 0, j] = v[j] - 0.5 * step * acc[j]
                 halves[mark, 1, j] = v[j] + 0.5 * step * acc[j]
             mark += 1
-        if i == 0:
-            watch[5] = exact_force(
-                q, v, rows[i], slopes, plane, taus, h, stiffness, green, pushes, none, watch[5], z, work, slope, speed,
-                lever, f, none, mass,
-            )  # fmt: skip
-        # at later steps work holds what the last iteration of the step before found
+        # once more: of a stiff cable the last correction, however small, is much of the tension
+        watch[5] = exact_force(
+            q, v, rows[i], slopes, plane, taus, h, stiffness, green, pushes, none, watch[5], z, work, slope, speed,
+            lever, f, none, mass,
+        )  # fmt: skip
         _observe(begin + i, q, rows[i], watch[5], work, squares, norms, stiffness, length, watch)
         if low.size:
             _extremes(work, stiffness, green, low, high)
@@ -663,3 +697,75 @@ def close_all(squared, tau, h, chord, stiffness, green, force, z):
                 z[i, j] = z[i - 1, j]
         force[i] = close(squared[i], tau[i], h, chord[i], stiffness, green, guess, z[i], work)
         guess = force[i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def error_growth(
+    y, rate, acc, rows, step, damping, stiffness, slopes, plane, taus, h, green, pushes, inertia, first, guess, z, sigma, sizes
+):  # fmt: skip
+    """Integrate the error that the residual of a richer model drives, by the trapezoidal rule on sampled instants.
+
+    Parameters
+    ----------
+    y, rate, acc
+        Motion of the poorer model in the coordinates of the richer one, at the samples (samples, r).
+    step
+        Distance of the samples [s].
+    first
+        Error at the start (r,).
+    sigma
+        Relative arc length of the particles (n + 1,).
+    sizes
+        Filled: mean square of the error over the particles (samples,) [m^2], in the deflection and along the chord.
+
+    The other parameters are those of :func:`exact_force` for the richer model.
+    """
+    r, m = slopes.shape
+    f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))
+    work, slope, speed, lever = np.empty((4, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
+    error, v, a, ahead, moved = first.copy(), np.zeros(r), np.zeros(r), np.empty(r), np.empty((2, m))
+    quarter = 0.25 * step * step
+    for i in range(y.shape[0]):
+        guess = exact_force(
+            y[i], rate[i], rows[i], slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed,
+            lever, f, tangent, mass,
+        )  # fmt: skip
+        for j in range(r):
+            ahead[j] = error[j] if i == 0 else error[j] + step * v[j] + quarter * a[j]
+        for j in range(r):
+            # the residual, less what the error so far pulls back
+            total = f[j]
+            for k in range(r):
+                known = rate[i, k] if i == 0 else rate[i, k] + v[k] + 0.5 * step * a[k]
+                total -= mass[j, k] * (acc[i, k] + damping * known) + tangent[j, k] * ahead[k]
+            f[j] = total
+        for j in range(r):
+            for k in range(r):
+                if i:
+                    mass[j, k] = (1.0 + 0.5 * step * damping) * mass[j, k] + quarter * tangent[j, k]
+        if not _solve(mass, f):
+            sizes[i:] = np.inf
+            return
+        for j in range(r):
+            if i:
+                error[j] = ahead[j] + quarter * f[j]
+                v[j] += 0.5 * step * (a[j] + f[j])
+            a[j] = f[j]
+        for j in range(m):
+            moved[0, j] = 0.0
+            moved[1, j] = 0.0
+        for k in range(r):
+            s = 0 if k < plane else 1
+            for j in range(m):
+                moved[s, j] += slopes[k, j] * error[k]
+        reach = 0.0
+        for j in range(m):
+            reach -= h[j] * (slope[0, j] * moved[0, j] + slope[1, j] * moved[1, j]) / z[j]
+        normal, across, along, total = 0.0, 0.0, 0.0, 0.0
+        for j in range(m):
+            normal += h[j] * moved[0, j]
+            across += h[j] * moved[1, j]
+            along -= h[j] * (slope[0, j] * moved[0, j] + slope[1, j] * moved[1, j]) / z[j]
+            shift = along - sigma[j + 1] * reach
+            total += normal * normal + across * across + shift * shift
+        sizes[i] = total / (m + 1)

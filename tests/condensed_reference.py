@@ -1,0 +1,157 @@
+"""The condensed model written down anew, link by link and without modes, for SciPy's DOP853; and scenes to compare on."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from scipy.integrate import solve_ivp
+from scipy.optimize import root
+
+import cablepod as cp
+from cablepod.catenary import unstretched_length
+from cablepod.parameters import parameters
+
+LENGTHS = [1.0, 1.5, 1.0, 0.7, 1.2]
+
+
+def full_modes(lengths=LENGTHS, dims=2, *, seed=3, samples=30):
+    """Modes of layout "normal" that span all deflections of a chain with these links."""
+    sigma = np.concatenate([[0.0], np.cumsum(lengths)]) / np.sum(lengths)
+    rng = np.random.default_rng(seed)
+    position = np.zeros((samples, sigma.size, dims))
+    position[..., 0] = 7.0 * sigma
+    position[:, 1:-1, 1:] = rng.normal(size=(samples, sigma.size - 2, dims - 1))
+    snapshots = xr.Dataset(
+        {"position": (("time", "particle", "coordinate"), position)},
+        coords={
+            "time": np.arange(1.0 * samples),
+            "arc_length": ("particle", 7.0 * sigma),
+            "coordinate": list("xyz"[:dims]),
+        },
+    )
+    return cp.pod.decompose(snapshots, layout="normal")
+
+
+class Reference:
+    """Links between the ends of a scene whose inner particles have mass across the chord, but none along it.
+
+    The exact model is a chain whose chordwise coordinates follow from balance along the chord (no scalar H appears), the leading
+    one a string with the polynomial closure, both with forces on the particles and accelerations of the frame as they stand in
+    the equations.
+    """
+
+    def __init__(self, scene, lengths, *, leading=False, green=False):
+        self.p, self.leading, self.green = parameters(scene), leading, green
+        total = unstretched_length(self.p)
+        self.length = total * np.array(lengths) / np.sum(lengths)
+        self.s = np.concatenate([[0.0], np.cumsum(self.length)])
+        self.share = 0.5 * (np.append(self.length, 0.0) + np.append(0.0, self.length))
+        self.dims, self.inner = self.p.dims, len(lengths) - 1
+        self.damping = self.p.mass_damping or 0.0
+        self.zeta = None
+
+    def frame(self, t):
+        ends = self.p.end_positions(np.array([t]))[0]
+        reach = ends[1] - ends[0]
+        c = np.linalg.norm(reach)
+        e = reach / c
+        if self.dims == 2:
+            return ends, c, e, np.array([[-e[1], e[0]]])
+        first = np.array([0.0, 1.0, 0.0]) - e[1] * e
+        first /= np.linalg.norm(first)
+        return ends, c, e, np.array([first, np.cross(e, first)])
+
+    def forces(self, t, *, moving=True):
+        """Forces on the inner particles (inner, dims): loads, and what accelerations of the straight line do."""
+        p, total = self.p, self.s[-1]
+        force = self.share[:, None] * p.load_at(t)
+        for load in p.point_loads:
+            j = min(np.searchsorted(self.s, load.fraction * total, side="right"), len(self.length)) - 1
+            right = (load.fraction * total - self.s[j]) / self.length[j]
+            size = load.force * (1.0 if load.factor is None else float(load.factor(t)))
+            force[j] += (1.0 - right) * size
+            force[j + 1] += right * size
+        if moving:
+            for derivative, factor in ((2, 1.0), (1, self.damping)):
+                rates = p.end_positions(np.array([t]), derivative)[0]
+                line = rates[0] + np.outer(self.s / total, rates[1] - rates[0])
+                force -= p.mass * self.share[:, None] * factor * line
+        return force[1:-1]
+
+    def tension_over_reach(self, squares):
+        """Tension over the stretched length (n,) for squares of the stretched lengths."""
+        k = self.p.stiffness / self.length
+        if self.green:
+            return 0.5 * k * (squares / self.length**2 - 1.0)
+        return k * (1.0 - self.length / np.sqrt(squares))
+
+    def along(self, w, push, c):
+        """Chordwise positions of the inner particles in balance along the chord, by Newton's method."""
+        across = sum(np.diff(np.pad(part, 1)) ** 2 for part in w.T)
+        zeta = self.s[1:-1] / self.s[-1] * c if self.zeta is None else self.zeta.real * (c / self.chord)
+        zeta = zeta.astype(np.result_type(zeta, w))
+        for sweep in range(50):
+            reach = np.diff(np.concatenate([[0.0], zeta, [c]]))
+            squares = reach**2 + across
+            pull = self.tension_over_reach(squares)
+            k = self.p.stiffness / self.length
+            steeper = k / self.length**2 if self.green else k * self.length / squares**1.5
+            slope = pull + steeper * reach**2
+            jacobian = np.diag(slope[:-1] + slope[1:]) - np.diag(slope[1:-1], 1) - np.diag(slope[1:-1], -1)
+            change = np.linalg.solve(jacobian, np.diff(pull * reach) + push)
+            zeta = zeta + change
+            if sweep > 1 and np.abs(change).max() < 1e-15 * c:
+                break
+        self.zeta, self.chord = zeta, c
+        return zeta, pull, jacobian
+
+    def accelerate(self, t, w, *, moving=True):
+        """Accelerations of the deflections (inner, normals) without damping, and chordwise positions (inner,)."""
+        _, c, e, normals = self.frame(t)
+        force = self.forces(t, moving=moving)
+        if self.leading:
+            slope = np.diff(np.pad(w, ((1, 1), (0, 0))), axis=0) / self.length[:, None]
+            squared = (slope**2).sum(axis=1)
+            tau = np.concatenate([[0.0], -np.cumsum(force @ e)])
+            total = self.s[-1]
+            stretch = c / total - 1.0 + 0.5 * (squared @ self.length) / total
+            n = self.p.stiffness * stretch - (tau @ self.length) / total + tau
+            pull = (n / self.length)[:, None]
+            zeta = np.cumsum((1.0 + n / self.p.stiffness - 0.5 * squared) * self.length)[:-1]
+        else:
+            zeta, pull, _ = self.along(w, force @ e, c)
+            pull = pull[:, None]
+        across = np.diff(pull * np.diff(np.pad(w, ((1, 1), (0, 0))), axis=0), axis=0) + force @ normals.T
+        return across / (self.p.mass * self.share[1:-1, None]), zeta
+
+    def rest(self):
+        """Deflections in equilibrium at time 0 (inner, normals)."""
+        _, c, _, normals = self.frame(0.0)
+        sag = self.forces(0.0, moving=False) @ normals.T
+        guess = 0.05 * c * np.sin(np.pi * self.s[1:-1, None] / self.s[-1]) * np.sign(sag)
+        scale = 1e-3 * self.p.stiffness / self.p.mass
+        found = root(
+            lambda x: self.accelerate(0.0, x.reshape(guess.shape), moving=False)[0].ravel() / scale,
+            guess.ravel(),
+            tol=1e-15,
+        )
+        return found.x.reshape(guess.shape)
+
+    def positions(self, times, w0=None):
+        """Positions (times, inner, dims) from rest."""
+        w0 = self.rest() if w0 is None else w0
+        rates = self.p.end_positions(np.zeros(1), 1)[0]
+        line = rates[0] + np.outer(self.s[1:-1] / self.s[-1], rates[1] - rates[0])
+        start = np.concatenate([w0.ravel(), -(line @ self.frame(0.0)[3].T).ravel()])
+
+        def rate(t, state):
+            w, v = state.reshape(2, *w0.shape)
+            return np.concatenate([v, self.accelerate(t, w)[0] - self.damping * v]).ravel()
+
+        run = solve_ivp(rate, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=1e-12, atol=1e-13)
+        result = []
+        for t, state in zip(times, run.y.T, strict=True):
+            w = state.reshape(2, *w0.shape)[0]
+            ends, _, e, normals = self.frame(t)
+            result.append(ends[0] + np.outer(self.accelerate(t, w)[1], e) + w @ normals)
+        return np.array(result)
