@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import pod_normal
+from cablepod import pod_normal, training
 from cablepod.chord import Frame
 from cablepod.condensed_model import Model
 from cablepod.conventions import ENDS, label
@@ -177,6 +177,7 @@ def dataset(model: Model, state: State, modes: xr.Dataset | None, outputs: tuple
         first_axial_frequency=axial,
         forcing_over_axial_frequency=2.0 * math.pi / slowest / axial if slowest < math.inf else 0.0,
         **kept,
+        **training.outside(modes, p, chain.total_length, float(times[-1])),
     )
     return result
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import decompositions, pod_normal, provenance, schema
+from cablepod import decompositions, pod_normal, provenance, schema, training
 from cablepod.conventions import ENDS, label
 from cablepod.parameters import check_bytes
 from cablepod.schema import SceneError, refuse
@@ -142,7 +142,7 @@ def decompose(
             "arc_length": ("particle", _arc_length(snapshots)),
         },
     )
-    label(result)
+    label(training.gather(result, snapshots))
     result.attrs.update(
         title=f"{snapshots.attrs.get('title', 'snapshots')}: Karhunen-Loeve modes",
         stage="modes",

@@ -4,13 +4,14 @@
 
 Writes error_budget.nc and error_budget.png.
 
-Modes are trained on the chain itself (40 links, 125 s, every 0.1 s).  All numbers are largest distances over time over the motion.
+Modes are trained on the chain itself (40 links, 125 s, every 0.1 s).  All numbers are largest distances over time, over
+the motion.
 "projection": the chain's deflection from the span of the modes: no model on them does better in deflection.
 "leading", "exact", "inertial": the orders of the model, extrapolated in the step.
 "..., all modes": the same with all 39 modes: what is left is what the model neglects, not the modes.
 "step": what extrapolation takes off "inertial" at 0.075 of the longest stable step.
-"rotation of the chord": change of the model with chordwise inertia when mu [(zeta - S/L0 c) theta'' + 2 (zeta - S/L0 c)' theta' - w theta'^2]
-normal to the chord is added, zeta the distance along the chord and theta its angle.
+"rotation of the chord": change of the model with chordwise inertia when mu [(zeta - S/L0 c) theta'' + 2 (zeta - S/L0 c)' theta'
+- w theta'^2] normal to the chord is added, zeta the distance along the chord and theta its angle.
 "truncated, ...": change of the retained amplitudes in the model with all modes when the retained ones do not see the truncated
 ones: in the tension, in the force on them, in both.  (Without chordwise inertia; each from its own equilibrium.)
 "oblique": the model with chordwise inertia whose test functions are not the modes but as many vibration modes of the chain at its
@@ -112,7 +113,8 @@ def budget(name: str, duration: float, ranks: tuple[int, ...] = RANKS) -> np.nda
         put("rotation of the chord", k, distance(model.run(few, STEP, inertia=True, frame=True), plain, motion))
         for what in ("tension", "force", "both"):
             seen = model.run(shape, STEP, rank=rank, hidden=what)
-            put(f"truncated, in {'both' if what == 'both' else 'the ' + what}", k, distance(seen @ project, whole @ project, motion))
+            change = distance(seen @ project, whole @ project, motion)
+            put(f"truncated, in {'both' if what == 'both' else 'the ' + what}", k, change)
         tests = chosen_tests(few, vibrations, mass)
         onto = np.linalg.solve((tests * mass) @ few.T, tests * mass)
         put("oblique projection", k, distance(real @ onto.T @ few, real, motion))
@@ -126,11 +128,16 @@ def step_error(scene: xr.Dataset, modes: xr.Dataset, rank: int, times: np.ndarra
     again = cp.condensed.simulate(
         scene, modes, rank=rank, order="inertial", scheme="velocity_verlet", times=times, step=run.attrs["step"]
     )
-    return float(np.sqrt(np.mean(np.sum((again["position"] - run["position"]).values ** 2, axis=-1), axis=-1)).max() / motion_of(truth))
+    change = np.sum((again["position"] - run["position"]).values ** 2, axis=-1)
+    return float(np.sqrt(np.mean(change, axis=-1)).max() / motion_of(truth))
 
 
 def report(
-    *, examples: tuple[str, ...] = EXAMPLES, ranks: tuple[int, ...] = RANKS, duration: float = 125.0, progress: Callable[..., Any] = iter
+    *,
+    examples: tuple[str, ...] = EXAMPLES,
+    ranks: tuple[int, ...] = RANKS,
+    duration: float = 125.0,
+    progress: Callable[..., Any] = iter,
 ) -> xr.Dataset:
     """Make the budget; a Dataset over (example, term, rank)."""
     values = np.array([budget(name, duration, ranks) for name in progress(examples)])
@@ -144,11 +151,13 @@ def report(
 def draw(result: xr.Dataset, path: Path) -> None:
     """Draw the budget."""
     styles = {
-        "inertial": ("o-", "black", 1.8), "exact": ("-", "#0072B2", 1.8), "leading": ("-", "#D55E00", 1.8), "projection": (":", "black", 1.8),
+        "inertial": ("o-", "black", 1.8), "exact": ("-", "#0072B2", 1.8), "leading": ("-", "#D55E00", 1.8),
+        "projection": (":", "black", 1.8),
         "truncated, in the force": ("^--", "#009E73", 1.0), "truncated, in the tension": ("v--", "#CC79A7", 1.0),
         "oblique": ("s-", "#E69F00", 1.0), "rotation of the chord": ("x:", "0.4", 1.0),
     }  # fmt: skip
-    picture, axes = plt.subplots(1, result.sizes["example"], figsize=(13, 4.4), sharex=True, sharey=True, layout="constrained", squeeze=False)
+    shared: dict[str, Any] = {"sharex": True, "sharey": True, "layout": "constrained", "squeeze": False}
+    picture, axes = plt.subplots(1, result.sizes["example"], figsize=(13, 4.4), **shared)
     for ax, name in zip(axes[0], result["example"].values, strict=True):
         part = result["error"].sel(example=name)
         for term, (style, color, width) in styles.items():
@@ -167,7 +176,8 @@ def draw(result: xr.Dataset, path: Path) -> None:
 def show(result: xr.Dataset) -> None:
     """Print a table for each example."""
     for name in result["example"].values:
-        print(f"\n| {name} | " + " | ".join(f"r = {rank}" for rank in result["rank"].values) + " |\n" + "| --- " * (1 + result.sizes["rank"]) + "|")
+        print(f"\n| {name} | " + " | ".join(f"r = {rank}" for rank in result["rank"].values) + " |")
+        print("| --- " * (1 + result.sizes["rank"]) + "|")
         for term in result["term"].values:
             print(f"| {term} | " + " | ".join(percent(v) for v in result["error"].sel(example=name, term=term).values) + " |")
 
