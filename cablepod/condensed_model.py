@@ -179,8 +179,8 @@ class Model:
         if p.motions:
             # damping acts on the motion of the frame as on that of the deflection
             second = p.end_positions(times, 2) + (p.mass_damping or 0.0) * p.end_positions(times, 1)
-        flat = (np.ascontiguousarray(item.reshape(-1, 2 * p.dims).T) for item in (ends, second))
-        return self._filled(*flat, times, 0, 0.0)
+        first, then = (np.ascontiguousarray(item.reshape(-1, 2 * p.dims).T) for item in (ends, second))
+        return self._filled(first, then, times, 0, 0.0)
 
     def _filled(self, ends: np.ndarray, second: np.ndarray, begin: Any, steps: int, rate: float) -> np.ndarray:
         from cablepod.kernels import condensed as kernel  # numba is imported only to compute

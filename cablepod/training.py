@@ -1,7 +1,7 @@
 """How far a scene lies outside those that modes were trained on, in numbers without dimension that decide how a taut cable moves.
 
 Trajectories of the chain and of the continuous cable carry the numbers of their scene, as a variable, so that runs joined by
-``xarray.concat`` keep those of all; modes carry the least and largest of their snapshots; a reduced run says how far outside it is.
+``xarray.concat`` keep those of all; modes carry the least and largest of their snapshots; a reduced run says how far it is.
 """
 
 from __future__ import annotations

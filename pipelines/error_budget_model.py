@@ -43,11 +43,13 @@ def reach(dw, tau, length, stiffness, chord, force, z, n):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def accelerations(q, row, mass, length, sigma, stiffness, load, slopes, test, push, rank, see, part, tau, state, z, n, f):
+def accelerations(
+    q, row, mass, length, sigma, stiffness, load, slopes, test, push, rank, see, part, tau, state, z, n, f
+):
     """Accelerations f of coordinates for test functions that are unit in mass against the shapes.
 
-    `row`: chord, its direction (2,), second rates of both ends (4,).  `push`: what stands normal to the chord beside all this, per
-    mass (particle,) [m/s^2].  `see`: whether the first `rank` coordinates see only themselves in the tension, in the force.
+    `row`: chord, its direction (2,), second rates of both ends (4,).  `push`: what stands normal to the chord beside all this,
+    per mass (particle,) [m/s^2].  `see`: whether the first `rank` coordinates see only themselves in the tension, in the force.
     `part`: chordwise accelerations (particle,) [m/s^2].  `state`: H of all, H of the first coordinates.
     """
     r, m = slopes.shape
@@ -85,56 +87,56 @@ def accelerations(q, row, mass, length, sigma, stiffness, load, slopes, test, pu
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def march(q, v, step, every, rows, rates, mass, length, sigma, stiffness, load, slopes, test, rank, see, inertia, frame, saved):
+def place(w, row, length, stiffness, load, state, z, n, tau, places):
+    """Find how far along the chord the particles of deflections w stand [m]; `places` has those of this step and two before.
+
+    Geometry alone tells the stretch to second order: what chordwise inertia moves is a part H/K of it.
+    """
+    m = length.size
+    dw = (w[1:] - w[:-1]) / length
+    total = 0.0
+    for j in range(m):
+        tau[j] = total
+        total -= load[j + 1, 0] * row[1] + load[j + 1, 1] * row[2]
+    state[0] = reach(dw, tau, length, stiffness, row[0], state[0], z, n)
+    places[2], places[1] = places[1], places[0]
+    for j in range(m):
+        places[0, j + 1] = places[0, j] + length[j] * z[j]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def march(q, v, step, every, rows, rates, mass, length, sigma, stiffness, load, slopes, test, rank, see, terms, saved):
     """Velocity Verlet; saves q at every so many steps.
 
-    `rates`: angular velocity and acceleration of the chord, rate of its length (steps, 3).  Chordwise accelerations and velocities
-    are differences of the last steps.
+    `rates`: angular velocity and acceleration of the chord, rate of its length (steps, 3).  `terms`: whether chordwise inertia
+    and the rotation of the chord count; chordwise accelerations and velocities are differences of the last steps.
     """
     r, m = slopes.shape
     z, n, tau, f = np.ones(m), np.empty(m), np.empty(m), np.empty(r)
     places, part, push = np.zeros((3, m + 1)), np.zeros(m + 1), np.zeros(m + 1)
-    shapes, w = np.zeros((r, m + 1)), np.zeros(m + 1)
-    for k in range(r):
-        for j in range(m):
-            shapes[k, j + 1] = shapes[k, j] + slopes[k, j] * length[j]
+    shapes = np.zeros((r, m + 1))
+    for j in range(m):
+        shapes[:, j + 1] = shapes[:, j] + slopes[:, j] * length[j]
     state = np.full(2, stiffness * 1e-3)
     for i in range(rows.shape[0]):
-        if inertia or frame:
-            for j in range(m + 1):
-                w[j] = 0.0
-            for k in range(r):
-                for j in range(m + 1):
-                    w[j] += shapes[k, j] * q[k]
-            # geometry alone tells the stretch to second order: what the inertia moves is a part H/K of it
-            for j in range(m):
-                n[j] = (w[j + 1] - w[j]) / length[j]
-            total = 0.0
-            for j in range(m):
-                tau[j] = total
-                total -= load[j + 1, 0] * rows[i, 1] + load[j + 1, 1] * rows[i, 2]
-            dw = n.copy()
-            state[0] = reach(dw, tau, length, stiffness, rows[i, 0], state[0], z, n)
-            for j in range(m + 1):
-                places[2, j], places[1, j] = places[1, j], places[0, j]
-            for j in range(m):
-                places[0, j + 1] = places[0, j] + length[j] * z[j]
+        row, rate = rows[i], rates[i]
+        if terms[0] or terms[1]:
+            w = q @ shapes
+            place(w, row, length, stiffness, load, state, z, n, tau, places)
             if i == 0:
                 places[1], places[2] = places[0], places[0]
-            for j in range(m + 1):
-                if inertia:
-                    part[j] = (places[0, j] - 2.0 * places[1, j] + places[2, j]) / step**2
-                if frame:
-                    speed = (1.5 * places[0, j] - 2.0 * places[1, j] + 0.5 * places[2, j]) / step - sigma[j] * rates[i, 2]
-                    push[j] = (places[0, j] - sigma[j] * rows[i, 0]) * rates[i, 1] + 2.0 * speed * rates[i, 0]
-                    push[j] -= w[j] * rates[i, 0] ** 2
-        accelerations(q, rows[i], mass, length, sigma, stiffness, load, slopes, test, push, rank, see, part, tau, state, z, n, f)
+            if terms[0]:
+                part = (places[0] - 2.0 * places[1] + places[2]) / step**2
+            if terms[1]:
+                speed = (1.5 * places[0] - 2.0 * places[1] + 0.5 * places[2]) / step - sigma * rate[2]
+                push = (places[0] - sigma * row[0]) * rate[1] + 2.0 * speed * rate[0] - w * rate[0] ** 2
+        accelerations(
+            q, row, mass, length, sigma, stiffness, load, slopes, test, push, rank, see, part, tau, state, z, n, f
+        )
         if i % every == 0:
-            for k in range(r):
-                saved[i // every, k] = q[k]
-        for k in range(r):
-            v[k] += (0.5 if i == 0 else 1.0) * step * f[k]
-            q[k] += step * v[k]
+            saved[i // every] = q
+        v += (0.5 if i == 0 else 1.0) * step * f
+        q += step * v
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,7 @@ class Switched:
         self, shapes: np.ndarray, step: float, *, tests: np.ndarray | None = None, rank: int = 0, hidden: str = "nothing",
         inertia: bool = False, frame: bool = False,
     ) -> np.ndarray:  # fmt: skip
-        """Deflections (times, particle) [m] on shapes (r, particle), by test functions of their own, from the model's own rest."""
+        """Deflections (times, particle) [m] on shapes (r, particle), by any test functions, from the model's own rest."""
         parts = self.parts(step)
         test = shapes if tests is None else tests
         test = np.ascontiguousarray(np.linalg.solve((test * parts["mass"]) @ shapes.T, test))
@@ -178,19 +180,26 @@ class Switched:
         see = np.array(HIDDEN[hidden])
         q = self._rest(q, slopes, test, rank, see, parts)
         saved = np.empty((self.times.size, q.size))
-        march(q, np.zeros(q.size), step, slopes=slopes, test=test, rank=rank, see=see, inertia=inertia, frame=frame, saved=saved, **parts)
+        terms = np.array([inertia, frame])
+        march(
+            q, np.zeros(q.size), step, slopes=slopes, test=test, rank=rank, see=see, terms=terms, saved=saved, **parts
+        )  # fmt: skip
         return saved @ shapes
 
-    def _rest(self, q: np.ndarray, slopes: np.ndarray, test: np.ndarray, rank: int, see: np.ndarray, parts: dict[str, Any]) -> np.ndarray:
+    def _rest(
+        self, q: np.ndarray, slopes: np.ndarray, test: np.ndarray, rank: int, see: np.ndarray, parts: dict[str, Any]
+    ) -> np.ndarray:
         """Find where nothing accelerates, by Newton's method with differences."""
         row = np.concatenate([parts["rows"][0][:3], np.zeros(4)])  # rest knows no acceleration of the ends
         m = slopes.shape[1]
         fixed = [parts[key] for key in ("mass", "length", "sigma", "stiffness", "load")]
+        none = np.zeros(m + 1)
         state = np.full(2, parts["stiffness"] * 1e-3)
 
         def force(x: np.ndarray) -> np.ndarray:
             f = np.empty(x.size)
-            accelerations(x, row, *fixed, slopes, test, np.zeros(m + 1), rank, see, np.zeros(m + 1), np.empty(m), state, np.ones(m), np.empty(m), f)
+            room = np.empty(m), state, np.ones(m), np.empty(m)
+            accelerations(x, row, *fixed, slopes, test, none, rank, see, none, *room, f)
             return f
 
         delta = 1e-6 * np.abs(q).max()

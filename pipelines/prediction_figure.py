@@ -14,7 +14,8 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 TITLES = {
-    "example 2": "modes of Example 2", "designed": "modes of ten designed chains", "itself": "each scene's own modes", "sines": "sine modes",
+    "example 2": "modes of Example 2", "designed": "modes of ten designed chains", "itself": "each scene's own modes",
+    "sines": "sine modes",
 }  # fmt: skip
 WIDE, NARROW, LINE = "#c6dff0", "#7db4d8", "#0b3c5d"
 LEAST = 1e-6
@@ -66,7 +67,9 @@ def _panel(ax: Axes, part: xr.Dataset, name: str) -> None:
     ax.semilogy(rank, spread(part["projection_error"])[2], ":", color="black", lw=1.2, label="median, projection")
     if name == "designed":
         ax.plot([6, 6], [3e-3, 1.5e-2], "_", color="#D55E00", ms=16, mew=2)
-        ax.annotate("asked for: median,\n95th percentile", (6.2, 1.6e-2), fontsize=8, color="#A04000", ha="center", va="bottom")
+        ax.annotate(
+            "asked for: median,\n95th percentile", (6.2, 1.6e-2), fontsize=8, color="#A04000", ha="center", va="bottom"
+        )
     ax.set_title(TITLES[name], fontsize=10)
     ax.set_xticks(rank)
     ax.grid(alpha=0.3)

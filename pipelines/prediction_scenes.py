@@ -40,10 +40,15 @@ STEPS_DISAGREE = 1e-3
 def draw(count: int, seed: int) -> list[dict[str, float]]:
     """Draw scenes from a scrambled Sobol sequence over RANGES, uniformly in the spacing of each."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of a count that is no power of two: the sequence is balanced less well
+        warnings.simplefilter(
+            "ignore", UserWarning
+        )  # of a count that is no power of two: the sequence is balanced less well
         points = qmc.Sobol(len(RANGES), rng=seed).random(count)
     return [
-        {key: _spread(u, low, high, spacing) for u, (key, (_, low, high, spacing)) in zip(row, RANGES.items(), strict=True)}
+        {
+            key: _spread(u, low, high, spacing)
+            for u, (key, (_, low, high, spacing)) in zip(row, RANGES.items(), strict=True)
+        }
         for row in points
     ]
 
@@ -77,7 +82,9 @@ def scene_of(values: dict[str, float], duration: float = 125.0) -> xr.Dataset:
 def run_chain(scene: xr.Dataset, part: float = 0.2) -> xr.Dataset:
     """Run the chain of LINKS links by velocity Verlet with a part of the longest stable step."""
     limit = chain_of(parameters(scene), LINKS).step_limit()
-    return cp.chain.simulate(scene, links=LINKS, scheme="velocity_verlet", step=part * limit, outputs=("position", "tension"))
+    return cp.chain.simulate(
+        scene, links=LINKS, scheme="velocity_verlet", step=part * limit, outputs=("position", "tension")
+    )
 
 
 @dataclass(frozen=True)

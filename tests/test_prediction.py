@@ -93,6 +93,16 @@ def test_quantiles_with_runs_that_stopped(pipeline):
     assert np.isnan(quantiles(np.array([np.nan]), (0.5,))).all()
 
 
+def test_quality_of_estimates(pipeline):
+    error = np.array([1.0, 2.0, 4.0, np.nan, np.inf, 8.0])
+    count, correlation, near = pipeline["report"].estimate_quality(error, np.array([2.0, 9.9, 1.0, 1.0, 1.0, 41.0]))
+    assert count == 4
+    # ranks 1, 2, 3, 4 against 2, 3, 1, 4: 1 - 6 (1 + 1 + 4) / (4 * 15)
+    assert correlation == pytest.approx(0.4, rel=1e-12)
+    assert near == 0.75
+    assert np.isnan(pipeline["report"].estimate_quality(error[:2], error[:2])[1])
+
+
 @pytest.fixture(scope="module")
 def small(pipeline):
     patch = pytest.MonkeyPatch()
@@ -106,9 +116,15 @@ def small(pipeline):
 def test_report_in_small(pipeline, small, tmp_path, capsys):
     error = small["error"].sel(order="inertial")
     assert (error.sel(rank=6) < error.sel(rank=2)).sel(training_set="itself").all()
-    # a model cannot be nearer to the chain than its span, but for the part along the chord, which the distance of the spans leaves out
+    # a model cannot be nearer to the chain than its span, but for the part along the chord, which that distance leaves out
     assert (error > 0.99 * small["projection_error"]).all()
     assert np.isnan(small["error"].sel(order="exact", training_set="sines")).all()
+    told = small["error_estimate"].sel(order="inertial", training_set=["example 2", "designed"])
+    # no truth went into it: a factor of ten
+    assert (np.abs(np.log10(told / error.sel(training_set=told["training_set"]))) < 1.0).all()
+    assert (small["outside_training"].sel(training_set="itself") == 0.0).all()
+    assert (small["outside_training"].sel(training_set="example 2") > 0.1).all()
+    assert np.isnan(small["outside_training"].sel(training_set="sines")).all()
     assert small.sizes["sample"] == 2
     cp.archive.write(small, tmp_path / "prediction.nc")
     pipeline["figure"].draw_errors(small, tmp_path / "prediction.png")
@@ -117,7 +133,9 @@ def test_report_in_small(pipeline, small, tmp_path, capsys):
     patch.setattr(pipeline["report"], "RANKS", (2, 6))
     pipeline["report"].show(small)
     patch.undo()
-    assert "| itself | inertial |" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "| itself | inertial |" in shown
+    assert "| designed | inertial | 6 | 2 |" in shown
 
 
 def test_model_with_switches_is_the_package_where_both_do_the_same(pipeline):
@@ -127,7 +145,9 @@ def test_model_with_switches_is_the_package_where_both_do_the_same(pipeline):
     shape = np.ascontiguousarray(modes["mode_shape"].values[:3])
     switched = pipeline["switches"].Switched(scene, times)
     for order in ("exact", "inertial"):
-        run = cp.condensed.simulate(scene, modes, rank=3, order=order, times=times, step=0.0025, scheme="velocity_verlet")
+        run = cp.condensed.simulate(
+            scene, modes, rank=3, order=order, times=times, step=0.0025, scheme="velocity_verlet"
+        )
         package = deflections(run["position"].values)[0]
         own = switched.run(shape, 0.0025, inertia=order == "inertial")
         moved = np.abs(package - package[0]).max()
