@@ -120,6 +120,8 @@ def march(q, v, step, every, rows, rates, mass, length, sigma, stiffness, load, 
     state = np.full(2, stiffness * 1e-3)
     for i in range(rows.shape[0]):
         row, rate = rows[i], rates[i]
+        # of an evenly stretched cable
+        part = sigma * ((row[5] - row[3]) * row[1] + (row[6] - row[4]) * row[2])
         if terms[0] or terms[1]:
             w = q @ shapes
             place(w, row, length, stiffness, load, state, z, n, tau, places)
