@@ -68,7 +68,7 @@ def _panel(ax: Axes, part: xr.Dataset, name: str) -> None:
     if name == "designed":
         ax.plot([6, 6], [3e-3, 1.5e-2], "_", color="#D55E00", ms=16, mew=2)
         ax.annotate(
-            "asked for: median,\n95th percentile", (6.2, 1.6e-2), fontsize=8, color="#A04000", ha="center", va="bottom"
+            "asked for: median,\n95th percentile", (6.1, 0.13), fontsize=8, color="#A04000", ha="center", va="bottom"
         )
     ax.set_title(TITLES[name], fontsize=10)
     ax.set_xticks(rank)

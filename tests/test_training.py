@@ -43,6 +43,15 @@ def test_features_of_a_taut_level_guy():
     assert found["other_loads"] == 0.0
 
 
+def test_load_along_an_inclined_guy():
+    found, length = numbers(guy(ends={"lower": [0.0, 0.0], "upper": [30.0, 40.0]}, motion={}))
+    weight = 8000.0 * 1e-4 * 9.81
+    # the tension is given at the top: at the middle it is half of what the weight along the chord takes, 1.6e-3, less
+    tension = 1e5 - 0.5 * weight * 0.8 * length
+    assert found["pull_along"] == pytest.approx(0.8 * weight * length / tension, rel=1e-5)
+    assert found["irvine_parameter"] == pytest.approx((0.6 * weight * length / tension) ** 2 * 1e7 / tension, rel=1e-5)
+
+
 def test_features_of_motion_across_and_of_other_loads():
     up = {"upper": {"y": {"kind": "harmonic", "amplitude": 0.02, "angular_frequency": 2.0}}}
     found, length = numbers(guy(motion=up, point_load=[{"arc_length": 0.3, "force": [30.0, -40.0]}]))
