@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import provenance, stepping, training
+from cablepod import provenance, stepping
 from cablepod.cable_choice import COUNTS, limit_of, picked, refined, refined_in_space
 from cablepod.cable_runs import SCHEMES, MeshImplicit, MeshRun, MeshVerlet, output_coordinates
 from cablepod.conventions import label
@@ -231,7 +231,7 @@ def simulate(
     if elements is None:
         run, state, space = refined_in_space(runs, run, state, rate, goal)
         rate = state.instants.rate
-    result = training.describe(run.dataset(state), p)
+    result = run.dataset(state)
     if estimate is not None:
         result.attrs["time_error_estimate"] = estimate
     if space is not None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import implicit, provenance, stepping, training
+from cablepod import implicit, provenance, stepping
 from cablepod.conventions import label
 from cablepod.implicit import ImplicitRun
 from cablepod.links import LAWS, Chain, chain_of, check_law, square
@@ -301,7 +301,7 @@ def simulate(
         run, (state, rate, estimate), reason = _picked(
             explicit, ImplicitRun(*about), limit, goal, asked=tolerance is not None
         )
-    result = training.describe(run.dataset(state), p)
+    result = run.dataset(state)
     if estimate is not None:
         result.attrs["time_error_estimate"] = estimate
     result.attrs["choice_of_scheme"] = reason

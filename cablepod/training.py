@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import label
 from cablepod.parameters import Parameters, solve_statics
 
 #: What is compared, all at rest or as the largest over time; T is the mean tension of the ends at rest, L the unstretched length:
@@ -26,7 +25,7 @@ from cablepod.parameters import Parameters, solve_statics
 #: "other_loads": point loads, and what the uniform load changes by, over T.
 FEATURES = ("irvine_parameter", "pull_along", "end_motion", "end_acceleration", "frequency", "other_loads")
 #: Instants at which motions and loads are looked at.
-INSTANTS = 1001
+INSTANTS = 201
 
 
 # to make the index of a coordinate takes as long as a thousand steps
@@ -57,9 +56,11 @@ def features(p: Parameters, length: float, until: float) -> np.ndarray:
     moved = pushed = 0.0
     if p.motions:
         ends = p.end_positions(times)
-        moved = float(np.abs(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) - size).max())
-        second = p.end_positions(times, 2)
-        pushed = float(np.linalg.norm(second - (second @ along)[..., None] * along, axis=2).max())
+        reach = ends[:, 1] - ends[:, 0]
+        moved = float(np.abs(np.sqrt(np.einsum("td,td->t", reach, reach)) - size).max())
+        second = p.end_positions(times, 2).reshape(-1, p.dims)
+        second -= np.outer(second @ along, along)
+        pushed = math.sqrt(float(np.einsum("td,td->t", second, second).max()))
     slowest, other = p.time_scale, 0.0
     for item in p.point_loads:
         other += float(np.linalg.norm(item.force)) * _largest(item.factor, times)
@@ -82,12 +83,10 @@ def _largest(factor: Callable[[np.ndarray], np.ndarray] | None, times: np.ndarra
     return 1.0 if factor is None else float(np.abs(factor(times)).max())
 
 
-def describe(trajectory: xr.Dataset, p: Parameters) -> xr.Dataset:
-    """Add the numbers of its scene to a trajectory, as ``scene_feature (feature)``; in place, returned for chaining."""
-    values = features(p, float(trajectory["arc_length"].values[-1]), float(trajectory["time"].values[-1]))
-    trajectory["scene_feature"] = ("feature", values)
-    trajectory.coords["feature"] = _names()
-    return label(trajectory)
+def describe(p: Parameters, length: float, until: float) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the variable ``scene_feature (feature)`` of a trajectory and its coordinate; see :func:`features`."""
+    # given to the Dataset as it is made: to add them later takes as long as a short run
+    return {"scene_feature": ("feature", features(p, length, until))}, {"feature": _names()}
 
 
 def gather(modes: xr.Dataset, snapshots: xr.Dataset) -> xr.Dataset:
@@ -115,7 +114,7 @@ def outside(modes: xr.Dataset | None, p: Parameters, length: float, until: float
     """
     if modes is None or "training_range" not in modes:
         return {}
-    low, high = np.log1p(modes["training_range"].values)
+    low, high = np.log1p(modes.variables["training_range"].values)
     place = np.log1p(features(p, length, until))
     # rounding of the training scene itself is not outside
     excess = np.maximum(low - place, place - high)

@@ -70,7 +70,11 @@ def test_features_of_motion_across_and_of_other_loads():
 def chain_and_modes(*scenes, layout="normal"):
     runs = [cp.chain.simulate(scene, links=8, step=2e-4) for scene in scenes]
     # the runs differ in length: that of the first names the particles, as everywhere
-    joined = runs[0] if len(runs) == 1 else xr.concat(runs, dim="member", join="override", compat="override", coords="minimal")
+    joined = (
+        runs[0]
+        if len(runs) == 1
+        else xr.concat(runs, dim="member", join="override", compat="override", coords="minimal")
+    )
     return cp.pod.decompose(joined, layout=layout)
 
 
