@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import archive, catenary, chain, compare, galerkin, pod
+from cablepod import archive, catenary, chain, compare, galerkin, lineage, pod
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
 from cablepod.scene import read_scene
@@ -105,12 +105,22 @@ def _parser() -> argparse.ArgumentParser:
     info = commands.add_parser("info", help="what a file holds and how it was made")
     info.epilog = "example: cablepod info out/example2/chain.nc"
     info.add_argument("path", metavar="PATH", help="a netCDF file of this package, or a folder of them")
+    info.add_argument(
+        "--lineage",
+        action="store_true",
+        help="list all that a file comes from, as a Python file that makes it again from its scenes",
+    )
     info.set_defaults(run=_info)
     return parser
 
 
 def _info(options: argparse.Namespace) -> int:
     path = Path(options.path)
+    if options.lineage:
+        if path.is_dir():
+            raise archive.ArchiveError(f"{path}: a folder; allowed with --lineage: one file")
+        print(lineage.script(archive.read(path, chunks={})), end="")
+        return 0
     if not path.is_dir():
         print(archive.describe(path))
         return 0

@@ -1,34 +1,23 @@
-"""The condensed model: quasi-static along the chord, Karhunen-Loeve modes for the deflection normal to it."""
+"""Reduced model that is quasi-static along the chord: modes for the deflection normal to it, one tension for all of them."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod import condensed_estimate, condensed_output, provenance, stepping
-from cablepod.condensed_model import Model, model_of
-from cablepod.condensed_output import State
+from cablepod import condensed_batch, condensed_output, provenance, stepping
+from cablepod.condensed_batch import result_of
+from cablepod.condensed_model import model_of
+from cablepod.condensed_runs import SCHEMES, Options, solve
 from cablepod.conventions import OUTPUTS
-from cablepod.members import over_members
-from cablepod.parameters import check_memory, parameters
+from cablepod.members import unnamed_values
+from cablepod.parameters import parameters_of_members
 from cablepod.schema import refuse
-from cablepod.stepping import Instants, RunStopped
-
-SCHEMES = ("velocity_verlet", "trapezoidal")
-#: Where the stretching of the sag takes the explicit limit below this share of what the tension alone would allow, steps are
-#: implicit by default.
-STIFF = 0.3
-#: First step of a search times the highest frequency (implicit: the lowest).  Nothing damps free vibrations, so that with longer
-#: steps their phases are off by turns at the end of a run, and two runs tell nothing of each other.
-RESOLVING = 0.4
 
 
-@over_members
 def simulate(
     scene: xr.Dataset,
     modes: xr.Dataset,
@@ -41,6 +30,7 @@ def simulate(
     step: float | None = None,
     tolerance: float | None = None,
     outputs: tuple[str, ...] = ("position", "error_estimate"),
+    links: Any = None,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Simulate the cable of a scene, quasi-static along its chord, on modes of the deflection normal to it.
@@ -48,7 +38,8 @@ def simulate(
     Parameters
     ----------
     scene
-        A scene with both ends held, with or without ``member``; it need not be the one the modes come from.
+        A scene with both ends held; it need not be the one the modes come from.  Members of a scene with ``member`` run side by
+        side; those that fail hold nan and say why in ``failure``.
     modes
         What :func:`cablepod.pod.decompose` gives with layout "normal"; they are carried over by sigma = S / L0.
     rank
@@ -71,6 +62,8 @@ def simulate(
     outputs
         Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "error_estimate" (of the model, see
         :func:`cablepod.condensed_estimate.estimate`; it takes longer than the run itself); nothing else is computed.
+    links
+        Numbers, from 1 at the lower end, of the links whose tensions are given; all by default.
     progress
         Called now and then with the part of the run that is done, from 0 to 1.
 
@@ -112,185 +105,62 @@ def simulate(
         raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
     if scheme is not None:
         stepping.check_scheme(scheme, SCHEMES)
-    goal = stepping.DEFAULT_TOLERANCE if tolerance is None else stepping.check_positive("tolerance", tolerance)
-    p = parameters(scene)
+    options = Options(
+        None if times is None else stepping.check_times(times),
+        scheme,
+        None if step is None else stepping.check_positive("step", step),
+        stepping.DEFAULT_TOLERANCE if tolerance is None else stepping.check_positive("tolerance", tolerance),
+        names,
+        None if links is None else check_links(links, modes),
+    )
+    p, *others = parameters_of_members(scene)
     model = model_of(p, modes, rank=rank, order=order, law=law)
-    instants = p.times() if times is None else stepping.check_times(times)
-    p.check_reach(float(instants[-1]))
-    check_memory(instants.size, model.chain.links, p.dims, key="times", variables=3)
-    q0, v0 = model.initial()
-    push, _, h = model.force(q0, v0, model.first_row)
-    fastest = model.highest_square(q0, model.first_row, h)
-    limit = 2.0 / math.sqrt(fastest)
-    if scheme is None:
-        explicit = limit >= STIFF * 2.0 / math.sqrt(max(abs(h) * model.turned[1].max(), 1e-300))
-        scheme = SCHEMES[0] if explicit or (step is not None and step < limit) else SCHEMES[1]
-    run = Run(model, instants, Start(q0, v0, push, h), names, progress, scheme)
-    if step is None:
-        first = min(_unforced_step(run, fastest), p.time_scale / stepping.STEPS_PER_CHANGE)
-        chord = float(np.linalg.norm(p.upper - p.lower))
-        initial = condensed_output.positions(model, q0[None], np.zeros(1))[0]
-
-        def position(state: State) -> np.ndarray:
-            return condensed_output.positions(model, state.q, state.instants.times)
-
-        state, rate, estimate = stepping.refine(
-            run,
-            position,
-            lambda s: stepping.motion_scale(position(s), initial, chord),
-            stepping.preferred_rate(1.0 / first),
-            goal,
+    if "member" in scene.dims:
+        result = condensed_batch.run(
+            scene,
+            modes,
+            model,
+            [p, *others],
+            options,
+            lambda other: model_of(other, modes, rank=rank, order=order, law=law),
+            progress,
         )
     else:
-        if scheme == SCHEMES[0]:
-            stepping.check_step(step, limit, f"2 over the highest angular frequency, {2 / limit:.6g} rad/s")
-        rate = 1.0 / stepping.check_positive("step", step)
-        state, estimate = run(rate), None
-    result = condensed_output.dataset(model, state, modes, names, str(scene.attrs.get("title", "scene")))
-    result.attrs.update(step_limit=limit, scheme=scheme)
-    if estimate is not None:
-        result.attrs["time_error_estimate"] = estimate
-    if "error_estimate" in names:
-        again = replace(run, outputs=(), progress=None)
-        result.attrs["error_estimate"] = (estimate or 0.0) + condensed_estimate.estimate(
-            model, lambda at, steps: replace(again, times=at)(steps), rate, float(instants[-1])
-        )
-    condensed_output.warn_out_of_range(result)
-    options = {
+        title = str(scene.attrs.get("title", "scene"))
+        result = result_of(solve(model, options, progress), modes, options, title)
+        condensed_output.warn_out_of_range(result.attrs)
+    record = {
         "rank": model.rank,
-        "times": instants,
+        "times": p.times() if options.times is None else options.times,
         "order": order,
         "law": law,
-        "scheme": scheme,
-        "step": 1.0 / rate,
-        "tolerance": None if step is not None else goal,
+        "scheme": result.attrs.get("scheme", scheme),
+        "step": result.attrs.get("step", step),
+        "tolerance": None if step is not None else options.tolerance,
         "outputs": list(names),
+        **({} if links is None else {"links": [int(item) for item in links]}),
+        **(unnamed_values(scene) if "member" in scene.dims else {}),
     }
-    return provenance.record(result, function="condensed.simulate", parameters=options, inputs=[scene, modes])
+    return provenance.record(
+        result,
+        function="condensed.simulate",
+        parameters=record,
+        inputs=[scene, modes],
+        chosen=provenance.unset(rank=rank, times=times, scheme=scheme, step=step, tolerance=tolerance),
+    )
 
 
-def _unforced_step(run: Run, fastest: float) -> float:
-    until = float(run.times[-1])
-    if run.scheme == SCHEMES[0]:
-        return RESOLVING / math.sqrt(max(fastest, run.model.taut_square(until)))
-    h = max(run.model.taut_square(until), 1e-300) / run.model.turned[1].max()
-    slowest = math.sqrt(max(h, 1e-9 * run.model.chain.p.stiffness) * run.model.turned[1].min())
-    return min(max(until, 1e-300) / 20.0, RESOLVING / slowest)
-
-
-class Start(NamedTuple):
-    """What a run starts from."""
-
-    q: np.ndarray  #: coordinates (r,)
-    rates: np.ndarray  #: their rates
-    push: np.ndarray  #: their accelerations but for damping
-    h: float  #: H [N]
-
-
-@dataclass(frozen=True)
-class Run:
-    """One scene on one set of modes, ready to be run with any step."""
-
-    model: Model
-    times: np.ndarray
-    start: Start
-    outputs: tuple[str, ...]
-    progress: Callable[[float], None] | None
-    scheme: str
-
-    def __call__(self, rate: float) -> State:
-        """Run with so many steps per second."""
-        from cablepod.kernels import condensed as kernel  # numba is imported only to compute
-
-        model, step = self.model, 1.0 / rate
-        chain, p, r = model.chain, model.chain.p, len(model.shapes)
-        instants = Instants.of(self.times, rate)
-        explicit, leading = self.scheme == SCHEMES[0], model.order == "leading"
-        damping = p.mass_damping or 0.0
-        q, v, acc, z = self._first_state(step, explicit)
-        saved, halves = np.empty((instants.steps.size, r)), np.empty((instants.steps.size, 2, r))
-        wanted = chain.links if "tension_extremes" in self.outputs else 0
-        low, high = np.full(wanted, np.inf), np.full(wanted, -np.inf)
-        watch = np.array([np.inf, 0.0, 0.0, 4.0 * rate**2 if explicit else np.inf, np.inf, self.start.h])
-        decay = math.exp(-damping * step)
-        kick = -math.expm1(-damping * step) / damping if damping else step
-        total = int(instants.steps[-1]) + (1 if explicit else 0)
-        about = (p.stiffness, chain.total_length, model.turned[1])
-        links = (model.slopes, model.plane, model.taus)
-        bound = 1e6 * math.sqrt(model.mass.sum()) * chain.total_length
-
-        def advance(begin: int, steps: int) -> bool:
-            final = begin + steps == total
-            first = np.searchsorted(instants.steps, begin)
-            last = np.searchsorted(instants.steps, begin + steps + (1 if final and not explicit else 0))
-            rows = model.rows(begin, steps - 1 if explicit else steps, rate)
-            kept = (begin, instants.steps[first:last], saved[first:last], halves[first:last], low, high, watch)
-            done = steps
-            if leading:
-                rest: tuple[Any, ...] = (
-                    *about,
-                    model.means,
-                    model.bends,
-                    model.pushes,
-                    model.norms,
-                    model.knots,
-                    *links,
-                    *kept,
-                )
-                if explicit:
-                    kernel.leading_verlet(q, v, step, decay, kick, rows, *rest)
-                else:
-                    done = kernel.leading_implicit(q, v, acc, step, damping, rows, *rest)
-            else:
-                rest = (*about, model.pushes, model.norms, *links, chain.length, model.green, model.inertia, z, *kept)
-                if explicit:
-                    kernel.exact_verlet(q, v, acc, step, decay, kick, rows, *rest)
-                else:
-                    done = kernel.exact_implicit(q, v, acc, step, damping, rows, *rest)
-            return done == steps and bool(np.isfinite(q).all()) and float(np.abs(q).max()) < bound
-
-        failed = stepping.march(advance, (q, v, acc, z, watch), max(total, 1) if explicit else total, self.progress)
-        if total == 0:  # an implicit run of no length has only its start
-            advance(0, 0)
-        state = State(instants, saved, halves, (low, high) if wanted else None, watch, self.scheme)
-        if watch[4] < np.inf:  # before any breakdown, whose cause it is
-            first = int(watch[4])
-            raise RunStopped(
-                f"the condensed model stiffened: from {first / rate:.6g} s on its stability limit is below the step {step:.6g} s "
-                f"({self.scheme}), at least {2 / math.sqrt(watch[2]):.6g} s; try a shorter step, or scheme trapezoidal",
-                self._partial(state, first, rate),
-            )
-        if failed is not None:
-            self._stop(state, failed, rate)
-        return state
-
-    def _first_state(self, step: float, explicit: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Coordinates, rates (half a step before the start for explicit steps), accelerations, chordwise stretch."""
-        model, damping = self.model, self.model.chain.p.mass_damping or 0.0
-        q, rates, push, _ = self.start
-        z = model.first_stretch(model.first_row)
-        if not explicit:
-            return q.copy(), rates.copy(), push - damping * rates, z
-        grow = math.expm1(0.5 * damping * step)
-        back = 0.5 * step if not damping else grow / damping
-        return q.copy(), rates * (1.0 + grow) - back * push, push - damping * rates, z
-
-    def _stop(self, state: State, done: int, rate: float) -> None:
-        raise RunStopped(
-            f"the condensed model left the finite numbers or found no equilibrium along the chord at {done / rate:.6g} s "
-            f"({self.scheme}, step {1 / rate:.4g} s, step number {done}, least chordwise force {state.watch[0]:.3g} N); try a "
-            "shorter step or, where the cable goes slack, the chain itself",
-            self._partial(state, done, rate),
-        )
-
-    def _partial(self, state: State, done: int, rate: float) -> xr.Dataset | None:
-        """Make a Dataset of the instants before the step number `done`."""
-        count = int(np.searchsorted(state.instants.times, done / rate * (1.0 - 1e-12)))
-        if not count:
-            return None
-        few = Instants.of(state.instants.times[:count], rate)
-        saved, halves = state.saved[: few.steps.size], state.halves[: few.steps.size]
-        part = State(few, saved, halves, None, state.watch, self.scheme)
-        result = condensed_output.dataset(self.model, part, None, ("position",), "stopped")
-        result.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {state.instants.times[-1]:.6g} s"
-        return result
+def check_links(links: Any, modes: xr.Dataset) -> np.ndarray:
+    """Return the indices, from 0, of links by their numbers, from 1."""
+    most = modes.sizes["particle"] - 1
+    numbers = np.atleast_1d(np.asarray(links))
+    if (
+        numbers.ndim != 1
+        or numbers.dtype.kind not in "iu"
+        or not numbers.size
+        or np.unique(numbers).size < numbers.size
+    ):
+        raise refuse("links", links, f"different whole numbers from 1 to {most}")
+    if numbers.min() < 1 or numbers.max() > most:
+        raise refuse("links", links, f"from 1, at the lower end, to {most}")
+    return numbers - 1

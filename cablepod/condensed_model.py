@@ -156,6 +156,8 @@ class Model:
     @cached_property
     def reference(self) -> int:
         """Axis that tells the normals apart in space."""
+        if self.chain.p.dims == 2:
+            return 1
         ends = self.chain.p.end_positions(np.zeros(1))
         return Frame.of(ends[:, 1] - ends[:, 0]).reference
 
@@ -177,10 +179,11 @@ class Model:
         p = self.chain.p
         ends, second = p.end_positions(times), np.zeros((0, 2, p.dims))
         if p.motions:
-            # damping acts on the motion of the frame as on that of the deflection
-            second = p.end_positions(times, 2) + (p.mass_damping or 0.0) * p.end_positions(times, 1)
-        first, then = (np.ascontiguousarray(item.reshape(-1, 2 * p.dims).T) for item in (ends, second))
-        return self._filled(first, then, times, 0, 0.0)
+            second = p.end_positions(times, 2)
+            if p.mass_damping:  # it acts on the motion of the frame as on that of the deflection
+                second += p.mass_damping * p.end_positions(times, 1)
+        places, pushed = (np.ascontiguousarray(item.reshape(-1, 2 * p.dims).T) for item in (ends, second))
+        return self._filled(places, pushed, times, 0, 0.0)
 
     def _filled(self, ends: np.ndarray, second: np.ndarray, begin: Any, steps: int, rate: float) -> np.ndarray:
         from cablepod.kernels import condensed as kernel  # numba is imported only to compute
@@ -211,12 +214,16 @@ class Model:
 
     def initial(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates at the start and their rates; a run from equilibrium starts from the model's own."""
-        p = self.chain.p
-        position = start(self.chain)
-        frame = Frame.of((position[-1] - position[0])[None], self.reference)
-        q = self.coordinates(frame.split(position[None])[1])[0]
-        if not p.initial:
+        p, q = self.chain.p, self.first_guess
+        if q is not None:
             q = self._equilibrium(q)
+        if q is None:
+            position = start(self.chain)
+            frame = Frame.of((position[-1] - position[0])[None], self.reference)
+            q = self.coordinates(frame.split(position[None])[1])[0]
+            if not p.initial:
+                rest = self._equilibrium(q)
+                q = q if rest is None else rest
         rates = p.end_positions(np.zeros(1), 1)[0]
         if not rates.any():
             return q, np.zeros_like(q)
@@ -225,20 +232,31 @@ class Model:
         speed = rates[0] + sigma[:, None] * (rates[1] - rates[0])
         return q, self.coordinates(-np.einsum("pc,kc->kp", speed, frame.normals[0])[:, None])[0]
 
-    def _equilibrium(self, q: np.ndarray) -> np.ndarray:
-        first = q
+    @cached_property
+    def first_guess(self) -> np.ndarray | None:
+        """Coordinates near equilibrium, where known at less cost than those of the chain at rest."""
+        return None
+
+    def _equilibrium(self, q: np.ndarray) -> np.ndarray | None:
+        """Find the equilibrium nearest to q by Newton's method; None where it fails."""
         # rest knows no acceleration: its forces are those of the loads alone
-        still = self._still_row
+        still = self.still_row
+        if self.order == "leading":
+            from cablepod.kernels import condensed as kernel
+
+            chain, q = self.chain, q.copy()
+            about = chain.p.stiffness, chain.total_length, self.turned[1], self.means, self.bends, self.pushes
+            return q if kernel.leading_rest(q, still, *about) else None
         size = np.abs(q).max()
         for _ in range(60):
             force, tangent, _ = self.force(q, np.zeros_like(q), still)
             try:
                 change = np.linalg.solve(tangent, force)
             except np.linalg.LinAlgError:
-                return first
+                return None
             q = q + change
             if not np.isfinite(q).all() or np.abs(q).max() > 10.0 * size:
-                return first
+                return None
             if np.abs(change).max() <= 1e-14 * size:
                 break
         return q
@@ -249,7 +267,8 @@ class Model:
         return self.rows_at(np.zeros(1))[0]
 
     @cached_property
-    def _still_row(self) -> np.ndarray:
+    def still_row(self) -> np.ndarray:
+        """The same with the ends at rest."""
         p = self.chain.p
         if not p.motions:
             return self.first_row

@@ -4,35 +4,39 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from xarray.indexes import PandasIndex
 
 from cablepod import pod_normal, training
 from cablepod.chord import Frame
 from cablepod.condensed_model import Model
-from cablepod.conventions import ENDS, label
-from cablepod.runs import coordinates
+from cablepod.conventions import COORDINATES, ENDS, label
 from cablepod.stepping import Instants
 
 #: Motion of the ends with a frequency above this share of the first axial one makes waves along the cable, which the model lacks.
 FAST = 0.2
 
 
-# to make the index of a coordinate takes as long as a thousand steps
 @lru_cache
-def end_axis() -> xr.IndexVariable:
-    """Names of the ends, as a coordinate."""
-    return xr.IndexVariable("end", list(ENDS))
+def _fixed_indexes(dims: int, rank: int) -> dict[str, PandasIndex]:
+    """Names of axes and ends, numbers of modes; to make them takes longer than a run of a thousand steps."""
+    names = {"coordinate": list(COORDINATES[:dims]), "mode": np.arange(1, rank + 1), "end": list(ENDS)}
+    return {key: PandasIndex(np.asarray(values), key) for key, values in names.items()}
 
 
-@lru_cache
-def numbers(count: int) -> xr.IndexVariable:
-    """Numbers of modes from 1 on, as a coordinate."""
-    return xr.IndexVariable("mode", np.arange(1, count + 1))
+def coordinates_of(model: Model, times: np.ndarray, links: np.ndarray | None) -> xr.Coordinates:
+    """Coordinates of a result but for the arc length, with the indexes that xarray would make of them."""
+    indexes = {**_fixed_indexes(model.chain.p.dims, model.rank), "time": PandasIndex(times, "time")}
+    if links is not None:
+        indexes["link"] = PandasIndex(links + 1, "link")
+    variables = {name: variable for index in indexes.values() for name, variable in index.create_variables().items()}
+    return xr.Coordinates(variables, indexes=indexes)
 
 
 class OutOfRangeWarning(UserWarning):
@@ -134,57 +138,86 @@ def _velocities(
     return velocity
 
 
-def dataset(model: Model, state: State, modes: xr.Dataset | None, outputs: tuple[str, ...], title: str) -> xr.Dataset:
-    """Label what a run gave."""
+def variables(
+    model: Model, state: State, outputs: tuple[str, ...], links: np.ndarray | None = None
+) -> dict[str, tuple[tuple[str, ...], Any]]:
+    """Dimensions and values of what a run gave and of the outputs asked for; tensions of some `links` only, where given."""
     chain, p = model.chain, model.chain.p
     times, q = state.instants.times, state.q
-    variables: dict[str, Any] = {
+    made: dict[str, tuple[tuple[str, ...], Any]] = {
         f"amplitude{suffix}": (("time", "mode"), _padded(q[:, at] @ turn.T, model.rank))
         for suffix, at, turn in zip(pod_normal.SETS, _sets(model), model.turned[0], strict=False)
     }
-    variables["end_position"] = (("time", "end", "coordinate"), p.end_positions(times))
-    variables["unstretched_length"] = ((), chain.total_length)
-    place = ("time", "particle", "coordinate")
-    if {"position", "velocity", "tension"} & set(outputs):
+    made["end_position"] = (("time", "end", "coordinate"), p.end_positions(times))
+    made["unstretched_length"] = ((), chain.total_length)
+    if {"position", "velocity"} & set(outputs):
         z, force, squared, deflection = _closed(model, q, times)
+        place = ("time", "particle", "coordinate")
         if "position" in outputs:
-            variables["position"] = (place, _joined(model, z, deflection, times))
+            made["position"] = (place, _joined(model, z, deflection, times))
         if "velocity" in outputs:
-            variables["velocity"] = (place, _velocities(model, z, deflection, state.rates, times))
+            made["velocity"] = (place, _velocities(model, z, deflection, state.rates, times))
         if "tension" in outputs:
-            variables["tension"] = (("time", "link"), _tension(model, z, force, squared))
+            tension = _tension(model, z, force, squared)
+            made["tension"] = (("time", "link"), tension if links is None else tension[:, links])
+    elif "tension" in outputs:
+        made["tension"] = (("time", "link"), _tensions(model, q, times, links))
     if state.extremes is not None:
-        variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
-    coords = {**coordinates(chain), "time": times, "mode": numbers(model.rank), "end": end_axis()}
-    result = label(xr.Dataset(variables, coords=coords))
-    axial, slowest = model.first_axial_frequency, p.time_scale
+        made["tension_minimum"], made["tension_maximum"] = ((("link",), item) for item in state.extremes)
+    return made
+
+
+def attributes(model: Model, state: State, modes: xr.Dataset | None) -> dict[str, Any]:
+    """Tell how a run was made and how far it can be trusted."""
+    axial, slowest = model.first_axial_frequency, model.chain.p.time_scale
     kept = {}
     if modes is not None and "energy_share" in modes:
-        kept["energy_share_kept"] = float(modes["energy_share"].values[: model.plane].sum())
-    result.attrs.update(
-        title=f"{title}: condensed model, r = {model.rank}, order {model.order}"
-        + (f", {chain.law} law" if chain.green else ""),
-        stage="trajectory",
-        model="condensed",
-        order=model.order,
-        law=chain.law,
-        rank=model.rank,
-        scheme=state.scheme,
-        step=1.0 / state.instants.rate,
-        number_of_steps=int(state.instants.steps[-1]),
-        smallest_chordwise_force=float(state.watch[0]),
-        time_of_smallest_force=float(state.watch[1]) / state.instants.rate,
-        first_axial_frequency=axial,
-        forcing_over_axial_frequency=2.0 * math.pi / slowest / axial if slowest < math.inf else 0.0,
+        kept["energy_share_kept"] = float(modes.variables["energy_share"].values[: model.plane].sum())
+    return {
+        "stage": "trajectory",
+        "model": "condensed",
+        "order": model.order,
+        "law": model.chain.law,
+        "rank": model.rank,
+        "scheme": state.scheme,
+        "step": 1.0 / state.instants.rate,
+        "number_of_steps": int(state.instants.steps[-1]),
+        "smallest_chordwise_force": float(state.watch[0]),
+        "time_of_smallest_force": float(state.watch[1]) / state.instants.rate,
+        "first_axial_frequency": axial,
+        "forcing_over_axial_frequency": 2.0 * math.pi / slowest / axial if slowest < math.inf else 0.0,
         **kept,
-        **training.outside(modes, p, chain.total_length, float(times[-1])),
-    )
+        **training.outside(modes, model.chain.p, model.chain.total_length, float(state.instants.times[-1])),
+    }
+
+
+def dataset(
+    model: Model,
+    state: State,
+    modes: xr.Dataset | None,
+    outputs: tuple[str, ...],
+    title: str,
+    links: np.ndarray | None = None,
+) -> xr.Dataset:
+    """Label what a run gave."""
+    made: dict[str, Any] = variables(model, state, outputs, links)
+    made["arc_length"] = (("particle",), model.chain.arc_length)
+    result = label(xr.Dataset(made, coords=coordinates_of(model, state.instants.times, links)).set_coords("arc_length"))
+    result.attrs = {"title": title_of(model, title), **attributes(model, state, modes)}
     return result
+
+
+def title_of(model: Model, title: str) -> str:
+    """Title of a result from that of the scene."""
+    return f"{title}: condensed model, r = {model.rank}, order {model.order}" + (
+        f", {model.chain.law} law" if model.green else ""
+    )
 
 
 def _padded(amplitude: np.ndarray, rank: int) -> np.ndarray:
     """Amplitudes (times, modes) with zeros for modes that never moved."""
-    return np.pad(amplitude, ((0, 0), (0, rank - amplitude.shape[1])))
+    missing = rank - amplitude.shape[1]
+    return np.pad(amplitude, ((0, 0), (0, missing))) if missing else amplitude
 
 
 def _tension(model: Model, z: np.ndarray, force: np.ndarray, squared: np.ndarray) -> np.ndarray:
@@ -195,20 +228,35 @@ def _tension(model: Model, z: np.ndarray, force: np.ndarray, squared: np.ndarray
     return 0.5 * k * xi * (xi * xi - 1.0) if model.green else k * (xi - 1.0)
 
 
-def warn_out_of_range(result: xr.Dataset) -> None:
-    """Warn where the numbers of a run say that the model cannot be trusted."""
-    if result.attrs["smallest_chordwise_force"] < 0.0:
+def _tensions(model: Model, q: np.ndarray, times: np.ndarray, links: np.ndarray | None) -> np.ndarray:
+    """Tensions (times, n or some links) [N] alone; to leading order a link needs no other."""
+    if links is None or model.order != "leading":
+        z, force, squared, _ = _closed(model, q, times)
+        tension = _tension(model, z, force, squared)
+        return tension if links is None else tension[:, links]
+    rows = model.rows_at(times)
+    loads = rows[:, 1 : 1 + len(model.taus)]
+    k, length = model.chain.p.stiffness, model.chain.total_length
+    sag = 0.5 * (q * q) @ model.turned[1]
+    force = k * ((rows[:, 0] + sag) / length - 1.0) - loads @ model.means
+    slopes = (q[:, at] @ model.slopes[at][:, links] for at in _sets(model))
+    return (force[:, None] + loads @ model.taus[:, links]) * np.sqrt(1.0 + sum(item * item for item in slopes))
+
+
+def warn_out_of_range(attrs: Mapping[str, Any], which: str = "") -> None:
+    """Warn where the numbers of a run say that the model cannot be trusted; `which` run, of several."""
+    if attrs["smallest_chordwise_force"] < 0.0:
         warnings.warn(
-            f"the chordwise force falls to {result.attrs['smallest_chordwise_force']:.3g} N at "
-            f"{result.attrs['time_of_smallest_force']:.4g} s, below zero: the cable goes slack there, and the condensed "
+            f"{which}the chordwise force falls to {attrs['smallest_chordwise_force']:.3g} N at "
+            f"{attrs['time_of_smallest_force']:.4g} s, below zero: the cable goes slack there, and the condensed "
             "model is ill-posed; compare with chain.simulate",
             OutOfRangeWarning,
             stacklevel=4,
         )
-    ratio = result.attrs["forcing_over_axial_frequency"]
+    ratio = attrs["forcing_over_axial_frequency"]
     if ratio > FAST:
         warnings.warn(
-            f"loads or ends change with {ratio:.2g} times the first axial frequency, {result.attrs['first_axial_frequency']:.3g} "
+            f"{which}loads or ends change with {ratio:.2g} times the first axial frequency, {attrs['first_axial_frequency']:.3g} "
             f"rad/s (above {FAST}): the condensed model lacks waves along the cable; compare with chain.simulate",
             OutOfRangeWarning,
             stacklevel=4,

@@ -68,6 +68,19 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "displacement_scale": ("m", "length by which the error is divided"),
 }
 
+#: Units of attributes that become variables where they differ between members; "1" for others.
+ATTRIBUTE_UNITS = {
+    "step": "s",
+    "step_limit": "s",
+    "time_of_smallest_force": "s",
+    "smallest_stretch_time": "s",
+    "first_slack_time": "s",
+    "smallest_stretch_arc_length": "m",
+    "first_slack_arc_length": "m",
+    "smallest_chordwise_force": "N",
+    "first_axial_frequency": "rad s-1",
+    "highest_angular_frequency": "rad s-1",
+}
 
 VARIABLES |= {
     f"{name}_out_of_plane": (VARIABLES[name][0], f"{VARIABLES[name][1]}, out of the plane of chord and vertical")

@@ -150,7 +150,13 @@ def simulate(
         "tolerance": None if step is not None else goal,
         "outputs": list(names),
     }
-    return provenance.record(result, function="galerkin.simulate", parameters=options, inputs=[scene, modes])
+    return provenance.record(
+        result,
+        function="galerkin.simulate",
+        parameters=options,
+        inputs=[scene, modes],
+        chosen=provenance.unset(rank=rank, times=times, scheme=scheme, step=step, tolerance=tolerance),
+    )
 
 
 def _trust(model: Model, modes: xr.Dataset, result: xr.Dataset) -> dict[str, Any]:

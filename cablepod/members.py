@@ -1,16 +1,216 @@
-"""Scenes with several members: one call for each, joined along ``member``."""
+"""Scenes with several members: run side by side in threads, put together along ``member``.
+
+Compiled loops let go of the interpreter, so that threads share the cores without copies.  A member that fails holds nan, its
+reason is in the variable ``failure``, and the others go on.
+"""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+import os
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any, TypeVar, cast
 
+import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod.conventions import ATTRIBUTE_UNITS, label
+from cablepod.parameters import check_bytes
+from cablepod.schema import SceneError
+from cablepod.stepping import RunStopped
 
 F = TypeVar("F", bound=Callable[..., xr.Dataset])
+#: Dimensions and values of a variable.
+Arrays = dict[str, tuple[tuple[str, ...], Any]]
+
+#: Members that a thread takes at once.
+CHUNK = 16
+_THREADS: ContextVar[int | None] = ContextVar("threads", default=None)
+
+
+class MemberFailedWarning(UserWarning):
+    """Some members failed; they hold nan, and the variable ``failure`` says why."""
+
+
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    """Run members in so many threads, where more would compete with other workers."""
+    token = _THREADS.set(count)
+    try:
+        yield
+    finally:
+        _THREADS.reset(token)
+
+
+def _cores() -> int:
+    # those that this process may use, where the system tells
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Stack:
+    """Arrays with a row for each member, made from the first that arrives."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.variables: Arrays = {}
+        self.attrs: dict[str, list[Any]] = {}
+        self.failures: list[Exception | None] = [None] * count
+        self.shapes: list[dict[str, tuple[int, ...]]] = [{}] * count
+        self.done = 0
+        self._lock = threading.Lock()
+
+    def put(self, i: int, variables: Arrays, attrs: Mapping[str, Any]) -> None:
+        """Keep what member `i` gave."""
+        if not self.variables:
+            with self._lock:
+                if not self.variables:
+                    self.variables = self._empty(variables)
+        self.shapes[i] = {name: np.shape(values) for name, (_, values) in variables.items()}
+        for name, (_, values) in variables.items():
+            if self.variables[name][1].shape[1:] == self.shapes[i][name]:
+                self.variables[name][1][i] = values
+        for name, value in attrs.items():
+            with self._lock:
+                self.attrs.setdefault(name, [None] * self.count)[i] = value
+
+    def check_shapes(self) -> None:
+        """Refuse members whose arrays differ in shape from those of the first that did not fail."""
+        good = [i for i, error in enumerate(self.failures) if error is None]
+        first = self.shapes[good[0]]
+        odd = [i for i in good if self.shapes[i] != first]
+        if odd:
+            name = next(name for name in first if self.shapes[odd[0]].get(name) != first[name])
+            dims = ", ".join(self.variables[name][0][1:])
+            raise SceneError(
+                f"member {odd[0]} (and {len(odd) - 1} more): given {name} ({dims}) of shape {self.shapes[odd[0]].get(name)}; "
+                f"allowed: one shape for all, member {good[0]} has {first[name]}"
+            )
+
+    def attributes(self) -> dict[str, Any]:
+        """Attributes of the first member that did not fail."""
+        good = next(i for i, error in enumerate(self.failures) if error is None)
+        return {name: values[good] for name, values in self.attrs.items() if values[good] is not None}
+
+    def _empty(self, variables: Arrays) -> Arrays:
+        needed = float(self.count * sum(np.asarray(values).nbytes for _, values in variables.values()))
+        check_bytes(needed, "member and times", f"{self.count} members, {needed / 1e9:.3g} GB of output")
+        made: Arrays = {}
+        for name, (dims, values) in variables.items():
+            first = np.asarray(values)
+            kind = object if first.dtype.kind in "UO" else first.dtype
+            fill: Any = np.nan if first.dtype.kind == "f" else "" if kind is object else 0
+            made[name] = ("member", *dims), np.full((self.count, *first.shape), fill, kind)
+        return made
+
+
+def gather(
+    one: Callable[[int], tuple[Arrays, Mapping[str, Any]]], count: int, progress: Callable[[float], None] | None
+) -> Stack:
+    """Run all members and stack what they give.
+
+    Parameters
+    ----------
+    one
+        Gives variables and attributes of a member.
+    count
+        Number of members.
+    progress
+        Called with the part that is done.
+
+    Raises
+    ------
+    Exception
+        What the first member raised, where all fail.
+
+    Warns
+    -----
+    MemberFailedWarning
+        Where some fail.
+    """
+    stack, lock = Stack(count), threading.Lock()
+
+    def chunk(first: int) -> None:
+        last = min(first + size, count)
+        for i in range(first, last):
+            try:
+                result = one(i)
+            except (RunStopped, ValueError) as error:
+                stack.failures[i] = error
+            else:
+                stack.put(i, *result)
+        with lock:
+            stack.done += last - first
+            if progress is not None:
+                progress(stack.done / count)
+
+    workers = min(_THREADS.get() or _cores(), count)
+    size = max(1, min(CHUNK, count // (4 * workers)))
+    if workers == 1:
+        for first in range(0, count, size):
+            chunk(first)
+    else:
+        with ThreadPoolExecutor(workers) as pool:
+            futures = [pool.submit(chunk, first) for first in range(0, count, size)]
+            try:
+                wait(futures, return_when=FIRST_EXCEPTION)
+            finally:  # after Ctrl-C too, what has not begun does not begin
+                pool.shutdown(wait=False, cancel_futures=True)
+        for future in futures:
+            if not future.cancelled():
+                future.result()
+    failed = [(i, error) for i, error in enumerate(stack.failures) if error is not None]
+    if failed and len(failed) == count:
+        raise failed[0][1]
+    stack.check_shapes()
+    if failed:
+        warnings.warn(
+            f"{len(failed)} of {count} members failed and hold nan, the first of them member {failed[0][0]}: {failed[0][1]}",
+            MemberFailedWarning,
+            stacklevel=4,
+        )
+    return stack
+
+
+def join(stack: Stack, scene: xr.Dataset, coords: Any) -> xr.Dataset:
+    """Make a Dataset of stacked members, with the varied parameters of the scene as coordinates along ``member``.
+
+    Numbers among the attributes that differ become variables; `coords` are shared by all.
+    """
+    variables, attrs, first = dict(stack.variables), {}, stack.attributes()
+    for name, values in stack.attrs.items():
+        present = [value for i, value in enumerate(values) if stack.failures[i] is None]
+        if all(_same(value, present[0]) for value in present[1:]):
+            attrs[name] = present[0]
+        elif all(isinstance(value, int | float | np.number) or value is None for value in present):
+            numbers = np.array([np.nan if value is None else float(value) for value in values])
+            variables[name] = (("member",), numbers)
+        elif name in ("title", "id", "history_json"):
+            attrs[name] = first[name]
+    if any(stack.failures):
+        reasons = np.array([str(error or "") for error in stack.failures], dtype=object)
+        variables["failure"] = (("member",), reasons)
+    made = {
+        name: (dims, values, {"units": ATTRIBUTE_UNITS.get(name, "1"), "long_name": name.replace("_", " ")})
+        for name, (dims, values) in variables.items()
+    }
+    joined = label(xr.Dataset(made, coords=coords, attrs=attrs))
+    varied = {
+        str(name): variable.copy()
+        for name, variable in scene.variables.items()
+        if variable.dims == ("member",) and name != "member"
+    }
+    number = {"member": scene["member"].variable} if "member" in scene.coords else {}
+    return joined.assign_coords({**varied, **number})
+
+
+def _same(a: Any, b: Any) -> bool:
+    return bool(np.array_equal(a, b)) if isinstance(a, np.ndarray) else a == b
 
 
 def over_members(function: F) -> F:
@@ -20,20 +220,53 @@ def over_members(function: F) -> F:
     def wrapper(scene: xr.Dataset, *args: Any, **options: Any) -> xr.Dataset:
         if not isinstance(scene, xr.Dataset) or "member" not in scene.dims:
             return function(scene, *args, **options)
-        results = [function(scene.isel(member=i, drop=True), *args, **options) for i in range(scene.sizes["member"])]
-        joined = xr.concat(results, dim="member", data_vars="all", coords="minimal", compat="override", join="exact")
-        joined.attrs = dict(results[0].attrs)
-        varied = {
-            name: variable
-            for name, variable in scene.variables.items()
-            if variable.dims == ("member",) and name != "member"
-        }
-        joined = joined.assign_coords({name: variable.copy() for name, variable in varied.items()})
-        if "member" in scene.coords:
-            joined = joined.assign_coords(member=scene["member"])
-        # the attributes of a joined scene may be those of its first member: the values of all make the identity
-        values = {str(name): variable.values for name, variable in scene.variables.items() if "member" in variable.dims}
-        name = f"{function.__module__.removeprefix('cablepod.')}.{function.__name__}"
-        return provenance.record(joined, function=name, parameters={"members": values}, inputs=[results[0]])
+        first: list[xr.Dataset] = []
+        own = {**options, "progress": None} if "progress" in options else options
+
+        def one(i: int) -> tuple[Arrays, Mapping[str, Any]]:
+            result = function(scene.isel(member=i, drop=True), *args, **own)
+            first[:] = [result]  # of any member: it tells coordinates from variables, and their attributes
+            return (
+                {str(name): (cast(Any, item.dims), item.values) for name, item in result.variables.items()},
+                result.attrs,
+            )
+
+        stack = gather(one, scene.sizes["member"], options.get("progress"))
+        shared = _shared(stack, first[0])
+        joined = join(stack, scene, shared)
+        for name, variable in joined.variables.items():
+            if name in first[0].variables:
+                variable.attrs = dict(first[0].variables[name].attrs)
+        joined = joined.set_coords([name for name in first[0].coords if name in joined.data_vars])
+        given = {name: value for name, value in options.items() if name != "progress"}
+        return provenance.record(
+            joined,
+            function=f"{function.__module__.removeprefix('cablepod.')}.{function.__name__}",
+            parameters=given | unnamed_values(scene),
+            inputs=[scene, *(item for item in args if isinstance(item, xr.Dataset))],
+        )
 
     return cast(F, wrapper)
+
+
+def unnamed_values(scene: xr.Dataset) -> dict[str, Any]:
+    """Values of all that differs between members of a scene that has no id, which make the identity of what comes of them."""
+    if "values_sha256" in scene.attrs:
+        return {}
+    values = {str(name): variable.values for name, variable in scene.variables.items() if "member" in variable.dims}
+    return {"members": values}
+
+
+def _shared(stack: Stack, first: xr.Dataset) -> dict[str, Any]:
+    """Take coordinates that all members have alike out of the stack."""
+    rows = [i for i, error in enumerate(stack.failures) if error is None]
+    shared = {}
+    for name, coordinate in first.coords.items():
+        values = stack.variables[str(name)][1]
+        alike = all(np.array_equal(values[i], values[rows[0]]) for i in rows)
+        if alike:
+            del stack.variables[str(name)]
+            shared[str(name)] = coordinate.variable
+        elif name in first.dims:
+            raise SceneError(f"members: they differ in {name}; allowed: members with the same {name}")
+    return shared

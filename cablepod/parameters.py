@@ -218,14 +218,24 @@ def parameters_of_members(scene: xr.Dataset) -> list[Parameters]:
     needed = ("gravity", "cable_youngs_modulus", "cable_area", "ends_lower", "ends_upper")
     if not isinstance(scene, xr.Dataset) or not all(name in scene for name in needed):
         raise SceneError(f"scene: given no Dataset with {', '.join(needed)}; allowed: what make_scene gives")
-    fixed, varied = {}, {}
+    fixed: dict[str, Any] = {}
+    varied: dict[str, Any] = {}
+    gapped: dict[str, Any] = {}
     for name, variable in scene.variables.items():
         if "member" in variable.dims:
-            varied[str(name)] = variable.transpose("member", ...).values
-        else:
+            values = variable.transpose("member", ...).values
+            (gapped if any(map(_is_gap, values)) else varied)[str(name)] = values
+        elif not _is_gap(variable.values[()]):
             fixed[str(name)] = variable.values[()]
     count = scene.sizes.get("member", 1)
-    return [_parameters(fixed | {name: item[i] for name, item in varied.items()}) for i in range(count)]
+    return [
+        _parameters(
+            fixed
+            | {name: item[i] for name, item in varied.items()}
+            | {name: item[i] for name, item in gapped.items() if not _is_gap(item[i])}
+        )
+        for i in range(count)
+    ]
 
 
 def _is_gap(value: Any) -> bool:
@@ -237,7 +247,6 @@ def _is_gap(value: Any) -> bool:
 
 
 def _parameters(value: Mapping[str, Any]) -> Parameters:
-    value = {name: item for name, item in value.items() if not _is_gap(item)}
     cable = {key: value[f"cable_{key}"] for key in schema.CABLE if f"cable_{key}" in value}
     length_key = schema.exactly_one("cable", cable, schema.LENGTH_KEYS)
     weight_key = schema.exactly_one("cable", cable, schema.WEIGHT_KEYS)

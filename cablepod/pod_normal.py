@@ -37,12 +37,12 @@ def sets(modes: xr.Dataset) -> list[tuple[str, np.ndarray]]:
             f"modes: given layout {modes.attrs.get('layout')!r}; allowed: modes of the deflection normal to the chord, "
             'pod.decompose(snapshots, layout="normal")'
         )
-    largest = modes["singular_value"].values.max()
+    largest = modes.variables["singular_value"].values.max()
     found = []
     for suffix in SETS[: modes.sizes.get("coordinate", 2) - 1]:
-        values = modes[f"singular_value{suffix}"].values
+        values = modes.variables[f"singular_value{suffix}"].values
         kept = values > 1e-9 * largest
-        shape = modes[f"mode_shape{suffix}"]
+        shape = modes.variables[f"mode_shape{suffix}"]
         found.append((suffix, (shape.values if shape.dims == ("mode", "particle") else shape.values.T)[kept]))
     return found
 

@@ -542,7 +542,7 @@ def test_a_slack_cable_and_fast_ends_are_warned_of(soft, modes):
             run = cp.condensed.simulate(lifted, modes[2], rank=2, order=order, step=1e-3, times=np.arange(1001) / 1000)
         assert len(found) == 1
         assert run.attrs["smallest_chordwise_force"] < 0.0
-    place = int(round(run.attrs["time_of_smallest_force"] * 1000))
+    place = round(run.attrs["time_of_smallest_force"] * 1000)
     # the least chordwise force is that of the instant it is said to be of
     model = model_of(parameters(lifted), modes[2], rank=2, order="exact", law="linear")
     from cablepod import condensed_output

@@ -17,12 +17,12 @@ PACKAGE = Path(cp.__file__).parent
 
 # Each module may import from those before it.
 ORDER = (
-    "conventions", "provenance", "kernels", "motion", "schema", "parameters", "records", "scene", "members", "stepping",
+    "conventions", "provenance", "kernels", "motion", "schema", "parameters", "records", "scene", "stepping", "members",
     "catenary", "training", "links", "runs", "verlet", "implicit", "chain", "elements", "cable_runs", "cable_choice", "cable",
     "rigid_start", "rigid_runs", "rigid",
     "chord", "pod_normal", "decompositions", "pod", "compare", "galerkin_model", "galerkin_runs", "galerkin",
-    "condensed_model", "condensed_output", "condensed_estimate", "condensed",
-    "plots", "whole", "archive", "shipped", "paper", "cli", "__init__", "__main__",
+    "condensed_model", "condensed_output", "condensed_estimate", "condensed_runs", "condensed_batch", "condensed",
+    "plots", "whole", "archive", "lineage", "shipped", "paper", "cli", "__init__", "__main__",
 )  # fmt: skip
 
 

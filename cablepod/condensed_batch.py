@@ -1,0 +1,157 @@
+"""Condensed models of many scenes on one set of modes: coefficients of one serve all, runs go side by side."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import condensed_estimate, condensed_output
+from cablepod.condensed_model import Model
+from cablepod.condensed_runs import Options, Solution, solve
+from cablepod.links import Chain
+from cablepod.members import Arrays, gather, join
+from cablepod.parameters import Parameters, solve_statics
+
+
+def attributes_of(solution: Solution, modes: xr.Dataset, options: Options) -> dict[str, Any]:
+    """Tell how a run was made and how far it can be trusted; with the estimate of its error, where asked for."""
+    run, state, rate, limit, time_error = solution
+    attrs = condensed_output.attributes(run.model, state, modes) | {"step_limit": limit}
+    if time_error is not None:
+        attrs["time_error_estimate"] = time_error
+    if "error_estimate" in options.outputs:
+        again = replace(run, outputs=(), progress=None)
+        attrs["error_estimate"] = (time_error or 0.0) + condensed_estimate.estimate(
+            run.model, lambda at, steps: replace(again, times=at)(steps), rate, float(run.times[-1])
+        )
+    return attrs
+
+
+def result_of(solution: Solution, modes: xr.Dataset, options: Options, title: str) -> xr.Dataset:
+    """Make the Dataset of one run."""
+    run = solution.run
+    result = condensed_output.dataset(run.model, solution.state, None, options.outputs, title, options.links)
+    result.attrs |= attributes_of(solution, modes, options)
+    return result
+
+
+def run(
+    scene: xr.Dataset,
+    modes: xr.Dataset,
+    model: Model,
+    members: list[Parameters],
+    options: Options,
+    make: Callable[[Parameters], Model],
+    progress: Callable[[float], None] | None,
+) -> xr.Dataset:
+    """Run all members of a scene.
+
+    Parameters
+    ----------
+    scene, modes
+        As given.
+    model
+        Of the first member.
+    members
+        Parameters of all.
+    options
+        What each run is asked for.
+    make
+        Makes the model of a member that differs from the first in more than numbers.
+    progress
+        Called with the part that is done.
+    """
+
+    def one(i: int) -> tuple[Arrays, Mapping[str, Any]]:
+        p = members[i]
+        own = sibling(model, p) if alike(p, model.chain.p) else make(p)
+        solution = solve(own, options)
+        made = condensed_output.variables(own, solution.state, options.outputs, options.links)
+        made["arc_length"] = (("particle",), own.chain.arc_length)
+        return made, attributes_of(solution, modes, options)
+
+    stack = gather(one, len(members), progress)
+    title = condensed_output.title_of(model, str(scene.attrs.get("title", "scene")))
+    times = members[0].times() if options.times is None else options.times
+    coords = condensed_output.coordinates_of(model, times, options.links)
+    result = join(stack, scene, coords).set_coords("arc_length")
+    result.attrs = {"title": title, **result.attrs}
+    _warn(stack.attrs)
+    return result
+
+
+def _warn(attrs: Mapping[str, list[Any]]) -> None:
+    """Warn once for all members: by the worst of each kind."""
+    least = np.array(attrs["smallest_chordwise_force"], dtype=float)
+    ratio = np.array(attrs["forcing_over_axial_frequency"], dtype=float)
+    slack, fast = least < 0.0, ratio > condensed_output.FAST
+    for bad, worst in ((slack, least), (fast, -ratio)):
+        if bad.any():
+            i = int(np.nanargmin(worst))
+            own = {name: values[i] for name, values in attrs.items()}
+            if bad is slack:
+                own["forcing_over_axial_frequency"] = 0.0
+            else:
+                own["smallest_chordwise_force"] = 0.0
+            condensed_output.warn_out_of_range(own, f"{int(bad.sum())} of {bad.size} members, the worst number {i}: ")
+
+
+def sibling(model: Model, p: Parameters) -> Model:
+    """Make the model of a scene that differs from another in numbers only, by scaling the coefficients of the other.
+
+    Modes live on sigma = S / L0: with length and mass per length all coefficients change by powers.
+    """
+    own = model.chain.p
+    statics = solve_statics(p, p.length_key, p.length_value)
+    total = float(statics[0])
+    stretch = total / model.chain.total_length
+    chain = Chain(p, model.chain.length * stretch, model.chain.arc_length * stretch, model.chain.law)
+    made = Model(chain, model.order, model.modes)
+    heavier = 1.0 / math.sqrt(p.mass / own.mass * stretch)
+    turns, squares = model.turned
+    # uniform and linearly growing loads grow with the length, point loads do not
+    grown = np.ones(len(model.patterns))
+    grown[: 2 if own.motions else 1] = stretch
+    made.__dict__.update(
+        turned=([turn * heavier for turn in turns], squares * (heavier**2 / stretch)),
+        shapes=model.shapes * heavier,
+        slopes=model.slopes * (heavier / stretch),
+        patterns=model.patterns * grown[:, None],
+        taus=model.taus * grown[:, None],
+        means=model.means * grown,
+        knots=model.knots * grown[:, None],
+        bends=model.bends * (grown * heavier**2 / stretch)[:, None, None],
+        norms=model.norms * (grown * heavier**2 / stretch),
+        pushes=model.pushes * (np.tile(grown, p.dims - 1) * heavier)[:, None],
+    )
+    made.__dict__["first_guess"] = _parabola(made, statics)
+    return made
+
+
+def _parabola(model: Model, statics: np.ndarray) -> np.ndarray | None:
+    """Coordinates of a parabola near the shape at rest; None where none is near."""
+    p = model.chain.p
+    if p.initial or p.point_loads:
+        return None
+    count = len(model.patterns)
+    row, sigma = model.still_row, model.chain.arc_length / model.chain.total_length
+    tension = 0.5 * (statics[4] + statics[5])
+    across = row[1 + count :: count]  # the uniform load along each normal
+    sag = 0.5 * model.chain.total_length**2 / tension * sigma * (1.0 - sigma)
+    return model.coordinates(across[:, None, None] * sag)[0]
+
+
+def alike(p: Parameters, other: Parameters) -> bool:
+    """Tell whether two scenes differ in numbers only, as :func:`sibling` needs it."""
+    return (
+        p.dims == other.dims
+        and p.free == other.free
+        and p.link_viscosity == other.link_viscosity
+        and list(p.motions) == list(other.motions)
+        and [load.fraction for load in p.point_loads] == [load.fraction for load in other.point_loads]
+    )
