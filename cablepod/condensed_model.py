@@ -21,6 +21,8 @@ from cablepod.schema import SceneError, refuse
 #: "leading": closure and force to the first order in slope squared and strain; "exact": the chordwise stretch as it is;
 #: "inertial": exact, with the inertia of the motion along the chord that the deflection brings with it.
 ORDERS = ("leading", "exact", "inertial")
+#: Modes whose products in mass have a condition above this are sums of one another but for rounding.
+DEPENDENT = 1e12
 
 
 @dataclass(frozen=True)
@@ -70,13 +72,12 @@ class Model:
 
         turns, squares = [], []
         for psi in self.modes:
-            slope = np.diff(psi, axis=1) / self.chain.length
-            try:
-                values, vectors = eigh((slope * self.chain.length) @ slope.T, (psi * self.mass) @ psi.T)
-            except np.linalg.LinAlgError:
+            slope, gram = np.diff(psi, axis=1) / self.chain.length, (psi * self.mass) @ psi.T
+            if gram.size and not np.linalg.cond(gram) < DEPENDENT:
                 raise SceneError(
                     "modes: given some that are sums of others; allowed: independent ones, as pod.decompose gives"
-                ) from None
+                )
+            values, vectors = eigh((slope * self.chain.length) @ slope.T, gram)
             turns.append(vectors)
             squares.append(values)
         return turns, np.concatenate(squares)

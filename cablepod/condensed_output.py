@@ -116,10 +116,21 @@ def _summed(parts: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros((len(parts), 1)), np.cumsum(parts, axis=1)], axis=1)
 
 
+def _rates_of_stretch(model: Model, z: np.ndarray, squared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Differentiate the chordwise stretch (times, n) by N / K, and by half the slope squared with the sign turned."""
+    if model.order == "leading":
+        return np.ones_like(z), np.ones_like(z)
+    if model.green:
+        bend = 3.0 * z * z + squared - 1.0
+        return 2.0 / bend, 2.0 * z / bend
+    cube = (z * z + squared) ** 1.5
+    return cube / (cube - squared), z / (cube - squared)
+
+
 def _velocities(
     model: Model, z: np.ndarray, deflection: np.ndarray, rates: np.ndarray, times: np.ndarray
 ) -> np.ndarray:
-    """Velocities (times, particle, dims) [m/s]; what the strain contributes along the chord is spread evenly."""
+    """Velocities (times, particle, dims) [m/s], but for what loads that change in time stretch along the chord."""
     chain, p = model.chain, model.chain.p
     ends, speeds = p.end_positions(times), p.end_positions(times, 1)
     reach, speed = ends[:, 1] - ends[:, 0], speeds[:, 1] - speeds[:, 0]
@@ -127,8 +138,9 @@ def _velocities(
     grow, turn, swing = frame.rates(reach, speed)
     moving = np.stack([rates[:, at] @ model.shapes[at] for at in _sets(model)])
     slope, slope_rate = (np.diff(item, axis=2) / chain.length for item in (deflection, moving))
-    stretching = -(slope * slope_rate).sum(axis=0) / z
-    stretching += ((grow - stretching @ chain.length) / chain.total_length)[:, None]
+    give, lever = _rates_of_stretch(model, z, (slope * slope).sum(axis=0))
+    stretching = -lever * (slope * slope_rate).sum(axis=0)
+    stretching += give * ((grow - stretching @ chain.length) / (give @ chain.length))[:, None]
     along, along_rate = _summed(z * chain.length), _summed(stretching * chain.length)
     velocity = speeds[:, :1] + along_rate[:, :, None] * frame.along[:, None] + along[:, :, None] * turn[:, None]
     velocity = (

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
     import xarray as xr
 
-#: Attributes that say what a result is; they lead wherever it is printed.
+#: Attributes that say what a result is; they lead wherever it is printed (xarray shows the first six).
 LEADING = (
-    "title", "stage", "model", "incomplete", "scheme", "formulation", "step", "number_of_steps",
-    "error_estimate", "time_error_estimate", "space_error_estimate",
+    "title", "stage", "incomplete", "scheme", "formulation", "step", "error_estimate", "time_error_estimate",
+    "space_error_estimate", "model", "number_of_steps",
 )  # fmt: skip
 #: Longer arrays are not kept in a history.
 KEPT = 64

@@ -367,7 +367,7 @@ def leading_implicit(
             start[j] = q[j]
             q[j] += step * v[j] + quarter * (3.0 * acc[j] - past[j])
             size = max(size, abs(q[j]))
-        before, ended = np.inf, False
+        before, ended = 0.0, False  # of the first correction no gain is known
         for _ in range(MOST):
             h = _tension(q, row, squares, means, stiffness, length)
             _push(q, row, h, squares, bends, pushes, f)
@@ -694,7 +694,7 @@ def exact_implicit(
             start[j] = q[j]
             q[j] += step * v[j] + quarter * (3.0 * acc[j] - past[j])
             size = max(size, abs(q[j]))
-        before, ended = np.inf, False
+        before, ended = 0.0, False  # of the first correction no gain is known
         for _ in range(MOST):
             for j in range(r):
                 rate[j] = 2.0 / step * (q[j] - start[j]) - v[j]
@@ -738,14 +738,26 @@ def exact_implicit(
 @njit(cache=True, error_model="numpy", nogil=True)
 def close_all(squared, tau, h, chord, stiffness, green, force, z):
     """Close many shapes: (times, m) squares of slopes, chordwise forces, stretches (filled); (times,) chords and H (filled)."""
-    work = np.empty((3, h.size))
-    guess = force[0]
+    work, slope, along = np.empty((3, h.size)), np.empty(h.size), np.empty(h.size)
+    guess, last = force[0], 0
     for i in range(chord.size):
-        if i:
-            for j in range(h.size):
-                z[i, j] = z[i - 1, j]
-        force[i] = close(squared[i], tau[i], h, chord[i], stiffness, green, guess, z[i], work)
-        guess = force[i]
+        # from one shape to the next; where that is too far for Newton's method, by way of shapes between
+        for parts in (1, 16):
+            force[i] = guess
+            if i:
+                for j in range(h.size):
+                    z[i, j] = z[last, j]
+            for part in range(1, parts + 1):
+                share = part / parts
+                for j in range(h.size):
+                    slope[j] = (1.0 - share) * squared[last, j] + share * squared[i, j]
+                    along[j] = (1.0 - share) * tau[last, j] + share * tau[i, j]
+                reach = (1.0 - share) * chord[last] + share * chord[i]
+                force[i] = close(slope, along, h, reach, stiffness, green, force[i], z[i], work)
+            if i == 0 or abs(force[i]) < np.inf:
+                break
+        if abs(force[i]) < np.inf:
+            guess, last = force[i], i
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
