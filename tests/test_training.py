@@ -154,3 +154,18 @@ def test_galerkin_says_how_far_to_trust_it():
         assert run.attrs["forcing_over_axial_frequency"] == pytest.approx(2.0 / axial, rel=1e-9)
     still = cp.galerkin.simulate(guy(motion={}), modes, rank=1, step=2e-4)
     assert still.attrs["forcing_over_axial_frequency"] == 0.0
+
+
+def test_members_each_say_how_far_they_are():
+    near, far = guy(), guy(motion={"upper": {"x": {"kind": "harmonic", "amplitude": 0.02, "angular_frequency": 16.0}}})
+    both = xr.concat([near, far], dim="member")
+    trained = cp.chain.simulate(both, links=8, step=2e-4)
+    # an ensemble of chains is as good a training set as runs joined by hand
+    ranges = cp.pod.decompose(trained, layout="normal")["training_range"].sel(feature="frequency").values
+    assert ranges[1] == pytest.approx(8.0 * ranges[0], rel=1e-12)
+    modes = cp.pod.decompose(cp.chain.simulate(near, links=8, step=2e-4), layout="normal")
+    run = cp.condensed.simulate(both, modes, rank=2, order="leading", step=1e-3, outputs=())
+    distances = np.asarray(run["outside_training"])
+    assert distances[0] == 0.0
+    assert distances[1] == pytest.approx(np.log1p(ranges[1]) - np.log1p(ranges[0]), rel=1e-9)
+    assert "outside_training_feature" not in run.attrs  # words that differ have no place in a joined result
