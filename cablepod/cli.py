@@ -183,11 +183,7 @@ def _run(options: argparse.Namespace) -> int:
             chain.simulate, scene, times=report_at, outputs=("position", "tension"), progress=progress
         )
     keep("chain", truth)
-    snapshots = (
-        truth
-        if report_at.size == snapshots_at.size
-        else truth.isel(time=np.searchsorted(truth["time"].values, snapshots_at))
-    )
+    snapshots = truth if report_at.size == snapshots_at.size else pod.at_times(truth, times=snapshots_at)
     modes = pod.decompose(snapshots, rank=min(20, snapshots.sizes["particle"] - 2, snapshots.sizes["time"] - 1))
     keep("modes", modes)
     rows: list[Row] = [("elastic chain", "", truth, seconds, None)]

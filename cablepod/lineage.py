@@ -91,6 +91,8 @@ def _statements(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]
         text = f"{function}, {stage['id']}: cannot be made again, {why}"
         return [f"raise SystemExit({text!r})", ""]
     taken = [names[parent] for parent in stage["inputs"]]
+    if function == "pod.decompose" and len(taken) > 1:  # several trajectories are one argument
+        taken = [f"[{', '.join(taken)}]"]
     if function == "make_scene":
         call = f"cp.make_scene({_text(parameters['scene'])})"
     elif function == "changed by hand":

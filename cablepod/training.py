@@ -89,16 +89,27 @@ def describe(p: Parameters, length: float, until: float) -> tuple[dict[str, Any]
     return {"scene_feature": ("feature", features(p, length, until))}, {"feature": _names()}
 
 
-def gather(modes: xr.Dataset, snapshots: xr.Dataset) -> xr.Dataset:
-    """Add to modes ``training_range (bound, feature)`` where their snapshots know it; in place, returned for chaining."""
-    if "scene_feature" not in snapshots:
-        return modes
-    values = snapshots["scene_feature"].transpose(..., "feature").values.reshape(-1, snapshots.sizes["feature"])
-    if list(snapshots["feature"].values) != list(FEATURES) or not np.isfinite(values).all():
-        return modes  # of another version, or joined with runs that have none: then the range is not known
-    ranges = np.stack([values.min(axis=0), values.max(axis=0)])
-    modes["training_range"] = (("bound", "feature"), ranges)
-    modes.coords["feature"], modes.coords["bound"] = _names(), _bounds()
+def range_of(snapshots: xr.Dataset) -> np.ndarray:
+    """Return the least and largest of FEATURES over the scenes of snapshots (2, features); nan where they are not known."""
+    unknown = np.full((2, len(FEATURES)), np.nan)
+    if "scene_feature" not in snapshots or list(snapshots["feature"].values) != list(FEATURES):
+        return unknown
+    values = snapshots["scene_feature"].transpose(..., "feature").values.reshape(-1, len(FEATURES))
+    return np.stack([values.min(axis=0), values.max(axis=0)])
+
+
+def joined(one: np.ndarray | None, other: np.ndarray | None) -> np.ndarray | None:
+    """Return the range of two sets of scenes; not known where that of one is not."""
+    if one is None or other is None:
+        return other if one is None else one
+    return np.stack([np.minimum(one[0], other[0]), np.maximum(one[1], other[1])])
+
+
+def gather(modes: xr.Dataset, trained: np.ndarray | None) -> xr.Dataset:
+    """Add to modes ``training_range (bound, feature)`` where it is known; in place, returned for chaining."""
+    if trained is not None and np.isfinite(trained).all():
+        modes["training_range"] = (("bound", "feature"), trained)
+        modes.coords["feature"], modes.coords["bound"] = _names(), _bounds()
     return modes
 
 

@@ -38,6 +38,18 @@ def test_a_reduced_model_is_made_again(soft, options):
     assert functions == ["make_scene", "chain.simulate", "pod.decompose", "galerkin.simulate"]
 
 
+def test_snapshots_picked_are_made_again(soft):
+    run = cp.chain.simulate(cp.make_scene(soft), times=np.arange(41) / 10, step=1e-3)
+    modes = cp.pod.decompose(cp.pod.at_times(run, times=np.arange(0.0, 4.1, 0.5)), rank=2)
+    assert modes.attrs["id"] != cp.pod.decompose(run, rank=2).attrs["id"]
+    xr.testing.assert_identical(again(modes), modes)
+    one = cp.pod.at_times(run.isel(time=[3]), times=0.3)
+    assert one.sizes["time"] == 1
+    np.testing.assert_array_equal(cp.pod.at_times(run, times=[4.0, 0.1]).time, run.time[[40, 1]])
+    with pytest.raises(cp.SceneError, match=r"times: given 0\.25; allowed: instants of the trajectory"):
+        cp.pod.at_times(run, times=[0.1, 0.25])
+
+
 @pytest.mark.parametrize("make", [cp.chain.rest, cp.rigid.rest, cp.cable.rest, cp.catenary.rest])
 def test_rest_is_made_again(soft, make):
     result = make(cp.make_scene(soft))

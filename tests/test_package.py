@@ -19,8 +19,8 @@ PACKAGE = Path(cp.__file__).parent
 ORDER = (
     "conventions", "provenance", "kernels", "motion", "schema", "parameters", "records", "scene", "stepping", "members",
     "catenary", "training", "links", "runs", "verlet", "implicit", "chain", "elements", "cable_runs", "cable_choice", "cable",
-    "rigid_start", "rigid_runs", "rigid",
-    "chord", "pod_normal", "decompositions", "pod", "compare", "galerkin_model", "galerkin_runs", "galerkin",
+    "rigid_start", "rigid_runs", "rigid", "chord", "pod_normal", "decompositions", "threads", "streaming", "snapshots",
+    "pod_stream", "pod", "compare", "galerkin_model", "galerkin_runs", "galerkin",
     "condensed_model", "condensed_output", "condensed_estimate", "condensed_runs", "condensed_batch", "condensed",
     "plots", "whole", "archive", "lineage", "shipped", "paper", "cli", "__init__", "__main__",
 )  # fmt: skip

@@ -69,7 +69,6 @@ def test_features_of_motion_across_and_of_other_loads():
 
 def chain_and_modes(*scenes, layout="normal"):
     runs = [cp.chain.simulate(scene, links=8, step=2e-4) for scene in scenes]
-    # the runs differ in length: that of the first names the particles, as everywhere
     joined = (
         runs[0]
         if len(runs) == 1
@@ -169,3 +168,15 @@ def test_members_each_say_how_far_they_are():
     assert distances[0] == 0.0
     assert distances[1] == pytest.approx(np.log1p(ranges[1]) - np.log1p(ranges[0]), rel=1e-9)
     assert "outside_training_feature" not in run.attrs  # words that differ have no place in a joined result
+
+
+def test_several_trajectories_and_streams_know_all_scenes():
+    slow, fast = guy(), guy(motion={"upper": {"x": {"kind": "harmonic", "amplitude": 0.05, "angular_frequency": 4.0}}})
+    runs = [cp.chain.simulate(scene, links=8, step=2e-4) for scene in (slow, fast)]
+    together = cp.pod.decompose(runs, layout="normal")["training_range"]
+    np.testing.assert_array_equal(together[0], np.minimum(runs[0]["scene_feature"], runs[1]["scene_feature"]))
+    np.testing.assert_array_equal(together[1], np.maximum(runs[0]["scene_feature"], runs[1]["scene_feature"]))
+    first, second = (cp.pod.Stream(layout="normal").update(run) for run in runs)
+    np.testing.assert_array_equal(first.merge(second).modes()["training_range"], together)
+    first.update(runs[0].drop_vars(["scene_feature", "feature"]))
+    assert "training_range" not in first.modes()
