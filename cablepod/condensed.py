@@ -78,8 +78,9 @@ def simulate(
         ``amplitude (time, mode)`` [m], in space also ``amplitude_out_of_plane``, ``end_position`` [m] and the outputs asked for,
         on the particles of the modes.  Attributes say scheme, step [s], number of steps, ``step_limit`` [s] of explicit steps,
         and how far the run stayed from where the model fails: ``smallest_chordwise_force`` [N] over all steps,
-        ``forcing_over_axial_frequency``, ``energy_share_kept`` of the snapshots by the modes; ``error_estimate`` is the largest
-        error to be expected over time, as a fraction of the motion, ``time_error_estimate`` the part of the steps in it.
+        ``forcing_over_axial_frequency``, ``energy_share_kept`` of the snapshots by the modes, ``outside_training``, how far the
+        scene lies from those of the snapshots, see :func:`cablepod.training.outside`; ``error_estimate`` is the largest error to
+        be expected over time, as a fraction of the motion, ``time_error_estimate`` the part of the steps in it.
 
     Raises
     ------

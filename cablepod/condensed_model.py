@@ -245,8 +245,9 @@ class Model:
             q = self._equilibrium(q)
         if q is None:
             position = start(self.chain)
-            frame = Frame.of((position[-1] - position[0])[None], self.reference)
-            q = self.coordinates(frame.split(position[None])[1])[0]
+            q = self.coordinates(Frame.of((position[-1] - position[0])[None], self.reference).split(position[None])[1])[
+                0
+            ]
             if not p.initial:
                 rest = self._equilibrium(q)
                 q = q if rest is None else rest
@@ -254,6 +255,8 @@ class Model:
         if not rates.any():
             return q, np.zeros_like(q)
         # the particles are at rest, the frame is not
+        ends = p.end_positions(np.zeros(1))
+        frame = Frame.of(ends[:, 1] - ends[:, 0], self.reference)
         sigma = self.chain.arc_length / self.chain.total_length
         speed = rates[0] + sigma[:, None] * (rates[1] - rates[0])
         return q, self.coordinates(-np.einsum("pc,kc->kp", speed, frame.normals[0])[:, None])[0]

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from xarray.indexes import PandasIndex
 
-from cablepod import pod_normal
+from cablepod import pod_normal, training
 from cablepod.chord import Frame
 from cablepod.condensed_model import Model
 from cablepod.conventions import COORDINATES, ENDS, label
@@ -201,6 +201,7 @@ def attributes(model: Model, state: State, modes: xr.Dataset | None) -> dict[str
         "first_axial_frequency": axial,
         "forcing_over_axial_frequency": 2.0 * math.pi / slowest / axial if slowest < math.inf else 0.0,
         **kept,
+        **training.outside(modes, model.chain.p, model.chain.total_length, float(state.instants.times[-1])),
     }
 
 

@@ -58,6 +58,11 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "energy_share": ("1", "squared singular value over the sum of all squares"),
     "singular_value_share": ("1", "singular value over the sum of all singular values"),
     "mean": ("m", "time mean of the lifted position"),
+    # training scenes
+    "feature": ("1", "number without dimension that decides how a scene moves"),
+    "bound": ("1", "least or largest of the training scenes"),
+    "scene_feature": ("1", "numbers without dimension that decide how the scene moves"),
+    "training_range": ("1", "least and largest of these numbers over the training scenes"),
     # comparison
     "error": ("1", "rms distance over the particles, over the largest rms displacement of the truth"),
     "error_max": ("1", "largest error over time"),

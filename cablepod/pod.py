@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from cablepod import decompositions, pod_normal, provenance, schema
+from cablepod import decompositions, pod_normal, provenance, schema, training
 from cablepod import snapshots as reading
 from cablepod.conventions import ENDS, label
 from cablepod.parameters import check_bytes
@@ -147,6 +147,7 @@ def _at_once(
         algorithm=decompositions.ALGORITHMS[method],
         like=snapshots,
         inputs=[snapshots],
+        trained=training.range_of(snapshots),
     )
 
 

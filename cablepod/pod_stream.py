@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import decompositions, pod_normal, provenance, schema
+from cablepod import decompositions, pod_normal, provenance, schema, training
 from cablepod import snapshots as reading
 from cablepod.chord import Frame
 from cablepod.conventions import label
@@ -52,6 +52,7 @@ def labelled(
     like: xr.Dataset,
     inputs: list[xr.Dataset],
     function: str = "pod.decompose",
+    trained: np.ndarray | None = None,
 ) -> xr.Dataset:
     """Label modes (mode, inner particle, dims) of each matrix, their singular values (matrix, mode) and what was `lost` [m]."""
     # squares of any size of snapshots stay within the range
@@ -101,7 +102,7 @@ def labelled(
             "arc_length": ("particle", arc_length),
         },
     )
-    label(result)
+    label(training.gather(result, trained))
     result.attrs.update(
         title=f"{like.attrs.get('title', 'snapshots')}: Karhunen-Loeve modes",
         stage="modes",
@@ -136,6 +137,7 @@ class Stream:
         self._sums: list[Accumulator] = []
         self._like: xr.Dataset | None = None
         self._inputs: dict[str, xr.Dataset] = {}
+        self._trained: np.ndarray | None = None  # range of the training scenes
 
     def update(self, snapshots: xr.Dataset) -> Stream:
         """Count a trajectory or several, in memory or in chunks, and return the stream.
@@ -179,6 +181,7 @@ class Stream:
             where = reading.broken_member(position)
             raise SceneError(f"snapshots: position is not finite everywhere{where}; allowed: finite numbers") from None
         self._sums, self._reference = sums, reference
+        self._trained = training.joined(self._trained, training.range_of(snapshots))
         return self._noted(samples, snapshots, [snapshots])
 
     def merge(self, other: Stream) -> Stream:
@@ -212,6 +215,7 @@ class Stream:
             for mine, others in zip(sums, other._sums, strict=True):
                 mine.merge(others)
         self._sums, self._reference = sums, next(iter(references), None)
+        self._trained = training.joined(self._trained, other._trained)
         return self._noted(other.samples, other._like, list(other._inputs.values()))
 
     def modes(
@@ -259,6 +263,7 @@ class Stream:
             like=self._like,
             inputs=list(self._inputs.values()),
             function=function,
+            trained=self._trained,
         )
 
     def _agrees(self, snapshots: xr.Dataset) -> None:

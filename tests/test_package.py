@@ -18,7 +18,7 @@ PACKAGE = Path(cp.__file__).parent
 # Each module may import from those before it.
 ORDER = (
     "conventions", "provenance", "kernels", "motion", "schema", "parameters", "records", "scene", "stepping", "members",
-    "catenary", "links", "runs", "verlet", "implicit", "chain", "elements", "cable_runs", "cable_choice", "cable",
+    "catenary", "training", "links", "runs", "verlet", "implicit", "chain", "elements", "cable_runs", "cable_choice", "cable",
     "rigid_start", "rigid_runs", "rigid", "chord", "pod_normal", "decompositions", "threads", "streaming", "snapshots",
     "pod_stream", "pod", "compare", "galerkin_model", "galerkin_runs", "galerkin",
     "condensed_model", "condensed_output", "condensed_estimate", "condensed_runs", "condensed_batch", "condensed",
