@@ -53,7 +53,9 @@ class State:
     extremes: tuple[np.ndarray, np.ndarray] | None  #: of the tensions (n,) [N]
     watch: np.ndarray  #: see ``kernels.condensed.leading_verlet``
     scheme: str
-    tension: np.ndarray | None = None  #: of the links asked for at the instants (times, links) [N], where taken on the way
+    tension: np.ndarray | None = (
+        None  #: of the links asked for at the instants (times, links) [N], where taken on the way
+    )
 
     @property
     def q(self) -> np.ndarray:

@@ -164,9 +164,10 @@ class Run:
                     model.knots,
                     *links,
                     *kept,
+                    *((series[first:last],) if explicit else ()),
                 )
                 if explicit:
-                    kernel.leading_verlet(q, v, step, decay, kick, rows, *rest, series[first:last])
+                    kernel.leading_verlet(q, v, step, decay, kick, rows, *rest)
                 else:
                     done = kernel.leading_implicit(q, v, acc, step, damping, rows, *rest)
             else:

@@ -155,19 +155,7 @@ def gather(
 
     workers = min(_THREADS.get() or _cores(), count)
     size = max(1, min(CHUNK, count // (4 * workers)))
-    if workers == 1:
-        for first in range(0, count, size):
-            chunk(first)
-    else:
-        with ThreadPoolExecutor(workers) as pool:
-            futures = [pool.submit(chunk, first) for first in range(0, count, size)]
-            try:
-                wait(futures, return_when=FIRST_EXCEPTION)
-            finally:  # after Ctrl-C too, what has not begun does not begin
-                pool.shutdown(wait=False, cancel_futures=True)
-        for future in futures:
-            if not future.cancelled():
-                future.result()
+    _side_by_side(chunk, range(0, count, size), workers)
     failed = [(i, error) for i, error in enumerate(stack.failures) if error is not None]
     if failed and len(failed) == count:
         raise failed[0][1]
@@ -181,6 +169,22 @@ def gather(
             stacklevel=4,
         )
     return stack
+
+
+def _side_by_side(chunk: Callable[[int], None], starts: range, workers: int) -> None:
+    if workers == 1:
+        for first in starts:
+            chunk(first)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        futures = [pool.submit(chunk, first) for first in starts]
+        try:
+            wait(futures, return_when=FIRST_EXCEPTION)
+        finally:  # after Ctrl-C too, what has not begun does not begin
+            pool.shutdown(wait=False, cancel_futures=True)
+    for future in futures:
+        if not future.cancelled():
+            future.result()
 
 
 def join(stack: Stack, scene: xr.Dataset, coords: Any) -> xr.Dataset:
