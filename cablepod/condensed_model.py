@@ -356,6 +356,12 @@ class Model:
         h = self.chain.p.stiffness * max(float(reach) / self.chain.total_length - 1.0, 0.0)
         return h * float(self.turned[1].max())
 
+    @cached_property
+    def rest_tension(self) -> float:
+        """Mean of the tensions at the ends at rest [N]."""
+        columns = solve_statics(self.chain.p, "unstretched_length", self.chain.total_length)
+        return 0.5 * float(columns[4] + columns[5])
+
     @property
     def first_axial_frequency(self) -> float:
         """First angular frequency of waves along the cable [rad/s]."""

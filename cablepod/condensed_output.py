@@ -203,7 +203,9 @@ def attributes(model: Model, state: State, modes: xr.Dataset | None) -> dict[str
         "first_axial_frequency": axial,
         "forcing_over_axial_frequency": 2.0 * math.pi / slowest / axial if slowest < math.inf else 0.0,
         **kept,
-        **training.outside(modes, model.chain.p, model.chain.total_length, float(state.instants.times[-1])),
+        **training.outside(
+            modes, model.chain.p, model.chain.total_length, float(state.instants.times[-1]), model.rest_tension
+        ),
     }
 
 

@@ -39,10 +39,14 @@ def _bounds() -> xr.IndexVariable:
     return xr.IndexVariable("bound", ["least", "largest"])
 
 
-def features(p: Parameters, length: float, until: float) -> np.ndarray:
-    """Compute FEATURES of a scene with a given unstretched length [m], from 0 to some time [s]."""
-    columns = solve_statics(p, "unstretched_length", length)
-    tension = 0.5 * float(columns[4] + columns[5])
+def features(p: Parameters, length: float, until: float, tension: float | None = None) -> np.ndarray:
+    """Compute FEATURES of a scene with a given unstretched length [m], from 0 to some time [s].
+
+    `tension` is the mean of those at the ends at rest [N], where it is known.
+    """
+    if tension is None:
+        columns = solve_statics(p, "unstretched_length", length)
+        tension = 0.5 * float(columns[4] + columns[5])
     # a weightless slack cable has none: any small one makes it lie far outside
     tension = tension if tension > 0.0 else 1e-12 * p.stiffness
     times = np.linspace(0.0, until, INSTANTS)
@@ -113,8 +117,10 @@ def gather(modes: xr.Dataset, trained: np.ndarray | None) -> xr.Dataset:
     return modes
 
 
-def outside(modes: xr.Dataset | None, p: Parameters, length: float, until: float) -> dict[str, Any]:
-    """Tell how far a scene lies outside the training scenes of modes.
+def outside(
+    modes: xr.Dataset | None, p: Parameters, length: float, until: float, tension: float | None = None
+) -> dict[str, Any]:
+    """Tell how far a scene lies outside the training scenes of modes; parameters as those of :func:`features`.
 
     Returns
     -------
@@ -126,7 +132,7 @@ def outside(modes: xr.Dataset | None, p: Parameters, length: float, until: float
     if modes is None or "training_range" not in modes:
         return {}
     low, high = np.log1p(modes.variables["training_range"].values)
-    place = np.log1p(features(p, length, until))
+    place = np.log1p(features(p, length, until, tension))
     # rounding of the training scene itself is not outside
     excess = np.maximum(low - place, place - high)
     worst = int(np.argmax(excess))
