@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import archive, catenary, chain, compare, galerkin, lineage, pod
+from cablepod import archive, catenary, chain, compare, first_steps, galerkin, lineage, pod
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
 from cablepod.scene import read_scene
@@ -67,7 +67,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="cablepod",
         description="Reduced-order models of cable dynamics.",
-        epilog="example: cablepod run example2 --out out/example2",
+        epilog="begin with: cablepod new guy.toml, or cablepod examples; cablepod COMMAND --help has examples of each",
     )
     parser.add_argument("--version", action="version", version=f"cablepod {version('cablepod')}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -75,7 +75,6 @@ def _parser() -> argparse.ArgumentParser:
         "run",
         help="simulate one scene: rest, chain, modes, reduced models and their errors",
         description="Rest, snapshots of the chain, modes, reduced models, their errors and run times, figures; all archived.",
-        epilog="example: cablepod run data/scenes/example2.toml --out out/example2",
     )
     run.add_argument("scene", metavar="SCENE.toml", help="scene file, or a shipped scene: " + ", ".join(scenes()))
     run.add_argument("--out", required=True, metavar="DIR", help="folder for netCDF files and figures; made if missing")
@@ -92,7 +91,6 @@ def _parser() -> argparse.ArgumentParser:
         help="set every table and figure of the paper beside our own",
         description="Table 1, Table 2, Examples 1 to 4, Figures 4 to 9, the routes to the modes and the range of validity of the "
         "chain's basis: a netCDF file, figures and one page, paper.md.",
-        epilog="example: cablepod paper --out out/paper",
     )
     paper.add_argument("--out", required=True, metavar="DIR", help="folder for the report; made if missing")
     paper.add_argument(
@@ -102,8 +100,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     paper.add_argument("--overwrite", action="store_true", help="replace a report that is already in DIR")
     paper.set_defaults(run=_paper)
-    info = commands.add_parser("info", help="what a file holds and how it was made")
-    info.epilog = "example: cablepod info out/example2/chain.nc"
+    info = commands.add_parser(
+        "info",
+        help="what a file holds and how it was made",
+        description="What each netCDF file holds, its units, and how it was made.",
+    )
     info.add_argument("path", metavar="PATH", help="a netCDF file of this package, or a folder of them")
     info.add_argument(
         "--lineage",
@@ -111,6 +112,8 @@ def _parser() -> argparse.ArgumentParser:
         help="list all that a file comes from, as a Python file that makes it again from its scenes",
     )
     info.set_defaults(run=_info)
+    first_steps.add_commands(commands)
+    first_steps.add_examples(commands)
     return parser
 
 

@@ -22,7 +22,7 @@ ORDER = (
     "rigid_start", "rigid_runs", "rigid", "chord", "pod_normal", "decompositions", "threads", "streaming", "snapshots",
     "pod_stream", "pod", "compare", "galerkin_model", "galerkin_runs", "galerkin",
     "condensed_model", "condensed_output", "condensed_estimate", "condensed_runs", "condensed_batch", "condensed",
-    "plots", "whole", "archive", "lineage", "shipped", "paper", "cli", "__init__", "__main__",
+    "plots", "whole", "archive", "lineage", "shipped", "first_steps", "paper", "cli", "__init__", "__main__",
 )  # fmt: skip
 
 

@@ -1,0 +1,100 @@
+"""What a new user of the command begins with: new, examples, and the examples in every help."""
+
+from __future__ import annotations
+
+import shlex
+import tomllib
+
+import pytest
+
+import cablepod as cp
+from cablepod import cli, shipped
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_what_new_writes_runs(here, capsys):
+    assert cli.main(["new", "guy.toml"]) == 0
+    assert capsys.readouterr().out == "guy.toml: a scene to start from; next: cablepod run guy.toml --out out/guy\n"
+    assert cli.main(["run", "guy.toml", "--out", "out/guy", "--ranks", "2"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    error = float(cp.archive.read(here / "out/guy/comparison.nc").error_max.sel(rank=2))
+    assert 0 < error < 0.05  # two modes of a taut guy's slow motion: a first result should not puzzle
+
+
+def test_each_block_of_the_new_scene_can_be_uncommented():
+    text = (shipped.data_folder() / "new.toml").read_text()
+    blocks = [block for block in text.split("\n\n") if block.startswith("# [")]
+    assert len(blocks) == 4
+    plain = cp.make_scene(tomllib.loads(text))
+    for block in blocks:
+        bare = "\n".join(line.removeprefix("# ") for line in block.splitlines())
+        scene = cp.make_scene(tomllib.loads(text.replace(block, bare)))
+        assert set(scene.variables) > set(plain.variables), block
+    everything = text
+    for block in blocks:
+        everything = everything.replace(block, "\n".join(line.removeprefix("# ") for line in block.splitlines()))
+    assert cp.chain.rest(cp.make_scene(tomllib.loads(everything))).sizes["link"] == 20
+
+
+def test_examples_are_listed_with_their_titles(capsys):
+    assert cli.main(["examples"]) == 0
+    listed = dict(line.split(None, 1) for line in capsys.readouterr().out.split("\n\n")[0].splitlines())
+    assert sorted(listed) == shipped.scenes()
+    assert listed["example2"] == shipped.scene("example2").attrs["title"]
+
+
+def test_an_example_is_copied(here, scenes, capsys):
+    assert cli.main(["examples", "example2"]) == 0
+    assert (here / "example2.toml").read_bytes() == (scenes / "example2.toml").read_bytes()
+    assert cli.main(["examples", "whip", "--out", "mine.toml"]) == 0
+    assert (here / "mine.toml").read_bytes() == (scenes / "whip.toml").read_bytes()
+    assert "mine.toml: a copy of whip" in capsys.readouterr().out
+
+
+def test_shipped_scenes_need_no_file_beside_them(scenes):
+    # a copy must be whole: none reads a record
+    for name in shipped.scenes():
+        assert 'kind = "file"' not in (scenes / f"{name}.toml").read_text(), name
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["new", "there.toml"], "NAME.toml: given 'there.toml'; allowed: the name of a file that is not there yet"),
+        (["new", "guy"], "NAME.toml: given 'guy'; allowed: the name of a file that ends with .toml"),
+        (["new", ".toml"], "ends with .toml"),
+        (["new", "none/guy.toml"], "allowed: a file in a folder that is there; none is none"),
+        (["new", "/proc/guy.toml"], "/proc/guy.toml: "),
+        (["examples", "exmaple2"], "NAME: given 'exmaple2'; allowed: one of the shipped scenes: double_pendulum, "),
+        (["examples", "example2", "--out", "there.toml"], "--out: given 'there.toml'; allowed: the name of a file that is"),
+        (["examples", "--out", "x.toml"], "--out: given x.toml without a scene; allowed: cablepod examples NAME --out"),
+    ],
+)  # fmt: skip
+def test_nothing_is_overwritten_or_guessed(here, capsys, arguments, said):
+    (here / "there.toml").write_text("mine")
+    assert cli.main(arguments) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+    assert (here / "there.toml").read_text() == "mine"
+    assert [path.name for path in here.iterdir()] == ["there.toml"]
+
+
+def test_every_command_has_examples_that_parse(capsys):
+    parser = cli._parser()
+    commands = next(action.choices for action in parser._actions if action.choices)
+    assert set(commands) >= {"run", "paper", "info", "new", "examples"}
+    for name in commands:
+        with pytest.raises(SystemExit, match="0"):
+            parser.parse_args([name, "--help"])
+        text = capsys.readouterr().out
+        examples = [line.partition("#")[0].split(">")[0] for line in text.splitlines() if "  cablepod " in line]
+        assert any(f"cablepod {name}" in example for example in examples), f"the help of {name} has no example"
+        for example in examples:
+            parser.parse_args(shlex.split(example)[1:])
