@@ -264,10 +264,12 @@ def _tensions(model: Model, q: np.ndarray, times: np.ndarray, links: np.ndarray 
 def warn_out_of_range(attrs: Mapping[str, Any], which: str = "") -> None:
     """Warn where the numbers of a run say that the model cannot be trusted; `which` run, of several."""
     if attrs["smallest_chordwise_force"] < 0.0:
+        implicit = attrs["scheme"] != "velocity_verlet"
+        long = f" (or the step of {attrs['step']:g} s is too long for what moves)" if implicit else ""
         warnings.warn(
             f"{which}the chordwise force falls to {attrs['smallest_chordwise_force']:.3g} N at "
             f"{attrs['time_of_smallest_force']:.4g} s, below zero: the cable goes slack there, and the condensed "
-            "model is ill-posed; compare with chain.simulate",
+            f"model is ill-posed{long}; compare with chain.simulate",
             OutOfRangeWarning,
             stacklevel=4,
         )
