@@ -174,7 +174,7 @@ def _reason(error: BaseException, folder: Path) -> str:
     if full or "HDF error" in str(error):
         free = shutil.disk_usage(folder).free / 1e6
         return f"{error}; is the disk full? {free:.1f} MB are free in {folder}; make room, or give another path"
-    return str(error) or type(error).__name__
+    return f"{str(error) or type(error).__name__}; try another path or folder"
 
 
 def _stamped(dataset: xr.Dataset) -> xr.Dataset:

@@ -54,7 +54,9 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     members = parameters_of_members(scene)
     if any(p.point_loads for p in members):
         warnings.warn(
-            "catenary.rest leaves out the point loads of the scene; chain.rest has them", UserWarning, stacklevel=2
+            "catenary.rest leaves out the point loads of the scene; see chain.rest, which has them",
+            UserWarning,
+            stacklevel=2,
         )
     solved = [_one(p, points) for p in members]
     single = "member" not in scene.dims

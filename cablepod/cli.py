@@ -121,7 +121,7 @@ def _info(options: argparse.Namespace) -> int:
     path = Path(options.path)
     if options.lineage:
         if path.is_dir():
-            raise archive.ArchiveError(f"{path}: a folder; allowed with --lineage: one file")
+            raise archive.ArchiveError(f"--lineage: given {path}, a folder; allowed: one file")
         print(lineage.script(archive.read(path, chunks={})), end="")
         return 0
     if not path.is_dir():
@@ -240,7 +240,9 @@ def _prepare(out: Path, files: Sequence[str], *, overwrite: bool) -> None:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise archive.ArchiveError(f"--out: given {out}, which cannot be written: {error.strerror}") from None
+        raise archive.ArchiveError(
+            f"--out: given {out}, which cannot be written: {error.strerror}; allowed: a folder"
+        ) from None
     present = [name for name in files if (out / name).exists()]
     if present and not overwrite:
         raise archive.ArchiveError(

@@ -164,7 +164,8 @@ def gather(
         stack.blank(i)
     if failed:
         warnings.warn(
-            f"{len(failed)} of {count} members failed and hold nan, the first of them member {failed[0][0]}: {failed[0][1]}",
+            f"{len(failed)} of {count} members failed and hold nan, the first of them member {failed[0][0]}: "
+            f"{failed[0][1]}; see the variable failure for each",
             MemberFailedWarning,
             stacklevel=4,
         )

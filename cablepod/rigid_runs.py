@@ -320,7 +320,8 @@ class _March:
         """Accelerations (times, dims, n + 1) and tensions (times, n); x and v are projected where asked for, in place."""
         a, tension, done = self._states(self.s.copy(), time, x, v, onto)
         if self.status != self.kernel.DONE:
-            self.run.stop(None, 0, self.instants.rate, f"{self.why(0)} at {time[done]:.6g} s, an instant of the output")
+            why = f"{self.why(0)} at {time[done]:.6g} s, an instant of the output; try a shorter step, or other times"
+            self.run.stop(None, 0, self.instants.rate, why)
         return a, tension
 
     def _states(

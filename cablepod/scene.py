@@ -64,9 +64,13 @@ def read_scene(path: str | os.PathLike[str]) -> xr.Dataset:
             raise RecursionError
         mapping = tomllib.loads(content)
     except RecursionError:
-        raise SceneError(f"{named(str(path))}: not a scene: its tables or values are nested too deeply") from None
+        raise SceneError(
+            f"{named(str(path))}: not a scene: its tables or values are nested too deeply; allowed: keys of at most four parts"
+        ) from None
     except ValueError as error:  # no TOML, or a whole number of more digits than Python reads
-        raise SceneError(f"{named(str(path))}: not a TOML file: {error}") from None
+        raise SceneError(
+            f"{named(str(path))}: not a TOML file: {error}; allowed: TOML, as cablepod new writes"
+        ) from None
     try:
         return _make(mapping, path.parent)
     except SceneError as error:
@@ -120,7 +124,7 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
 def _check(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Check all tables; returns the same tree with defaults filled in and records read."""
     if not isinstance(mapping, Mapping):
-        raise refuse("scene", mapping, "a mapping with the tables of a scene")
+        raise refuse("scene", mapping, "a mapping with the tables of a scene; read_scene reads a file")
     _check_names(mapping)
     tree = schema.check_table("", {key: mapping[key] for key in mapping if key in schema.TOP}, schema.TOP)
     for name, keys in schema.TABLES.items():

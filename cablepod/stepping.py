@@ -256,8 +256,8 @@ def refine(
         factor = min(LARGEST_FACTOR, most / rate, max(1.25, (4.0 * expected / tolerance) ** (1.0 / order)))
     warnings.warn(
         f"two steps disagree: an error of {estimate:.2g} of the motion is left at step {1 / rate:.3g} s, more than the tolerance "
-        f"{tolerance:.2g}; the motion is chaotic (judge it by statistics) or too abrupt for this scheme; a shorter step or a "
-        "larger tolerance can be given",
+        f"{tolerance:.2g}; the motion is chaotic (judge it by statistics) or too abrupt for this scheme; give a shorter "
+        "step, or a larger tolerance",
         NotConvergedWarning,
         stacklevel=4,
     )

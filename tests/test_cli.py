@@ -79,7 +79,10 @@ def test_warnings_are_notes_of_one_line(scene_file, tmp_path):
     scene_file.write_text(SCENE + "[[point_load]]\narc_length = 0.5\nforce = [0.0, -10.0]\n")
     done = call("run", scene_file, "--out", tmp_path / "out", "--ranks", "2")
     assert done.returncode == 0
-    assert done.stderr == "cablepod: note: catenary.rest leaves out the point loads of the scene; chain.rest has them\n"
+    assert (
+        done.stderr
+        == "cablepod: note: catenary.rest leaves out the point loads of the scene; see chain.rest, which has them\n"
+    )
 
 
 @pytest.mark.parametrize(("duration", "interval"), [(124.0, 1.0), (4.0, 0.3), (1e-7, 2.5e-8), (1e6, 3e3), (0.3, 0.1)])
