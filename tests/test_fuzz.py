@@ -1,0 +1,470 @@
+"""Random scenes: what nobody meant to write ends in a result or a clear error, and physics keeps its identities.
+
+Mutations of valid scenes: 200 in the suite, as many as CABLEPOD_FUZZ says otherwise, from another seed each time,
+``CABLEPOD_FUZZ=10000 pytest tests/test_fuzz.py -k mutated --hypothesis-show-statistics``.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+import math
+import os
+import signal
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from conftest import SOFT, spatial
+from hypothesis import HealthCheck, event, given, settings
+from hypothesis import strategies as st
+from numba.core import event as numba_event
+
+import cablepod as cp
+from cablepod.links import chain_of
+from cablepod.parameters import parameters
+
+MANY = int(os.environ.get("CABLEPOD_FUZZ", "0"))
+COMMON = {
+    "deadline": None,  # a first example compiles; hangs are seen by their own clock
+    "database": None,
+    "derandomize": not MANY,
+    "suppress_health_check": [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much],
+}
+#: A job that takes longer than this, compilation apart, counts as hanging [s].
+HANGS = 10.0
+
+# --- scenes that nobody meant to write --------------------------------------------------------------------------------
+
+BUSY: dict[str, Any] = {
+    "title": "every table",
+    "gravity": 9.7,
+    "cable": {"youngs_modulus": 2.0e7, "area": 1.0e-3, "density": 1000.0, "bottom_tension": 180.0},
+    "ends": {"lower": [0.0, 0.0], "upper": [8.0, 6.0]},
+    "motion": {
+        "upper": {
+            "x": {"kind": "one_minus_cosine", "amplitude": -0.05, "angular_frequency": 2.0},
+            "y": {"kind": "harmonic", "amplitude": 0.02, "angular_frequency": 3.0, "phase": 0.3},
+        },
+        "lower": {"x": {"kind": "ramp", "amplitude": 0.1, "duration": 2.0}},
+    },
+    "load": {"uniform": [1.0, -2.0], "kind": "polynomial", "coefficients": [0.0, 0.01, 0.002]},
+    "point_load": [
+        {"arc_length": 0.25, "force": [0.0, -5.0]},
+        {"arc_length": 0.5, "force": [3.0, 0.0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 2.5},
+    ],
+    "time": {"duration": 4.0, "interval": 0.5},
+    "chain": {"links": 5, "link_lengths": [1.0, 2.0, 1.0, 2.0, 1.0]},
+    "initial": {"top_tension": 260.0},
+    "damping": {"mass_proportional": 0.1},
+}
+FREE: dict[str, Any] = {
+    **{key: SOFT[key] for key in ("title", "time", "chain")},
+    "cable": {"youngs_modulus": 2.0e7, "area": 1.0e-3, "specific_weight": 9810.0, "unstretched_length": 9.0},
+    "ends": {"lower": [0.0, 0.0], "upper": [8.0, 0.0], "free": "upper"},
+    "initial": {"points": [[0.0, 0.0], [5.0, -1.0], [9.5, 0.0]]},
+}
+BASES = (SOFT, BUSY, FREE)
+NUMBERS = st.one_of(
+    st.sampled_from([0, 1, -1, 2, 0.0, -0.0, 1e-320, 1e-30, 1e-9, 1e9, 1e30, 1e300, 10**400, 2**63, True]),
+    st.sampled_from([math.nan, math.inf, -math.inf]),
+    st.floats(),
+    st.floats(1e-3, 1e3),
+    st.integers(-5, 50),
+)
+JUNK = st.one_of(
+    NUMBERS,
+    st.none(),
+    st.sampled_from(
+        ["", " ", "upper", "lower", "ramp", "file", "é\n", [], {}, [[]], [1.0], [1.0, 2.0], [1.0, 2.0, 3.0], {"x": 1}]
+    ),
+    st.lists(NUMBERS, max_size=4),
+    st.sampled_from([np.float64(3.0), np.int8(3), np.zeros(2), np.array(2.5), 1j, b"2", object()]),
+)
+CHANGES = (*["nudge"] * 6, *["scale"] * 4, *["negate"] * 2, "junk", "delete", "copy", "add", "longer")
+NAMES = (
+    "x",
+    "z",
+    "kind",
+    "amplitude",
+    "duration",
+    "links",
+    "free",
+    "force",
+    "density",
+    "uniform",
+    "no_such_key",
+    "",
+    "a.b",
+    5,
+)
+
+
+def places(tree: Any) -> list[tuple[Any, Any]]:
+    """List all (container, key) of a nested value."""
+    found = []
+    items = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    for key, value in items:
+        found += [(tree, key), *places(value)]
+    return found
+
+
+@st.composite
+def mutated(draw: st.DrawFn) -> dict[str, Any]:
+    """Draw a valid scene with one to three changes that a user, a program or an accident could make."""
+    scene = copy.deepcopy(draw(st.sampled_from(BASES)))
+    if draw(st.integers(0, 19)) == 19:
+        scene = spatial(scene)
+    for _ in range(draw(st.sampled_from([1, 1, 2, 3]))):
+        found = places(scene)
+        if not found:
+            break
+        container, key = draw(st.sampled_from(found))
+        value = container[key]
+        change = draw(st.sampled_from(CHANGES))
+        real = isinstance(value, int | float) and not isinstance(value, bool)
+        if change == "scale" and real:
+            container[key] = value * 10.0 ** draw(st.integers(-8, 8))
+        elif change == "nudge" and real:
+            container[key] = (
+                value * draw(st.floats(0.3, 3.0)) if isinstance(value, float) else value + draw(st.integers(-3, 9))
+            )
+        elif change == "negate" and real:
+            container[key] = -value
+        elif change == "delete":
+            del container[key]
+        elif change == "copy":
+            other, its = draw(st.sampled_from(found))
+            container[key] = copy.deepcopy(other[its])
+        elif change == "add" and isinstance(container, dict):
+            container[draw(st.sampled_from(NAMES))] = draw(JUNK)
+        elif change == "longer" and isinstance(value, list):
+            container[key] = [*value, draw(JUNK)]
+        else:
+            container[key] = draw(JUNK)
+    return scene
+
+
+class HangError(Exception):
+    """A job did not end in time."""
+
+
+@contextmanager
+def in_time() -> Iterator[None]:
+    """Raise where the body takes longer than HANGS, the compilation of kernels apart."""
+    with numba_event.install_recorder("numba:compile") as compiled:
+        seen = [0]
+
+        def ring(*_: object) -> None:
+            count = len(compiled.buffer)
+            if count == seen[0] and count % 2 == 0:  # a begin and an end each: an odd number of them is one at work
+                raise HangError(f"more than {HANGS:g} s")
+            seen[0] = count
+            signal.setitimer(signal.ITIMER_REAL, HANGS)
+
+        before = signal.signal(signal.SIGALRM, ring)
+        signal.setitimer(signal.ITIMER_REAL, HANGS)
+        try:
+            yield
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, before)
+
+
+def finite(dataset: xr.Dataset) -> None:
+    """Hold that no number of a result is nan or infinite."""
+    for name, variable in dataset.variables.items():
+        if variable.dtype.kind == "f":
+            assert np.isfinite(variable.values).all(), f"{dataset.attrs.get('title')}: {name} is not finite"
+
+
+def clear(error: Exception) -> None:
+    """Hold that an error is one line that says what is wrong and what to do."""
+    text = str(error)
+    assert "\n" not in text
+    assert len(text) < 1000
+    assert "; allowed: " in text if isinstance(error, cp.SceneError) else "; try " in text, text
+
+
+#: So much work a run of the suite may ask for: steps over the stability limit, links times instants.  What asks for more is the
+#: user's right, and may take its time: a cable of 1e18 N for an hour.
+STEPS, VALUES, LINKS = 1e6, 1e6, 2000
+
+
+def affordable(scene: xr.Dataset) -> bool:
+    """Tell whether a run takes about a second at most."""
+    p = parameters(scene)
+    if p.links is None or p.duration is None or p.interval is None or p.links > LINKS:
+        return False
+    if p.duration / p.interval * p.links > VALUES:
+        return False
+    steps = p.duration / chain_of(p).step_limit()
+    return max(steps, p.duration / p.time_scale) * max(1.0, p.links / 10.0) < STEPS
+
+
+def terms(scene: xr.Dataset) -> tuple[bool | int, ...]:
+    """What decides which variants of the kernels a run compiles."""
+    p = parameters(scene)
+    ends = {end for end, _ in p.motions}
+    varying = [load.factor is not None for load in p.point_loads]
+    given = (p.mass_damping, p.link_viscosity, p.load, p.load_factor, p.free)
+    return p.dims, len(ends), bool(varying), any(varying), *(item is not None for item in given)
+
+
+@functools.cache
+def compiled_anyway() -> set[tuple[bool | int, ...]]:
+    """Terms of the scenes themselves: a mutation with others is only run where there is time to compile."""
+    return {terms(cp.make_scene(base)) for base in BASES}
+
+
+def tried(what: str, function: Any, *arguments: Any, **options: Any) -> xr.Dataset | None:
+    """Call `function`: a result without nan, or None after a clear error."""
+    try:
+        result = function(*arguments, **options)
+    except cp.SceneError as error:
+        event(f"{what}: refused")
+        clear(error)
+        return None
+    except cp.RunStopped as error:
+        event(f"{what}: stopped")
+        clear(error)
+        if error.partial is not None:
+            finite(error.partial)
+        return None
+    event(f"{what}: a result")
+    finite(result)
+    return result
+
+
+def the_main_job(mapping: dict[str, Any]) -> None:
+    """Do what ``cablepod run`` does, and the condensed model."""
+    before = repr(mapping)
+    scene = tried("scene", cp.make_scene, mapping)
+    assert repr(mapping) == before
+    if scene is None:
+        return
+    tried("catenary.rest", cp.catenary.rest, scene)
+    if "chain_links" not in scene or int(scene.chain_links) > LINKS:
+        event("no run: no links, or very many")
+        return
+    tried("chain.rest", cp.chain.rest, scene)
+    if not affordable(scene):
+        event("no run: no times, or very long")
+        return
+    if not MANY and terms(scene) not in compiled_anyway():
+        event("no run: a variant that is not compiled")
+        return
+    chain = tried("chain.simulate", cp.chain.simulate, scene, outputs=("position", "tension"))
+    if chain is None:
+        return
+    for layout, model in (("separate", cp.galerkin), ("normal", cp.condensed)):
+        modes = tried("pod.decompose", cp.pod.decompose, chain, layout=layout)
+        if modes is not None:
+            rank = min(2, modes.sizes["mode"])
+            tried(f"{model.__name__}.simulate", model.simulate, scene, modes, rank=rank, tolerance=1e-4)
+
+
+@settings(max_examples=MANY or 200, **COMMON)
+@given(mutated())
+def test_a_mutated_scene_gives_a_result_or_a_clear_error(mapping):
+    with in_time(), warnings.catch_warnings():
+        warnings.simplefilter("error")  # what numpy warns of is a nan on its way
+        for known in (cp.NotConvergedWarning, cp.OutOfRangeWarning):
+            warnings.simplefilter("ignore", known)
+        warnings.filterwarnings("ignore", message=r"catenary\.rest leaves out the point loads")
+        the_main_job(mapping)
+
+
+# --- scenes that physics has something to say of -----------------------------------------------------------------------
+
+Mapping = dict[str, Any]
+
+
+@st.composite
+def cables(draw: st.DrawFn, *, weightless: bool = False) -> Mapping:
+    """Draw a cable, taut to sagging, whose upper end moves, for about two periods of its first transverse vibration."""
+    span, rise = draw(st.floats(2.0, 50.0)), draw(st.floats(-30.0, 30.0))
+    chord = math.hypot(span, rise)
+    weight = 10.0 ** draw(st.floats(0.0, 2.0))  # N/m
+    force = weight * chord * 10.0 ** draw(st.floats(-0.3, 1.5))  # sag over span from 1/4 to 1/250
+    stiffness = force * 10.0 ** draw(st.floats(2.0, 4.0))  # strain from 0.01 % to 1 %
+    first = math.pi / chord * math.sqrt(force / (weight / 9.81))  # rad/s
+    duration = 4.0 * math.pi / first
+    load = [weight * draw(st.floats(-1.0, 1.0)), weight * draw(st.floats(-0.5, 0.5))]
+    return {
+        "gravity": 0.0 if weightless else 9.81,
+        "cable": {
+            "youngs_modulus": stiffness / 1e-3,
+            "area": 1e-3,
+            "density": weight / 9.81 / 1e-3,
+            "horizontal_force": force,
+        },
+        "ends": {"lower": [0.0, 0.0], "upper": [span, rise]},
+        "load": {"uniform": [load[0], load[1] - weight] if weightless else load},
+        # a tenth of what stretches the cable to its tension, so that it stays taut where it began so
+        "motion": {"upper": {axis: draw(ends_motion(0.1 * chord * force / stiffness, first)) for axis in "xy"}},
+        "time": {"duration": duration, "interval": duration / 16.0},
+        "chain": {"links": draw(st.integers(4, 10))},
+    }
+
+
+@st.composite
+def ends_motion(draw: st.DrawFn, most: float, first: float) -> Mapping:
+    """Draw a harmonic motion [m] at 0.1 to 3 times a frequency [rad/s]."""
+    return {
+        "kind": "harmonic",
+        "amplitude": most * draw(st.floats(0.1, 1.0)) * draw(st.sampled_from([-1.0, 1.0])),
+        "angular_frequency": first * draw(st.floats(0.1, 3.0)),
+        "phase": draw(st.floats(-3.0, 3.0)),
+    }
+
+
+def step_of(scene: xr.Dataset) -> float:
+    """Half of the stability limit of the explicit chain [s]."""
+    return 0.5 * chain_of(parameters(scene)).step_limit()
+
+
+def runs(mapping: Mapping, step: float) -> dict[str, xr.Dataset]:
+    """Run chain, Galerkin and condensed model with a given step [s]; two modes of what the chain did."""
+    scene = cp.make_scene(mapping)
+    outputs = ("position", "tension")
+    chain = cp.chain.simulate(scene, step=step, outputs=outputs)
+    with warnings.catch_warnings():
+        # the model says where it cannot be trusted; it must do so symmetrically all the same
+        warnings.simplefilter("ignore", cp.OutOfRangeWarning)
+        normal, separate = (cp.pod.decompose(chain, layout=layout, rank=2) for layout in ("normal", "vector"))
+        condensed = cp.condensed.simulate(scene, normal, step=step, scheme="trapezoidal", outputs=outputs)
+    galerkin = cp.galerkin.simulate(scene, separate, step=step, scheme="trapezoidal", outputs=outputs)
+    return {"chain": chain, "galerkin": galerkin, "condensed": condensed}
+
+
+def turned(mapping: Mapping, matrix: np.ndarray) -> Mapping:
+    """Turn or mirror all vectors of a scene (not gravity); motions of one frequency each axis become ones of all axes."""
+    result = copy.deepcopy(mapping)
+    for end in ("lower", "upper"):
+        result["ends"][end] = (matrix @ mapping["ends"][end]).tolist()
+    result["load"]["uniform"] = (matrix @ mapping["load"]["uniform"]).tolist()
+    result["motion"] = {"upper": {}}
+    for i, axis in enumerate("xyz"[: len(matrix)]):
+        for j, function in enumerate(mapping["motion"]["upper"].values()):
+            if abs(matrix[i, j]) > 1e-15:
+                assert axis not in result["motion"]["upper"], "an axis has one motion only"
+                amplitude = matrix[i, j] * function["amplitude"]
+                result["motion"]["upper"][axis] = {**function, "amplitude": amplitude}
+    return result
+
+
+def agree(got: np.ndarray, wanted: np.ndarray, scene: xr.Dataset, tolerance: float) -> None:
+    """Hold that positions agree to a part of the chord."""
+    chord = float(np.linalg.norm(scene.ends_upper - scene.ends_lower))
+    assert np.abs(got - wanted).max() <= tolerance * chord
+
+
+#: Rounding of positions, 1e-16 of the chord, is worth up to K/T n^2 ~ 1e6 times as much where links pull transversely, and
+#: Newton's method leaves 1e-10 of the forces.
+ROUNDING = 1e-9
+PHYSICAL = settings(max_examples=20, **COMMON)
+
+
+@PHYSICAL
+@given(cables())
+def test_equilibrium_stays_at_rest(mapping):
+    scene = cp.make_scene({**mapping, "motion": {}})
+    rest = cp.chain.rest(scene)
+    chain = cp.chain.simulate(scene, step=step_of(scene))
+    agree(chain.position.values, rest.position.values, scene, ROUNDING)
+    modes = cp.pod.decompose(cp.chain.simulate(cp.make_scene(mapping), step=step_of(scene)), layout="vector", rank=2)
+    reduced = cp.galerkin.simulate(scene, modes, step=step_of(scene), scheme="trapezoidal")
+    agree(reduced.position.values, reduced.position.values[:1], scene, ROUNDING)
+
+
+@PHYSICAL
+@given(cables(), st.sampled_from(["linear", "green"]))
+def test_energy_is_kept(mapping, law):
+    # let go from the shape of another length, between ends that stand still
+    scene = cp.make_scene({**mapping, "motion": {}})
+    length = float(cp.catenary.rest(scene).unstretched_length)
+    slacker = length * (1.0 + 0.3 * float(scene.cable_horizontal_force / scene.cable_youngs_modulus / scene.cable_area))
+    scene = cp.make_scene({**mapping, "motion": {}, "initial": {"unstretched_length": slacker}})
+    run = cp.chain.simulate(
+        scene, law=law, scheme="energy_momentum", step=8.0 * step_of(scene), outputs=("position", "velocity")
+    )
+    chain = chain_of(parameters(scene), None, law)
+    mass = parameters(scene).mass * (chain.length[1:] + chain.length[:-1]) / 2.0
+    kinetic = 0.5 * (run.velocity.values[:, 1:-1] ** 2).sum(axis=2) @ mass
+    xi = chain.stretch(run.position.values)
+    per_length = (xi**2 - 1.0) ** 2 / 8.0 if law == "green" else np.maximum(xi - 1.0, 0.0) ** 2 / 2.0
+    strain = chain.p.stiffness * per_length @ chain.length
+    work = (chain.loads(0.0) * run.position.values).sum(axis=(1, 2))
+    total = kinetic + strain - work
+    assert kinetic.max() > 0.0
+    # 1e-11: Newton's method stops at rounding of the forces; sums of strain energies round at 1e-16 of themselves
+    assert np.ptp(total) <= 1e-9 * kinetic.max() + 1e-11 * (strain.max() + np.abs(work).max())
+
+
+@PHYSICAL
+@given(cables())
+def test_a_mirrored_scene_moves_as_its_mirror_image(mapping):
+    scene = cp.make_scene(mapping)
+    mirror = np.diag([-1.0, 1.0])
+    image = runs(turned(mapping, mirror), step_of(scene))
+    for model, run in runs(mapping, step_of(scene)).items():
+        agree(image[model].position.values, run.position.values @ mirror, scene, ROUNDING)
+        np.testing.assert_allclose(image[model].tension, run.tension, rtol=1e-6, err_msg=model)
+
+
+@PHYSICAL
+@given(cables(weightless=True), st.floats(-math.pi, math.pi))
+def test_a_turned_scene_moves_as_the_scene_turned(mapping, angle):
+    del mapping["motion"]["upper"]["y"]  # an axis has one motion only
+    mapping["motion"]["upper"]["x"]["amplitude"] *= 0.5
+    matrix = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    scene = cp.make_scene(mapping)
+    image = runs(turned(mapping, matrix), step_of(scene))
+    for model, run in runs(mapping, step_of(scene)).items():
+        agree(image[model].position.values, run.position.values @ matrix.T, scene, ROUNDING)
+
+
+@PHYSICAL
+@given(cables(), st.floats(-math.pi, math.pi))
+def test_in_space_the_vertical_is_the_only_direction(mapping, angle):
+    del mapping["motion"]["upper"]["y"]
+    scene = cp.make_scene(mapping)
+    space = spatial(mapping)
+    cosine, sine = math.cos(angle), math.sin(angle)
+    matrix = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
+    plane = cp.chain.simulate(scene, step=step_of(scene)).position.values
+    image = cp.chain.simulate(cp.make_scene(turned(space, matrix)), step=step_of(scene)).position.values
+    agree(image, plane @ matrix[:, :2].T, scene, ROUNDING)
+
+
+@PHYSICAL
+@given(cables(), st.integers(-6, 6), st.integers(-6, 6), st.integers(-6, 6))
+def test_units_do_not_matter(mapping, of_length, of_mass, of_time):
+    # powers of two round nothing: what differs is a constant with units hidden in the code
+    a, m, t = 2.0**of_length, 2.0**of_mass, 2.0**of_time
+    force = m * a / t**2
+    other = copy.deepcopy(mapping)
+    other["gravity"] *= a / t**2
+    for key, unit in (
+        ("youngs_modulus", force / a**2),
+        ("area", a**2),
+        ("density", m / a**3),
+        ("horizontal_force", force),
+    ):
+        other["cable"][key] *= unit
+    other["ends"]["upper"] = [a * x for x in mapping["ends"]["upper"]]
+    other["load"]["uniform"] = [force / a * x for x in mapping["load"]["uniform"]]
+    for function in other["motion"]["upper"].values():
+        function["amplitude"] *= a
+        function["angular_frequency"] /= t
+    for key in ("duration", "interval"):
+        other["time"][key] *= t
+    scene = cp.make_scene(mapping)
+    scaled = runs(other, t * step_of(scene))
+    for model, run in runs(mapping, step_of(scene)).items():
+        agree(scaled[model].position.values / a, run.position.values, scene, ROUNDING)
+        np.testing.assert_allclose(scaled[model].tension / force, run.tension, rtol=1e-6, err_msg=model)
