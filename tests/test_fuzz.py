@@ -1,7 +1,8 @@
 """Random scenes: what nobody meant to write ends in a result or a clear error, and physics keeps its identities.
 
 Mutations of valid scenes: 200 in the suite, as many as CABLEPOD_FUZZ says otherwise, from another seed each time,
-``CABLEPOD_FUZZ=10000 pytest tests/test_fuzz.py -k mutated --hypothesis-show-statistics``.
+``CABLEPOD_FUZZ=10000 pytest tests/test_fuzz.py -k mutated --hypothesis-show-statistics``; with CABLEPOD_FUZZ_VARIANTS=1 also those
+whose terms need kernels compiled that no other scene here needs, some seconds each.
 """
 
 from __future__ import annotations
@@ -28,13 +29,14 @@ from cablepod.links import chain_of
 from cablepod.parameters import parameters
 
 MANY = int(os.environ.get("CABLEPOD_FUZZ", "0"))
+ALL_VARIANTS = bool(os.environ.get("CABLEPOD_FUZZ_VARIANTS"))
 COMMON = {
     "deadline": None,  # a first example compiles; hangs are seen by their own clock
     "database": None,
     "derandomize": not MANY,
     "suppress_health_check": [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much],
 }
-#: A job that takes longer than this, compilation apart, counts as hanging [s].
+#: A job that takes longer than this, compilation apart, counts as hanging [s of processor time: other load does not count].
 HANGS = 10.0
 
 # --- scenes that nobody meant to write --------------------------------------------------------------------------------
@@ -112,6 +114,11 @@ def places(tree: Any) -> list[tuple[Any, Any]]:
     return found
 
 
+def is_real(value: Any) -> bool:
+    """Tell a number that can be scaled."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e290
+
+
 @st.composite
 def mutated(draw: st.DrawFn) -> dict[str, Any]:
     """Draw a valid scene with one to three changes that a user, a program or an accident could make."""
@@ -119,20 +126,21 @@ def mutated(draw: st.DrawFn) -> dict[str, Any]:
     if draw(st.integers(0, 19)) == 19:
         scene = spatial(scene)
     for _ in range(draw(st.sampled_from([1, 1, 2, 3]))):
+        change = draw(st.sampled_from(CHANGES))
         found = places(scene)
+        if change in ("nudge", "scale", "negate"):
+            found = [(container, key) for container, key in found if is_real(container[key])]
         if not found:
-            break
+            continue
         container, key = draw(st.sampled_from(found))
         value = container[key]
-        change = draw(st.sampled_from(CHANGES))
-        real = isinstance(value, int | float) and not isinstance(value, bool)
-        if change == "scale" and real:
+        if change == "scale":
             container[key] = value * 10.0 ** draw(st.integers(-8, 8))
-        elif change == "nudge" and real:
+        elif change == "nudge":
             container[key] = (
                 value * draw(st.floats(0.3, 3.0)) if isinstance(value, float) else value + draw(st.integers(-3, 9))
             )
-        elif change == "negate" and real:
+        elif change == "negate":
             container[key] = -value
         elif change == "delete":
             del container[key]
@@ -163,15 +171,15 @@ def in_time() -> Iterator[None]:
             if count == seen[0] and count % 2 == 0:  # a begin and an end each: an odd number of them is one at work
                 raise HangError(f"more than {HANGS:g} s")
             seen[0] = count
-            signal.setitimer(signal.ITIMER_REAL, HANGS)
+            signal.setitimer(signal.ITIMER_PROF, HANGS)
 
-        before = signal.signal(signal.SIGALRM, ring)
-        signal.setitimer(signal.ITIMER_REAL, HANGS)
+        before = signal.signal(signal.SIGPROF, ring)
+        signal.setitimer(signal.ITIMER_PROF, HANGS)
         try:
             yield
         finally:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
-            signal.signal(signal.SIGALRM, before)
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+            signal.signal(signal.SIGPROF, before)
 
 
 def finite(dataset: xr.Dataset) -> None:
@@ -191,17 +199,20 @@ def clear(error: Exception) -> None:
 
 #: So much work a run of the suite may ask for: steps over the stability limit, links times instants.  What asks for more is the
 #: user's right, and may take its time: a cable of 1e18 N for an hour.
-STEPS, VALUES, LINKS = 1e6, 1e6, 2000
+STEPS, VALUES, LINKS = 5e3, 2e5, 2000
 
 
-def affordable(scene: xr.Dataset) -> bool:
-    """Tell whether a run takes about a second at most."""
+def affordable(scene: xr.Dataset, rest: xr.Dataset | None) -> bool:
+    """Tell whether a run takes some tenths of a second at most, with all refinements of its step."""
     p = parameters(scene)
     if p.links is None or p.duration is None or p.interval is None or p.links > LINKS:
         return False
     if p.duration / p.interval * p.links > VALUES:
         return False
-    steps = p.duration / chain_of(p).step_limit()
+    # the Galerkin model's law (21) stiffens with the square of the stretch: a cable pulled to 10 000 times its length, as where
+    # a modulus is given in GPa, takes as many times more steps
+    stretch = 1.0 if rest is None else float(rest.stretched_length / rest.unstretched_length)
+    steps = p.duration / chain_of(p).step_limit() * max(1.0, stretch)
     return max(steps, p.duration / p.time_scale) * max(1.0, p.links / 10.0) < STEPS
 
 
@@ -250,11 +261,11 @@ def the_main_job(mapping: dict[str, Any]) -> None:
     if "chain_links" not in scene or int(scene.chain_links) > LINKS:
         event("no run: no links, or very many")
         return
-    tried("chain.rest", cp.chain.rest, scene)
-    if not affordable(scene):
+    rest = tried("chain.rest", cp.chain.rest, scene)
+    if not affordable(scene, rest):
         event("no run: no times, or very long")
         return
-    if not MANY and terms(scene) not in compiled_anyway():
+    if not ALL_VARIANTS and terms(scene) not in compiled_anyway():
         event("no run: a variant that is not compiled")
         return
     chain = tried("chain.simulate", cp.chain.simulate, scene, outputs=("position", "tension"))
@@ -264,7 +275,7 @@ def the_main_job(mapping: dict[str, Any]) -> None:
         modes = tried("pod.decompose", cp.pod.decompose, chain, layout=layout)
         if modes is not None:
             rank = min(2, modes.sizes["mode"])
-            tried(f"{model.__name__}.simulate", model.simulate, scene, modes, rank=rank, tolerance=1e-4)
+            tried(f"{model.__name__}.simulate", model.simulate, scene, modes, rank=rank, tolerance=1e-2)
 
 
 @settings(max_examples=MANY or 200, **COMMON)
@@ -389,9 +400,10 @@ def test_energy_is_kept(mapping, law):
     length = float(cp.catenary.rest(scene).unstretched_length)
     slacker = length * (1.0 + 0.3 * float(scene.cable_horizontal_force / scene.cable_youngs_modulus / scene.cable_area))
     scene = cp.make_scene({**mapping, "motion": {}, "initial": {"unstretched_length": slacker}})
-    run = cp.chain.simulate(
-        scene, law=law, scheme="energy_momentum", step=8.0 * step_of(scene), outputs=("position", "velocity")
-    )
+    interval = float(scene.time_interval)
+    # the energy is kept at steps, so instants are steps
+    step = interval / math.ceil(interval / (8.0 * step_of(scene)))
+    run = cp.chain.simulate(scene, law=law, scheme="energy_momentum", step=step, outputs=("position", "velocity"))
     chain = chain_of(parameters(scene), None, law)
     mass = parameters(scene).mass * (chain.length[1:] + chain.length[:-1]) / 2.0
     kinetic = 0.5 * (run.velocity.values[:, 1:-1] ** 2).sum(axis=2) @ mass
