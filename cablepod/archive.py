@@ -30,6 +30,8 @@ from cablepod.whole import whole_file
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Mapping
 
+__all__ = ["ArchiveError", "describe", "read", "write"]
+
 SCHEMA = 1  # raised when files change so that an older package would misread them
 SMALL = 16_384  # bytes; below this a filter and its chunk index cost more than they save
 CHUNK = 1 << 20  # bytes; aim for the size of one chunk

@@ -21,6 +21,8 @@ from cablepod.parameters import Parameters, check_memory, parameters
 from cablepod.runs import SUSPECT, State, suffix
 from cablepod.schema import SceneError, integer, number, refuse
 
+__all__ = ["frequencies", "rest", "simulate"]
+
 LAW = LAWS[1]
 
 

@@ -135,7 +135,7 @@ class MeshVerlet(MeshRun, VerletRun):
             decay = math.exp(-p.mass_damping * step)
             per_mass = -math.expm1(-p.mass_damping * step) / (p.mass_damping * mass)
         x = np.ascontiguousarray(self.initial.T)
-        half = 0.5 * step if p.mass_damping is None else math.expm1(0.5 * p.mass_damping * step) / p.mass_damping
+        half = 0.5 * step if p.mass_damping is None else stepping.damped_growth(p.mass_damping, step) / p.mass_damping
         v = np.ascontiguousarray((-half * self.first_force()[free] / mass[:, None]).T)
         # the prediction 1.5 v - 0.5 before then gives rest at the start
         before = None if p.link_viscosity is None else 3.0 * v

@@ -14,6 +14,8 @@ from cablepod.conventions import COORDINATES, label
 from cablepod.parameters import Parameters, load_plane, parameters_of_members, solve_statics
 from cablepod.schema import SceneError, refuse
 
+__all__ = ["rest", "solve"]
+
 
 def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     """Compute the continuous cable at rest under its weight and uniform load, by the exact elastic catenary.

@@ -20,6 +20,8 @@ from cablepod.runs import SUSPECT, Run, State, coordinates, suffix
 from cablepod.schema import SceneError, number, refuse
 from cablepod.verlet import VerletRun
 
+__all__ = ["rest", "simulate"]
+
 SCHEMES = ("velocity_verlet", *implicit.SCHEMES)
 
 

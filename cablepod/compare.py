@@ -11,6 +11,8 @@ from cablepod.pod import relative_arc_length
 from cablepod.schema import SceneError, refuse
 from cablepod.stepping import motion_scale
 
+__all__ = ["errors"]
+
 
 def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     """Measure the error of a run against a truth.

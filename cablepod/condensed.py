@@ -17,6 +17,8 @@ from cablepod.members import unnamed_values
 from cablepod.parameters import parameters_of_members
 from cablepod.schema import refuse
 
+__all__ = ["simulate"]
+
 
 def simulate(
     scene: xr.Dataset,

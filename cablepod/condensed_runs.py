@@ -205,7 +205,7 @@ class Run:
         z = np.full(model.rule[2].size if model.order != "leading" else 0, model.first_stretch(model.first_row))
         if not explicit:
             return q.copy(), rates.copy(), push - damping * rates, z
-        grow = math.expm1(0.5 * damping * step)
+        grow = stepping.damped_growth(damping, step)
         back = 0.5 * step if not damping else grow / damping
         return q.copy(), rates * (1.0 + grow) - back * push, push - damping * rates, z
 

@@ -16,6 +16,8 @@ from cablepod.members import over_members
 from cablepod.parameters import check_memory, parameters
 from cablepod.schema import number, refuse
 
+__all__ = ["simulate"]
+
 SCHEMES = ("velocity_verlet", "trapezoidal", "energy_momentum")
 #: An implicit step costs about as much as so many explicit ones, and so many more for each amplitude (40 links).
 IMPLICIT_COST, COST_OF_AMPLITUDE = 4.0, 0.45

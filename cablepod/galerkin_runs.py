@@ -291,7 +291,7 @@ class VerletRun(Run):
         law, (packed, linked) = self.law, self.tables
         p, account = self.p0.copy(), np.zeros(3)
         slope, _ = model.gradient(np.concatenate([self.q0, model.displacements(np.zeros(1))[0]]))
-        half = math.expm1(0.5 * damping * step) / damping if damping else 0.5 * step
+        half = stepping.damped_growth(damping, step) / damping if damping else 0.5 * step
         velocity = -half * (
             model.loads_on_steps(0, 0, rate)[0] - slope
         )  # half a step before the start, which is from rest

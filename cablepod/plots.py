@@ -20,6 +20,8 @@ from cablepod.schema import SceneError, refuse
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+__all__ = ["amplitudes", "error_over_time", "modes", "rest", "shapes", "singular_values"]
+
 COLOURS = ("#000000", "#D55E00", "#56B4E9", "#0072B2", "#E69F00", "#009E73", "#CC79A7")
 LINES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)), (0, (8, 3)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")

@@ -21,6 +21,8 @@ from cablepod.schema import SceneError, refuse
 from cablepod.snapshots import lift, relative_arc_length
 from cablepod.streaming import COMPLETE
 
+__all__ = ["Stream", "at_times", "decompose", "project", "reconstruct"]
+
 __all__ = [
     "Stream",
     "amplitude_dataset",

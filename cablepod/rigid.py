@@ -20,6 +20,8 @@ from cablepod.rigid_start import check_ends, rest_shape, start
 from cablepod.runs import State, coordinates
 from cablepod.schema import number, refuse
 
+__all__ = ["rest", "simulate"]
+
 #: No link turns by more than about this [rad] in a step of the first of the runs that are compared.
 TURN_OF_A_STEP = 0.1
 

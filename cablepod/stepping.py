@@ -31,6 +31,10 @@ STEPS_PER_CHANGE = 8.0
 #: Two implicit runs must agree by so much better than the tolerance: their steps need not resolve all that moves.
 CAUTION = 4.0
 
+#: Damping times an explicit step, at most: velocities half a step before the start, exp(c h / 2) times larger, and their squares
+#: stay finite.
+MOST_DAMPED = 600.0
+
 # Steps per second are rounded up to one of these times a power of ten: a step then hits round instants, and neither it nor
 # any bit of the result depends on the instants asked for.
 _PREFERRED = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0)
@@ -77,6 +81,16 @@ def check_outputs(outputs: Any, allowed: tuple[str, ...] = OUTPUTS) -> tuple[str
 def check_positive(key: str, value: Any) -> float:
     """Check an option that must be a finite positive number."""
     return number(above=0.0)(key, value)
+
+
+def damped_growth(damping: float, step: float) -> float:
+    """Return exp(c h / 2) - 1, by which a velocity grows that is followed back over half a step against damping c [1/s]."""
+    if damping * step > MOST_DAMPED:
+        raise SceneError(
+            f"damping.mass_proportional: given {damping:g}; allowed: at most {MOST_DAMPED / step:.4g} 1/s with explicit steps of "
+            f"{step:.4g} s; an implicit scheme, or a shorter step, takes more"
+        )
+    return math.expm1(0.5 * damping * step)
 
 
 def preferred_rate(rate: float) -> float:

@@ -68,7 +68,7 @@ class VerletRun(Run):
         state[kernel.PER_MASS, free] = step / mass
         if p.mass_damping is not None:
             decay = math.exp(-p.mass_damping * step)
-            half = math.expm1(0.5 * p.mass_damping * step) / p.mass_damping
+            half = stepping.damped_growth(p.mass_damping, step) / p.mass_damping
             state[kernel.PER_MASS, free] = -math.expm1(-p.mass_damping * step) / (p.mass_damping * mass)
         per_mass = state[kernel.PER_MASS, particles]
         varying = chain.varying()

@@ -1,7 +1,7 @@
 """Random scenes: what nobody meant to write ends in a result or a clear error, and physics keeps its identities.
 
 Mutations of valid scenes: 200 in the suite, as many as CABLEPOD_FUZZ says otherwise, from another seed each time,
-``CABLEPOD_FUZZ=10000 pytest tests/test_fuzz.py -k mutated --hypothesis-show-statistics``; with CABLEPOD_FUZZ_VARIANTS=1 also those
+``CABLEPOD_FUZZ=10000 pytest tests/test_fuzz.py -k mutated --hypothesis-show-statistics``; CABLEPOD_FUZZ_VARIANTS=1 adds those
 whose terms need kernels compiled that no other scene here needs, some seconds each.
 """
 

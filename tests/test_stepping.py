@@ -162,3 +162,19 @@ def test_a_first_step_that_breaks_down_is_halved():
         _, rate, _ = stepping.refine(run, lambda run: np.zeros((1, 1, 1)), lambda run: 1.0, 100.0, 1e-6)
     assert calls == [100.0, 200.0, 400.0, 800.0]
     assert rate == 800.0
+
+
+@pytest.mark.parametrize("model", ["chain", "cable", "galerkin", "condensed"])
+def test_damping_beyond_the_floats_is_refused(soft, model):
+    options = {"elements": 1} if model == "cable" else {}
+    if model in ("galerkin", "condensed"):
+        run = cp.chain.simulate(cp.make_scene(soft), step=1e-3)
+        options = {"modes": cp.pod.decompose(run, layout="normal" if model == "condensed" else "separate", rank=2)}
+    scene = cp.make_scene({**soft, "damping": {"mass_proportional": 1e6}})
+    simulate = getattr(cp, model).simulate
+    with pytest.raises(
+        cp.SceneError, match=r"damping\.mass_proportional: given 1e\+06; allowed: at most 6e\+05 1/s .* 0\.001 s;"
+    ):
+        simulate(scene, **options, step=1e-3, scheme="velocity_verlet")
+    if model in ("chain", "galerkin"):  # as the message says
+        assert np.isfinite(simulate(scene, **options, step=1e-3, scheme="trapezoidal").position).all()
