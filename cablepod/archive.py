@@ -86,6 +86,15 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
     ArchiveError
         If the file exists and `overwrite` is false, the folder is missing or not writable, the disk is full, or the
         dataset holds what netCDF cannot.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import shipped
+    >>> scene = shipped.scene("example2")
+    >>> path = cp.archive.write(cp.catenary.rest(scene), "rest.nc")
+    >>> cp.archive.read(path).equals(cp.catenary.rest(scene))
+    True
     """
     path = Path(path)
     _check_target(path, overwrite=overwrite)
@@ -417,6 +426,14 @@ def describe(source: xr.Dataset | str | os.PathLike[str]) -> str:
     ------
     ArchiveError
         As :func:`read` does.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import shipped
+    >>> scene = shipped.scene("example2")
+    >>> print(cp.archive.describe(scene).splitlines()[0])
+    title     Example 2: slow end motion
     """
     if isinstance(source, xr.Dataset):
         return "\n".join(_description(source))

@@ -341,6 +341,15 @@ def frequencies(
     The tangent at rest is a sum of squares, K = B^T B, so that frequencies are the singular values of B M^-1/2, with M the
     diagonal mass: rounding leaves an error of 1e-16 of the highest frequency, not of its square, and hardly extensible cables
     keep their digits.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import shipped
+    >>> scene = shipped.scene("example2")
+    >>> vibrations = cp.cable.frequencies(scene, count=2)
+    >>> vibrations.angular_frequency.values.round(3).tolist(), vibrations.angular_frequency.units
+    ([6.296, 12.464], 'rad s-1')
     """
     check_law(law)
     integer(least=1)("count", count)

@@ -51,6 +51,15 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     -----
     Right to about 1e-13 relative, and to a few K/T 2^-53 in the forces of a taut cable whose length is given, which is
     what rounding the length does to them.  Source: eqs. (7)-(16) of the paper, elastic and with the signs repaired.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import shipped
+    >>> scene = shipped.scene("example2")
+    >>> rest = cp.catenary.rest(scene)
+    >>> round(float(rest.unstretched_length), 3), round(float(rest.tension_lower))
+    (61.156, 14434)
     """
     schema.integer(least=2)("points", points)
     members = parameters_of_members(scene)
@@ -132,6 +141,13 @@ def solve(
     ------
     SceneError
         Where one of them has no solution; the message says which, and the least tension where that is the reason.
+
+    Examples
+    --------
+    >>> from cablepod import catenary
+    >>> cables = catenary.solve(20.4, 57.7, 9.8125, 2e7, top_tension=[7500.0, 15000.0])
+    >>> cables["unstretched_length"].round(3).tolist()
+    [61.18, 61.156]
     """
     from cablepod.kernels import catenary as kernel  # numba is imported only to compute
 

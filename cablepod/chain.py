@@ -61,6 +61,15 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
     Where a scene gives a tension, its unstretched length follows by the linear law whatever `law` is: both laws have the same
     cable, and by law (21), T = K xi (xi^2 - 1) / 2, the tension at rest is not quite the one given: with a strain e it is off by
     1.5 e at most, relatively, and by much less where the sag decides.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import shipped
+    >>> scene = shipped.scene("example2")
+    >>> rest = cp.chain.rest(scene, links=10)
+    >>> rest.position.dims, rest.sizes["particle"], rest.tension.units
+    (('particle', 'coordinate'), 11, 'N')
     """
     check_law(law)
     p = parameters(scene)
@@ -255,6 +264,15 @@ def simulate(
     (3 xi^2 - 1) / 2 times as stiff as unstretched, so the limit of the step is that of the stretch at the start and falls as the
     links are pulled; the step that is chosen here counts on the largest distance of the ends, keeps a margin, and is halved where
     that is not enough.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import shipped
+    >>> scene = shipped.scene("example2")
+    >>> run = cp.chain.simulate(scene, times=[0.0, 45.0], outputs=("position", "tension"))
+    >>> run.position.dims, run.attrs["scheme"], run.attrs["time_error_estimate"] < 1e-6
+    (('time', 'particle', 'coordinate'), 'velocity_verlet', True)
     """
     check_law(law)
     stepping.check_scheme(scheme, SCHEMES)

@@ -38,6 +38,15 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     Notes
     -----
     With a dimension ``member`` on either side the errors have it too.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import shipped
+    >>> scene = shipped.scene("example2")
+    >>> error = cp.compare.errors(cp.chain.simulate(scene, links=20), cp.chain.simulate(scene, links=40))
+    >>> round(100 * float(error.error_max), 1)  # per cent
+    0.1
     """
     for name, dataset in (("run", run), ("truth", truth)):
         if "position" not in dataset or "arc_length" not in dataset.variables:

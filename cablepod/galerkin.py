@@ -108,6 +108,16 @@ def simulate(
 
     Kinetic energy and work of the ends count that part of the lifting which the modes can represent; what is left of it moves as
     the ends prescribe, and exchanges nothing with the modes.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import shipped
+    >>> scene = shipped.scene("example2")
+    >>> chain = cp.chain.simulate(scene)
+    >>> model = cp.galerkin.simulate(scene, cp.pod.decompose(chain), rank=2)
+    >>> round(100 * float(cp.compare.errors(model, chain).error_max), 2)  # per cent
+    0.04
     """
     stepping.check_scheme(scheme, SCHEMES)
     names = stepping.check_outputs(outputs)

@@ -23,19 +23,6 @@ from cablepod.streaming import COMPLETE
 
 __all__ = ["Stream", "at_times", "decompose", "project", "reconstruct"]
 
-__all__ = [
-    "Stream",
-    "amplitude_dataset",
-    "at_times",
-    "compose",
-    "decompose",
-    "lift",
-    "mode_fields",
-    "project",
-    "reconstruct",
-    "relative_arc_length",
-]
-
 
 def decompose(
     snapshots: xr.Dataset | Sequence[xr.Dataset],
@@ -93,6 +80,15 @@ def decompose(
     ------
     SceneError
         For options that cannot be and snapshots that are not finite or too few.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import shipped
+    >>> scene = shipped.scene("example2")
+    >>> modes = cp.pod.decompose(cp.chain.simulate(scene), rank=2)
+    >>> modes.singular_value.dims, modes.singular_value.sel(coordinate="x").values.round(2).tolist()
+    (('coordinate', 'mode'), [7.05, 0.03])
     """
     check_options(layout, method, weights, rank, energy)
     parts = [snapshots] if isinstance(snapshots, xr.Dataset) else list(snapshots)
@@ -296,6 +292,17 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     xarray.Dataset
         ``position (time, particle, coordinate)`` [m].  Modes of the deflection normal to the chord say nothing of the distances
         along it: all links are then taken to be stretched alike.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import shipped
+    >>> scene = shipped.scene("example2")
+    >>> chain = cp.chain.simulate(scene)
+    >>> modes = cp.pod.decompose(chain, rank=2)
+    >>> again = cp.pod.reconstruct(cp.pod.project(chain, modes), modes)
+    >>> float(cp.compare.errors(again, chain).error_max) < 1e-3  # what two modes cannot hold
+    True
     """
     if modes.attrs["layout"] == "normal":
         position = pod_normal.reconstruct(amplitudes, modes, relative_arc_length(modes))

@@ -54,6 +54,13 @@ def read_scene(path: str | os.PathLike[str]) -> xr.Dataset:
     ------
     SceneError
         For a file that cannot be read or is no TOML, and for all that :func:`make_scene` refuses.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> scene = cp.read_scene("data/scenes/example2.toml")
+    >>> scene.attrs["title"], float(scene.cable_top_tension), scene.cable_top_tension.units
+    ('Example 2: slow end motion', 15000.0, 'N')
     """
     path = Path(path)
     content = read_text(path, "scene file")
@@ -96,6 +103,18 @@ def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
         For unknown or missing keys, two ways to give the length, values, signs and sizes that cannot be, a tension
         below the least possible, and an output that would not fit in memory.  The message names the key, what was
         given and what is allowed.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> cable = {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "top_tension": 15000.0}
+    >>> ends = {"lower": [0.0, 0.0], "upper": [20.4, 57.7]}
+    >>> scene = cp.make_scene({"title": "A guy", "cable": cable, "ends": ends, "chain": {"links": 40}})
+    >>> scene.ends_upper.values.tolist(), scene.ends_upper.units
+    ([20.4, 57.7], 'm')
+    >>> cp.make_scene({"cable": {**cable, "area": -1.0}, "ends": ends})
+    Traceback (most recent call last):
+    cablepod.schema.SceneError: cable.area: given -1.0; allowed: a finite number above 0
     """
     return _make(mapping, Path())
 

@@ -51,12 +51,12 @@ def scene_path(name: str) -> Path:
 
 
 def scene(name: str) -> xr.Dataset:
-    """Read the shipped scene of that name."""
+    """Read the shipped scene of that `name`."""
     return read_scene(data_folder() / "scenes" / f"{name}.toml")
 
 
 def table(name: str) -> dict[str, np.ndarray]:
-    """Read a table of the paper, digits as printed: column -> numbers, nan where the print has none, or texts."""
+    """Read the table `name` of the paper, digits as printed: column -> numbers, nan where the print has none, or texts."""
     with (data_folder() / f"{name}.csv").open(newline="") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     columns = {key: np.array([row[key] or "nan" for row in rows]) for key in rows[0]}
@@ -76,6 +76,18 @@ def truths() -> list[tuple[str, str]]:
 
 def truth_path(name: str, law: str = "green") -> Path:
     """Return the file of the converged continuous cable of a shipped scene, for ``archive.read``.
+
+    Parameters
+    ----------
+    name
+        A shipped scene.
+    law
+        "green" or "linear".
+
+    Returns
+    -------
+    pathlib.Path
+        A netCDF file.
 
     Raises
     ------

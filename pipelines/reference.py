@@ -1,0 +1,110 @@
+"""Write the reference, a page for each public module, from the docstrings, and check it.
+
+python pipelines/reference.py [--out FOLDER]
+
+Needs pdoc (``pip install 'cablepod[docs]'``).  Ends with status 1 where a link leads nowhere, or where a docstring refers to
+something of the package that no page shows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urldefrag
+
+import pdoc
+import pdoc.doc
+import pdoc.render
+
+#: The package shows the modules that it imports; these are public too but imported by name only.
+MODULES = ("cablepod", "cablepod.shipped", "cablepod.training", "cablepod.condensed_estimate", "cablepod.streaming")
+#: What docstrings refer to: a role and a name, as Sphinx has them.
+ROLE = re.compile(r":(?:func|class|meth|data|mod|exc):`~?([\w.]+)`")
+
+
+class Page(HTMLParser):
+    """Places and links of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.ids: set[str] = set()
+        self.links: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Note what a tag names and where it leads."""
+        for name, value in attrs:
+            if name == "id" and value:
+                self.ids.add(value)
+            elif name in ("href", "src") and value and tag != "link":
+                self.links.add(value)
+
+
+def broken_links(folder: Path) -> Iterator[str]:
+    """List links within `folder` that lead nowhere; links to other sites are not followed."""
+    pages = {path.resolve(): Page(path.read_text(encoding="utf-8")) for path in folder.rglob("*.html")}
+    for path, page in pages.items():
+        for link in sorted(page.links):
+            if re.match(r"\w+:", link):
+                continue
+            place, fragment = urldefrag(unquote(link))
+            target = (path.parent / place).resolve() if place else path
+            if not target.exists() or (fragment and target in pages and fragment not in pages[target].ids):
+                yield f"{path.relative_to(folder.resolve())}: {link} leads nowhere"
+
+
+def lost_references(shown: dict[str, pdoc.doc.Doc]) -> Iterator[str]:
+    """List names of the package that a shown docstring refers to and no page has."""
+    for name, item in shown.items():
+        for target in ROLE.findall(item.docstring):
+            candidates = [
+                target,
+                f"{item.modulename}.{target}",
+                f"{name}.{target}",
+                f"{name.rpartition('.')[0]}.{target}",
+            ]
+            if not any(candidate in shown for candidate in candidates) and target.partition(".")[0] not in (
+                "xarray",
+                "numpy",
+            ):
+                yield f"{name}: refers to {target}, which no page shows"
+
+
+def members(module: pdoc.doc.Namespace) -> Iterator[pdoc.doc.Doc]:
+    """Walk through all that a page shows."""
+    yield module
+    for item in module.own_members:
+        if not item.name.startswith("_"):
+            yield item
+            if isinstance(item, pdoc.doc.Class):
+                yield from members(item)
+
+
+def write(folder: Path) -> list[str]:
+    """Write all pages; returns what is wrong with them."""
+    pdoc.render.configure(docformat="numpy", footer_text="cablepod")
+    pdoc.pdoc(*MODULES, output_directory=folder)
+    names = [path.relative_to(folder).with_suffix("").as_posix().replace("/", ".") for path in folder.rglob("*.html")]
+    modules = [pdoc.doc.Module.from_name(name) for name in names if name.startswith("cablepod")]
+    shown = {item.fullname: item for module in modules for item in members(module)}
+    return [*broken_links(folder), *lost_references(shown)]
+
+
+def main() -> int:
+    """Read the command line, write, and say what is wrong."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--out", type=Path, default=Path("out/reference"), metavar="FOLDER")
+    folder = parser.parse_args().out
+    faults = write(folder)
+    for fault in faults:
+        print(fault, file=sys.stderr)
+    print(f"{folder / 'cablepod.html'}: {len(list(folder.rglob('*.html')))} pages, {len(faults)} faults")
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,103 @@
+"""What the reference is made of: parameters documented, references that lead somewhere, examples that run."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import importlib
+import inspect
+import pydoc
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import cablepod as cp
+from cablepod import shipped
+
+PACKAGE = Path(cp.__file__).parent
+PUBLIC = [item for name in cp.__all__ if inspect.ismodule(item := getattr(cp, name))] + [shipped]
+#: These are what a new user calls first.
+MAIN = (
+    cp.make_scene, cp.read_scene, cp.catenary.rest, cp.catenary.solve, cp.chain.rest, cp.chain.simulate, cp.cable.frequencies,
+    cp.pod.decompose, cp.pod.reconstruct, cp.galerkin.simulate, cp.condensed.simulate, cp.compare.errors, cp.archive.write,
+    cp.archive.describe,
+)  # fmt: skip
+
+
+def functions() -> list:
+    """Every public function, and every public method of a public class."""
+    found = [getattr(cp, name) for name in cp.__all__] + [getattr(m, name) for m in PUBLIC for name in m.__all__]
+    methods = [item for c in found if inspect.isclass(c) for name, item in vars(c).items() if not name.startswith("_")]
+    callables = [item.__func__ if isinstance(item, classmethod) else item for item in (*found, *methods)]
+    return [item for item in callables if inspect.isfunction(item)]
+
+
+def documented(text: str) -> list[str]:
+    """Names under the heading Parameters of a numpydoc docstring."""
+    section = re.search(r"^Parameters\n-{10}\n(.*?)(?=\n\n\w[\w ]*\n-{3,}\n|\Z)", text, re.DOTALL | re.MULTILINE)
+    lines = section[1].splitlines() if section else []
+    heads = [line.partition(" : ")[0] for line in lines if line and not line[0].isspace()]
+    return [name.strip().lstrip("*") for head in heads for name in head.split(",")]
+
+
+@pytest.mark.parametrize("function", functions(), ids=lambda f: f"{f.__module__}.{f.__qualname__}")
+def test_every_parameter_is_documented(function):
+    parameters = [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
+    text = inspect.getdoc(function) or ""
+    assert text
+    # one parameter may stand in the first sentence, which then names it
+    if documented(text) or len(parameters) > 1:
+        assert documented(text) == parameters
+    assert all(name in text for name in parameters)
+
+
+def test_a_parameter_that_is_forgotten_is_seen():
+    text = "Do.\n\nParameters\n----------\na, b\n    Two.\n*c\n    More.\n\nReturns\n-------\nint\n    d.\n"
+    assert documented(text) == ["a", "b", "c"]
+
+
+def resolves(name: str, module: ModuleType) -> bool:
+    """Tell whether what a docstring of `module` refers to is there."""
+    first, *rest = name.split(".")
+    places = [
+        module,
+        *(item for item in vars(module).values() if inspect.isclass(item) and item.__module__ == module.__name__),
+    ]
+    for place in places:
+        item = getattr(place, first, None)
+        for part in rest:
+            item = getattr(item, part, None)
+        if item is not None:
+            return True
+    return pydoc.locate(name) is not None
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: p.relative_to(PACKAGE).as_posix())
+def test_references_lead_somewhere(path):
+    tree = ast.parse(path.read_text())
+    texts = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
+    names = {name for text in texts for name in re.findall(r":(?:func|class|meth|data|mod|exc):`([\w.]+)`", text)}
+    if not names:
+        return
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    module = importlib.import_module(".".join(parts).removesuffix(".__init__"))
+    assert [name for name in sorted(names) if not resolves(name, module)] == []
+
+
+def test_a_reference_to_nothing_is_seen():
+    assert resolves("simulate", cp.chain)
+    assert resolves("cablepod.training.outside", cp.chain)
+    assert not resolves("simulated", cp.chain)
+    assert not resolves("cablepod.training.outsider", cp.chain)
+
+
+@pytest.mark.parametrize("function", MAIN, ids=lambda f: f"{f.__module__}.{f.__qualname__}")
+def test_examples_run(function, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").symlink_to(shipped.data_folder())
+    (test,) = doctest.DocTestFinder(recurse=False).find(inspect.unwrap(function), function.__qualname__, globs={})
+    assert test.examples, f"{function.__qualname__} has no example"
+    said: list[str] = []
+    assert doctest.DocTestRunner().run(test, out=said.append).failed == 0, "".join(said)
