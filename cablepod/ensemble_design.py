@@ -123,6 +123,9 @@ def _checked(scene: xr.Dataset, given: Any, prefix: str, options: Mapping[str, A
             raise SceneError(f"{key}: unknown key path; allowed: the path of a number that this scene has")
         values = check_values(key, item, members=options["members"], sampling=options["sampling"])
         is_whole = scene[found[0]].dtype.kind == "i"
+        listed = options["sampling"] == "list" or (options["sampling"] == "grid" and len(values) > 2)
+        if is_whole and not (listed and all(value.is_integer() for value in values)):
+            raise refuse(key, item, 'a list of whole numbers, by sampling "list" or "grid"')
         for value in sorted({min(values), max(values)}):
             try:
                 if found[1] is None:
