@@ -86,16 +86,16 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
         dataset holds what netCDF cannot.
     """
     path = Path(path)
-    _check_target(path, overwrite=overwrite)
+    check_target(path, overwrite=overwrite)
     _check_content(dataset)
     stamped = _stamped(dataset)
     try:
-        with whole_file(path, check=lambda: _check_target(path, overwrite=overwrite)) as part:
+        with whole_file(path, check=lambda: check_target(path, overwrite=overwrite)) as part:
             stamped.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding_of(stamped))
     except ArchiveError:
         raise
     except LIBRARY_ERRORS as error:
-        raise ArchiveError(f"{path}: not written, nothing is left behind: {_reason(error, path.parent)}") from error
+        raise ArchiveError(f"{path}: not written, nothing is left behind: {reason(error, path.parent)}") from error
     return path
 
 
@@ -129,7 +129,14 @@ def _chunk_sizes(variable: xr.Variable) -> tuple[int, ...]:
     return tuple(sizes.values())
 
 
-def _check_target(path: Path, *, overwrite: bool) -> None:
+def check_target(path: Path, *, overwrite: bool) -> None:
+    """Refuse a path to which no file can be written.
+
+    Raises
+    ------
+    ArchiveError
+        Saying why.
+    """
     folder = path.parent
     if not folder.is_dir():
         what = "is not a folder; give another path" if folder.exists() else "does not exist; make that folder first"
@@ -168,7 +175,8 @@ def _check_attribute(owner: str, name: Hashable, value: Any) -> None:
         )
 
 
-def _reason(error: BaseException, folder: Path) -> str:
+def reason(error: BaseException, folder: Path) -> str:
+    """Say why nothing could be written in a folder."""
     # On a full disk the library says "HDF error", or "Permission denied" when it cannot even begin.
     full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES)
     if full or "HDF error" in str(error):

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import conventions
 from cablepod.archive_files import LIBRARY_ERRORS, SCHEMA, ArchiveError, damaged, open_file, restored, version
 
 MANIFEST, SCENES, MODES = "manifest.json", "scenes.nc", "modes.nc"
@@ -27,7 +26,7 @@ KIND = "cablepod ensemble"
 OWN = ("id", "history", "history_json", "title", "date_created", "source", "summary")
 #: Bytes of the largest chunk; longer batches are cut along time.
 CHUNK = 1 << 26
-FAILURE = ("1", "why the member failed; empty where it did not")
+FAILURE = {"units": "1", "long_name": "why the member failed; empty where it did not"}
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -251,7 +250,6 @@ class _Opening:
         for name, values in self.scenes.variables.items():
             if values.dims == ("member",):
                 coords[str(name)] = values
-        coords.setdefault("member", self._failures("member"))
         for template, entry in self._templates():
             for name, item in template.variables.items():
                 if str(name) in variables or str(name) in coords or str(name) in self.scenes.variables and "member" in item.dims:
@@ -259,16 +257,12 @@ class _Opening:
                 made = self._variable(str(name), item, entry)
                 (coords if name in template.coords else variables)[str(name)] = made
             attrs |= {name: value for name, value in template.attrs.items() if name.startswith("time_coverage")}
-        variables["failure"] = self._failures("failure")
+        variables["failure"] = self._failures()
         texts = [entry["texts"] for entry in self.entries.values()]
-        # texts of all that is alike, such as model, law and scheme
-        attrs |= {
-            name: value
-            for some in texts[:1]
-            for name, value in _first_with_most(texts, some).items()
-            if name not in attrs and all(other.get(name, value) == value for other in texts)
-        }
-        return conventions.label(xr.Dataset(variables, coords, attrs), failure=FAILURE)
+        for name, value in max(texts, key=len).items():  # such as model, law and scheme; a batch of failures has none
+            if all(other.get(name, value) == value for other in texts):
+                attrs.setdefault(name, value)
+        return xr.Dataset(variables, coords, attrs)
 
     def _templates(self) -> Iterator[tuple[xr.Dataset, Mapping[str, Any]]]:
         """Yield the heads of one file of each layout, those with most variables first, with their entries."""
@@ -279,17 +273,12 @@ class _Opening:
             with open_file(self.folder / file_of(number), None) as opened:
                 yield restored(opened), entry
 
-    def _failures(self, what: str) -> xr.Variable:
-        """Return member numbers, or the reasons of those that failed."""
-        numbers = self.scenes["member"].values if "member" in self.scenes.coords else self._rows()
-        if what == "member":
-            return xr.Variable("member", numbers, dict(zip(("units", "long_name"), conventions.VARIABLES["member"], strict=True)))
+    def _failures(self) -> xr.Variable:
+        """Return the reasons of the members that failed."""
+        numbers = self.scenes["member"].values
         reasons = {key: reason for entry in self.entries.values() for key, reason in entry["failed"].items()}
-        return xr.Variable("member", np.array([reasons.get(str(number), "") for number in numbers.tolist()], dtype=str))
-
-    def _rows(self) -> np.ndarray:
-        size = self.manifest["batch"]
-        return np.concatenate([number * size + np.arange(n) for number, n in zip(self.entries, self.sizes, strict=True)])
+        texts = np.array([reasons.get(str(number), "") for number in numbers.tolist()], dtype=str)
+        return xr.Variable("member", texts, FAILURE)
 
     def _variable(self, name: str, item: xr.Variable, entry: Mapping[str, Any]) -> xr.Variable:
         layouts = [(number, other["layout"]) for number, other in self.entries.items()]
@@ -327,10 +316,6 @@ class _Opening:
         return dask.array.map_blocks(
             reader, chunks=tuple(chunks), dtype=dtype, meta=np.empty((0,) * len(chunks), dtype), name=f"{name}-{stamp}"
         )
-
-
-def _first_with_most(texts: Sequence[Mapping[str, str]], first: Mapping[str, str]) -> Mapping[str, str]:
-    return max(texts, key=len, default=first)
 
 
 def describe_ensemble(path: str | os.PathLike[str]) -> str:
