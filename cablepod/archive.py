@@ -7,6 +7,7 @@ identical to what was written, plus the attributes of the root that :func:`write
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import functools
 import hashlib
@@ -25,7 +26,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.archive_ensemble import open_ensemble
-from cablepod.archive_files import LIBRARY_ERRORS, SCHEMA, ArchiveError, version
+from cablepod.archive_files import LIBRARY, LIBRARY_ERRORS, SCHEMA, ArchiveError, version
 from cablepod.archive_files import content_type as _content_type
 from cablepod.archive_files import damaged as _damaged
 from cablepod.archive_files import open_file as _open
@@ -90,13 +91,19 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
     _check_content(dataset)
     stamped = _stamped(dataset)
     try:
-        with whole_file(path, check=lambda: check_target(path, overwrite=overwrite)) as part:
+        with whole_file(path, check=lambda: check_target(path, overwrite=overwrite)) as part, _alone(stamped):
             stamped.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding_of(stamped))
     except ArchiveError:
         raise
     except LIBRARY_ERRORS as error:
         raise ArchiveError(f"{path}: not written, nothing is left behind: {reason(error, path.parent)}") from error
     return path
+
+
+def _alone(dataset: xr.Dataset) -> contextlib.AbstractContextManager[Any]:
+    """Hold the library while writing; what is computed on the way may need other threads to read."""
+    is_lazy = any(item.chunks is not None for item in dataset.variables.values())
+    return contextlib.nullcontext() if is_lazy else LIBRARY
 
 
 def encoding_of(dataset: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
@@ -341,7 +348,7 @@ def read(path: str | os.PathLike[str], *, chunks: Any = None) -> xr.Dataset:
         lazy = _restored(opened)
         lazy.set_close(opened.close)
         return lazy
-    with _open(path, None) as opened:
+    with LIBRARY, _open(path, None) as opened:
         try:
             return _restored(opened.load())
         except LIBRARY_ERRORS as error:
@@ -369,7 +376,7 @@ def describe(source: xr.Dataset | str | os.PathLike[str]) -> str:
     if isinstance(source, xr.Dataset):
         return "\n".join(_description(source))
     path = Path(source)
-    with _open(path, None) as opened:
+    with LIBRARY, _open(path, None) as opened:
         try:
             size = f"file      {path} ({path.stat().st_size / 1e6:.3g} MB, schema {opened.attrs['cablepod_schema']})"
             return "\n".join([size, *_description(opened)])

@@ -18,7 +18,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.archive_files import LIBRARY_ERRORS, SCHEMA, ArchiveError, damaged, open_file, restored, version
+from cablepod.archive_files import (
+    LIBRARY,
+    LIBRARY_ERRORS,
+    SCHEMA,
+    ArchiveError,
+    damaged,
+    opened_file,
+    restored,
+    version,
+)
 
 MANIFEST, SCENES, MODES = "manifest.json", "scenes.nc", "modes.nc"
 KIND = "cablepod ensemble"
@@ -88,12 +97,13 @@ def check_batch(folder: Path, manifest: Mapping[str, Any], number: int) -> None:
     if not path.exists():
         raise ArchiveError(f"{path}: is missing; run the ensemble again, which computes what is missing")
     try:
-        with NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
+        with LIBRARY, NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
             found = {name: file.getncattr(name) for name in ("cablepod_schema", "id") if name in file.ncattrs()}
     except LIBRARY_ERRORS as error:
         raise damaged(path, error) from error
     if found.get("cablepod_schema", SCHEMA + 1) > SCHEMA:
-        open_file(path, None).close()  # says what it is
+        with opened_file(path):  # says what it is
+            pass
     if found.get("id") != batch_id(manifest["id"], number):
         raise ArchiveError(f"{path}: is not batch {number} of the ensemble {manifest['id']}; take it from a backup, or remove it")
     if known is not None and path.stat().st_size != known["bytes"]:
@@ -108,7 +118,7 @@ def entry_of(path: Path) -> dict[str, Any]:
     ArchiveError
         Where the file cannot be read.
     """
-    with open_file(path, None) as opened:
+    with opened_file(path) as opened:
         try:
             batch = restored(opened)
             layout: dict[str, Any] = {"variables": {}, "shared": {}}
@@ -153,7 +163,7 @@ class _Reader:
             place = slice(first, first + self.cuts[block_id[self.time]])
             shape[self.time - 1] = self.cuts[block_id[self.time]]
         try:
-            with NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
+            with LIBRARY, NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
                 file.set_auto_maskandscale(False)
                 if self.name not in file.variables:  # all members failed, or none of them has it
                     return np.full((count, *shape), np.nan, self.dtype)
@@ -204,7 +214,7 @@ def open_ensemble(path: str | os.PathLike[str], *, incomplete: bool = False) -> 
     entries = {
         number: manifest["done"].get(str(number)) or entry_of(folder / file_of(number)) for number in there
     }  # what was written just before the run was killed is not noted yet
-    with open_file(folder / SCENES, None) as opened:
+    with opened_file(folder / SCENES) as opened:
         scenes = restored(opened.load())
     first = np.cumsum([0, *sizes])
     rows = np.concatenate([np.arange(first[number], first[number + 1]) for number in there])
@@ -270,7 +280,7 @@ class _Opening:
         for number, entry in self.entries.items():
             seen.setdefault(json.dumps(entry["layout"], sort_keys=True), (number, entry))
         for number, entry in sorted(seen.values(), key=lambda item: (-len(item[1]["layout"]["variables"]), item[0])):
-            with open_file(self.folder / file_of(number), None) as opened:
+            with opened_file(self.folder / file_of(number)) as opened:
                 yield restored(opened), entry
 
     def _failures(self) -> xr.Variable:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.metadata
-from collections.abc import Hashable
+import threading
+from collections.abc import Hashable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,9 @@ import xarray as xr
 from cablepod import conventions
 
 SCHEMA = 1  # raised when files change so that an older package would misread them
+#: The netCDF library crashes if two threads are in it, and xarray locks only some of its calls.  Where other threads have to get
+#: in for one to go on, as in writing what dask computes from files, it cannot be held.
+LIBRARY = threading.RLock()
 LIBRARY_ERRORS = (OSError, RuntimeError, ValueError, TypeError, KeyError, IndexError, AttributeError)
 
 
@@ -29,7 +34,8 @@ def open_file(path: Path, chunks: Any) -> xr.Dataset:
     if path.stat().st_size == 0:
         raise ArchiveError(f"{path}: is empty; make it again")
     try:
-        opened = xr.open_dataset(path, engine="netcdf4", chunks=chunks, decode_times=False, decode_timedelta=False)
+        with LIBRARY:
+            opened = xr.open_dataset(path, engine="netcdf4", chunks=chunks, decode_times=False, decode_timedelta=False)
     except PermissionError as error:
         raise ArchiveError(f"{path}: no permission to read it; change its permissions") from error
     except LIBRARY_ERRORS as error:
@@ -52,6 +58,13 @@ def version() -> str:
         return importlib.metadata.version("cablepod")
     except importlib.metadata.PackageNotFoundError:  # run from a checkout that is not installed
         return "unknown"
+
+
+@contextmanager
+def opened_file(path: Path) -> Iterator[xr.Dataset]:
+    """Open a file as :func:`open_file` does, alone with the library until it is closed again."""
+    with LIBRARY, open_file(path, None) as opened:
+        yield opened
 
 
 def damaged(path: Path, error: BaseException) -> ArchiveError:
