@@ -25,7 +25,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.archive_ensemble import open_ensemble
+from cablepod.archive_ensemble import open_ensemble as open_ensemble  # a name of this module too
 from cablepod.archive_files import LIBRARY, LIBRARY_ERRORS, SCHEMA, ArchiveError, version
 from cablepod.archive_files import content_type as _content_type
 from cablepod.archive_files import damaged as _damaged

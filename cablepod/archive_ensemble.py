@@ -105,13 +105,17 @@ def check_batch(folder: Path, manifest: Mapping[str, Any], number: int) -> None:
         with opened_file(path):  # says what it is
             pass
     if found.get("id") != batch_id(manifest["id"], number):
-        raise ArchiveError(f"{path}: is not batch {number} of the ensemble {manifest['id']}; take it from a backup, or remove it")
+        raise ArchiveError(
+            f"{path}: is not batch {number} of the ensemble {manifest['id']}; take it from a backup, or remove it"
+        )
     if known is not None and path.stat().st_size != known["bytes"]:
-        raise ArchiveError(f"{path}: is damaged, its size is not that noted in {MANIFEST}; take it from a backup, or remove it")
+        raise ArchiveError(
+            f"{path}: is damaged, its size is not that noted in {MANIFEST}; take it from a backup, or remove it"
+        )
 
 
 def entry_of(path: Path) -> dict[str, Any]:
-    """Read what the manifest notes of a batch file: its size, what it holds and which members failed.
+    """Read what the manifest notes of a batch file.
 
     Raises
     ------
@@ -120,22 +124,26 @@ def entry_of(path: Path) -> dict[str, Any]:
     """
     with opened_file(path) as opened:
         try:
-            batch = restored(opened)
-            layout: dict[str, Any] = {"variables": {}, "shared": {}}
-            for name, item in batch.variables.items():
-                if "member" in item.dims:
-                    layout["variables"][str(name)] = [list(item.dims), [*item.shape[1:]], item.dtype.str]
-                else:
-                    layout["shared"][str(name)] = hashlib.sha256(json.dumps(item.values.tolist()).encode()).hexdigest()[:16]
-            numbers = batch["member"].values.tolist()
-            reasons = batch["failure"].values.tolist()
+            return noted(restored(opened), path)
         except LIBRARY_ERRORS as error:
             raise damaged(path, error) from error
-        texts = {str(name): value for name, value in batch.attrs.items() if isinstance(value, str) and name not in OWN}
+
+
+def noted(batch: xr.Dataset, path: Path) -> dict[str, Any]:
+    """Return what the manifest notes of a batch: the size of its file, what it holds and which members failed."""
+    layout: dict[str, Any] = {"variables": {}, "shared": {}}
+    for name, item in batch.variables.items():
+        if "member" not in item.dims:
+            layout["shared"][str(name)] = hashlib.sha256(json.dumps(item.values.tolist()).encode()).hexdigest()[:16]
+        elif item.dtype.kind in "fiu":
+            layout["variables"][str(name)] = [list(item.dims), [*item.shape[1:]], item.dtype.str]
+    numbers, reasons = batch["member"].values.tolist(), batch["failure"].values.tolist()
     return {
         "bytes": path.stat().st_size,
         "layout": layout,
-        "texts": texts,
+        "texts": {
+            str(name): value for name, value in batch.attrs.items() if isinstance(value, str) and name not in OWN
+        },
         "failed": {str(number): reason for number, reason in zip(numbers, reasons, strict=True) if reason},
     }
 
@@ -175,7 +183,9 @@ class _Reader:
                 values = np.asarray(variable[tuple(where)], self.dtype)
         except LIBRARY_ERRORS as error:
             if not path.exists():
-                raise ArchiveError(f"{path}: is missing; run the ensemble again, which computes what is missing") from error
+                raise ArchiveError(
+                    f"{path}: is missing; run the ensemble again, which computes what is missing"
+                ) from error
             raise damaged(path, error) from error
         return np.ascontiguousarray(np.broadcast_to(values, (count, *shape)))
 
@@ -193,8 +203,8 @@ def open_ensemble(path: str | os.PathLike[str], *, incomplete: bool = False) -> 
     Returns
     -------
     xarray.Dataset
-        The results along ``member`` as dask arrays, a chunk or several for each file; nothing stays open.  Parameters that vary are
-        coordinates along ``member``, in memory.  Members that failed hold nan, and ``failure (member)`` says why.  Attributes are
+        The results along ``member`` as dask arrays, a chunk or several for each file; nothing stays open.  Parameters that vary
+        are coordinates along ``member``, in memory.  Members that failed hold nan, and ``failure (member)`` says why.  Attributes are
         those of the ensemble; its history has the stages of scenes and modes.
 
     Raises
@@ -223,7 +233,9 @@ def open_ensemble(path: str | os.PathLike[str], *, incomplete: bool = False) -> 
 
 def _check_complete(folder: Path, manifest: Mapping[str, Any], sizes: Sequence[int]) -> None:
     waiting = [
-        number for number in range(len(sizes)) if str(number) not in manifest["done"] and not (folder / file_of(number)).exists()
+        number
+        for number in range(len(sizes))
+        if str(number) not in manifest["done"] and not (folder / file_of(number)).exists()
     ]
     if waiting:
         raise ArchiveError(
@@ -256,18 +268,21 @@ class _Opening:
 
     def dataset(self) -> xr.Dataset:
         """Make the lazy dataset."""
-        variables, coords, attrs = {}, {}, dict(self.manifest["attributes"])
+        variables, attrs = {"failure": self._failures()}, dict(self.manifest["attributes"])
+        coords: dict[str, xr.Variable] = {}
         for name, values in self.scenes.variables.items():
             if values.dims == ("member",):
                 coords[str(name)] = values
         for template, entry in self._templates():
             for name, item in template.variables.items():
-                if str(name) in variables or str(name) in coords or str(name) in self.scenes.variables and "member" in item.dims:
+                of_member = "member" in item.dims
+                if str(name) in {*variables, *coords} or (
+                    of_member and (name in self.scenes or item.dtype.kind == "U")
+                ):
                     continue
                 made = self._variable(str(name), item, entry)
                 (coords if name in template.coords else variables)[str(name)] = made
             attrs |= {name: value for name, value in template.attrs.items() if name.startswith("time_coverage")}
-        variables["failure"] = self._failures()
         texts = [entry["texts"] for entry in self.entries.values()]
         for name, value in max(texts, key=len).items():  # such as model, law and scheme; a batch of failures has none
             if all(other.get(name, value) == value for other in texts):
@@ -276,7 +291,7 @@ class _Opening:
 
     def _templates(self) -> Iterator[tuple[xr.Dataset, Mapping[str, Any]]]:
         """Yield the heads of one file of each layout, those with most variables first, with their entries."""
-        seen = {}
+        seen: dict[str, tuple[int, Mapping[str, Any]]] = {}
         for number, entry in self.entries.items():
             seen.setdefault(json.dumps(entry["layout"], sort_keys=True), (number, entry))
         for number, entry in sorted(seen.values(), key=lambda item: (-len(item[1]["layout"]["variables"]), item[0])):
@@ -297,8 +312,10 @@ class _Opening:
         if not along and len(shared) == 1:
             return item.load()
         if name in item.dims:
-            raise ArchiveError(f"{self.folder}: the batches differ in the coordinate {name}; open their files one by one")
-        dims = along[0][1][0] if along else ["member", *item.dims]
+            raise ArchiveError(
+                f"{self.folder}: the batches differ in the coordinate {name}; open their files one by one"
+            )
+        dims: list[str] = along[0][1][0] if along else ["member", *map(str, item.dims)]
         shape = tuple(along[0][1][1]) if along else item.shape
         odd = [number for number, other in along if tuple(other[1]) != shape]
         if odd:

@@ -113,9 +113,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_ensemble(parser: argparse.ArgumentParser) -> None:
-    parser.description = (
-        "Every member simulated, in batches, each a netCDF file. After Ctrl-C or a crash the same command goes on where it stopped."
-    )
+    parser.description = "Every member simulated, in batches, each a netCDF file. After Ctrl-C or a crash the same command goes on where it stopped."
     parser.epilog = "example: cablepod ensemble study.toml --out out/study --option step=2.5e-4"
     parser.add_argument("scene", metavar="SCENE.toml", help="scene file with a table [ensemble]")
     parser.add_argument("--out", required=True, metavar="DIR", help="folder of the ensemble; made if missing")
@@ -158,7 +156,9 @@ def _ensemble(options: argparse.Namespace) -> int:
                 **dict(_model_option(text) for text in options.option),
             )
     except KeyboardInterrupt:
-        return _fail("interrupted; every file that was written is whole, the same command goes on where it stopped", status=130)
+        return _fail(
+            "interrupted; every file that was written is whole, the same command goes on where it stopped", status=130
+        )
     print(describe_ensemble(out))
     return 0
 

@@ -10,7 +10,7 @@ import functools
 import os
 import threading
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future
 from contextlib import closing, suppress
 from pathlib import Path
@@ -24,15 +24,13 @@ from cablepod.archive_ensemble import MODES, SCENES, open_ensemble
 from cablepod.archive_files import ArchiveError
 from cablepod.ensemble_design import design
 from cablepod.ensemble_runs import Crew, Progress, Under, crew
-from cablepod.ensemble_work import MODELS, Note, check_model, compute, listening, sees, tell, work
+from cablepod.ensemble_work import MODELS, REDUCED, Note, check_model, compute, listening, sees, tell, work
 from cablepod.parameters import parameters
 from cablepod.schema import SceneError, integer, refuse, shown
 from cablepod.stepping import RunStopped
 
 __all__ = ["batches", "design", "run"]
 
-#: What must not differ between members, because it decides the shape of a result; with the option that overrides it.
-SHAPES = {"chain_links": "links", "time_duration": "times", "time_interval": "times"}
 #: Members on which options are tried before anything runs.
 TRIED = 5
 
@@ -57,8 +55,8 @@ def run(
     scenes
         With ``member``, as :func:`design` gives them.
     path
-        The folder, made if missing: ``manifest.json``, ``scenes.nc``, ``modes.nc``, and ``batch_0000.nc`` and so on, each of which
-        appears whole or not at all.
+        The folder, made if missing: ``manifest.json``, ``scenes.nc``, ``modes.nc``, and ``batch_0000.nc`` and so on, each of
+        which appears whole or not at all.
     model
         "chain", "cable", "rigid", or with `modes` "galerkin" or "condensed".
     modes
@@ -81,7 +79,8 @@ def run(
     Returns
     -------
     xarray.Dataset
-        All results, lazily, as :func:`cablepod.archive.open_ensemble` gives them.  Members that failed hold nan; ``failure`` says why.
+        All results, lazily, as :func:`cablepod.archive.open_ensemble` gives them.  Members that failed hold nan; ``failure`` says
+        why.
 
     Raises
     ------
@@ -143,8 +142,8 @@ def batches(
     Yields
     ------
     xarray.Dataset
-        The results of the next members, in memory, as :func:`run` would write them.  No more batches are under way or waiting to be
-        taken than there are workers, and one.
+        The results of the next members, in memory, as :func:`run` would write them.  No more batches are under way or waiting to
+        be taken than there are workers, and one.
 
     Raises
     ------
@@ -221,25 +220,37 @@ def _planned(
         raise SceneError("scenes: given no members; allowed: one at least")
     resolved = check_model(model, modes, options)
     size = integer(least=1, most=10**6)("batch", batch)
-    for name, option in SHAPES.items():
-        if name in scenes and "member" in scenes[name].dims and resolved.get(option) is None:
-            if np.unique(scenes[name].values).size > 1:
-                raise refuse(
-                    name.replace("_", ".", 1),
-                    "different values",
-                    f"one value for all members, which lie in one array{f', or the option {option}' if option in resolved else ''}",
-                )
+    _check_shapes(scenes, model, resolved)
     made = scenes
     if "member" not in made.coords:
         made = made.assign_coords(member=np.arange(made.sizes["member"]))
     made = made.assign_attrs(provenance.as_it_is(made).attrs, stage="scenes")
     made.attrs.pop("values_sha256", None)
+    found = provenance.digest(made)
+    if made.attrs.setdefault("scenes_sha256", found) != found:
+        made.attrs["scenes_sha256"] = found
+        record = {"values_sha256": found}
+        provenance.record(made, function="changed by hand", parameters=record, inputs=[made.copy()])
     _try_options(made, model, modes, resolved, {*options, "modes", "layout", "times", "time"})
     inputs = {SCENES: made} | ({} if modes is None else {MODES: modes})
     return ensemble_store.plan_of(made, model, modes, resolved, size), inputs
 
 
-def _try_options(scenes: xr.Dataset, model: str, modes: xr.Dataset | None, options: dict[str, Any], names: set[str]) -> None:
+def _check_shapes(scenes: xr.Dataset, model: str, options: dict[str, Any]) -> None:
+    """Refuse scenes whose results do not lie in one array."""
+    deciding = {"time_duration": "times", "time_interval": "times"}
+    if model not in REDUCED:
+        deciding["chain_links"] = "points" if model == "cable" else "links"
+    for name, option in deciding.items():
+        varies = name in scenes and "member" in scenes[name].dims and np.unique(scenes[name].values).size > 1
+        if varies and options[option] is None:
+            allowed = f"one value for all members, whose results lie in one array, or the option {option}"
+            raise refuse(name.replace("_", ".", 1), "different values", allowed)
+
+
+def _try_options(
+    scenes: xr.Dataset, model: str, modes: xr.Dataset | None, options: dict[str, Any], names: set[str]
+) -> None:
     """Refuse options that no member can run with; some are tried, over a run of no duration."""
     given = () if modes is None else (modes,)
     if options.get("times") is not None:
@@ -270,7 +281,9 @@ def _check_workers(own: Crew, folder: Path, ensemble: str) -> None:
         if isinstance(answer, BaseException):
             raise refuse("scheduler", worker, f"workers that can import cablepod (this one says {shown(str(answer))})")
         if answer:
-            raise ArchiveError(f"{folder}: the worker {worker} cannot write there ({answer}); give a folder that all workers share")
+            raise ArchiveError(
+                f"{folder}: the worker {worker} cannot write there ({answer}); give a folder that all workers share"
+            )
 
 
 # --- while it runs ------------------------------------------------------------------------------------------------------
@@ -278,7 +291,7 @@ def _check_workers(own: Crew, folder: Path, ensemble: str) -> None:
 
 def _done(
     own: Crew, folder: Path, ensemble: str, waiting: list[int], counted: Progress
-) -> Iterator[tuple[int, tuple[dict[str, Any], list[Note]]]]:
+) -> Generator[tuple[int, tuple[dict[str, Any], list[Note]]], None, None]:
     """Yield what each batch gave, as they come."""
     from threadpoolctl import threadpool_limits
 

@@ -55,8 +55,8 @@ def design(
     Raises
     ------
     SceneError
-        For unknown key paths, reversed ranges, values at whose bounds there is no scene, a grid that has another number of members,
-        no members; the message names the key, what was given and what is allowed.
+        For unknown key paths, reversed ranges, values at whose bounds there is no scene, a grid of another number of members, no
+        members; the message names the key, what was given and what is allowed.
     """
     if not isinstance(scene, xr.Dataset) or "ends_lower" not in scene or "member" in scene.dims:
         raise SceneError("scene: given no Dataset of one scene; allowed: what make_scene or read_scene gives")
@@ -77,16 +77,22 @@ def design(
     checked = _checked(scene, ranges, prefix, options)
     points = _points(checked, **options)
     scenes = _joined(scene, dict(zip(checked, points.T, strict=True)))
-    scenes.attrs = {name: value for name, value in scene.attrs.items() if name not in ("values_sha256", "ensemble_json")}
+    scenes.attrs = {
+        name: value for name, value in scene.attrs.items() if name not in ("values_sha256", "ensemble_json")
+    }
     scenes.attrs |= {"stage": "scenes", "title": f"{scene.attrs.get('title', 'scene')}: {options['members']} members"}
     record = {**options, "ranges": checked}
+    scenes.attrs["scenes_sha256"] = provenance.digest(scenes)  # a later change of them shows
     return provenance.record(scenes, function="ensemble.design", parameters=record, inputs=[scene])
 
 
 def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, schema.Key] | None:
     """Find the variable of a scene that a key path names, the place in it, and its key; None where there is none."""
     parts = path.split(".") if isinstance(path, str) else []
-    for place, own in ((None, parts), (COORDINATES.index(parts[-1]) if parts and parts[-1] in COORDINATES else None, parts[:-1])):
+    for place, own in (
+        (None, parts),
+        (COORDINATES.index(parts[-1]) if parts and parts[-1] in COORDINATES else None, parts[:-1]),
+    ):
         name, key = "_".join(own), _key_of(scene, own)
         if key is None or key.units is None or name not in scene or scene[name].dtype.kind not in "if":
             continue
@@ -146,16 +152,13 @@ def _points(checked: Mapping[str, list[float]], *, members: int, sampling: str, 
         return np.array(list(checked.values())).T
     if sampling == "grid":
         count = points_of_grid(checked, members)
-        axes = [values if len(values) > 2 else np.linspace(*values, count) for values in checked.values()]
+        axes = [values if len(values) > 2 else np.linspace(values[0], values[1], count) for values in checked.values()]
         return np.array(list(itertools.product(*axes)))
     from scipy.stats import qmc  # takes half a second to import
 
     made = (qmc.Sobol if sampling == "sobol" else qmc.LatinHypercube)(len(checked), seed=np.random.default_rng(seed))
-    if sampling == "sobol":
-        # these are the points that random(members) gives, without its warning: a part of a balanced set is not balanced
-        unit = made.random_base2((members - 1).bit_length())[:members]
-    else:
-        unit = made.random(members)
+    # of Sobol's these are the points of random(members) too, without its warning: a part of a balanced set is not balanced
+    unit = made.random_base2((members - 1).bit_length())[:members] if sampling == "sobol" else made.random(members)
     low, high = np.array(list(checked.values())).T
     return low + (high - low) * unit
 

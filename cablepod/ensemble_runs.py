@@ -1,6 +1,7 @@
 """Who computes the batches of an ensemble: threads of this process, processes of this machine, or a dask cluster.
 
-All three are executors in the sense of :mod:`concurrent.futures`; a few batches more than there are workers are under way at a time.
+All three are executors in the sense of :mod:`concurrent.futures`; at any time a few more batches are under way than there are
+workers.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ from cablepod.stepping import RunStopped
 
 #: Seconds in which a scheduler must answer and have a worker.
 PATIENCE = 10.0
-ALLOWED = 'None (threads), "processes", the address of a dask scheduler such as "tcp://host:8786", or a distributed.Client'
+ALLOWED = (
+    'None (threads), "processes", the address of a dask scheduler such as "tcp://host:8786", or a distributed.Client'
+)
 
 
 @dataclass
@@ -66,7 +69,13 @@ def _threads(count: int, batches: int) -> Iterator[Crew]:
     side_by_side = max(1, min(count, batches))
     executor = ThreadPoolExecutor(side_by_side, thread_name_prefix="cablepod")
     try:
-        yield Crew(executor, side_by_side, True, lambda function, *given: {"this process": function(*given)}, max(1, count // side_by_side))
+        yield Crew(
+            executor,
+            side_by_side,
+            True,
+            lambda function, *given: {"this process": function(*given)},
+            max(1, count // side_by_side),
+        )
     finally:
         executor.shutdown(cancel_futures=True)
 
@@ -77,7 +86,9 @@ def _processes(count: int) -> Iterator[Crew]:
 
     # one thread each, for BLAS too: nannies start workers with OMP_NUM_THREADS=1 and the like
     with (
-        LocalCluster(n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50) as cluster,
+        LocalCluster(
+            n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+        ) as cluster,
         Client(cluster, timeout=PATIENCE) as client,
     ):
         yield _of(client, "processes")
@@ -169,8 +180,8 @@ class Under:
             return future.result()
         except self.own.lost as error:
             raise RunStopped(
-                f"the workers of this ensemble are gone ({type(error).__name__}: {shown(str(error))}); what is done is kept, the same "
-                "call goes on where it stopped"
+                f"the workers of this ensemble are gone ({type(error).__name__}: {shown(str(error))}); what is done is kept, the "
+                "same call goes on where it stopped"
             ) from error
 
     def cancel(self) -> None:

@@ -95,7 +95,9 @@ class Store:
 
 
 @contextlib.contextmanager
-def opened(path: str | os.PathLike[str], plan: Mapping[str, Any], inputs: Mapping[str, xr.Dataset], *, overwrite: bool) -> Iterator[Store]:
+def opened(
+    path: str | os.PathLike[str], plan: Mapping[str, Any], inputs: Mapping[str, xr.Dataset], *, overwrite: bool
+) -> Iterator[Store]:
     """Open the folder of an ensemble for work, alone, and make it where it is not there.
 
     Parameters
@@ -131,7 +133,9 @@ def opened(path: str | os.PathLike[str], plan: Mapping[str, Any], inputs: Mappin
         yield store
 
 
-def plan_of(scenes: xr.Dataset, model: str, modes: xr.Dataset | None, options: Mapping[str, Any], batch: int) -> dict[str, Any]:
+def plan_of(
+    scenes: xr.Dataset, model: str, modes: xr.Dataset | None, options: Mapping[str, Any], batch: int
+) -> dict[str, Any]:
     """Return what decides the results of an ensemble, and its id: a hash over all of it."""
     decisive = {
         "model": model,
@@ -152,7 +156,12 @@ def plan_of(scenes: xr.Dataset, model: str, modes: xr.Dataset | None, options: M
         for name, item in scenes.variables.items()
         if item.dims == ("member",) and name != "member" and item.dtype.kind in "if"
     }
-    return {**decisive, "id": head.attrs["id"], "varied": varied, "title": f"{scenes.attrs.get('title', 'scenes')}: {model}"}
+    return {
+        **decisive,
+        "id": head.attrs["id"],
+        "varied": varied,
+        "title": f"{scenes.attrs.get('title', 'scenes')}: {model}",
+    }
 
 
 def _folder(path: str | os.PathLike[str]) -> Path:
@@ -179,7 +188,9 @@ def _locked(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise ArchiveError(f"{folder}: another run is at work on this ensemble; wait for it, or give another folder") from None
+            raise ArchiveError(
+                f"{folder}: another run is at work on this ensemble; wait for it, or give another folder"
+            ) from None
         except OSError:  # a file system without locks
             pass
         yield
@@ -204,7 +215,9 @@ def _found(folder: Path, plan: Mapping[str, Any], *, overwrite: bool) -> dict[st
             )
     elif own and not overwrite and not _begun_before(folder, plan):
         names = ", ".join(sorted(path.name for path in own)[:3])
-        raise ArchiveError(f"{folder}: holds {names} but no {MANIFEST}; give another folder, or overwrite=True to replace them")
+        raise ArchiveError(
+            f"{folder}: holds {names} but no {MANIFEST}; give another folder, or overwrite=True to replace them"
+        )
     if overwrite:
         (folder / MANIFEST).unlink(missing_ok=True)  # first: what is left of the rest belongs to nothing
         for path in own:
@@ -233,7 +246,11 @@ def _differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
             if before.get(name) != new["options"].get(name):
                 told.append(f"the option {name} was {shown(before.get(name))} and is {shown(new['options'].get(name))}")
     if old.get("scenes") != new["scenes"]:
-        varied = [name for name in {**old.get("varied", {}), **new["varied"]} if old["varied"].get(name) != new["varied"].get(name)]
+        varied = [
+            name
+            for name in {**old.get("varied", {}), **new["varied"]}
+            if old["varied"].get(name) != new["varied"].get(name)
+        ]
         told.append("the scenes differ" + (f", in {', '.join(varied)}" if varied else ""))
     return told or ["its id differs"]
 
@@ -273,7 +290,9 @@ def _begun(folder: Path, plan: Mapping[str, Any], inputs: Mapping[str, xr.Datase
         "schema": SCHEMA,
         "version": version(),
         **{name: plan[name] for name in ("id", "model", "modes", "members", "batch", "options", "scenes", "varied")},
-        "attributes": {name: value.item() if isinstance(value, np.generic) else value for name, value in attributes.items()},
+        "attributes": {
+            name: value.item() if isinstance(value, np.generic) else value for name, value in attributes.items()
+        },
         "inputs_history": history,
         "files": [file_of(number) for number in range(len(archive_ensemble.sizes_of(plan)))],
         "done": {},

@@ -154,13 +154,19 @@ def compute(
             attrs = {"units": ATTRIBUTE_UNITS.get(str(name), "1"), "long_name": str(name).replace("_", " ")}
             variables[name] = xr.Variable("member", np.where(bad, np.nan, float(value)), attrs)
     variables["failure"] = xr.Variable("member", np.array(failure, dtype=str), FAILURE)
-    made = xr.Dataset({**variables, **varied}).set_coords([*varied, *(name for name in result.coords if name in variables)])
+    made = xr.Dataset({**variables, **varied}).set_coords(
+        [*varied, *(name for name in result.coords if name in variables)]
+    )
     made.attrs = {name: value for name, value in result.attrs.items() if name not in made.variables}
     return made
 
 
 def _reason_of_one(
-    one: xr.Dataset, simulate: Callable[..., xr.Dataset], given: tuple[Any, ...], options: Mapping[str, Any], error: Exception
+    one: xr.Dataset,
+    simulate: Callable[..., xr.Dataset],
+    given: tuple[Any, ...],
+    options: Mapping[str, Any],
+    error: Exception,
 ) -> str:
     """Return why a single member fails; where it does not, it is the batch as a whole that cannot be."""
     try:
@@ -192,7 +198,9 @@ def _inputs(folder: Path, ensemble: str) -> tuple[dict[str, Any], xr.Dataset, xr
 def _own_manifest(folder: Path, ensemble: str) -> dict[str, Any]:
     found = archive_ensemble.read_manifest(folder)
     if found["id"] != ensemble:
-        raise ArchiveError(f"{folder}: holds the ensemble {found['id']} and not {ensemble}; it was changed during the run")
+        raise ArchiveError(
+            f"{folder}: holds the ensemble {found['id']} and not {ensemble}; it was changed during the run"
+        )
     return found
 
 
@@ -256,7 +264,10 @@ def work(
         batch = compute(mine, manifest["model"], modes, manifest["options"], progress)
         stages = json.loads(manifest["attributes"]["history_json"])
         own = stages[-1]
-        own |= {"id": batch_id(ensemble, number), "parameters": {**own["parameters"], "ensemble": ensemble, "number": number}}
+        own |= {
+            "id": batch_id(ensemble, number),
+            "parameters": {**own["parameters"], "ensemble": ensemble, "number": number},
+        }
         for name in ("written", "sha256", "wall_time_s"):
             own.pop(name, None)  # its own are noted on writing
         batch.attrs |= {
@@ -272,7 +283,7 @@ def work(
             if not path.exists():
                 raise
             archive_ensemble.check_batch(folder, manifest | {"done": {}}, number)
-    return archive_ensemble.entry_of(path), notes
+    return archive_ensemble.noted(batch, path), notes
 
 
 def check_model(model: Any, modes: Any, options: Mapping[str, Any]) -> dict[str, Any]:

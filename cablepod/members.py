@@ -179,19 +179,7 @@ def gather(
 
     workers = min(_THREADS.get() or cores(), count)
     size = max(1, min(CHUNK, count // (4 * workers)))
-    if workers == 1:
-        for first in range(0, count, size):
-            chunk(first)
-    else:
-        with ThreadPoolExecutor(workers) as pool:
-            futures = [pool.submit(chunk, first) for first in range(0, count, size)]
-            try:
-                wait(futures, return_when=FIRST_EXCEPTION)
-            finally:  # after Ctrl-C too, what has not begun does not begin
-                pool.shutdown(wait=False, cancel_futures=True)
-        for future in futures:
-            if not future.cancelled():
-                future.result()
+    _each(chunk, range(0, count, size), workers)
     failed = [(i, error) for i, error in enumerate(stack.failures) if error is not None]
     if failed and len(failed) == count:
         raise failed[0][1] from AllFailedError([str(error) for _, error in failed])
@@ -203,6 +191,23 @@ def gather(
             stacklevel=4,
         )
     return stack
+
+
+def _each(call: Callable[[int], None], numbers: range, workers: int) -> None:
+    """Call a function with each number, in so many threads."""
+    if workers == 1:
+        for number in numbers:
+            call(number)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        futures = [pool.submit(call, number) for number in numbers]
+        try:
+            wait(futures, return_when=FIRST_EXCEPTION)
+        finally:  # after Ctrl-C too, what has not begun does not begin
+            pool.shutdown(wait=False, cancel_futures=True)
+    for future in futures:
+        if not future.cancelled():
+            future.result()
 
 
 def join(stack: Stack, scene: xr.Dataset, coords: Any) -> xr.Dataset:

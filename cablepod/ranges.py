@@ -11,7 +11,6 @@ from cablepod.conventions import COORDINATES
 from cablepod.schema import SceneError, refuse
 
 
-
 def number_at(tree: Any, path: Any) -> float | None:
     """Return the number at a key path of a checked scene, such as ``ends.upper.x``; None where there is none.
 
@@ -34,7 +33,9 @@ def _item(value: Any, part: str) -> Any:
 def _index(value: Any, part: str) -> int | None:
     if part in COORDINATES:
         return COORDINATES.index(part) if not (len(value) and isinstance(value[0], Mapping)) else None
-    return int(part) - 1 if part.isdecimal() and int(part) > 0 and len(value) and isinstance(value[0], Mapping) else None
+    return (
+        int(part) - 1 if part.isdecimal() and int(part) > 0 and len(value) and isinstance(value[0], Mapping) else None
+    )
 
 
 def replaced(tree: Any, path: str, value: float) -> Any:
@@ -66,7 +67,9 @@ def check_values(key: str, given: Any, *, members: int, sampling: str) -> list[f
     if sampling == "list":
         values = schema.numbers_list()(key, given)
         if len(values) != members:
-            raise refuse(key, given, f'{members} values for sampling "list", as many as members (they are {len(values)})')
+            raise refuse(
+                key, given, f'{members} values for sampling "list", as many as members (they are {len(values)})'
+            )
         return values
     values = schema.numbers_list(least_length=2)(key, given)
     if sampling == "grid" and len(values) > 2:
@@ -106,7 +109,9 @@ def points_of_grid(ranges: Mapping[str, list[float]], members: int, *, key: str 
     )
 
 
-def check_ranges(given: Any, tree: Any, *, members: int, sampling: str, prefix: str = "ensemble.ranges") -> dict[str, list[float]]:
+def check_ranges(
+    given: Any, tree: Any, *, members: int, sampling: str, prefix: str = "ensemble.ranges"
+) -> dict[str, list[float]]:
     """Check a table of ranges against the scene that they vary.
 
     Parameters

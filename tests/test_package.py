@@ -18,7 +18,8 @@ PACKAGE = Path(cp.__file__).parent
 # Each module may import from those before it.
 ORDER = (
     "conventions", "provenance", "kernels", "motion", "schema", "ranges", "parameters", "records", "scene", "stepping", "members",
-    "ensemble_design", "catenary", "links", "runs", "verlet", "implicit", "chain", "elements", "cable_runs", "cable_choice", "cable",
+    "ensemble_design",
+    "catenary", "links", "runs", "verlet", "implicit", "chain", "elements", "cable_runs", "cable_choice", "cable",
     "rigid_start", "rigid_runs", "rigid",
     "chord", "pod_normal", "decompositions", "pod", "compare", "galerkin_model", "galerkin_runs", "galerkin",
     "condensed_model", "condensed_output", "condensed_estimate", "condensed_runs", "condensed_batch", "condensed",
