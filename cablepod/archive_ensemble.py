@@ -204,8 +204,8 @@ def open_ensemble(path: str | os.PathLike[str], *, incomplete: bool = False) -> 
     -------
     xarray.Dataset
         The results along ``member`` as dask arrays, a chunk or several for each file; nothing stays open.  Parameters that vary
-        are coordinates along ``member``, in memory.  Members that failed hold nan, and ``failure (member)`` says why.  Attributes are
-        those of the ensemble; its history has the stages of scenes and modes.
+        are coordinates along ``member``, in memory.  Members that failed hold nan, and ``failure (member)`` says why.  Attributes
+        are those of the ensemble; its history has the stages of scenes and modes.
 
     Raises
     ------

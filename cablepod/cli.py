@@ -113,7 +113,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_ensemble(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Every member simulated, in batches, each a netCDF file. After Ctrl-C or a crash the same command goes on where it stopped."
+    parser.description = (
+        "Every member simulated, in batches, each a netCDF file. After Ctrl-C or a crash the same command goes on."
+    )
     parser.epilog = "example: cablepod ensemble study.toml --out out/study --option step=2.5e-4"
     parser.add_argument("scene", metavar="SCENE.toml", help="scene file with a table [ensemble]")
     parser.add_argument("--out", required=True, metavar="DIR", help="folder of the ensemble; made if missing")

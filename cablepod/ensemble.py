@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import ensemble_store, ensemble_work, members, provenance, stepping
+from cablepod import ensemble_store, members, provenance, stepping
 from cablepod.archive_ensemble import MODES, SCENES, open_ensemble
 from cablepod.archive_files import ArchiveError
 from cablepod.ensemble_design import design

@@ -33,7 +33,7 @@ def design(
     scene
         One scene; all that `ranges` does not name is the same in all members.
     ranges
-        From key paths of numbers to [low, high], or to values where `sampling` says so.  Components of vectors are named by their
+        From key paths of numbers, in any order, to [low, high], or to values where `sampling` says so.  Components of vectors are named by their
         axis (``"ends.upper.x"``), point loads by their number (``"point_load.1.force.y"``).  Left out, the table ``[ensemble]``
         of the scene file gives this and all options that are left out too.
     members
@@ -143,7 +143,7 @@ def _checked(scene: xr.Dataset, given: Any, prefix: str, options: Mapping[str, A
         checked[path] = values
     if options["sampling"] == "grid":
         points_of_grid(checked, options["members"], key="members")
-    return checked
+    return dict(sorted(checked.items()))  # in whatever order they are given
 
 
 def _points(checked: Mapping[str, list[float]], *, members: int, sampling: str, seed: int) -> np.ndarray:
