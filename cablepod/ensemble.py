@@ -12,7 +12,7 @@ import threading
 import warnings
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future
-from contextlib import closing, suppress
+from contextlib import closing, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from cablepod.archive_ensemble import MODES, SCENES, open_ensemble
 from cablepod.archive_files import ArchiveError
 from cablepod.ensemble_design import design
 from cablepod.ensemble_runs import Crew, Progress, Under, crew
-from cablepod.ensemble_work import MODELS, REDUCED, Note, check_model, compute, listening, sees, tell, work
+from cablepod.ensemble_work import MODELS, REDUCED, Note, check_model, compute, listening, sees, tell, unscheduled, work
 from cablepod.parameters import parameters
 from cablepod.schema import SceneError, integer, refuse, shown
 from cablepod.stepping import RunStopped
@@ -303,7 +303,7 @@ def _done(
             job = functools.partial(job, alone=False, stop=stop.is_set, progress=counted.of(number))
         return own.executor.submit(job)
 
-    with threadpool_limits(1):
+    with threadpool_limits(1), unscheduled() if own.here else nullcontext():
         try:
             yield from Under(own, submit, waiting, ahead=own.workers).results()
         finally:  # threads end with the member at hand

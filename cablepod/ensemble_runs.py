@@ -89,7 +89,7 @@ def _processes(count: int) -> Iterator[Crew]:
         LocalCluster(
             n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
         ) as cluster,
-        Client(cluster, timeout=PATIENCE) as client,
+        Client(cluster, timeout=PATIENCE, set_as_default=False) as client,
     ):
         yield _of(client, "processes")
 
@@ -99,7 +99,8 @@ def _reached(address: str) -> Iterator[Any]:
     from distributed import Client
 
     try:
-        client = Client(address, timeout=PATIENCE)
+        # as a default it would take over what others compute, and if it fails would stay there
+        client = Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TimeoutError, ImportError) as error:
         text = f"an address at which a dask scheduler answers within {PATIENCE:g} s ({shown(str(error))})"
         raise refuse("scheduler", address, text) from error

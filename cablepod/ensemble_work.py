@@ -9,7 +9,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -214,6 +214,13 @@ def sees(folder: Path, ensemble: str) -> str:
     return ""
 
 
+def unscheduled() -> AbstractContextManager[Any]:
+    """Keep xarray from asking the scheduler for a lock at every step of writing a file that nobody else writes."""
+    import dask
+
+    return dask.config.set(scheduler="synchronous")
+
+
 def work(
     folder: Path,
     ensemble: str,
@@ -259,7 +266,9 @@ def work(
         notes = held.enter_context(listening())
         held.enter_context(members.threads(threads))
         held.enter_context(members.until(stop) if stop is not None else nullcontext())
-        held.enter_context(threadpool_limits(1) if alone else nullcontext())
+        if alone:
+            held.enter_context(threadpool_limits(1))
+            held.enter_context(unscheduled())
         mine = scenes.isel(member=slice(number * size, (number + 1) * size))
         batch = compute(mine, manifest["model"], modes, manifest["options"], progress)
         stages = json.loads(manifest["attributes"]["history_json"])

@@ -129,7 +129,10 @@ def test_the_command_says_how_to_go_on(soft, tmp_path):
     process.send_signal(signal.SIGINT)
     _, error = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert error == "cablepod: interrupted; what is written is whole, the same command goes on where it stopped\n"
+    assert (
+        error
+        == "cablepod: interrupted; every file that was written is whole, the same command goes on where it stopped\n"
+    )
     told = call("info", tmp_path / "out")
     assert "; the same command or call goes on" in told.stdout
 
