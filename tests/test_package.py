@@ -101,6 +101,7 @@ def test_public_names_have_docstrings_and_keyword_only_options():
         cp.read_scene, cp.make_scene, cp.catenary.rest, cp.chain.rest, cp.chain.simulate, cp.cable.rest,
         cp.cable.simulate, cp.cable.frequencies, cp.rigid.rest, cp.rigid.simulate, cp.pod.decompose, cp.pod.project,
         cp.pod.reconstruct, cp.galerkin.simulate, cp.condensed.simulate, cp.compare.errors, cp.archive.write, cp.archive.read,
+        cp.archive.open_ensemble, cp.ensemble.run, cp.ensemble.batches,
     ]  # fmt: skip
     for function in functions:
         text = inspect.getdoc(function)
