@@ -33,9 +33,9 @@ def design(
     scene
         One scene; all that `ranges` does not name is the same in all members.
     ranges
-        From key paths of numbers, in any order, to [low, high], or to values where `sampling` says so.  Components of vectors are named by their
-        axis (``"ends.upper.x"``), point loads by their number (``"point_load.1.force.y"``).  Left out, the table ``[ensemble]``
-        of the scene file gives this and all options that are left out too.
+        From key paths of numbers, in any order, to [low, high], or to values where `sampling` says so.  Components of vectors are
+        named by their axis (``"ends.upper.x"``), point loads by their number (``"point_load.1.force.y"``).  Left out, the table
+        ``[ensemble]`` of the scene file gives this and all options that are left out too.
     members
         Number of members.
     sampling

@@ -429,7 +429,7 @@ def test_faults_of_files_are_named(finished, tmp_path):
 
 
 def test_faults_of_manifests_are_named(finished, tmp_path):
-    with pytest.raises(cp.ArchiveError, match="has no manifest.json, so it is no ensemble"):
+    with pytest.raises(cp.ArchiveError, match=r"has no manifest\.json, so it is no ensemble"):
         cp.archive.open_ensemble(tmp_path)
     with pytest.raises(cp.ArchiveError, match="is no folder"):
         cp.archive.open_ensemble(tmp_path / "nowhere")
@@ -437,15 +437,15 @@ def test_faults_of_manifests_are_named(finished, tmp_path):
     shutil.copytree(finished, folder)
     manifest = json.loads((folder / "manifest.json").read_text())
     (folder / "manifest.json").write_text(json.dumps(manifest | {"schema": 99}))
-    with pytest.raises(cp.ArchiveError, match="manifest.json: has schema version 99"):
+    with pytest.raises(cp.ArchiveError, match=r"manifest\.json: has schema version 99"):
         cp.archive.open_ensemble(folder)
     (folder / "manifest.json").write_text(json.dumps(manifest)[:-40])
-    with pytest.raises(cp.ArchiveError, match="manifest.json: is damaged"):
+    with pytest.raises(cp.ArchiveError, match=r"manifest\.json: is damaged"):
         cp.archive.open_ensemble(folder)
     # a batch of another ensemble
     (folder / "manifest.json").write_text(json.dumps(manifest))
     shutil.copy(folder / "batch_0001.nc", folder / "batch_0000.nc")
-    with pytest.raises(cp.ArchiveError, match="batch_0000.nc: is not batch 0 of the ensemble"):
+    with pytest.raises(cp.ArchiveError, match=r"batch_0000\.nc: is not batch 0 of the ensemble"):
         cp.archive.open_ensemble(folder)
 
 
