@@ -139,10 +139,10 @@ def batches(
     scenes, model, modes, scheduler, workers, batch, progress, options
         As of :func:`run`.
 
-    Yields
-    ------
-    xarray.Dataset
-        The results of the next members, in memory, as :func:`run` would write them.  No more batches are under way or waiting to
+    Returns
+    -------
+    iterator of xarray.Dataset
+        Each has the results of the next members, in memory, as :func:`run` would write them.  No more batches are under way or waiting to
         be taken than there are workers, and one.
 
     Raises
