@@ -103,8 +103,20 @@ def rest(
         element_order=mesh.order,
         space_error_estimate=error,
     )
-    options = {"elements": count, "order": mesh.order, "law": law, "arc_length": mesh.particles}
-    return provenance.record(result, function="cable.rest", parameters=options, inputs=[scene])
+    options = {
+        "elements": count,
+        "order": mesh.order,
+        "law": law,
+        "arc_length": mesh.particles,
+        "points": points,
+    }
+    return provenance.record(
+        result,
+        function="cable.rest",
+        parameters=options,
+        inputs=[scene],
+        chosen=provenance.unset(elements=elements, order=order),
+    )
 
 
 def _count(elements: int | None, p: Parameters) -> int:
@@ -246,9 +258,18 @@ def simulate(
         "step": 1.0 / rate,
         "tolerance": None if step is not None else goal,
         "arc_length": run.chain.particles,
+        "points": points,
         "outputs": list(names),
     }
-    return provenance.record(result, function="cable.simulate", parameters=options, inputs=[scene])
+    return provenance.record(
+        result,
+        function="cable.simulate",
+        parameters=options,
+        inputs=[scene],
+        chosen=provenance.unset(
+            elements=elements, order=order, times=times, scheme=scheme, step=step, tolerance=tolerance
+        ),
+    )
 
 
 def _given_rate(run: MeshRun, step: Any) -> float:
@@ -378,8 +399,15 @@ def frequencies(
         "order": mesh.order,
         "law": law,
         "arc_length": mesh.particles,
+        "points": points,
     }
-    return provenance.record(result, function="cable.frequencies", parameters=options, inputs=[scene])
+    return provenance.record(
+        result,
+        function="cable.frequencies",
+        parameters=options,
+        inputs=[scene],
+        chosen=provenance.unset(elements=elements, order=order),
+    )
 
 
 def vibrations(mesh: Mesh, count: int) -> tuple[np.ndarray, np.ndarray]:

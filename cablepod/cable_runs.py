@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import stepping
+from cablepod import stepping, training
 from cablepod.conventions import COORDINATES, ENDS, label
 from cablepod.elements import Mesh
 from cablepod.implicit import ROUNDING, ImplicitRun, March
@@ -93,7 +93,9 @@ class MeshRun(Run):
         coordinates = output_coordinates(mesh)
         if not {"tension", "tension_extremes"} & set(self.outputs):
             del coordinates["link_arc_length"]
-        result = xr.Dataset(variables, coords={"time": state.instants.times, **coordinates})
+        about, names = training.describe(mesh.p, mesh.total_length, float(state.instants.times[-1]))
+        coords = {"time": state.instants.times, **coordinates, **names}
+        result = xr.Dataset({**variables, **about}, coords=coords)
         label(result)
         stretch = mesh.stretch(state.position)
         when, where = np.unravel_index(int(stretch.argmin()), stretch.shape)

@@ -87,7 +87,9 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
         title=f"{scene.attrs.get('title', 'scene')}: chain at rest{suffix(chain)}", stage="rest", law=chain.law
     )
     options = {"links": chain.links, "law": chain.law}
-    return provenance.record(result, function="chain.rest", parameters=options, inputs=[scene])
+    return provenance.record(
+        result, function="chain.rest", parameters=options, inputs=[scene], chosen=provenance.unset(links=links)
+    )
 
 
 def _rest(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
@@ -315,7 +317,15 @@ def simulate(
         "tolerance": None if step is not None else goal,
         "outputs": list(names),
     }
-    return provenance.record(result, function="chain.simulate", parameters=options, inputs=[scene])
+    return provenance.record(
+        result,
+        function="chain.simulate",
+        parameters=options,
+        inputs=[scene],
+        chosen=provenance.unset(
+            links=links, times=times, scheme=scheme, spectral_radius=spectral_radius, step=step, tolerance=tolerance
+        ),
+    )
 
 
 def _check_radius(radius: float | None, scheme: str | None) -> float:

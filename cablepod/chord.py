@@ -33,8 +33,12 @@ class Frame:
         Raises
         ------
         SceneError
-            Where the ends meet, or in space the chord turns into the reference axis.
+            Where the ends meet, or in space the chord turns into the reference axis, or where there is one coordinate only.
         """
+        if reach.shape[1] not in (2, 3):
+            raise SceneError(
+                f"coordinate: given {reach.shape[1]}; allowed: 2 or 3 of them, as deflections are normal to the chord"
+            )
         chord = np.sqrt(square(reach))
         if not chord.min(initial=np.inf) > 0.0:
             raise SceneError(

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import archive, catenary, chain, compare, ensemble, galerkin, pod
+from cablepod import archive, catenary, chain, compare, ensemble, galerkin, lineage, pod
 from cablepod.archive_ensemble import MANIFEST, describe_ensemble
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
@@ -108,6 +108,11 @@ def _parser() -> argparse.ArgumentParser:
     info = commands.add_parser("info", help="what a file holds and how it was made")
     info.epilog = "example: cablepod info out/example2/chain.nc"
     info.add_argument("path", metavar="PATH", help="a netCDF file of this package, a folder of them, or of an ensemble")
+    info.add_argument(
+        "--lineage",
+        action="store_true",
+        help="list all that a file comes from, as a Python file that makes it again from its scenes",
+    )
     info.set_defaults(run=_info)
     return parser
 
@@ -200,6 +205,11 @@ def _member_bar(label: str, members: int) -> Iterator[Callable[[float], None]]:
 
 def _info(options: argparse.Namespace) -> int:
     path = Path(options.path)
+    if options.lineage:
+        if path.is_dir():
+            raise archive.ArchiveError(f"{path}: a folder; allowed with --lineage: one file")
+        print(lineage.script(archive.read(path, chunks={})), end="")
+        return 0
     if not path.is_dir():
         print(archive.describe(path))
         return 0
@@ -265,11 +275,7 @@ def _run(options: argparse.Namespace) -> int:
             chain.simulate, scene, times=report_at, outputs=("position", "tension"), progress=progress
         )
     keep("chain", truth)
-    snapshots = (
-        truth
-        if report_at.size == snapshots_at.size
-        else truth.isel(time=np.searchsorted(truth["time"].values, snapshots_at))
-    )
+    snapshots = truth if report_at.size == snapshots_at.size else pod.at_times(truth, times=snapshots_at)
     modes = pod.decompose(snapshots, rank=min(20, snapshots.sizes["particle"] - 2, snapshots.sizes["time"] - 1))
     keep("modes", modes)
     rows: list[Row] = [("elastic chain", "", truth, seconds, None)]

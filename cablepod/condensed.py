@@ -13,7 +13,7 @@ from cablepod.condensed_batch import result_of
 from cablepod.condensed_model import model_of
 from cablepod.condensed_runs import SCHEMES, Options, solve
 from cablepod.conventions import OUTPUTS
-from cablepod.members import varied_values
+from cablepod.members import unnamed_values
 from cablepod.parameters import parameters_of_members
 from cablepod.schema import refuse
 
@@ -26,6 +26,7 @@ def simulate(
     times: Any = None,
     order: str = "leading",
     law: str = "linear",
+    quadrature: int | None = None,
     scheme: str | None = None,
     step: float | None = None,
     tolerance: float | None = None,
@@ -52,6 +53,10 @@ def simulate(
         motion along the chord that the deflection brings with it.
     law
         "linear", the chain's law; with orders "exact" and "inertial" also "green", eq. (21).
+    quadrature
+        With order "exact": evaluate the chordwise stretch at so many points of a Gauss-Lobatto rule along the cable instead of on
+        each link, at a cost that does not depend on the links.  It nears the continuous cable, not the chain; some eight do for
+        four smooth modes.  Not with point loads, nor for extremes of tension.
     scheme
         "velocity_verlet" is explicit, "trapezoidal" implicit and stable at any step.  By default explicit, unless the stretching
         of the sag makes its steps short.
@@ -73,8 +78,9 @@ def simulate(
         ``amplitude (time, mode)`` [m], in space also ``amplitude_out_of_plane``, ``end_position`` [m] and the outputs asked for,
         on the particles of the modes.  Attributes say scheme, step [s], number of steps, ``step_limit`` [s] of explicit steps,
         and how far the run stayed from where the model fails: ``smallest_chordwise_force`` [N] over all steps,
-        ``forcing_over_axial_frequency``, ``energy_share_kept`` of the snapshots by the modes; ``error_estimate`` is the largest
-        error to be expected over time, as a fraction of the motion, ``time_error_estimate`` the part of the steps in it.
+        ``forcing_over_axial_frequency``, ``energy_share_kept`` of the snapshots by the modes, ``outside_training``, how far the
+        scene lies from those of the snapshots, see :func:`cablepod.training.outside`; ``error_estimate`` is the largest error to
+        be expected over time, as a fraction of the motion, ``time_error_estimate`` the part of the steps in it.
 
     Raises
     ------
@@ -112,8 +118,10 @@ def simulate(
         names,
         None if links is None else check_links(links, modes),
     )
+    if quadrature is not None and "tension_extremes" in names:
+        raise refuse("outputs", "tension_extremes", "without quadrature, as they are those of links")
     p, *others = parameters_of_members(scene)
-    model = model_of(p, modes, rank=rank, order=order, law=law)
+    model = model_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature)
     if "member" in scene.dims:
         result = condensed_batch.run(
             scene,
@@ -121,7 +129,7 @@ def simulate(
             model,
             [p, *others],
             options,
-            lambda other: model_of(other, modes, rank=rank, order=order, law=law),
+            lambda other: model_of(other, modes, rank=rank, order=order, law=law, quadrature=quadrature),
             progress,
         )
     else:
@@ -133,14 +141,21 @@ def simulate(
         "times": p.times() if options.times is None else options.times,
         "order": order,
         "law": law,
+        **({} if quadrature is None else {"quadrature": quadrature}),
         "scheme": result.attrs.get("scheme", scheme),
         "step": result.attrs.get("step", step),
         "tolerance": None if step is not None else options.tolerance,
         "outputs": list(names),
         **({} if links is None else {"links": [int(item) for item in links]}),
-        **({} if "member" not in scene.dims else {"members": varied_values(scene)}),
+        **(unnamed_values(scene) if "member" in scene.dims else {}),
     }
-    return provenance.record(result, function="condensed.simulate", parameters=record, inputs=[scene, modes])
+    return provenance.record(
+        result,
+        function="condensed.simulate",
+        parameters=record,
+        inputs=[scene, modes],
+        chosen=provenance.unset(rank=rank, times=times, scheme=scheme, step=step, tolerance=tolerance),
+    )
 
 
 def check_links(links: Any, modes: xr.Dataset) -> np.ndarray:

@@ -111,7 +111,7 @@ def sibling(model: Model, p: Parameters) -> Model:
     total = float(statics[0])
     stretch = total / model.chain.total_length
     chain = Chain(p, model.chain.length * stretch, model.chain.arc_length * stretch, model.chain.law)
-    made = Model(chain, model.order, model.modes)
+    made = Model(chain, model.order, model.modes, model.quadrature)
     heavier = 1.0 / math.sqrt(p.mass / own.mass * stretch)
     turns, squares = model.turned
     # uniform and linearly growing loads grow with the length, point loads do not
@@ -129,20 +129,20 @@ def sibling(model: Model, p: Parameters) -> Model:
         norms=model.norms * (grown * heavier**2 / stretch),
         pushes=model.pushes * (np.tile(grown, p.dims - 1) * heavier)[:, None],
     )
-    made.__dict__["first_guess"] = _parabola(made, statics)
+    made.__dict__["rest_tension"] = 0.5 * float(statics[4] + statics[5])
+    made.__dict__["first_guess"] = _parabola(made)
     return made
 
 
-def _parabola(model: Model, statics: np.ndarray) -> np.ndarray | None:
+def _parabola(model: Model) -> np.ndarray | None:
     """Coordinates of a parabola near the shape at rest; None where none is near."""
     p = model.chain.p
     if p.initial or p.point_loads:
         return None
     count = len(model.patterns)
     row, sigma = model.still_row, model.chain.arc_length / model.chain.total_length
-    tension = 0.5 * (statics[4] + statics[5])
     across = row[1 + count :: count]  # the uniform load along each normal
-    sag = 0.5 * model.chain.total_length**2 / tension * sigma * (1.0 - sigma)
+    sag = 0.5 * model.chain.total_length**2 / model.rest_tension * sigma * (1.0 - sigma)
     return model.coordinates(across[:, None, None] * sag)[0]
 
 

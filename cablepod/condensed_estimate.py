@@ -32,7 +32,7 @@ def richer(model: Model) -> Model:
         basis = np.linalg.qr(np.concatenate([psi, sines]).T)[0].T[:count]
         basis[:, [0, -1]] = 0.0
         sets.append(basis)
-    return replace(model, order="inertial", modes=tuple(sets))
+    return replace(model, order="inertial", modes=tuple(sets), quadrature=None)
 
 
 def estimate(model: Model, run: Callable[[np.ndarray, float], State], rate: float, until: float) -> float:
@@ -76,7 +76,7 @@ def estimate(model: Model, run: Callable[[np.ndarray, float], State], rate: floa
     kernel.error_growth(
         y, rates @ change.T, second @ change.T, rows, every / rate, p.mass_damping or 0.0, p.stiffness, rich.slopes, rich.plane,
         rich.taus, chain.length, rich.green, rich.pushes, rich.inertia, rich.initial()[0] - y[0], rich.guess(rows[0], y[0]),
-        rich.first_stretch(rows[0]), chain.arc_length / chain.total_length, sizes,
+        np.full(chain.links, rich.first_stretch(rows[0])), chain.arc_length / chain.total_length, sizes,
     )  # fmt: skip
     some = np.unique(np.linspace(0, count - 1, 200).astype(int))
     shapes = positions(model, q[some], times[some])

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from xarray.indexes import PandasIndex
 
-from cablepod import pod_normal
+from cablepod import pod_normal, training
 from cablepod.chord import Frame
 from cablepod.condensed_model import Model
 from cablepod.conventions import COORDINATES, ENDS, label
@@ -53,6 +53,9 @@ class State:
     extremes: tuple[np.ndarray, np.ndarray] | None  #: of the tensions (n,) [N]
     watch: np.ndarray  #: see ``kernels.condensed.leading_verlet``
     scheme: str
+    tension: np.ndarray | None = (
+        None  #: of the links asked for at the instants (times, links) [N], where taken on the way
+    )
 
     @property
     def q(self) -> np.ndarray:
@@ -116,10 +119,21 @@ def _summed(parts: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros((len(parts), 1)), np.cumsum(parts, axis=1)], axis=1)
 
 
+def _rates_of_stretch(model: Model, z: np.ndarray, squared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Differentiate the chordwise stretch (times, n) by N / K, and by half the slope squared with the sign turned."""
+    if model.order == "leading":
+        return np.ones_like(z), np.ones_like(z)
+    if model.green:
+        bend = 3.0 * z * z + squared - 1.0
+        return 2.0 / bend, 2.0 * z / bend
+    cube = (z * z + squared) ** 1.5
+    return cube / (cube - squared), z / (cube - squared)
+
+
 def _velocities(
     model: Model, z: np.ndarray, deflection: np.ndarray, rates: np.ndarray, times: np.ndarray
 ) -> np.ndarray:
-    """Velocities (times, particle, dims) [m/s]; what the strain contributes along the chord is spread evenly."""
+    """Velocities (times, particle, dims) [m/s], but for what loads that change in time stretch along the chord."""
     chain, p = model.chain, model.chain.p
     ends, speeds = p.end_positions(times), p.end_positions(times, 1)
     reach, speed = ends[:, 1] - ends[:, 0], speeds[:, 1] - speeds[:, 0]
@@ -127,8 +141,9 @@ def _velocities(
     grow, turn, swing = frame.rates(reach, speed)
     moving = np.stack([rates[:, at] @ model.shapes[at] for at in _sets(model)])
     slope, slope_rate = (np.diff(item, axis=2) / chain.length for item in (deflection, moving))
-    stretching = -(slope * slope_rate).sum(axis=0) / z
-    stretching += ((grow - stretching @ chain.length) / chain.total_length)[:, None]
+    give, lever = _rates_of_stretch(model, z, (slope * slope).sum(axis=0))
+    stretching = -lever * (slope * slope_rate).sum(axis=0)
+    stretching += give * ((grow - stretching @ chain.length) / (give @ chain.length))[:, None]
     along, along_rate = _summed(z * chain.length), _summed(stretching * chain.length)
     velocity = speeds[:, :1] + along_rate[:, :, None] * frame.along[:, None] + along[:, :, None] * turn[:, None]
     velocity = (
@@ -161,7 +176,8 @@ def variables(
             tension = _tension(model, z, force, squared)
             made["tension"] = (("time", "link"), tension if links is None else tension[:, links])
     elif "tension" in outputs:
-        made["tension"] = (("time", "link"), _tensions(model, q, times, links))
+        taken = state.tension
+        made["tension"] = (("time", "link"), _tensions(model, q, times, links) if taken is None else taken)
     if state.extremes is not None:
         made["tension_minimum"], made["tension_maximum"] = ((("link",), item) for item in state.extremes)
     return made
@@ -187,6 +203,9 @@ def attributes(model: Model, state: State, modes: xr.Dataset | None) -> dict[str
         "first_axial_frequency": axial,
         "forcing_over_axial_frequency": 2.0 * math.pi / slowest / axial if slowest < math.inf else 0.0,
         **kept,
+        **training.outside(
+            modes, model.chain.p, model.chain.total_length, float(state.instants.times[-1]), model.rest_tension
+        ),
     }
 
 
@@ -245,10 +264,12 @@ def _tensions(model: Model, q: np.ndarray, times: np.ndarray, links: np.ndarray 
 def warn_out_of_range(attrs: Mapping[str, Any], which: str = "") -> None:
     """Warn where the numbers of a run say that the model cannot be trusted; `which` run, of several."""
     if attrs["smallest_chordwise_force"] < 0.0:
+        implicit = attrs["scheme"] != "velocity_verlet"
+        long = f" (or the step of {attrs['step']:g} s is too long for what moves)" if implicit else ""
         warnings.warn(
             f"{which}the chordwise force falls to {attrs['smallest_chordwise_force']:.3g} N at "
             f"{attrs['time_of_smallest_force']:.4g} s, below zero: the cable goes slack there, and the condensed "
-            "model is ill-posed; compare with chain.simulate",
+            f"model is ill-posed{long}; compare with chain.simulate",
             OutOfRangeWarning,
             stacklevel=4,
         )

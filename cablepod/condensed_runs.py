@@ -132,19 +132,19 @@ class Run:
         damping = p.mass_damping or 0.0
         q, v, acc, z = self._first_state(step, explicit)
         saved, halves = np.empty((instants.steps.size, r)), np.empty((instants.steps.size, 2, r))
-        wanted = 0
-        if "tension_extremes" in self.outputs:
-            wanted = len(self.wanted) if self.wanted is not None and leading else chain.links
+        links = (model.slopes, model.plane, model.taus)
+        alone = leading and self.wanted is not None  # to leading order a link needs no other
+        if alone:
+            links = (model.slopes[:, self.wanted], model.plane, model.taus[:, self.wanted])
+        wanted = links[0].shape[1] if "tension_extremes" in self.outputs else 0
         low, high = np.full(wanted, np.inf), np.full(wanted, -np.inf)
+        kept_too = alone and explicit and "tension" in self.outputs and not instants.dense
+        series = np.empty((instants.steps.size, links[0].shape[1] if kept_too else 0))
         watch = np.array([np.inf, 0.0, 0.0, 4.0 * rate**2 if explicit else np.inf, np.inf, self.start.h])
         decay = math.exp(-damping * step)
         kick = -math.expm1(-damping * step) / damping if damping else step
         total = int(instants.steps[-1]) + (1 if explicit else 0)
         about = (p.stiffness, chain.total_length, model.turned[1])
-        links = (model.slopes, model.plane, model.taus)
-        some = leading and wanted > 0 and self.wanted is not None  # to leading order a link needs no other
-        if some:
-            links = (model.slopes[:, self.wanted], model.plane, model.taus[:, self.wanted])
         bound = 1e6 * math.sqrt(model.mass.sum()) * chain.total_length
 
         def advance(begin: int, steps: int) -> bool:
@@ -164,13 +164,16 @@ class Run:
                     model.knots,
                     *links,
                     *kept,
+                    *((series[first:last],) if explicit else ()),
                 )
                 if explicit:
                     kernel.leading_verlet(q, v, step, decay, kick, rows, *rest)
                 else:
                     done = kernel.leading_implicit(q, v, acc, step, damping, rows, *rest)
             else:
-                rest = (*about, model.pushes, model.norms, *links, chain.length, model.green, model.inertia, z, *kept)
+                slopes, taus, weights = model.rule
+                along = (slopes, model.plane, taus, weights)
+                rest = (*about, model.pushes, model.norms, *along, model.green, model.inertia, z, *kept)
                 if explicit:
                     kernel.exact_verlet(q, v, acc, step, decay, kick, rows, *rest)
                 else:
@@ -182,7 +185,8 @@ class Run:
             advance(0, 0)
         if wanted and self.wanted is not None and not leading:
             low, high = low[self.wanted], high[self.wanted]
-        state = State(instants, saved, halves, (low, high) if wanted else None, watch, self.scheme)
+        extremes = (low, high) if wanted else None
+        state = State(instants, saved, halves, extremes, watch, self.scheme, series if kept_too else None)
         if watch[4] < np.inf:  # before any breakdown, whose cause it is
             first = int(watch[4])
             raise RunStopped(
@@ -198,7 +202,7 @@ class Run:
         """Coordinates, rates (half a step before the start for explicit steps), accelerations, chordwise stretch."""
         model, damping = self.model, self.model.chain.p.mass_damping or 0.0
         q, rates, push, _ = self.start
-        z = model.first_stretch(model.first_row)
+        z = np.full(model.rule[2].size if model.order != "leading" else 0, model.first_stretch(model.first_row))
         if not explicit:
             return q.copy(), rates.copy(), push - damping * rates, z
         grow = math.expm1(0.5 * damping * step)

@@ -48,7 +48,9 @@ VARIABLES: dict[str, tuple[str, str]] = {
     # modes
     "mode_shape": ("1", "Karhunen-Loeve mode, of unit norm in the inner product of the decomposition"),
     "singular_value": ("m", "singular value of the snapshot matrix, centred and lifted unless of deflections"),
-    "singular_value_uncertainty": ("m", "estimate of the rounding error of the singular value on the route taken"),
+    "singular_value_uncertainty": ("m", "estimate of the error of the singular value on the route taken"),
+    "mode_uncertainty": ("rad", "estimate of the angle by which that error may turn the mode"),
+    "truncation_error": ("1", "root of the share of the energy that the modes do not hold"),
     "proper_orthogonal_value": (
         "m2",
         "proper orthogonal value, the squared singular value over the number of snapshots",
@@ -56,6 +58,11 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "energy_share": ("1", "squared singular value over the sum of all squares"),
     "singular_value_share": ("1", "singular value over the sum of all singular values"),
     "mean": ("m", "time mean of the lifted position"),
+    # training scenes
+    "feature": ("1", "number without dimension that decides how a scene moves"),
+    "bound": ("1", "least or largest of the training scenes"),
+    "scene_feature": ("1", "numbers without dimension that decide how the scene moves"),
+    "training_range": ("1", "least and largest of these numbers over the training scenes"),
     # comparison
     "error": ("1", "rms distance over the particles, over the largest rms displacement of the truth"),
     "error_max": ("1", "largest error over time"),
@@ -80,8 +87,8 @@ ATTRIBUTE_UNITS = {
 VARIABLES |= {
     f"{name}_out_of_plane": (VARIABLES[name][0], f"{VARIABLES[name][1]}, out of the plane of chord and vertical")
     for name in (
-        "amplitude", "mode_shape", "singular_value", "singular_value_uncertainty", "proper_orthogonal_value", "energy_share",
-        "singular_value_share",
+        "amplitude", "mode_shape", "singular_value", "singular_value_uncertainty", "mode_uncertainty", "truncation_error",
+        "proper_orthogonal_value", "energy_share", "singular_value_share",
     )
 }  # fmt: skip
 

@@ -57,24 +57,53 @@ ROUTES: dict[str, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
 }
 
 
+#: name of the route -> what stands in the result; "blocks" is cablepod.streaming
+ALGORITHMS = {
+    "svd": "singular value decomposition of the data matrix (LAPACK gesdd)",
+    "covariance": "eigenvectors of the covariance matrix",
+    "snapshots": "method of snapshots",
+    "blocks": "one pass in blocks: Gram matrices in nearly principal axes, one-sided Jacobi rotations",
+}
+
+
 def _roots(squares: np.ndarray) -> np.ndarray:
     """Singular values from their squares, of which rounding makes some negative, in falling order."""
     return np.sort(np.sqrt(np.maximum(squares, 0.0)))[::-1]
 
 
-def uncertainty(values: np.ndarray, shape: tuple[int, int], method: str) -> np.ndarray:
-    """Estimate how far the singular values of a matrix of `shape` may be off by rounding.
+def uncertainty(values: np.ndarray, shape: tuple[int, int], method: str, *, lost: float = 0.0) -> np.ndarray:
+    """Estimate how far the singular values of a matrix of `shape` may be off by rounding and by what was `lost`.
 
     An eigenvalue of a symmetric matrix, and a singular value, is right to a small multiple of 2^-52 of the largest; the
     multiple grows slowly with the size, as a root, from a few units on.  Where eigenvalues are squares of singular values,
-    the error of the square is that of the largest square, so that of a small value is large.
+    the error of the square is that of the largest square, so that of a small value is large.  In blocks ("blocks") each value
+    is right to its own last digits, but for the rounding of the rows as they are turned, of which the part along a mode
+    averages out over the samples.  A part of norm `lost` that was left out raises no square by more than its own.
     """
-    unit = EPSILON * (8.0 + math.sqrt(max(shape)))
     largest = values.max(initial=0.0)
+    if method == "blocks":
+        unit = EPSILON * (8.0 + math.sqrt(shape[0]))
+        rounding = unit * (values + 2.0 * largest / math.sqrt(max(shape[1], 1)))
+        return rounding + lost * np.divide(lost, np.maximum(values, lost), out=np.zeros_like(values), where=lost > 0.0)
+    unit = EPSILON * (8.0 + math.sqrt(max(shape)))
     if method == "svd":
         return np.full(values.shape, unit * largest)
     floor = math.sqrt(unit) * largest
-    return unit * largest**2 / np.maximum(values, floor) if largest > 0.0 else np.zeros(values.shape)
+    return unit * largest / np.maximum(values, floor) * largest if largest > 0.0 else np.zeros(values.shape)
+
+
+def mode_angles(values: np.ndarray, unsure: np.ndarray) -> np.ndarray:
+    """Estimate the angle [rad] by which modes may be turned, from singular values (sets, modes), falling, and their errors.
+
+    It is the error over the distance to the nearest other value (Wedin 1972), at most a right angle; rounding of the modes
+    themselves adds some units of 2^-52.  The value behind the last one counts as zero.
+    """
+    below = values - np.pad(values[:, 1:], ((0, 0), (0, 1)))
+    above = np.pad(below[:, :-1], ((0, 0), (1, 0)), constant_values=math.inf)
+    gap = np.minimum(below, above)
+    # two values that may both be off
+    angle = np.divide(2.0 * unsure, gap, out=np.full(values.shape, math.inf), where=gap > 0.0)
+    return np.minimum(np.arctan(angle) + 8.0 * EPSILON, 0.5 * math.pi)
 
 
 def memory_needed(features: int, samples: int, method: str) -> float:

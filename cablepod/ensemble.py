@@ -142,8 +142,8 @@ def batches(
     Returns
     -------
     iterator of xarray.Dataset
-        Each has the results of the next members, in memory, as :func:`run` would write them.  No more batches are under way or waiting to
-        be taken than there are workers, and one.
+        Each has the results of the next members, in memory, as :func:`run` would write them.  No more batches are under way or
+        waiting to be taken than there are workers, and one.
 
     Raises
     ------
@@ -226,11 +226,6 @@ def _planned(
         made = made.assign_coords(member=np.arange(made.sizes["member"]))
     made = made.assign_attrs(provenance.as_it_is(made).attrs, stage="scenes")
     made.attrs.pop("values_sha256", None)
-    found = provenance.digest(made)
-    if made.attrs.setdefault("scenes_sha256", found) != found:
-        made.attrs["scenes_sha256"] = found
-        record = {"values_sha256": found}
-        provenance.record(made, function="changed by hand", parameters=record, inputs=[made.copy()])
     _try_options(made, model, modes, resolved, {*options, "modes", "layout", "times", "time"})
     inputs = {SCENES: made} | ({} if modes is None else {MODES: modes})
     return ensemble_store.plan_of(made, model, modes, resolved, size), inputs

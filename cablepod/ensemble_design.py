@@ -80,10 +80,9 @@ def design(
     scenes.attrs = {
         name: value for name, value in scene.attrs.items() if name not in ("values_sha256", "ensemble_json")
     }
-    scenes.attrs |= {"stage": "scenes", "title": f"{scene.attrs.get('title', 'scene')}: {options['members']} members"}
+    scenes.attrs |= {"title": f"{scene.attrs.get('title', 'scene')}: {options['members']} members"}
     record = {**options, "ranges": checked}
-    scenes.attrs["scenes_sha256"] = provenance.digest(scenes)  # a later change of them shows
-    return provenance.record(scenes, function="ensemble.design", parameters=record, inputs=[scene])
+    return provenance.seal(provenance.record(scenes, function="ensemble.design", parameters=record, inputs=[scene]))
 
 
 def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, schema.Key] | None:

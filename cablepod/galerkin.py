@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod import provenance, stepping
-from cablepod.galerkin_model import model_of
+from cablepod import provenance, stepping, training
+from cablepod.galerkin_model import Model, model_of
 from cablepod.galerkin_runs import ImplicitRun, Run, State, VerletRun
 from cablepod.members import over_members
 from cablepod.parameters import check_memory, parameters
@@ -75,8 +76,10 @@ def simulate(
     xarray.Dataset
         ``amplitude (time, coordinate, mode)`` or ``(time, mode)`` [m], ``end_position`` [m] and the outputs asked for, on the
         particles of the modes.  The attribute ``smallest_stretch`` says the least xi met at the instants of the output where
-        positions or tensions were asked for.  ``energy_defect`` is the largest kinetic and strain energy, at the steps at or
-        beside the instants of the output, that is not explained by the start, the work of loads and of the ends, and damping,
+        positions or tensions were asked for.  ``forcing_over_axial_frequency``, ``energy_share_kept`` of the snapshots (the least
+        over the coordinates) and ``outside_training``, see :func:`cablepod.training.outside`, say how far to trust it.
+        ``energy_defect`` is the largest kinetic and strain energy, at the steps at or beside the instants of the output, that is
+        not explained by the start, the work of loads and of the ends, and damping,
         over the largest of these terms (kinetic energy, change of strain energy, works, dissipation): some 1e-15 to 1e-12 for
         "energy_momentum", of second order in the step for the others, and no estimate of the error of the motion.  Implicit runs
         add ``newton_iterations`` and ``steps_cut``: a step in which Newton's method fails is cut.
@@ -135,7 +138,7 @@ def simulate(
     else:
         run, (state, rate, estimate), reason = _picked(runs, limit, goal, asked=tolerance is not None)
     result = run.dataset(state)
-    result.attrs.update(step_limit=limit, choice_of_scheme=reason)
+    result.attrs.update(step_limit=limit, choice_of_scheme=reason, **_trust(model, modes, result))
     if estimate is not None:
         result.attrs["time_error_estimate"] = estimate
     options = {
@@ -147,7 +150,24 @@ def simulate(
         "tolerance": None if step is not None else goal,
         "outputs": list(names),
     }
-    return provenance.record(result, function="galerkin.simulate", parameters=options, inputs=[scene, modes])
+    return provenance.record(
+        result,
+        function="galerkin.simulate",
+        parameters=options,
+        inputs=[scene, modes],
+        chosen=provenance.unset(rank=rank, times=times, scheme=scheme, step=step, tolerance=tolerance),
+    )
+
+
+def _trust(model: Model, modes: xr.Dataset, result: xr.Dataset) -> dict[str, Any]:
+    """Tell what says how far a run can be trusted."""
+    p, length = model.chain.p, model.chain.total_length
+    axial = math.pi / length * math.sqrt(p.stiffness / p.mass)
+    notes = {"first_axial_frequency": axial, "forcing_over_axial_frequency": 2.0 * math.pi / p.time_scale / axial}
+    if "energy_share" in modes:
+        share = modes["energy_share"].isel(mode=slice(result.sizes["mode"])).sum("mode")
+        notes["energy_share_kept"] = float(share.min())
+    return notes | training.outside(modes, p, length, float(result["time"].values[-1]))
 
 
 def _picked(

@@ -128,9 +128,13 @@ class Stack:
         for name, (dims, values) in variables.items():
             first = np.asarray(values)
             kind = object if first.dtype.kind in "UO" else first.dtype
-            fill: Any = np.nan if first.dtype.kind == "f" else "" if kind is object else 0
-            made[name] = ("member", *dims), np.full((self.count, *first.shape), fill, kind)
+            made[name] = ("member", *dims), np.empty((self.count, *first.shape), kind)
         return made
+
+    def blank(self, i: int) -> None:
+        """Fill the row of a member that failed."""
+        for _, values in self.variables.values():
+            values[i] = np.nan if values.dtype.kind == "f" else "" if values.dtype.kind == "O" else 0
 
 
 def gather(
@@ -179,11 +183,13 @@ def gather(
 
     workers = min(_THREADS.get() or cores(), count)
     size = max(1, min(CHUNK, count // (4 * workers)))
-    _each(chunk, range(0, count, size), workers)
+    _side_by_side(chunk, range(0, count, size), workers)
     failed = [(i, error) for i, error in enumerate(stack.failures) if error is not None]
     if failed and len(failed) == count:
         raise failed[0][1] from AllFailedError([str(error) for _, error in failed])
     stack.check_shapes()
+    for i, _ in failed:
+        stack.blank(i)
     if failed:
         warnings.warn(
             f"{len(failed)} of {count} members failed and hold nan, the first of them member {failed[0][0]}: {failed[0][1]}",
@@ -193,14 +199,13 @@ def gather(
     return stack
 
 
-def _each(call: Callable[[int], None], numbers: range, workers: int) -> None:
-    """Call a function with each number, in so many threads."""
+def _side_by_side(chunk: Callable[[int], None], starts: range, workers: int) -> None:
     if workers == 1:
-        for number in numbers:
-            call(number)
+        for first in starts:
+            chunk(first)
         return
     with ThreadPoolExecutor(workers) as pool:
-        futures = [pool.submit(call, number) for number in numbers]
+        futures = [pool.submit(chunk, first) for first in starts]
         try:
             wait(futures, return_when=FIRST_EXCEPTION)
         finally:  # after Ctrl-C too, what has not begun does not begin
@@ -271,20 +276,23 @@ def over_members(function: F) -> F:
             if name in first[0].variables:
                 variable.attrs = dict(first[0].variables[name].attrs)
         joined = joined.set_coords([name for name in first[0].coords if name in joined.data_vars])
-        # the attributes of a joined scene may be those of its first member
+        given = {name: value for name, value in options.items() if name != "progress"}
         return provenance.record(
             joined,
             function=f"{function.__module__.removeprefix('cablepod.')}.{function.__name__}",
-            parameters={"members": varied_values(scene)},
-            inputs=[xr.Dataset(attrs=stack.attributes())],
+            parameters=given | unnamed_values(scene),
+            inputs=[scene, *(item for item in args if isinstance(item, xr.Dataset))],
         )
 
     return cast(F, wrapper)
 
 
-def varied_values(scene: xr.Dataset) -> dict[str, np.ndarray]:
-    """Values of all that differs between members, which make the identity of what comes of them."""
-    return {str(name): variable.values for name, variable in scene.variables.items() if "member" in variable.dims}
+def unnamed_values(scene: xr.Dataset) -> dict[str, Any]:
+    """Values of all that differs between members of a scene that has no id, which make the identity of what comes of them."""
+    if "values_sha256" in scene.attrs:
+        return {}
+    values = {str(name): variable.values for name, variable in scene.variables.items() if "member" in variable.dims}
+    return {"members": values}
 
 
 def _shared(stack: Stack, first: xr.Dataset) -> dict[str, Any]:

@@ -63,10 +63,7 @@ class TimeFunction:
         amplitude, omega = float(self.values["amplitude"]), float(self.values["angular_frequency"])
         phase = float(self.values["phase"]) if self.kind == "harmonic" else -0.5 * math.pi
         result = np.empty((len(derivatives), steps + 1))
-        for row, derivative in zip(result, derivatives, strict=True):
-            size = amplitude * omega**derivative
-            constant = 0.0 if derivative else float(origin) - size * math.sin(phase)
-            kernel.sines(start, rate, omega, phase + 0.5 * math.pi * derivative, size, constant, row)
+        kernel.harmonic(start, rate, omega, phase, amplitude, float(origin), derivatives, result)
         return result
 
     def _one_minus_cosine(self, time: Array, derivative: int) -> Array:

@@ -6,23 +6,37 @@ ends of the moment is taken off.  Modes vanish at both ends and live on sigma = 
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
-from cablepod import decompositions, pod_normal, provenance, schema
+from cablepod import decompositions, pod_normal, provenance, schema, training
+from cablepod import snapshots as reading
 from cablepod.conventions import ENDS, label
 from cablepod.parameters import check_bytes
+from cablepod.pod_stream import LAYOUTS, Stream, check_options, labelled
 from cablepod.schema import SceneError, refuse
+from cablepod.snapshots import lift, relative_arc_length
+from cablepod.streaming import COMPLETE
 
-LAYOUTS = ("separate", "vector", "normal")
-METHODS = tuple(decompositions.ROUTES)
-WEIGHTS = (None, "length", "mass")
+__all__ = [
+    "Stream",
+    "amplitude_dataset",
+    "at_times",
+    "compose",
+    "decompose",
+    "lift",
+    "mode_fields",
+    "project",
+    "reconstruct",
+    "relative_arc_length",
+]
 
 
 def decompose(
-    snapshots: xr.Dataset,
+    snapshots: xr.Dataset | Sequence[xr.Dataset],
     *,
     rank: int | None = None,
     energy: float | None = None,
@@ -37,7 +51,8 @@ def decompose(
     ----------
     snapshots
         A trajectory with ``position (time, particle, coordinate)`` [m] and ``arc_length (particle)`` [m], dimensions in any
-        order; further dimensions such as ``member`` count as more snapshots.
+        order; further dimensions such as ``member`` count as more snapshots.  Or several trajectories on the same particles
+        (S / L0), of any lengths, for "svd".
     rank
         Number of modes to keep (of each coordinate where they are separate); all by default.
     energy
@@ -48,9 +63,11 @@ def decompose(
         the plane of chord and vertical in spatial scenes.
     method
         The route, all three of section 5.1 of the paper: "svd", the singular value decomposition of the data, eq. (30), right to
-        the last digits; "covariance", eigenvectors of the (n, n) covariance matrix, eq. (29), the fastest for many snapshots;
-        "snapshots", Sirovich's, eigenvectors of an (m, m) matrix, for few snapshots of very many particles.  The last two
-        square the data: below 10^-8 of the largest singular value they give noise.
+        the last digits; "covariance", eigenvectors of the (n, n) covariance matrix, eq. (29); "snapshots", Sirovich's,
+        eigenvectors of an (m, m) matrix, for few snapshots of very many particles.  The last two square the data: below 10^-8
+        of the largest singular value they give noise.  For "svd", many snapshots and those held in chunks (as
+        ``archive.read(path, chunks=...)`` gives them) are not made into one matrix, but read once, in blocks, by
+        :class:`Stream`; the attribute ``algorithm`` says so.
     weights
         Inner product over the particles: None, the paper's, counts all alike; "length" or "mass" by the unstretched length
         that each carries, scaled to mean 1 (the same for a uniform cable).
@@ -64,186 +81,85 @@ def decompose(
         data matrix, or for "vector" ``mode_shape (mode, particle, coordinate)``, ``singular_value (mode)``, or for "normal"
         ``mode_shape (mode, particle)``, ``singular_value (mode)``, with the same names and ``_out_of_plane`` in space; with
         ``proper_orthogonal_value`` (squared singular value over the number of snapshots), ``energy_share``,
-        ``singular_value_share`` (over all singular values computed), ``singular_value_uncertainty`` [m], an estimate of what
-        rounding on the chosen route may do, and ``mean (particle, coordinate)`` [m].  The first entry of a mode that reaches
-        half its largest is positive.
+        ``singular_value_share`` (over all singular values computed), and ``mean (particle, coordinate)`` [m].  What is not
+        known: ``truncation_error``, the root of the share of the energy that the modes do not hold;
+        ``singular_value_uncertainty`` [m], an estimate of what the chosen route may be off by, and ``mode_uncertainty`` [rad],
+        the angle that this lets a mode turn by, which grows as neighbouring singular values come close.  The first entry of a
+        mode that reaches half its largest is positive.
 
     Raises
     ------
     SceneError
         For options that cannot be and snapshots that are not finite or too few.
     """
-    for key, value, allowed in (
-        ("layout", layout, LAYOUTS),
-        ("method", method, METHODS),
-        ("weights", weights, WEIGHTS),
-    ):
-        if value not in allowed:
-            raise refuse(key, value, "one of " + ", ".join(repr(item) for item in allowed))
-    if rank is not None and energy is not None:
-        raise refuse("rank and energy", (rank, energy), "one of them")
+    check_options(layout, method, weights, rank, energy)
+    parts = [snapshots] if isinstance(snapshots, xr.Dataset) else list(snapshots)
+    reading.check_alike(parts)
+    if len(parts) > 1 and method != "svd":
+        raise refuse("method", method, "'svd' for several trajectories")
+    if len(parts) > 1 or (method == "svd" and _in_blocks(reading.position_of(parts[0]), layout, rank)):
+        stream = Stream(layout=layout, weights=weights, center=center)
+        for part in parts:
+            stream.update(part)
+        return stream.modes(rank=rank, energy=energy, function="pod.decompose")
+    return _at_once(parts[0], (rank, energy), layout, method, weights, center and layout != "normal")
+
+
+def _at_once(
+    snapshots: xr.Dataset,
+    choice: tuple[int | None, float | None],
+    layout: str,
+    method: str,
+    weights: str | None,
+    center: bool,
+) -> xr.Dataset:
+    """Decompose the matrix of all snapshots."""
+    position = reading.position_of(snapshots)
+    width, dims = position.sizes["particle"] - 2, position.sizes["coordinate"]
+    extent = (width * dims if layout == "vector" else width, reading.count(position))
+    needed = decompositions.memory_needed(*extent, method)
+    check_bytes(needed, "method", f"{method!r} for {extent[0]} by {extent[1]} values, {needed / 1e9:.3g} GB")
     if layout == "normal":
-        hat = np.moveaxis(pod_normal.deflections(_positions(snapshots)), 0, -1)
-        center = False
+        hat = np.moveaxis(pod_normal.deflections(reading.positions(snapshots)), 0, -1)
     else:
         hat, _ = lift(snapshots)
     sigma = relative_arc_length(snapshots)
     samples, particles, dims = hat.shape
     mean = hat.mean(axis=0) if center else np.zeros((particles, dims))
     inner = (hat - mean)[:, 1:-1]
-    scale = np.ones(particles) if weights is None else _share(sigma)
-    root = np.sqrt(scale[1:-1])
+    root = reading.weight_roots(sigma, weights)
     # rows of the ends are zero: leaving them out keeps them from becoming modes of their own
     if layout != "vector":
         matrices = [np.ascontiguousarray(root[:, None] * inner[:, :, c].T) for c in range(dims)]
     else:
         matrices = [np.ascontiguousarray((root[None, :, None] * inner).reshape(samples, -1).T)]
-    extent = matrices[0].shape
-    needed = decompositions.memory_needed(extent[0], extent[1], method)
-    check_bytes(needed, "method", f"{method!r} for {extent[0]} by {extent[1]} values, {needed / 1e9:.3g} GB")
     decomposed = [decompositions.ROUTES[method](matrix) for matrix in matrices]
     values = np.stack([item[1] for item in decomposed])
-    unsure = np.stack([decompositions.uncertainty(item, extent, method) for item in values])
-    kept = _count(values, rank, energy, samples - bool(center))
-    shapes = []
-    for left, _ in decomposed:
-        modes = left[:, :kept].T
-        field = modes.reshape(kept, particles - 2, -1) / root[None, :, None]
-        shapes.append(np.pad(_fix_sign(field), ((0, 0), (1, 1), (0, 0))))
-    squares = values**2
-    lead = ("coordinate",) if layout == "separate" else ()
-
-    def share(part: np.ndarray) -> np.ndarray:
-        total = part.sum(axis=1, keepdims=True)
-        return np.divide(part, total, out=np.zeros_like(part), where=total > 0)
-
-    shape = np.stack([item[:, :, 0] for item in shapes]) if layout != "vector" else shapes[0][None]
-    shape_dims = ("mode", "particle", "coordinate") if layout == "vector" else (*lead, "mode", "particle")
-    tables = {
-        "singular_value": values,
-        "singular_value_uncertainty": unsure,
-        "proper_orthogonal_value": squares / samples,
-        "energy_share": share(squares),
-        "singular_value_share": share(values),
-    }
-    variables: dict[str, Any] = {}
-    for i, suffix in enumerate(pod_normal.SETS[:dims] if layout == "normal" else ("",)):
-        pick = slice(None) if lead else i
-        variables[f"mode_shape{suffix}"] = (shape_dims, shape[pick])
-        variables |= {f"{name}{suffix}": ((*lead, "mode"), table[:, :kept][pick]) for name, table in tables.items()}
-    if layout != "normal":
-        variables["mean"] = (("particle", "coordinate"), mean)
-    variables["unstretched_length"] = ((), _arc_length(snapshots)[-1])
-    result = xr.Dataset(
-        variables,
-        coords={
-            "mode": np.arange(1, kept + 1),
-            "coordinate": snapshots["coordinate"].values,
-            "arc_length": ("particle", _arc_length(snapshots)),
-        },
+    return labelled(
+        [left.T.reshape(left.shape[1], particles - 2, -1) / root[:, None] for left, _ in decomposed],
+        values,
+        np.stack([decompositions.uncertainty(item, extent, method) for item in values]),
+        np.zeros(len(values)),
+        mean,
+        samples,
+        choice=choice,
+        options={"layout": layout, "method": method, "weights": weights, "center": bool(center)},
+        algorithm=decompositions.ALGORITHMS[method],
+        like=snapshots,
+        inputs=[snapshots],
+        trained=training.range_of(snapshots),
     )
-    label(result)
-    result.attrs.update(
-        title=f"{snapshots.attrs.get('title', 'snapshots')}: Karhunen-Loeve modes",
-        stage="modes",
-        layout=layout,
-        method=method,
-        weights=str(weights),
-        number_of_snapshots=samples,
+
+
+def _in_blocks(position: xr.DataArray, layout: str, rank: int | None) -> bool:
+    """Tell whether snapshots are read in blocks: those in chunks, and in memory where that is faster than one matrix."""
+    samples = reading.count(position)
+    features = position.sizes["particle"] * (position.sizes["coordinate"] if layout == "vector" else 1)
+    if reading.is_lazy(position):
+        return True
+    return samples >= 1000 and (
+        samples >= 8 * features if features <= COMPLETE else 20 * (rank or features) <= features
     )
-    options: dict[str, Any] = {
-        "rank": kept,
-        "layout": layout,
-        "method": method,
-        "weights": weights,
-        "center": bool(center),
-        "snapshots": samples,
-    }
-    return provenance.record(result, function="pod.decompose", parameters=options, inputs=[snapshots])
-
-
-def _count(values: np.ndarray, rank: int | None, energy: float | None, most: int) -> int:
-    most = min(values.shape[1], most)
-    if most < 1:
-        raise SceneError("snapshots: given one instant; allowed: at least two, because the time mean is taken off")
-    if rank is not None:
-        schema.integer(least=1)("rank", rank)
-        if rank > most:
-            raise refuse("rank", rank, f"at most {most}, as many as particles and snapshots give")
-        return int(rank)
-    if energy is None:
-        return most
-    schema.number(above=0.0, most=1.0)("energy", energy)
-    needed = 1
-    for squares in values**2:
-        if squares.sum() > 0.0:
-            gathered = np.cumsum(squares) / squares.sum()
-            needed = max(needed, int(np.searchsorted(gathered, energy * (1.0 - 1e-15))) + 1)
-    return min(needed, most)
-
-
-def _fix_sign(field: np.ndarray) -> np.ndarray:
-    """Turn each mode (modes, particles, dims) so that its first entry of at least half the largest size is positive."""
-    flat = field.reshape(len(field), -1)
-    size = np.abs(flat)
-    first = np.argmax(size >= 0.5 * size.max(axis=1, keepdims=True), axis=1)
-    sign = np.where(flat[np.arange(len(flat)), first] < 0.0, -1.0, 1.0)
-    return field * sign[:, None, None]
-
-
-def _arc_length(snapshots: xr.Dataset) -> np.ndarray:
-    s = snapshots["arc_length"]
-    return s.values if s.ndim == 1 else s.transpose("particle", ...).values.reshape(s.sizes["particle"], -1)[:, 0]
-
-
-def relative_arc_length(dataset: xr.Dataset) -> np.ndarray:
-    """Return sigma = S / L0 of the particles, from 0 to 1."""
-    s = _arc_length(dataset)
-    return s / s[-1]
-
-
-def _share(sigma: np.ndarray) -> np.ndarray:
-    """Return the length that each particle carries, scaled to mean 1 over the inner particles."""
-    step = np.diff(sigma)
-    share = 0.5 * np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
-    return share / share[1:-1].mean()
-
-
-def lift(snapshots: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Take the straight line between the ends off the positions, eq. (35).
-
-    Returns
-    -------
-    tuple
-        Lifted positions (samples, particle, coordinate) and positions of the ends (samples, 2, coordinate) [m].
-
-    Raises
-    ------
-    SceneError
-        Where positions are missing or not finite.
-    """
-    position = _positions(snapshots)
-    sigma = relative_arc_length(snapshots)[None, :, None]
-    ends = position[:, (0, -1)]
-    return position - (1.0 - sigma) * ends[:, :1] - sigma * ends[:, 1:], ends
-
-
-def _positions(snapshots: xr.Dataset) -> np.ndarray:
-    """Positions (samples, particle, coordinate) [m] of a trajectory, all its further dimensions counted as samples."""
-    if "position" not in snapshots or "arc_length" not in snapshots.variables:
-        raise SceneError("snapshots: given a Dataset without position or arc_length; allowed: a trajectory")
-    for name in ("time", "particle", "coordinate"):
-        if name not in snapshots["position"].dims:
-            raise SceneError(f"snapshots: position lacks the dimension {name}; allowed: (time, particle, coordinate)")
-    position = snapshots["position"].transpose(..., "time", "particle", "coordinate").values
-    position = position.reshape(-1, *position.shape[-2:]).astype(float)
-    if not np.isfinite(position).all():
-        raise SceneError("snapshots: position is not finite everywhere; allowed: finite numbers")
-    if position.shape[1] < 3:
-        raise SceneError(
-            f"snapshots: given {position.shape[1]} particles; allowed: at least 3, because modes vanish at both ends"
-        )
-    return position
 
 
 def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
@@ -295,6 +211,31 @@ def amplitude_dataset(amplitude: np.ndarray, ends: np.ndarray, time: np.ndarray,
     return label(result)
 
 
+def at_times(trajectory: xr.Dataset, *, times: ArrayLike) -> xr.Dataset:
+    """Pick instants of a trajectory as snapshots, and note so in its history, which ``isel`` and ``sel`` do not.
+
+    Parameters
+    ----------
+    trajectory
+        With ``time`` [s]; not modified.
+    times
+        Instants of it [s].
+
+    Raises
+    ------
+    SceneError
+        Where an instant is none of the trajectory's.
+    """
+    own, wanted = trajectory["time"].values, np.atleast_1d(np.asarray(times, dtype=float))
+    right = np.clip(np.searchsorted(own, wanted), min(1, own.size - 1), own.size - 1)
+    nearest = np.where(wanted - own[right - 1] < own[right] - wanted, right - 1, right)
+    off = np.abs(own[nearest] - wanted) > 1e-9 * np.maximum(1.0, np.abs(wanted))
+    if off.any():
+        raise refuse("times", float(wanted[off][0]), "instants of the trajectory")
+    picked = trajectory.isel(time=nearest)
+    return provenance.record(picked, function="pod.at_times", parameters={"times": wanted}, inputs=[trajectory])
+
+
 def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     """Project snapshots on modes.
 
@@ -321,9 +262,9 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
         raise SceneError(
             f"snapshots: given {own.size} particles; allowed: the {sigma.size} particles of the modes, at the same S / L0"
         )
-    weight = np.ones(sigma.size) if modes.attrs["weights"] == "None" else _share(sigma)
+    weight = np.ones(sigma.size) if modes.attrs["weights"] == "None" else reading.shares(sigma)
     if modes.attrs["layout"] == "normal":
-        position = _positions(snapshots)
+        position = reading.positions(snapshots)
         values = pod_normal.project(position, modes, weight)
         result = pod_normal.amplitude_dataset(values, position[:, (0, -1)], snapshots["time"].values, modes)
     else:

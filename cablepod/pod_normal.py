@@ -19,9 +19,12 @@ from cablepod.schema import SceneError
 SETS = ("", "_out_of_plane")
 
 
-def deflections(position: np.ndarray) -> np.ndarray:
-    """Deflections (normals, samples, particle) [m] of positions (samples, particle, dims) [m]."""
-    return Frame.of(position[:, -1] - position[:, 0]).split(position)[1]
+def deflections(position: np.ndarray, reference: int | None = None) -> np.ndarray:
+    """Deflections (normals, samples, particle) [m] of positions (samples, particle, dims) [m].
+
+    `reference` is the axis that tells the normals apart in space, by default that of the first chord.
+    """
+    return Frame.of(position[:, -1] - position[:, 0], reference).split(position)[1]
 
 
 def sets(modes: xr.Dataset) -> list[tuple[str, np.ndarray]]:

@@ -14,31 +14,71 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     import xarray as xr
 
+#: Attributes that say what a result is; they lead wherever it is printed (xarray shows the first six).
+LEADING = (
+    "title", "stage", "incomplete", "scheme", "formulation", "step", "error_estimate", "time_error_estimate",
+    "space_error_estimate", "model", "number_of_steps",
+)  # fmt: skip
+#: Longer arrays are not kept in a history.
+KEPT = 64
+#: Ways to make equidistant numbers, see :func:`equidistant`.
+EQUIDISTANT = ("multiples", "quotients", "linspace")
+
 
 def plain(value: Any) -> Any:
-    """Turn `value` into what JSON can hold; long arrays become a digest of their bytes."""
+    """Turn `value` into what JSON can hold; of long arrays first, last and count if equidistant, or a digest of their bytes."""
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        if len(value) > 64 and isinstance(value[0], float):
+        if len(value) > KEPT and isinstance(value[0], float):
             return plain(np.array(value))
         return [plain(item) for item in value]
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):
-        if value.size > 64:
+        if value.size > KEPT:
+            for way, made in _equidistant(value):
+                if np.array_equal(made, value):
+                    return {"equidistant": way, "first": float(value[0]), "last": float(value[-1]), "count": value.size}
             digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()[:16]
             return {"shape": list(value.shape), "dtype": str(value.dtype), "sha256": digest}
         return value.tolist()
     return value
 
 
+def _equidistant(value: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield ways to make equidistant numbers, which differ in their last bits, from first, last and count of `value`."""
+    if value.ndim == 1 and value.dtype.kind == "f" and np.isfinite(value).all():
+        for way in EQUIDISTANT:
+            yield way, equidistant(way, float(value[0]), float(value[-1]), value.size)
+
+
+def equidistant(way: str, first: float, last: float, count: int) -> np.ndarray:
+    """Make equidistant numbers: as multiples of an interval, as quotients by a rate, or as numpy.linspace does."""
+    span = last - first
+    if way == "multiples":
+        return first + float(f"{span / (count - 1):.12g}") * np.arange(count)
+    if way == "quotients" and span:
+        return first + np.arange(count) / float(f"{(count - 1) / span:.12g}")
+    return np.linspace(first, last, count)
+
+
+def unset(**options: Any) -> list[str]:
+    """Names of the options that were left to the function, which are None."""
+    return [name for name, value in options.items() if value is None]
+
+
 def record(
-    result: xr.Dataset, *, function: str, parameters: Mapping[str, Any], inputs: Sequence[xr.Dataset] = ()
+    result: xr.Dataset,
+    *,
+    function: str,
+    parameters: Mapping[str, Any],
+    inputs: Sequence[xr.Dataset] = (),
+    chosen: Sequence[str] = (),
 ) -> xr.Dataset:
     """Append the stage that made `result` to its history and set its ``id``; in place, returned for chaining.
 
@@ -52,6 +92,9 @@ def record(
         All options of the call as resolved, defaults included, nothing that a clock or a machine decides.
     inputs
         The datasets that the stage took; their histories are merged in order, each stage once.
+    chosen
+        Names of parameters that the function chose itself, see :func:`unset`: who makes the result again leaves them out.  They
+        stand outside the ``id``.
     """
     resolved = {key: plain(value) for key, value in parameters.items()}
     inputs = [as_it_is(item) for item in inputs]
@@ -63,8 +106,13 @@ def record(
         for stage in stages_of(item):
             stages.setdefault(stage["id"], stage)
     stages[identifier] = {"id": identifier, "function": function, "parameters": resolved, "inputs": parents}
-    result.attrs["id"] = identifier
-    result.attrs["history_json"] = json.dumps(list(stages.values()), sort_keys=True)
+    if chosen:
+        stages[identifier]["chosen"] = sorted(chosen)
+    attrs = {**result.attrs, "id": identifier, "history_json": json.dumps(list(stages.values()), sort_keys=True)}
+    first = [name for name in LEADING if name in attrs]
+    last = ("id", "history_json")
+    between = [name for name in attrs if name not in first and name not in last]
+    result.attrs = {name: attrs[name] for name in (*first, *between, *last)}
     return result
 
 
@@ -96,7 +144,14 @@ def as_it_is(item: xr.Dataset) -> xr.Dataset:
     original.attrs = {key: value for key, value in item.attrs.items() if key != "values_sha256"}
     changed = item[[]]
     changed.attrs = {}
-    return record(changed, function="changed by hand", parameters={"values_sha256": found}, inputs=[original])
+    values = {str(name): _with_dims(variable) for name, variable in item.variables.items() if variable.size <= KEPT}
+    parameters = {"values_sha256": found, "values": values}
+    return record(changed, function="changed by hand", parameters=parameters, inputs=[original])
+
+
+def _with_dims(variable: xr.Variable) -> Any:
+    value = plain(np.asarray(variable.values)) if variable.dims else plain(variable.values[()])
+    return [list(variable.dims), value, dict(variable.attrs)] if variable.dims else value
 
 
 def stages_of(dataset: xr.Dataset) -> list[dict[str, Any]]:

@@ -64,7 +64,13 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
     )
     label(result)
     result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: rigid links at rest", stage="rest")
-    return provenance.record(result, function="rigid.rest", parameters={"links": chain.links}, inputs=[scene])
+    return provenance.record(
+        result,
+        function="rigid.rest",
+        parameters={"links": chain.links},
+        inputs=[scene],
+        chosen=provenance.unset(links=links),
+    )
 
 
 @over_members
@@ -191,7 +197,13 @@ def simulate(
         "tolerance": None if step is not None else goal,
         "outputs": list(names),
     }
-    return provenance.record(result, function="rigid.simulate", parameters=options, inputs=[scene])
+    return provenance.record(
+        result,
+        function="rigid.simulate",
+        parameters=options,
+        inputs=[scene],
+        chosen=provenance.unset(links=links, times=times, step=step, tolerance=tolerance, baumgarte=baumgarte),
+    )
 
 
 def _chain(p: Parameters, links: int | None) -> Chain:

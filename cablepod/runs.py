@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod import training
 from cablepod.conventions import COORDINATES, label
 from cablepod.links import Chain, square
 from cablepod.parameters import check_memory
@@ -288,7 +289,9 @@ class Run:
         if state.extremes is not None:
             variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
         variables["unstretched_length"] = ((), chain.total_length)
-        result = xr.Dataset(variables, coords={"time": state.instants.times, **coordinates(chain)})
+        about, names = training.describe(chain.p, chain.total_length, float(state.instants.times[-1]))
+        coords = {"time": state.instants.times, **coordinates(chain), **names}
+        result = xr.Dataset({**variables, **about}, coords=coords)
         label(result)
         result.attrs.update(
             title=f"{self.title}: elastic chain of {chain.links} links{suffix(chain)}",

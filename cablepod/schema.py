@@ -6,6 +6,7 @@ import math
 import numbers
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -209,6 +210,7 @@ TABLES: Mapping[str, Mapping[str, Key]] = {
 OTHER_TABLES = ("motion", "point_load", "ensemble")
 
 
+@lru_cache
 def time_function_keys(units: str) -> dict[str, dict[str, Key]]:
     """Return the keys of each kind of time function whose values have `units`."""
     amplitude = Key(number(), units, "amplitude", required=True)

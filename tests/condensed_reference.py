@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import xarray as xr
+from conftest import spatial
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
@@ -12,6 +15,28 @@ from cablepod.catenary import unstretched_length
 from cablepod.parameters import parameters
 
 LENGTHS = [1.0, 1.5, 1.0, 0.7, 1.2]
+HARMONIC = {"kind": "harmonic", "amplitude": 0.03, "angular_frequency": 1.7, "phase": 0.4}
+EVERYTHING = {
+    "cable": {"youngs_modulus": 1e8, "area": 1.0e-3, "density": 1000.0, "top_tension": 300.0},
+    "damping": {"mass_proportional": 0.8},
+    "load": {"uniform": [3.0, -2.0], "kind": "harmonic", "amplitude": 0.3, "angular_frequency": 3.0},
+    "point_load": [
+        {"arc_length": 0.4, "force": [5.0, -20.0]},
+        {"arc_length": 0.7, "force": [8.0, 0.0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 2.0},
+    ],
+    "motion": {"lower": {"y": HARMONIC}, "upper": {"x": {**HARMONIC, "angular_frequency": 2.1}}},
+}
+
+
+def everything(soft, dims=2):
+    mapping = {**soft, **copy.deepcopy(EVERYTHING)}
+    if dims == 3:
+        mapping = spatial(mapping)
+        mapping["ends"]["upper"][2] = 3.0
+        mapping["load"]["uniform"][2] = 4.0
+        mapping["point_load"][0]["force"][2] = -6.0
+        mapping["motion"]["upper"]["z"] = {**HARMONIC, "amplitude": 0.05}
+    return mapping
 
 
 def full_modes(lengths=LENGTHS, dims=2, *, seed=3, samples=30):
@@ -37,11 +62,12 @@ class Reference:
 
     The exact model is a chain whose chordwise coordinates follow from balance along the chord (no scalar H appears), the leading
     one a string with the polynomial closure, both with forces on the particles and accelerations of the frame as they stand in
-    the equations.
+    the equations.  To the inertial one belongs the kinetic energy of what the deflection moves along the chord, if links move as
+    though they kept their length, and what is left over to the ends is taken from all of them alike.
     """
 
-    def __init__(self, scene, lengths, *, leading=False, green=False):
-        self.p, self.leading, self.green = parameters(scene), leading, green
+    def __init__(self, scene, lengths, *, order="exact", law="linear"):
+        self.p, self.order, self.green = parameters(scene), order, law == "green"
         total = unstretched_length(self.p)
         self.length = total * np.array(lengths) / np.sum(lengths)
         self.s = np.concatenate([[0.0], np.cumsum(self.length)])
@@ -106,10 +132,10 @@ class Reference:
         return zeta, pull, jacobian
 
     def accelerate(self, t, w, *, moving=True):
-        """Accelerations of the deflections (inner, normals) without damping, and chordwise positions (inner,)."""
+        """Accelerations of the deflections (inner, normals) without damping or inertia along the chord, chordwise positions."""
         _, c, e, normals = self.frame(t)
         force = self.forces(t, moving=moving)
-        if self.leading:
+        if self.order == "leading":
             slope = np.diff(np.pad(w, ((1, 1), (0, 0))), axis=0) / self.length[:, None]
             squared = (slope**2).sum(axis=1)
             tau = np.concatenate([[0.0], -np.cumsum(force @ e)])
@@ -124,6 +150,34 @@ class Reference:
         across = np.diff(pull * np.diff(np.pad(w, ((1, 1), (0, 0))), axis=0), axis=0) + force @ normals.T
         return across / (self.p.mass * self.share[1:-1, None]), zeta
 
+    def lever(self, w, v, push, c):
+        """Rates along the chord (inner,) for rates of the deflections, and the rate of that matrix."""
+        reach = np.diff(np.concatenate([[0.0], self.along(w, push, c)[0], [c]]))
+        each = np.diff(np.eye(len(self.length) + 1), axis=0)[:, 1:-1]
+        even = np.eye(reach.size) - np.outer(self.length, np.ones(reach.size)) / self.s[-1]
+
+        def links(w, reach):
+            across = np.diff(np.pad(w, ((1, 1), (0, 0))), axis=0)
+            return -(each[:, :, None] * (across / reach[:, None])[:, None]).reshape(reach.size, -1)
+
+        here = links(w, reach)
+        # by complex step: no digits are lost
+        rate = links(w + 1e-20j * v, reach + 1e-20j * (here @ v.ravel())).imag / 1e-20
+        return [np.cumsum(even @ item, axis=0)[:-1] for item in (here, rate)]
+
+    def accelerate_all(self, t, w, v):
+        """Accelerations of the deflections (inner, normals)."""
+        result, damping = self.accelerate(t, w)[0], self.damping * v
+        if self.order != "inertial":
+            return result - damping
+        _, c, e, _ = self.frame(t)
+        mass = self.p.mass * self.share[1:-1]
+        lever, rate = self.lever(w, v, self.forces(t) @ e, c)
+        across = np.repeat(mass, w.shape[1])
+        force = across * result.ravel() - lever.T @ (mass * (rate @ v.ravel()))
+        matrix = np.diag(across) + lever.T @ (mass[:, None] * lever)
+        return np.linalg.solve(matrix, force).reshape(w.shape) - damping
+
     def rest(self):
         """Deflections in equilibrium at time 0 (inner, normals)."""
         _, c, _, normals = self.frame(0.0)
@@ -137,7 +191,7 @@ class Reference:
         )
         return found.x.reshape(guess.shape)
 
-    def positions(self, times, w0=None):
+    def positions(self, times, w0=None, *, rtol=1e-11):
         """Positions (times, inner, dims) from rest."""
         w0 = self.rest() if w0 is None else w0
         rates = self.p.end_positions(np.zeros(1), 1)[0]
@@ -146,9 +200,9 @@ class Reference:
 
         def rate(t, state):
             w, v = state.reshape(2, *w0.shape)
-            return np.concatenate([v, self.accelerate(t, w)[0] - self.damping * v]).ravel()
+            return np.concatenate([v, self.accelerate_all(t, w, v)]).ravel()
 
-        run = solve_ivp(rate, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=1e-12, atol=1e-13)
+        run = solve_ivp(rate, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=rtol, atol=0.1 * rtol)
         result = []
         for t, state in zip(times, run.y.T, strict=True):
             w = state.reshape(2, *w0.shape)[0]

@@ -1,4 +1,4 @@
-"""What an ensemble survives: a run interrupted or killed, workers killed, a full disk, damaged files, other designs, two at once."""
+"""What an ensemble survives: interrupts, kills, a full disk, damaged files, other designs, two runs at once."""
 
 from __future__ import annotations
 

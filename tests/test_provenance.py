@@ -46,7 +46,18 @@ def test_the_lineage_of_a_reduced_model_reaches_its_scene(soft):
 
 
 def test_long_arrays_are_kept_as_digests():
-    short, long = provenance.plain(np.arange(3.0)), provenance.plain(np.arange(100.0))
+    squares = np.arange(100.0) ** 2
+    short, long = provenance.plain(np.arange(3.0)), provenance.plain(squares)
     assert short == [0.0, 1.0, 2.0]
     assert long["shape"] == [100]
-    assert provenance.plain([float(i) for i in range(100)]) == long
+    assert provenance.plain(squares.tolist()) == long
+
+
+def test_results_lead_with_what_they_are(soft):
+    scene = cp.make_scene(soft)
+    run = cp.chain.simulate(scene, tolerance=1e-4)
+    assert list(run.attrs)[:2] == ["title", "stage"]
+    assert list(run.attrs)[-2:] == ["id", "history_json"]
+    assert list(run.attrs).index("scheme") < list(run.attrs).index("step") < 6
+    text = repr(run).split("Attributes:")[1]
+    assert text.index("title") < text.index("step:") < text.index("time_error_estimate")

@@ -19,6 +19,8 @@ LOOSE = {"reassoc", "nsz", "contract"}
 #: Newton's method ends when what is left of a correction is below this share of the amplitudes, or of the tension.
 CLOSE = 1e-11
 MOST = 30
+#: Of fewer links than this the tensions are taken one by one: arrays that run in lanes would cost more than they.
+FEW = 6
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
@@ -179,6 +181,19 @@ def _look(i, q, row, h, squares, norms, knots, stiffness, length, watch):
             watch[4] = min(watch[4], i)
 
 
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _link_tension(j, q, row, h, slopes, plane, taus):
+    """Tension of one link to leading order [N]."""
+    x, y, force = 0.0, 0.0, h
+    for i in range(plane):
+        x += slopes[i, j] * q[i]
+    for i in range(plane, q.size):
+        y += slopes[i, j] * q[i]
+    for a in range(taus.shape[0]):
+        force += row[1 + a] * taus[a, j]
+    return force * math.sqrt(1.0 + x * x + y * y)
+
+
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE)
 def link_tensions(q, row, h, slopes, plane, taus, stiffness, work, low, high):
     """Take the tensions of all links, to leading order, into their extremes."""
@@ -203,7 +218,7 @@ def link_tensions(q, row, h, slopes, plane, taus, stiffness, work, low, high):
 @njit(cache=True, error_model="numpy", nogil=True)
 def leading_verlet(
     q, v, step, decay, kick, rows, stiffness, length, squares, means, bends, pushes, norms, knots,
-    slopes, plane, taus, begin, marks, saved, halves, low, high, watch,
+    slopes, plane, taus, begin, marks, saved, halves, low, high, watch, series,
 ):  # fmt: skip
     """Velocity Verlet (velocities at half steps) over the rows, to leading order.
 
@@ -230,6 +245,8 @@ def leading_verlet(
     watch
         Least chordwise force and its step; largest square of a frequency, the one that is too large, the first step where
         it was.
+    series
+        Tensions of the links at the steps to save (marks, n), or without columns.
     """
     f, work = np.empty(q.size), np.empty((3, low.size))
     mark = 0
@@ -238,13 +255,22 @@ def leading_verlet(
         h = _tension(q, row, squares, means, stiffness, length)
         _push(q, row, h, squares, bends, pushes, f)
         _look(begin + i, q, row, h, squares, norms, knots, stiffness, length, watch)
-        if low.size:
+        if low.size < FEW:
+            for j in range(low.size):
+                size = _link_tension(j, q, row, h, slopes, plane, taus)
+                if size < low[j]:
+                    low[j] = size
+                if size > high[j]:
+                    high[j] = size
+        else:
             link_tensions(q, row, h, slopes, plane, taus, stiffness, work, low, high)
         here = mark < marks.size and marks[mark] == begin + i
         if here:
             for j in range(q.size):
                 saved[mark, j] = q[j]
                 halves[mark, 0, j] = v[j]
+            for j in range(series.shape[1]):
+                series[mark, j] = _link_tension(j, q, row, h, slopes, plane, taus)
         for j in range(q.size):
             v[j] = decay * v[j] + kick * f[j]
         if here:
@@ -367,7 +393,7 @@ def leading_implicit(
             start[j] = q[j]
             q[j] += step * v[j] + quarter * (3.0 * acc[j] - past[j])
             size = max(size, abs(q[j]))
-        before, ended = np.inf, False
+        before, ended = 0.0, False  # of the first correction no gain is known
         for _ in range(MOST):
             h = _tension(q, row, squares, means, stiffness, length)
             _push(q, row, h, squares, bends, pushes, f)
@@ -694,7 +720,7 @@ def exact_implicit(
             start[j] = q[j]
             q[j] += step * v[j] + quarter * (3.0 * acc[j] - past[j])
             size = max(size, abs(q[j]))
-        before, ended = np.inf, False
+        before, ended = 0.0, False  # of the first correction no gain is known
         for _ in range(MOST):
             for j in range(r):
                 rate[j] = 2.0 / step * (q[j] - start[j]) - v[j]
@@ -738,14 +764,26 @@ def exact_implicit(
 @njit(cache=True, error_model="numpy", nogil=True)
 def close_all(squared, tau, h, chord, stiffness, green, force, z):
     """Close many shapes: (times, m) squares of slopes, chordwise forces, stretches (filled); (times,) chords and H (filled)."""
-    work = np.empty((3, h.size))
-    guess = force[0]
+    work, slope, along = np.empty((3, h.size)), np.empty(h.size), np.empty(h.size)
+    guess, last = force[0], 0
     for i in range(chord.size):
-        if i:
-            for j in range(h.size):
-                z[i, j] = z[i - 1, j]
-        force[i] = close(squared[i], tau[i], h, chord[i], stiffness, green, guess, z[i], work)
-        guess = force[i]
+        # from one shape to the next; where that is too far for Newton's method, by way of shapes between
+        for parts in (1, 16):
+            force[i] = guess
+            if i:
+                for j in range(h.size):
+                    z[i, j] = z[last, j]
+            for part in range(1, parts + 1):
+                share = part / parts
+                for j in range(h.size):
+                    slope[j] = (1.0 - share) * squared[last, j] + share * squared[i, j]
+                    along[j] = (1.0 - share) * tau[last, j] + share * tau[i, j]
+                reach = (1.0 - share) * chord[last] + share * chord[i]
+                force[i] = close(slope, along, h, reach, stiffness, green, force[i], z[i], work)
+            if i == 0 or abs(force[i]) < np.inf:
+                break
+        if abs(force[i]) < np.inf:
+            guess, last = force[i], i
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -44,3 +44,27 @@ def sines(start, rate, omega, phase, size, constant, table):
                 x[lane], y[lane] = c * x[lane] - s * y[lane], s * x[lane] + c * y[lane]
         for i in range(full, end):
             table[i] = y[i - full] + constant
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def harmonic(start, rate, omega, phase, amplitude, origin, derivatives, tables):
+    """Fill `tables` (derivatives, steps) with derivatives of amplitude (sin(omega t + phase) - sin(phase)) + origin.
+
+    Parameters
+    ----------
+    start, rate, omega, phase
+        As in :func:`sines`.
+    amplitude, origin
+        [m], or the unit of a load.
+    derivatives
+        A tuple of their orders, 0 for the values; `origin` counts for those alone.
+    tables
+        Filled; one call for all, as calls cost more than a hundred steps.
+    """
+    for k in range(len(derivatives)):
+        size, constant = amplitude, 0.0
+        for _ in range(derivatives[k]):
+            size *= omega
+        if derivatives[k] == 0:
+            constant = origin - size * math.sin(phase)
+        sines(start, rate, omega, phase + 0.5 * math.pi * derivatives[k], size, constant, tables[k])

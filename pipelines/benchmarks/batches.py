@@ -2,16 +2,17 @@
 
     python pipelines/benchmarks/batches.py [--cases 10000] [--chains 64] [--repeats 5]
 
-Condensed: the cable of Example 3 under tensions of 8 to 16 kN, its end moved by 0.01 to 0.1 m at 0.05 to 1 rad/s, 600 s each, modes
-from the chain of Example 3 alone, r = 3, order "leading"; kept are the extremes and, every half second, the tension of the top link.
-Two errors are taken on some of the cases, of the tension's deviation from its start over the largest such deviation: of the step,
-against a fifth of it, and of the model, against the chain itself (n = 40, tolerance 1e-4).  Memory: the largest of the process.
+Condensed: the cable of Example 3 under tensions of 8 to 16 kN, its end moved by 0.01 to 0.1 m at 0.05 to 1 rad/s, 600 s each,
+modes from the chain of Example 3 alone, r = 3, order "leading"; kept are the extremes and, every half second, the tension of the
+top link.  Two errors are taken on some of the cases, of the tension's deviation from its start over the largest such deviation:
+of the step, against a fifth of it, and of the model, against the chain itself (n = 40, tolerance 1e-4).  Memory: the largest of
+the process.
 
-Chains: Example 2 (n = 40, 125 s, step 2.5e-4 s) under different tensions, one call with `member` against one call of each, in one
-and in two threads, and against the time inside the compiled loop alone.
+Chains: Example 2 (n = 40, 125 s, step 2.5e-4 s) under different tensions, one call with `member`, in two threads and in one, and
+against the time inside the compiled loop alone.
 
-Times are medians over the repeats, after compilation; BLAS on one thread.  "alone" is what two processes that only count give over
-one, in the same run: what the machine has to offer.
+Times are medians over the repeats, after compilation; BLAS on one thread.  The first line tells what two processes that only
+count do over one: what the machine has to offer.
 """
 
 from __future__ import annotations
@@ -97,17 +98,26 @@ def condensed(cases: int, repeats: int) -> None:
     result = run(scenes)
     for threads in (2, 1):
         with members.threads(threads):
-            print(f"condensed, {cases} cases of 600 s, step {STEP} s, {threads} threads: {median(lambda: run(scenes), repeats):.2f} s")
-    print(f"  output {result.nbytes / 1e9:.2f} GB, largest memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB")
+            took = median(lambda: run(scenes), repeats)
+        print(f"condensed, {cases} cases of 600 s, step {STEP} s, {threads} threads: {took:.2f} s")
+    print(
+        f"  output {result.nbytes / 1e9:.2f} GB, largest memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB"
+    )
     some = scenes.isel(member=slice(0, 20))
     fine = run(some, STEP / 5)
     chain = cp.chain.simulate(some, times=TIMES, outputs=("tension", "tension_extremes"), tolerance=1e-4)
     own = [item.tension.isel(link=-1).values for item in (result.isel(member=slice(0, 20)), fine, chain)]
     for name, truth in (("step", own[1]), ("model", own[2])):
         errors = [deviation(tension, other) for tension, other in zip(own[0], truth, strict=True)]
-        print(f"  error of the {name}, of the tension of the top link: median {np.median(errors):.2g}, largest {max(errors):.2g}")
-    peak = (result.tension_maximum.isel(member=slice(0, 20), link=-1) / chain.tension_maximum.isel(link=-1) - 1.0).values
-    print(f"  largest tension against that of the chain: median {np.median(np.abs(peak)):.2g}, largest {np.abs(peak).max():.2g}")
+        print(
+            f"  error of the {name}, of the tension of the top link: median {np.median(errors):.2g}, largest {max(errors):.2g}"
+        )
+    peak = (
+        result.tension_maximum.isel(member=slice(0, 20), link=-1) / chain.tension_maximum.isel(link=-1) - 1.0
+    ).values
+    print(
+        f"  largest tension against that of the chain: median {np.median(np.abs(peak)):.2g}, largest {np.abs(peak).max():.2g}"
+    )
 
 
 def chains(number: int, repeats: int) -> None:
@@ -135,7 +145,9 @@ def chains(number: int, repeats: int) -> None:
     with members.threads(1):
         run()
     kernel.verlet = plain
-    print(f"  in one thread, inside the compiled loop {inside[0]:.2f} s; the call took {took / inside[0]:.3f} times as long")
+    print(
+        f"  in one thread, inside the compiled loop {inside[0]:.2f} s; the call took {took / inside[0]:.3f} times as long"
+    )
 
 
 def main() -> None:

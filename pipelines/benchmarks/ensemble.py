@@ -4,9 +4,9 @@
 
 Members are Example 2 (n = 40, 125 s, step 2.5e-4 s) under top tensions of 9 to 16 kN, in batches of 64.
 
-Overhead: processor time of `ensemble.run` in one thread over what the same run spends inside the compiled loop of the chain, and the
-same of `chain.simulate` on the same members in the same batches, whose results are dropped.  What the first is more than the second
-is scheduling, writing and provenance, the rest the preparation of each member.  Wall time is told too.
+Overhead: processor time of `ensemble.run` in one thread over what the same run spends inside the compiled loop of the chain,
+and the same of `chain.simulate` on the same members in the same batches, whose results are dropped.  What the first is more than
+the second is scheduling, writing and provenance, the rest the preparation of each member.  Wall time is told too.
 
 Two processes: the same members on a cluster of one process and of two, over each other; and beside it the control, two processes
 that only count over one, before and after: what the machine has to offer.

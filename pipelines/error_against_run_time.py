@@ -1,0 +1,309 @@
+"""Error against run time of all models on Examples 2 to 4 and on two unseen scenes: fronts of full and of reduced models.
+
+    python pipelines/error_against_run_time.py [--out out/error_against_run_time] [--readme] [--repeats 5] [--quick]
+
+Full models are the chain and the continuous cable, explicit and implicit; reduced ones the Galerkin and the condensed model; a
+sequence of catenaries with cubic splines between them stands apart, as it is no dynamic model.  The error is the largest over all
+tenths of a second (124 s) of the rms distance over the particles from the converged continuous cable, divided by its largest rms
+displacement, between steps by each model's own dense output.  All obey the linear law but the Galerkin model, whose fast form has
+law (21) and which is measured against the truth of that law.  The truth is computed anew, as the files in data/truth hold every
+other second alone, and compared with them.  Modes for Examples 2 to 4 are trained on the example itself, those for the unseen
+scenes on Examples 2 to 4 together.
+
+Times, on one thread, warm:
+
+kernel
+    What is computed between the first state and the last, in every model the same: the compiled loops and the tables of the ends'
+    motion and the loads they need, without what Python does around them.  The state is saved every second.  The calls are
+    recorded in a run and called again with the same arguments; a sample is the median of as many repetitions as fit in 2 ms.
+    (Above 20 ms they are timed where they are.)
+call
+    The whole public call with positions every second (a sequence of catenaries: with its splines).
+
+All settings are run once.  Those that no other of their family beats by a factor of two in time at no larger error are measured
+again, in turns so that a busy machine hurts all alike, and medians taken; only these make the fronts and the table.  A front at
+an error e is the least time of a setting whose error is e at most: nothing is interpolated.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.update({name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")})
+
+import argparse
+import statistics
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from run_time_figure import LEVELS, draw, markdown
+from run_time_models import (
+    ELEMENTS,
+    EXAMPLES,
+    TRAINED,
+    UNSEEN,
+    Setting,
+    Training,
+    from_file,
+    job_of,
+    kernel_calls,
+    law_of,
+    limit_of,
+    scene_of,
+    seconds_of,
+    seconds_within,
+    settings,
+    trained_on,
+    truth_of,
+)
+from tqdm import tqdm
+
+import cablepod as cp
+from cablepod import stepping
+from cablepod.condensed_output import OutOfRangeWarning
+from cablepod.conventions import label
+
+DURATION = 124.0
+#: All that a whole call is asked for; an estimate of its own error is not.
+POSITIONS = ("position",)
+#: Settings within this factor of time of one that is no worse are measured again; the second for long ones, which vary less.
+NEAR, LITTLE = 2.0, 1.3
+FAMILIES = ("full", "reduced", "quasi-static")
+#: An error above this is no result, and not measured again.
+COARSE = 0.3
+#: Kernels that take longer [s] are timed inside the call, in which they take nearly all.
+LONG = 0.02
+
+
+def front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Tell which settings no other one beats in both; those that are not finite never do."""
+    best, result = np.inf, np.zeros(seconds.size, dtype=bool)
+    for i in np.lexsort((error, seconds)):
+        if np.isfinite(seconds[i]) and error[i] < best:
+            best, result[i] = error[i], True
+    return result
+
+
+def near_front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Tell which settings no other one beats by the factor NEAR in time (long ones LITTLE) at no larger error."""
+    result = np.zeros(seconds.size, dtype=bool)
+    for i in np.flatnonzero(np.isfinite(seconds) & np.isfinite(error)):
+        rivals = seconds[error <= error[i]]
+        result[i] = not ((NEAR if seconds[i] < LONG else LITTLE) * rivals < seconds[i]).any()
+    return result
+
+
+def measured(
+    given: xr.Dataset, truths: dict[str, Any], training: Training, tried: list[Setting], duration: float, repeats: int
+) -> dict[str, np.ndarray]:
+    """Measure errors and times of all settings in one scene."""
+    fine, coarse = np.arange(round(10 * duration) + 1) / 10.0, np.arange(round(duration) + 1.0)
+    found = {key: np.full(len(tried), np.nan) for key in ("error_max", "error_rms", "kernel_time", "call_time", "step")}
+    jobs: dict[int, Any] = {}
+    for i, setting in enumerate(tqdm(tried, desc=str(given.attrs.get("title", "")), disable=None)):
+        try:
+            step = setting.step
+            if setting.share:  # rounded down, so that steps hit seconds
+                step = 1.0 / stepping.preferred_rate(1.0 / (setting.share * limit_of(given, setting, training)))
+            job = job_of(given, setting, step, training)
+            calls, run = kernel_calls(job, fine, setting, POSITIONS)
+        except (cp.RunStopped, cp.SceneError):
+            continue  # an explicit step above the limit, a rule too coarse for the modes, or a run that broke down
+        found["error_max"][i], found["error_rms"][i] = truths[law_of(setting)].errors(run["position"].values)
+        found["kernel_time"][i], found["step"][i] = seconds_of(calls, least=1e-3), step
+        jobs[i] = job
+    families = np.array([setting.family for setting in tried])
+    again = np.zeros(len(tried), dtype=bool)
+    for family in FAMILIES:
+        own = np.flatnonzero(families == family)
+        again[own] = near_front(
+            found["kernel_time"][own], np.where(found["error_max"] < COARSE, found["error_max"], np.nan)[own]
+        )
+    picked = [int(i) for i in np.flatnonzero(again)]
+    calls_of = {i: kernel_calls(jobs[i], coarse, tried[i])[0] for i in picked if found["kernel_time"][i] < LONG}
+    taken: dict[int, list[tuple[float, float]]] = {i: [] for i in picked}
+    for _ in range(repeats):
+        for i in picked:
+            if i in calls_of:
+                kernel = seconds_of(calls_of[i])
+                begin = time.perf_counter()
+                jobs[i](times=coarse, outputs=POSITIONS)
+                taken[i].append((kernel, time.perf_counter() - begin))
+            else:
+                taken[i].append(seconds_within(jobs[i], coarse, POSITIONS))
+    for i in picked:
+        for key, column in (("kernel_time", 0), ("call_time", 1)):
+            found[key][i] = statistics.median(row[column] for row in taken[i])
+    found["offline_time"] = np.array([training.seconds.get(_basis(setting), 0.0) for setting in tried])
+    found["measured_again"] = again
+    found["on_front"] = np.zeros(len(tried), dtype=bool)
+    for family in FAMILIES:
+        own = np.flatnonzero((families == family) & again)
+        found["on_front"][own] = front(found["kernel_time"][own], found["error_max"][own])
+    return found
+
+
+def _basis(setting: Setting) -> tuple[str, int]:
+    layout = {"Galerkin": "separate", "condensed": "normal"}.get(setting.model, "")
+    return layout, setting.size
+
+
+def study(names: list[str], *, quick: bool, repeats: int, folder: Path) -> xr.Dataset:
+    """Measure all scenes."""
+    duration, elements = (10.0, 4) if quick else (DURATION, ELEMENTS)
+    sizes, rank = (TRAINED[:1], 4) if quick else (TRAINED, 10)
+    fine = np.arange(round(10 * duration) + 1) / 10.0
+    tried = settings(quick=quick)
+    load = os.getloadavg()[0]
+    rows, bases, apart = [], {}, []
+    with warnings.catch_warnings():
+        for kind in (cp.NotConvergedWarning, OutOfRangeWarning):  # such settings are told by their errors
+            warnings.simplefilter("ignore", kind)
+        laws = sorted({law_of(setting) for setting in tried})
+        for name in names:
+            given = scene_of(name, duration)
+            truths = {law: truth_of(name, given, law, fine, folder, elements) for law in laws}
+            apart.append([from_file(name, truth, fine) for truth in truths.values()])
+            base = EXAMPLES if name in UNSEEN else (name,)
+            if base not in bases:
+                bases[base] = trained_on([scene_of(item, duration) for item in base], sizes, rank)
+            begin = time.perf_counter()
+            rows.append(measured(given, truths, bases[base], tried, duration, repeats))
+            print(f"{name}: {len(tried)} settings in {time.perf_counter() - begin:.0f} s", flush=True)
+    result = xr.Dataset(
+        {key: (("scene", "setting"), np.array([row[key] for row in rows])) for key in rows[0]},
+        coords={
+            "scene": names,
+            "trained_on": ("scene", [", ".join(EXAMPLES) if name in UNSEEN else name for name in names]),
+            "name": ("setting", [setting.name for setting in tried]),
+            **{
+                key: ("setting", [getattr(setting, key) for setting in tried])
+                for key in ("family", "model", "scheme", "size", "order", "rank", "points")
+            },
+        },
+    )
+    for key in ("measured_again", "on_front"):
+        result[key] = result[key].astype(np.int8)
+    for key, of in (("time_ratio", "kernel_time"), ("call_ratio", "call_time")):
+        result[key] = (("scene", "level"), np.array([ratios(result.sel(scene=name), of) for name in names]))
+    result["truth_difference"] = (("scene", "law"), np.array(apart))
+    result = result.assign_coords(level=list(LEVELS), law=laws)
+    label(
+        result,
+        error_max=("1", "largest error over time"),
+        error_rms=("1", "rms error over time"),
+        kernel_time=("s", "time of what is computed between first and last state"),
+        call_time=("s", "time of the whole call"),
+        offline_time=("s", "time of the snapshots and modes of a reduced model"),
+        step=("s", "time step"),
+        measured_again=("1", "1 where times are medians of turns, 0 where of one look"),
+        on_front=("1", "1 where no other setting of the family is both faster and better"),
+        time_ratio=("1", "kernel time of the best full model over that of the best reduced model"),
+        call_ratio=("1", "time of a call of the full model whose call is shortest over that of the reduced one"),
+        truth_difference=("1", "largest difference of the truth from the one on file, where there is one"),
+        level=("1", "error that both keep"),
+        law=("1", "law of elasticity"),
+        scene=("1", "scene"),
+        trained_on=("1", "scenes that the modes of reduced models come from"),
+        name=("1", "setting"),
+        family=("1", "full, reduced, or quasi-static"),
+        model=("1", "model"),
+        scheme=("1", "time scheme"),
+        size=("1", "links of a chain or of the chain trained on, elements of a cable"),
+        order=("1", "order of the elements or of the condensed model"),
+        rank=("1", "number of modes"),
+        points=("1", "points of quadrature along the cable, 0 for the links"),
+    )
+    result.attrs.update(
+        title="Error against run time of full and reduced models",
+        repeats=repeats,
+        duration=duration,
+        load_average_before=load,
+        load_average_after=os.getloadavg()[0],
+    )
+    return result
+
+
+def best(of: xr.Dataset, family: str, level: float, key: str = "kernel_time") -> int | None:
+    """Return the fastest setting of a family whose error is `level` at most."""
+    again, own = of["measured_again"].values == 1, of["family"].values == family
+    rows = np.flatnonzero(again & own & (of["error_max"].values <= level))
+    return int(rows[np.argmin(of[key].values[rows])]) if rows.size else None
+
+
+def ratios(of: xr.Dataset, key: str = "kernel_time") -> list[float]:
+    """Return time of the best full model over that of the best reduced one at each level."""
+    seconds = of[key].values
+    pairs = [[best(of, family, level, key) for family in FAMILIES[:2]] for level in LEVELS]
+    return [
+        np.nan if full is None or reduced is None else float(seconds[full] / seconds[reduced])
+        for full, reduced in pairs
+    ]
+
+
+def rows_of(result: xr.Dataset) -> list[dict[str, Any]]:
+    """Return the table: for each scene and level the best of each family."""
+    return [
+        {
+            "scene": name,
+            "level": level,
+            "ratio": float(of["time_ratio"].sel(level=level)),
+            "call_ratio": float(of["call_ratio"].sel(level=level)),
+            "best": {
+                family: None if (i := best(of, family, level)) is None else of.isel(setting=i) for family in FAMILIES
+            },
+        }
+        for name in result["scene"].values
+        for of in [result.sel(scene=name)]
+        for level in LEVELS
+    ]
+
+
+def fronts_as_text(result: xr.Dataset) -> str:
+    """Return all settings on the fronts."""
+    lines = []
+    for name in result["scene"].values:
+        of = result.sel(scene=name)
+        for family in FAMILIES:
+            lines.append(f"{name}: {family}")
+            rows = np.flatnonzero((of["on_front"].values == 1) & (of["family"].values == family))
+            for i in rows[np.argsort(of["kernel_time"].values[rows])]:
+                row = of.isel(setting=i)
+                lines.append(
+                    f"  {1e3 * float(row['kernel_time']):10.4f} ms {1e3 * float(row['call_time']):9.2f} ms "
+                    f"{float(row['error_max']):9.2e}  {row['name'].values!s}, step {float(row['step']):.3g} s"
+                )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure, write, draw, print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/error_against_run_time"))
+    parser.add_argument("--readme", action="store_true", help="write the figure to pipelines/figures too")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--quick", action="store_true", help="few settings, Example 2 and one unseen scene, 10 s")
+    parser.add_argument("--scenes", nargs="+", choices=(*EXAMPLES, *UNSEEN))
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    names = options.scenes or (["example2", "guy"] if options.quick else [*EXAMPLES, *UNSEEN])
+    result = study(names, quick=options.quick, repeats=options.repeats, folder=options.out)
+    cp.archive.write(result, options.out / "error_against_run_time.nc", overwrite=True)
+    text = markdown(rows_of(result))
+    (options.out / "error_against_run_time.md").write_text(text + "\n")
+    picture = draw(result)
+    picture.savefig(options.out / "error_against_run_time.png", dpi=75)
+    if options.readme:
+        picture.savefig(Path(__file__).resolve().parent / "figures" / "error_against_run_time.png", dpi=75)
+    print(fronts_as_text(result))
+    print(text)
+    before, after = (result.attrs[f"load_average_{when}"] for when in ("before", "after"))
+    print(f"load average {before:.2f} before, {after:.2f} after, {os.cpu_count()} processors")
+
+
+if __name__ == "__main__":
+    main()

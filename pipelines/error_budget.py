@@ -1,0 +1,204 @@
+"""What the error of the condensed model is made of, term by term, in Examples 2 to 4.
+
+    python pipelines/error_budget.py [--out FOLDER] [--readme] [--quick]
+
+Writes error_budget.nc and error_budget.png.
+
+Modes are trained on the chain itself (40 links, 125 s, every 0.1 s).  All numbers are largest distances over time, over
+the motion.
+"projection": the chain's deflection from the span of the modes: no model on them does better in deflection.
+"leading", "exact", "inertial": the orders of the model, extrapolated in the step.
+"..., all modes": the same with all modes that moved (29 to 39): what is left is what the model neglects, not the modes.
+"step": what extrapolation takes off "inertial" at 0.05 of the longest stable step (of eight modes where there are fewer).
+"rotation of the chord": change of the model with chordwise inertia when mu [(zeta - S/L0 c) theta'' + 2 (zeta - S/L0 c)' theta'
+- w theta'^2] normal to the chord is added, zeta the distance along the chord and theta its angle.
+"truncated, ...": change of the retained amplitudes in the model with all modes when the retained ones do not see the truncated
+ones: in the tension, in the force on them, in both.  (Without chordwise inertia; each from its own equilibrium.)
+"oblique": the model with chordwise inertia whose test functions are not the modes but as many vibration modes of the chain at
+its mean tension, those that a QR decomposition with pivoting of their products with the modes chooses; extrapolated in the step.
+They feel less of the force of the truncated modes, which is the larger part of "truncated, in both" in Examples 2 and 3 at r = 3.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import numpy as np
+import xarray as xr
+from error_budget_model import Switched
+from matplotlib import pyplot as plt
+from prediction import motion_of, percent, run_model
+from scipy.linalg import eigh, qr
+from tqdm import tqdm
+
+import cablepod as cp
+from cablepod import shipped
+from cablepod.condensed_model import ORDERS
+from cablepod.links import chain_of
+from cablepod.parameters import parameters
+from cablepod.pod_normal import deflections
+
+HERE = Path(__file__).resolve().parent
+EXAMPLES = ("example2", "example3", "example4")
+RANKS = (1, 2, 3, 4, 6, 8)
+LINKS = 40
+TERMS = (
+    "projection", *ORDERS, *(f"{order}, all modes" for order in ORDERS), "step", "rotation of the chord",
+    "truncated, in the tension", "truncated, in the force", "truncated, in both", "oblique projection", "oblique",
+)  # fmt: skip
+#: Step of the model with switches [s]: a third of the stability limit of 39 modes in Example 3, its error cancels in differences.
+STEP = 0.005
+
+
+def distance(a: np.ndarray, b: np.ndarray, motion: float) -> float:
+    """Largest rms distance of deflections (times, particle) over the motion."""
+    return float(np.sqrt(np.mean((a - b) ** 2, axis=1)).max() / motion)
+
+
+def vibration_modes(scene: xr.Dataset, tension: np.ndarray) -> np.ndarray:
+    """Modes (mode, particle) of a chain taut by given tensions of its links [N], without sag, mass-orthonormal."""
+    p = parameters(scene)
+    chain = chain_of(p, LINKS)
+    difference = np.diff(np.eye(LINKS + 1), axis=0) / chain.length[:, None]
+    stiffness = (difference.T * (chain.length * tension)) @ difference
+    vectors = eigh(stiffness[1:-1, 1:-1], np.diag(p.mass * chain.share[1:-1]))[1]
+    return np.pad(vectors.T, ((0, 0), (1, 1)))
+
+
+def chosen_tests(modes: np.ndarray, vibrations: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """As many vibration modes as there are modes, those that tell them apart best."""
+    order = qr((modes * mass) @ vibrations.T, mode="r", pivoting=True)[1]
+    return vibrations[order[: len(modes)]]
+
+
+def budget(name: str, duration: float, ranks: tuple[int, ...] = RANKS) -> np.ndarray:
+    """All terms of one example (term, rank)."""
+    scene = shipped.scene(name)
+    times = np.arange(round(duration * 10) + 1) * 0.1
+    truth = cp.chain.simulate(
+        scene, links=LINKS, times=times, scheme="velocity_verlet", step=1.25e-4, outputs=("position", "tension")
+    )
+    modes = cp.pod.decompose(truth, layout="normal")
+    shape, motion = modes["mode_shape"].values, motion_of(truth)
+    real = deflections(truth["position"].values)[0]
+    model = Switched(scene, times, LINKS)
+    whole = model.run(shape, STEP)
+    mass = model.parts(STEP)["mass"]
+    vibrations = vibration_modes(scene, truth["tension"].values.mean(axis=0))
+    result = np.full((len(TERMS), len(ranks)), np.nan)
+
+    def put(term: str, k: int | slice, value: float) -> None:
+        result[TERMS.index(term), k] = value
+
+    def model_error(rank: int | None, order: str) -> float:
+        return float(cp.compare.errors(run_model(scene, modes, rank, order, times), truth)["error_max"])
+
+    for order in ORDERS:
+        put(f"{order}, all modes", slice(None), model_error(None, order))
+    for k, rank in enumerate(ranks):
+        few = np.ascontiguousarray(shape[:rank])
+        project = few.T @ few
+        put("projection", k, distance(real @ project, real, motion))
+        for order in ORDERS:
+            put(order, k, model_error(rank, order))
+        put("step", k, run_model(scene, modes, rank, "inertial", times).attrs["step_error"])
+        plain = model.run(few, STEP, inertia=True)
+        put("rotation of the chord", k, distance(model.run(few, STEP, inertia=True, frame=True), plain, motion))
+        for what in ("tension", "force", "both"):
+            seen = model.run(shape, STEP, rank=rank, hidden=what)
+            change = distance(seen @ project, whole @ project, motion)
+            put(f"truncated, in {'both' if what == 'both' else 'the ' + what}", k, change)
+        tests = chosen_tests(few, vibrations, mass)
+        onto = np.linalg.solve((tests * mass) @ few.T, tests * mass)
+        put("oblique projection", k, distance(real @ onto.T @ few, real, motion))
+        coarse, fine = (model.run(few, step, tests=tests, inertia=True) for step in (STEP, 0.5 * STEP))
+        put("oblique", k, distance((4.0 * fine - coarse) / 3.0, real, motion))
+    return result
+
+
+def report(
+    *,
+    examples: tuple[str, ...] = EXAMPLES,
+    ranks: tuple[int, ...] = RANKS,
+    duration: float = 125.0,
+    progress: Callable[..., Any] = iter,
+) -> xr.Dataset:
+    """Make the budget; a Dataset over (example, term, rank)."""
+    values = np.array([budget(name, duration, ranks) for name in progress(examples)])
+    error = (
+        ("example", "term", "rank"),
+        values,
+        {"units": "1", "long_name": "largest distance over time, over the motion"},
+    )
+    result = xr.Dataset({"error": error}, coords={"example": list(examples), "term": list(TERMS), "rank": list(ranks)})
+    result["rank"].attrs.update(units="1", long_name="number of modes")
+    result.attrs.update(title="Error budget of the condensed model", stage="comparison", duration=duration)
+    return result
+
+
+def draw(result: xr.Dataset, path: Path) -> None:
+    """Draw the budget."""
+    styles = {
+        "inertial": ("o-", "black", 1.8), "exact": ("-", "#0072B2", 1.8), "leading": ("-", "#D55E00", 1.8),
+        "projection": (":", "black", 1.8),
+        "truncated, in the force": ("^--", "#009E73", 1.0), "truncated, in the tension": ("v--", "#CC79A7", 1.0),
+        "oblique": ("s-", "#E69F00", 1.0), "rotation of the chord": ("x:", "0.4", 1.0),
+    }  # fmt: skip
+    shared: dict[str, Any] = {"sharex": True, "sharey": True, "layout": "constrained", "squeeze": False}
+    picture, axes = plt.subplots(1, result.sizes["example"], figsize=(13, 4.4), **shared)
+    for ax, name in zip(axes[0], result["example"].values, strict=True):
+        part = result["error"].sel(example=name)
+        for term, (style, color, width) in styles.items():
+            ax.semilogy(part["rank"], part.sel(term=term), style, color=color, lw=width, ms=4, label=term)
+        ax.set_title(f"Example {name[-1]}", fontsize=10)
+        ax.set_xticks(part["rank"].values)
+        ax.grid(alpha=0.3)
+    axes[0, 0].set_ylabel("largest error over time, over the motion [1]")
+    axes[0, 0].set_ylim(1e-7, 0.1)
+    axes[0, -1].legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    picture.supxlabel("number of modes r [1]", fontsize=10)
+    picture.savefig(path, dpi=75)
+    plt.close(picture)
+
+
+def show(result: xr.Dataset) -> None:
+    """Print a table for each example."""
+    for name in result["example"].values:
+        print(f"\n| {name} | " + " | ".join(f"r = {rank}" for rank in result["rank"].values) + " |")
+        print("| --- " * (1 + result.sizes["rank"]) + "|")
+        for term in result["term"].values:
+            print(
+                f"| {term} | "
+                + " | ".join(percent(v) for v in result["error"].sel(example=name, term=term).values)
+                + " |"
+            )
+
+
+def main() -> None:
+    """Run as told by the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("out/error_budget"))
+    parser.add_argument("--readme", action="store_true")
+    parser.add_argument("--quick", action="store_true")
+    given = parser.parse_args()
+    begin = time.perf_counter()
+    options: dict[str, Any] = {"examples": EXAMPLES[:1], "ranks": (2, 4), "duration": 10.0} if given.quick else {}
+    result = report(progress=tqdm, **options)
+    given.out.mkdir(parents=True, exist_ok=True)
+    cp.archive.write(result, given.out / "error_budget.nc", overwrite=True)
+    show(result)
+    for target in [given.out / "error_budget.png"] + ([HERE / "figures" / "error_budget.png"] if given.readme else []):
+        draw(result, target)
+    print(f"{time.perf_counter() - begin:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,425 @@
+"""Predict guys that the modes were not trained on: errors of the condensed model over ranges of tension, motion, load and place.
+
+    python pipelines/prediction.py [--out FOLDER] [--seed SEED] [--scenes COUNT] [--readme] [--quick]
+
+Writes prediction.nc and prediction.png; --readme puts the picture into pipelines/figures, --quick takes seconds.
+
+Training sets, each with modes of the deflection normal to the chord:
+"example 2": the paper's Example 2 alone.
+"designed": ten chains.  128 candidates are drawn over the ranges (another seed than the test's) and run by a cheap surrogate,
+the condensed model on 12 sine modes, which needs no training.  Candidates whose surrogate goes slack are left out, as the model
+does not hold there.  Then greedily: the next sample is the candidate that RANK modes of the samples so far hold worst (largest
+distance over time, over its motion), each sample counting alike (its snapshots are divided by its motion) and none taken twice.
+It goes where shapes are unlike others: tension near the least that carries the cable, wind, tops that move fast or inwards.
+"itself": each scene's own chain.  Not a prediction, but what modes can do at best.
+"sines": sin(k pi sigma), the control.
+
+Test: scenes drawn from a scrambled Sobol sequence over the ranges, each against its chain of 40 links over 125 s, every 0.1 s,
+with quadrature at the links, so that both share one discretisation.  Steps: the chain takes a fifth of its longest stable one,
+the model 0.1 and 0.05 of that of its largest number of modes, extrapolated (second order), so that the error is the model's and
+not that of its step.
+Scenes stand apart, by the chain alone, where links go slack (the model says so itself: negative chordwise force), where two fine
+steps disagree, or where a small change of the motion grows faster than in proportion to time; for those statistics are compared,
+as single trajectories mean nothing.
+
+Beside each error of a prediction stand what the model itself says: its estimate of the error, which sees no truth, and how far
+the scene lies outside the training scenes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import prediction_figure as figure
+import xarray as xr
+from prediction_scenes import LINKS, RANGES, Case, cases, draw, scene_of
+from scipy.stats import spearmanr
+from tqdm import tqdm
+
+import cablepod as cp
+from cablepod import condensed, pod_normal, shipped
+from cablepod.condensed_model import ORDERS, model_of
+from cablepod.parameters import parameters
+from cablepod.stepping import motion_scale
+
+HERE = Path(__file__).resolve().parent
+SETS = ("example 2", "designed", "itself", "sines")
+RANKS = (1, 2, 3, 4, 6, 8)
+#: Number of modes for which the training set is designed.
+RANK = 6
+SAMPLES, CANDIDATES, DESIGN_SEED, SINES = 10, 128, 7, 12
+#: Scenes and seed of the test.
+SCENES, SEED = 48, 1974
+#: Steps of the model over the longest stable one of as many modes as the largest of RANKS; a second run takes half.  Nothing
+#: damps free vibrations, so that errors of their phases add up: with few modes steps near the stability limit are far too long.
+PART = 0.1
+#: Pairs of order and training set that are left out to save time: what the order does differs little from set to set.
+SKIPPED = {(order, name) for order in ("leading", "exact") for name in ("example 2", "itself", "sines")}
+#: Training sets with orders, and numbers of modes, for which the model's own estimate is compared with its error.
+ESTIMATED = (("example 2", "inertial"), ("designed", "leading"), ("designed", "inertial"))
+ESTIMATED_RANKS = (2, 4, 6)
+#: Bounds of the distances from the training scenes for which errors are shown apart.
+OUTSIDE = (-1.0, 0.0, 0.5, 1.0, 2.0, 4.0, np.inf)
+
+# --- training -----------------------------------------------------------------------------------------------------------
+
+
+def sines(count: int = LINKS - 1) -> xr.Dataset:
+    """Sine modes, as a Dataset of the layout "normal"."""
+    sigma = np.linspace(0.0, 1.0, LINKS + 1)
+    shape = np.sqrt(2.0 / LINKS) * np.sin(np.pi * np.outer(np.arange(1, count + 1), sigma))
+    shape[:, [0, -1]] = 0.0
+    return xr.Dataset(
+        {
+            "mode_shape": (("mode", "particle"), shape),
+            "singular_value": ("mode", np.ones(count)),
+            "unstretched_length": 1.0,
+        },
+        coords={"mode": np.arange(1, count + 1), "coordinate": ["x", "y"], "arc_length": ("particle", sigma)},
+        attrs={"layout": "normal", "weights": "None"},
+    )
+
+
+def motion_of(trajectory: xr.Dataset) -> float:
+    """Largest rms displacement from the first shape [m]."""
+    position = trajectory["position"].values
+    return motion_scale(position, position[0], float(np.linalg.norm(position[0, -1] - position[0, 0])))
+
+
+def joint_modes(runs: list[xr.Dataset]) -> xr.Dataset:
+    """Modes of several trajectories, each counting alike."""
+    sigma = np.linspace(0.0, 1.0, LINKS + 1)
+    scaled = [
+        xr.Dataset(
+            {"position": run["position"].variable / motion_of(run), "scene_feature": run["scene_feature"].variable},
+            coords={"coordinate": run["coordinate"].values, "feature": run["feature"].values},
+        )
+        for run in runs
+    ]
+    joined = xr.concat(scaled, dim="member", join="override").assign_coords(arc_length=("particle", sigma))
+    return cp.pod.decompose(joined, layout="normal")
+
+
+def candidates(count: int, duration: float) -> tuple[list[dict[str, float]], list[np.ndarray]]:
+    """Scenes over the ranges, and their deflections (times, particle) over their motion by the surrogate."""
+    base, kept, shapes = sines(SINES), [], []
+    for values in draw(count, DESIGN_SEED):
+        try:
+            scene = scene_of(values, duration)
+            times = np.arange(0.0, duration, 0.5)
+            run = condensed.simulate(scene, base, order="leading", scheme="trapezoidal", step=0.02, times=times)
+        except (cp.SceneError, cp.RunStopped):
+            continue
+        if run.attrs["smallest_chordwise_force"] > 0.0:
+            kept.append(values)
+            shapes.append(pod_normal.deflections(run["position"].values)[0] / motion_of(run))
+    return kept, shapes
+
+
+def greedy(shapes: list[np.ndarray], count: int) -> list[int]:
+    """Choose so many of the candidates: each time the one that RANK modes of those before hold worst."""
+    squares = [part.T @ part / len(part) for part in shapes]
+    chosen: list[int] = []
+    while len(chosen) < min(count, len(shapes)):
+        total = np.sum([squares[i] for i in chosen], axis=0) if chosen else np.zeros_like(squares[0])
+        modes = np.linalg.eigh(total)[1][:, ::-1][:, : RANK if chosen else 0]
+        left = [np.sqrt(np.mean((part - part @ modes @ modes.T) ** 2, axis=1)).max() for part in shapes]
+        chosen.append(max((i for i in range(len(shapes)) if i not in chosen), key=left.__getitem__))
+    return chosen
+
+
+def training_sets(samples: int, count: int, duration: float) -> tuple[dict[str, xr.Dataset], list[dict[str, float]]]:
+    """Modes by training set, but for the scenes' own, and the samples of the designed one."""
+    given = shipped.scene("example2")
+    times = np.arange(round(duration * 10) + 1) * 0.1
+    example = cp.chain.simulate(given, links=LINKS, times=times, scheme="velocity_verlet", step=2e-4)
+    values, shapes = candidates(count, duration)
+    chosen = [values[i] for i in greedy(shapes, samples)]
+    runs = [Case(item, duration).truth for item in chosen]
+    modes = {"example 2": cp.pod.decompose(example, layout="normal"), "designed": joint_modes(runs), "sines": sines()}
+    return modes, chosen
+
+
+# --- the model against the chain ----------------------------------------------------------------------------------------
+
+
+def run_model(
+    scene: xr.Dataset,
+    modes: xr.Dataset,
+    rank: int | None,
+    order: str,
+    times: np.ndarray,
+    outputs: tuple[str, ...] = ("position",),
+) -> xr.Dataset:
+    """Run the condensed model with two steps and extrapolate positions."""
+    most = min(max(rank or 0, RANKS[-1]), pod_normal.sets(modes)[0][1].shape[0])
+    model = model_of(parameters(scene), modes, rank=None if rank is None else most, order=order, law="linear")
+    q, v = model.initial()
+    h = model.force(q, v, model.first_row)[2]
+    square = max(model.highest_square(q, model.first_row, h), model.taut_square(float(times[-1])))
+    step = PART * 2.0 / np.sqrt(square)
+    options: dict[str, Any] = {"rank": rank, "order": order, "scheme": "velocity_verlet", "times": times}
+    coarse = condensed.simulate(scene, modes, step=step, outputs=("position",), **options)
+    fine = condensed.simulate(scene, modes, step=0.5 * step, outputs=outputs, **options)
+    change = (fine["position"].values - coarse["position"].values) / 3.0
+    moved = motion_scale(fine["position"].values, fine["position"].values[0], 1.0)
+    result = fine.assign(position=fine["position"] + change)
+    result.attrs["step_error"] = float(np.sqrt(np.mean(np.sum(change**2, axis=-1), axis=-1)).max() / moved)
+    return result
+
+
+def error_of(
+    case: Case, modes: xr.Dataset, rank: int, order: str, *, estimate: bool = False
+) -> tuple[float, float, float, float]:
+    """Largest error over time, infinite where the model stops or refuses; its estimate, if asked; how far outside; step error."""
+    try:
+        names = ("position", "error_estimate") if estimate else ("position",)
+        run = run_model(case.scene, modes, rank, order, case.truth["time"].values, names)
+    except (cp.RunStopped, cp.SceneError):
+        return np.inf, np.nan, np.nan, np.nan
+    error = float(cp.compare.errors(run, case.truth)["error_max"])
+    told = [run.attrs.get(name, np.nan) for name in ("error_estimate", "outside_training", "step_error")]
+    return error, told[0], told[1], told[2]
+
+
+def projection_error(case: Case, modes: xr.Dataset, rank: int) -> float:
+    """Largest distance over time of the chain's deflection from the span of so many modes, over the motion."""
+    deflection = pod_normal.deflections(case.truth["position"].values)[0]
+    basis = np.linalg.qr(modes["mode_shape"].values[:rank].T)[0]
+    left = deflection - deflection @ basis @ basis.T
+    return float(np.sqrt(np.mean(left**2, axis=1)).max() / motion_of(case.truth))
+
+
+def statistics(run: xr.Dataset) -> np.ndarray:
+    """Quantiles 1 % and 99 % of the tension at the top [N], and rms displacement from the first shape [m]."""
+    top, position = run["tension"].values[:, -1], run["position"].values
+    moved = np.sqrt(np.mean(np.sum((position - position[0]) ** 2, axis=-1)))
+    return np.array([*np.quantile(top, (0.01, 0.99)), moved])
+
+
+def statistics_of(case: Case, modes: xr.Dataset) -> np.ndarray:
+    """Statistics of chain, chain with longer steps and model with RANK modes (3, 3); nan where a run stopped."""
+    try:
+        run = run_model(case.scene, modes, RANK, "inertial", case.truth["time"].values, ("position", "tension"))
+        model = statistics(run)
+    except (cp.RunStopped, cp.SceneError):
+        model = np.full(3, np.nan)
+    again = np.full(3, np.nan) if case.coarse is None else statistics(case.coarse)
+    return np.array([statistics(case.truth), again, model])
+
+
+def paper_examples(modes: xr.Dataset, duration: float, names: tuple[str, ...] = ("example3", "example4")) -> np.ndarray:
+    """Errors of modes trained on Example 2 in the paper's other examples (example, order, rank)."""
+    times = np.arange(round(duration * 10) + 1) * 0.1
+    result = np.empty((len(names), len(ORDERS), len(RANKS)))
+    for i, name in enumerate(names):
+        given = shipped.scene(name)
+        truth = cp.chain.simulate(given, links=LINKS, times=times, scheme="velocity_verlet", step=1.25e-4)
+        for j, order in enumerate(ORDERS):
+            for k, rank in enumerate(RANKS):
+                run = run_model(given, modes, rank, order, times)
+                result[i, j, k] = float(cp.compare.errors(run, truth)["error_max"])
+    return result
+
+
+# --- report -------------------------------------------------------------------------------------------------------------
+
+
+def report(
+    *, scenes: int = SCENES, seed: int = SEED, samples: int = SAMPLES, count: int = CANDIDATES, duration: float = 125.0,
+    progress: Callable[[list[Case]], Any] = iter,
+) -> xr.Dataset:  # fmt: skip
+    """Train, predict and judge; gives a Dataset over (scene, training_set, order, rank)."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", cp.OutOfRangeWarning)
+        warnings.simplefilter("ignore", cp.NotConvergedWarning)  # links that snap taut: their scenes stand apart
+        modes, chosen = training_sets(samples, count, duration)
+        tested = cases(scenes, seed, duration)
+        error = np.full((4, len(tested), len(SETS), len(ORDERS), len(RANKS)), np.nan)
+        projected = np.full((len(tested), len(SETS), len(RANKS)), np.nan)
+        numbers = np.full((len(tested), 3, 3), np.nan)
+        apart = []
+        for i, case in enumerate(progress(tested)):
+            apart.append(case.apart)
+            own = modes | {"itself": cp.pod.decompose(case.truth, layout="normal")}
+            _fill(case, own, error[:, i], projected[i])
+            if apart[-1]:
+                numbers[i] = statistics_of(case, own["designed"])
+        examples = paper_examples(modes["example 2"], duration)
+    place = ("scene", "training_set", "order", "rank")
+    result = xr.Dataset(
+        {
+            "error": (place, error[0]),
+            "error_estimate": (place, error[1]),
+            "step_error": (place, error[3]),
+            # the same for all numbers of modes and orders that ran
+            "outside_training": (place[:2], np.fmax.reduce(error[2].reshape(len(tested), len(SETS), -1), axis=2)),
+            "projection_error": (("scene", "training_set", "rank"), projected),
+            "apart": ("scene", np.array(apart, dtype=str)),
+            "time_error": ("scene", [case.time_error for case in tested]),
+            "sensitivity": (("scene", "half"), [case.sensitivity for case in tested]),
+            "least_tension": ("scene", [case.least_tension for case in tested], {"units": "N"}),
+            "statistics": (("scene", "run", "statistic"), numbers),
+            "example_error": (("example", "order", "rank"), examples),
+            **{key: ("scene", [case.values[key] for case in tested], {"units": RANGES[key][0]}) for key in RANGES},
+            **{f"sample_{key}": ("sample", [v[key] for v in chosen], {"units": RANGES[key][0]}) for key in RANGES},
+        },
+        coords={
+            "training_set": list(SETS), "order": list(ORDERS), "rank": list(RANKS), "example": ["example3", "example4"],
+            "half": ["first", "second"], "run": ["chain", "chain, longer steps", "model"],
+            "statistic": ["tension at the top, quantile 0.01, N", "tension at the top, quantile 0.99, N", "rms motion, m"],
+        },
+    )  # fmt: skip
+    for name in result.variables:
+        result[name].attrs.setdefault("units", "1")
+        result[name].attrs["long_name"] = LONG_NAMES.get(str(name), str(name).replace("_", " "))
+    result.attrs.update(
+        title="Prediction of guys that the modes were not trained on", stage="comparison", seed=seed, duration=duration,
+        comment="infinite: the model refused or stopped; not a number: not computed",
+    )  # fmt: skip
+    return result
+
+
+def _fill(case: Case, modes: dict[str, xr.Dataset], error: np.ndarray, projected: np.ndarray) -> None:
+    """Fill what `error_of` gives (4, training_set, order, rank) and projection errors (training_set, rank) of one scene."""
+    for j, name in enumerate(SETS):
+        for k, rank in enumerate(RANKS):
+            if rank > pod_normal.sets(modes[name])[0][1].shape[0]:
+                continue
+            projected[j, k] = projection_error(case, modes[name], rank)
+            for m, order in enumerate(ORDERS):
+                if (order, name) not in SKIPPED and not case.apart:
+                    estimate = (name, order) in ESTIMATED and rank in ESTIMATED_RANKS
+                    error[:, j, m, k] = error_of(case, modes[name], rank, order, estimate=estimate)
+
+
+LONG_NAMES = {
+    "error": "largest error over time, over the motion of the chain",
+    "error_estimate": "error as the model estimates it, without any truth",
+    "outside_training": "distance of the scene from the training scenes, see cablepod.training.outside",
+    "step_error": "error of the step before it was taken off by extrapolation",
+    "projection_error": "largest distance over time of the chain's deflection from the modes, over its motion",
+    "apart": "why the scene stands apart; empty where it does not",
+    "time_error": "distance of chains with 0.4 and 0.2 of the longest stable step",
+    "sensitivity": "change of the cable's motion over that of its end, in parts",
+    "least_tension": "least tension of any link",
+    "statistics": "statistics of scenes that stand apart",
+    "example_error": "largest error over time, modes of Example 2",
+    "size": "size of the motion of the top end along x", "frequency": "its angular frequency",
+    "load": "horizontal load over weight", "tension": "tension at the top at rest",
+    "inclination": "angle of the chord to the horizontal", "chord": "distance of the ends",
+}  # fmt: skip
+
+
+def percent(value: float) -> str:
+    """Write an error in per cent with two digits."""
+    return f"{100.0 * value:.2g} %" if np.isfinite(value) else "-"
+
+
+def show(result: xr.Dataset) -> None:
+    """Print tables of the quantiles, the worst scenes, those that stand apart, and the paper's examples."""
+    regular = result.sel(scene=result["apart"].values == "")
+    others = result.sizes["scene"] - regular.sizes["scene"]
+    print(f"\n{regular.sizes['scene']} scenes, {others} apart; median / 95th percentile / largest")
+    print("| modes of | order | " + " | ".join(f"r = {rank}" for rank in RANKS) + " |")
+    print("| --- " * (2 + len(RANKS)) + "|")
+    for name in SETS:
+        rows = [(order, regular["error"].sel(order=order, training_set=name)) for order in ORDERS]
+        for order, values in [*rows, ("projection", regular["projection_error"].sel(training_set=name))]:
+            if values.isnull().all():
+                continue
+            spread = [figure.quantiles(values.sel(rank=rank).values, (0.5, 0.95, 1.0)) for rank in RANKS]
+            cells = [" / ".join(percent(v) for v in three) for three in spread]
+            print(f"| {name} | {order} | " + " | ".join(cells) + " |")
+    share = regular["step_error"] / regular["error"]
+    print(f"steps: what extrapolation took off is {percent(float(share.median()))} of the error (median over all runs), "
+          f"{percent(float(share.quantile(0.95)))} (95th percentile)")  # fmt: skip
+    show_estimates(regular)
+    keys = list(RANGES)
+    print("\ndesigned samples: " + "; ".join(" ".join(f"{float(result[f'sample_{key}'][i]):.4g}" for key in keys)
+          for i in range(result.sizes["sample"])) + f"  ({', '.join(keys)})")  # fmt: skip
+    at = regular["error"].sel(training_set="designed", order="inertial", rank=RANK).values
+    own = regular["error"].sel(training_set="itself", order="inertial", rank=RANK).values
+    for i in np.argsort(at)[::-1][:6]:
+        where = " ".join(f"{float(regular[key][i]):.4g}" for key in keys)
+        least = float(regular["least_tension"][i])
+        print(f"worst: {percent(at[i])} (on its own modes {percent(own[i])}) {where}, least tension {least:.0f} N")
+    for i in np.flatnonzero(result["apart"].values != ""):
+        item = result.isel(scene=i)
+        text = " ".join(f"{float(item[key]):.4g}" for key in keys)
+        numbers = "; ".join(" ".join(f"{v:.4g}" for v in row) for row in item["statistics"].values.T)
+        print(f"apart, {item['apart'].values!s}: {text}; chain, longer steps, model: {numbers}")
+    print("\nmodes of Example 2\n| example | order | " + " | ".join(f"r = {rank}" for rank in RANKS) + " |")
+    for example in result["example"].values:
+        for order in ORDERS:
+            row = result["example_error"].sel(example=example, order=order).values
+            print(f"| {example} | {order} | " + " | ".join(percent(v) for v in row) + " |")
+
+
+def estimate_quality(error: np.ndarray, estimate: np.ndarray) -> tuple[int, float, float]:
+    """Count pairs; rank correlation of estimates with errors, share of them within a factor of five."""
+    known = np.isfinite(error) & np.isfinite(estimate)
+    error, estimate = error[known], estimate[known]
+    if error.size < 3:
+        return error.size, np.nan, np.nan
+    near = np.abs(np.log(estimate / error)) < np.log(5.0)
+    return error.size, float(spearmanr(error, estimate)[0]), float(near.mean())
+
+
+def show_estimates(regular: xr.Dataset) -> None:
+    """Print how well the model knows its error, and what being outside the training scenes says of it."""
+    print("\n| modes of | order | r | pairs | rank correlation | within a factor of 5 |\n" + "| --- " * 6 + "|")
+    for name, order in ESTIMATED:
+        for rank in sorted(set(RANKS) & set(ESTIMATED_RANKS)):
+            part = regular.sel(training_set=name, order=order, rank=rank)
+            count, correlation, near = estimate_quality(part["error"].values, part["error_estimate"].values)
+            print(f"| {name} | {order} | {rank} | {count} | {correlation:.3f} | {100.0 * near:.0f} % |")
+    pairs = regular["error"].values.ravel(), regular["error_estimate"].values.ravel()
+    count, correlation, near = estimate_quality(*pairs)
+    print(f"| all | | | {count} | {correlation:.3f} | {100.0 * near:.0f} % |")
+    print("\n| modes of | outside by | scenes | median | largest |\n" + "| --- " * 5 + "|")
+    for name in SETS[:2]:
+        part = regular.sel(training_set=name)
+        far, error = part["outside_training"].values, part["error"].sel(order="inertial", rank=RANKS[-2]).values
+        for low, high in itertools.pairwise(OUTSIDE):
+            chosen = error[(far > low) & (far <= high)]
+            if chosen.size:
+                place = "0" if low < 0.0 else f"{low:.2g} to {high:.2g}"
+                print(f"| {name} | {place} | {chosen.size} | {percent(np.median(chosen))} | {percent(chosen.max())} |")
+        if np.isfinite(far).sum() > 2:
+            correlation = float(spearmanr(far, error, nan_policy="omit")[0])
+            print(f"rank correlation of distance and error, {name}: {correlation:.2f}")
+
+
+def main() -> None:
+    """Run as told by the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("out/prediction"))
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--scenes", type=int, default=SCENES)
+    parser.add_argument("--readme", action="store_true")
+    parser.add_argument("--quick", action="store_true")
+    given = parser.parse_args()
+    begin = time.perf_counter()
+    options: dict[str, Any] = {"scenes": given.scenes}
+    if given.quick:
+        options = {"scenes": 3, "samples": 3, "count": 8, "duration": 10.0}
+    result = report(seed=given.seed, progress=tqdm, **options)
+    given.out.mkdir(parents=True, exist_ok=True)
+    cp.archive.write(result, given.out / "prediction.nc", overwrite=True)
+    show(result)
+    targets = [given.out / "prediction.png"] + ([HERE / "figures" / "prediction.png"] if given.readme else [])
+    for target in targets:
+        figure.draw_errors(result, target)
+    print(f"{time.perf_counter() - begin:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

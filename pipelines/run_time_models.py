@@ -1,0 +1,435 @@
+"""What :mod:`error_against_run_time` sets side by side: scenes, truth, settings of each model, and how its kernel is timed."""
+
+from __future__ import annotations
+
+import contextlib
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import CubicSpline
+
+import cablepod as cp
+from cablepod import implicit, motion, stepping
+from cablepod.elements import mesh_of
+from cablepod.kernels import cable as cable_kernel
+from cablepod.kernels import catenary as catenary_kernel
+from cablepod.kernels import chain as chain_kernel
+from cablepod.kernels import condensed as condensed_kernel
+from cablepod.kernels import implicit as implicit_kernel
+from cablepod.kernels import reduced as reduced_kernel
+from cablepod.links import chain_of
+from cablepod.parameters import Parameters, load_plane, parameters, solve_statics
+from cablepod.shipped import scene as shipped
+from cablepod.shipped import truth_path, truths
+
+EXAMPLES = ("example2", "example3", "example4")
+#: Scenes on which no modes are trained, cables like Example 2's: a flatter guy in side wind, and a long one that is almost level.
+UNSEEN: dict[str, dict[str, Any]] = {
+    "guy": {
+        "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "specific_weight": 78500.0, "top_tension": 6000.0},
+        "ends": {"lower": [0.0, 0.0], "upper": [35.0, 45.0]},
+        "motion": {"upper": {"x": {"kind": "one_minus_cosine", "amplitude": -0.05, "angular_frequency": 0.7}}},
+        "load": {"uniform": [4.90625, 0.0]},
+    },
+    "flat": {
+        "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "specific_weight": 78500.0, "top_tension": 9000.0},
+        "ends": {"lower": [0.0, 0.0], "upper": [75.0, 12.0]},
+        "motion": {"upper": {"x": {"kind": "one_minus_cosine", "amplitude": -0.06, "angular_frequency": 0.25}}},
+        "load": {"uniform": [0.0, 0.0]},
+    },
+}
+#: Chains of so many links are trained on.
+TRAINED = (40, 80, 160)
+RANKS = (1, 2, 3, 4, 6, 8, 10)
+STEPS = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
+#: Elements of the truth, of order 7, and its step over the stability limit: 16 elements differ by less than 5e-7 of the motion.
+ELEMENTS, SHARE = 12, 0.8
+#: Quasi-static sequences are given at so many places.
+PLACES = 41
+
+
+def scene_of(name: str, duration: float) -> xr.Dataset:
+    """Return a scene by name, over so many seconds with an output every second."""
+    if name in UNSEEN:
+        time_table = {"duration": duration, "interval": 1.0}
+        return cp.make_scene(
+            {"title": name, "gravity": 9.81, **UNSEEN[name], "time": time_table, "chain": {"links": 40}}
+        )
+    given = shipped(name)
+    return given.assign(time_duration=((), duration, given["time_duration"].attrs))
+
+
+# --- truth ------------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Truth:
+    """The converged continuous cable of a scene by one law, at any places."""
+
+    scene: xr.Dataset
+    law: str
+    nodes: np.ndarray  #: positions of the nodes of the elements (times, nodes, dims) [m]
+    elements: int
+    _known: dict[int, np.ndarray] = field(default_factory=dict)
+
+    def at(self, particles: int) -> np.ndarray:
+        """Positions of so many particles at equal unstretched distances (times, particles, dims) [m]."""
+        if particles not in self._known:
+            mesh = mesh_of(parameters(self.scene), self.elements, law=self.law, points="nodes")
+            self._known[particles] = mesh.at(self.nodes, mesh.total_length * np.linspace(0.0, 1.0, particles))
+        return self._known[particles]
+
+    def errors(self, position: np.ndarray) -> tuple[float, float]:
+        """Largest error over time and its rms: rms over particles over the largest rms displacement, as cablepod.compare."""
+        truth = self.at(position.shape[1])
+        chord = float(np.linalg.norm(truth[0, -1] - truth[0, 0]))
+        error = np.sqrt(np.mean(np.sum((position - truth) ** 2, axis=-1), axis=-1))
+        error /= stepping.motion_scale(truth, truth[0], chord)
+        return float(error.max()), float(np.sqrt(np.mean(error**2)))
+
+
+def truth_of(name: str, given: xr.Dataset, law: str, times: np.ndarray, folder: Path, elements: int) -> Truth:
+    """Compute the truth at all instants, or read what a run before has left in `folder`."""
+    path = folder / f"truth_{name}_{law}_{elements}.nc"
+    if path.exists():
+        kept = cp.archive.read(path)
+        if kept.sizes["time"] == times.size and np.allclose(kept["time"].values, times):
+            return Truth(given, law, kept["position"].values, elements)
+    mesh = mesh_of(parameters(given), elements, law=law, points="nodes")
+    # by law (21) the cable at rest is stiffer, by a thousandth: less than the margin
+    step = 1.0 / stepping.preferred_rate(mesh.highest_frequency(1.0) / (2.0 * SHARE))
+    run = cp.cable.simulate(given, elements=elements, law=law, step=step, times=times, points="nodes")
+    cp.archive.write(run, path, overwrite=True)
+    return Truth(given, law, run["position"].values, elements)
+
+
+def from_file(name: str, truth: Truth, times: np.ndarray) -> float:
+    """Return the largest difference of a truth from the one on file, over the motion; not a number where there is none."""
+    if (name, truth.law) not in truths():
+        return float("nan")
+    kept = cp.archive.read(truth_path(name, truth.law))
+    kept = kept.isel(time=kept["time"].values <= times[-1] + 1e-9)
+    ours = truth.at(kept.sizes["particle"])[np.searchsorted(times, kept["time"].values - 1e-9)]
+    theirs = kept["position"].values
+    scale = stepping.motion_scale(theirs, theirs[0], float(np.linalg.norm(theirs[0, -1] - theirs[0, 0])))
+    return float(np.sqrt(np.mean(np.sum((ours - theirs) ** 2, axis=-1), axis=-1)).max()) / scale
+
+
+# --- modes ------------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Training:
+    """Modes by layout and number of links, with what they cost [s]."""
+
+    modes: dict[tuple[str, int], xr.Dataset]
+    seconds: dict[tuple[str, int], float]
+
+
+def trained_on(scenes: list[xr.Dataset], sizes: tuple[int, ...], rank: int) -> Training:
+    """Run chains explicitly at 0.9 of their limit and decompose their snapshots, one a second, of all scenes together."""
+    found = Training({}, {})
+    for links in sizes:
+        begin = time.perf_counter()
+        runs = []
+        for given in scenes:
+            limit = chain_of(parameters(given), links).step_limit()
+            runs.append(cp.chain.simulate(given, links=links, scheme="velocity_verlet", step=0.9 * limit))
+        # of several scenes the lengths differ, the fractions of the length at which particles stand do not
+        snapshots = xr.concat([run["position"] for run in runs], dim="member").to_dataset(name="position")
+        snapshots = snapshots.assign_coords(arc_length=runs[0]["arc_length"].variable)
+        spent = time.perf_counter() - begin
+        for layout in ("normal", "separate") if links == sizes[0] else ("normal",):
+            begin = time.perf_counter()
+            found.modes[layout, links] = cp.pod.decompose(snapshots, rank=rank, layout=layout)
+            found.seconds[layout, links] = spent + time.perf_counter() - begin
+    return found
+
+
+# --- settings ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One model with all its options; an explicit full model's step is a share of its stability limit."""
+
+    family: str  #: "full", "reduced" or "quasi-static"
+    model: str
+    scheme: str
+    size: int  #: links of a chain or of the one trained on, elements of a cable
+    order: str = ""  #: of the elements, or of the condensed model
+    rank: int = 0
+    points: int = 0  #: of quadrature along the cable, instead of the links
+    step: float = 0.0  #: [s]
+    share: float = 0.0  #: of the stability limit, instead of a step
+
+    @property
+    def name(self) -> str:
+        """What it is called in tables."""
+        what = {"chain": "n", "cable": "elements"}.get(self.model, "trained with n")
+        parts = [
+            self.model,
+            self.order,
+            f"r = {self.rank}" if self.rank else "",
+            f"{what} = {self.size}" if self.size else "",
+            f"{self.points} points" if self.points else "",
+        ]
+        return ", ".join(part for part in [*parts, self.scheme.replace("_", " ")] if part)
+
+
+def settings(*, quick: bool) -> list[Setting]:
+    """Return all settings that are tried."""
+    found = []
+    for n in (8, 20) if quick else (5, 8, 10, 13, 16, 20, 26, 32, 40, 56, 80, 113, 160):
+        found += [Setting("full", "chain", "trapezoidal", n, step=h) for h in (STEPS[2:7:2] if quick else STEPS)]
+    found += [Setting("full", "chain", "velocity_verlet", n, share=0.9) for n in ((8,) if quick else (10, 20, 40, 80))]
+    cables = ((7, (1,)),) if quick else ((3, (2, 4)), (5, (1, 2)), (7, (1, 2, 3, 4)))
+    for order, counts in cables:
+        for count in counts:
+            found += [
+                Setting("full", "cable", "trapezoidal", count, str(order), step=h)
+                for h in (STEPS[3:5] if quick else STEPS[1:] if count < 3 else STEPS[1:-1])
+            ]
+            if order == 7 and count < 4 and not quick:
+                found.append(Setting("full", "cable", "velocity_verlet", count, "7", share=0.9))
+    found += [Setting("quasi-static", "catenary", "", 0, step=h) for h in (5.0, 2.0, 1.0, 0.5, 0.1)]
+    found += [
+        Setting("reduced", "Galerkin", "velocity_verlet", TRAINED[0], "law (21)", r, share=share)
+        for r in ((2,) if quick else (1, 2, 3, 4, 6, 8))
+        for share in (0.8, 0.3)
+    ]
+    return found + _condensed(quick)
+
+
+def _condensed(quick: bool) -> list[Setting]:
+    if quick:
+        return [
+            Setting("reduced", "condensed", scheme, 40, "leading", 2, step=h)
+            for scheme, h in (("velocity_verlet", 0.1), ("velocity_verlet", 0.05), ("trapezoidal", 0.2))
+        ] + [Setting("reduced", "condensed", "velocity_verlet", 40, "exact", 2, points, step=0.05) for points in (0, 8)]
+    found = []
+    explicit, implicit = "velocity_verlet", "trapezoidal"
+    for order, scheme, sizes, ranks, points, steps in (
+        # to leading order a step costs the same whatever the links
+        ("leading", explicit, (40, 160), RANKS, (0,), (0.25, *(h for h in STEPS if h <= 0.2))),
+        ("leading", implicit, (40, 160), RANKS[:-1], (0,), STEPS[:-2]),
+        ("exact", explicit, TRAINED, (2, 3, 4, 6, 8), (0,), (0.1, 0.05, 0.02, 0.01)),
+        ("exact", implicit, TRAINED, (2, 3, 4, 6), (0,), (2.0, 1.0, 0.5, 0.2, 0.1)),
+        ("exact", explicit, (160,), (1, 2, 3, 4), (8, 16), (0.25, 0.2, 0.1, 0.05, 0.02, 0.01)),
+        ("exact", implicit, (160,), (1, 2, 3, 4), (8, 16), (2.0, 1.0, 0.5, 0.2, 0.1)),
+        ("inertial", explicit, TRAINED, (4, 6, 8), (0,), (0.02, 0.01)),
+        ("inertial", implicit, TRAINED[:2], (2, 4, 8), (0,), (0.5, 0.2, 0.1, 0.05)),
+    ):
+        found += [
+            Setting("reduced", "condensed", scheme, n, order, r, m, step=h)
+            for n in sizes
+            for r in ranks
+            for m in points
+            for h in steps
+        ]
+    return found
+
+
+def limit_of(given: xr.Dataset, setting: Setting, training: Training) -> float:
+    """Stability limit of the step of a full model or a Galerkin model at the start [s]."""
+    p = parameters(given)
+    if setting.model == "chain":
+        return chain_of(p, setting.size).step_limit()
+    if setting.model == "cable":
+        mesh = mesh_of(p, setting.size, int(setting.order), law="linear")
+        return 2.0 / mesh.highest_frequency(1.0)
+    modes = training.modes["separate", setting.size]
+    return cp.galerkin.simulate(given, modes, rank=setting.rank, times=[0.0], step=1e-6).attrs["step_limit"]
+
+
+def law_of(setting: Setting) -> str:
+    """Law of a setting; each is measured against the truth of its own."""
+    return "green" if setting.model == "Galerkin" else "linear"
+
+
+def job_of(given: xr.Dataset, setting: Setting, step: float, training: Training) -> Callable[..., Any]:
+    """Return the public call of a setting, to be given `times` and `outputs`; of a sequence a function of the same kind."""
+    if setting.model == "catenary":
+        return partial(sequence, given, step)
+    options: dict[str, Any] = {"scheme": setting.scheme, "step": step}
+    if setting.model == "chain":
+        return partial(cp.chain.simulate, given, links=setting.size, law="linear", **options)
+    if setting.model == "cable":
+        order, points = int(setting.order), PLACES
+        return partial(
+            cp.cable.simulate, given, elements=setting.size, order=order, points=points, law="linear", **options
+        )
+    options["rank"] = setting.rank
+    if setting.model == "Galerkin":
+        return partial(cp.galerkin.simulate, given, training.modes["separate", setting.size], law="green", **options)
+    modes = training.modes["normal", setting.size]
+    if setting.points:
+        options["quadrature"] = setting.points
+    return partial(cp.condensed.simulate, given, modes, order=setting.order, **options)
+
+
+# --- quasi-static sequence --------------------------------------------------------------------------------------------
+
+
+def _catenaries(p: Parameters, times: np.ndarray) -> tuple[list[tuple[Any, tuple[Any, ...]]], tuple[np.ndarray, ...]]:
+    """Return calls that solve the catenaries at some instants; and lower ends, solutions to be, unit vectors."""
+    _, _, _, q, across, against = load_plane(p)
+    length = float(solve_statics(p, p.length_key, p.length_value)[0])
+    ends = p.end_positions(times)
+    chord = ends[:, 1] - ends[:, 0]
+    span, rise = np.ascontiguousarray(chord @ across), np.ascontiguousarray(chord @ against)
+    out, status = np.empty((times.size, 6)), np.empty(times.size, dtype=np.int64)
+    same = (np.full(times.size, item) for item in (q, p.stiffness, length))
+    loads, stiff, lengths = same
+    solve = (span, rise, np.hypot(span, rise), loads, stiff, catenary_kernel.LENGTH, lengths, out, status)
+    calls = [(function, (times,)) for function in p.motions.values()]
+    return [*calls, (catenary_kernel.solve_many, solve)], (ends[:, 0], out, across, against)
+
+
+def knots(times: np.ndarray, step: float) -> np.ndarray:
+    """Instants of a sequence that reaches beyond the last of `times`, at least four for the cubic."""
+    return step * np.arange(max(int(np.ceil(times[-1] / step - 1e-9)), 3) + 1)
+
+
+def sequence(
+    given: xr.Dataset, step: float, *, times: np.ndarray, outputs: tuple[str, ...] = ("position",)
+) -> xr.Dataset:
+    """Quasi-static positions: catenaries every `step`, cubic splines in time between them."""
+    p = parameters(given)
+    at = knots(times, step)
+    calls, (lower, solutions, across, against) = _catenaries(p, at)
+    function, arguments = calls[-1]
+    function(*arguments)
+    x, y, tension = np.empty(PLACES), np.empty(PLACES), np.empty(PLACES)
+    shapes = np.empty((at.size, PLACES, p.dims))
+    for shape, base, solution in zip(shapes, lower, solutions, strict=True):
+        s = solution[0] * np.linspace(0.0, 1.0, PLACES)
+        catenary_kernel.shape(s, solution, p_load(p), p.stiffness, x, y, tension)
+        shape[:] = base + x[:, None] * across + y[:, None] * against
+    position = CubicSpline(at, shapes, axis=0)(times)
+    return xr.Dataset(
+        {name: (("time", "particle", "coordinate"), position) for name in outputs}, coords={"time": times}
+    )
+
+
+def p_load(p: Parameters) -> float:
+    """Total load per unstretched length [N/m]."""
+    return load_plane(p)[3]
+
+
+# --- time of the kernel -----------------------------------------------------------------------------------------------
+
+#: Compiled loops, and the tables they need of ends and loads.
+COMPILED = (
+    (chain_kernel, "verlet"),
+    (implicit_kernel, "generalized_alpha"),
+    (cable_kernel, "verlet"),
+    (cable_kernel, "trapezoidal"),
+    (reduced_kernel, "verlet"),
+    (condensed_kernel, "frames"),
+    (condensed_kernel, "leading_verlet"),
+    (condensed_kernel, "leading_implicit"),
+    (condensed_kernel, "exact_verlet"),
+    (condensed_kernel, "exact_implicit"),
+)
+TABLES = tuple((motion.TimeFunction, name) for name in ("__call__", "on_steps", "all_on_steps"))
+
+
+def kernel_calls(
+    job: Callable[..., Any], times: np.ndarray, setting: Setting, outputs: tuple[str, ...] = ()
+) -> tuple[list[tuple[Any, tuple[Any, ...]]], xr.Dataset]:
+    """Record what a call computes between its first state and its last: compiled loops and tables; and return its result."""
+    if setting.model == "catenary":
+        given, step = job.args  # type: ignore[attr-defined]
+        return _catenaries(parameters(given), knots(times, step))[0], job(times=times, outputs=outputs)
+    calls: list[tuple[Any, tuple[Any, ...]]] = []
+
+    def note(function: Callable[..., Any], args: tuple[Any, ...], options: dict[str, Any]) -> Any:
+        calls.append((partial(function, **options) if options else function, tuple(copied(item) for item in args)))
+        return function(*args, **options)
+
+    with _through(note):
+        result = job(times=times, outputs=outputs)
+    return calls, result
+
+
+def seconds_within(job: Callable[..., Any], times: np.ndarray, outputs: tuple[str, ...]) -> tuple[float, float]:
+    """Time that a call spends between its first state and its last, and all of it."""
+    spent = [0.0]
+
+    def watch(function: Callable[..., Any], args: tuple[Any, ...], options: dict[str, Any]) -> Any:
+        begin = time.perf_counter()
+        result = function(*args, **options)
+        spent[0] += time.perf_counter() - begin
+        return result
+
+    with _through(watch):
+        begin = time.perf_counter()
+        job(times=times, outputs=outputs)
+        whole = time.perf_counter() - begin
+    return spent[0], whole
+
+
+@contextlib.contextmanager
+def _through(note: Callable[..., Any]) -> Iterator[None]:
+    """Let `note` make the calls of compiled loops and tables between first and last state."""
+    marching, inside = [False], [False]
+
+    def marched(function: Callable[..., Any]) -> Callable[..., Any]:
+        def wrapper(*args: Any, **options: Any) -> Any:
+            marching[0] = True
+            try:
+                return function(*args, **options)
+            finally:
+                marching[0] = False
+
+        return wrapper
+
+    def recorded(function: Callable[..., Any]) -> Callable[..., Any]:
+        def wrapper(*args: Any, **options: Any) -> Any:
+            if not marching[0] or inside[0]:
+                return function(*args, **options)
+            inside[0] = True
+            try:
+                return note(function, args, options)
+            finally:
+                inside[0] = False
+
+        return wrapper
+
+    with contextlib.ExitStack() as stack:
+        for owner, name in ((stepping, "march"), (implicit.March, "advance"), (implicit.March, "cut")):
+            stack.enter_context(mock.patch.object(owner, name, marched(getattr(owner, name))))
+        for owner, name in (*COMPILED, *TABLES):
+            stack.enter_context(mock.patch.object(owner, name, recorded(getattr(owner, name))))
+        yield
+
+
+def copied(item: Any) -> Any:
+    """Copy an array that may be changed."""
+    return item.copy(order="K") if isinstance(item, np.ndarray) and item.flags.writeable else item
+
+
+def seconds_of(calls: list[tuple[Any, tuple[Any, ...]]], least: float = 2e-3, most: int = 100) -> float:
+    """Time that recorded calls take, each from the state it began with: median of as many turns as fit into `least` seconds.
+
+    There are three at least, so that one that is disturbed does not count, but for calls that are much longer.
+    """
+    taken: list[float] = []
+    while len(taken) < (3 if sum(taken) < 20.0 * least else 1) or (sum(taken) < least and len(taken) < most):
+        total = 0.0
+        for function, args in calls:
+            fresh = tuple(copied(item) for item in args)
+            begin = time.perf_counter()
+            function(*fresh)
+            total += time.perf_counter() - begin
+        taken.append(total)
+    return statistics.median(taken)

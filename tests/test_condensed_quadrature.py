@@ -1,0 +1,107 @@
+"""The condensed model with its chordwise stretch at points of quadrature: against the links, convergence, what it refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import cablepod as cp
+from cablepod.condensed_model import model_of
+from cablepod.parameters import parameters
+
+TIMES = np.arange(0.0, 10.1, 0.5)
+OPTIONS = {"order": "exact", "scheme": "velocity_verlet", "step": 0.01, "times": TIMES}
+
+
+def sines(links, rank):
+    """Smooth modes of layout "normal"."""
+    sigma = np.linspace(0.0, 1.0, links + 1)
+    shape = np.sin(np.pi * np.outer(np.arange(1, rank + 1), sigma))
+    return xr.Dataset(
+        {
+            "mode_shape": (("mode", "particle"), shape / np.sqrt(links / 2)),
+            "singular_value": ("mode", np.ones(rank)),
+            "unstretched_length": ((), 1.0),
+        },
+        coords={"mode": np.arange(1, rank + 1), "arc_length": ("particle", sigma), "coordinate": ["x", "y"]},
+        attrs={"layout": "normal", "stage": "modes"},
+    )
+
+
+def moved(run, truth):
+    return float(cp.compare.errors(run, truth).error_max)
+
+
+@pytest.mark.parametrize("law", ["linear", "green"])
+def test_points_near_what_links_near(law):
+    """Both tend to the continuous cable: their distance falls with the square of the number of links, as links alone err so."""
+    scene = cp.read_scene("data/scenes/example4.toml")
+    apart = []
+    for links in (20, 40, 80):
+        modes = sines(links, 2)
+        whole, few = (
+            cp.condensed.simulate(scene, modes, law=law, quadrature=points, outputs=("position",), **OPTIONS)
+            for points in (None, 16)
+        )
+        apart.append(moved(few, whole))
+    # second order, within the fifth that higher orders make of it at 20 links, where a half-wave of the second mode has ten
+    np.testing.assert_allclose([apart[0] / apart[1], apart[1] / apart[2]], 4.0, rtol=0.2)
+
+
+def test_more_points_change_nothing_that_few_have_right():
+    """Products of four slopes of three sines are polynomials to 1e-6 from some sixteen points on."""
+    scene, modes = cp.read_scene("data/scenes/example4.toml"), sines(80, 3)
+    few, many = (cp.condensed.simulate(scene, modes, quadrature=n, outputs=("position",), **OPTIONS) for n in (16, 32))
+    assert moved(few, many) < 1e-4
+
+
+def test_rule_has_the_ends_and_the_length():
+    scene = cp.read_scene("data/scenes/example4.toml")
+    model = model_of(parameters(scene), sines(160, 2), rank=None, order="exact", law="linear", quadrature=12)
+    slopes, taus, weights = model.rule
+    assert slopes.shape == (2, 12)
+    np.testing.assert_allclose(weights.sum(), model.chain.total_length, rtol=1e-14)
+    # the uniform load's chordwise force is linear: from minus half a link's to that of all but half a link, as on the links
+    half = 0.5 * model.chain.length[0]
+    np.testing.assert_allclose(taus[0, [0, -1]], [-half, model.chain.total_length - half], rtol=1e-12, atol=1e-12)
+    # slopes of the sines at the ends, by splines of fourth order through 160 links: (2 pi / 160)^4 and a factor at the ends
+    expected = np.sqrt(2.0 / model.mass.sum()) * np.pi / model.chain.total_length * np.array([1.0, 2.0])
+    np.testing.assert_allclose(np.abs(slopes[:, 0]), expected, rtol=1e-4)
+    assert np.abs(slopes).max() > 0.0
+
+
+def test_members_take_it_too():
+    scenes = xr.concat(
+        [cp.read_scene("data/scenes/example4.toml").assign(cable_top_tension=((), t)) for t in (7500.0, 9000.0)],
+        dim="member",
+    )
+    scenes = scenes.assign_attrs(cp.read_scene("data/scenes/example4.toml").attrs)
+    modes = sines(40, 2)
+    options = {**OPTIONS, "quadrature": 12, "outputs": ("position",)}
+    both = cp.condensed.simulate(scenes, modes, **options)
+    alone = cp.condensed.simulate(scenes.isel(member=1, drop=True), modes, **options)
+    # what is scaled and what is computed anew differ by rounding, times the condition of a taut cable, K over tension
+    np.testing.assert_allclose(both.position.isel(member=1), alone.position, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"order": "leading"}, "exact"),
+        ({"order": "inertial"}, "exact"),
+        ({"outputs": ("tension_extremes",)}, "links"),
+        ({"quadrature": 3}, "quadrature"),
+        ({"quadrature": 5}, "smoother"),
+    ],
+)
+def test_what_is_refused(changes, said):
+    options = {**OPTIONS, "quadrature": 12, **changes}
+    with pytest.raises(cp.SceneError, match=said):
+        cp.condensed.simulate(cp.read_scene("data/scenes/example4.toml"), sines(40, 4), **options)
+
+
+def test_point_loads_are_refused(soft):
+    scene = cp.make_scene({**soft, "point_load": [{"arc_length": 0.5, "force": [0.0, -1.0]}]})
+    with pytest.raises(cp.SceneError, match="point loads"):
+        cp.condensed.simulate(scene, sines(40, 2), quadrature=12, **OPTIONS)

@@ -1,0 +1,131 @@
+"""What the condensed model refuses, when it warns, and how it stops."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from condensed_reference import full_modes
+from conftest import spatial
+
+import cablepod as cp
+from cablepod import condensed_output
+from cablepod.condensed_model import ORDERS, model_of
+from cablepod.condensed_output import OutOfRangeWarning
+from cablepod.parameters import parameters
+
+
+@pytest.fixture(scope="module")
+def modes():
+    return {dims: full_modes(dims=dims) for dims in (2, 3)}
+
+
+def test_options_that_cannot_be(soft, modes):
+    scene, m = cp.make_scene(soft), modes[2]
+    free = cp.make_scene({**soft, "motion": {}, "ends": {**soft["ends"], "free": "upper"}})
+    viscous = cp.make_scene({**soft, "damping": {"link_viscosity": 1.0}})
+    limit = cp.condensed.simulate(scene, m, step=1e-3, times=[0.0]).attrs["step_limit"]
+    dependent = m.copy(deep=True)
+    dependent["mode_shape"][1] = 2.0 * m.mode_shape[0].values
+    cases = [
+        (scene, m, {"rank": 5}, "^rank: given 5; allowed: at most 4, as many modes as there are$"),
+        (scene, m, {"rank": 0}, "^rank: given 0; allowed: a whole number of at least 1$"),
+        (scene, m, {"rank": 1.5}, "^rank: given 1.5; allowed: a whole number of at least 1$"),
+        (scene, m, {"order": "second"}, '^order: given \'second\'; allowed: one of "leading", "exact", "inertial"$'),
+        (scene, m, {"law": "green"}, '^law: given \'green\'; allowed: "linear" with order "leading"'),
+        (scene, m, {"law": "hooke"}, '^law: given \'hooke\'; allowed: one of "linear", "green"$'),
+        (scene, m, {"scheme": "rk4"}, '^scheme: given \'rk4\'; allowed: one of "velocity_verlet", "trapezoidal"$'),
+        (scene, m, {"outputs": ("energy",)}, "^outputs: given 'energy'; allowed: some of "),
+        (scene, m, {"step": 0.1, "tolerance": 0.1}, r"^step and tolerance: given \(0.1, 0.1\); allowed: one of them"),
+        (scene, m, {"tolerance": 0.0}, "^tolerance: given 0.0; allowed: a finite number above 0$"),
+        (scene, m, {"times": [1.0, 0.5]}, "^times: given "),
+        (scene, m, {"scheme": "trapezoidal", "step": -1.0}, "^step: given -1.0; allowed: a finite number above 0"),
+        (
+            scene, m, {"scheme": "velocity_verlet", "step": 1.001 * limit},
+            f"^step: given {1.001 * limit:.6g} s; allowed: below the stability limit, {limit:.6g} s, 2 over the highest",
+        ),
+        (free, m, {}, "^ends.free: given 'upper'; allowed: two held ends"),
+        (viscous, m, {}, "^damping.link_viscosity: given 1.0; allowed: none for a reduced model"),
+        (cp.make_scene(spatial(soft)), m, {}, "^modes: given 2 coordinates; allowed: the 3 coordinates of the scene$"),
+        (scene, modes[3], {}, "^modes: given 3 coordinates; allowed: the 2 coordinates of the scene$"),
+        (scene, dependent, {}, "^modes: given some that are sums of others; allowed: independent ones"),
+        (scene, scene, {}, "^modes: given layout None; allowed: modes of the deflection normal to the chord"),
+    ]  # fmt: skip
+    for some, some_modes, options, match in cases:
+        with pytest.raises(cp.SceneError, match=match):
+            cp.condensed.simulate(some, some_modes, **options)
+    for layout in ("separate", "vector"):
+        other = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3), layout=layout)
+        with pytest.raises(
+            cp.SceneError, match=f"^modes: given layout '{layout}'; allowed: modes of the deflection normal"
+        ):
+            cp.condensed.simulate(scene, other)
+        with pytest.raises(cp.SceneError, match="layout 'normal'"):
+            cp.galerkin.simulate(scene, m)
+
+
+def test_a_chord_that_turns_into_the_axis_that_tells_the_normals(soft, modes):
+    to_axis = {"x": {"kind": "ramp", "amplitude": -8.0, "duration": 2.0}}
+    scene = cp.make_scene(spatial({**soft, "motion": {"upper": to_axis}}))
+    with pytest.raises(cp.SceneError, match="motion: the chord turns into the axis y; allowed: one that stays away"):
+        cp.condensed.simulate(scene, modes[3], rank=2, step=1e-3)
+
+
+def test_a_slack_cable_and_fast_ends_are_warned_of(soft, modes):
+    lifted = cp.make_scene(
+        {**soft, "load": {"uniform": [0.0, 30.0], "kind": "ramp", "amplitude": 1.0, "duration": 1.0}}
+    )
+    for order in ORDERS[:2]:
+        with pytest.warns(OutOfRangeWarning, match=r"the chordwise force falls to -.* N at .* s, below zero") as found:
+            run = cp.condensed.simulate(lifted, modes[2], rank=2, order=order, step=1e-3, times=np.arange(1001) / 1000)
+        assert len(found) == 1
+        assert run.attrs["smallest_chordwise_force"] < 0.0
+    place = round(run.attrs["time_of_smallest_force"] * 1000)
+    # the least chordwise force is that of the instant it is said to be of
+    model = model_of(parameters(lifted), modes[2], rank=2, order="exact", law="linear")
+    q = (run.amplitude.values @ np.linalg.inv(model.turned[0][0]).T)[[place]]
+    force = condensed_output._closed(model, q, np.array([place / 1000]))[1]
+    assert force.min() == pytest.approx(run.attrs["smallest_chordwise_force"], rel=1e-6)
+    fast = {"upper": {"x": {"kind": "harmonic", "amplitude": 1e-4, "angular_frequency": 20.0, "phase": 0.0}}}
+    with pytest.warns(OutOfRangeWarning, match=r"with 0.45 times the first axial frequency, 44.4 rad/s \(above 0.2\)"):
+        run = cp.condensed.simulate(cp.make_scene({**soft, "motion": fast}), modes[2], rank=2, step=1e-3, times=[0.1])
+    axial = math.pi / float(run.unstretched_length) * math.sqrt(2e4)
+    assert run.attrs["first_axial_frequency"] == pytest.approx(axial, rel=1e-12)
+    assert run.attrs["forcing_over_axial_frequency"] == pytest.approx(20.0 / axial, rel=1e-12)
+
+
+@pytest.mark.parametrize("order", ["leading", "exact"])
+def test_a_cable_that_stiffens_stops_with_what_was_done(soft, modes, order):
+    pull = {"upper": {"x": {"kind": "ramp", "amplitude": 0.5, "duration": 4.0}}}
+    scene = cp.make_scene({**soft, "motion": pull})
+    times = np.arange(401) / 100
+    limit = cp.condensed.simulate(scene, modes[2], order=order, step=1e-3, times=[0.0]).attrs["step_limit"]
+    with pytest.raises(
+        cp.RunStopped, match=r"stiffened: from .* s on its stability limit is below the step"
+    ) as stopped:
+        cp.condensed.simulate(scene, modes[2], order=order, scheme="velocity_verlet", step=0.9 * limit, times=times)
+    partial = stopped.value.partial
+    assert 10 < partial.sizes["time"] < 400
+    assert float(partial.attrs["incomplete"].split()[2]) >= float(partial.time[-1])
+    short = cp.condensed.simulate(
+        scene, modes[2], order=order, scheme="velocity_verlet", step=0.9 * limit, times=partial.time.values[:-20]
+    )
+    np.testing.assert_array_equal(short.amplitude, partial.amplitude[:-20])
+
+
+@pytest.mark.parametrize("order", ["leading", "exact"])
+def test_a_run_that_breaks_down_stops_with_what_was_done(soft, modes, order):
+    # the ends meet at 2 s: there is no chord any more, and no number
+    home = {axis: {"kind": "ramp", "amplitude": -size, "duration": 2.0} for axis, size in (("x", 8.0), ("y", 6.0))}
+    scene = cp.make_scene({**soft, "motion": {"upper": home}})
+    with pytest.raises(cp.RunStopped, match="left the finite numbers or found no equilibrium") as stopped:
+        cp.condensed.simulate(
+            scene, modes[2], order=order, scheme="trapezoidal", step=0.02, times=np.arange(101) * 0.02
+        )
+    partial = stopped.value.partial
+    assert 5 < partial.sizes["time"] <= 100
+    assert np.isfinite(partial.amplitude).all()
+    # in a cable as folded as this, links turn over now and then, and no stretch near that of the last instant closes it
+    assert np.isfinite(partial.position).all(("particle", "coordinate")).mean() > 0.95
+    assert f"of {2.0:g} s" in partial.attrs["incomplete"]

@@ -1,0 +1,140 @@
+"""Error against run time in small: what is timed, what a front is, and the Dataset, table and figure of a quick study."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cablepod as cp
+
+PIPELINES = str(Path(__file__).resolve().parent.parent / "pipelines")
+
+
+@pytest.fixture(scope="module")
+def pipeline():
+    """The scripts, which find each other by their names as when one of them is run."""
+    sys.path.insert(0, PIPELINES)
+    try:
+        import error_against_run_time
+        import run_time_figure
+        import run_time_models
+
+        yield {"study": error_against_run_time, "models": run_time_models, "figure": run_time_figure}
+    finally:
+        sys.path.remove(PIPELINES)
+
+
+@pytest.fixture(scope="module")
+def result(pipeline, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study")
+    found = pipeline["study"].study(["example2", "guy"], quick=True, repeats=1, folder=folder)
+    assert len(list(folder.glob("truth_*.nc"))) == 4  # two scenes, two laws
+    return found
+
+
+def test_front_keeps_what_nothing_beats(pipeline):
+    seconds = 1e-3 * np.array([1.0, 2.0, 3.0, 4.0, 0.5, np.nan])
+    error = np.array([1e-2, 1e-3, 2e-3, 1e-5, np.nan, 1e-9])
+    np.testing.assert_array_equal(pipeline["study"].front(seconds, error), [1, 1, 0, 1, 0, 0])
+    # three milliseconds lie within the factor of two of what beats them, but three seconds do not within that of long ones
+    near = pipeline["study"].near_front
+    np.testing.assert_array_equal(near(seconds, error), [1, 1, 1, 1, 0, 0])
+    np.testing.assert_array_equal(near(1e3 * seconds, error), [1, 1, 0, 1, 0, 0])
+    np.testing.assert_array_equal(near(1e-3 * np.array([1.0, 2.5]), np.array([1e-3, 1e-3])), [1, 0])
+
+
+def test_truth_is_that_on_file(result):
+    """The truth of a quick study has 4 elements, and errs by less than 1e-3 over the first seconds of Example 2."""
+    assert (result["truth_difference"].sel(scene="example2").values < 1e-3).all()
+    assert np.isnan(result["truth_difference"].sel(scene="guy").values).all()
+    # the laws differ by 0.03 % of the motion: a truth of the wrong law would be seen only by its own file
+    assert (result["truth_difference"].sel(scene="example2").values > 0.0).all()
+
+
+def test_fronts_of_a_study(result, pipeline):
+    for name in result["scene"].values:
+        of = result.sel(scene=name)
+        for family in ("full", "reduced", "quasi-static"):
+            own = of.isel(setting=np.flatnonzero(of["family"].values == family))
+            front = own.isel(setting=np.flatnonzero(own["on_front"].values))
+            again = own.isel(setting=np.flatnonzero(own["measured_again"].values))
+            assert front.sizes["setting"] > 0
+            assert (front["measured_again"] == 1).all()
+            order = np.argsort(front["kernel_time"].values)
+            assert (np.diff(front["error_max"].values[order]) < 0.0).all()
+            for seconds, error in zip(again["kernel_time"].values, again["error_max"].values, strict=True):
+                kept = front["error_max"].values <= error
+                assert front["kernel_time"].values[kept].min() <= seconds
+
+
+def test_study_measures_what_it_says(result):
+    assert set(result["family"].values) == {"full", "reduced", "quasi-static"}
+    assert set(result["model"].values) == {"chain", "cable", "Galerkin", "condensed", "catenary"}
+    assert list(result["trained_on"].values) == ["example2", "example2, example3, example4"]
+    done = np.isfinite(result["error_max"].values)
+    # the condensed model refuses explicit steps that are too long for a scene; nothing else fails here
+    assert (done | (result["model"].values == "condensed")).all()
+    assert (result["error_rms"].values[done] <= result["error_max"].values[done]).all()
+    again = result["measured_again"].values == 1
+    assert (np.isfinite(result["call_time"].values) == again).all()
+    # a kernel is a part of its call; times of both are of different runs, and a machine may be disturbed in one
+    assert np.median((result["kernel_time"] / result["call_time"]).values[again]) < 1.0
+    assert ((result["offline_time"] > 0.0) == (result["family"] == "reduced")).all()
+    # ten links are right to 1 % here, the coarsest catenaries to no more than 50 %
+    assert result["error_max"].values[done].max() < 0.5
+    assert result["error_max"].sel(scene="example2").values.min() < 1e-3
+
+
+def test_ratio_is_that_of_the_fastest_settings(result, pipeline):
+    row = next(row for row in pipeline["study"].rows_of(result) if row["scene"] == "example2" and row["level"] == 1e-2)
+    full, reduced = (row["best"][family] for family in ("full", "reduced"))
+    assert row["ratio"] == float(full["kernel_time"]) / float(reduced["kernel_time"])
+    of = result.sel(scene="example2")
+    good = (of["error_max"].values <= 1e-2) & (of["measured_again"].values == 1) & (of["family"].values == "full")
+    assert float(full["kernel_time"]) == of["kernel_time"].values[good].min()
+    assert pipeline["study"].best(of, "full", 1e-12) is None
+    # whole calls are compared by themselves: the shortest of each family
+    calls = [
+        of["call_time"].values[(of["error_max"].values <= 1e-2) & (of["family"].values == name)]
+        for name in ("full", "reduced")
+    ]
+    assert row["call_ratio"] == np.nanmin(calls[0]) / np.nanmin(calls[1])
+
+
+def test_table_figure_and_file(result, pipeline, tmp_path):
+    text = pipeline["figure"].markdown(pipeline["study"].rows_of(result))
+    assert len(text.splitlines()) == 2 + 3 * 2
+    assert len({line.count("|") for line in text.splitlines()}) == 1
+    cp.archive.write(result, tmp_path / "study.nc")
+    assert cp.archive.read(tmp_path / "study.nc")["on_front"].equals(result["on_front"])
+    picture = pipeline["figure"].draw(result)
+    assert [ax.get_title().partition(";")[0] for ax in picture.axes] == ["Example 2", "unseen: guy in wind"]
+
+
+def test_kernel_is_recorded_whole_and_once(pipeline):
+    """The calls that are timed, called again, give the motion of the run: nothing of it happens elsewhere."""
+    models = pipeline["models"]
+    given = models.scene_of("example2", 3.0)
+    training = models.trained_on([given], (10, 40), 3)
+    times = np.arange(4.0)
+    for setting, kernel in (
+        (models.Setting("full", "chain", "trapezoidal", 10, step=0.1), "generalized_alpha"),
+        (models.Setting("full", "cable", "trapezoidal", 1, "7", step=0.1), "trapezoidal"),
+        (models.Setting("reduced", "condensed", "trapezoidal", 10, "leading", 2, step=0.1), "leading_implicit"),
+        (models.Setting("reduced", "condensed", "velocity_verlet", 40, "exact", 1, 6, step=0.05), "exact_verlet"),
+    ):
+        job = models.job_of(given, setting, setting.step, training)
+        calls, _ = models.kernel_calls(job, times, setting)
+        names = [getattr(function, "__name__", "") for function, _ in calls]
+        assert names.count(kernel) == 1
+        assert any("on_steps" in name or "call" in name for name in names)  # the table of the end
+        within, whole = models.seconds_within(job, times, ("position",))
+        assert 0.0 < within < whole
+        again, _ = models.kernel_calls(job, times, setting)
+        before = calls[names.index(kernel)][1][0].copy()
+        assert models.seconds_of(calls, least=0.0) > 0.0
+        np.testing.assert_array_equal(calls[names.index(kernel)][1][0], before)  # timing leaves the first state alone
+        np.testing.assert_array_equal(again[names.index(kernel)][1][0], before)
