@@ -206,6 +206,9 @@ def _member_bar(label: str, members: int) -> Iterator[Callable[[float], None]]:
 def _info(options: argparse.Namespace) -> int:
     path = Path(options.path)
     if options.lineage:
+        if (path / MANIFEST).exists():
+            print(lineage.script(archive.open_ensemble(path, incomplete=True)), end="")
+            return 0
         if path.is_dir():
             raise archive.ArchiveError(f"{path}: a folder; allowed with --lineage: one file")
         print(lineage.script(archive.read(path, chunks={})), end="")

@@ -535,3 +535,15 @@ def test_ten_thousand_members_open_by_the_manifest_and_heads_alone(finished, tmp
     monkeypatch.setattr(archive_ensemble, "opened_file", lambda path: opened.append(path.name) or real(path))
     cp.archive.open_ensemble(finished)
     assert opened == ["scenes.nc", "batch_0000.nc"]
+
+
+def test_its_lineage_makes_it_again(finished, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for path, number in ((finished, None), (finished / "batch_0001.nc", 1)):
+        assert cli.main(["info", str(path), "--lineage"]) == 0
+        exec(capsys.readouterr().out, made := {})
+        first = cp.archive.open_ensemble(finished)
+        again = cp.archive.read("runs_again.nc")
+        np.testing.assert_array_equal(again["position"], first["position"][slice(4, 8) if number else slice(None)])
+        assert made["runs"].attrs["id"] == (first if number is None else cp.archive.read(path)).attrs["id"]
+        (tmp_path / "runs_again.nc").unlink()
