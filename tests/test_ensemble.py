@@ -547,3 +547,21 @@ def test_its_lineage_makes_it_again(finished, tmp_path, monkeypatch, capsys):
         np.testing.assert_array_equal(again["position"], first["position"][slice(4, 8) if number else slice(None)])
         assert made["runs"].attrs["id"] == (first if number is None else cp.archive.read(path)).attrs["id"]
         (tmp_path / "runs_again.nc").unlink()
+
+
+def test_the_real_checker_finds_only_what_is_allowed(finished, scenes_of, tmp_path, monkeypatch):
+    import test_archive
+
+    scenes = scenes_of(3)
+    bad = scenes.assign(cable_top_tension=("member", np.ones(3), scenes["cable_top_tension"].attrs))
+    with pytest.warns(cp.MemberFailedWarning):
+        cp.ensemble.run(bad, tmp_path / "failed", step=STEP)
+    cp.archive.write(cp.archive.open_ensemble(finished), tmp_path / "whole.nc")
+    files = {
+        "batch": finished / "batch_0000.nc",
+        "whole": tmp_path / "whole.nc",
+        "scenes": finished / "scenes.nc",
+        "failed": tmp_path / "failed" / "batch_0000.nc",
+    }
+    monkeypatch.setattr(test_archive, "HAVE_TIME", ("batch", "whole"))
+    test_archive.check_compliance(files, tmp_path)
