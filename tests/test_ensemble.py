@@ -82,6 +82,10 @@ def test_a_grid_has_every_combination(scenes_of):
     listed = scenes_of(6, sampling="grid", ranges={"cable.top_tension": [200, 210, 290], "gravity": [9.0, 9.8]})
     assert listed["cable_top_tension"].values.tolist() == [200, 200, 210, 210, 290, 290]
     assert listed["gravity"].values.tolist() == [9.0, 9.8] * 3
+    lists = {"cable.top_tension": [200, 210, 290], "gravity": [9.0, 9.4, 9.8]}
+    assert scenes_of(9, sampling="grid", ranges=lists).sizes["member"] == 9
+    with pytest.raises(cp.SceneError, match=r"^members: given 8; allowed: 9, the product of the lengths"):
+        scenes_of(8, sampling="grid", ranges=lists)
 
 
 def test_a_list_is_taken_as_it_is(scenes_of):

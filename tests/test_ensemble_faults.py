@@ -185,7 +185,7 @@ def test_processes_of_this_machine_give_the_same_bits(soft, tmp_path):
 
 
 def test_a_scheduler_that_cannot_be_reached(soft, tmp_path, monkeypatch):
-    pytest.importorskip("distributed")
+    distributed = pytest.importorskip("distributed")
     from cablepod import ensemble_runs
 
     monkeypatch.setattr(ensemble_runs, "PATIENCE", 0.5)
@@ -195,6 +195,8 @@ def test_a_scheduler_that_cannot_be_reached(soft, tmp_path, monkeypatch):
             cp.SceneError, match=rf"^scheduler: given '{address}'; allowed: an address at which a dask scheduler"
         ):
             cp.ensemble.run(scenes_of(soft, 2), tmp_path / "it", step=1e-3, scheduler=address)
+    with pytest.raises(ValueError, match="No client"):  # nothing is left that would take over what others compute
+        distributed.default_client()
     assert time.monotonic() - begin < 30  # three times the limit, and what names take
     with pytest.raises(cp.SceneError, match=r"^workers: given 2; allowed: none with a scheduler of your own"):
         cp.ensemble.run(scenes_of(soft, 2), tmp_path / "it", step=1e-3, scheduler="tcp://127.0.0.1:9", workers=2)
