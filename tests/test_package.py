@@ -137,7 +137,8 @@ def test_the_python_in_the_readme_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "data").symlink_to(PACKAGE.parent / "data")
     exec(code, {})
-    tension, error = map(float, capsys.readouterr().out.split())
+    tension, error, estimate = map(float, capsys.readouterr().out.split())
     assert tension == pytest.approx(3183.9, abs=0.1)
     assert error < 0.02
+    assert 0.005 < estimate < 0.05  # of a model that errs by 1.2 %; the estimate is right within a factor of 5 at worst
     assert (tmp_path / "model.nc").exists()
