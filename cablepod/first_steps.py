@@ -17,6 +17,11 @@ EXAMPLES = {
         "cablepod run example2 --out out/example2",
         "cablepod run guy.toml --out out/guy --ranks 1,2,4,8 --overwrite",
     ),
+    "ensemble": (
+        "cablepod ensemble study.toml --out out/study",
+        "cablepod ensemble study.toml --out out/study --model condensed --modes normal_modes.nc",
+        "cablepod ensemble study.toml --out out/study --option step=2.5e-4 --scheduler processes",
+    ),
     "paper": ("cablepod paper --out out/paper", "cablepod paper --small --out out/trial"),
     "info": (
         "cablepod info out/example2",

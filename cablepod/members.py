@@ -29,13 +29,29 @@ F = TypeVar("F", bound=Callable[..., xr.Dataset])
 #: Dimensions and values of a variable.
 Arrays = dict[str, tuple[tuple[str, ...], Any]]
 
+#: Does the members from one number up to another at once: which of them it did, their variables and attributes, row by row.
+Many = Callable[[int, int], tuple[np.ndarray, Arrays, Mapping[str, list[Any]]]]
+
 #: Members that a thread takes at once.
 CHUNK = 16
 _THREADS: ContextVar[int | None] = ContextVar("threads", default=None)
+_STOP: ContextVar[Callable[[], bool] | None] = ContextVar("stop", default=None)
 
 
 class MemberFailedWarning(UserWarning):
     """Some members failed; they hold nan, and the variable ``failure`` says why."""
+
+
+class AllFailedError(Exception):
+    """The cause of the error that is raised where all members fail; `reasons` has those of each."""
+
+    def __init__(self, reasons: list[str]) -> None:
+        super().__init__(f"all {len(reasons)} members failed")
+        self.reasons = reasons
+
+
+class StoppedError(Exception):
+    """Members were stopped on demand, see :func:`until`."""
 
 
 @contextmanager
@@ -48,8 +64,19 @@ def threads(count: int) -> Iterator[None]:
         _THREADS.reset(token)
 
 
-def _cores() -> int:
-    # those that this process may use, where the system tells
+@contextmanager
+def until(stop: Callable[[], bool]) -> Iterator[None]:
+    """Begin no further member once `stop` says so, but raise :class:`StoppedError`."""
+    token = _STOP.set(stop)
+    try:
+        yield
+    finally:
+        _STOP.reset(token)
+
+
+def cores() -> int:
+    """Count the processor cores that this process may use."""
+    # where the system tells
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -78,6 +105,27 @@ class Stack:
         for name, value in attrs.items():
             with self._lock:
                 self.attrs.setdefault(name, [None] * self.count)[i] = value
+
+    def put_many(self, first: int, did: np.ndarray, variables: Arrays, attrs: Mapping[str, list[Any]]) -> None:
+        """Keep what members from `first` on gave, those that `did`."""
+        rows = np.flatnonzero(did)
+        if not rows.size:
+            return
+        i = int(rows[0])
+        self.put(
+            first + i,
+            {name: (dims, values[i]) for name, (dims, values) in variables.items()},
+            {name: values[i] for name, values in attrs.items()},
+        )
+        for name, (_, values) in variables.items():
+            if did.all():
+                self.variables[name][1][first : first + did.size] = values
+            else:
+                self.variables[name][1][first + rows] = values[rows]
+        for row in rows:
+            self.shapes[first + row] = self.shapes[first + i]
+            for name, item in attrs.items():
+                self.attrs[name][first + row] = item[row]
 
     def check_shapes(self) -> None:
         """Refuse members whose arrays differ in shape from those of the first that did not fail."""
@@ -114,7 +162,10 @@ class Stack:
 
 
 def gather(
-    one: Callable[[int], tuple[Arrays, Mapping[str, Any]]], count: int, progress: Callable[[float], None] | None
+    one: Callable[[int], tuple[Arrays, Mapping[str, Any]]],
+    count: int,
+    progress: Callable[[float], None] | None,
+    many: Many | None = None,
 ) -> Stack:
     """Run all members and stack what they give.
 
@@ -126,25 +177,36 @@ def gather(
         Number of members.
     progress
         Called with the part that is done.
+    many
+        Does several at once, where there is a faster way; those that it did not are left to `one`.
 
     Raises
     ------
     Exception
-        What the first member raised, where all fail.
+        What the first member raised, where all fail; its cause is an :class:`AllFailedError`.
+    StoppedError
+        Where :func:`until` asks for it.
 
     Warns
     -----
     MemberFailedWarning
         Where some fail.
     """
-    stack, lock = Stack(count), threading.Lock()
+    stack, lock, stop = Stack(count), threading.Lock(), _STOP.get()
 
     def chunk(first: int) -> None:
         last = min(first + size, count)
-        for i in range(first, last):
+        left = np.arange(first, last)
+        if many is not None:
+            _check(stop)
+            did, variables, attrs = many(first, last)
+            stack.put_many(first, did, variables, attrs)
+            left = left[~did]
+        for i in left.tolist():
+            _check(stop)
             try:
                 result = one(i)
-            except (RunStopped, ValueError) as error:
+            except (RunStopped, ValueError, ArithmeticError) as error:
                 stack.failures[i] = error
             else:
                 stack.put(i, *result)
@@ -153,12 +215,12 @@ def gather(
             if progress is not None:
                 progress(stack.done / count)
 
-    workers = min(_THREADS.get() or _cores(), count)
+    workers = min(_THREADS.get() or cores(), count)
     size = max(1, min(CHUNK, count // (4 * workers)))
     _side_by_side(chunk, range(0, count, size), workers)
     failed = [(i, error) for i, error in enumerate(stack.failures) if error is not None]
     if failed and len(failed) == count:
-        raise failed[0][1]
+        raise failed[0][1] from AllFailedError([str(error) for _, error in failed])
     stack.check_shapes()
     for i, _ in failed:
         stack.blank(i)
@@ -170,6 +232,11 @@ def gather(
             stacklevel=4,
         )
     return stack
+
+
+def _check(stop: Callable[[], bool] | None) -> None:
+    if stop is not None and stop():
+        raise StoppedError
 
 
 def _side_by_side(chunk: Callable[[int], None], starts: range, workers: int) -> None:

@@ -23,7 +23,7 @@ OURS = ("SceneError", "ArchiveError", "RunStopped", "refuse", "warn", "stop")
 REFUSAL = re.compile(r"^\S.*?: \S.*; allowed: \S", re.DOTALL)
 #: Anything else: what happened, then what to do.
 REMEDY = re.compile(
-    r"\S.*[;,] (?:or )?(?:try|compare with|give|install|check|change|make|leave|open|judge|see|free|use|allowed:) ?\S",
+    r"\S.*[;,] (?:or )?(?:try|compare with|give|install|check|change|make|leave|open|judge|see|free|use|run|take|allowed:) ?\S",
     re.DOTALL,
 )
 
@@ -31,24 +31,27 @@ REMEDY = re.compile(
 EXCEPTIONS = {
     # passed on: the message of an error that was made elsewhere, and is in this list there
     ("scene.py", "SceneError", "{named(str(path))}: {error}"): "the file's name before a refusal of its contents",
-    (
-        "scene.py",
-        "SceneError",
-        "ensemble.ranges.{path}: given {bounds}, at {bound:g} no scene: {error}",
-    ): "ends with a refusal",
+    ("scene.py", "SceneError", "{text}"): "made just above, ends with a refusal",
     ("records.py", "SceneError", "{key}: {error}"): "the key before a refusal of its file",
     ("archive.py", "ArchiveError", "{path}: {error}"): "the file's name before a message of its contents",
+    ("archive.py", "ArchiveError", "{path}: {folder} {what}"): "`what` ends with what to do, see the line above it",
     (
         "archive.py",
         "ArchiveError",
-        "{path}: {folder} {what}",
-    ): "`what` ends with what to do, see the two lines above it",
+        "{path}: not written, nothing is left behind: {reason(",
+    ): "reason ends with what to do",
+    ("ensemble_store.py", "ArchiveError", "{path}: not written: {archive.reason("): "the same",
+    ("*", "call", "damaged(path, error)"): "a function that makes the message; the messages are in this list",
+    ("*", "call", "_damaged(path, error)"): "the same",
+    ("archive_ensemble.py", "ArchiveError", "{'; '.join(faults[:5])}{more}"): "each fault ends with what to do",
+    ("ensemble_work.py", "warn", "{texts[0]}{often}"): "the warning of a member, and of how many more",
+    ("ensemble_work.py", "name", "error"): "the error of the batch, raised again where no member alone explains it",
+    ("ensemble.py", "subscript", "errors[0]"): "the error of the first batch, raised again",
     (
-        "archive.py",
-        "ArchiveError",
-        "{path}: not written, nothing is left behind: {_reason(",
-    ): "_reason ends with what to do, both times",
-    ("archive.py", "call", "_damaged(path, error)"): "a function that makes the message; the messages are in this list",
+        "ensemble_design.py",
+        "SceneError",
+        "{key}: given {schema.shown(values)}, at {value:g} no scene: {error}",
+    ): "ends with a refusal",
     ("members.py", "subscript", "failed[0][1]"): "the error of the first member, raised again where all failed",
     ("elements.py", "SceneError", "{str(error).replace("): "the chain's message, said of the cable",
     ("runs.py", "RunStopped", "{why}"): "why is what the callers of stop say; they are in this list",
@@ -57,6 +60,9 @@ EXCEPTIONS = {
     ("implicit.py", "stop", "{why}"): "made just above, ends with what to try",
     ("rigid_runs.py", "stop", "{why}"): "made just above, both times, ends with what to try",
     # caught inside the package: no user sees them
+    ("archive_ensemble.py", "ValueError", "it is another kind of file"): "caught four lines below",
+    ("members.py", "name", "StoppedError"): "caught where the threads are waited for",
+    ("parameters.py", "IndexError", "{at}"): "ends a loop over all, as Python has it",
     ("scene.py", "name", "RecursionError"): "caught three lines below",
     ("snapshots.py", "FloatingPointError", "ends are not finite"): "caught, and said of the snapshots by name",
     ("streaming.py", "FloatingPointError", "rows are not finite"): "caught, and said of the snapshots by name",
@@ -130,7 +136,7 @@ def messages() -> Iterator[Message]:
                     known = name.endswith(("Error", "Warning", "Exception"))
                     text = message_of(raised, name) if known else ast.unparse(raised)
                     yield Message(file, node.lineno, name if known else "call", text)
-            elif isinstance(node, ast.Call) and (name := _last_name(node)) in OURS:
+            elif isinstance(node, ast.Call) and (name := _last_name(node)) in OURS and node.args:
                 yield Message(file, node.lineno, name, message_of(node, name))
 
 
@@ -146,7 +152,7 @@ def fits(what: str, text: str) -> bool:
 def exception_of(message: Message) -> tuple[str, str, str] | None:
     """Return the entry among the exceptions that a message falls under."""
     for file, what, beginning in EXCEPTIONS:
-        if (file, what) == (message.file, message.what) and message.text.startswith(beginning):
+        if file in ("*", message.file) and what == message.what and message.text.startswith(beginning):
             return file, what, beginning
     return None
 
