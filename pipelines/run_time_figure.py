@@ -49,6 +49,7 @@ def draw(result: xr.Dataset) -> plt.Figure:
         ax.tick_params(labelbottom=True)
         if ax not in grid[:, 0]:
             ax.set_ylabel("")
+    axes[0].set_ylim(3e-7, 1.0)  # of all, which share it
     for ax in axes[len(names) :]:
         ax.axis("off")
     if len(axes) > len(names):

@@ -122,7 +122,9 @@ def error_against_run_time(
             text = f"× {value:.0f}" if value >= 10.0 else f"× {value:.1f}"
             ax.annotate(text, (0.98, level), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=9)
     name = "kernel time for the run [ms]" if time == "kernel_time" else "time of the call [ms]"
-    ax.set(xscale="log", yscale="log", ylim=(3e-7, 1.0), xlabel=name, ylabel="largest error over the run [1]")
+    ax.set(xscale="log", yscale="log", xlabel=name, ylabel="largest error over the run [1]")
+    shown = error[(error > 0.0) & (error < 1.0)]
+    ax.set_ylim(0.3 * shown.min() if shown.size else None, 1.0)
     return parts.finish(ax)
 
 
