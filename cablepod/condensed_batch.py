@@ -34,10 +34,8 @@ def attributes_of(solution: Solution, modes: xr.Dataset, options: Options) -> di
 
 def result_of(solution: Solution, modes: xr.Dataset, options: Options, title: str) -> xr.Dataset:
     """Make the Dataset of one run."""
-    run = solution.run
-    result = condensed_output.dataset(run.model, solution.state, None, options.outputs, title, options.links)
-    result.attrs |= attributes_of(solution, modes, options)
-    return result
+    attrs = attributes_of(solution, modes, options)
+    return condensed_output.dataset(solution.run.model, solution.state, attrs, options.outputs, title, options.links)
 
 
 def run(

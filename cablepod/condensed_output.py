@@ -30,12 +30,16 @@ def _fixed_indexes(dims: int, rank: int) -> dict[str, PandasIndex]:
     return {key: PandasIndex(np.asarray(values), key) for key, values in names.items()}
 
 
-def coordinates_of(model: Model, times: np.ndarray, links: np.ndarray | None) -> xr.Coordinates:
-    """Coordinates of a result but for the arc length, with the indexes that xarray would make of them."""
+def coordinates_of(
+    model: Model, times: np.ndarray, links: np.ndarray | None, *, with_arc_length: bool = False
+) -> xr.Coordinates:
+    """Coordinates of a result, with the indexes that xarray would make of them."""
     indexes = {**_fixed_indexes(model.chain.p.dims, model.rank), "time": PandasIndex(times, "time")}
     if links is not None:
         indexes["link"] = PandasIndex(links + 1, "link")
     variables = {name: variable for index in indexes.values() for name, variable in index.create_variables().items()}
+    if with_arc_length:  # members have each its own
+        variables["arc_length"] = xr.Variable("particle", model.chain.arc_length)
     return xr.Coordinates(variables, indexes=indexes)
 
 
@@ -212,16 +216,15 @@ def attributes(model: Model, state: State, modes: xr.Dataset | None) -> dict[str
 def dataset(
     model: Model,
     state: State,
-    modes: xr.Dataset | None,
+    attrs: Mapping[str, Any],
     outputs: tuple[str, ...],
     title: str,
     links: np.ndarray | None = None,
 ) -> xr.Dataset:
     """Label what a run gave."""
-    made: dict[str, Any] = variables(model, state, outputs, links)
-    made["arc_length"] = (("particle",), model.chain.arc_length)
-    result = label(xr.Dataset(made, coords=coordinates_of(model, state.instants.times, links)).set_coords("arc_length"))
-    result.attrs = {"title": title_of(model, title), **attributes(model, state, modes)}
+    coords = coordinates_of(model, state.instants.times, links, with_arc_length=True)
+    result = label(xr.Dataset(variables(model, state, outputs, links), coords=coords))
+    result.attrs = {"title": title_of(model, title), **attrs}
     return result
 
 
@@ -264,10 +267,12 @@ def _tensions(model: Model, q: np.ndarray, times: np.ndarray, links: np.ndarray 
 def warn_out_of_range(attrs: Mapping[str, Any], which: str = "") -> None:
     """Warn where the numbers of a run say that the model cannot be trusted; `which` run, of several."""
     if attrs["smallest_chordwise_force"] < 0.0:
+        implicit = attrs["scheme"] != "velocity_verlet"
+        long = f" (or the step of {attrs['step']:g} s is too long for what moves)" if implicit else ""
         warnings.warn(
             f"{which}the chordwise force falls to {attrs['smallest_chordwise_force']:.3g} N at "
             f"{attrs['time_of_smallest_force']:.4g} s, below zero: the cable goes slack there, and the condensed "
-            "model is ill-posed; compare with chain.simulate",
+            f"model is ill-posed{long}; compare with chain.simulate",
             OutOfRangeWarning,
             stacklevel=4,
         )

@@ -225,6 +225,8 @@ class Run:
         few = Instants.of(state.instants.times[:count], rate)
         saved, halves = state.saved[: few.steps.size], state.halves[: few.steps.size]
         part = State(few, saved, halves, None, state.watch, self.scheme)
-        result = condensed_output.dataset(self.model, part, None, ("position",), "stopped")
+        result = condensed_output.dataset(
+            self.model, part, condensed_output.attributes(self.model, part, None), ("position",), "stopped"
+        )
         result.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {state.instants.times[-1]:.6g} s"
         return result
