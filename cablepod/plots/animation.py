@@ -15,7 +15,7 @@ import xarray as xr
 
 from cablepod import schema
 from cablepod.plots import parts
-from cablepod.plots.parts import COLOURS, MARKERS, MOST_DOTS, PLACE, SIGMA, TRAJECTORY
+from cablepod.plots.parts import COLOURS, MARKERS, MOST_DOTS, SIGMA
 from cablepod.schema import refuse
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class Animation:
         engine = self.figure.get_layout_engine()
         self.figure.canvas.draw()
         self.figure.set_layout_engine("none")  # laid out once: the axes do not tremble
-        writer = (animation.PillowWriter if ending == ".gif" else animation.FFMpegWriter)(fps=speed)  # type: ignore[arg-type]
+        writer = (animation.PillowWriter if ending == ".gif" else animation.FFMpegWriter)(fps=speed)
         try:
             with writer.saving(self.figure, str(target), DOTS_PER_INCH):
                 for i in range(self.times.size):
@@ -119,8 +119,8 @@ def animate(
     Parameters
     ----------
     chain, reduced
-        Trajectories with ``position (time, particle, coordinate)`` [m]; `reduced` may be left out, must have the same instants, and
-        may have other particles.
+        Trajectories with ``position (time, particle, coordinate)`` [m].  `reduced` may be left out; it needs the instants of the
+        chain, and may have other particles.
     deflection
         Draw the deflection normal to the chord of the moment [m] against S / L0 instead of y against x.
     frames
@@ -143,7 +143,7 @@ def animate(
     As :func:`shapes`, of which each frame is an instant; the first shape stays as a grey line.
     """
     runs = {"chain": chain} if reduced is None else {"chain": chain, "reduced": reduced}
-    positions = {key: parts.take(key, run, "position", ("time", *PLACE), TRAJECTORY) for key, run in runs.items()}
+    positions = parts.positions(runs)
     times = positions["chain"]["time"].values
     count = min(schema.integer(least=1)("frames", frames), times.size)
     pick = np.unique(np.linspace(0, times.size - 1, count).round().astype(int))

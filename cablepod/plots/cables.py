@@ -19,7 +19,6 @@ from cablepod.plots.parts import (
     MOST_INSTANTS,
     PLACE,
     SIGMA,
-    TRAJECTORY,
 )
 from cablepod.schema import refuse
 
@@ -66,7 +65,7 @@ def shapes(
     seen along z, or by its deflection in that plane; the legend says so.
     """
     runs = {"chain": chain} if reduced is None else {"chain": chain, "reduced": reduced}
-    positions = _positions(runs)
+    positions = parts.positions(runs)
     wanted = _wanted(positions["chain"], times)
     curves: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for key, position in positions.items():
@@ -126,7 +125,7 @@ def snapshots(
     SceneError
         For Datasets without positions, instants that they do not have, a factor that is not above 0.
     """
-    positions = _positions({"chain": chain, "cable": cable})
+    positions = parts.positions({"chain": chain, "cable": cable})
     wanted = _wanted(positions["chain"], times)
     picks = [parts.instants(key, position["time"].values, wanted) for key, position in positions.items()]
     values = [position.values for position in positions.values()]
@@ -208,7 +207,8 @@ def tension(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     ax.figure.colorbar(mesh, ax=ax, label="tension [N]")
     slack = np.ma.masked_where(array.values.T > 0.0, array.values.T)
     if slack.count():
-        ax.pcolor(across, up, slack, shading="nearest", facecolor="none", edgecolor="none", hatch="////", alpha=0.0)
+        cells = ax.pcolor(across, up, slack, shading="nearest", hatch="////")
+        cells.set(array=None, facecolor="none", edgecolor="white", linewidth=0.0)  # hatches have the colour of edges
         ax.set_title("hatched: zero or less", fontsize="medium")
     ax.set(xlabel="time [s]", ylabel=SIGMA)
     return ax
@@ -246,29 +246,19 @@ def phase_portraits(
     names = [str(name) for name in x["coordinate"].values]
     schema.choice(*names)("coordinate", coordinate)
     places = schema.numbers_list()("at", np.atleast_1d(at))
-    if len(places) > MOST_INSTANTS or not all(0.0 <= place <= 1.0 for place in places):
+    if len(places) > MOST_INSTANTS or not all(0.0 <= item <= 1.0 for item in places):
         raise refuse("at", places, f"one to {MOST_INSTANTS} places from 0 to 1")
     sigma = parts.sigma("run", run)
-    x, v = (part.values[..., names.index(coordinate)] for part in (x, v))
+    place, speed = (part.values[..., names.index(coordinate)] for part in (x, v))
     ax = parts.axes(ax)
-    for i, place in enumerate(places):
-        k = int(np.abs(sigma - place).argmin())
-        moved = x[:, k] - x[0, k]
+    for i, wanted in enumerate(places):
+        k = int(np.abs(sigma - wanted).argmin())
+        moved = place[:, k] - place[0, k]
         label = f"$S / L_0$ = {sigma[k]:.3g}"
-        ax.plot(moved, v[:, k], color=COLOURS[i], linestyle=LINES[i], linewidth=1.0, label=label)
-        ax.plot(moved[:1], v[:1, k], color=COLOURS[i], marker=MARKERS[i], markersize=7)
+        ax.plot(moved, speed[:, k], color=COLOURS[i], linestyle=LINES[i], linewidth=1.0, label=label)
+        ax.plot(moved[:1], speed[:1, k], color=COLOURS[i], marker=MARKERS[i], markersize=7)
     ax.set(xlabel=f"displacement in {coordinate} from the first instant [m]", ylabel=f"velocity in {coordinate} [m/s]")
     return parts.finish(ax, title=f"{parts.name(run, 'cable')}\nlarge: first instant")
-
-
-def _positions(runs: dict[str, xr.Dataset]) -> dict[str, xr.DataArray]:
-    """Take the positions of runs with the coordinates of the first."""
-    positions = {key: parts.take(key, run, "position", ("time", *PLACE), TRAJECTORY) for key, run in runs.items()}
-    first = next(iter(positions.values()))
-    for key, position in positions.items():
-        if position.sizes["coordinate"] != first.sizes["coordinate"]:
-            raise refuse(key, list(position["coordinate"].values), "the coordinates of the chain")
-    return positions
 
 
 def _wanted(position: xr.DataArray, times: Sequence[float] | np.ndarray | None) -> np.ndarray:

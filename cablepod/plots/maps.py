@@ -198,7 +198,7 @@ def _cell(ax: Axes, x: float, y: float, look: Look, text: str) -> None:
     from matplotlib.patches import Rectangle
 
     _, fill, hatch, colour = look
-    frame = {"facecolor": fill, "edgecolor": "#999999", "hatch": hatch, "linewidth": 0.4}
+    frame: dict[str, Any] = {"facecolor": fill, "edgecolor": "#999999", "hatch": hatch, "linewidth": 0.4}
     ax.add_patch(Rectangle((x + 0.02, y + 0.04), 0.96, 0.92, **frame))
     box = {"facecolor": "white", "edgecolor": "none", "pad": 0.8} if hatch else None
     ax.text(x + 0.5, y + 0.52, text, ha="center", va="center", fontsize=7.5, color=colour, bbox=box)

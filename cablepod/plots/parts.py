@@ -90,6 +90,16 @@ def take(key: str, dataset: Any, name: str, dims: tuple[str, ...], allowed: str,
     return array.transpose(..., *dims)
 
 
+def positions(runs: dict[str, xr.Dataset]) -> dict[str, xr.DataArray]:
+    """Take the positions of runs with the coordinates of the first."""
+    positions = {key: take(key, run, "position", ("time", *PLACE), TRAJECTORY) for key, run in runs.items()}
+    first = next(iter(positions.values()))
+    for key, position in positions.items():
+        if position.sizes["coordinate"] != first.sizes["coordinate"]:
+            raise refuse(key, list(position["coordinate"].values), "the coordinates of the chain")
+    return positions
+
+
 def sigma(key: str, dataset: xr.Dataset) -> np.ndarray:
     """Return S / L0 [1] of the particles."""
     if "arc_length" not in dataset.variables:

@@ -107,11 +107,11 @@ def error_against_run_time(
     again = of["measured_again"].values == 1
     for (model, scheme), (marker, colour, text) in MODELS.items():
         rows = (of["model"].values == model) & (of["scheme"].values == scheme) & (error < 1.0)
-        once = rows & ~again
+        if not rows.any():
+            continue
+        once, often = rows & ~again, rows & again
         ax.plot(milliseconds[once], error[once], marker, color=colour, ms=2, alpha=0.25, mew=0.5)
-        if rows.any():
-            both = rows & again
-            ax.plot(milliseconds[both], error[both], marker, color=colour, ms=4.5, alpha=0.9, mew=1, label=text)
+        ax.plot(milliseconds[often], error[often], marker, color=colour, ms=4.5, alpha=0.9, mew=1, label=text)
     if time == "kernel_time":
         _fronts(ax, of, milliseconds, error)
     ratio = "time_ratio" if time == "kernel_time" else "call_ratio"

@@ -13,8 +13,8 @@
 # %% [markdown]
 # # First look
 #
-# A guy of a mast: 61 m of steel rope, held at the foot and at the mast. The mast sways, and the guy with it. How does it hang, how
-# does it move, what does it pull? This page goes from a scene to a picture, an animation and a file.
+# A guy of a mast: 61 m of steel rope, held at the foot and at the mast. The mast sways, and the guy with it. How does it hang,
+# how does it move, what does it pull? This page goes from a scene to a picture, an animation and a file.
 
 # %%
 import os
@@ -43,13 +43,13 @@ scene = cp.make_scene(
 scene
 
 # %% [markdown]
-# The upper end moves along $x$ by $f_1(t) = a\,(1 - \cos \omega t)$ with $a = -0.07$ m and $\omega = 0.5$ rad/s: Example 3 of the
-# paper. Seven centimetres of sixty metres; keep that in mind for the pictures.
+# The upper end moves along $x$ by $f_1(t) = a\,(1 - \cos \omega t)$ with $a = -0.07$ m and $\omega = 0.5$ rad/s: Example 3 of
+# the paper. Seven centimetres of sixty metres; keep that in mind for the pictures.
 #
 # ## At rest
 #
-# Between its ends an elastic cable of weight $q$ per unstretched length hangs in the catenary (equations (7) to (16) of the paper, here
-# with the stretch of the cable). One number fixes it: here the tension at the top, $T_1 = 3750$ N. The rest follows.
+# Between its ends an elastic cable of weight $q$ per unstretched length hangs in the catenary (equations (7) to (16) of the
+# paper, here with the stretch of the cable). One number fixes it: here the tension at the top, $T_1 = 3750$ N. The rest follows.
 
 # %%
 rest = cp.catenary.rest(scene)
@@ -61,29 +61,33 @@ print(
 # The chain is the same cable cut into 40 springs with masses between them. It hangs on the catenary:
 
 # %%
-cp.plots.rest(rest, cp.chain.rest(scene))
+cp.plots.rest(rest, cp.chain.rest(scene));
+
 # %% [markdown]
 # ## In motion
 #
 # Each mass $m$ of the chain obeys Newton's law, equations (1) to (3) of the paper,
 #
 # $$ m\,\ddot{\mathbf r}_j = \mathbf P_j + \mathbf T_{j+1} - \mathbf T_j, \qquad
-#    \mathbf T_j = k \left(1 - \frac{l}{|\mathbf R_j|}\right) \mathbf R_j, \qquad \mathbf R_j = \mathbf r_j - \mathbf r_{j-1}, \tag{1–3} $$
+#    \mathbf T_j = k \left(1 - \frac{l}{|\mathbf R_j|}\right) \mathbf R_j, \quad
+#    \mathbf R_j = \mathbf r_j - \mathbf r_{j-1}, \tag{1-3} $$
 #
-# with load $\mathbf P$, unstretched length $l$ and stiffness $k = K/l$ of a link; a slack link carries nothing. The time step is chosen
-# for you, and the result says which one and what error is left of it:
+# with load $\mathbf P$, unstretched length $l$ and stiffness $k = K/l$ of a link; a slack link carries nothing. The time step is
+# chosen for you, and the result says which one and what error is left of it:
 
 # %%
 chain = cp.chain.simulate(scene, outputs=("position", "velocity", "tension"))
 chain
 
 # %%
-cp.plots.shapes(chain, times=[0.0, 3.0, 6.3, 9.0, 12.5])
+cp.plots.shapes(chain, times=[0.0, 3.0, 6.3, 9.0, 12.5]);
+
 # %% [markdown]
 # All instants lie on one line: the motion is a thousandth of the span. So look at it along the normal of the chord:
 
 # %%
-cp.plots.shapes(chain, times=[0.0, 3.0, 6.3, 9.0, 12.5], deflection=True)
+cp.plots.shapes(chain, times=[0.0, 3.0, 6.3, 9.0, 12.5], deflection=True);
+
 # %% [markdown]
 # The sag swings by more than half a metre because the upper end moves by 14 cm: a taut cable is a lever.
 #
@@ -99,7 +103,8 @@ movie
 # ## What the cable pulls
 
 # %%
-cp.plots.tension(chain)
+cp.plots.tension(chain);
+
 # %%
 least, most = float(chain.tension.min()), float(chain.tension.max())
 print(
@@ -107,14 +112,16 @@ print(
 )
 
 # %% [markdown]
-# This mast only ever sways towards the foot of the guy, which falls slack by two thirds and comes back. The tension depends little on
-# where you look (the weight below adds to it), and strongly on when: waves along the cable run its length in 14 milliseconds and even it
-# out. That is the idea of the fast model, in *Reduced models*.
+# This mast only ever sways towards the foot of the guy, which falls slack by two thirds and comes back. The tension depends
+# little on where you look (the weight below adds to it), and strongly on when: waves along the cable run its length in 14
+# milliseconds and even it out. That is the idea of the fast model, in *Reduced models*.
 #
-# Velocity against displacement, of the middle and of a quarter point: the slow loop of the mast, and on it the guy's own vibration.
+# Velocity against displacement, of the middle and of a quarter point: the slow loop of the mast, and on it the guy's own
+# vibration.
 
 # %%
-cp.plots.phase_portraits(chain, at=(0.25, 0.5), coordinate="x")
+cp.plots.phase_portraits(chain, at=(0.25, 0.5), coordinate="x");
+
 # %% [markdown]
 # ## Keep it
 #
@@ -125,5 +132,5 @@ cp.archive.write(chain, "chain.nc", overwrite=True)
 print(cp.archive.describe("chain.nc"))
 
 # %% [markdown]
-# **Next:** *Modes* (what does this motion consist of?), *Reduced models* (the same, hundreds of times faster), *Parametric study*
-# (hundreds of scenes), *The paper*.
+# **Next:** *Modes* (what does this motion consist of?), *Reduced models* (the same, hundreds of times faster), *Parametric
+# study* (hundreds of scenes), *The paper*.

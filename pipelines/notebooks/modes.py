@@ -30,14 +30,14 @@ SMALL = bool(os.environ.get("CABLEPOD_SMALL"))
 # %% [markdown]
 # ## From snapshots to modes
 #
-# Example 3 of the paper: 125 snapshots of a guy, one a second. Before anything is decomposed, the straight line between the ends of the
-# moment is taken off, equation (35),
+# Example 3 of the paper: 125 snapshots of a guy, one a second. Before anything is decomposed, the straight line between the ends
+# of the moment is taken off, equation (35),
 #
 # $$ \mathbf u(\sigma, t) = \mathbf r(\sigma, t) - \bigl[(1 - \sigma)\,\mathbf r_0(t) + \sigma\,\mathbf r_n(t)\bigr],
 #    \qquad \sigma = S / L_0, \tag{35} $$
 #
-# so that what is left vanishes at both ends, whatever they do; then its mean over time. The snapshots of one coordinate are the columns
-# of a matrix, and its singular value decomposition, equation (30),
+# so that what is left vanishes at both ends, whatever they do; then its mean over time. The snapshots of one coordinate are the
+# columns of a matrix, and its singular value decomposition, equation (30),
 #
 # $$ X = \Phi\,\Sigma\,V^{\mathsf T}, \tag{30} $$
 #
@@ -50,10 +50,11 @@ modes = cp.pod.decompose(chain, rank=6)
 modes
 
 # %%
-cp.plots.modes(modes, count=3)
+cp.plots.modes(modes, count=3);
+
 # %% [markdown]
-# The first mode is one bow, the second has a node, the third has two, as the vibrations of a string. But nobody put strings in: these
-# are the shapes of this motion. A guy that is driven otherwise has others.
+# The first mode is one bow, the second has a node, the third has two, as the vibrations of a string. But nobody put strings in:
+# these are the shapes of this motion. A guy that is driven otherwise has others.
 #
 # ## What a singular value means
 #
@@ -72,19 +73,21 @@ print("length of amplitudes", length.sel(coordinate="x").values.round(6))
 assert np.allclose(length, modes.singular_value, rtol=1e-6)
 
 # %% [markdown]
-# Two quantities are easily taken for one another. *Proper orthogonal values* are $\sigma_i^2/m$ [m²]; the *energy share* of a mode is
-# $\sigma_i^2 / \sum \sigma^2$. (No energy of mechanics: that would weigh velocities by masses and stretches by stiffness.) A share of
-# $\sigma_i / \sum \sigma$ is something else again; see *The paper*.
+# Two quantities are easily taken for one another. *Proper orthogonal values* are $\sigma_i^2/m$ [m²]; the *energy share* of a
+# mode is $\sigma_i^2 / \sum \sigma^2$. (No energy of mechanics: that would weigh velocities by masses and stretches by
+# stiffness.) A share of $\sigma_i / \sum \sigma$ is something else again; see *The paper*.
 
 # %%
-cp.plots.singular_values(modes)
+cp.plots.singular_values(modes);
+
 # %%
-cp.plots.amplitudes(cp.pod.project(chain, modes), count=2)
+cp.plots.amplitudes(cp.pod.project(chain, modes), count=2);
+
 # %% [markdown]
 # ## How many are needed?
 #
-# Put the motion together again from its first $r$ modes, equation (36), and compare with the chain. No model that lives on $r$ modes can
-# be better than this.
+# Put the motion together again from its first $r$ modes, equation (36), and compare with the chain. No model that lives on $r$
+# modes can be better than this.
 
 # %%
 ranks = [1, 2, 3, 4, 6]
@@ -95,10 +98,11 @@ def projection(run, basis, rank):
     return cp.compare.errors(cp.pod.reconstruct(cp.pod.project(run, basis).isel(mode=slice(rank)), basis), run)
 
 
-cp.plots.error_over_time({f"r = {rank}": projection(chain, modes, rank) for rank in ranks})
+cp.plots.error_over_time({f"r = {rank}": projection(chain, modes, rank) for rank in ranks});
+
 # %% [markdown]
-# Each mode more takes the error down by a factor. How fast depends on how the cable is driven. Here are the three moving examples of
-# the paper: 2 (taut and slow), 3 (slacker and faster), 4 (a load from the side).
+# Each mode more takes the error down by a factor. How fast depends on how the cable is driven. Here are the three moving
+# examples of the paper: 2 (taut and slow), 3 (slacker and faster), 4 (a load from the side).
 
 # %%
 names = ["example2", "example3"] if SMALL else ["example2", "example3", "example4"]
@@ -110,17 +114,19 @@ for name, line, marker in zip(names, cp.plots.LINES, cp.plots.MARKERS, strict=Fa
     ax.semilogy(range(1, 9), errors, linestyle=line, marker=marker, label=name)
 ax.set(xlabel="number of modes of each coordinate [1]", ylabel="largest error of the projection [%]")
 ax.grid(alpha=0.3)
-ax.legend()
+ax.legend();
+
 # %% [markdown]
 # ## Normal to the chord
 #
-# In $x$ and $y$ the cable has two sets of modes, though it has one motion: the deflection normal to its chord. The layout "normal"
-# decomposes that alone, and needs one amplitude where "separate" needs two. These modes keep the sag: they hold the deflection itself,
-# not only what changes of it, so the first one is mostly the cable at rest.
+# In $x$ and $y$ the cable has two sets of modes, though it has one motion: the deflection normal to its chord. The layout
+# "normal" decomposes that alone, and needs one amplitude where "separate" needs two. These modes keep the sag: they hold the
+# deflection itself, not only what changes of it, so the first one is mostly the cable at rest.
 
 # %%
 normal = cp.pod.decompose(chain, rank=6, layout="normal")
-cp.plots.modes(normal, count=3)
+cp.plots.modes(normal, count=3);
+
 # %%
 shares = xr.Dataset(
     {
@@ -133,16 +139,15 @@ shares.to_dataframe()[["separate, x", "normal"]].round(9)
 # %% [markdown]
 # ## How exact are they?
 #
-# The decomposition says itself what rounding left of its digits. On the route of the paper, Sirovich's method of snapshots, the data
-# are squared: singular values below some $10^{-8}$ of the largest are noise.
+# The decomposition says itself what rounding left of its digits. On the route of the paper, Sirovich's method of snapshots, the
+# data are squared: singular values below some $10^{-8}$ of the largest are noise.
 
 # %%
 for method in ("svd", "snapshots"):
-    found = cp.pod.decompose(chain, rank=12, method=method).sel(coordinate="x")
-    print(
-        f"{method:10} smallest {float(found.singular_value[-1]):.2e} m, uncertain by {float(found.singular_value_uncertainty[-1]):.0e} m"
-    )
+    found = cp.pod.decompose(chain, rank=12, method=method).sel(coordinate="x").isel(mode=-1)
+    least, doubt = float(found.singular_value), float(found.singular_value_uncertainty)
+    print(f"{method:10} smallest {least:.2e} m, uncertain by {doubt:.0e} m")
 
 # %% [markdown]
-# **In short.** Two to eight modes hold the motion of a taut cable, to a per cent or to a part in ten thousand. Whether a *model* on
-# these modes moves as the cable does is another question: *Reduced models*.
+# **In short.** Two to eight modes hold the motion of a taut cable, to a per cent or to a part in ten thousand. Whether a *model*
+# on these modes moves as the cable does is another question: *Reduced models*.

@@ -12,9 +12,9 @@
 # %% [markdown]
 # # Reduced models
 #
-# A chain of 40 links takes tens of thousands of steps, because waves run fast along it. A reduced model keeps the few modes that move.
-# Two of them are here: the paper's Galerkin model and the condensed model. What do they cost at which error, do they predict scenes that
-# they have not seen, and when do they fail?
+# A chain of 40 links takes tens of thousands of steps, because waves run fast along it. A reduced model keeps the few modes that
+# move. Two of them are here: the paper's Galerkin model and the condensed model. What do they cost at which error, do they
+# predict scenes that they have not seen, and when do they fail?
 
 # %%
 import os
@@ -30,14 +30,15 @@ from cablepod import shipped
 SMALL = bool(os.environ.get("CABLEPOD_SMALL"))
 
 # %% [markdown]
-# The motion to be predicted is Example 3 of the paper; the truth is the continuous cable, converged to $10^{-7}$ of the motion, which is
-# shipped with the package.
+# The motion to be predicted is Example 3 of the paper; the truth is the continuous cable, converged to $10^{-7}$ of the motion,
+# which is shipped with the package.
 
 # %%
 scene = shipped.scene("example3")
 truth = cp.archive.read(shipped.truth_path("example3", "linear"))
 chain = cp.chain.simulate(scene)
-cp.plots.snapshots(chain, truth, times=[0.0, 14.0, 44.0, 90.0])
+cp.plots.snapshots(chain, truth, times=[0.0, 14.0, 44.0, 90.0]);
+
 # %% [markdown]
 # Displacements are magnified (the legend says how much); the chain's dots lie on the cable's lines.
 #
@@ -48,7 +49,8 @@ cp.plots.snapshots(chain, truth, times=[0.0, 14.0, 44.0, 90.0])
 # $$ \mathbf r(\sigma, t) = (1 - \sigma)\,\mathbf r_0(t) + \sigma\,\mathbf r_n(t) + \bar{\mathbf u}(\sigma)
 #    + \sum_{i=1}^{r} a_i(t)\,\boldsymbol\varphi_i(\sigma), \tag{36} $$
 #
-# into the equations of motion of a cable whose tension follows the law of equation (21), with the stretch $\xi$ and the stiffness $K$,
+# into the equations of motion of a cable whose tension follows the law of equation (21), with the stretch $\xi$ and the
+# stiffness $K$,
 #
 # $$ \frac{T}{\xi} = \frac{K}{2}\,(\xi^2 - 1), \tag{21} $$
 #
@@ -58,18 +60,19 @@ cp.plots.snapshots(chain, truth, times=[0.0, 14.0, 44.0, 90.0])
 # %%
 modes = cp.pod.decompose(chain, rank=6)
 galerkin = {r: cp.galerkin.simulate(scene, modes, rank=r, tolerance=1e-5) for r in (1, 2, 4)}
-cp.plots.error_over_time({f"r = {r}": cp.compare.errors(run, chain) for r, run in galerkin.items()})
+cp.plots.error_over_time({f"r = {r}": cp.compare.errors(run, chain) for r, run in galerkin.items()});
+
 # %% [markdown]
 # ## The condensed model
 #
-# Waves along a taut cable even out its tension within hundredths of a second. Take that as done at once: then the deflection $w$ normal
-# to the chord $\mathbf c(t)$ is all that moves,
+# Waves along a taut cable even out its tension within hundredths of a second. Take that as done at once: then the deflection $w$
+# normal to the chord $\mathbf c(t)$ is all that moves,
 #
 # $$ \mu\,\ddot w = \left(\frac{N w'}{\zeta'}\right)' + \mathbf p \cdot \mathbf n
 #    - \mu\Bigl(\ddot{\mathbf r}_0 + \frac{S}{L_0}\,\ddot{\mathbf c}\Bigr) \cdot \mathbf n, \qquad N = H(t) + \tau(S), $$
 #
-# and one number, $H(t)$, makes the stretch $\zeta'$ along the chord add up to its length. There is no frequency of axial waves left in
-# it, so steps are a thousand times as long.
+# and one number, $H(t)$, makes the stretch $\zeta'$ along the chord add up to its length. There is no frequency of axial waves
+# left in it, so steps are a thousand times as long.
 
 # %%
 normal = cp.pod.decompose(chain, rank=8, layout="normal")
@@ -81,16 +84,15 @@ print(
 )
 
 # %%
-cp.plots.shapes(chain, condensed, times=[0.0, 15.0, 45.0, 90.0], deflection=True)
+cp.plots.shapes(chain, condensed, times=[0.0, 15.0, 45.0, 90.0], deflection=True);
 
 # %% [markdown]
 # It says how far to trust it (`error_estimate`), from the residual of a richer model and without knowing any truth.
 #
 # ## Error against run time
 #
-# Measured here and now, so expect other numbers on your machine; the whole call counts, positions included. Careful measurements, of
-# kernels too, are made by `pipelines/error_against_run_time.py`.
-
+# Measured here and now, so expect other numbers on your machine; the whole call counts, positions included. Careful
+# measurements, of kernels too, are made by `pipelines/error_against_run_time.py`.
 
 # %%
 def seconds(job, repeats=1 if SMALL else 5):
@@ -103,7 +105,6 @@ def seconds(job, repeats=1 if SMALL else 5):
         taken.append(time.perf_counter() - begin)
     return min(taken)
 
-
 # %%
 def chain_of(links, step):
     given = scene.assign(chain_links=links)
@@ -113,7 +114,6 @@ def chain_of(links, step):
 def condensed_of(rank, order, step):
     options = {"rank": rank, "order": order, "scheme": "velocity_verlet", "step": step, "outputs": ("position",)}
     return lambda: cp.condensed.simulate(scene, fine, times=truth.time.values, **options)
-
 
 # %%
 fine = cp.pod.decompose(cp.chain.simulate(scene.assign(chain_links=80)), rank=8, layout="normal")
@@ -131,10 +131,11 @@ measured["model"] = ("setting", np.where(is_chain, "chain", "condensed"))
 measured["family"] = ("setting", np.where(is_chain, "full", "reduced"))
 measured["scheme"] = ("setting", np.where(is_chain, "trapezoidal", "velocity_verlet"))
 measured["measured_again"] = measured["on_front"] = xr.ones_like(measured.error_max)
-cp.plots.error_against_run_time(measured, time="call_time")
+cp.plots.error_against_run_time(measured, time="call_time");
+
 # %% [markdown]
-# A call through Python takes some milliseconds by itself, and there single runs of small models end. In kernel time the gap is wider,
-# and it is in batches of many scenes that it pays: *Parametric study*.
+# A call through Python takes some milliseconds by itself, and there single runs of small models end. In kernel time the gap is
+# wider, and it is in batches of many scenes that it pays: *Parametric study*.
 #
 # ## A scene that the modes have not seen
 #
@@ -150,13 +151,13 @@ for rank in (1, 8) if SMALL else (1, 2, 4, 8):
 print(f"outside of the training by {run.attrs['outside_training']:.2f}, in {run.attrs['outside_training_feature']}")
 
 # %% [markdown]
-# Eight modes of one scene hold the other; four are no better than two. The distance from the training scenes says *that* this is another scene; the estimate says
-# what it does to the error, and it is the one to decide by.
+# Eight modes of one scene hold the other; four are no better than two. The distance from the training scenes says *that* this is
+# another scene; the estimate says what it does to the error, and it is the one to decide by.
 #
 # ## When they fail
 #
-# Shake the mast faster and further, until the cable goes slack: then nothing is taut, waves along the chord matter, and a model that
-# takes them as done is out of its range. It says so.
+# Shake the mast faster and further, until the cable goes slack: then nothing is taut, waves along the chord matter, and a model
+# that takes them as done is out of its range. It says so.
 
 # %%
 wild = scene.assign(motion_upper_x_angular_frequency=2.5, motion_upper_x_amplitude=-0.25, time_duration=20.0)
@@ -172,5 +173,6 @@ print(f"smallest force along the chord {run.attrs['smallest_chordwise_force']:.0
 print(f"error against the chain {error:.0%}, expected by the model {run.attrs['error_estimate']:.0%}")
 
 # %% [markdown]
-# **In short.** Where the cable stays taut and its ends move slowly beside the waves along it, the condensed model gives a per cent with
-# two modes and a tenth of a per cent with eight, in a fraction of the time. Where it goes slack, it says so; take the chain.
+# **In short.** Where the cable stays taut and its ends move slowly beside the waves along it, the condensed model gives a per
+# cent with two modes and a tenth of a per cent with eight, in a fraction of the time. Where it goes slack, it says so; take the
+# chain.

@@ -12,14 +12,14 @@
 # %% [markdown]
 # # The paper, and where its numbers disagree with themselves
 #
-# Escalante, Faure, Rougier, Rosales and Filipich, *A reduced order model of taut cable dynamics using Karhunen-Loève decomposition*, is
-# what this package implements. To implement a paper is to compute its numbers, and some of these contradict one another. This page shows
-# which, and what they must have been. The whole report, every table and figure, is made by `cablepod paper --out out/paper`.
+# Escalante, Faure, Rougier, Rosales and Filipich, *A reduced order model of taut cable dynamics using Karhunen-Loève
+# decomposition*, is what this package implements. To implement a paper is to compute its numbers, and some of these contradict
+# one another. This page shows which, and what they must have been. The whole report, every table and figure, is made by
+# `cablepod paper --out out/paper`.
 
 # %%
 import os
 
-import numpy as np
 import xarray as xr
 
 import cablepod as cp
@@ -31,11 +31,11 @@ SMALL = bool(os.environ.get("CABLEPOD_SMALL"))
 # %% [markdown]
 # ## Table 1 has two stiffnesses
 #
-# A guy at rest, for four tensions $T_1$ at its top. The paper takes the shape of a cable that does not stretch, equations (9) to (14)
-# (the print contradicts itself in the signs; these agree),
+# A guy at rest, for four tensions $T_1$ at its top. The paper takes the shape of a cable that does not stretch, equations (9) to
+# (14) (the print contradicts itself in the signs; these agree),
 #
 # $$ y(x) = \frac{H}{q}\left[\cosh\!\Bigl(\zeta - \beta\bigl(1 - \tfrac{2x}{a}\bigr)\Bigr) - \cosh(\zeta - \beta)\right], \qquad
-#    \beta = \frac{q a}{2 H}, \quad \sinh \zeta = \frac{b}{a}\,\frac{\beta}{\sinh\beta}, \tag{9–11} $$
+#    \beta = \frac{q a}{2 H}, \quad \sinh \zeta = \frac{b}{a}\,\frac{\beta}{\sinh\beta}, \tag{9-11} $$
 #
 # and then takes off the stretch, equations (15) and (16):
 #
@@ -57,16 +57,17 @@ lengths = xr.Dataset(
 lengths.drop_vars(set(lengths.coords)).to_dataframe().round(4)
 
 # %% [markdown]
-# The first row is computed with $K$, the others with $K/100$; and not roughly, but to the last digit printed. With $K$ the guy stretches
-# by centimetres at most, with $K/100$ by metres, where the linearisation of eq. (16) no longer holds.
+# The first row is computed with $K$, the others with $K/100$; and not roughly, but to the last digit printed. With $K$ the guy
+# stretches by centimetres at most, with $K/100$ by metres, where the linearisation of eq. (16) no longer holds.
 
 # %%
-cp.plots.rest(cp.catenary.rest(shipped.scene("example1")), cp.chain.rest(shipped.scene("example1")))
+cp.plots.rest(cp.catenary.rest(shipped.scene("example1")), cp.chain.rest(shipped.scene("example1")));
+
 # %% [markdown]
 # ## The lengths of Examples 3 and 4 are swapped
 #
-# Example 3 is printed with $T_1 = 3750$ N and $L_0 = 58.9937$ m, Example 4 with 7500 N and 60.1479 m. Look in the table above: they have
-# each other's length. Neither can be had with $K = E\Omega$: a rope of that length between these ends would be under
+# Example 3 is printed with $T_1 = 3750$ N and $L_0 = 58.9937$ m, Example 4 with 7500 N and 60.1479 m. Look in the table above:
+# they have each other's length. Neither can be had with $K = E\Omega$: a rope of that length between these ends would be under
 
 # %%
 for name in ("example2", "example3", "example4"):
@@ -105,18 +106,21 @@ print(
 )
 
 # %% [markdown]
-# Its percentages are $\sigma_i / \sum \sigma$, cumulated, though the text speaks of energy, which would be $\sigma_i^2 / \sum \sigma^2$.
+# Its percentages are $\sigma_i / \sum \sigma$, cumulated, though the text speaks of energy, which would be $\sigma_i^2 / \sum
+# \sigma^2$.
 #
 # ## The chain did not start from equilibrium
 #
-# The first row nearly agrees; the others do not. From equilibrium the motion is nearly quasi-static, and the second singular value is
-# three centimetres in x, where the paper has eighteen:
+# The first row nearly agrees; the others do not. From equilibrium the motion is nearly quasi-static, and the second singular
+# value is three centimetres in x, where the paper has twenty:
 
 # %%
-figures.singular_values(found)
+figures.singular_values(found);
+
 # %% [markdown]
-# Start the chain from the shape of a cable that is a little longer or shorter than it should be, and it vibrates about its slow motion:
-# then several rows of the table come out. Which start it was the table cannot say; more than one explains it (the report tries many).
+# Start the chain from the shape of a cable that is a little longer or shorter than it should be, and it vibrates about its slow
+# motion: then several rows of the table come out. Which start it was the table cannot say; more than one explains it (the report
+# tries many).
 
 # %%
 misfit = found.table2_misfit.to_series().rename("rms of ln(ours / print)")
@@ -125,17 +129,20 @@ misfit.round(3)
 # %% [markdown]
 # ## What the reduced model is worth
 #
-# The paper judges its model by the look of one instant, 45 s. Here are Example 3's chain and its model on two modes of each coordinate:
+# The paper judges its model by the look of one instant, 45 s. Here are Example 3's chain and its model on two modes of each
+# coordinate:
 
 # %%
 item = examples.study("example3")
 model = cp.galerkin.simulate(item.scene, item.modes, rank=2, tolerance=1e-5)
-cp.plots.shapes(item.chain, model, times=[0.0, 15.0, 45.0, 90.0], deflection=True)
+cp.plots.shapes(item.chain, model, times=[0.0, 15.0, 45.0, 90.0], deflection=True);
+
 # %%
 ranks = (1, 2) if SMALL else (1, 2, 4, 8)
 runs = {f"r = {r}": cp.galerkin.simulate(item.scene, item.modes, rank=r, tolerance=1e-5) for r in ranks}
 errors = {name: cp.compare.errors(run, item.chain) for name, run in runs.items()}
-cp.plots.error_over_time(errors)
+cp.plots.error_over_time(errors);
+
 # %%
 for name, error in errors.items():
     print(f"{name}: largest error {float(error.error_max):.2%}, at 45 s {float(error.error.sel(time=45.0)):.2%}")
@@ -145,22 +152,21 @@ for name, error in errors.items():
 #
 # ## The sign of the side load
 #
-# Example 4 adds a horizontal load $q_h = 1.5\,\gamma_0 \Omega$. What is left of equation (18a) in print has it towards $-x$; the figures do not say.
-# It matters: one way the load presses the guy down, the other way it lifts it.
+# Example 4 adds a horizontal load $q_h = 1.5\,\gamma_0 \Omega$. What is left of equation (18a) in print has it towards $-x$; the
+# figures do not say. It matters: one way the load presses the guy down, the other way it lifts it.
 
 # %%
 sides = {"+x": shipped.scene("example4"), "-x": shipped.scene("example4_opposite_load")}
 for side, scene in sides.items():
     at_rest = cp.catenary.rest(scene)
-    print(
-        f"towards {side}: L0 = {float(at_rest.unstretched_length):.6f} m, tension at the foot {float(at_rest.tension_lower):.0f} N"
-    )
+    length, foot = float(at_rest.unstretched_length), float(at_rest.tension_lower)
+    print(f"towards {side}: L0 = {length:.6f} m, tension at the foot {foot:.0f} N")
 
 # %%
 ax = None
-for scene, colour in zip(sides.values(), cp.plots.COLOURS, strict=False):
+for scene in sides.values():
     ax = cp.plots.shapes(cp.chain.simulate(scene), times=[0.0, 45.0], deflection=True, ax=ax)
-ax.set_title("Example 4: load towards +x below, towards -x above")
+ax.set_title("Example 4: load towards +x below, towards -x above");
 
 # %% [markdown]
 # `data/README.md` lists every repair, and why; `cablepod paper` sets every table and figure of the paper beside ours.
