@@ -205,10 +205,14 @@ def tension(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     # cividis: dark to light in grey too, and the same to those who do not tell red from green
     mesh = ax.pcolormesh(across, up, array.values.T, cmap="cividis", shading="nearest", rasterized=True)
     ax.figure.colorbar(mesh, ax=ax, label="tension [N]")
-    slack = np.ma.masked_where(array.values.T > 0.0, array.values.T)
-    if slack.count():
-        cells = ax.pcolor(across, up, slack, shading="nearest", hatch="////")
-        cells.set(array=None, facecolor="none", edgecolor="white", linewidth=0.0)  # hatches have the colour of edges
+    slack = array.values.T <= 0.0
+    if slack.any():
+        from matplotlib.collections import PolyCollection
+
+        corners = np.asarray(mesh.get_coordinates())
+        cells = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]], axis=2)[slack]
+        # hatches have the colour of edges
+        ax.add_collection(PolyCollection(list(cells), facecolor="none", edgecolor="white", linewidth=0.0, hatch="////"))
         ax.set_title("hatched: zero or less", fontsize="medium")
     ax.set(xlabel="time [s]", ylabel=SIGMA)
     return ax
