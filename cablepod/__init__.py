@@ -2,9 +2,10 @@
 
 from importlib.metadata import version
 
-from cablepod import archive, cable, catenary, chain, compare, condensed, galerkin, plots, pod, rigid
+from cablepod import archive, cable, catenary, chain, compare, condensed, ensemble, galerkin, plots, pod, rigid
 from cablepod.archive import ArchiveError
 from cablepod.condensed_output import OutOfRangeWarning
+from cablepod.members import MemberFailedWarning
 from cablepod.scene import make_scene, read_scene
 from cablepod.schema import SceneError
 from cablepod.stepping import NotConvergedWarning, RunStopped
@@ -13,6 +14,7 @@ __version__ = version("cablepod")
 
 __all__ = [
     "ArchiveError",
+    "MemberFailedWarning",
     "NotConvergedWarning",
     "OutOfRangeWarning",
     "RunStopped",
@@ -23,6 +25,7 @@ __all__ = [
     "chain",
     "compare",
     "condensed",
+    "ensemble",
     "galerkin",
     "make_scene",
     "plots",

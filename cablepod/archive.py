@@ -7,10 +7,10 @@ identical to what was written, plus the attributes of the root that :func:`write
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import functools
 import hashlib
-import importlib.metadata
 import json
 import os
 import platform
@@ -24,13 +24,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod import conventions, provenance
+from cablepod import provenance
+from cablepod.archive_ensemble import open_ensemble as open_ensemble  # a name of this module too
+from cablepod.archive_files import LIBRARY, LIBRARY_ERRORS, SCHEMA, ArchiveError, version
+from cablepod.archive_files import content_type as _content_type
+from cablepod.archive_files import damaged as _damaged
+from cablepod.archive_files import open_file as _open
+from cablepod.archive_files import restored as _restored
+from cablepod.archive_files import texts_fixed as _texts_fixed
 from cablepod.whole import whole_file
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Mapping
 
-SCHEMA = 1  # raised when files change so that an older package would misread them
 SMALL = 16_384  # bytes; below this a filter and its chunk index cost more than they save
 CHUNK = 1 << 20  # bytes; aim for the size of one chunk
 CHUNKED = ("time", "member")  # a decomposition reads complete rows of particles, so nothing else is ever cut
@@ -46,7 +52,6 @@ RESERVED = (
     "dtype",
     "coordinates",
 )
-LIBRARY_ERRORS = (OSError, RuntimeError, ValueError, TypeError, KeyError, IndexError, AttributeError)
 
 ROOT = {
     "keywords": "cable, catenary, chain, proper orthogonal decomposition, Karhunen-Loeve, reduced order model",
@@ -60,10 +65,6 @@ SUMMARY = (
     "What the stage {} of cablepod gave, a package for reduced-order models of the dynamics of cables. "
     "The history says from which inputs and with which parameters."
 )
-
-
-class ArchiveError(ValueError):
-    """A dataset that cannot be written, or a file that cannot be read; the message says which, why and what to do."""
 
 
 def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
@@ -86,17 +87,23 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
         dataset holds what netCDF cannot.
     """
     path = Path(path)
-    _check_target(path, overwrite=overwrite)
+    check_target(path, overwrite=overwrite)
     _check_content(dataset)
     stamped = _stamped(dataset)
     try:
-        with whole_file(path, check=lambda: _check_target(path, overwrite=overwrite)) as part:
+        with whole_file(path, check=lambda: check_target(path, overwrite=overwrite)) as part, _alone(stamped):
             stamped.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding_of(stamped))
     except ArchiveError:
         raise
     except LIBRARY_ERRORS as error:
-        raise ArchiveError(f"{path}: not written, nothing is left behind: {_reason(error, path.parent)}") from error
+        raise ArchiveError(f"{path}: not written, nothing is left behind: {reason(error, path.parent)}") from error
     return path
+
+
+def _alone(dataset: xr.Dataset) -> contextlib.AbstractContextManager[Any]:
+    """Hold the library while writing; what is computed on the way may need other threads to read."""
+    is_lazy = any(item.chunks is not None for item in dataset.variables.values())
+    return contextlib.nullcontext() if is_lazy else LIBRARY
 
 
 def encoding_of(dataset: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
@@ -129,7 +136,14 @@ def _chunk_sizes(variable: xr.Variable) -> tuple[int, ...]:
     return tuple(sizes.values())
 
 
-def _check_target(path: Path, *, overwrite: bool) -> None:
+def check_target(path: Path, *, overwrite: bool) -> None:
+    """Refuse a path to which no file can be written.
+
+    Raises
+    ------
+    ArchiveError
+        Saying why.
+    """
     folder = path.parent
     if not folder.is_dir():
         what = "is not a folder; give another path" if folder.exists() else "does not exist; make that folder first"
@@ -168,7 +182,8 @@ def _check_attribute(owner: str, name: Hashable, value: Any) -> None:
         )
 
 
-def _reason(error: BaseException, folder: Path) -> str:
+def reason(error: BaseException, folder: Path) -> str:
+    """Say why nothing could be written in a folder."""
     # On a full disk the library says "HDF error", or "Permission denied" when it cannot even begin.
     full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES)
     if full or "HDF error" in str(error):
@@ -182,18 +197,12 @@ def _stamped(dataset: xr.Dataset) -> xr.Dataset:
     stamped = _texts_fixed(dataset.drop_encoding())
     for name in stamped.data_vars:
         stamped[name].attrs.setdefault("coverage_content_type", _content_type(name))
-    stamped.attrs = _root_attributes(dataset)
+    stamped.attrs = root_attributes(dataset)
     return stamped
 
 
-def _texts_fixed(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a shallow copy in which strings lie in memory with fixed width, never as objects or lazily."""
-    texts = {name: item for name, item in dataset.variables.items() if item.dtype.kind in "UO"}
-    return dataset.assign({name: (item.dims, item.values.astype(str), item.attrs) for name, item in texts.items()})
-
-
-def _root_attributes(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return the attributes of `dataset` as a file bears them; a dataset that was read keeps its own."""
+def root_attributes(dataset: xr.Dataset) -> dict[str, Any]:
+    """Return the attributes of `dataset` as a file bears them, dates and program included; one that was read keeps its own."""
     digest = _content_hash(dataset)
     attrs: dict[str, Any] = {**ROOT, **dataset.attrs}
     attrs["id"] = str(attrs.get("id") or digest[:20])
@@ -253,11 +262,6 @@ def _call(stage: Mapping[str, Any], width: int = 160) -> str:
     return f"{stage['function']}({given if len(given) <= width else given[: width - 3] + '...'})"
 
 
-def _content_type(name: Hashable) -> str:
-    """Return the ISO 19115-1 code of a data variable: what the vocabulary names is a result, the rest describe it."""
-    return "modelResult" if name in conventions.VARIABLES else "auxiliaryInformation"
-
-
 def _time_coverage(dataset: xr.Dataset) -> dict[str, str]:
     """Return the length and, where it is constant, the step of ``time`` as ISO 8601 durations."""
     time = dataset.variables.get("time")
@@ -296,11 +300,7 @@ def _slabs(variable: xr.Variable) -> Iterator[np.ndarray]:
 @functools.cache
 def _program() -> dict[str, str]:
     """Return program, version, platform and, in a checkout, commit: what stands beside every hash."""
-    try:
-        version = importlib.metadata.version("cablepod")
-    except importlib.metadata.PackageNotFoundError:  # run from a checkout that is not installed
-        version = "unknown"
-    program = {"program": "cablepod", "version": version, "platform": platform.platform()}
+    program = {"program": "cablepod", "version": version(), "platform": platform.platform()}
     commit = _commit(Path(__file__).resolve().parents[1])
     return program | ({"commit": commit} if commit else {})
 
@@ -348,54 +348,11 @@ def read(path: str | os.PathLike[str], *, chunks: Any = None) -> xr.Dataset:
         lazy = _restored(opened)
         lazy.set_close(opened.close)
         return lazy
-    with _open(path, None) as opened:
+    with LIBRARY, _open(path, None) as opened:
         try:
             return _restored(opened.load())
         except LIBRARY_ERRORS as error:
             raise _damaged(path, error) from error
-
-
-def _open(path: Path, chunks: Any) -> xr.Dataset:
-    """Open `path` and make sure that it is one of ours; the values are not read yet."""
-    if not path.exists():
-        raise ArchiveError(f"{path}: does not exist; check the path")
-    if not path.is_file():
-        raise ArchiveError(f"{path}: is a folder or a device; give the path of a netCDF file")
-    if path.stat().st_size == 0:
-        raise ArchiveError(f"{path}: is empty; make it again")
-    try:
-        opened = xr.open_dataset(path, engine="netcdf4", chunks=chunks, decode_times=False, decode_timedelta=False)
-    except PermissionError as error:
-        raise ArchiveError(f"{path}: no permission to read it; change its permissions") from error
-    except LIBRARY_ERRORS as error:
-        raise _damaged(path, error) from error
-    found = opened.attrs.get("cablepod_schema")
-    if isinstance(found, np.integer) and found <= SCHEMA:
-        return opened
-    opened.close()
-    if not isinstance(found, np.integer):
-        raise ArchiveError(f"{path}: was not written by cablepod (no attribute cablepod_schema); open it with xarray")
-    raise ArchiveError(
-        f"{path}: has schema version {found}, this cablepod ({_program()['version']}) knows versions up to {SCHEMA}; "
-        "install a newer cablepod"
-    )
-
-
-def _damaged(path: Path, error: BaseException) -> ArchiveError:
-    with path.open("rb") as file:
-        is_netcdf = file.read(8) == b"\x89HDF\r\n\x1a\n"
-    if not is_netcdf:
-        return ArchiveError(f"{path}: is not a netCDF-4 file ({error}); check the path")
-    return ArchiveError(f"{path}: is truncated or damaged ({error}); make it again, or take it from a backup")
-
-
-def _restored(opened: xr.Dataset) -> xr.Dataset:
-    """Return `opened` without what the file added to its variables: layout, content types, objects for strings."""
-    restored = _texts_fixed(opened.drop_encoding())
-    for name in restored.data_vars:
-        if restored[name].attrs.get("coverage_content_type") == _content_type(name):
-            del restored[name].attrs["coverage_content_type"]
-    return restored
 
 
 def describe(source: xr.Dataset | str | os.PathLike[str]) -> str:
@@ -419,7 +376,7 @@ def describe(source: xr.Dataset | str | os.PathLike[str]) -> str:
     if isinstance(source, xr.Dataset):
         return "\n".join(_description(source))
     path = Path(source)
-    with _open(path, None) as opened:
+    with LIBRARY, _open(path, None) as opened:
         try:
             size = f"file      {path} ({path.stat().st_size / 1e6:.3g} MB, schema {opened.attrs['cablepod_schema']})"
             return "\n".join([size, *_description(opened)])

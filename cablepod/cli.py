@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 import time
+import tomllib
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -16,7 +17,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import archive, catenary, chain, compare, galerkin, lineage, pod
+from cablepod import archive, catenary, chain, compare, ensemble, galerkin, lineage, pod
+from cablepod.archive_ensemble import MANIFEST, describe_ensemble
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
 from cablepod.scene import read_scene
@@ -102,9 +104,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     paper.add_argument("--overwrite", action="store_true", help="replace a report that is already in DIR")
     paper.set_defaults(run=_paper)
+    _add_ensemble(commands.add_parser("ensemble", help="simulate all members of a scene with a table [ensemble]"))
     info = commands.add_parser("info", help="what a file holds and how it was made")
     info.epilog = "example: cablepod info out/example2/chain.nc"
-    info.add_argument("path", metavar="PATH", help="a netCDF file of this package, or a folder of them")
+    info.add_argument("path", metavar="PATH", help="a netCDF file of this package, a folder of them, or of an ensemble")
     info.add_argument(
         "--lineage",
         action="store_true",
@@ -114,15 +117,107 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_ensemble(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Every member simulated, in batches, each a netCDF file. After Ctrl-C or a crash the same command goes on."
+    )
+    parser.epilog = "example: cablepod ensemble study.toml --out out/study --option step=2.5e-4"
+    parser.add_argument("scene", metavar="SCENE.toml", help="scene file with a table [ensemble]")
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder of the ensemble; made if missing")
+    parser.add_argument("--model", default="chain", help="chain (the default), cable, rigid, galerkin, condensed")
+    parser.add_argument("--modes", metavar="FILE", help="netCDF file of modes, for galerkin and condensed")
+    parser.add_argument(
+        "--option",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="an option of the model, its value as in the scene file: step=1e-3, outputs=['tension']; may be repeated",
+    )
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help='of a dask scheduler, or "processes" of this machine (default: threads)'
+    )
+    parser.add_argument("--workers", type=int, metavar="N", help="threads or processes (default: as many as cores)")
+    parser.add_argument("--overwrite", action="store_true", help="replace another ensemble in DIR, and damaged files")
+    parser.set_defaults(run=_ensemble)
+
+
+def _ensemble(options: argparse.Namespace) -> int:
+    out = _folder(options.out)
+    scene = read_scene(scene_path(options.scene))
+    if "ensemble_json" not in scene.attrs:
+        raise SceneError(f"ensemble: missing in {options.scene}; allowed: a table with members and ensemble.ranges")
+    modes = archive.read(options.modes) if options.modes else None
+    scenes = ensemble.design(scene)
+    print(scenes.attrs["title"])
+    try:
+        with _member_bar(options.model, scenes.sizes["member"]) as progress:
+            ensemble.run(
+                scenes,
+                out,
+                model=options.model,
+                modes=modes,
+                scheduler=options.scheduler,
+                workers=options.workers,
+                overwrite=options.overwrite,
+                progress=progress,
+                **dict(_model_option(text) for text in options.option),
+            )
+    except KeyboardInterrupt:
+        return _fail(
+            "interrupted; every file that was written is whole, the same command goes on where it stopped", status=130
+        )
+    print(describe_ensemble(out))
+    return 0
+
+
+def _model_option(text: str) -> tuple[str, Any]:
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), tomllib.loads(f"value = {value}")["value"]
+    except ValueError:
+        if value and name.strip():
+            return name.strip(), value  # a bare word
+    raise SceneError(f"--option: given {text!r}; allowed: NAME=VALUE, such as step=1e-3")
+
+
+@contextmanager
+def _member_bar(label: str, members: int) -> Iterator[Callable[[float], None]]:
+    from tqdm import tqdm  # only the command shows bars
+
+    with tqdm(
+        total=members,
+        desc=label,
+        unit="member",
+        disable=None,
+        leave=False,
+        bar_format="{desc}: {n:.0f}/{total} {bar} {elapsed}, {rate_fmt}, {remaining} left",
+    ) as bar:
+        begun = False
+
+        def progress(part: float) -> None:
+            nonlocal begun
+            if not begun:  # what an earlier run did says nothing of the rate
+                begun, bar.initial, bar.n = True, part * members, part * members
+            bar.update(part * members - bar.n)
+
+        yield progress
+
+
 def _info(options: argparse.Namespace) -> int:
     path = Path(options.path)
     if options.lineage:
+        if (path / MANIFEST).exists():
+            print(lineage.script(archive.open_ensemble(path, incomplete=True)), end="")
+            return 0
         if path.is_dir():
             raise archive.ArchiveError(f"{path}: a folder; allowed with --lineage: one file")
         print(lineage.script(archive.read(path, chunks={})), end="")
         return 0
     if not path.is_dir():
         print(archive.describe(path))
+        return 0
+    if (path / MANIFEST).exists():
+        print(describe_ensemble(path))
         return 0
     files = sorted(path.glob("*.nc"))
     if not files:

@@ -15,7 +15,13 @@ from cablepod import provenance
 from cablepod.schema import SceneError
 
 #: What results are called in the file; others by the last part of the function's name.
-NAMES = {"make_scene": "scene", "changed by hand": "changed", "pod.decompose": "modes", "ensemble.design": "scenes"}
+NAMES = {
+    "make_scene": "scene",
+    "changed by hand": "changed",
+    "pod.decompose": "modes",
+    "ensemble.design": "scenes",
+    "ensemble.run": "runs",
+}
 
 
 def ancestors(dataset: xr.Dataset) -> list[dict[str, Any]]:
@@ -93,6 +99,8 @@ def _statements(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]
     taken = [names[parent] for parent in stage["inputs"]]
     if function == "pod.decompose" and len(taken) > 1:  # several trajectories are one argument
         taken = [f"[{', '.join(taken)}]"]
+    if function == "ensemble.run":
+        return [*_ensemble(name, taken, parameters), f'cablepod.lineage.check({name}, "{stage["id"]}")', ""]
     if function == "make_scene":
         call = f"cp.make_scene({_text(parameters['scene'])})"
     elif function == "changed by hand":
@@ -111,6 +119,17 @@ def _statements(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]
     return [*lines, ""]
 
 
+def _ensemble(name: str, taken: list[str], parameters: Mapping[str, Any]) -> Iterator[str]:
+    """Statements that run an ensemble again, and read the batch that is meant, if it is one."""
+    folder = f"{name}_again"
+    options = {"model": parameters["model"], "batch": parameters["batch"], **parameters["options"]}
+    given = [taken[0], repr(folder), *(f"modes={modes}" for modes in taken[1:])]
+    given += [f"{key}={_text(value)}" for key, value in options.items() if value is not None]
+    yield f"{name} = cp.ensemble.run({', '.join(given)})"
+    if "number" in parameters:
+        yield f'{name} = cp.archive.read("{folder}/batch_{parameters["number"]:04d}.nc")'
+
+
 def _callable(function: str) -> Any:
     module, _, name = function.rpartition(".")
     try:
@@ -125,7 +144,7 @@ def _found(function: str) -> bool:
 
 def _options(function: str) -> set[str]:
     signature = inspect.signature(_callable(function))
-    return {name for name, item in signature.parameters.items() if item.kind is item.KEYWORD_ONLY}
+    return {name for name, item in signature.parameters.items() if item.kind is item.KEYWORD_ONLY or name == "ranges"}
 
 
 def _digests(value: Any, key: str = "") -> Iterator[str]:

@@ -32,10 +32,23 @@ Arrays = dict[str, tuple[tuple[str, ...], Any]]
 #: Members that a thread takes at once.
 CHUNK = 16
 _THREADS: ContextVar[int | None] = ContextVar("threads", default=None)
+_STOP: ContextVar[Callable[[], bool] | None] = ContextVar("stop", default=None)
 
 
 class MemberFailedWarning(UserWarning):
     """Some members failed; they hold nan, and the variable ``failure`` says why."""
+
+
+class AllFailedError(Exception):
+    """The cause of the error that is raised where all members fail; `reasons` has those of each."""
+
+    def __init__(self, reasons: list[str]) -> None:
+        super().__init__(f"all {len(reasons)} members failed")
+        self.reasons = reasons
+
+
+class StoppedError(Exception):
+    """Members were stopped on demand, see :func:`until`."""
 
 
 @contextmanager
@@ -48,8 +61,19 @@ def threads(count: int) -> Iterator[None]:
         _THREADS.reset(token)
 
 
-def _cores() -> int:
-    # those that this process may use, where the system tells
+@contextmanager
+def until(stop: Callable[[], bool]) -> Iterator[None]:
+    """Begin no further member once `stop` says so, but raise :class:`StoppedError`."""
+    token = _STOP.set(stop)
+    try:
+        yield
+    finally:
+        _STOP.reset(token)
+
+
+def cores() -> int:
+    """Count the processor cores that this process may use."""
+    # where the system tells
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -130,21 +154,25 @@ def gather(
     Raises
     ------
     Exception
-        What the first member raised, where all fail.
+        What the first member raised, where all fail; its cause is an :class:`AllFailedError`.
+    StoppedError
+        Where :func:`until` asks for it.
 
     Warns
     -----
     MemberFailedWarning
         Where some fail.
     """
-    stack, lock = Stack(count), threading.Lock()
+    stack, lock, stop = Stack(count), threading.Lock(), _STOP.get()
 
     def chunk(first: int) -> None:
         last = min(first + size, count)
         for i in range(first, last):
+            if stop is not None and stop():
+                raise StoppedError
             try:
                 result = one(i)
-            except (RunStopped, ValueError) as error:
+            except (RunStopped, ValueError, ArithmeticError) as error:
                 stack.failures[i] = error
             else:
                 stack.put(i, *result)
@@ -153,12 +181,12 @@ def gather(
             if progress is not None:
                 progress(stack.done / count)
 
-    workers = min(_THREADS.get() or _cores(), count)
+    workers = min(_THREADS.get() or cores(), count)
     size = max(1, min(CHUNK, count // (4 * workers)))
     _side_by_side(chunk, range(0, count, size), workers)
     failed = [(i, error) for i, error in enumerate(stack.failures) if error is not None]
     if failed and len(failed) == count:
-        raise failed[0][1]
+        raise failed[0][1] from AllFailedError([str(error) for _, error in failed])
     stack.check_shapes()
     for i, _ in failed:
         stack.blank(i)

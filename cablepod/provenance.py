@@ -97,7 +97,7 @@ def record(
         stand outside the ``id``.
     """
     resolved = {key: plain(value) for key, value in parameters.items()}
-    inputs = [_as_it_is(item) for item in inputs]
+    inputs = [as_it_is(item) for item in inputs]
     parents = [str(item.attrs.get("id", "unknown")) for item in inputs]
     key = json.dumps([function, resolved, parents], sort_keys=True, separators=(",", ":"))
     identifier = hashlib.sha256(key.encode()).hexdigest()[:20]
@@ -118,33 +118,34 @@ def record(
 
 def seal(scene: xr.Dataset) -> xr.Dataset:
     """Note the values of a scene in its attribute ``values_sha256``, in place, so that a later change of them shows."""
-    scene.attrs["values_sha256"] = _digest(scene)
+    scene.attrs["values_sha256"] = digest(scene)
     return scene
 
 
-def _digest(dataset: xr.Dataset) -> str:
-    digest = hashlib.sha256()
+def digest(dataset: xr.Dataset) -> str:
+    """Return a hash over names, dimensions and values of all variables."""
+    total = hashlib.sha256()
     for name in sorted(str(name) for name in dataset.variables):
         variable = dataset.variables[name]
         value = np.asarray(variable.values)
-        digest.update(f"{name}{variable.dims}{value.shape}".encode())
-        digest.update(str(value.tolist()).encode() if value.dtype.kind in "UO" else value.tobytes())
-    return digest.hexdigest()[:16]
+        total.update(f"{name}{variable.dims}{value.shape}".encode())
+        total.update(str(value.tolist()).encode() if value.dtype.kind in "UO" else value.tobytes())
+    return total.hexdigest()[:16]
 
 
-def _as_it_is(item: xr.Dataset) -> xr.Dataset:
+def as_it_is(item: xr.Dataset) -> xr.Dataset:
     """Give a scene that was changed by hand, as with ``assign``, an id and a stage of its own; other datasets as they are."""
     if item.attrs.get("stage") != "scene" or "values_sha256" not in item.attrs:
         return item
-    digest = _digest(item)
-    if digest == item.attrs["values_sha256"]:
+    found = digest(item)
+    if found == item.attrs["values_sha256"]:
         return item
     original = item[[]]
     original.attrs = {key: value for key, value in item.attrs.items() if key != "values_sha256"}
     changed = item[[]]
     changed.attrs = {}
     values = {str(name): _with_dims(variable) for name, variable in item.variables.items() if variable.size <= KEPT}
-    parameters = {"values_sha256": digest, "values": values}
+    parameters = {"values_sha256": found, "values": values}
     return record(changed, function="changed by hand", parameters=parameters, inputs=[original])
 
 

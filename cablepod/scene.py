@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import provenance, schema
+from cablepod import provenance, ranges, schema
 from cablepod.conventions import COORDINATES, ENDS, label
 from cablepod.parameters import (
     Parameters,
@@ -96,6 +96,21 @@ def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
     return _make(mapping, Path())
 
 
+def check_numbers(p: Parameters) -> None:
+    """Refuse a scene whose numbers, each allowed by itself, do not go together: records, motions, statics, memory.
+
+    Raises
+    ------
+    SceneError
+        Naming the key, what was given and what is allowed.
+    """
+    p.check_reach(p.duration or 0.0)
+    _check_functions(p)
+    _check_statics(p)
+    instants = 1 if p.duration is None or p.interval is None else count_instants(p.duration, p.interval)
+    check_memory(instants, p.links or 1, p.dims, key="chain.links and time.interval")
+
+
 # --- checks ---------------------------------------------------------------------------------------------------------
 
 
@@ -107,12 +122,7 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     if "ensemble" in tree:
         scene.attrs["ensemble_json"] = json.dumps(tree["ensemble"], sort_keys=True)
     provenance.seal(provenance.record(scene, function="make_scene", parameters={"scene": tree}))
-    p = parameters(scene)
-    p.check_reach(p.duration or 0.0)
-    _check_functions(p)
-    _check_statics(p)
-    instants = 1 if p.duration is None or p.interval is None else count_instants(p.duration, p.interval)
-    check_memory(instants, p.links or 1, p.dims, key="chain.links and time.interval")
+    check_numbers(parameters(scene))
     _check_bounds(mapping, tree.get("ensemble", {}).get("ranges", {}), folder)
     return scene
 
@@ -295,38 +305,21 @@ def _check_ensemble(table: Any, tree: dict[str, Any]) -> dict[str, Any]:
     checked = schema.check_table(
         "ensemble", {key: value for key, value in table.items() if key != "ranges"}, schema.ENSEMBLE
     )
-    ranges = table.get("ranges")
-    if not isinstance(ranges, Mapping) or not ranges:
-        raise refuse("ensemble.ranges", ranges, "a table from key paths to [low, high]")
-    checked["ranges"] = {}
-    for path, bounds in ranges.items():
-        key = schema.join("ensemble.ranges", path)
-        value: Any = tree
-        for part in path.split(".") if isinstance(path, str) else ():
-            value = value.get(part) if isinstance(value, Mapping) else None
-        if not isinstance(value, int | float):
-            raise SceneError(f"{key}: unknown key path; allowed: the path of a number that this scene has")
-        low_high = schema.numbers_list(least_length=2)(key, bounds)
-        if len(low_high) != 2 or low_high[0] >= low_high[1]:
-            raise refuse(key, bounds, "[low, high] with low < high")
-        checked["ranges"][path] = low_high
+    count, sampling = checked["members"], checked["sampling"]
+    checked["ranges"] = ranges.check_ranges(table.get("ranges"), tree, members=count, sampling=sampling)
     return checked
 
 
-def _check_bounds(mapping: Mapping[str, Any], ranges: Mapping[str, list[float]], folder: Path) -> None:
+def _check_bounds(mapping: Mapping[str, Any], given: Mapping[str, list[float]], folder: Path) -> None:
     """Refuse a range of an ensemble at whose bounds there is no scene."""
-
-    def replaced(table: Mapping[str, Any], parts: list[str], value: float) -> dict[str, Any]:
-        first, *rest = parts
-        return {**table, first: replaced(table.get(first, {}), rest, value) if rest else value}
-
     alone = {name: table for name, table in mapping.items() if name != "ensemble"}
-    for path, bounds in ranges.items():
-        for bound in bounds:
+    for path, values in given.items():
+        for bound in sorted({min(values), max(values)}):
             try:
-                _make(replaced(alone, path.split("."), bound), folder)
+                _make(ranges.replaced(alone, path, bound), folder)
             except SceneError as error:
-                raise SceneError(f"ensemble.ranges.{path}: given {bounds}, at {bound:g} no scene: {error}") from None
+                text = f"ensemble.ranges.{path}: given {schema.shown(values)}, at {bound:g} no scene: {error}"
+                raise SceneError(text) from None
 
 
 def _check_functions(p: Parameters) -> None:

@@ -196,7 +196,7 @@ DAMPING = {
 ENSEMBLE = {
     "members": Key(integer(least=1, most=10**7), "1", "number of members", required=True),
     "seed": Key(integer(least=0), "1", "seed of the sampling", default=0),
-    "sampling": Key(choice("latin_hypercube", "sobol", "grid"), None, "sampling", default="latin_hypercube"),
+    "sampling": Key(choice("latin_hypercube", "list", "sobol", "grid"), None, "sampling", default="latin_hypercube"),
 }
 TABLES: Mapping[str, Mapping[str, Key]] = {
     "cable": CABLE,
