@@ -58,6 +58,27 @@ def test_a_notebook_runs(name):
     assert run(path.read_text(encoding="utf-8"), path.name)["SMALL"]
 
 
+HEADER = """# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+"""
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_notebook_has_the_header_that_jupytext_reads(name):
+    text = (FOLDER / f"{name}.py").read_text(encoding="utf-8")
+    assert text[: MARK.search(text).start()] == HEADER
+
+
 def test_these_are_all():
     assert sorted(path.stem for path in FOLDER.glob("*.py")) == list(PAGES)
 

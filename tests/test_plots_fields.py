@@ -333,8 +333,8 @@ def picture(name, path):
         plt.close(figure)
 
 
-# Root mean square over all pixels, of 255.  Other versions of matplotlib move edges by parts of a pixel: between 3.8.4 and 3.11.2 it
-# is 0 and 0.14.  One curve of eight left out makes 7.5, one cell with another value 10.
+# Root mean square over all pixels, of 255.  Other versions of matplotlib move edges by parts of a pixel: between 3.8.4 and 3.11.2
+# it is 0 and 0.14.  One curve of eight left out makes 7.5, one cell with another value 10.
 TOLERANCE = 1.0
 
 

@@ -100,7 +100,8 @@ class Animation:
         if self._page is None:
             with tempfile.TemporaryDirectory() as folder:
                 picture = self.save(Path(folder) / "animation.gif").read_bytes()
-            said = html.escape(f"{self.ax.get_title()}, t = {self.times[0]:g} to {self.times[-1]:g} s", quote=True)
+            title = self.ax.get_title() or "a cable in motion"
+            said = html.escape(f"{title}, t = {self.times[0]:g} to {self.times[-1]:g} s", quote=True)
             data = base64.b64encode(picture).decode("ascii")
             self._page = f'<img alt="{said}" src="data:image/gif;base64,{data}">'
         return self._page
