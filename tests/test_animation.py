@@ -48,7 +48,9 @@ def test_frames_are_the_instants():
 def test_frames_are_as_many_as_wanted_and_hold_all_of_the_motion():
     run = trajectory(times=np.linspace(0.0, 10.0, 101))
     run["position"].values[77, 1, 1] = -50.0  # in no frame but one
-    assert plots.animate(run, frames=5).times.tolist() == [0.0, 2.5, 5.0, 7.5, 10.0]
+    movie = plots.animate(run, frames=5)
+    assert movie.times.tolist() == [0.0, 2.5, 5.0, 7.5, 10.0]
+    assert movie.show_frame(3).texts[0].get_text() == "t = 7.5 s"
     assert plots.animate(run, frames=5).ax.get_ylim()[0] > -50.0
     assert plots.animate(run, frames=500).ax.get_ylim()[0] < -50.0
 
@@ -63,6 +65,7 @@ def test_deflections_are_those_of_shapes():
 
 def test_a_gif_has_a_frame_for_each_instant_and_they_differ(tmp_path):
     movie = plots.animate(trajectory())
+    engine = movie.figure.get_layout_engine()
     path = movie.save(tmp_path / "guy.gif", frames_per_second=10)
     with Image.open(path) as picture:
         assert picture.format == "GIF"
@@ -73,7 +76,7 @@ def test_a_gif_has_a_frame_for_each_instant_and_they_differ(tmp_path):
             picture.seek(i)
             frames.append(np.asarray(picture.convert("RGB")))
     assert all((a != b).any() for a, b in pairwise(frames))
-    assert movie.figure.get_layout_engine() is not None  # as before
+    assert movie.figure.get_layout_engine() is engine
 
 
 def test_a_notebook_shows_a_gif_once():

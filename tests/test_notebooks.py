@@ -52,6 +52,7 @@ def _small(monkeypatch, tmp_path):
     plt.close("all")
 
 
+@pytest.mark.slow  # three to six seconds each, once what they use is compiled: they come last, when it is
 @pytest.mark.parametrize("name", PAGES)
 def test_a_notebook_runs(name):
     path = FOLDER / f"{name}.py"

@@ -112,7 +112,7 @@ print(
 )
 
 # %% [markdown]
-# This mast only ever sways towards the foot of the guy, which falls slack by two thirds and comes back. The tension depends
+# This mast only ever sways towards the foot of the guy, whose tension falls by two thirds and comes back. The tension depends
 # little on where you look (the weight below adds to it), and strongly on when: waves along the cable run its length in 14
 # milliseconds and even it out. That is the idea of the fast model, in *Reduced models*.
 #

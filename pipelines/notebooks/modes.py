@@ -121,7 +121,8 @@ ax.legend();
 #
 # In $x$ and $y$ the cable has two sets of modes, though it has one motion: the deflection normal to its chord. The layout
 # "normal" decomposes that alone, and needs one amplitude where "separate" needs two. These modes keep the sag: they hold the
-# deflection itself, not only what changes of it, so the first one is mostly the cable at rest.
+# deflection itself, not only what changes of it, so the first one is mostly the cable at rest. The table has the share of $\sum
+# \sigma^2$ that the first modes leave out.
 
 # %%
 normal = cp.pod.decompose(chain, rank=6, layout="normal")

@@ -66,7 +66,7 @@ cp.plots.error_over_time({f"r = {r}": cp.compare.errors(run, chain) for r, run i
 
 # %% [markdown]
 # From one mode to four the error hardly falls, though the modes themselves hold the motion ten times better (*Modes*). The loss
-# is in the dynamics: modes that are left out would react on those that are kept. With eight it is gone.
+# is in the dynamics: modes that are left out would react on those that are kept. With eight it is small.
 #
 # ## The condensed model
 #

@@ -68,7 +68,8 @@ cp.plots.rest(cp.catenary.rest(shipped.scene("example1")), cp.chain.rest(shipped
 # ## The lengths of Examples 3 and 4 are swapped
 #
 # Example 3 is printed with $T_1 = 3750$ N and $L_0 = 58.9937$ m, Example 4 with 7500 N and 60.1479 m. Look in the table above:
-# they have each other's length. Neither can be had with $K = E\Omega$: a rope of that length between these ends would be under
+# they have each other's length. Neither can be had with $K = E\Omega$, nor can that of Example 2: so short a rope between these
+# ends would be under a tension, at its top, of
 
 # %%
 for name in ("example2", "example3", "example4"):
@@ -78,7 +79,7 @@ for name in ("example2", "example3", "example4"):
     print(f"{name}: {text}; T1 as printed: {float(ours.unstretched_length):.4f} m")
 
 # %% [markdown]
-# of tension, fifty to two hundred times what the paper says. The shipped scenes keep $T_1$ and let the length follow.
+# which is fifty to two hundred times what the paper says. The shipped scenes keep $T_1$ and let the length follow.
 #
 # ## Table 2 lists singular values, not proper orthogonal values
 #
