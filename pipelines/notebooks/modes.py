@@ -108,10 +108,10 @@ cp.plots.error_over_time({f"r = {rank}": projection(chain, modes, rank) for rank
 names = ["example2", "example3"] if SMALL else ["example2", "example3", "example4"]
 runs = {name: cp.chain.simulate(shipped.scene(name)) for name in names}
 _, ax = plt.subplots(figsize=(6.5, 4), layout="constrained")
-for name, line, marker in zip(names, cp.plots.LINES, cp.plots.MARKERS, strict=False):
+for name, colour, line, marker in zip(names, cp.plots.COLOURS, cp.plots.LINES, cp.plots.MARKERS, strict=False):
     basis = cp.pod.decompose(runs[name], rank=8)
     errors = [100 * float(projection(runs[name], basis, rank).error_max) for rank in range(1, 9)]
-    ax.semilogy(range(1, 9), errors, linestyle=line, marker=marker, label=name)
+    ax.semilogy(range(1, 9), errors, color=colour, linestyle=line, marker=marker, label=name)
 ax.set(xlabel="number of modes of each coordinate [1]", ylabel="largest error of the projection [%]")
 ax.grid(alpha=0.3)
 ax.legend();
@@ -121,8 +121,8 @@ ax.legend();
 #
 # In $x$ and $y$ the cable has two sets of modes, though it has one motion: the deflection normal to its chord. The layout
 # "normal" decomposes that alone, and needs one amplitude where "separate" needs two. These modes keep the sag: they hold the
-# deflection itself, not only what changes of it, so the first one is mostly the cable at rest. The table has the share of $\sum
-# \sigma^2$ that the first modes leave out.
+# deflection itself, not only what changes of it, so the first one is mostly the cable at rest. The table has the share of
+# $\sum \sigma^2$ that the first modes leave out.
 
 # %%
 normal = cp.pod.decompose(chain, rank=6, layout="normal")

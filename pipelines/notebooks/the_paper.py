@@ -108,8 +108,8 @@ print(
 )
 
 # %% [markdown]
-# Its percentages are $\sigma_i / \sum \sigma$, cumulated, though the text speaks of energy, which would be $\sigma_i^2 / \sum
-# \sigma^2$.
+# Its percentages are $\sigma_i / \sum \sigma$, cumulated, though the text speaks of energy, which would be
+# $\sigma_i^2 / \sum \sigma^2$.
 #
 # ## The chain did not start from equilibrium
 #
