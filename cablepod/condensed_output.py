@@ -26,8 +26,8 @@ FAST = 0.2
 @lru_cache
 def _fixed_indexes(dims: int, rank: int) -> dict[str, PandasIndex]:
     """Names of axes and ends, numbers of modes; to make them takes longer than a run of a thousand steps."""
-    names = {"coordinate": list(COORDINATES[:dims]), "mode": np.arange(1, rank + 1), "end": list(ENDS)}
-    return {key: PandasIndex(np.asarray(values), key) for key, values in names.items()}
+    names = {"coordinate": np.array(COORDINATES[:dims]), "mode": np.arange(1, rank + 1), "end": np.array(ENDS)}
+    return {key: PandasIndex(values, key, coord_dtype=values.dtype) for key, values in names.items()}
 
 
 def coordinates_of(

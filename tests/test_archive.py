@@ -747,7 +747,7 @@ NO_MEANING = {
     "nothing more is said elsewhere": ["metadata_link"],
     "the table of standard names has none for a cable": ["standard_name_vocabulary not present", "standard_name"],
 }
-HAVE_TIME = ("trajectory", "comparison", "ensemble")
+HAVE_TIME = ("trajectory", "comparison", "ensemble", "batch")
 
 
 def findings(report):
