@@ -14,7 +14,7 @@ from cablepod.condensed_model import model_of
 from cablepod.condensed_runs import SCHEMES, Options, solve
 from cablepod.conventions import OUTPUTS
 from cablepod.members import unnamed_values
-from cablepod.parameters import parameters_of_members
+from cablepod.parameters import Members
 from cablepod.schema import refuse
 
 
@@ -120,14 +120,15 @@ def simulate(
     )
     if quadrature is not None and "tension_extremes" in names:
         raise refuse("outputs", "tension_extremes", "without quadrature, as they are those of links")
-    p, *others = parameters_of_members(scene)
+    members = Members(scene)
+    p = members[0]
     model = model_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature)
     if "member" in scene.dims:
         result = condensed_batch.run(
             scene,
             modes,
             model,
-            [p, *others],
+            members,
             options,
             lambda other: model_of(other, modes, rank=rank, order=order, law=law, quadrature=quadrature),
             progress,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -10,12 +9,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import condensed_estimate, condensed_output
+from cablepod import condensed_estimate, condensed_many, condensed_output
 from cablepod.condensed_model import Model
 from cablepod.condensed_runs import Options, Solution, solve
 from cablepod.links import Chain
 from cablepod.members import Arrays, gather, join
-from cablepod.parameters import Parameters, solve_statics
+from cablepod.parameters import Members, Parameters, solve_statics
 
 
 def attributes_of(solution: Solution, modes: xr.Dataset, options: Options) -> dict[str, Any]:
@@ -42,7 +41,7 @@ def run(
     scene: xr.Dataset,
     modes: xr.Dataset,
     model: Model,
-    members: list[Parameters],
+    members: Members,
     options: Options,
     make: Callable[[Parameters], Model],
     progress: Callable[[float], None] | None,
@@ -56,7 +55,7 @@ def run(
     model
         Of the first member.
     members
-        Parameters of all.
+        Their parameters.
     options
         What each run is asked for.
     make
@@ -64,6 +63,7 @@ def run(
     progress
         Called with the part that is done.
     """
+    many = condensed_many.plan(modes, model, members, options)
 
     def one(i: int) -> tuple[Arrays, Mapping[str, Any]]:
         p = members[i]
@@ -73,7 +73,7 @@ def run(
         made["arc_length"] = (("particle",), own.chain.arc_length)
         return made, attributes_of(solution, modes, options)
 
-    stack = gather(one, len(members), progress)
+    stack = gather(one, len(members), progress, many)
     title = condensed_output.title_of(model, str(scene.attrs.get("title", "scene")))
     times = members[0].times() if options.times is None else options.times
     coords = condensed_output.coordinates_of(model, times, options.links)
@@ -100,33 +100,15 @@ def _warn(attrs: Mapping[str, list[Any]]) -> None:
 
 
 def sibling(model: Model, p: Parameters) -> Model:
-    """Make the model of a scene that differs from another in numbers only, by scaling the coefficients of the other.
-
-    Modes live on sigma = S / L0: with length and mass per length all coefficients change by powers.
-    """
-    own = model.chain.p
+    """Make the model of a scene that differs from another in numbers only, by scaling the coefficients of the other."""
     statics = solve_statics(p, p.length_key, p.length_value)
     total = float(statics[0])
     stretch = total / model.chain.total_length
     chain = Chain(p, model.chain.length * stretch, model.chain.arc_length * stretch, model.chain.law)
     made = Model(chain, model.order, model.modes, model.quadrature)
-    heavier = 1.0 / math.sqrt(p.mass / own.mass * stretch)
-    turns, squares = model.turned
-    # uniform and linearly growing loads grow with the length, point loads do not
-    grown = np.ones(len(model.patterns))
-    grown[: 2 if own.motions else 1] = stretch
-    made.__dict__.update(
-        turned=([turn * heavier for turn in turns], squares * (heavier**2 / stretch)),
-        shapes=model.shapes * heavier,
-        slopes=model.slopes * (heavier / stretch),
-        patterns=model.patterns * grown[:, None],
-        taus=model.taus * grown[:, None],
-        means=model.means * grown,
-        knots=model.knots * grown[:, None],
-        bends=model.bends * (grown * heavier**2 / stretch)[:, None, None],
-        norms=model.norms * (grown * heavier**2 / stretch),
-        pushes=model.pushes * (np.tile(grown, p.dims - 1) * heavier)[:, None],
-    )
+    scaled = condensed_many.scaled(model, np.array([p.mass]), np.array([total]))
+    turns = [item[0] for item in scaled.turns]
+    made.__dict__.update({name: item[0] for name, item in scaled.named.items()}, turned=(turns, scaled.squares[0]))
     made.__dict__["rest_tension"] = 0.5 * float(statics[4] + statics[5])
     made.__dict__["first_guess"] = _parabola(made)
     return made

@@ -26,8 +26,8 @@ FAST = 0.2
 @lru_cache
 def _fixed_indexes(dims: int, rank: int) -> dict[str, PandasIndex]:
     """Names of axes and ends, numbers of modes; to make them takes longer than a run of a thousand steps."""
-    names = {"coordinate": list(COORDINATES[:dims]), "mode": np.arange(1, rank + 1), "end": list(ENDS)}
-    return {key: PandasIndex(np.asarray(values), key) for key, values in names.items()}
+    names = {"coordinate": np.array(COORDINATES[:dims]), "mode": np.arange(1, rank + 1), "end": np.array(ENDS)}
+    return {key: PandasIndex(values, key, coord_dtype=values.dtype) for key, values in names.items()}
 
 
 def coordinates_of(
@@ -78,7 +78,8 @@ class State:
         return np.where(s > 0, (1 - s) * v[i] + s * v[after], v[i])
 
 
-def _sets(model: Model) -> tuple[slice, ...]:
+def sets(model: Model) -> tuple[slice, ...]:
+    """Which coordinates are deflections in the plane, and out of it."""
     return (slice(0, model.plane), slice(model.plane, None))[: model.chain.p.dims - 1]
 
 
@@ -88,7 +89,7 @@ def _closed(model: Model, q: np.ndarray, times: np.ndarray) -> tuple[np.ndarray,
 
     chain, k = model.chain, model.chain.p.stiffness
     rows = model.rows_at(times)
-    deflection = np.stack([q[:, at] @ model.shapes[at] for at in _sets(model)])
+    deflection = np.stack([q[:, at] @ model.shapes[at] for at in sets(model)])
     squared = ((np.diff(deflection, axis=2) / chain.length) ** 2).sum(axis=0)
     tau = rows[:, 1 : 1 + len(model.taus)] @ model.taus
     if model.order == "leading":
@@ -143,7 +144,7 @@ def _velocities(
     reach, speed = ends[:, 1] - ends[:, 0], speeds[:, 1] - speeds[:, 0]
     frame = Frame.of(reach, model.reference)
     grow, turn, swing = frame.rates(reach, speed)
-    moving = np.stack([rates[:, at] @ model.shapes[at] for at in _sets(model)])
+    moving = np.stack([rates[:, at] @ model.shapes[at] for at in sets(model)])
     slope, slope_rate = (np.diff(item, axis=2) / chain.length for item in (deflection, moving))
     give, lever = _rates_of_stretch(model, z, (slope * slope).sum(axis=0))
     stretching = -lever * (slope * slope_rate).sum(axis=0)
@@ -164,8 +165,8 @@ def variables(
     chain, p = model.chain, model.chain.p
     times, q = state.instants.times, state.q
     made: dict[str, tuple[tuple[str, ...], Any]] = {
-        f"amplitude{suffix}": (("time", "mode"), _padded(q[:, at] @ turn.T, model.rank))
-        for suffix, at, turn in zip(pod_normal.SETS, _sets(model), model.turned[0], strict=False)
+        f"amplitude{suffix}": (("time", "mode"), padded(q[:, at] @ turn.T, model.rank))
+        for suffix, at, turn in zip(pod_normal.SETS, sets(model), model.turned[0], strict=False)
     }
     made["end_position"] = (("time", "end", "coordinate"), p.end_positions(times))
     made["unstretched_length"] = ((), chain.total_length)
@@ -190,6 +191,20 @@ def variables(
 def attributes(model: Model, state: State, modes: xr.Dataset | None) -> dict[str, Any]:
     """Tell how a run was made and how far it can be trusted."""
     axial, slowest = model.first_axial_frequency, model.chain.p.time_scale
+    return {
+        **shared_attributes(model, state.instants, state.scheme, modes),
+        "smallest_chordwise_force": float(state.watch[0]),
+        "time_of_smallest_force": float(state.watch[1]) / state.instants.rate,
+        "first_axial_frequency": axial,
+        "forcing_over_axial_frequency": 2.0 * math.pi / slowest / axial if slowest < math.inf else 0.0,
+        **training.outside(
+            modes, model.chain.p, model.chain.total_length, float(state.instants.times[-1]), model.rest_tension
+        ),
+    }
+
+
+def shared_attributes(model: Model, instants: Instants, scheme: str, modes: xr.Dataset | None) -> dict[str, Any]:
+    """Tell what runs of scenes on the same modes, with the same scheme and step, have alike."""
     kept = {}
     if modes is not None and "energy_share" in modes:
         kept["energy_share_kept"] = float(modes.variables["energy_share"].values[: model.plane].sum())
@@ -199,17 +214,10 @@ def attributes(model: Model, state: State, modes: xr.Dataset | None) -> dict[str
         "order": model.order,
         "law": model.chain.law,
         "rank": model.rank,
-        "scheme": state.scheme,
-        "step": 1.0 / state.instants.rate,
-        "number_of_steps": int(state.instants.steps[-1]),
-        "smallest_chordwise_force": float(state.watch[0]),
-        "time_of_smallest_force": float(state.watch[1]) / state.instants.rate,
-        "first_axial_frequency": axial,
-        "forcing_over_axial_frequency": 2.0 * math.pi / slowest / axial if slowest < math.inf else 0.0,
+        "scheme": scheme,
+        "step": 1.0 / instants.rate,
+        "number_of_steps": int(instants.steps[-1]),
         **kept,
-        **training.outside(
-            modes, model.chain.p, model.chain.total_length, float(state.instants.times[-1]), model.rest_tension
-        ),
     }
 
 
@@ -235,10 +243,10 @@ def title_of(model: Model, title: str) -> str:
     )
 
 
-def _padded(amplitude: np.ndarray, rank: int) -> np.ndarray:
-    """Amplitudes (times, modes) with zeros for modes that never moved."""
-    missing = rank - amplitude.shape[1]
-    return np.pad(amplitude, ((0, 0), (0, missing))) if missing else amplitude
+def padded(amplitude: np.ndarray, rank: int) -> np.ndarray:
+    """Amplitudes (..., modes) with zeros for modes that never moved."""
+    missing = rank - amplitude.shape[-1]
+    return np.pad(amplitude, [(0, 0)] * (amplitude.ndim - 1) + [(0, missing)]) if missing else amplitude
 
 
 def _tension(model: Model, z: np.ndarray, force: np.ndarray, squared: np.ndarray) -> np.ndarray:
@@ -260,7 +268,7 @@ def _tensions(model: Model, q: np.ndarray, times: np.ndarray, links: np.ndarray 
     k, length = model.chain.p.stiffness, model.chain.total_length
     sag = 0.5 * (q * q) @ model.turned[1]
     force = k * ((rows[:, 0] + sag) / length - 1.0) - loads @ model.means
-    slopes = (q[:, at] @ model.slopes[at][:, links] for at in _sets(model))
+    slopes = (q[:, at] @ model.slopes[at][:, links] for at in sets(model))
     return (force[:, None] + loads @ model.taus[:, links]) * np.sqrt(1.0 + sum(item * item for item in slopes))
 
 

@@ -29,6 +29,9 @@ F = TypeVar("F", bound=Callable[..., xr.Dataset])
 #: Dimensions and values of a variable.
 Arrays = dict[str, tuple[tuple[str, ...], Any]]
 
+#: Does the members from one number up to another at once: which of them it did, their variables and attributes, row by row.
+Many = Callable[[int, int], tuple[np.ndarray, Arrays, Mapping[str, list[Any]]]]
+
 #: Members that a thread takes at once.
 CHUNK = 16
 _THREADS: ContextVar[int | None] = ContextVar("threads", default=None)
@@ -103,6 +106,27 @@ class Stack:
             with self._lock:
                 self.attrs.setdefault(name, [None] * self.count)[i] = value
 
+    def put_many(self, first: int, did: np.ndarray, variables: Arrays, attrs: Mapping[str, list[Any]]) -> None:
+        """Keep what members from `first` on gave, those that `did`."""
+        rows = np.flatnonzero(did)
+        if not rows.size:
+            return
+        i = int(rows[0])
+        self.put(
+            first + i,
+            {name: (dims, values[i]) for name, (dims, values) in variables.items()},
+            {name: values[i] for name, values in attrs.items()},
+        )
+        for name, (_, values) in variables.items():
+            if did.all():
+                self.variables[name][1][first : first + did.size] = values
+            else:
+                self.variables[name][1][first + rows] = values[rows]
+        for row in rows:
+            self.shapes[first + row] = self.shapes[first + i]
+            for name, item in attrs.items():
+                self.attrs[name][first + row] = item[row]
+
     def check_shapes(self) -> None:
         """Refuse members whose arrays differ in shape from those of the first that did not fail."""
         good = [i for i, error in enumerate(self.failures) if error is None]
@@ -138,7 +162,10 @@ class Stack:
 
 
 def gather(
-    one: Callable[[int], tuple[Arrays, Mapping[str, Any]]], count: int, progress: Callable[[float], None] | None
+    one: Callable[[int], tuple[Arrays, Mapping[str, Any]]],
+    count: int,
+    progress: Callable[[float], None] | None,
+    many: Many | None = None,
 ) -> Stack:
     """Run all members and stack what they give.
 
@@ -150,6 +177,8 @@ def gather(
         Number of members.
     progress
         Called with the part that is done.
+    many
+        Does several at once, where there is a faster way; those that it did not are left to `one`.
 
     Raises
     ------
@@ -167,9 +196,14 @@ def gather(
 
     def chunk(first: int) -> None:
         last = min(first + size, count)
-        for i in range(first, last):
-            if stop is not None and stop():
-                raise StoppedError
+        left = np.arange(first, last)
+        if many is not None:
+            _check(stop)
+            did, variables, attrs = many(first, last)
+            stack.put_many(first, did, variables, attrs)
+            left = left[~did]
+        for i in left.tolist():
+            _check(stop)
             try:
                 result = one(i)
             except (RunStopped, ValueError, ArithmeticError) as error:
@@ -197,6 +231,11 @@ def gather(
             stacklevel=4,
         )
     return stack
+
+
+def _check(stop: Callable[[], bool] | None) -> None:
+    if stop is not None and stop():
+        raise StoppedError
 
 
 def _side_by_side(chunk: Callable[[int], None], starts: range, workers: int) -> None:

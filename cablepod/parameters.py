@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import xarray as xr
@@ -207,6 +207,50 @@ def parameters(scene: xr.Dataset) -> Parameters:
     return members[0]
 
 
+class Members(Sequence[Parameters]):
+    """The plain numbers of each member of a scene, made when asked for; of one where there is no dimension ``member``.
+
+    Raises
+    ------
+    SceneError
+        Where `scene` is not a scene.
+    """
+
+    def __init__(self, scene: xr.Dataset) -> None:
+        needed = ("gravity", "cable_youngs_modulus", "cable_area", "ends_lower", "ends_upper")
+        if not isinstance(scene, xr.Dataset) or not all(name in scene for name in needed):
+            raise SceneError(f"scene: given no Dataset with {', '.join(needed)}; allowed: what make_scene gives")
+        self.fixed: dict[str, Any] = {}  #: what all members have alike
+        self.varied: dict[str, Any] = {}  #: a row for each member
+        self.gapped: dict[str, Any] = {}  #: the same, with gaps
+        for name, variable in scene.variables.items():
+            if "member" in variable.dims:
+                values = variable.transpose("member", ...).values
+                (self.gapped if any(map(_is_gap, values)) else self.varied)[str(name)] = values
+            elif not _is_gap(variable.values[()]):
+                self.fixed[str(name)] = variable.values[()]
+        self._count = scene.sizes.get("member", 1)
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, at: int) -> Parameters: ...
+    @overload
+    def __getitem__(self, at: slice) -> list[Parameters]: ...
+    def __getitem__(self, at: int | slice) -> Parameters | list[Parameters]:
+        """Make the numbers of one member, or of some."""
+        if isinstance(at, slice):
+            return [self[i] for i in range(*at.indices(self._count))]
+        if not -self._count <= at < self._count:
+            raise IndexError(at)  # which ends a loop over all
+        return _parameters(
+            self.fixed
+            | {name: item[at] for name, item in self.varied.items()}
+            | {name: item[at] for name, item in self.gapped.items() if not _is_gap(item[at])}
+        )
+
+
 def parameters_of_members(scene: xr.Dataset) -> list[Parameters]:
     """Return the plain numbers of each member of a scene, a list of one where there is no dimension ``member``.
 
@@ -215,27 +259,7 @@ def parameters_of_members(scene: xr.Dataset) -> list[Parameters]:
     SceneError
         Where `scene` is not a scene.
     """
-    needed = ("gravity", "cable_youngs_modulus", "cable_area", "ends_lower", "ends_upper")
-    if not isinstance(scene, xr.Dataset) or not all(name in scene for name in needed):
-        raise SceneError(f"scene: given no Dataset with {', '.join(needed)}; allowed: what make_scene gives")
-    fixed: dict[str, Any] = {}
-    varied: dict[str, Any] = {}
-    gapped: dict[str, Any] = {}
-    for name, variable in scene.variables.items():
-        if "member" in variable.dims:
-            values = variable.transpose("member", ...).values
-            (gapped if any(map(_is_gap, values)) else varied)[str(name)] = values
-        elif not _is_gap(variable.values[()]):
-            fixed[str(name)] = variable.values[()]
-    count = scene.sizes.get("member", 1)
-    return [
-        _parameters(
-            fixed
-            | {name: item[i] for name, item in varied.items()}
-            | {name: item[i] for name, item in gapped.items() if not _is_gap(item[i])}
-        )
-        for i in range(count)
-    ]
+    return list(Members(scene))
 
 
 def _is_gap(value: Any) -> bool:

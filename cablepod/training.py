@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod.columns import Columns
 from cablepod.parameters import Parameters, solve_statics
 
 #: What is compared, all at rest or as the largest over time; T is the mean tension of the ends at rest, L the unstretched length:
@@ -71,16 +72,47 @@ def features(p: Parameters, length: float, until: float, tension: float | None =
     if p.load is not None and p.load_factor is not None:
         factor = p.load_factor(times)
         other += float(np.linalg.norm(p.load)) * length * float(np.abs(factor - factor[0]).max())
-    return np.array(
+    size_of = (p.stiffness, p.mass, length, tension)
+    return _without_dimension(*size_of, across, pull, moved, pushed, slowest, other)
+
+
+def _without_dimension(
+    stiffness: Any, mass: Any, length: Any, tension: Any,
+    across: Any, pull: Any, moved: Any, pushed: Any, slowest: Any, other: Any,
+) -> np.ndarray:  # fmt: skip
+    """FEATURES (..., features) of scenes from their numbers or arrays of them."""
+    return np.stack(
         [
-            (across * length / tension) ** 2 * p.stiffness / tension,
+            (across * length / tension) ** 2 * stiffness / tension,
             abs(pull) * length / tension,
-            moved * p.stiffness / (tension * length),
-            p.mass * length * pushed / tension,
-            2.0 * length / slowest * math.sqrt(p.mass / tension),
+            moved * stiffness / (tension * length),
+            mass * length * pushed / tension,
+            2.0 * length / slowest * np.sqrt(mass / tension),
             other / tension,
-        ]
+        ],
+        axis=-1,
     )
+
+
+def features_of_columns(columns: Columns, length: np.ndarray, until: float, tension: np.ndarray) -> np.ndarray:
+    """Compute FEATURES of many scenes at once (members, features), as :func:`features` does of one."""
+    tension = np.where(tension > 0.0, tension, 1e-12 * columns.stiffness)
+    chord, load = columns.chord, columns.load
+    size = np.sqrt((chord * chord).sum(axis=1))
+    along = chord / size[:, None]
+    pull = (load * along).sum(axis=1)
+    across = np.sqrt(((load - pull[:, None] * along) ** 2).sum(axis=1))
+    moved = pushed = np.zeros(size.size)
+    if columns.motions:
+        times = np.linspace(0.0, until, INSTANTS)
+        ends = columns.end_positions(times)
+        reach = ends[:, :, 1] - ends[:, :, 0]
+        moved = np.abs(np.sqrt(np.einsum("mtd,mtd->mt", reach, reach)) - size[:, None]).max(axis=1)
+        second = columns.end_positions(times, 2).reshape(size.size, -1, chord.shape[1])
+        second -= np.einsum("mtd,md->mt", second, along)[:, :, None] * along[:, None]
+        pushed = np.sqrt(np.einsum("mtd,mtd->mt", second, second).max(axis=1))
+    size_of = (columns.stiffness, columns.mass, length, tension)
+    return _without_dimension(*size_of, across, pull, moved, pushed, columns.time_scale, np.zeros(size.size))
 
 
 def _largest(factor: Callable[[np.ndarray], np.ndarray] | None, times: np.ndarray) -> float:
@@ -131,11 +163,26 @@ def outside(
     """
     if modes is None or "training_range" not in modes:
         return {}
+    excess, worst = _excess(modes, features(p, length, until, tension)[None])
+    return {"outside_training": float(excess[0]), "outside_training_feature": worst[0]}
+
+
+def outside_of_columns(
+    modes: xr.Dataset, columns: Columns, length: np.ndarray, until: float, tension: np.ndarray
+) -> dict[str, list[Any]]:
+    """Tell the same of many scenes, a list for each name."""
+    if "training_range" not in modes:
+        return {}
+    excess, worst = _excess(modes, features_of_columns(columns, length, until, tension))
+    return {"outside_training": excess.tolist(), "outside_training_feature": worst}
+
+
+def _excess(modes: xr.Dataset, values: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """How far FEATURES (members, features) are outside, and which is worst."""
     low, high = np.log1p(modes.variables["training_range"].values)
-    place = np.log1p(features(p, length, until, tension))
-    # rounding of the training scene itself is not outside
+    place = np.log1p(values)
     excess = np.maximum(low - place, place - high)
-    worst = int(np.argmax(excess))
-    if not excess[worst] > 1e-9:
-        return {"outside_training": 0.0, "outside_training_feature": "none"}
-    return {"outside_training": float(excess[worst]), "outside_training_feature": FEATURES[worst]}
+    worst, largest = np.argmax(excess, axis=1), excess.max(axis=1)
+    # rounding of the training scene itself is not outside
+    out = largest > 1e-9
+    return np.where(out, largest, 0.0), [FEATURES[k] if far else "none" for k, far in zip(worst, out, strict=True)]

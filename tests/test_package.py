@@ -17,12 +17,13 @@ PACKAGE = Path(cp.__file__).parent
 
 # Each module may import from those before it.
 ORDER = (
-    "conventions", "provenance", "kernels", "motion", "schema", "ranges", "parameters", "records", "scene", "stepping", "members",
-    "ensemble_design", "catenary", "training", "links", "runs", "verlet", "implicit", "chain", "elements", "cable_runs",
-    "cable_choice", "cable",
+    "conventions", "provenance", "kernels", "motion", "schema", "ranges", "parameters", "columns", "records", "scene", "stepping",
+    "members", "ensemble_design", "catenary", "training", "links", "runs", "verlet", "implicit", "chain", "elements",
+    "cable_runs", "cable_choice", "cable",
     "rigid_start", "rigid_runs", "rigid", "chord", "pod_normal", "decompositions", "threads", "streaming", "snapshots",
     "pod_stream", "pod", "compare", "galerkin_model", "galerkin_runs", "galerkin",
-    "condensed_model", "condensed_output", "condensed_estimate", "condensed_runs", "condensed_batch", "condensed",
+    "condensed_model", "condensed_output", "condensed_estimate", "condensed_runs", "condensed_many", "condensed_batch",
+    "condensed",
     "plots", "whole", "archive_files", "archive_ensemble", "archive",
     "lineage", "ensemble_work", "ensemble_store", "ensemble_runs", "ensemble", "shipped", "paper", "cli", "__init__", "__main__",
 )  # fmt: skip

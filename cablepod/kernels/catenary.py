@@ -43,7 +43,7 @@ SERIES = (
     1 / 3,
 )
 
-_options: dict[str, Any] = {"cache": True, "error_model": "numpy"}
+_options: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True}
 
 
 @njit(**_options)

@@ -68,3 +68,33 @@ def harmonic(start, rate, omega, phase, amplitude, origin, derivatives, tables):
         if derivatives[k] == 0:
             constant = origin - size * math.sin(phase)
         sines(start, rate, omega, phase + 0.5 * math.pi * derivatives[k], size, constant, tables[k])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def ends_of_members(start, rate, omega, phase, amplitude, origin, damping, row, ends, second):
+    """Fill one coordinate of the ends of many scenes, (members, coordinates, steps), from their harmonic motions.
+
+    Parameters
+    ----------
+    start, rate
+        As in :func:`sines`.
+    omega, phase, amplitude, origin
+        As in :func:`harmonic`, of each scene (members,).
+    damping
+        By mass (members,) [1/s], or None.
+    row
+        Number of the coordinate.
+    ends, second
+        Filled: its place [m]; its second rate, with damping that times the first added [m/s^2].
+    """
+    rates = np.empty(ends.shape[2])
+    for m in range(omega.size):
+        size = amplitude[m]
+        sines(start, rate, omega[m], phase[m], size, origin[m] - size * math.sin(phase[m]), ends[m, row])
+        size *= omega[m]
+        if damping is not None:
+            sines(start, rate, omega[m], phase[m] + 0.5 * math.pi, size, 0.0, rates)
+        sines(start, rate, omega[m], phase[m] + math.pi, size * omega[m], 0.0, second[m, row])
+        if damping is not None:
+            for i in range(rates.size):
+                second[m, row, i] += damping[m] * rates[i]

@@ -1,0 +1,234 @@
+"""Compiled loops over the members of a condensed model give what single runs give, and leave to them what they do not cover."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from condensed_reference import HARMONIC, full_modes
+from conftest import spatial
+
+import cablepod as cp
+from cablepod import condensed_batch, condensed_many, members, training
+from cablepod.columns import Columns
+from cablepod.condensed_model import model_of
+from cablepod.parameters import Members, load_plane, parameters_of_members
+
+STEP = 2e-3
+TIMES = np.arange(0.0, 2.01, 0.04)  # two blocks of steps, the second not full
+OPTIONS = {"rank": 3, "order": "leading", "step": STEP, "times": TIMES, "outputs": ("tension", "tension_extremes")}
+BOTH = {"lower": {"y": HARMONIC}, "upper": {"x": {**HARMONIC, "angular_frequency": 2.1}}}
+ONE = {"upper": {"x": {"kind": "one_minus_cosine", "amplitude": -0.05, "angular_frequency": 1.3}}}
+#: The second so steep that in space another axis tells the normals apart.
+UPPER = np.array([[7.0, 0.0], [0.3, 8.0], [6.0, -2.0], [5.0, 4.0]])
+#: What each batch varies, beside tables of its own.
+CASES = {
+    "tension": (ONE, {"cable_top_tension": [200.0, 300.0, 230.0, 900.0]}),
+    "amplitude": (ONE, {"motion_upper_x_amplitude": [0.0, -0.05, 0.02, 0.01]}),
+    "frequency": (ONE, {"motion_upper_x_angular_frequency": [0.0, 0.5, 3.0, 5.0]}),
+    "phase": (BOTH, {"motion_lower_y_phase": [0.0, 0.4, -2.0, 7.0]}),
+    "both ends": (BOTH, {"motion_lower_y_amplitude": [0.1, 0.0, 0.03, -0.1], "motion_upper_x_amplitude": [0.0, 0.1, 0.0, 0.03]}),
+    "chord": (BOTH, {"ends_upper": UPPER}),
+    "material": (BOTH, {"cable_density": [1000.0, 500.0, 1500.0, 800.0], "cable_area": [1e-3, 2e-3, 5e-4, 9e-4]}),
+    "damping": (BOTH, {"damping_mass_proportional": [0.8, 0.0, 2.0, 0.1]}),
+    "load": (BOTH, {"load_uniform": [[3.0, -2.0], [0.0, 0.0], [-1.0, 1.0], [0.0, 4.0]]}),
+    "still": ({}, {"cable_top_tension": [200.0, 300.0, 230.0, 900.0]}),
+}  # fmt: skip
+
+
+def scenes_of(soft, motion, varied, dims=2):
+    """Members of a soft scene with these motions, in space if so wanted, with motion out of the plane too."""
+    mapping = {**soft, "motion": motion, "damping": {"mass_proportional": 0.8}, "load": {"uniform": [3.0, -2.0]}}
+    if dims == 3:
+        mapping = spatial(mapping)
+        mapping["ends"]["upper"][2] = 1.0
+        mapping["motion"].setdefault("upper", {})["z"] = {**HARMONIC, "amplitude": 0.02}
+    scene = cp.make_scene(mapping)
+    new = {}
+    for name, values in varied.items():
+        rows = np.asarray(values)
+        if rows.ndim == 2 and dims == 3:
+            rows = np.column_stack([rows, np.linspace(0.5, 1.5, len(rows))])
+        new[name] = (("member", "coordinate")[: rows.ndim], rows, scene[name].attrs)
+    return scene.assign(new)
+
+
+def one_by_one(monkeypatch, *args, **options):
+    """Run a batch in the way of single scenes."""
+    with monkeypatch.context() as patch:
+        patch.setattr(condensed_many, "plan", lambda *_: None)
+        return cp.condensed.simulate(*args, **options)
+
+
+def assert_close(run, truth):
+    """Compare all variables and attributes."""
+    assert set(run.variables) == set(truth.variables)
+    assert set(run.coords) == set(truth.coords)
+    assert run.attrs == truth.attrs
+    for name, values in truth.variables.items():
+        assert run[name].dims == values.dims
+        assert run[name].attrs == values.attrs
+        if values.dtype.kind != "f":
+            np.testing.assert_array_equal(run[name], values)
+            continue
+        # the static tension is that of a difference of lengths, which rounding of 1e-16 changes by 1e-12; motion lets it grow
+        size = np.nanmax(np.abs(values.values)) if values.size else 0.0
+        np.testing.assert_allclose(run[name], values, rtol=1e-10, atol=1e-11 * size, err_msg=str(name))
+
+
+@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("case", CASES)
+def test_loops_over_members_give_single_runs(soft, monkeypatch, case, dims):
+    scenes, modes = scenes_of(soft, *CASES[case], dims), full_modes(dims=dims)
+    truth = one_by_one(monkeypatch, scenes, modes, links=[1, 5], **OPTIONS)
+    with monkeypatch.context() as patch:  # no member is left to a single run
+        patch.setattr(condensed_batch, "solve", None)
+        run = cp.condensed.simulate(scenes, modes, links=[1, 5], **OPTIONS)
+    assert_close(run, truth)
+
+
+@pytest.mark.parametrize("outputs", [(), ("tension_extremes",)])
+def test_all_links_and_no_outputs(soft, monkeypatch, outputs):
+    scenes, modes = scenes_of(soft, *CASES["both ends"]), full_modes()
+    options = {**OPTIONS, "outputs": outputs, "times": None}
+    truth = one_by_one(monkeypatch, scenes, modes, **options)
+    with monkeypatch.context() as patch:
+        patch.setattr(condensed_batch, "solve", None)
+        run = cp.condensed.simulate(scenes, modes, **options)
+    assert_close(run, truth)
+    assert ("tension_maximum" in run) == bool(outputs)
+
+
+def test_members_that_fail_say_why_as_single_runs_do(soft, monkeypatch):
+    # no such cable; a limit below the step; stiffer on the way than the step allows
+    varied = {
+        "cable_top_tension": [230.0, 1.0, 5e5, 230.0, 300.0],
+        "motion_upper_x_amplitude": [-0.05, -0.05, -0.05, 5.25, -0.02],  # so little too stiff that it stays finite
+    }
+    scenes, modes = scenes_of(soft, ONE, varied), full_modes()
+    options = {**OPTIONS, "step": 0.02, "links": [1]}
+    with pytest.warns(members.MemberFailedWarning, match="3 of 5 members"):
+        truth = one_by_one(monkeypatch, scenes, modes, **options)
+    with pytest.warns(members.MemberFailedWarning, match="3 of 5 members"):
+        run = cp.condensed.simulate(scenes, modes, **options)
+    assert_close(run, truth)
+    for i, why in ((1, "cable.top_tension: given 1.0"), (2, "step: given"), (3, "stiffened")):
+        assert why in run.failure.values[i]
+        assert np.isnan(run.tension[i]).all()
+    assert list(run.failure.values[[0, 4]]) == ["", ""]
+    with pytest.raises(cp.SceneError, match=r"step: given 0\.02 s"):
+        cp.condensed.simulate(scenes.isel(member=[2, 2]), modes, **options)
+
+
+def test_members_without_an_equilibrium_near_are_left_to_single_runs(soft, monkeypatch):
+    scenes, modes = scenes_of(soft, *CASES["tension"]), full_modes()
+    truth = one_by_one(monkeypatch, scenes, modes, links=[1, 5], **OPTIONS)
+    start, solve, alone = condensed_many.Batch._start, condensed_batch.solve, []
+
+    def lost(batch):
+        q, v, limit = start(batch)
+        return q, v, np.where(batch.columns.length_value == 300.0, np.nan, limit)
+
+    def watched(model, options):
+        alone.append(model.chain.p.length_value)
+        return solve(model, options)
+
+    monkeypatch.setattr(condensed_many.Batch, "_start", lost)
+    monkeypatch.setattr(condensed_batch, "solve", watched)
+    assert_close(cp.condensed.simulate(scenes, modes, links=[1, 5], **OPTIONS), truth)
+    assert alone == [300.0]
+
+
+def test_any_number_of_threads_gives_the_same_bits_and_progress(soft):
+    varied = {"cable_top_tension": np.linspace(200.0, 300.0, 41), "motion_lower_y_phase": np.linspace(0.0, 6.0, 41)}
+    scenes, modes = scenes_of(soft, BOTH, varied), full_modes()
+    runs = []
+    for count in (1, 2, 5):
+        seen = []
+        with members.threads(count):
+            runs.append(cp.condensed.simulate(scenes, modes, links=[5], progress=seen.append, **OPTIONS))
+        assert seen == sorted(seen)
+        assert seen[-1] == 1.0
+        assert len(seen) > 1
+    for run in runs[1:]:
+        xr.testing.assert_identical(runs[0], run)
+
+
+def covered(scenes, **changes):
+    """Tell whether the loops over members cover some scenes."""
+    given = {**OPTIONS, "links": np.array([0]), "scheme": None, **changes}
+    modes, all_members = full_modes(), Members(scenes)
+    model = model_of(all_members[0], modes, rank=3, order=given["order"], law="linear")
+    names = ("times", "scheme", "step", "outputs", "links")
+    options = cp.condensed.Options(tolerance=1e-6, **{name: given[name] for name in names})
+    return condensed_many.plan(modes, model, all_members, options) is not None
+
+
+def test_what_the_loops_do_not_cover_is_left_to_single_runs(soft, monkeypatch):
+    tensions = {"cable_top_tension": [200.0, 300.0]}
+    scenes = scenes_of(soft, ONE, tensions)
+    assert covered(scenes)
+    for changes in (
+        {"order": "exact"},
+        {"scheme": "trapezoidal"},
+        {"step": None},
+        {"times": np.array([0.0, 0.0031])},
+        {"times": np.array([0.5, 1.0, 1.5]) * STEP},  # as many steps to save as instants
+        {"outputs": ("position",)},
+        {"links": None},
+    ):
+        assert not covered(scenes, **changes), changes
+    ramp = {"upper": {"x": {"kind": "ramp", "amplitude": 0.01, "duration": 1.0}}}
+    load = {"uniform": [3.0, -2.0], "kind": "harmonic", "amplitude": 0.3, "angular_frequency": 3.0}
+    point = [{"arc_length": 0.4, "force": [5.0, -20.0]}]
+    kinds = scenes.assign(motion_upper_x_kind=("member", ["harmonic", "one_minus_cosine"]), motion_upper_x_phase=0.0)
+    durations = scenes.assign(time_duration=("member", [1.0, 2.0]))
+    gaps = xr.concat(
+        [scenes_of(soft, ONE, {}), scenes_of(soft, {}, {})], "member", data_vars="all", combine_attrs="override"
+    )
+    assert not covered(scenes_of(soft, ramp, tensions))
+    for key, values in (("load", load), ("point_load", point)):
+        other = cp.make_scene({**soft, "motion": ONE, key: values})
+        assert not covered(other.assign(cable_top_tension=("member", [200.0, 300.0])))
+    assert not covered(kinds)
+    assert covered(durations)
+    assert not covered(durations, times=None)
+    assert not covered(gaps)
+    varying = cp.make_scene({**soft, "motion": ONE, "load": load, "point_load": point})
+    varying = varying.assign(cable_top_tension=("member", [200.0, 300.0], varying["cable_top_tension"].attrs))
+    run = cp.condensed.simulate(varying, full_modes(), links=[1], **OPTIONS)
+    for i in (0, 1):
+        alone = cp.condensed.simulate(varying.isel(member=i), full_modes(), links=[1], **OPTIONS)
+        np.testing.assert_allclose(run.tension[i], alone.tension, rtol=1e-9)
+
+
+@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("case", CASES)
+def test_columns_are_the_parameters_of_members(soft, case, dims):
+    scenes = scenes_of(soft, *CASES[case], dims)
+    before = scenes.copy(deep=True)
+    columns = Columns.of(Members(scenes))
+    assert columns is not None
+    xr.testing.assert_identical(scenes, before)
+    statics, found = columns.statics()
+    assert found.all()
+    lengths, tension = statics[:, 0], 0.5 * (statics[:, 4] + statics[:, 5])
+    features = training.features_of_columns(columns, lengths, 2.0, tension)
+    times = np.linspace(0.0, 2.0, 5)
+    for i, p in enumerate(parameters_of_members(scenes)):
+        # sums in another order, some ten roundings
+        np.testing.assert_allclose(
+            [item[i] for item in columns._load_planes()], load_plane(p)[:4], rtol=1e-13, atol=1e-13
+        )
+        np.testing.assert_allclose(columns.load[i], p.load_at(0.0), rtol=1e-15)
+        assert (columns.stiffness[i], columns.mass[i], columns.damping[i]) == (
+            p.stiffness,
+            p.mass,
+            p.mass_damping or 0.0,
+        )
+        assert columns.time_scale[i] == p.time_scale
+        for derivative in (0, 1, 2):
+            np.testing.assert_allclose(
+                columns.end_positions(times, derivative)[i], p.end_positions(times, derivative), rtol=1e-14, atol=1e-15
+            )
+        np.testing.assert_allclose(features[i], training.features(p, lengths[i], 2.0), rtol=1e-11, atol=1e-13)
