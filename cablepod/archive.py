@@ -26,8 +26,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.archive_ensemble import open_ensemble as open_ensemble  # a name of this module too
-from cablepod.archive_files import LIBRARY, LIBRARY_ERRORS, SCHEMA, ArchiveError, version
-from cablepod.archive_files import content_type as _content_type
+from cablepod.archive_files import LIBRARY, LIBRARY_ERRORS, SCHEMA, ArchiveError, contents, version
 from cablepod.archive_files import damaged as _damaged
 from cablepod.archive_files import open_file as _open
 from cablepod.archive_files import restored as _restored
@@ -206,8 +205,8 @@ def reason(error: BaseException, folder: Path) -> str:
 def _stamped(dataset: xr.Dataset) -> xr.Dataset:
     """Return a copy of `dataset` without inherited encodings, with the attributes of a file."""
     stamped = _texts_fixed(dataset.drop_encoding())
-    for name in stamped.data_vars:
-        stamped[name].attrs.setdefault("coverage_content_type", _content_type(name))
+    for name, content in contents(stamped):
+        stamped[name].attrs.setdefault("coverage_content_type", content)
     stamped.attrs = root_attributes(dataset)
     return stamped
 

@@ -79,8 +79,8 @@ def damaged(path: Path, error: BaseException) -> ArchiveError:
 def restored(opened: xr.Dataset) -> xr.Dataset:
     """Return `opened` without what the file added to its variables: layout, content types, objects for strings."""
     made = texts_fixed(opened.drop_encoding())
-    for name in made.data_vars:
-        if made[name].attrs.get("coverage_content_type") == content_type(name):
+    for name, content in contents(made):
+        if made[name].attrs.get("coverage_content_type") == content:
             del made[name].attrs["coverage_content_type"]
     return made
 
@@ -91,6 +91,10 @@ def texts_fixed(dataset: xr.Dataset) -> xr.Dataset:
     return dataset.assign({name: (item.dims, item.values.astype(str), item.attrs) for name, item in texts.items()})
 
 
-def content_type(name: Hashable) -> str:
-    """Return the ISO 19115-1 code of a data variable: what the vocabulary names is a result, the rest describe it."""
-    return "modelResult" if name in conventions.VARIABLES else "auxiliaryInformation"
+def contents(dataset: xr.Dataset) -> Iterator[tuple[Hashable, str]]:
+    """Tell the ISO 19115-1 codes: what the vocabulary names is a result, the rest describe it; places of several dimensions."""
+    for name in dataset.data_vars:
+        yield name, "modelResult" if name in conventions.VARIABLES else "auxiliaryInformation"
+    for name, item in dataset.coords.items():
+        if item.ndim > 1:
+            yield name, "coordinate"

@@ -110,20 +110,7 @@ def sibling(model: Model, p: Parameters) -> Model:
     turns = [item[0] for item in scaled.turns]
     made.__dict__.update({name: item[0] for name, item in scaled.named.items()}, turned=(turns, scaled.squares[0]))
     made.__dict__["rest_tension"] = 0.5 * float(statics[4] + statics[5])
-    made.__dict__["first_guess"] = _parabola(made)
     return made
-
-
-def _parabola(model: Model) -> np.ndarray | None:
-    """Coordinates of a parabola near the shape at rest; None where none is near."""
-    p = model.chain.p
-    if p.initial or p.point_loads:
-        return None
-    count = len(model.patterns)
-    row, sigma = model.still_row, model.chain.arc_length / model.chain.total_length
-    across = row[1 + count :: count]  # the uniform load along each normal
-    sag = 0.5 * model.chain.total_length**2 / model.rest_tension * sigma * (1.0 - sigma)
-    return model.coordinates(across[:, None, None] * sag)[0]
 
 
 def alike(p: Parameters, other: Parameters) -> bool:

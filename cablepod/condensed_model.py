@@ -242,7 +242,9 @@ class Model:
         """Coordinates at the start and their rates; a run from equilibrium starts from the model's own."""
         p, q = self.chain.p, self.first_guess
         if q is not None:
-            q = self._equilibrium(q)
+            near, q = np.abs(q).max(), self._equilibrium(q)
+            if q is not None and np.abs(q).max() > 2.0 * near:  # another one than that of the parabola, perhaps
+                q = None
         if q is None:
             position = start(self.chain)
             q = self.coordinates(Frame.of((position[-1] - position[0])[None], self.reference).split(position[None])[1])[
@@ -263,8 +265,14 @@ class Model:
 
     @cached_property
     def first_guess(self) -> np.ndarray | None:
-        """Coordinates near equilibrium, where known at less cost than those of the chain at rest."""
-        return None
+        """Coordinates of a parabola near the shape at rest, at less cost than the chain at rest; None where none is near."""
+        p = self.chain.p
+        if p.initial or p.point_loads:
+            return None
+        row, sigma = self.still_row, self.chain.arc_length / self.chain.total_length
+        across = row[1 + len(self.patterns) :: len(self.patterns)]  # the uniform load along each normal
+        sag = 0.5 * self.chain.total_length**2 / self.rest_tension * sigma * (1.0 - sigma)
+        return self.coordinates(across[:, None, None] * sag)[0]
 
     def _equilibrium(self, q: np.ndarray) -> np.ndarray | None:
         """Find the equilibrium nearest to q by Newton's method; None where it fails."""

@@ -24,23 +24,27 @@ FAST = 0.2
 
 
 @lru_cache
-def _fixed_indexes(dims: int, rank: int) -> dict[str, PandasIndex]:
-    """Names of axes and ends, numbers of modes; to make them takes longer than a run of a thousand steps."""
-    names = {"coordinate": list(COORDINATES[:dims]), "mode": np.arange(1, rank + 1), "end": list(ENDS)}
-    return {key: PandasIndex(np.asarray(values), key) for key, values in names.items()}
+def _fixed(dims: int, rank: int) -> tuple[dict[Any, PandasIndex], dict[Any, xr.Variable]]:
+    """Make names of axes and ends, numbers of modes, which takes longer than a run of a thousand steps."""
+    names = {"coordinate": np.array(COORDINATES[:dims]), "mode": np.arange(1, rank + 1), "end": np.array(ENDS)}
+    indexes = {key: PandasIndex(values, key, coord_dtype=values.dtype) for key, values in names.items()}
+    return indexes, {name: item for index in indexes.values() for name, item in index.create_variables().items()}
 
 
 def coordinates_of(
     model: Model, times: np.ndarray, links: np.ndarray | None, *, with_arc_length: bool = False
 ) -> xr.Coordinates:
     """Coordinates of a result, with the indexes that xarray would make of them."""
-    indexes = {**_fixed_indexes(model.chain.p.dims, model.rank), "time": PandasIndex(times, "time")}
+    fixed, made = _fixed(model.chain.p.dims, model.rank)
+    own = {"time": PandasIndex(times, "time")}
     if links is not None:
-        indexes["link"] = PandasIndex(links + 1, "link")
-    variables = {name: variable for index in indexes.values() for name, variable in index.create_variables().items()}
+        own["link"] = PandasIndex(links + 1, "link")
+    variables = {name: item.copy(deep=False) for name, item in made.items()}
+    for index in own.values():
+        variables |= index.create_variables()
     if with_arc_length:  # members have each its own
         variables["arc_length"] = xr.Variable("particle", model.chain.arc_length)
-    return xr.Coordinates(variables, indexes=indexes)
+    return xr.Coordinates(variables, indexes={**fixed, **own})
 
 
 class OutOfRangeWarning(UserWarning):

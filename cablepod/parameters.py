@@ -76,7 +76,7 @@ class Parameters:
         time = np.asarray(time, dtype=float)
         result = np.zeros((time.size, 2, self.dims))
         if derivative == 0:
-            result += np.stack([self.lower, self.upper])
+            result[:, 0], result[:, 1] = self.lower, self.upper
         for (end, axis), function in self.motions.items():
             result[:, ENDS.index(end), COORDINATES.index(axis)] += function(time, derivative)
         return result
@@ -227,8 +227,8 @@ class Members(Sequence[Parameters]):
             if "member" in variable.dims:
                 values = variable.transpose("member", ...).values
                 (self.gapped if any(map(_is_gap, values)) else self.varied)[str(name)] = values
-            elif not _is_gap(variable.values[()]):
-                self.fixed[str(name)] = variable.values[()]
+            elif not _is_gap(value := variable.values[()]):
+                self.fixed[str(name)] = value
         self._count = scene.sizes.get("member", 1)
 
     def __len__(self) -> int:

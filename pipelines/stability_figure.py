@@ -11,135 +11,22 @@ import xarray as xr
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch, Rectangle
 from PIL import Image
 
-#: Class or state -> letter, fill, hatch, text.  Light to dark in grey too, and never red against green.
-CLASSES = {
-    "accurate": ("A", "#cfe6f5", "", "black"),
-    "inaccurate": ("I", "#f0c64f", "", "black"),
-    "refused": ("R", "#ffffff", "////", "black"),
-    "stopped": ("S", "#b5521b", "", "white"),
-    "broken": ("BROKEN", "#000000", "", "white"),
-    "another model": ("", "#ffffff", "", "#666666"),
-}
-STATES = {
-    "met": ("A", "#cfe6f5", "", "black"),
-    "missed with a warning": ("W", "#f0c64f", "", "black"),
-    "missed": ("MISSED", "#000000", "", "white"),
-    "truth too coarse": ("?", "#f0c64f", "", "black"),
-    "no single truth": ("-", "#ffffff", "", "#666666"),
-    "not tried": ("", "#ffffff", "", "#666666"),
-}
-SHORT = {
-    "velocity_verlet": "velocity\nVerlet",
-    "generalized_alpha": "generalized\nalpha",
-    "energy_momentum": "energy-\nmomentum",
-    "rattle": "rigid links,\nRATTLE",
-    "index1": "rigid links,\nindex 1",
-}
-INITIAL = {"velocity_verlet": "V", "trapezoidal": "T", "generalized_alpha": "G", "energy_momentum": "E", "rattle": "R"}
-
-
-def number(value: float) -> str:
-    """Write a number with one digit as short as can be."""
-    mantissa, exponent = f"{value:.0e}".split("e")
-    return f"{mantissa}e{int(exponent)}"
-
-
-def places(result: xr.Dataset) -> tuple[list[tuple[float, str]], np.ndarray]:
-    """Return heights and texts of the headings of the groups, and heights of the rows."""
-    headings, rows, height, last = [], [], 0.0, ""
-    for group in result["group"].values:
-        if group != last:
-            headings.append((height, str(group)))
-            height, last = height + 0.8, group
-        rows.append(height)
-        height += 1.0
-    return headings, np.array(rows)
-
-
-def cell(ax: Axes, x: float, y: float, style: tuple[str, str, str, str], text: str, size: float) -> None:
-    """Draw one cell, its top left corner at (x, y)."""
-    _, fill, hatch, colour = style
-    ax.add_patch(
-        Rectangle((x + 0.02, y + 0.04), 0.96, 0.92, facecolor=fill, edgecolor="#999999", hatch=hatch, linewidth=0.4)
-    )
-    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.8} if hatch else None
-    ax.text(x + 0.5, y + 0.52, text, ha="center", va="center", fontsize=size, color=colour, bbox=box)
-
-
-def scheme_text(result: xr.Dataset, i: int, j: int, letter: str) -> str:
-    """Letter, error, drift of the energy, or what part was computed before a run was stopped."""
-    error, drift = (float(result[key].values[i, j]) for key in ("error", "energy_drift"))
-    if letter == "S":
-        return f"S  at {100 * float(result['kept'].values[i, j]):.0f} %"
-    text = letter if np.isnan(error) else f"{letter}  {number(error)}"
-    return text if np.isnan(drift) else f"{text}  ΔE {number(drift)}"
-
-
-def tolerance_text(result: xr.Dataset, i: int, j: int, letter: str) -> str:
-    """Letter, error, and the initial of the scheme that was picked."""
-    error, scheme = float(result["tolerance_error"].values[i, j]), int(result["tolerance_scheme"].values[i, j])
-    if np.isnan(error):
-        return letter
-    return f"{letter}  {number(error)}  {INITIAL[str(result['scheme'].values[scheme])]}"
+from cablepod import plots
+from cablepod.plots.maps import stability_height
 
 
 def matrix(result: xr.Dataset) -> Figure:
     """Draw the whole report as a matrix, and the limits of explicit steps below it."""
-    headings, rows = places(result)
-    schemes, tolerances = list(result["scheme"].values), list(result["wanted_error"].values)
     probed = result.sizes["limit_case"]
-    bottom = float(rows[-1]) + 1.0
-    figure = plt.figure(figsize=(12.5, 0.235 * bottom + 1.9 + 0.19 * probed + 0.6), layout="constrained")
-    parts = [bottom * 0.235 + 1.45] + ([0.19 * probed + 0.6] if probed else [])
+    parts = [stability_height(result)] + ([0.19 * probed + 0.6] if probed else [])
+    figure = plt.figure(figsize=(12.5, sum(parts) + 0.45 + 0.6 * (not probed)), layout="constrained")
     axes = figure.subplots(len(parts), 1, height_ratios=parts, squeeze=False)[:, 0]
-    _cells(axes[0], result, headings, rows, bottom)
-    classes, states = result.attrs["classes"].split(", "), result.attrs["states"].split(", ")
-    for i, y in enumerate(rows):
-        for j in range(len(schemes)):
-            style = CLASSES[classes[int(result["outcome"].values[i, j])]]
-            cell(axes[0], j, y, style, scheme_text(result, i, j, style[0]), 7.5)
-        for j in range(len(tolerances)):
-            style = STATES[states[int(result["tolerance_state"].values[i, j])]]
-            cell(axes[0], len(schemes) + 0.25 + j, y, style, tolerance_text(result, i, j, style[0]), 7.5)
+    plots.stability(result, ax=axes[0])
     if probed:
         _limits(axes[1], result)
     return figure
-
-
-def _cells(ax: Axes, result: xr.Dataset, headings: list[tuple[float, str]], rows: np.ndarray, bottom: float) -> None:
-    """Prepare the axes of the matrix: headings, names, legend."""
-    schemes, tolerances = list(result["scheme"].values), list(result["wanted_error"].values)
-    width = len(schemes) + 0.25 + len(tolerances)
-    ax.set(xlim=(0, width), ylim=(bottom, 0))
-    for height, name in headings:
-        ax.text(-0.05, height + 0.5, name, ha="right", va="center", fontsize=9, fontweight="bold")
-        ax.plot([0, width], [height + 0.72] * 2, color="#cccccc", linewidth=0.6)
-    marks = result["chaotic"].values
-    names = [f"{name}{' *' if mark else ''}" for name, mark in zip(result["case"].values, marks, strict=True)]
-    ax.set_yticks(rows + 0.5, names, fontsize=8)
-    centres = [*(np.arange(len(schemes)) + 0.5), *(len(schemes) + 0.75 + np.arange(len(tolerances)))]
-    texts = [SHORT.get(name, name) for name in schemes] + [f"tolerance\n{number(value)}" for value in tolerances]
-    ax.set_xticks(centres, texts, fontsize=8.5)
-    ax.xaxis.tick_top()
-    ax.tick_params(length=0)
-    for side in ax.spines.values():
-        side.set_visible(False)
-    patches = [
-        Patch(facecolor=fill, hatch=hatch, edgecolor="#999999", label=f"{letter[0]}  {name}")
-        for name, (letter, fill, hatch, _) in CLASSES.items()
-        if letter
-    ]
-    said = (
-        "number: error over the motion (accurate: up to 1 %);  ΔE: energy drift over kinetic and strain energy;  S at: part "
-        "computed and kept\n* chaotic: judged by statistics, as the long runs are;  right: error with that tolerance (A met, "
-        "W missed with a warning,\n- no single truth) by velocity Verlet (V) or the trapezoidal rule (T), as it picks; of rigid "
-        "links by RATTLE (R);\nrigid links in scenes of elastic ones: distance of the models"
-    )
-    ax.legend(handles=patches, ncols=5, loc="upper center", bbox_to_anchor=(0.42, 0.0), fontsize=8.5, frameon=False, title=said,
-              title_fontsize=8, alignment="left")  # fmt: skip
 
 
 def _limits(ax: Axes, result: xr.Dataset) -> None:

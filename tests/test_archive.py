@@ -14,7 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from conftest import SOFT
 
+import cablepod as cp
 from cablepod import archive, provenance
 from cablepod.archive import ArchiveError, describe, read, write
 from cablepod.conventions import label
@@ -121,7 +123,16 @@ def make_ensemble():
     return provenance.record(label(ensemble, **extra), function="ensemble.run", parameters={"seed": 5})
 
 
+def make_batch():
+    """Real condensed models of several scenes, whose arc lengths differ."""
+    scene = cp.make_scene(SOFT)
+    modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3), layout="normal", rank=2)
+    scenes = cp.ensemble.design(scene, {"cable.top_tension": [200.0, 300.0]}, members=3)
+    return cp.condensed.simulate(scenes, modes, step=1e-3, outputs=("tension", "tension_extremes"), links=[1])
+
+
 KINDS = {
+    "batch": make_batch,
     "scene": make_scene,
     "trajectory": make_trajectory,
     "modes": make_modes,
@@ -736,7 +747,7 @@ NO_MEANING = {
     "nothing more is said elsewhere": ["metadata_link"],
     "the table of standard names has none for a cable": ["standard_name_vocabulary not present", "standard_name"],
 }
-HAVE_TIME = ("trajectory", "comparison", "ensemble")
+HAVE_TIME = ("trajectory", "comparison", "ensemble", "batch")
 
 
 def findings(report):

@@ -54,6 +54,11 @@ def test_imports_point_one_way(path):
     assert imported(path) <= allowed
 
 
+@pytest.mark.parametrize("path", sorted((PACKAGE / "plots").glob("*.py")), ids=lambda p: p.stem)
+def test_figures_import_what_stands_before_them(path):
+    assert imported(path) <= set(ORDER[: ORDER.index("plots") + 1]) - {"archive"}
+
+
 @pytest.mark.parametrize("path", sorted((PACKAGE / "kernels").glob("*.py")), ids=lambda p: p.stem)
 def test_kernels_know_nothing_of_the_package(path):
     tree = ast.parse(path.read_text())
@@ -93,9 +98,10 @@ def test_importing_is_light():
 
 
 def test_importing_adds_little_time():
-    # a count of modules does not depend on the machine's load as a clock does; the clock is in pipelines/benchmarks
+    # a count of modules does not depend on the machine's load as a clock does; the clock is in pipelines/benchmarks.  There
+    # are 63, mostly ours, of some 0.7 ms each; a library that slips in brings hundreds
     code = "import xarray, sys; before = set(sys.modules); import cablepod; print(len(set(sys.modules) - before))"
-    assert int(fresh(code)) < 60
+    assert int(fresh(code)) < 70
 
 
 def test_public_names_have_docstrings_and_keyword_only_options():
@@ -103,6 +109,8 @@ def test_public_names_have_docstrings_and_keyword_only_options():
         cp.read_scene, cp.make_scene, cp.catenary.rest, cp.chain.rest, cp.chain.simulate, cp.cable.rest,
         cp.cable.simulate, cp.cable.frequencies, cp.rigid.rest, cp.rigid.simulate, cp.pod.decompose, cp.pod.project,
         cp.pod.reconstruct, cp.galerkin.simulate, cp.condensed.simulate, cp.compare.errors, cp.archive.write, cp.archive.read,
+        cp.plots.snapshots, cp.plots.tension, cp.plots.phase_portraits, cp.plots.parameter_map, cp.plots.stability,
+        cp.plots.error_against_run_time,
         cp.archive.open_ensemble, cp.ensemble.run, cp.ensemble.batches,
     ]  # fmt: skip
     for function in functions:

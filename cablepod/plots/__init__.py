@@ -1,0 +1,34 @@
+"""Figures: Dataset and axes in, axes out.  Nothing is shown or saved, and no global option of matplotlib is changed.
+
+Without `ax` a new figure is made.  Curves differ in line style or marker as well as in colour (Okabe and Ito's), and maps go from
+dark to light, also to be read in grey.  The legend stands to the right of the axes: give figures of your own
+``layout="constrained"``, which makes room for it.  Only :func:`animate` gives something else, an :class:`Animation`.
+"""
+
+from cablepod.plots.animation import Animation, animate
+from cablepod.plots.cables import phase_portraits, rest, shapes, snapshots, tension
+from cablepod.plots.expansions import amplitudes, modes, singular_values
+from cablepod.plots.maps import parameter_map, stability
+from cablepod.plots.parts import COLOURS, LINES, MARKERS, SIGMA
+from cablepod.plots.reports import error_against_run_time, error_over_time
+
+__all__ = [
+    "COLOURS",
+    "LINES",
+    "MARKERS",
+    "SIGMA",
+    "Animation",
+    "amplitudes",
+    "animate",
+    "error_against_run_time",
+    "error_over_time",
+    "modes",
+    "parameter_map",
+    "phase_portraits",
+    "rest",
+    "shapes",
+    "singular_values",
+    "snapshots",
+    "stability",
+    "tension",
+]

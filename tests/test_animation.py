@@ -1,0 +1,120 @@
+"""Animations: frames are instants, files play, and notebooks show them."""
+
+from __future__ import annotations
+
+import base64
+import re
+from itertools import pairwise
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+mpl.use("Agg")
+
+from matplotlib import animation
+from matplotlib import pyplot as plt
+from PIL import Image
+from test_plots import TIME, modes_of, trajectory
+
+from cablepod import plots
+from cablepod.schema import SceneError
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+def lines_of(movie):
+    """The lines that move, without the grey one."""
+    return movie.ax.lines[1:]
+
+
+def test_frames_are_the_instants():
+    chain, reduced = trajectory(), trajectory(sigma=np.linspace(0.0, 1.0, 7), seed=5)
+    movie = plots.animate(chain, reduced)
+    np.testing.assert_array_equal(movie.times, TIME)
+    for i in (0, 3, 1):
+        movie.show_frame(i)
+        for line, run in zip(lines_of(movie), (chain, reduced), strict=True):
+            np.testing.assert_array_equal(line.get_xydata(), run.position.values[i])
+        assert movie.ax.texts[0].get_text() == f"t = {TIME[i]:g} s"
+    np.testing.assert_array_equal(movie.ax.lines[0].get_xydata(), chain.position.values[0])
+    assert (movie.ax.get_xlabel(), movie.ax.get_ylabel()) == ("x [m]", "y [m]")
+
+
+def test_frames_are_as_many_as_wanted_and_hold_all_of_the_motion():
+    run = trajectory(times=np.linspace(0.0, 10.0, 101))
+    run["position"].values[77, 1, 1] = -50.0  # in no frame but one
+    movie = plots.animate(run, frames=5)
+    assert movie.times.tolist() == [0.0, 2.5, 5.0, 7.5, 10.0]
+    assert movie.show_frame(3).texts[0].get_text() == "t = 7.5 s"
+    assert plots.animate(run, frames=5).ax.get_ylim()[0] > -50.0
+    assert plots.animate(run, frames=500).ax.get_ylim()[0] < -50.0
+
+
+def test_deflections_are_those_of_shapes():
+    run = trajectory()
+    movie = plots.animate(run, deflection=True)
+    movie.show_frame(2)
+    (line,) = plots.shapes(run, times=[0.2], deflection=True).lines
+    np.testing.assert_array_equal(lines_of(movie)[0].get_xydata(), line.get_xydata())
+
+
+def test_a_gif_has_a_frame_for_each_instant_and_they_differ(tmp_path):
+    movie = plots.animate(trajectory())
+    engine = movie.figure.get_layout_engine()
+    path = movie.save(tmp_path / "guy.gif", frames_per_second=10)
+    with Image.open(path) as picture:
+        assert picture.format == "GIF"
+        assert picture.n_frames == TIME.size
+        assert picture.info["duration"] == 100  # ms
+        frames = []
+        for i in range(picture.n_frames):
+            picture.seek(i)
+            frames.append(np.asarray(picture.convert("RGB")))
+    assert all((a != b).any() for a, b in pairwise(frames))
+    assert movie.figure.get_layout_engine() is engine
+
+
+def test_a_notebook_shows_a_gif_once():
+    movie = plots.animate(trajectory(), frames=2)
+    page = movie._repr_html_()
+    data = re.fullmatch(r'<img alt="a cable in motion, t = 0 to 0.3 s" src="data:image/gif;base64,([^"]+)">', page)[1]
+    assert base64.b64decode(data).startswith(b"GIF8")
+    assert movie._repr_html_() is page
+    assert not plt.get_fignums()  # a figure of pyplot would be shown a second time
+
+
+def test_given_axes_are_used():
+    _, ax = plt.subplots()
+    assert plots.animate(trajectory(), ax=ax).ax is ax
+
+
+def test_an_mp4_is_written_where_ffmpeg_is_and_refused_where_not(tmp_path, monkeypatch):
+    movie = plots.animate(trajectory(), frames=2)
+    if animation.writers.is_available("ffmpeg"):
+        assert movie.save(tmp_path / "guy.mp4").read_bytes()[4:8] == b"ftyp"
+    monkeypatch.setattr(animation.writers, "is_available", lambda name: False)
+    with pytest.raises(SceneError, match=r"path: given '.*guy\.mp4'; allowed: .*\.gif; \.mp4 needs the program ffmpeg"):
+        movie.save(tmp_path / "guy.mp4")
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (lambda: plots.animate(modes_of()), "chain: given a Dataset without position"),
+        (lambda: plots.animate(trajectory(), trajectory(times=TIME + 0.05)), "times: .*instants of the reduced"),
+        (lambda: plots.animate(trajectory(), frames=0), "frames: given 0; allowed: a whole number of at least 1"),
+        (lambda: plots.animate(trajectory()).show_frame(4), "number: given 4; allowed: .*at most 3"),
+        (lambda: plots.animate(trajectory()).save("guy.avi"), "path: given 'guy.avi'; allowed: .*gif or .mp4"),
+        (lambda: plots.animate(trajectory()).save("no/such/guy.gif"), "path: .*a folder that is there"),
+        (lambda: plots.animate(trajectory()).save("a.gif", frames_per_second=0), "frames_per_second: given 0"),
+        (lambda: plots.animate(trajectory(), trajectory(3)), "reduced: .*the coordinates of the chain"),
+    ],
+)
+def test_wrong_input_is_refused(act, message):
+    with pytest.raises(SceneError, match=message):
+        act()
