@@ -120,9 +120,9 @@ def refined_in_space(
         if estimate <= (0.5 if count < counts[-1] else 1.0) * goal:  # with a margin while there is a choice
             return run, state, estimate
     warnings.warn(
-        f"two numbers of elements disagree: an error of {estimate:.2g} of the motion is left with {run.chain.sizes.size}, "
-        f"more than the tolerance {goal:.2g}; the motion is chaotic, or the cable goes slack and has corners; give a number of "
-        "elements, or a larger tolerance",
+        f"two numbers of elements disagree: an error of {estimate:.2g} of the motion is left with {run.chain.sizes.size} "
+        f"elements, more than the tolerance {goal:.2g}; the motion is chaotic, or the cable goes slack and has corners; give a "
+        "number of elements, or a larger tolerance",
         stepping.NotConvergedWarning,
         stacklevel=4,
     )
