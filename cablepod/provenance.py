@@ -25,6 +25,8 @@ LEADING = (
 )  # fmt: skip
 #: Longer arrays are not kept in a history.
 KEPT = 64
+#: But uneven instants, without which nothing could be made again, up to so many.
+KEPT_NUMBERS = 4096
 #: Ways to make equidistant numbers, see :func:`equidistant`.
 EQUIDISTANT = ("multiples", "quotients", "linspace")
 
@@ -44,6 +46,8 @@ def plain(value: Any) -> Any:
             for way, made in _equidistant(value):
                 if np.array_equal(made, value):
                     return {"equidistant": way, "first": float(value[0]), "last": float(value[-1]), "count": value.size}
+            if value.ndim == 1 and value.dtype.kind == "f" and value.size <= KEPT_NUMBERS:
+                return value.tolist()  # uneven instants
             digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()[:16]
             return {"shape": list(value.shape), "dtype": str(value.dtype), "sha256": digest}
         return value.tolist()
