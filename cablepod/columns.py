@@ -10,11 +10,9 @@ import numpy as np
 
 from cablepod import schema
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.motion import TimeFunction
+from cablepod.motion import SINES, TimeFunction
 from cablepod.parameters import Members
 
-#: Kinds of motion that a table of sines gives.
-SINES = ("one_minus_cosine", "harmonic")
 #: Terms that not every scene has and that these columns lack.
 LACKING = ("ends_free", "load_kind", "point_load_1_force")
 

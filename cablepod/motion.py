@@ -7,7 +7,7 @@ values and know no kinds.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+#: Kinds whose values at equidistant steps are compiled rotations.
+SINES = ("one_minus_cosine", "harmonic")
 
 
 @dataclass(frozen=True)
@@ -55,16 +57,20 @@ class TimeFunction:
         self, start: int, steps: int, rate: float, derivatives: tuple[int, ...], origin: float = 0.0
     ) -> Array:
         """Evaluate several derivatives at once, (derivatives, steps + 1), as :meth:`on_steps` does one."""
-        if self.kind not in ("one_minus_cosine", "harmonic"):
+        if self.kind not in SINES:
             time = np.arange(start, start + steps + 1) / rate
             return np.array([self(time, derivative) + (0.0 if derivative else origin) for derivative in derivatives])
         from cablepod.kernels import motion as kernel  # numba is imported only to compute
 
-        amplitude, omega = float(self.values["amplitude"]), float(self.values["angular_frequency"])
-        phase = float(self.values["phase"]) if self.kind == "harmonic" else -0.5 * math.pi
         result = np.empty((len(derivatives), steps + 1))
-        kernel.harmonic(start, rate, omega, phase, amplitude, float(origin), derivatives, result)
+        kernel.harmonic(start, rate, *self.sine, float(origin), derivatives, result)
         return result
+
+    @property
+    def sine(self) -> tuple[float, float, float]:
+        """Angular frequency [rad/s], phase [rad] and amplitude of one of SINES."""
+        phase = float(self.values["phase"]) if self.kind == "harmonic" else -0.5 * math.pi  # of one minus a cosine
+        return float(self.values["angular_frequency"]), phase, float(self.values["amplitude"])
 
     def _one_minus_cosine(self, time: Array, derivative: int) -> Array:
         amplitude, omega = self.values["amplitude"], self.values["angular_frequency"]
@@ -102,7 +108,7 @@ class TimeFunction:
     @property
     def time_scale(self) -> float:
         """Shortest time over which it changes [s]: a period, the length of a ramp, twice the spacing of a record."""
-        if self.kind in ("one_minus_cosine", "harmonic"):
+        if self.kind in SINES:
             return (
                 2.0 * np.pi / abs(float(self.values["angular_frequency"]))
                 if self.values["angular_frequency"]
@@ -121,3 +127,28 @@ class TimeFunction:
     def end(self) -> float:
         """Last time [s] at which the function is known; infinite but for a record."""
         return float(self.values["time"][-1]) if self.kind == "file" else np.inf
+
+
+class Abreast:
+    """The same time function of several scenes, with numbers of its own in each; `origins` (members,) are added to values.
+
+    Where all are sines, one compiled call fills their tables.
+    """
+
+    def __init__(self, functions: Sequence[TimeFunction], origins: Sequence[float] | None = None) -> None:
+        self.functions = functions
+        self.origins = np.zeros(len(functions)) if origins is None else np.array(origins, dtype=float)
+        self.sines = None
+        if all(function.kind in SINES for function in functions):
+            self.sines = np.array([function.sine for function in functions]).T.copy()
+
+    def fill(self, start: int, rate: float, derivative: int, row: int, tables: Array) -> None:
+        """Fill `tables[:, row]`, (members, steps + 1), as :meth:`TimeFunction.on_steps` does."""
+        from cablepod.kernels import motion as kernel  # numba is imported only to compute
+
+        if self.sines is not None:
+            kernel.harmonic_of_members(start, rate, *self.sines, self.origins, derivative, row, tables)
+            return
+        steps = tables.shape[2] - 1
+        for table, function, origin in zip(tables, self.functions, self.origins.tolist(), strict=True):
+            table[row] = function.on_steps(start, steps, rate, derivative, origin)

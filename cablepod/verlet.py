@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from cablepod import stepping
 from cablepod.conventions import COORDINATES, ENDS
+from cablepod.motion import Abreast
 from cablepod.runs import Run, State
 from cablepod.stepping import Instants, RunStopped
 
@@ -22,40 +26,45 @@ class VerletRun(Run):
 
     def __call__(self, rate: float) -> State:
         """Run with so many steps per second."""
+        march = March([self.begin(rate)])
+        failed = stepping.march(
+            lambda start, steps: bool(march.advance(start, steps)[0]), (march.states,), march.total, self.progress
+        )
+        if failed is not None:
+            self._stop(march.instants, march.saved[0], None if march.halves is None else march.halves[0], failed, rate)
+        return self.finish(march, 0)
+
+    def begin(self, rate: float) -> Begun:
+        """Make ready to run with so many steps per second."""
+        return Begun(self, self.instants(rate), *self._first_state(1.0 / rate))
+
+    def finish(self, march: March, place: int) -> State:
+        """Return what this run gave, which was the one at some place among those of a march.
+
+        Raises
+        ------
+        RunStopped
+            Where the links hold more energy than anything explains, or became too stiff for the step.
+        """
         from cablepod.kernels import chain as kernel  # numba is imported only to compute
 
-        instants = self.instants(rate)
-        total = int(instants.steps[-1]) + 1
-        state, decay, patterns = self._first_state(1.0 / rate)
-        chain, p = self.chain, self.chain.p
-        factors = [factor for _, factor in chain.varying()]
-        saved = np.empty((instants.steps.size, p.dims, chain.links + 1))
-        halves = np.empty((len(saved), 2, *saved.shape[1:])) if self.wants_velocity(instants) else None
-        extremes = True if "tension_extremes" in self.outputs else None
-        rows = np.array([kernel.X + COORDINATES.index(axis) for _, axis in p.motions], dtype=np.int64)
-        columns = np.array([chain.links * ENDS.index(end) for end, _ in p.motions], dtype=np.int64)
-        position, bound = state[kernel.X : kernel.X + p.dims, : chain.links + 1], self.bound
-
-        def advance(start: int, steps: int) -> bool:
-            first, last = np.searchsorted(instants.steps, (start, start + steps))
-            kernel.verlet(
-                state, chain.links, True if p.dims == 3 else None, True if chain.green else None, 1.0 / rate, decay,
-                p.link_viscosity, patterns,
-                np.stack([factor.on_steps(start, steps, rate) for factor in factors], axis=1) if factors else None,
-                rows, columns, p.end_tables(start, steps, rate),
-                p.end_tables(start, steps, rate, 1) if p.link_viscosity is not None else None, extremes,
-                steps, start, instants.steps[first:last], saved[first:last],
-                halves[first:last] if halves is not None else None,
-            )  # fmt: skip
-            return bool(np.isfinite(position).all() and np.abs(position).max() < bound)
-
-        failed = stepping.march(advance, (state,), total, self.progress)
-        if failed is not None:
-            self._stop(instants, saved, halves, failed, rate)
-        low, high = (_root(state[row, : chain.links]) for row in (kernel.LOW, kernel.HIGH))
-        result = self._gather(instants, saved, halves, (low, high) if extremes else None)
+        links = slice(self.chain.links)
+        low, high = (_root(march.states[place, row, links]) for row in (kernel.LOW, kernel.HIGH))
+        result = self._gather(
+            march.instants,
+            march.saved[place],
+            None if march.halves is None else march.halves[place],
+            (low, high) if "tension_extremes" in self.outputs else None,
+        )
         self._check_limit(result)
         return self.watch(result)
+
+    @property
+    def shape(self) -> tuple[Any, ...]:
+        """What runs must have alike to go abreast, see :class:`March`."""
+        chain, p = self.chain, self.chain.p
+        terms = (p.mass_damping is None, p.link_viscosity is None, len(chain.varying()), tuple(p.motions))
+        return chain.links, p.dims, chain.law, terms, self.outputs, self.times.tobytes()
 
     def _first_state(self, step: float) -> tuple[np.ndarray, float | None, np.ndarray | None]:
         """State of the kernel at the start from rest, its decay, and its patterns of loads that vary in time."""
@@ -143,6 +152,81 @@ class VerletRun(Run):
             f"the chain left the finite numbers at {done / rate:.6g} s (velocity Verlet, step {1 / rate:.4g} s, step number "
             f"{done}, stability limit {self._limit():.4g} s); try a shorter step, gentler loads or motion, or damping",
         )
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A run that is ready to step."""
+
+    run: VerletRun
+    instants: Instants
+    state: np.ndarray  #: as the kernel has it
+    decay: float | None
+    patterns: np.ndarray | None
+
+
+class March:
+    """Runs of equal :attr:`VerletRun.shape` and step abreast: one compiled call advances all of them."""
+
+    def __init__(self, begun: Sequence[Begun]) -> None:
+        from cablepod.kernels import chain as kernel  # numba is imported only to compute
+
+        first = begun[0]
+        run, chain, p = first.run, first.run.chain, first.run.chain.p
+        self.instants, self.bounds = first.instants, np.array([item.run.bound for item in begun])
+        self.states = np.stack([item.state for item in begun])
+        count, saves = len(begun), self.instants.steps.size
+        self.total = int(self.instants.steps[-1]) + 1
+        self.sound = np.ones(count, dtype=bool)  #: those that are advanced
+        self.saved = np.empty((count, saves, p.dims, chain.links + 1))
+        self.halves = np.empty((count, saves, 2, *self.saved.shape[2:])) if run.wants_velocity(self.instants) else None
+        self._position = self.states[:, kernel.X : kernel.X + p.dims, : chain.links + 1]
+        rows = np.array([kernel.X + COORDINATES.index(axis) for _, axis in p.motions], dtype=np.int64)
+        self._places = rows, np.array([chain.links * ENDS.index(end) for end, _ in p.motions], dtype=np.int64)
+        self._ends = [_abreast(begun, end, axis) for end, axis in p.motions]
+        self._factors = [
+            Abreast([factor for _, factor in loads]) for loads in zip(*(item.run.chain.varying() for item in begun), strict=True)
+        ]
+        self._patterns = _stacked([item.patterns for item in begun])
+        self._decays = _stacked([item.decay for item in begun])
+        self._viscosities = _stacked([item.run.chain.p.link_viscosity for item in begun])
+        self._kind = chain.links, True if p.dims == 3 else None, True if chain.green else None
+        self._extremes = True if "tension_extremes" in run.outputs else None
+
+    def advance(self, start: int, steps: int) -> np.ndarray:
+        """Take steps from the one number `start` on; tells which runs have not left the finite numbers (runs,)."""
+        from cablepod.kernels import chain as kernel  # numba is imported only to compute
+
+        rate, viscous = self.instants.rate, self._viscosities is not None
+        first, last = np.searchsorted(self.instants.steps, (start, start + steps))
+        kernel.verlet(
+            self.states, self.sound, *self._kind, 1.0 / rate, self._decays, self._viscosities, self._patterns,
+            self._tables(self._factors, start, steps) if self._factors else None,
+            *self._places, self._tables(self._ends, start, steps),
+            self._tables(self._ends, start, steps, 1) if viscous else None,
+            self._extremes, steps, start, self.instants.steps, first, last, self.saved, self.halves,
+        )  # fmt: skip
+        axes = (1, 2)
+        with np.errstate(invalid="ignore"):
+            return np.isfinite(self._position).all(axis=axes) & (np.abs(self._position).max(axis=axes) < self.bounds)
+
+    def _tables(self, functions: list[Abreast], start: int, steps: int, derivative: int = 0) -> np.ndarray:
+        """Values of time functions, or their rates, at steps from `start` on: (runs, functions, steps + 1)."""
+        table = np.empty((len(self.states), len(functions), steps + 1))
+        for row, function in enumerate(functions):
+            function.fill(start, self.instants.rate, derivative, row, table)
+        return table
+
+
+def _abreast(begun: Sequence[Begun], end: str, axis: str) -> Abreast:
+    """Gather the motion of one coordinate of an end in several runs."""
+    own = [item.run.chain.p for item in begun]
+    origins = [(p.lower if end == "lower" else p.upper)[COORDINATES.index(axis)] for p in own]
+    return Abreast([p.motions[end, axis] for p in own], origins)
+
+
+def _stacked(items: list[Any]) -> np.ndarray | None:
+    return None if items[0] is None else np.stack(items)
 
 
 def _root(signed_square: np.ndarray) -> np.ndarray:

@@ -119,16 +119,16 @@ def _predict(s, links, spatial):
 
 
 @njit(inline="always", **_options)
-def _drive(s, links, patterns, factors, spatial):
-    """Make the drive of a step: that of the constant loads and of those that vary in time."""
-    factor = factors[0]
+def _drive(s, links, patterns, factors, i, spatial):
+    """Make the drive of step `i`: that of the constant loads and of those that vary in time."""
+    factor = factors[0, i]
     for j in range(links + 1):
         s[DRIVE_X, j] = s[STEADY_X, j] + factor * patterns[0, 0, j]
         s[DRIVE_Y, j] = s[STEADY_Y, j] + factor * patterns[0, 1, j]
         if spatial is not None:
             s[DRIVE_Z, j] = s[STEADY_Z, j] + factor * patterns[0, 2, j]
     for load in range(1, patterns.shape[0]):
-        factor = factors[load]
+        factor = factors[load, i]
         for j in range(links + 1):
             s[DRIVE_X, j] += factor * patterns[load, 0, j]
             s[DRIVE_Y, j] += factor * patterns[load, 1, j]
@@ -197,53 +197,18 @@ def _advance(
         if extremes is not None:
             _extremes(s, links, green, spatial)
         if patterns is not None:
-            _drive(s, links, patterns, factors[i], spatial)
+            _drive(s, links, patterns, factors, i, spatial)
         _move(s, links, step, decay, spatial)
         for m in range(rows.size):
             s[rows[m], columns[m]] = ends[m, i + 1]
 
 
 @njit(**_options)
-def verlet(
+def _verlet(
     s, links, spatial, green, step, decay, viscosity, patterns, factors, rows, columns, ends, end_rates, extremes,
     steps, start, save_steps, saved, saved_half,
 ):  # fmt: skip
-    """Advance a chain by `steps` steps of velocity Verlet in leapfrog form.
-
-    Entering and leaving, positions are those of step `start`, velocities those half a step before it: the forces of a step
-    are computed once, and saving changes nothing.
-
-    Parameters
-    ----------
-    s : float array (ROWS, columns)
-        The state, see the constants of this module; advanced in place.
-    links : int
-        Number of links n.
-    spatial, green, extremes : True or None
-        Whether there is a third coordinate, whether law (21) holds, whether extremes of the tensions are kept.
-    step : float
-        [s].
-    decay : float or None
-        exp(-damping step), damping per mass; None without.
-    viscosity : float or None
-        Viscosity of the links over their stiffness [s]; only with the linear law.
-    patterns, factors : float arrays (loads, dims, n + 1), (steps + 1, loads) or None
-        Loads that vary in time, as what they add to the velocity in a step [m/s], and their factors at the steps.
-    rows, columns : int arrays (moving,)
-        Where in the state the coordinates of the ends are that move.
-    ends : float array (moving, steps + 1)
-        Their values at the steps from `start` on [m].
-    end_rates : float array (moving, steps + 1) or None
-        Their rates [m/s]; only with viscosity.
-    steps, start : int
-        Number of steps, number of the first.
-    save_steps : int array (saves,)
-        Rising numbers of the steps to save, start <= number < start + steps.
-    saved : float array (saves, dims, n + 1)
-        Filled with positions.
-    saved_half : float array (saves, 2, dims, n + 1) or None
-        Filled with the velocities half a step before and half a step after.
-    """
+    """Advance one chain, as :func:`verlet` does several; arrays without their first dimension."""
     dims = saved.shape[1]
     save, i = 0, 0
     while i < steps:
@@ -265,6 +230,66 @@ def verlet(
             if saved_half is not None:
                 saved_half[save, 1] = s[VX : VX + dims, : links + 1]
             save += 1
+
+
+@njit(**_options)
+def verlet(
+    states, sound, links, spatial, green, step, decays, viscosities, patterns, factors, rows, columns, ends, end_rates, extremes,
+    steps, start, save_steps, first, last, saved, saved_half,
+):  # fmt: skip
+    """Advance chains of equal shape by `steps` steps of velocity Verlet in leapfrog form, one after the other.
+
+    Entering and leaving, positions are those of step `start`, velocities those half a step before it: the forces of a step
+    are computed once, and saving changes nothing.
+
+    Parameters
+    ----------
+    states : float array (chains, ROWS, columns)
+        Their states, see the constants of this module; advanced in place.
+    sound : bool array (chains,)
+        Those to advance.
+    links : int
+        Number of links n.
+    spatial, green, extremes : True or None
+        Whether there is a third coordinate, whether law (21) holds, whether extremes of the tensions are kept.
+    step : float
+        [s].
+    decays : float array (chains,) or None
+        exp(-damping step), damping per mass; None without.
+    viscosities : float array (chains,) or None
+        Viscosity of the links over their stiffness [s]; only with the linear law.
+    patterns, factors : float arrays (chains, loads, dims, n + 1), (chains, loads, steps + 1 or more) or None
+        Loads that vary in time, as what they add to the velocity in a step [m/s], and their factors at the steps.
+    rows, columns : int arrays (moving,)
+        Where in the state the coordinates of the ends are that move.
+    ends : float array (chains, moving, steps + 1 or more)
+        Their values at the steps from `start` on [m].
+    end_rates : float array (chains, moving, steps + 1 or more) or None
+        Their rates [m/s]; only with viscosity.
+    steps, start : int
+        Number of steps, number of the first.
+    save_steps : int array (saves,)
+        Rising numbers of the steps to save; those from `first` up to `last` lie in start <= number < start + steps.
+    first, last : int
+        Which of them these steps meet.
+    saved : float array (chains, saves, dims, n + 1)
+        Filled with positions.
+    saved_half : float array (chains, saves, 2, dims, n + 1) or None
+        Filled with the velocities half a step before and half a step after.
+    """
+    for m in range(states.shape[0]):
+        if sound[m]:
+            _verlet(
+                states[m], links, spatial, green, step,
+                None if decays is None else decays[m],
+                None if viscosities is None else viscosities[m],
+                None if patterns is None else patterns[m],
+                None if factors is None else factors[m],
+                rows, columns, ends[m],
+                None if end_rates is None else end_rates[m],
+                extremes, steps, start, save_steps[first:last], saved[m, first:last],
+                None if saved_half is None else saved_half[m, first:last],
+            )  # fmt: skip
 
 
 @njit(**_options)

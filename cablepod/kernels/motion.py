@@ -71,6 +71,27 @@ def harmonic(start, rate, omega, phase, amplitude, origin, derivatives, tables):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def harmonic_of_members(start, rate, omega, phase, amplitude, origin, derivative, row, tables):
+    """Fill one row of the tables of many scenes, (members, rows, steps), as :func:`harmonic` does one table.
+
+    Parameters
+    ----------
+    start, rate
+        As in :func:`sines`.
+    omega, phase, amplitude, origin
+        As in :func:`harmonic`, of each scene (members,).
+    derivative
+        Its order.
+    row
+        Number of the row.
+    tables
+        Filled.
+    """
+    for m in range(omega.size):
+        harmonic(start, rate, omega[m], phase[m], amplitude[m], origin[m], (derivative,), tables[m, row : row + 1])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def ends_of_members(start, rate, omega, phase, amplitude, origin, damping, row, ends, second):
     """Fill one coordinate of the ends of many scenes, (members, coordinates, steps), from their harmonic motions.
 
