@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import elements, pod, pod_normal, schema
-from cablepod.chain import start
+from cablepod.chain_start import start
 from cablepod.chord import Frame
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.links import Chain, check_law

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cablepod import chain, schema
+from cablepod import chain_start, schema
 from cablepod.catenary import unstretched_length
 from cablepod.links import LAWS, Chain, square
 from cablepod.parameters import Parameters, check_memory
@@ -302,7 +302,7 @@ def places(p: Parameters, points: Any, total: float) -> np.ndarray | None:
 
 @dataclass(frozen=True)
 class Hanging(Chain):
-    """The continuous cable at rest, as the chain that :func:`cablepod.chain.start` knows how to hang.
+    """The continuous cable at rest, as the chain that :func:`cablepod.chain_start.start` knows how to hang.
 
     The force at the lower end determines all else: x(S) is the integral of F/|F| xi(|F|), with F falling by the loads.  By
     Gauss's rule between two nodes each point stands for some length, a link, and what acts between two points is the load on a
@@ -347,7 +347,7 @@ def hung(mesh: Mesh, places: np.ndarray | None = None) -> np.ndarray:
     for pieces in FINER:
         fine = np.interp(np.arange((wanted.size - 1) * pieces + 1) / pieces, np.arange(wanted.size), wanted)
         try:
-            return chain.start(hanging(mesh, fine))[:: GAUSS * pieces]
+            return chain_start.start(hanging(mesh, fine))[:: GAUSS * pieces]
         except SceneError as error:
             if pieces == FINER[-1]:
                 raise SceneError(str(error).replace("chain:", "cable:").replace("links taut", "places taut")) from None
@@ -400,4 +400,4 @@ def start(mesh: Mesh) -> np.ndarray:
         return position
     if len(line) == mesh.links + 1:  # a line all the same, not one point for each node
         line = np.insert(line, 1, 0.5 * (line[0] + line[1]), axis=0)
-    return chain.along_line(mesh, line)
+    return chain_start.along_line(mesh, line)

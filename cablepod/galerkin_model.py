@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import pod
-from cablepod.chain import start
+from cablepod.chain_start import start
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.links import Chain, check_law, square
 from cablepod.parameters import Parameters, solve_statics

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 import xarray as xr
@@ -31,6 +31,22 @@ Arrays = dict[str, tuple[tuple[str, ...], Any]]
 
 #: Does the members from one number up to another at once: which of them it did, their variables and attributes, row by row.
 Many = Callable[[int, int], tuple[np.ndarray, Arrays, Mapping[str, list[Any]]]]
+
+#: Gives variables and attributes of a member.
+One = Callable[[int], tuple[Arrays, Mapping[str, Any]]]
+
+#: Makes the members from one number up to another ready, where that is faster together; calls what is given now and then, which
+#: raises where the members are to stop.
+Ahead = Callable[[int, int, Callable[[], None]], None]
+
+
+class Way(NamedTuple):
+    """A faster way to run members than one Dataset after the other."""
+
+    one: One
+    ahead: Ahead
+    first: Callable[[], xr.Dataset]  #: the Dataset of one of the members that were run, as a single run gives it
+
 
 #: Members that a thread takes at once.
 CHUNK = 16
@@ -162,10 +178,11 @@ class Stack:
 
 
 def gather(
-    one: Callable[[int], tuple[Arrays, Mapping[str, Any]]],
+    one: One,
     count: int,
     progress: Callable[[float], None] | None,
     many: Many | None = None,
+    ahead: Ahead | None = None,
 ) -> Stack:
     """Run all members and stack what they give.
 
@@ -179,6 +196,8 @@ def gather(
         Called with the part that is done.
     many
         Does several at once, where there is a faster way; those that it did not are left to `one`.
+    ahead
+        Makes several ready for `one`.
 
     Raises
     ------
@@ -192,18 +211,24 @@ def gather(
     MemberFailedWarning
         Where some fail.
     """
-    stack, lock, stop = Stack(count), threading.Lock(), _STOP.get()
+    stack, lock, stop, halted = Stack(count), threading.Lock(), _STOP.get(), threading.Event()
+
+    def check() -> None:
+        if halted.is_set() or (stop is not None and stop()):
+            raise StoppedError
 
     def chunk(first: int) -> None:
         last = min(first + size, count)
         left = np.arange(first, last)
         if many is not None:
-            _check(stop)
+            check()
             did, variables, attrs = many(first, last)
             stack.put_many(first, did, variables, attrs)
             left = left[~did]
+        if ahead is not None:
+            ahead(first, last, check)
         for i in left.tolist():
-            _check(stop)
+            check()
             try:
                 result = one(i)
             except (RunStopped, ValueError, ArithmeticError) as error:
@@ -217,7 +242,7 @@ def gather(
 
     workers = min(_THREADS.get() or cores(), count)
     size = max(1, min(CHUNK, count // (4 * workers)))
-    _side_by_side(chunk, range(0, count, size), workers)
+    _side_by_side(chunk, range(0, count, size), workers, halted)
     failed = [(i, error) for i, error in enumerate(stack.failures) if error is not None]
     if failed and len(failed) == count:
         raise failed[0][1] from AllFailedError([str(error) for _, error in failed])
@@ -234,12 +259,7 @@ def gather(
     return stack
 
 
-def _check(stop: Callable[[], bool] | None) -> None:
-    if stop is not None and stop():
-        raise StoppedError
-
-
-def _side_by_side(chunk: Callable[[int], None], starts: range, workers: int) -> None:
+def _side_by_side(chunk: Callable[[int], None], starts: range, workers: int, halted: threading.Event) -> None:
     if workers == 1:
         for first in starts:
             chunk(first)
@@ -248,11 +268,12 @@ def _side_by_side(chunk: Callable[[int], None], starts: range, workers: int) -> 
         futures = [pool.submit(chunk, first) for first in starts]
         try:
             wait(futures, return_when=FIRST_EXCEPTION)
-        finally:  # after Ctrl-C too, what has not begun does not begin
+        finally:  # after Ctrl-C too, what has not begun does not begin, and what has soon ends
+            halted.set()
             pool.shutdown(wait=False, cancel_futures=True)
-    for future in futures:
-        if not future.cancelled():
-            future.result()
+    errors = [error for future in futures if not future.cancelled() and (error := future.exception())]
+    if errors:
+        raise next((error for error in errors if not isinstance(error, StoppedError)), errors[0])
 
 
 def join(stack: Stack, scene: xr.Dataset, coords: Any) -> xr.Dataset:
@@ -293,38 +314,60 @@ def _same(a: Any, b: Any) -> bool:
 
 def over_members(function: F) -> F:
     """Let a function of a scene take scenes with a dimension ``member``; the varied parameters become coordinates along it."""
+    return in_one_go(lambda *_, **__: None)(function)
 
-    @functools.wraps(function)
-    def wrapper(scene: xr.Dataset, *args: Any, **options: Any) -> xr.Dataset:
-        if not isinstance(scene, xr.Dataset) or "member" not in scene.dims:
-            return function(scene, *args, **options)
-        first: list[xr.Dataset] = []
-        own = {**options, "progress": None} if "progress" in options else options
 
-        def one(i: int) -> tuple[Arrays, Mapping[str, Any]]:
-            result = function(scene.isel(member=i, drop=True), *args, **own)
-            first[:] = [result]  # of any member: it tells coordinates from variables, and their attributes
-            return (
-                {str(name): (cast(Any, item.dims), item.values) for name, item in result.variables.items()},
-                result.attrs,
+def in_one_go(plan: Callable[..., Way | None]) -> Callable[[F], F]:
+    """Do the same as :func:`over_members` for a function of which `plan` knows a faster way.
+
+    `plan` takes what the function takes but for its progress, and returns None where it does not cover what is asked for.
+    """
+
+    def decorator(function: F) -> F:
+        @functools.wraps(function)
+        def wrapper(scene: xr.Dataset, *args: Any, **options: Any) -> xr.Dataset:
+            if not isinstance(scene, xr.Dataset) or "member" not in scene.dims:
+                return function(scene, *args, **options)
+            given = {name: value for name, value in options.items() if name != "progress"}
+            one, ahead, first = plan(scene, *args, **given) or _one_by_one(function, scene, args, options)
+            stack = gather(one, scene.sizes["member"], options.get("progress"), ahead=ahead)
+            return provenance.record(
+                _labelled(stack, scene, first()),
+                function=f"{function.__module__.removeprefix('cablepod.')}.{function.__name__}",
+                parameters=given | unnamed_values(scene),
+                inputs=[scene, *(item for item in args if isinstance(item, xr.Dataset))],
             )
 
-        stack = gather(one, scene.sizes["member"], options.get("progress"))
-        shared = _shared(stack, first[0])
-        joined = join(stack, scene, shared)
-        for name, variable in joined.variables.items():
-            if name in first[0].variables:
-                variable.attrs = dict(first[0].variables[name].attrs)
-        joined = joined.set_coords([name for name in first[0].coords if name in joined.data_vars])
-        given = {name: value for name, value in options.items() if name != "progress"}
-        return provenance.record(
-            joined,
-            function=f"{function.__module__.removeprefix('cablepod.')}.{function.__name__}",
-            parameters=given | unnamed_values(scene),
-            inputs=[scene, *(item for item in args if isinstance(item, xr.Dataset))],
-        )
+        return cast(F, wrapper)
 
-    return cast(F, wrapper)
+    return decorator
+
+
+def _one_by_one(function: F, scene: xr.Dataset, args: tuple[Any, ...], options: Mapping[str, Any]) -> Way:
+    """Run each member as a scene of its own."""
+    first: list[xr.Dataset] = []
+    own = {**options, "progress": None} if "progress" in options else options
+
+    def one(i: int) -> tuple[Arrays, Mapping[str, Any]]:
+        result = function(scene.isel(member=i, drop=True), *args, **own)
+        first[:] = [result]
+        return arrays_of(result), result.attrs
+
+    return Way(one, lambda *_: None, lambda: first[0])
+
+
+def arrays_of(result: xr.Dataset) -> Arrays:
+    """Take the arrays of all variables out of a Dataset."""
+    return {str(name): (cast(Any, item.dims), item.values) for name, item in result.variables.items()}
+
+
+def _labelled(stack: Stack, scene: xr.Dataset, first: xr.Dataset) -> xr.Dataset:
+    """Join members as the Dataset of one of them tells coordinates from variables, and their attributes."""
+    joined = join(stack, scene, _shared(stack, first))
+    for name, variable in joined.variables.items():
+        if name in first.variables:
+            variable.attrs = dict(first.variables[name].attrs)
+    return joined.set_coords([name for name in first.coords if name in joined.data_vars])
 
 
 def unnamed_values(scene: xr.Dataset) -> dict[str, Any]:

@@ -112,12 +112,16 @@ def record(
     stages[identifier] = {"id": identifier, "function": function, "parameters": resolved, "inputs": parents}
     if chosen:
         stages[identifier]["chosen"] = sorted(chosen)
-    attrs = {**result.attrs, "id": identifier, "history_json": json.dumps(list(stages.values()), sort_keys=True)}
-    first = [name for name in LEADING if name in attrs]
-    last = ("id", "history_json")
-    between = [name for name in attrs if name not in first and name not in last]
-    result.attrs = {name: attrs[name] for name in (*first, *between, *last)}
+    attrs = {name: value for name, value in result.attrs.items() if name not in ("id", "history_json")}
+    history = json.dumps(list(stages.values()), sort_keys=True)
+    result.attrs = {**in_order(attrs), "id": identifier, "history_json": history}
     return result
+
+
+def in_order(attrs: Mapping[str, Any]) -> dict[str, Any]:
+    """Put attributes in the order in which a result has them."""
+    first = [name for name in LEADING if name in attrs]
+    return {name: attrs[name] for name in (*first, *(name for name in attrs if name not in first))}
 
 
 def seal(scene: xr.Dataset) -> xr.Dataset:

@@ -278,7 +278,14 @@ class Run:
 
     def dataset(self, state: State) -> xr.Dataset:
         """Label what a run gave."""
-        chain, rate = self.chain, state.instants.rate
+        result = xr.Dataset(*self.arrays(state))
+        label(result)
+        result.attrs.update(self.attributes(state))
+        return result
+
+    def arrays(self, state: State) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Variables of the result, and its coordinates."""
+        chain = self.chain
         variables: dict[str, Any] = {}
         if "position" in self.outputs:
             variables["position"] = (("time", "particle", "coordinate"), state.position)
@@ -290,21 +297,23 @@ class Run:
             variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
         variables["unstretched_length"] = ((), chain.total_length)
         about, names = training.describe(chain.p, chain.total_length, float(state.instants.times[-1]))
-        coords = {"time": state.instants.times, **coordinates(chain), **names}
-        result = xr.Dataset({**variables, **about}, coords=coords)
-        label(result)
-        result.attrs.update(
-            title=f"{self.title}: elastic chain of {chain.links} links{suffix(chain)}",
-            stage="trajectory",
-            model="elastic chain",
-            law=chain.law,
-            scheme=self.scheme,
-            step=1.0 / rate,
-            number_of_steps=int(state.instants.steps[-1]),
-            highest_angular_frequency=chain.highest_frequency(chain.stiffening(self.initial)),
+        return {**variables, **about}, {"time": state.instants.times, **coordinates(chain), **names}
+
+    def attributes(self, state: State) -> dict[str, Any]:
+        """Attributes of the result."""
+        chain, rate = self.chain, state.instants.rate
+        attrs = {
+            "title": f"{self.title}: elastic chain of {chain.links} links{suffix(chain)}",
+            "stage": "trajectory",
+            "model": "elastic chain",
+            "law": chain.law,
+            "scheme": self.scheme,
+            "step": 1.0 / rate,
+            "number_of_steps": int(state.instants.steps[-1]),
+            "highest_angular_frequency": chain.highest_frequency(chain.stiffening(self.initial)),
             **state.notes,
             **self.jolt(),
-        )
+        }
         if chain.green:
-            result.attrs["smallest_stretch"] = float(chain.stretch(state.position).min())
-        return result
+            attrs["smallest_stretch"] = float(chain.stretch(state.position).min())
+        return attrs

@@ -46,6 +46,7 @@ from stability_judge import (
 from tqdm import tqdm
 
 import cablepod as cp
+from cablepod import chain_start
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
 from cablepod.rigid_runs import FORMULATIONS
@@ -88,7 +89,7 @@ def limits(scene: xr.Dataset) -> tuple[float, float]:
     """
     chain = chain_of(parameters(scene))
     predicted, interval = chain.step_limit(), float(scene["time_interval"])
-    run = VerletRun(chain, parameters(scene).times(), cp.chain.start(chain), ("position", "velocity"), None, "limit")
+    run = VerletRun(chain, parameters(scene).times(), chain_start.start(chain), ("position", "velocity"), None, "limit")
     sound = _energy(run, min(0.05 * predicted, interval))
     low = 0.0
     for high in np.arange(0.1, 1.51, 0.05):

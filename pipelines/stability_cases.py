@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 import cablepod as cp
-from cablepod import shipped
+from cablepod import chain_runs, shipped
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
 from cablepod.rigid_runs import FORMULATIONS, RigidRun
@@ -83,9 +83,9 @@ class Case:
         if wanted is None:
             duration, period = float(scene["time_duration"]), 2.0 * np.pi / first_frequency(scene)
             wanted = max(min(period / PER_PERIOD, p.time_scale / PER_CHANGE, duration / 20.0), limit)
-        explicit = cp.chain.SCHEMES[0]
+        explicit = chain_runs.SCHEMES[0]
         elastic = {
-            scheme: dividing(scene, OF_LIMIT * limit if scheme == explicit else wanted) for scheme in cp.chain.SCHEMES
+            scheme: dividing(scene, OF_LIMIT * limit if scheme == explicit else wanted) for scheme in chain_runs.SCHEMES
         }
         return elastic | dict.fromkeys(FORMULATIONS, dividing(scene, rigid_step(scene, wanted)))
 

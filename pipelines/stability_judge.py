@@ -14,11 +14,12 @@ from scipy.stats import t as student
 from stability_cases import Case, dividing, rigid_step
 
 import cablepod as cp
+from cablepod import chain_runs
 from cablepod.links import Chain, chain_of
 from cablepod.parameters import parameters
 from cablepod.rigid_runs import FORMULATIONS
 
-SCHEMES = (*cp.chain.SCHEMES, *FORMULATIONS)
+SCHEMES = (*chain_runs.SCHEMES, *FORMULATIONS)
 VERLET, REFERENCE = SCHEMES[0], "energy_momentum"
 RATTLE, INDEX1 = FORMULATIONS
 ACCURATE, INACCURATE, REFUSED, STOPPED, BROKEN, OTHER = CLASSES = (

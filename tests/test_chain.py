@@ -11,8 +11,8 @@ import xarray as xr
 from conftest import spatial
 
 import cablepod as cp
-from cablepod import cable_runs, links
-from cablepod import chain as chain_module
+from cablepod import cable_runs, chain_runs, chain_start, links
+from cablepod.implicit import ImplicitRun
 from cablepod.parameters import parameters
 from cablepod.verlet import VerletRun
 
@@ -402,7 +402,7 @@ def test_the_stability_limit_is_where_it_is_predicted(soft):
     assert limit == pytest.approx(2 / (2 * np.sqrt(1e3 / link**2) * np.cos(np.pi / 16)), rel=1e-12)
 
     def largest(step):
-        run = VerletRun(chain, np.array([1000 * step]), chain_module.start(chain), ("position",), None, "")
+        run = VerletRun(chain, np.array([1000 * step]), chain_start.start(chain), ("position",), None, "")
         return np.abs(run(1 / step).position - line).max()
 
     assert largest(0.999 * limit) < 1e-5
@@ -416,7 +416,7 @@ def test_the_stability_limit_with_viscous_links(soft, viscosity):
     chain = links.chain_of(parameters(scene))
     limit = chain.step_limit()
     assert limit < 2 / chain.highest_frequency()
-    start = chain_module.start(chain)
+    start = chain_start.start(chain)
     start[1:-1:2] += 1e-9
 
     def largest(step):
@@ -492,14 +492,14 @@ def test_finite_garbage_is_stopped(scenes):
 
 def test_a_run_that_breaks_down_is_told_only_of_other_schemes(soft):
     about = (links.chain_of(parameters(cp.make_scene(soft))), np.zeros(1), np.zeros((9, 2)), ("position",), None, "")
-    assert chain_module.ImplicitRun(*about, method="trapezoidal").cure.endswith("or scheme energy_momentum")
-    assert chain_module.ImplicitRun(*about, method="energy_momentum").cure == "a step half as long"
+    assert ImplicitRun(*about, method="trapezoidal").cure.endswith("or scheme energy_momentum")
+    assert ImplicitRun(*about, method="energy_momentum").cure == "a step half as long"
     assert "energy_momentum" not in cable_runs.MeshVerlet(*about).cure
 
 
 def test_an_unexplained_energy_is_warned_of(soft, monkeypatch):
     # with the limit set to what any motion holds
-    monkeypatch.setattr(chain_module, "SUSPECT", 1e-9)
+    monkeypatch.setattr(chain_runs, "SUSPECT", 1e-9)
     with pytest.warns(cp.NotConvergedWarning, match="times the energy that rest, loads and ends explain"):
         cp.chain.simulate(cp.make_scene(soft), step=1e-3)
 

@@ -1,0 +1,94 @@
+"""Chains of many scenes: set up number by number, stepped by compiled loops over those of equal shape.
+
+Each member is what a run of its scene alone is, bit for bit: the same setup, the same loop, the same checks of what came out.
+What is left out is what makes a Dataset of each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, cast
+
+import xarray as xr
+
+from cablepod import provenance
+from cablepod.chain_runs import Options, Ready, Solution, prepare, solve
+from cablepod.members import Arrays, Way
+from cablepod.parameters import Members
+from cablepod.runs import State
+from cablepod.schema import SceneError
+from cablepod.stepping import RunStopped
+from cablepod.verlet import March, VerletRun
+
+#: Steps in a block, whose tables of many members fit in the cache; a multiple of those after which the tables of sines begin
+#: anew, and a divisor of those after which single runs look at the state.
+BLOCK = 4096
+
+
+def plan(scene: xr.Dataset, **given: Any) -> Way | None:
+    """Tell how to run many members; None where what is asked for cannot be, which single runs say for each of them."""
+    try:
+        members, options = Members(scene), Options.of(**given)
+    except SceneError:
+        return None
+    batch = Batch(members, options, str(scene.attrs.get("title", "scene")))
+    return Way(batch.one, batch.ahead, lambda: batch.first[0])
+
+
+class Batch:
+    """Members and what is asked for."""
+
+    def __init__(self, members: Members, options: Options, title: str) -> None:
+        self.members, self.options, self.title = members, options, title
+        self.first: list[xr.Dataset] = []
+        self._ready: dict[int, Ready] = {}
+        self._marched: dict[int, tuple[March, int]] = {}
+
+    def ahead(self, first: int, last: int, check: Callable[[], None]) -> None:
+        """Step the members `first` ... `last - 1` abreast, those that are explicit and whose step is given."""
+        shapes: dict[Any, list[int]] = {}
+        begun = {}
+        for i in range(first, last):
+            check()
+            try:
+                ready = prepare(self.members[i], self.options, self.title)
+                if isinstance(ready.run, VerletRun) and ready.rate is not None:
+                    begun[i] = ready.run.begin(ready.rate)
+                    shapes.setdefault(ready.run.shape, []).append(i)
+            except (ValueError, ArithmeticError):
+                continue  # it is said when the turn of this member comes
+            self._ready[i] = ready
+        for group in shapes.values():
+            march = March([begun[i] for i in group])
+            for start in range(0, march.total, BLOCK):
+                check()
+                march.sound &= march.advance(start, min(BLOCK, march.total - start))
+            # runs that left the finite numbers are made once more, alone, to say when
+            self._marched |= {i: (march, place) for place, i in enumerate(group) if march.sound[place]}
+
+    def one(self, i: int) -> tuple[Arrays, Mapping[str, Any]]:
+        """Return variables and attributes of a member."""
+        ready = self._ready.pop(i, None) or prepare(self.members[i], self.options, self.title)
+        state: State | None = None
+        if i in self._marched:
+            state = ready.explicit.finish(*self._marched.pop(i))
+        return self._parts(solve(ready, self.options, state))
+
+    def _parts(self, solution: Solution) -> tuple[Arrays, Mapping[str, Any]]:
+        run, state = solution.run, solution.state
+        if not self.first:
+            self.first[:] = [solution.dataset()]
+        variables, coords = run.arrays(state)
+        made = variables | coords
+        ordered = {str(name): _dims_and_values(str(name), made[str(name)]) for name in self.first[0].variables}
+        return ordered, provenance.in_order(run.attributes(state) | solution.notes)
+
+
+def _dims_and_values(name: str, item: Any) -> tuple[tuple[str, ...], Any]:
+    """Read what a Dataset is made of; to make a variable of it takes as long as a thousand steps of a chain."""
+    if isinstance(item, xr.Variable):
+        return cast(tuple[str, ...], item.dims), item.values
+    if isinstance(item, tuple):
+        dims, values = item
+        return (dims,) if isinstance(dims, str) else dims, values
+    return (name,), item
