@@ -20,9 +20,11 @@ from cablepod.schema import SceneError
 from cablepod.stepping import RunStopped
 from cablepod.verlet import March, VerletRun
 
-#: Steps in a block, whose tables of many members fit in the cache; a multiple of those after which the tables of sines begin
-#: anew, and a divisor of those after which single runs look at the state.
-BLOCK = 4096
+#: Steps in a block, at most and at least: multiples of those after which the tables of sines begin anew, so that they are those
+#: of a single run.
+BLOCK, SHORTEST = 16384, 1024
+#: Links times steps of all members in a block, at most: some tenths of a second, in which nobody can stop them.
+WORK = 2e8
 
 
 def plan(scene: xr.Dataset, **given: Any) -> Way | None:
@@ -41,6 +43,7 @@ class Batch:
     def __init__(self, members: Members, options: Options, title: str) -> None:
         self.members, self.options, self.title = members, options, title
         self.first: list[xr.Dataset] = []
+        self._names: dict[str, tuple[tuple[str, ...], Any]] = {}  # coordinates that are the same in all
         self._ready: dict[int, Ready] = {}
         self._marched: dict[int, tuple[March, int]] = {}
 
@@ -60,9 +63,12 @@ class Batch:
             self._ready[i] = ready
         for group in shapes.values():
             march = March([begun[i] for i in group])
-            for start in range(0, march.total, BLOCK):
+            block = BLOCK
+            while block > SHORTEST and block * len(group) * march.saved.shape[-1] > WORK:
+                block //= 2
+            for start in range(0, march.total, block):
                 check()
-                march.sound &= march.advance(start, min(BLOCK, march.total - start))
+                march.sound &= march.advance(start, min(block, march.total - start))
             # runs that left the finite numbers are made once more, alone, to say when
             self._marched |= {i: (march, place) for place, i in enumerate(group) if march.sound[place]}
 
@@ -80,15 +86,16 @@ class Batch:
             self.first[:] = [solution.dataset()]
         variables, coords = run.arrays(state)
         made = variables | coords
-        ordered = {str(name): _dims_and_values(str(name), made[str(name)]) for name in self.first[0].variables}
+        ordered = {str(name): self._array(str(name), made[str(name)]) for name in self.first[0].variables}
         return ordered, provenance.in_order(run.attributes(state) | solution.notes)
 
-
-def _dims_and_values(name: str, item: Any) -> tuple[tuple[str, ...], Any]:
-    """Read what a Dataset is made of; to make a variable of it takes as long as a thousand steps of a chain."""
-    if isinstance(item, xr.Variable):
-        return cast(tuple[str, ...], item.dims), item.values
-    if isinstance(item, tuple):
-        dims, values = item
-        return (dims,) if isinstance(dims, str) else dims, values
-    return (name,), item
+    def _array(self, name: str, item: Any) -> tuple[tuple[str, ...], Any]:
+        """Read what a Dataset is made of; to make a variable of it takes as long as a thousand steps of a chain."""
+        if isinstance(item, xr.Variable):
+            if name not in self._names:
+                self._names[name] = cast(tuple[str, ...], item.dims), item.values
+            return self._names[name]
+        if isinstance(item, tuple):
+            dims, values = item
+            return (dims,) if isinstance(dims, str) else dims, values
+        return (name,), item

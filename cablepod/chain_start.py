@@ -19,7 +19,7 @@ def rest_shape(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     ends = p.end_positions(np.zeros(1))[0]
     chord = ends[1] - ends[0]
     loads = chain.loads(0.0)[1:-1]
-    solution = solve_statics(p, "unstretched_length", chain.total_length)
+    solution = chain.statics
     _, _, _, q, across, against = load_plane(p)
     v0 = solution[3] - 0.5 * q * (chain.total_length - chain.length[0])
     force = solution[2] * across + v0 * against
@@ -36,7 +36,8 @@ def rest_shape(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
             f"chain: no rest found with all links taut{left}; allowed: a scene whose chain does not fold on itself at rest and "
             f"is not far softer than its loads (its stiffness is {p.stiffness:.3g} N), or a start from initial.points"
         )
-    secant = np.array([kernel.secant_modulus(size, p.stiffness, chain.green) for size in tension])
+    secant = np.empty(tension.size)
+    kernel.secant_moduli(tension, p.stiffness, chain.green, secant)
     reach = chain.length[:, None] * (forces / tension[:, None] + forces / secant[:, None])
     position = ends[0] + np.concatenate([np.zeros((1, p.dims)), np.cumsum(reach, axis=0)])
     position[-1] = ends[1]

@@ -12,7 +12,7 @@ import numpy as np
 from cablepod import schema
 from cablepod.catenary import unstretched_length
 from cablepod.motion import TimeFunction
-from cablepod.parameters import Parameters, check_memory
+from cablepod.parameters import Parameters, check_memory, solve_statics
 from cablepod.schema import SceneError, refuse
 
 #: T = K (xi - 1) where that is positive; eq. (21) of the paper, T / xi = K (xi^2 - 1) / 2
@@ -62,6 +62,11 @@ class Chain:
         """Unstretched length that each particle carries (n + 1,) [m]."""
         half = 0.5 * self.length
         return np.concatenate([half[:1], half[:-1] + half[1:], half[-1:]])
+
+    @cached_property
+    def statics(self) -> np.ndarray:
+        """The elastic catenary of this length at rest, as :func:`cablepod.parameters.solve_statics` gives it."""
+        return solve_statics(self.p, "unstretched_length", self.total_length)
 
     @property
     def free(self) -> slice:

@@ -119,10 +119,12 @@ def _largest(factor: Callable[[np.ndarray], np.ndarray] | None, times: np.ndarra
     return 1.0 if factor is None else float(np.abs(factor(times)).max())
 
 
-def describe(p: Parameters, length: float, until: float) -> tuple[dict[str, Any], dict[str, Any]]:
+def describe(
+    p: Parameters, length: float, until: float, tension: float | None = None
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the variable ``scene_feature (feature)`` of a trajectory and its coordinate; see :func:`features`."""
     # given to the Dataset as it is made: to add them later takes as long as a short run
-    return {"scene_feature": ("feature", features(p, length, until))}, {"feature": _names()}
+    return {"scene_feature": ("feature", features(p, length, until, tension))}, {"feature": _names()}
 
 
 def range_of(snapshots: xr.Dataset) -> np.ndarray:

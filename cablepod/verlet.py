@@ -71,7 +71,7 @@ class VerletRun(Run):
         from cablepod.kernels import chain as kernel
 
         chain, p, free = self.chain, self.chain.p, self.chain.free
-        state, links, particles = kernel.new_state(chain.links), slice(chain.links), slice(chain.links + 1)
+        state, links, particles = kernel.new_states(1, chain.links)[0], slice(chain.links), slice(chain.links + 1)
         mass = p.mass * chain.share[free]
         decay, half = None, 0.5 * step
         state[kernel.PER_MASS, free] = step / mass
@@ -174,7 +174,8 @@ class March:
         first = begun[0]
         run, chain, p = first.run, first.run.chain, first.run.chain.p
         self.instants, self.bounds = first.instants, np.array([item.run.bound for item in begun])
-        self.states = np.stack([item.state for item in begun])
+        self.states = kernel.new_states(len(begun), chain.links)
+        np.stack([item.state for item in begun], out=self.states)
         count, saves = len(begun), self.instants.steps.size
         self.total = int(self.instants.steps[-1]) + 1
         self.sound = np.ones(count, dtype=bool)  #: those that are advanced
@@ -192,6 +193,7 @@ class March:
         self._viscosities = _stacked([item.run.chain.p.link_viscosity for item in begun])
         self._kind = chain.links, True if p.dims == 3 else None, True if chain.green else None
         self._extremes = True if "tension_extremes" in run.outputs else None
+        self._made: dict[tuple[int, int], np.ndarray] = {}
 
     def advance(self, start: int, steps: int) -> np.ndarray:
         """Take steps from the one number `start` on; tells which runs have not left the finite numbers (runs,)."""
@@ -212,7 +214,10 @@ class March:
 
     def _tables(self, functions: list[Abreast], start: int, steps: int, derivative: int = 0) -> np.ndarray:
         """Values of time functions, or their rates, at steps from `start` on: (runs, functions, steps + 1)."""
-        table = np.empty((len(self.states), len(functions), steps + 1))
+        shape = len(self.states), len(functions), steps + 1
+        table = self._made.get((id(functions), derivative))
+        if table is None or table.shape != shape:  # to have new memory cleared for each block costs as much as to fill it
+            table = self._made[id(functions), derivative] = np.empty(shape)
         for row, function in enumerate(functions):
             function.fill(start, self.instants.rate, derivative, row, table)
         return table
