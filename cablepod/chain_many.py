@@ -17,14 +17,15 @@ from cablepod.members import Arrays, Way
 from cablepod.parameters import Members
 from cablepod.runs import State
 from cablepod.schema import SceneError
-from cablepod.stepping import RunStopped
-from cablepod.verlet import March, VerletRun
+from cablepod.verlet import Begun, March, VerletRun
 
 #: Steps in a block, at most and at least: multiples of those after which the tables of sines begin anew, so that they are those
 #: of a single run.
 BLOCK, SHORTEST = 16384, 1024
 #: Links times steps of all members in a block, at most: some tenths of a second, in which nobody can stop them.
 WORK = 2e8
+#: Bytes that a chunk keeps of its steps before they are results, at most; members beyond go the way of single scenes.
+ROOM = 2**27
 
 
 def plan(scene: xr.Dataset, **given: Any) -> Way | None:
@@ -34,7 +35,7 @@ def plan(scene: xr.Dataset, **given: Any) -> Way | None:
     except SceneError:
         return None
     batch = Batch(members, options, str(scene.attrs.get("title", "scene")))
-    return Way(batch.one, batch.ahead, lambda: batch.first[0])
+    return Way(batch.one, lambda: batch.first[0], batch.ahead)
 
 
 class Batch:
@@ -50,27 +51,37 @@ class Batch:
     def ahead(self, first: int, last: int, check: Callable[[], None]) -> None:
         """Step the members `first` ... `last - 1` abreast, those that are explicit and whose step is given."""
         shapes: dict[Any, list[int]] = {}
-        begun = {}
+        begun: dict[int, Begun] = {}
+        room = ROOM
         for i in range(first, last):
             check()
-            try:
-                ready = prepare(self.members[i], self.options, self.title)
-                if isinstance(ready.run, VerletRun) and ready.rate is not None:
-                    begun[i] = ready.run.begin(ready.rate)
-                    shapes.setdefault(ready.run.shape, []).append(i)
-            except (ValueError, ArithmeticError):
-                continue  # it is said when the turn of this member comes
-            self._ready[i] = ready
+            item = self._begin(i)
+            if item is not None and item.kept <= room:
+                room -= item.kept
+                begun[i] = item
+                shapes.setdefault(item.run.shape, []).append(i)
         for group in shapes.values():
             march = March([begun[i] for i in group])
-            block = BLOCK
-            while block > SHORTEST and block * len(group) * march.saved.shape[-1] > WORK:
-                block //= 2
-            for start in range(0, march.total, block):
-                check()
-                march.sound &= march.advance(start, min(block, march.total - start))
+            self._step(march, check)
             # runs that left the finite numbers are made once more, alone, to say when
             self._marched |= {i: (march, place) for place, i in enumerate(group) if march.sound[place]}
+
+    def _begin(self, i: int) -> Begun | None:
+        """Make a member ready; None where it cannot go abreast, or not at all, which is said when its turn comes."""
+        try:
+            ready = self._ready[i] = prepare(self.members[i], self.options, self.title)
+            return ready.run.begin(ready.rate) if isinstance(ready.run, VerletRun) and ready.rate is not None else None
+        except (ValueError, ArithmeticError):
+            return None
+
+    def _step(self, march: March, check: Callable[[], None]) -> None:
+        """Take all steps, block by block."""
+        block = BLOCK
+        while block > SHORTEST and block * march.saved[:, 0, 0].size > WORK:
+            block //= 2
+        for start in range(0, march.total, block):
+            check()
+            march.sound &= march.advance(start, min(block, march.total - start))
 
     def one(self, i: int) -> tuple[Arrays, Mapping[str, Any]]:
         """Return variables and attributes of a member."""

@@ -44,8 +44,8 @@ class Way(NamedTuple):
     """A faster way to run members than one Dataset after the other."""
 
     one: One
-    ahead: Ahead
     first: Callable[[], xr.Dataset]  #: the Dataset of one of the members that were run, as a single run gives it
+    ahead: Ahead = lambda *_: None
 
 
 #: Members that a thread takes at once.
@@ -182,7 +182,7 @@ def gather(
     count: int,
     progress: Callable[[float], None] | None,
     many: Many | None = None,
-    ahead: Ahead | None = None,
+    ahead: Ahead = lambda *_: None,
 ) -> Stack:
     """Run all members and stack what they give.
 
@@ -225,8 +225,7 @@ def gather(
             did, variables, attrs = many(first, last)
             stack.put_many(first, did, variables, attrs)
             left = left[~did]
-        if ahead is not None:
-            ahead(first, last, check)
+        ahead(first, last, check)
         for i in left.tolist():
             check()
             try:
@@ -329,7 +328,7 @@ def in_one_go(plan: Callable[..., Way | None]) -> Callable[[F], F]:
             if not isinstance(scene, xr.Dataset) or "member" not in scene.dims:
                 return function(scene, *args, **options)
             given = {name: value for name, value in options.items() if name != "progress"}
-            one, ahead, first = plan(scene, *args, **given) or _one_by_one(function, scene, args, options)
+            one, first, ahead = plan(scene, *args, **given) or _one_by_one(function, scene, args, options)
             stack = gather(one, scene.sizes["member"], options.get("progress"), ahead=ahead)
             return provenance.record(
                 _labelled(stack, scene, first()),
@@ -353,7 +352,7 @@ def _one_by_one(function: F, scene: xr.Dataset, args: tuple[Any, ...], options: 
         first[:] = [result]
         return arrays_of(result), result.attrs
 
-    return Way(one, lambda *_: None, lambda: first[0])
+    return Way(one, lambda: first[0])
 
 
 def arrays_of(result: xr.Dataset) -> Arrays:

@@ -147,7 +147,8 @@ class Abreast:
         from cablepod.kernels import motion as kernel  # numba is imported only to compute
 
         if self.sines is not None:
-            kernel.harmonic_of_members(start, rate, *self.sines, self.origins, derivative, row, tables)
+            omega, phase, amplitude = self.sines
+            kernel.harmonic_of_members(start, rate, omega, phase, amplitude, self.origins, derivative, row, tables)
             return
         steps = tables.shape[2] - 1
         for table, function, origin in zip(tables, self.functions, self.origins.tolist(), strict=True):

@@ -297,7 +297,10 @@ class Run:
             variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
         variables["unstretched_length"] = ((), chain.total_length)
         about, names = training.describe(
-            chain.p, chain.total_length, float(state.instants.times[-1]), 0.5 * float(chain.statics[4] + chain.statics[5])
+            chain.p,
+            chain.total_length,
+            float(state.instants.times[-1]),
+            0.5 * float(chain.statics[4] + chain.statics[5]),
         )
         return {**variables, **about}, {"time": state.instants.times, **coordinates(chain), **names}
 

@@ -164,6 +164,12 @@ class Begun:
     decay: float | None
     patterns: np.ndarray | None
 
+    @property
+    def kept(self) -> int:
+        """Bytes of what is saved at the steps."""
+        parts = 3 if self.run.wants_velocity(self.instants) else 1
+        return 8 * parts * self.instants.steps.size * self.run.initial.size
+
 
 class March:
     """Runs of equal :attr:`VerletRun.shape` and step abreast: one compiled call advances all of them."""
@@ -184,16 +190,19 @@ class March:
         self._position = self.states[:, kernel.X : kernel.X + p.dims, : chain.links + 1]
         rows = np.array([kernel.X + COORDINATES.index(axis) for _, axis in p.motions], dtype=np.int64)
         self._places = rows, np.array([chain.links * ENDS.index(end) for end, _ in p.motions], dtype=np.int64)
-        self._ends = [_abreast(begun, end, axis) for end, axis in p.motions]
-        self._factors = [
-            Abreast([factor for _, factor in loads]) for loads in zip(*(item.run.chain.varying() for item in begun), strict=True)
-        ]
+        ends = [_abreast(begun, end, axis) for end, axis in p.motions]
+        loads = zip(*(item.run.chain.varying() for item in begun), strict=True)
+        self._functions = {
+            "ends": ends,
+            "rates": ends,
+            "factors": [Abreast([own[1] for own in load]) for load in loads],
+        }
+        self._tables: dict[str, np.ndarray] = {}
         self._patterns = _stacked([item.patterns for item in begun])
         self._decays = _stacked([item.decay for item in begun])
         self._viscosities = _stacked([item.run.chain.p.link_viscosity for item in begun])
         self._kind = chain.links, True if p.dims == 3 else None, True if chain.green else None
         self._extremes = True if "tension_extremes" in run.outputs else None
-        self._made: dict[tuple[int, int], np.ndarray] = {}
 
     def advance(self, start: int, steps: int) -> np.ndarray:
         """Take steps from the one number `start` on; tells which runs have not left the finite numbers (runs,)."""
@@ -203,23 +212,25 @@ class March:
         first, last = np.searchsorted(self.instants.steps, (start, start + steps))
         kernel.verlet(
             self.states, self.sound, *self._kind, 1.0 / rate, self._decays, self._viscosities, self._patterns,
-            self._tables(self._factors, start, steps) if self._factors else None,
-            *self._places, self._tables(self._ends, start, steps),
-            self._tables(self._ends, start, steps, 1) if viscous else None,
+            self._table("factors", start, steps) if self._functions["factors"] else None,
+            *self._places, self._table("ends", start, steps), self._table("rates", start, steps) if viscous else None,
             self._extremes, steps, start, self.instants.steps, first, last, self.saved, self.halves,
         )  # fmt: skip
         axes = (1, 2)
         with np.errstate(invalid="ignore"):
             return np.isfinite(self._position).all(axis=axes) & (np.abs(self._position).max(axis=axes) < self.bounds)
 
-    def _tables(self, functions: list[Abreast], start: int, steps: int, derivative: int = 0) -> np.ndarray:
-        """Values of time functions, or their rates, at steps from `start` on: (runs, functions, steps + 1)."""
+    def _table(self, name: str, start: int, steps: int) -> np.ndarray:
+        """Values of time functions at steps from `start` on: (runs, functions, steps + 1)."""
+        functions = self._functions[name]
         shape = len(self.states), len(functions), steps + 1
-        table = self._made.get((id(functions), derivative))
-        if table is None or table.shape != shape:  # to have new memory cleared for each block costs as much as to fill it
-            table = self._made[id(functions), derivative] = np.empty(shape)
+        table = self._tables.get(name)
+        if (
+            table is None or table.shape != shape
+        ):  # to have new memory cleared for each block costs as much as to fill it
+            table = self._tables[name] = np.empty(shape)
         for row, function in enumerate(functions):
-            function.fill(start, self.instants.rate, derivative, row, table)
+            function.fill(start, self.instants.rate, int(name == "rates"), row, table)
         return table
 
 

@@ -18,8 +18,8 @@ PACKAGE = Path(cp.__file__).parent
 # Each module may import from those before it.
 ORDER = (
     "conventions", "provenance", "kernels", "motion", "schema", "ranges", "parameters", "columns", "records", "scene", "stepping",
-    "members", "ensemble_design", "catenary", "training", "links", "runs", "verlet", "implicit", "chain_start", "chain_runs", "chain_many",
-    "chain", "elements",
+    "members", "ensemble_design", "catenary", "training", "links", "runs", "verlet", "implicit",
+    "chain_start", "chain_runs", "chain_many", "chain", "elements",
     "cable_runs", "cable_choice", "cable",
     "rigid_start", "rigid_runs", "rigid", "chord", "pod_normal", "decompositions", "threads", "streaming", "snapshots",
     "pod_stream", "pod", "compare", "galerkin_model", "galerkin_runs", "galerkin",

@@ -45,8 +45,8 @@ LINE = 8  #: numbers in a cache line
 def new_states(chains, links):
     """Make states of zeros (chains, ROWS, at least links + 2).
 
-    Each row begins with a cache line: one that begins in the middle of a vector costs a tenth of the time.  An odd number of lines
-    to a row keeps the same column of all rows from falling on the same place in the cache.
+    Each row begins with a cache line: rows that begin in the middle of a vector take a tenth longer.  An odd number of lines to a
+    row keeps the same column of all rows from falling on the same place in the cache.
     """
     shape = (chains, ROWS, LINE * ((links + 1 + LINE) // LINE | 1))
     room = np.zeros(math.prod(shape) + LINE)
