@@ -1,0 +1,260 @@
+"""Chains of many scenes stepped abreast: each member is, bit for bit, the run of its scene alone."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+import xarray as xr
+from conftest import spatial
+
+import cablepod as cp
+from cablepod import chain_many, members
+from cablepod.runs import Run
+from cablepod.verlet import March, VerletRun
+
+STEP = 2e-3
+ALL = ("position", "velocity", "tension", "tension_extremes")
+HARMONIC = {"kind": "harmonic", "amplitude": 0.05, "angular_frequency": 1.7, "phase": 0.3}
+RAMP = {"kind": "ramp", "amplitude": 0.1, "duration": 1.0}
+ONE = {"motion": {"upper": {"x": {"kind": "one_minus_cosine", "amplitude": -0.05, "angular_frequency": 2.0}}}}
+BOTH = {"motion": {"lower": {"y": HARMONIC}, "upper": {"x": RAMP, "y": {**HARMONIC, "amplitude": 0.02}}}}
+LOADED = {
+    "load": {"uniform": [3.0, -2.0], **HARMONIC, "amplitude": 0.5},
+    "point_load": [
+        {"arc_length": 0.3, "force": [5.0, -10.0]},
+        {"arc_length": 0.6, "force": [0.0, -5.0], **HARMONIC, "amplitude": 1.0},
+    ],
+}
+FREE = {"ends": {"lower": [0.0, 0.0], "upper": [8.0, 6.0], "free": "upper"}, "motion": {}}
+TENSIONS = {"cable_top_tension": [200.0, 300.0, 230.0]}
+#: What the scene has, what each batch varies, what is asked for.
+CASES = {
+    "tension": (ONE, TENSIONS, {"step": STEP}),
+    "all outputs": (ONE, TENSIONS, {"step": STEP, "outputs": ALL}),
+    "a motion": (BOTH, {"motion_lower_y_amplitude": [0.1, 0.0, -0.1], "motion_upper_x_duration": [1.0, 0.5, 2.0]}, {"step": STEP}),
+    "starts with a jump": (
+        {"motion": {"upper": {"x": HARMONIC}}}, {"motion_upper_x_amplitude": [0.0, 0.05, 0.02]}, {"step": STEP}
+    ),
+    "ends": (BOTH, {"ends_upper": [[8.0, 6.0], [7.0, 5.0], [9.0, 3.0]]}, {"step": STEP, "outputs": ALL}),
+    "loads and damping": (
+        BOTH | LOADED | {"damping": {"mass_proportional": 0.4}},
+        {"point_load_2_force": [[0.0, -5.0], [4.0, 0.0], [0.0, 0.0]], "damping_mass_proportional": [0.4, 0.0, 2.0]},
+        {"step": STEP, "outputs": ALL},
+    ),
+    "viscous": (ONE | {"damping": {"link_viscosity": 1e-4}}, TENSIONS, {"step": STEP, "outputs": ALL}),
+    "free end": (FREE, {"cable_area": [1e-3, 2e-3, 5e-4]}, {"step": STEP}),
+    "green": (BOTH, TENSIONS, {"step": STEP, "law": "green", "outputs": ALL}),
+    "between steps": (ONE, TENSIONS, {"step": STEP, "times": [0.0, 0.333, 1.7, 3.3], "outputs": ALL}),
+    "other links": (ONE, TENSIONS, {"step": STEP, "links": 5}),
+}  # fmt: skip
+#: What is not stepped abreast, but still makes no Dataset of each member.
+ALONE = {
+    "default": (ONE, TENSIONS, {}),
+    "tolerance": (ONE, TENSIONS, {"tolerance": 1e-3, "scheme": "velocity_verlet", "outputs": ALL}),
+    "implicit": (ONE, TENSIONS, {"scheme": "trapezoidal", "step": 0.02, "outputs": ALL}),
+}
+
+
+def scenes_of(soft, tables, varied, dims=2):
+    """Members of a soft scene with these tables, in space if so wanted."""
+    mapping = {**soft, **tables}
+    if dims == 3:
+        mapping = spatial(mapping)
+        mapping["ends"]["upper"][2] = 1.0
+    scene = cp.make_scene(mapping)
+    new = {}
+    for name, values in varied.items():
+        rows = np.asarray(values)
+        if rows.ndim == 2 and dims == 3:
+            rows = np.column_stack([rows, np.linspace(0.5, 1.5, len(rows))])
+        new[name] = (("member", "coordinate")[: rows.ndim], rows, scene[name].attrs)
+    return scene.assign(new)
+
+
+def assert_same_bits(run, scenes, options):
+    """Compare each member with the run of its scene alone: all variables and attributes."""
+    for i in range(scenes.sizes["member"]):
+        alone = cp.chain.simulate(scenes.isel(member=i, drop=True), **options)
+        assert set(alone.variables) <= set(run.variables)
+        assert set(alone.coords) <= set(run.coords)
+        for name, variable in alone.variables.items():
+            own = run.variables[name]
+            assert own.attrs == variable.attrs
+            row = own.values[i] if own.dims[:1] == ("member",) else own.values
+            np.testing.assert_array_equal(row, variable.values, err_msg=str(name))
+        for name, value in alone.attrs.items():
+            if name in ("id", "history_json"):
+                continue
+            own = run.attrs[name] if name in run.attrs else run[name].values[i]
+            assert own == value, name
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_members_abreast_are_single_runs(soft, monkeypatch, case):
+    tables, varied, options = CASES[case]
+    scenes = scenes_of(soft, tables, varied)
+    with monkeypatch.context() as patch:  # no member is left to a single run
+        patch.setattr(VerletRun, "__call__", None)
+        run = cp.chain.simulate(scenes, **options)
+    assert_same_bits(run, scenes, options)
+
+
+@pytest.mark.parametrize("case", ["ends", "loads and damping", "green"])
+def test_in_space_too(soft, monkeypatch, case):
+    tables, varied, options = CASES[case]
+    scenes = scenes_of(soft, tables, varied, 3)
+    with monkeypatch.context() as patch:
+        patch.setattr(VerletRun, "__call__", None)
+        run = cp.chain.simulate(scenes, **options)
+    assert run.sizes["coordinate"] == 3
+    assert_same_bits(run, scenes, options)
+
+
+@pytest.mark.parametrize("case", ALONE)
+def test_what_does_not_go_abreast_is_single_runs_too(soft, monkeypatch, case):
+    tables, varied, options = ALONE[case]
+    scenes = scenes_of(soft, tables, varied)
+    made = []
+    with monkeypatch.context() as patch:
+        plain = Run.dataset
+        patch.setattr(Run, "dataset", lambda *args: made.append(0) or plain(*args))
+        with members.threads(1):
+            run = cp.chain.simulate(scenes, **options)
+    assert len(made) == 1
+    assert_same_bits(run, scenes, options)
+
+
+def test_members_of_different_kind_go_with_their_like(soft, monkeypatch):
+    ramp, sine = (scenes_of(soft, {"motion": {"upper": {"x": motion}}}, {}) for motion in (RAMP, HARMONIC))
+    still = cp.make_scene({name: table for name, table in soft.items() if name != "motion"})
+    scenes = xr.concat([ramp, sine, still, ramp, sine], "member", data_vars="all", combine_attrs="override")
+    with monkeypatch.context() as patch, members.threads(1):
+        patch.setattr(VerletRun, "__call__", None)
+        patch.setattr(members, "cores", lambda: 1)
+        patch.setattr(chain_many, "March", seen := Counted())
+        run = cp.chain.simulate(scenes, step=STEP)
+    assert sorted(seen.sizes) == [1] * 5  # five members are too few to share a chunk
+    assert_same_bits(run, scenes, {"step": STEP})
+    batch = chain_many.plan(scenes, step=STEP)
+    with monkeypatch.context() as patch:
+        patch.setattr(chain_many, "March", seen := Counted())
+        batch.ahead(0, 5, lambda: None)
+    # whether a motion is a sine does not matter, whether there is one does
+    assert sorted(seen.sizes) == [1, 4]
+    for i in range(5):
+        np.testing.assert_array_equal(batch.one(i)[0]["position"][1], run.position[i])
+
+
+class Counted:
+    """Makes marches and notes of how many runs."""
+
+    def __init__(self):
+        self.sizes = []
+
+    def __call__(self, begun):
+        self.sizes.append(len(begun))
+        return March(begun)
+
+
+@pytest.mark.parametrize(("name", "value"), [("BLOCK", 1024), ("WORK", 0.0), ("ROOM", 0)])
+def test_how_they_are_cut_changes_no_bit(soft, monkeypatch, name, value):
+    scenes = scenes_of(soft, BOTH | LOADED, {"cable_top_tension": np.linspace(200.0, 300.0, 9)})
+    with members.threads(1):
+        run = cp.chain.simulate(scenes, step=5e-4, outputs=ALL)  # 8000 steps
+        lengths, alone = [], []
+        monkeypatch.setattr(chain_many, name, value)
+        advance, single = March.advance, VerletRun.__call__
+        monkeypatch.setattr(March, "advance", lambda self, i, n: lengths.append(n) or advance(self, i, n))
+        monkeypatch.setattr(VerletRun, "__call__", lambda self, rate: alone.append(rate) or single(self, rate))
+        again = cp.chain.simulate(scenes, step=5e-4, outputs=ALL)
+    xr.testing.assert_identical(run, again)
+    assert max(lengths) == (8001 if name == "ROOM" else 1024)
+    assert len(alone) == (9 if name == "ROOM" else 0)
+
+
+def test_members_that_fail_say_why_as_single_runs_do(soft):
+    # no such cable; a limit below the step; a motion that leaves the finite numbers
+    motion = {"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}}
+    coefficients = np.zeros((5, 30))
+    coefficients[3, -1] = 1e3
+    tables = {"motion": motion, "time": {"duration": 40.0, "interval": 1.0}}
+    scenes = scenes_of(soft, tables, {"cable_top_tension": [230.0, 1.0, 5e5, 230.0, 300.0]})
+    dims = ("member", *scenes["motion_upper_x_coefficients"].dims)
+    scenes = scenes.assign(motion_upper_x_coefficients=(dims, coefficients))
+    with pytest.warns(members.MemberFailedWarning, match="3 of 5 members failed"):
+        run = cp.chain.simulate(scenes, step=STEP, outputs=ALL)
+    for i, (kind, why) in {
+        1: (cp.SceneError, r"cable.top_tension: given 1.0"),
+        2: (cp.SceneError, r"step: given 0.002 s; allowed: below"),
+        3: (cp.RunStopped, r"the chain left the finite numbers at \d"),
+    }.items():
+        with pytest.raises(kind, match=why) as stopped:
+            cp.chain.simulate(scenes.isel(member=i), step=STEP, outputs=ALL)
+        assert run.failure.values[i] == str(stopped.value)
+        assert np.isnan(run.position[i]).all()
+    assert list(run.failure.values[[0, 4]]) == ["", ""]
+    good = scenes.isel(member=[0, 4])
+    assert_same_bits(run.isel(member=[0, 4]), good, {"step": STEP, "outputs": ALL})
+
+
+def test_options_that_cannot_be_fail_as_before(soft):
+    scenes = scenes_of(soft, ONE, TENSIONS)
+    with pytest.raises(cp.SceneError, match="step and tolerance") as refused:
+        cp.chain.simulate(scenes, step=STEP, tolerance=1e-3)
+    assert isinstance(refused.value.__cause__, members.AllFailedError)
+
+
+# --- stopping ---------------------------------------------------------------------------------------------------------------
+
+
+def test_they_stop_between_blocks(soft, monkeypatch):
+    scenes = scenes_of(soft, ONE, {"cable_top_tension": np.linspace(200.0, 300.0, 9)})
+    monkeypatch.setattr(chain_many, "BLOCK", 1024)
+    done = []
+    advance = March.advance
+    monkeypatch.setattr(March, "advance", lambda self, i, n: done.append(i) or advance(self, i, n))
+    with members.threads(1), members.until(lambda: len(done) == 3), pytest.raises(members.StoppedError):
+        cp.chain.simulate(scenes, step=5e-4)
+    assert done == [0, 1024, 2048]  # of eight blocks
+
+
+def test_ctrl_c_ends_the_blocks_of_other_threads(soft, monkeypatch):
+    scenes = scenes_of(soft, ONE, {"cable_top_tension": np.linspace(200.0, 300.0, 16)})
+    monkeypatch.setattr(chain_many, "BLOCK", 1024)
+    begun, halted, done = threading.Event(), threading.Event(), []
+
+    def advance(self, start, steps):
+        done.append(start)
+        begun.set()
+        halted.wait(10.0)  # until the main thread has been told
+        return self.sound
+
+    def interrupted(*_, **__):
+        begun.wait(10.0)
+        threading.Timer(0.05, halted.set).start()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(March, "advance", advance)
+    monkeypatch.setattr(members, "wait", interrupted)
+    with members.threads(2), pytest.raises(KeyboardInterrupt):
+        cp.chain.simulate(scenes, step=5e-4)
+    assert done in ([0], [0, 0])  # the blocks that were under way
+
+
+def test_the_error_of_one_is_told_not_that_others_were_stopped():
+    running = threading.Event()
+
+    def ahead(first, last, check):
+        if first:
+            running.wait(10.0)
+            raise TypeError("a fault of the program")
+        running.set()
+        for _ in range(10_000):
+            check()
+            time.sleep(1e-3)
+
+    with members.threads(2), pytest.raises(TypeError, match="a fault of the program"):
+        members.gather(lambda i: ({}, {}), 2, None, ahead=ahead)
