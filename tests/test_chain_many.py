@@ -34,17 +34,27 @@ TENSIONS = {"cable_top_tension": [200.0, 300.0, 230.0]}
 CASES = {
     "tension": (ONE, TENSIONS, {"step": STEP}),
     "all outputs": (ONE, TENSIONS, {"step": STEP, "outputs": ALL}),
-    "a motion": (BOTH, {"motion_lower_y_amplitude": [0.1, 0.0, -0.1], "motion_upper_x_duration": [1.0, 0.5, 2.0]}, {"step": STEP}),
+    "a motion": (
+        BOTH, {"motion_lower_y_amplitude": [0.1, 0.0, -0.1], "motion_upper_x_duration": [1.0, 0.5, 2.0]}, {"step": STEP}
+    ),
     "starts with a jump": (
         {"motion": {"upper": {"x": HARMONIC}}}, {"motion_upper_x_amplitude": [0.0, 0.05, 0.02]}, {"step": STEP}
     ),
     "ends": (BOTH, {"ends_upper": [[8.0, 6.0], [7.0, 5.0], [9.0, 3.0]]}, {"step": STEP, "outputs": ALL}),
     "loads and damping": (
         BOTH | LOADED | {"damping": {"mass_proportional": 0.4}},
-        {"point_load_2_force": [[0.0, -5.0], [4.0, 0.0], [0.0, 0.0]], "damping_mass_proportional": [0.4, 0.0, 2.0]},
+        {
+            "point_load_2_force": [[0.0, -5.0], [4.0, 0.0], [0.0, 0.0], [0.0, -5.0]],
+            "point_load_2_amplitude": [1.0, 0.5, 1.0, 2.0],
+            "damping_mass_proportional": [0.4, 0.0, 2.0, 1.0],
+        },
         {"step": STEP, "outputs": ALL},
     ),
-    "viscous": (ONE | {"damping": {"link_viscosity": 1e-4}}, TENSIONS, {"step": STEP, "outputs": ALL}),
+    "viscous": (
+        ONE | {"damping": {"link_viscosity": 1e-4}},
+        {"damping_link_viscosity": [1e-4, 0.0, 2e-4], "motion_upper_x_amplitude": [-0.05, 0.01, 0.02]},
+        {"step": STEP, "outputs": ALL},
+    ),
     "free end": (FREE, {"cable_area": [1e-3, 2e-3, 5e-4]}, {"step": STEP}),
     "green": (BOTH, TENSIONS, {"step": STEP, "law": "green", "outputs": ALL}),
     "between steps": (ONE, TENSIONS, {"step": STEP, "times": [0.0, 0.333, 1.7, 3.3], "outputs": ALL}),
@@ -102,7 +112,7 @@ def test_members_abreast_are_single_runs(soft, monkeypatch, case):
     assert_same_bits(run, scenes, options)
 
 
-@pytest.mark.parametrize("case", ["ends", "loads and damping", "green"])
+@pytest.mark.parametrize("case", ["a motion", "loads and damping"])
 def test_in_space_too(soft, monkeypatch, case):
     tables, varied, options = CASES[case]
     scenes = scenes_of(soft, tables, varied, 3)
@@ -125,6 +135,38 @@ def test_what_does_not_go_abreast_is_single_runs_too(soft, monkeypatch, case):
             run = cp.chain.simulate(scenes, **options)
     assert len(made) == 1
     assert_same_bits(run, scenes, options)
+
+
+@pytest.mark.parametrize("case", ["all outputs", "starts with a jump", "default"])
+def test_the_result_is_the_one_that_was_made_of_single_runs(soft, case):
+    tables, varied, options = (CASES | ALONE)[case]
+    scenes = scenes_of(soft, tables, varied)
+    truth = members.over_members(cp.chain.simulate.__wrapped__)(scenes, **options)
+    run = cp.chain.simulate(scenes, **options)
+    xr.testing.assert_identical(run, truth)  # attributes too, with the id and the history
+    assert list(run.variables) == list(truth.variables)  # files hold them in this order
+    assert list(run.attrs) == list(truth.attrs)
+
+
+def test_members_with_other_instants_are_refused(soft):
+    varied = {"time_duration": [4.0, 2.0], "time_interval": [0.5, 0.25]}
+    with pytest.raises(cp.SceneError, match=r"members: they differ in time; allowed: members with the same time"):
+        cp.chain.simulate(scenes_of(soft, ONE, varied), step=STEP)
+
+
+def test_a_march_leaves_alone_what_is_not_sound(soft):
+    batch = chain_many.plan(scenes_of(soft, ONE, TENSIONS), step=STEP)
+    begun = [batch.one.__self__._begin(i) for i in range(3)]
+    march = March(begun)
+    assert march.states.ctypes.data % 64 == 0
+    assert march.states.strides[0] % 64 == march.states.strides[1] % 64 == 0
+    march.sound[1] = False
+    before = march.states.copy()
+    assert march.advance(0, 10).all()
+    moved = (march.states != before).any(axis=(1, 2))
+    assert moved.tolist() == [True, False, True]
+    march.states[2] = np.inf
+    assert march.advance(10, 10).tolist() == [True, True, False]
 
 
 def test_members_of_different_kind_go_with_their_like(soft, monkeypatch):

@@ -1,0 +1,63 @@
+"""Ensembles of every model: what the files hold is what single runs give."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from condensed_reference import full_modes
+
+import cablepod as cp
+from cablepod import archive_ensemble
+
+RANGES = {"cable.top_tension": [200.0, 300.0], "motion.upper.x.amplitude": [-0.05, -0.02]}
+#: Rigid links do not move along a straight line between their ends: a slack cable whose length is given.
+SLACK = {"youngs_modulus": 2.0e7, "area": 1.0e-3, "density": 1000.0, "unstretched_length": 11.0}
+#: Tables of the scene, ranges, options of the model.
+CASES = {
+    "chain": ({}, RANGES, {"step": 4e-3, "outputs": ("position", "tension_extremes")}),
+    "cable": ({}, RANGES, {"elements": 3, "order": 3, "step": 1e-3, "times": [0.0, 0.5, 1.0], "points": 4}),
+    "rigid": (
+        {"cable": SLACK},
+        {"cable.unstretched_length": [10.6, 11.5]},
+        {"step": 4e-3, "times": [0.0, 0.5, 1.0], "outputs": ("position", "tension")},
+    ),
+    "galerkin": ({}, RANGES, {"rank": 3, "step": 4e-3, "times": [0.0, 0.5, 1.0], "outputs": ("position", "tension")}),
+    "condensed": ({}, RANGES, {"rank": 2, "step": 4e-3, "order": "exact", "outputs": ("tension",)}),
+}
+
+
+@pytest.mark.parametrize("model", CASES)
+def test_each_model_gives_its_single_runs(soft, tmp_path, model):
+    tables, ranges, options = CASES[model]
+    scene = cp.make_scene({**soft, **tables})
+    scenes = cp.ensemble.design(scene, ranges, members=3, seed=1)
+    modes = ()
+    if model == "galerkin":
+        modes = (cp.pod.decompose(cp.chain.simulate(scene, step=4e-3)),)
+    elif model == "condensed":
+        modes = (full_modes(),)
+    run = cp.ensemble.run(
+        scenes, tmp_path / "it", model=model, batch=2, **dict(zip(("modes",), modes, strict=False)), **options
+    ).compute()
+    assert (run["failure"] == "").all()
+    assert run.sizes["member"] == 3
+    for i in range(3):
+        alone = getattr(cp, model).simulate(scenes.isel(member=i, drop=True), *modes, **options)
+        assert set(alone.data_vars) <= set(run.data_vars)
+        for name, variable in alone.data_vars.items():
+            own = run[name][i] if "member" in run[name].dims else run[name]
+            assert own.dims == variable.dims
+            if model == "condensed":  # coefficients are those of the first member, scaled, which differ by rounding
+                np.testing.assert_allclose(own, variable, rtol=1e-9, err_msg=str(name))
+            else:
+                np.testing.assert_array_equal(own, variable, err_msg=str(name))
+        assert run["step"].values[i] == alone.attrs["step"]
+    # they are three scenes, not one
+    moving = next(name for name in ("position", "tension") if name in run)
+    assert not np.array_equal(run[moving][0], run[moving][1])
+    stage = json.loads(run.attrs["history_json"])[-1]
+    assert stage["parameters"]["model"] == model
+    assert stage["inputs"][1:] == [item.attrs["id"] for item in modes]
+    assert archive_ensemble.read_manifest(tmp_path / "it")["model"] == model
