@@ -84,6 +84,14 @@ def scenes_of(soft, tables, varied, dims=2):
     return scene.assign(new)
 
 
+def abreast(scenes, options):
+    """Run members four times over, so that a chunk has all of them; return the last of the four."""
+    count = scenes.sizes["member"]
+    with members.threads(1):
+        run = cp.chain.simulate(scenes.isel(member=np.tile(np.arange(count), 4)), **options)
+    return run.isel(member=slice(3 * count, None))
+
+
 def assert_same_bits(run, scenes, options):
     """Compare each member with the run of its scene alone: all variables and attributes."""
     for i in range(scenes.sizes["member"]):
@@ -108,7 +116,7 @@ def test_members_abreast_are_single_runs(soft, monkeypatch, case):
     scenes = scenes_of(soft, tables, varied)
     with monkeypatch.context() as patch:  # no member is left to a single run
         patch.setattr(VerletRun, "__call__", None)
-        run = cp.chain.simulate(scenes, **options)
+        run = abreast(scenes, options)
     assert_same_bits(run, scenes, options)
 
 
@@ -118,7 +126,7 @@ def test_in_space_too(soft, monkeypatch, case):
     scenes = scenes_of(soft, tables, varied, 3)
     with monkeypatch.context() as patch:
         patch.setattr(VerletRun, "__call__", None)
-        run = cp.chain.simulate(scenes, **options)
+        run = abreast(scenes, options)
     assert run.sizes["coordinate"] == 3
     assert_same_bits(run, scenes, options)
 
@@ -151,7 +159,7 @@ def test_the_result_is_the_one_that_was_made_of_single_runs(soft, case):
 def test_members_with_other_instants_are_refused(soft):
     varied = {"time_duration": [4.0, 2.0], "time_interval": [0.5, 0.25]}
     with pytest.raises(cp.SceneError, match=r"members: they differ in time; allowed: members with the same time"):
-        cp.chain.simulate(scenes_of(soft, ONE, varied), step=STEP)
+        abreast(scenes_of(soft, ONE, varied), {"step": STEP})
 
 
 def test_a_march_leaves_alone_what_is_not_sound(soft):
@@ -173,21 +181,13 @@ def test_members_of_different_kind_go_with_their_like(soft, monkeypatch):
     ramp, sine = (scenes_of(soft, {"motion": {"upper": {"x": motion}}}, {}) for motion in (RAMP, HARMONIC))
     still = cp.make_scene({name: table for name, table in soft.items() if name != "motion"})
     scenes = xr.concat([ramp, sine, still, ramp, sine], "member", data_vars="all", combine_attrs="override")
-    with monkeypatch.context() as patch, members.threads(1):
-        patch.setattr(VerletRun, "__call__", None)
-        patch.setattr(members, "cores", lambda: 1)
-        patch.setattr(chain_many, "March", seen := Counted())
-        run = cp.chain.simulate(scenes, step=STEP)
-    assert sorted(seen.sizes) == [1] * 5  # five members are too few to share a chunk
-    assert_same_bits(run, scenes, {"step": STEP})
-    batch = chain_many.plan(scenes, step=STEP)
     with monkeypatch.context() as patch:
+        patch.setattr(VerletRun, "__call__", None)
         patch.setattr(chain_many, "March", seen := Counted())
-        batch.ahead(0, 5, lambda: None)
+        run = abreast(scenes, {"step": STEP})
     # whether a motion is a sine does not matter, whether there is one does
-    assert sorted(seen.sizes) == [1, 4]
-    for i in range(5):
-        np.testing.assert_array_equal(batch.one(i)[0]["position"][1], run.position[i])
+    assert sorted(seen.sizes) == [1] * 4 + [4] * 4
+    assert_same_bits(run, scenes, {"step": STEP})
 
 
 class Counted:
@@ -201,9 +201,19 @@ class Counted:
         return March(begun)
 
 
-@pytest.mark.parametrize(("name", "value"), [("BLOCK", 1024), ("WORK", 0.0), ("ROOM", 0)])
-def test_how_they_are_cut_changes_no_bit(soft, monkeypatch, name, value):
-    scenes = scenes_of(soft, BOTH | LOADED, {"cable_top_tension": np.linspace(200.0, 300.0, 9)})
+@pytest.mark.parametrize(
+    ("name", "value", "longest", "left"),
+    # what a member keeps is 3888 bytes here, three are in a chunk
+    [
+        ("BLOCK", 1024, 1024, 0),
+        ("WORK", 0.0, 1024, 0),
+        ("ROOM", 3 * 3888, 8001, 0),
+        ("ROOM", 3 * 3888 - 1, 8001, 4),
+        ("ROOM", 0, 8001, 12),
+    ],
+)
+def test_how_they_are_cut_changes_no_bit(soft, monkeypatch, name, value, longest, left):
+    scenes = scenes_of(soft, BOTH | LOADED, {"cable_top_tension": np.linspace(200.0, 300.0, 12)})
     with members.threads(1):
         run = cp.chain.simulate(scenes, step=5e-4, outputs=ALL)  # 8000 steps
         lengths, alone = [], []
@@ -213,8 +223,8 @@ def test_how_they_are_cut_changes_no_bit(soft, monkeypatch, name, value):
         monkeypatch.setattr(VerletRun, "__call__", lambda self, rate: alone.append(rate) or single(self, rate))
         again = cp.chain.simulate(scenes, step=5e-4, outputs=ALL)
     xr.testing.assert_identical(run, again)
-    assert max(lengths) == (8001 if name == "ROOM" else 1024)
-    assert len(alone) == (9 if name == "ROOM" else 0)
+    assert max(lengths) == longest
+    assert len(alone) == left
 
 
 def test_members_that_fail_say_why_as_single_runs_do(soft):
@@ -226,8 +236,8 @@ def test_members_that_fail_say_why_as_single_runs_do(soft):
     scenes = scenes_of(soft, tables, {"cable_top_tension": [230.0, 1.0, 5e5, 230.0, 300.0]})
     dims = ("member", *scenes["motion_upper_x_coefficients"].dims)
     scenes = scenes.assign(motion_upper_x_coefficients=(dims, coefficients))
-    with pytest.warns(members.MemberFailedWarning, match="3 of 5 members failed"):
-        run = cp.chain.simulate(scenes, step=STEP, outputs=ALL)
+    with pytest.warns(members.MemberFailedWarning, match="12 of 20 members failed"):
+        run = abreast(scenes, {"step": STEP, "outputs": ALL})
     for i, (kind, why) in {
         1: (cp.SceneError, r"cable.top_tension: given 1.0"),
         2: (cp.SceneError, r"step: given 0.002 s; allowed: below"),
