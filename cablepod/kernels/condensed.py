@@ -336,8 +336,8 @@ def leading_force(q, row, stiffness, length, squares, means, bends, pushes, f, t
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def leading_rest(q, row, stiffness, length, squares, means, bends, pushes):
-    """Change q into the equilibrium nearest to it by Newton's method; False where there is none near."""
-    f, tangent = np.empty(q.size), np.empty((q.size, q.size))
+    """Change q into the equilibrium near it by Newton's method; False where it fails, or ends at another one."""
+    f, tangent, first = np.empty(q.size), np.empty((q.size, q.size)), q.copy()
     size = np.abs(q).max()
     for _ in range(2 * MOST):
         leading_force(q, row, stiffness, length, squares, means, bends, pushes, f, tangent)
@@ -351,7 +351,8 @@ def leading_rest(q, row, stiffness, length, squares, means, bends, pushes):
                 return False
         if change <= 1e-14 * size:
             break
-    return True
+    # what still moves by more than rounding has found none; further off than the deflection is the cable turned over
+    return change <= 1e-9 * size and np.abs(q - first).max() <= size
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
