@@ -322,7 +322,9 @@ class Model:
         f, tangent, mass, h = self._forces(q, v, row)
         return (np.linalg.solve(mass, f) if self.inertia.size else f), tangent, h
 
-    def _forces(self, q: np.ndarray, v: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    def _forces(
+        self, q: np.ndarray, v: np.ndarray, row: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """Return forces on the coordinates, their tangent, masses, H [N]."""
         from cablepod.kernels import condensed as kernel
 

@@ -36,7 +36,7 @@ def coordinates_of(
     own = {"time": PandasIndex(times, "time")}
     if links is not None:
         own["link"] = PandasIndex(links + 1, "link")
-    variables = {name: item.copy(deep=False) for name, item in made.items()}
+    variables = dict(made)  # a Dataset takes copies of what it is made of
     for index in own.values():
         variables |= index.create_variables()
     if with_arc_length:  # members have each its own

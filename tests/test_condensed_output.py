@@ -139,6 +139,18 @@ def test_members_are_single_runs(soft, modes):
     np.testing.assert_array_equal(joined.cable_top_tension, [200.0, 230.0])
 
 
+def test_what_is_done_to_one_result_shows_in_no_other(soft, modes):
+    # names of axes and numbers of modes are made once for all
+    scene = cp.make_scene(soft)
+    one = cp.condensed.simulate(scene, modes[2], rank=2, step=2e-3, times=[0.1], outputs=())
+    for name in ("coordinate", "mode", "end"):
+        one[name].attrs["mine"] = True
+        with pytest.raises(ValueError, match="read-only"):
+            one[name].values[0] = one[name].values[1]
+    other = cp.condensed.simulate(scene, modes[2], rank=2, step=2e-3, times=[0.1], outputs=())
+    assert not any("mine" in other[name].attrs for name in other.coords)
+
+
 # --- steps that choose themselves, and scenes at the edge ------------------------------------------------------------
 
 

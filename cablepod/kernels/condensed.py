@@ -500,13 +500,18 @@ def leading_implicit(
                 tangent[j, j] += 1.0 + 0.5 * step * damping
             if not _solve(tangent, change):
                 break
-            largest = 0.0
+            # the forces are cubic in q: what the tangent left of them is known, and bounds the next correction of a soft cable;
+            # of a stiff one quadratic convergence does, the next is smaller by the square of the last gain
+            across, along, left, largest = 0.0, 0.0, 0.0, 0.0
             for j in range(r):
+                across += squares[j] * q[j] * change[j]
+                along += squares[j] * change[j] * change[j]
                 q[j] += change[j]
                 largest = max(largest, abs(change[j]))
-            # quadratic convergence: the next correction is smaller by the square of the last gain
+            for j in range(r):
+                left = max(left, squares[j] * abs(across * change[j] + 0.5 * along * q[j]))
             gain = min(largest / before, 1.0)
-            if largest * gain * gain <= CLOSE * size or largest == 0.0:
+            if min(quarter * stiffness / length * left, largest * gain * gain) <= CLOSE * size:
                 ended = True
                 break
             before = largest
