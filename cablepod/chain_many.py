@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import xarray as xr
 
-from cablepod import provenance
+from cablepod import provenance, stepping
 from cablepod.chain_runs import Options, Ready, Solution, prepare, solve
 from cablepod.members import Arrays, Way
 from cablepod.parameters import Members
@@ -21,7 +21,7 @@ from cablepod.verlet import Begun, March, VerletRun
 
 #: Steps in a block, at most and at least: multiples of those after which the tables of sines begin anew, so that they are those
 #: of a single run.
-BLOCK, SHORTEST = 16384, 1024
+BLOCK, SHORTEST = stepping.BLOCK, 1024
 #: Links times steps of all members in a block, at most: some tenths of a second, in which nobody can stop them.
 WORK = 2e8
 #: Bytes that a chunk keeps of its steps before they are results, at most; members beyond go the way of single scenes.
