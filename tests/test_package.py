@@ -100,9 +100,9 @@ def test_importing_is_light():
 
 def test_importing_adds_little_time():
     # a count of modules does not depend on the machine's load as a clock does; the clock is in pipelines/benchmarks.  There
-    # are 63, mostly ours, of some 0.7 ms each; a library that slips in brings hundreds
+    # are 70, mostly ours, of some 0.7 ms each; a library that slips in brings hundreds
     code = "import xarray, sys; before = set(sys.modules); import cablepod; print(len(set(sys.modules) - before))"
-    assert int(fresh(code)) < 70
+    assert int(fresh(code)) < 80
 
 
 def test_public_names_have_docstrings_and_keyword_only_options():
