@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+import pytest
 import xarray as xr
 from conftest import SOFT, spatial
 from hypothesis import HealthCheck, event, given, settings
@@ -25,6 +26,7 @@ from hypothesis import strategies as st
 from numba.core import event as numba_event
 
 import cablepod as cp
+from cablepod import stepping
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
 
@@ -197,23 +199,42 @@ def clear(error: Exception) -> None:
     assert "; allowed: " in text if isinstance(error, cp.SceneError) else "; try " in text, text
 
 
-#: So much work a run of the suite may ask for: steps over the stability limit, links times instants.  What asks for more is the
-#: user's right, and may take its time: a cable of 1e18 N for an hour.
+#: So much work a run of the suite asks for: steps over the stability limit, links times instants, links.  What asks for more is
+#: the user's right, and may take its time (a cable of 1e18 N for an hour): it is moved for a shorter time.
 STEPS, VALUES, LINKS = 5e3, 2e5, 2000
 
 
-def affordable(scene: xr.Dataset, rest: xr.Dataset | None) -> bool:
-    """Tell whether a run takes some tenths of a second at most, with all refinements of its step."""
+def to_move(scene: xr.Dataset) -> dict[str, Any]:
+    """Give the options by which a run takes some tenths of a second at most, with all refinements of its step.
+
+    Those that the scene lacks: links, instants; and those without which it would take long.
+    """
     p = parameters(scene)
-    if p.links is None or p.duration is None or p.interval is None or p.links > LINKS:
-        return False
-    if p.duration / p.interval * p.links > VALUES:
-        return False
-    # the Galerkin model's law (21) stiffens with the square of the stretch: a cable pulled to 10 000 times its length, as where
-    # a modulus is given in GPa, takes as many times more steps
-    stretch = 1.0 if rest is None else float(rest.stretched_length / rest.unstretched_length)
-    steps = p.duration / chain_of(p).step_limit() * max(1.0, stretch)
-    return max(steps, p.duration / p.time_scale) * max(1.0, p.links / 10.0) < STEPS
+    options: dict[str, Any] = {}
+    links = 5 if p.links is None else p.links
+    if p.links is None or links > LINKS:
+        links = min(links, LINKS // 100)
+        options["links"] = links
+    chain = chain_of(p, options.get("links"))
+    # by law (21) of the Galerkin model a link stiffens with the square of its stretch
+    ends = p.end_positions(np.linspace(0.0, p.duration or 0.0, 101))
+    stretch = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max() / chain.total_length
+    shortest = min(chain.step_limit() / max(1.0, stretch), p.time_scale)
+    most = STEPS * shortest / max(1.0, links / 10.0)
+    if p.duration is None or p.interval is None:
+        event("moved: without times of its own")
+        options["times"] = np.linspace(0.0, min(4.0, most), 9)
+    elif p.duration > most or p.duration / p.interval * links > VALUES:
+        event("moved: for a shorter time")
+        options["times"] = np.linspace(0.0, min(p.duration, most), 9)
+        if p.duration / chain.step_limit() * links > 2.0 * stepping.MOST_WORK:
+            event("its own time: refused")
+            with pytest.raises(cp.SceneError) as caught:
+                cp.chain.simulate(scene, links=options.get("links"), scheme="velocity_verlet")
+            clear(caught.value)
+    else:
+        event("moved: for its own time")
+    return options
 
 
 def terms(scene: xr.Dataset) -> tuple[bool | int, ...]:
@@ -258,17 +279,12 @@ def the_main_job(mapping: dict[str, Any]) -> None:
     if scene is None:
         return
     tried("catenary.rest", cp.catenary.rest, scene)
-    if "chain_links" not in scene or int(scene.chain_links) > LINKS:
-        event("no run: no links, or very many")
-        return
-    rest = tried("chain.rest", cp.chain.rest, scene)
-    if not affordable(scene, rest):
-        event("no run: no times, or very long")
-        return
     if not ALL_VARIANTS and terms(scene) not in compiled_anyway():
-        event("no run: a variant that is not compiled")
+        event("not moved: a variant that is not compiled")
         return
-    chain = tried("chain.simulate", cp.chain.simulate, scene, outputs=("position", "tension"))
+    move = to_move(scene)
+    tried("chain.rest", cp.chain.rest, scene, links=move.get("links"))
+    chain = tried("chain.simulate", cp.chain.simulate, scene, **move, outputs=("position", "tension"))
     if chain is None:
         return
     for layout, model in (("separate", cp.galerkin), ("normal", cp.condensed)):
@@ -277,6 +293,7 @@ def the_main_job(mapping: dict[str, Any]) -> None:
             rank = min(2, modes.sizes["mode"])
             # few runs: the default alone, which compiles one scheme; many: a tolerance too, which may pick the other
             options = {"tolerance": 1e-2} if MANY else {"outputs": ("position",)}
+            options["times"] = move.get("times")
             tried(f"{model.__name__}.simulate", model.simulate, scene, modes, rank=rank, **options)
 
 
