@@ -152,6 +152,18 @@ def test_a_run_that_nobody_means_is_refused_before_it_begins(soft, model, monkey
     assert simulate(scene, **options, step=1e-3).attrs["number_of_steps"] == 4000
 
 
+def test_a_month_of_a_cable_that_hardly_stretches_needs_its_step(soft):
+    # 2e13 links times steps; 60 links of 2e7 N for a day, 1.5e9, are begun (and would take some seconds: not here)
+    soft["cable"] |= {"youngs_modulus": 1e15, "top_tension": 200.0}
+    soft["time"] = {"duration": 2.6e6, "interval": 1e5}
+    scene = cp.make_scene(soft)
+    with pytest.raises(
+        cp.SceneError, match=r"time\.duration: given 2\.6e\+06 s, which 8 links take .*; allowed: 1e\+12 steps"
+    ):
+        cp.chain.simulate(scene, scheme="velocity_verlet")
+    assert cp.chain.simulate(scene, scheme="trapezoidal", step=1e5).attrs["number_of_steps"] == 26
+
+
 def test_steps_are_counted_in_doubles(soft):
     for simulate in (cp.chain.simulate, cp.cable.simulate):
         with pytest.raises(cp.SceneError, match=r"step: given 1e-20; allowed: at least 4\.44e-16 s, for 4 s of time"):
