@@ -92,17 +92,21 @@ class Animation:
         self.figure.canvas.draw()
         self.figure.set_layout_engine("none")  # laid out once: the axes do not tremble
         writer = (animation.PillowWriter if ending == ".gif" else animation.FFMpegWriter)(fps=speed)
-        size = self.figure.get_size_inches()
+        width, height = self.figure.get_size_inches()
         try:
-            told = {"animation.ffmpeg_path": program} if program else {}
-            with mpl.rc_context(told), writer.saving(self.figure, str(target), DOTS_PER_INCH):
-                for i in range(self.times.size):
-                    self._show(i)
-                    writer.grab_frame()
+            with mpl.rc_context():
+                mpl.rcParams["animation.ffmpeg_path"] = program
+                self._write(writer, target)
         finally:
             self.figure.set_layout_engine(engine)
-            self.figure.set_size_inches(size)  # a video has even numbers of pixels
+            self.figure.set_size_inches(width, height)  # a video has even numbers of pixels
         return target
+
+    def _write(self, writer: Any, target: Path) -> None:
+        with writer.saving(self.figure, str(target), DOTS_PER_INCH):
+            for i in range(self.times.size):
+                self._show(i)
+                writer.grab_frame()
 
     def _repr_html_(self) -> str:
         if self._page is None:
