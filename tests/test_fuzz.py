@@ -25,6 +25,7 @@ from hypothesis import strategies as st
 from numba.core import event as numba_event
 
 import cablepod as cp
+from cablepod.chord import ALIGNED
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
 
@@ -386,9 +387,9 @@ def agree(got: np.ndarray, wanted: np.ndarray, scene: xr.Dataset, tolerance: flo
     assert np.abs(got - wanted).max() <= tolerance * chord
 
 
-#: Rounding of positions, 1e-16 of the chord, is worth up to K/T n^2 ~ 1e6 times as much where links pull transversely, and
-#: Newton's method leaves 1e-10 of the forces.
-ROUNDING = 1e-9
+#: Rounding of positions, 1e-16 of the chord, is worth up to K/T n^2 ~ 1e6 times as much where links pull transversely; Newton's
+#: method leaves 1e-10 of the forces, which bend the cable by a part of the chord.
+ROUNDING = 1e-10
 PHYSICAL = settings(max_examples=20, **COMMON)
 
 
@@ -441,7 +442,7 @@ def test_a_mirrored_scene_moves_as_its_mirror_image(mapping):
 
 
 @PHYSICAL
-@given(cables(weightless=True), st.floats(-math.pi, math.pi))
+@given(cables(weightless=True), st.integers(1, 6282).map(lambda k: 1e-3 * k))
 def test_a_turned_scene_moves_as_the_scene_turned(mapping, angle):
     del mapping["motion"]["upper"]["y"]  # an axis has one motion only
     mapping["motion"]["upper"]["x"]["amplitude"] *= 0.5
@@ -453,7 +454,7 @@ def test_a_turned_scene_moves_as_the_scene_turned(mapping, angle):
 
 
 @PHYSICAL
-@given(cables(), st.floats(-math.pi, math.pi))
+@given(cables(), st.integers(1, 6282).map(lambda k: 1e-3 * k))
 def test_in_space_the_vertical_is_the_only_direction(mapping, angle):
     del mapping["motion"]["upper"]["y"]
     scene = cp.make_scene(mapping)
@@ -461,7 +462,10 @@ def test_in_space_the_vertical_is_the_only_direction(mapping, angle):
     cosine, sine = math.cos(angle), math.sin(angle)
     matrix = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
     image = runs(turned(space, matrix), step_of(scene))
+    span, rise = mapping["ends"]["upper"]
     for model, run in runs(mapping, step_of(scene)).items():
+        if model == "condensed" and abs(rise) > 0.99 * ALIGNED * math.hypot(span, rise):
+            continue  # along the vertical a horizontal axis tells the normals apart, and these turn as that says
         agree(image[model].position.values, run.position.values @ matrix[:, :2].T, scene, ROUNDING)
         np.testing.assert_allclose(image[model].tension, run.tension, rtol=1e-6, err_msg=model)
 
@@ -492,5 +496,6 @@ def test_units_do_not_matter(mapping, of_length, of_force, of_time):
     scene = cp.make_scene(mapping)
     scaled = runs(other, t * step_of(scene))
     for model, run in runs(mapping, step_of(scene)).items():
-        agree(scaled[model].position.values / a, run.position.values, scene, ROUNDING)
+        # of the chord: what LAPACK rounds, as it scales its matrices by thresholds
+        agree(scaled[model].position.values / a, run.position.values, scene, 1e-12)
         np.testing.assert_allclose(scaled[model].tension / force, run.tension, rtol=1e-6, err_msg=model)
