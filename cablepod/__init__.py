@@ -4,11 +4,11 @@ from importlib.metadata import version
 
 from cablepod import archive, cable, catenary, chain, compare, condensed, ensemble, galerkin, plots, pod, rigid
 from cablepod.archive import ArchiveError
-from cablepod.condensed_output import OutOfRangeWarning
 from cablepod.members import MemberFailedWarning
 from cablepod.scene import make_scene, read_scene
 from cablepod.schema import SceneError
 from cablepod.stepping import NotConvergedWarning, RunStopped
+from cablepod.trust import OutOfRangeWarning
 
 __version__ = version("cablepod")
 

@@ -79,24 +79,8 @@ def run(
     coords = condensed_output.coordinates_of(model, times, options.links)
     result = join(stack, scene, coords).set_coords("arc_length")
     result.attrs = {"title": title, **result.attrs}
-    _warn(stack.attrs)
+    condensed_output.warn_of_members(stack.attrs)
     return result
-
-
-def _warn(attrs: Mapping[str, list[Any]]) -> None:
-    """Warn once for all members: by the worst of each kind."""
-    least = np.array(attrs["smallest_chordwise_force"], dtype=float)
-    ratio = np.array(attrs["forcing_over_axial_frequency"], dtype=float)
-    slack, fast = least < 0.0, ratio > condensed_output.FAST
-    for bad, worst in ((slack, least), (fast, -ratio)):
-        if bad.any():
-            i = int(np.nanargmin(worst))
-            own = {name: values[i] for name, values in attrs.items()}
-            if bad is slack:
-                own["forcing_over_axial_frequency"] = 0.0
-            else:
-                own["smallest_chordwise_force"] = 0.0
-            condensed_output.warn_out_of_range(own, f"{int(bad.sum())} of {bad.size} members, the worst number {i}: ")
 
 
 def sibling(model: Model, p: Parameters) -> Model:

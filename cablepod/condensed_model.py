@@ -26,6 +26,8 @@ LEAST_POINTS = 4
 #: Products of the modes' slopes by a rule may be off by this share.  The stiffness is off by as much; links and a smooth curve
 #: through the particles differ by (i pi / n)^2 / 12 in mode i, 0.5 % in the third of 40 links.
 RULE_ERROR = 0.01
+#: Newton's method has found an equilibrium where its last step is this share of the deflection it began with.
+SETTLED = 1e-9
 #: Modes whose products in mass have a condition above this are sums of one another but for rounding.
 DEPENDENT = 1e12
 
@@ -242,16 +244,14 @@ class Model:
         """Coordinates at the start and their rates; a run from equilibrium starts from the model's own."""
         p, q = self.chain.p, self.first_guess
         if q is not None:
-            near, q = np.abs(q).max(), self._equilibrium(q)
-            if q is not None and np.abs(q).max() > 2.0 * near:  # another one than that of the parabola, perhaps
-                q = None
+            q = self.equilibrium(q)
         if q is None:
             position = start(self.chain)
             q = self.coordinates(Frame.of((position[-1] - position[0])[None], self.reference).split(position[None])[1])[
                 0
             ]
             if not p.initial:
-                rest = self._equilibrium(q)
+                rest = self.equilibrium(q)
                 q = q if rest is None else rest
         rates = p.end_positions(np.zeros(1), 1)[0]
         if not rates.any():
@@ -274,8 +274,8 @@ class Model:
         sag = 0.5 * self.chain.total_length**2 / self.rest_tension * sigma * (1.0 - sigma)
         return self.coordinates(across[:, None, None] * sag)[0]
 
-    def _equilibrium(self, q: np.ndarray) -> np.ndarray | None:
-        """Find the equilibrium nearest to q by Newton's method; None where it fails."""
+    def equilibrium(self, q: np.ndarray) -> np.ndarray | None:
+        """Find the equilibrium near q by Newton's method; None where it fails, or ends at another one."""
         # rest knows no acceleration: its forces are those of the loads alone
         still = self.still_row
         if self.order == "leading":
@@ -284,9 +284,9 @@ class Model:
             chain, q = self.chain, q.copy()
             about = chain.p.stiffness, chain.total_length, self.turned[1], self.means, self.bends, self.pushes
             return q if kernel.leading_rest(q, still, *about) else None
-        size = np.abs(q).max()
+        size, first = np.abs(q).max(), q
         for _ in range(60):
-            force, tangent, _ = self.force(q, np.zeros_like(q), still)
+            force, tangent, *_ = self._forces(q, np.zeros_like(q), still)
             try:
                 change = np.linalg.solve(tangent, force)
             except np.linalg.LinAlgError:
@@ -296,7 +296,9 @@ class Model:
                 return None
             if np.abs(change).max() <= 1e-14 * size:
                 break
-        return q
+        # what still moves by more than rounding has found none; further off than the deflection is the cable turned over
+        found = np.abs(change).max() <= SETTLED * size and np.abs(q - first).max() <= size
+        return q if found else None
 
     @cached_property
     def first_row(self) -> np.ndarray:
@@ -316,26 +318,32 @@ class Model:
         return still[0]
 
     def force(self, q: np.ndarray, v: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """Accelerations of the coordinates without damping, their tangent, H [N]."""
+        """Accelerations of the coordinates without damping, tangent of the forces, H [N]."""
+        f, tangent, mass, h = self._forces(q, v, row)
+        return (np.linalg.solve(mass, f) if self.inertia.size else f), tangent, h
+
+    def _forces(
+        self, q: np.ndarray, v: np.ndarray, row: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+        """Return forces on the coordinates, their tangent, masses, H [N]."""
         from cablepod.kernels import condensed as kernel
 
         chain, r = self.chain, q.size
-        f, tangent, k = np.empty(r), np.empty((r, r)), chain.p.stiffness
+        f, tangent, mass, k = np.empty(r), np.empty((r, r)), np.eye(r), chain.p.stiffness
         if self.order == "leading":
             squares = self.turned[1]
             h = kernel.leading_force(
                 q, row, k, chain.total_length, squares, self.means, self.bends, self.pushes, f, tangent
             )
-            return f, tangent, h
+            return f, tangent, mass, h
         slopes, taus, weights = self.rule
         n = weights.size
         work = np.empty((4, n)), np.empty((2, n)), np.empty((2, n)), np.empty((2 * r, n))
-        mass = np.empty((r, r))
         h = kernel.exact_force(
             q, v, row, slopes, self.plane, taus, weights, k, self.green, self.pushes, self.inertia,
             self.guess(row, q), np.full(n, self.first_stretch(row)), *work, f, tangent, mass,
         )  # fmt: skip
-        return (np.linalg.solve(mass, f) if self.inertia.size else f), tangent, h
+        return f, tangent, mass, h
 
     def guess(self, row: np.ndarray, q: np.ndarray) -> float:
         """H to leading order, to begin a search with [N]."""

@@ -13,14 +13,11 @@ import numpy as np
 import xarray as xr
 from xarray.indexes import PandasIndex
 
-from cablepod import pod_normal, training
+from cablepod import pod_normal, training, trust
 from cablepod.chord import Frame
 from cablepod.condensed_model import Model
 from cablepod.conventions import COORDINATES, ENDS, label
 from cablepod.stepping import Instants
-
-#: Motion of the ends with a frequency above this share of the first axial one makes waves along the cable, which the model lacks.
-FAST = 0.2
 
 
 @lru_cache
@@ -39,16 +36,12 @@ def coordinates_of(
     own = {"time": PandasIndex(times, "time")}
     if links is not None:
         own["link"] = PandasIndex(links + 1, "link")
-    variables = {name: item.copy(deep=False) for name, item in made.items()}
+    variables = dict(made)  # a Dataset takes copies of what it is made of
     for index in own.values():
         variables |= index.create_variables()
     if with_arc_length:  # members have each its own
         variables["arc_length"] = xr.Variable("particle", model.chain.arc_length)
     return xr.Coordinates(variables, indexes={**fixed, **own})
-
-
-class OutOfRangeWarning(UserWarning):
-    """A reduced model was used where it cannot be trusted; the message says which number decides."""
 
 
 @dataclass
@@ -276,8 +269,7 @@ def _tensions(model: Model, q: np.ndarray, times: np.ndarray, links: np.ndarray 
     return (force[:, None] + loads @ model.taus[:, links]) * np.sqrt(1.0 + sum(item * item for item in slopes))
 
 
-def warn_out_of_range(attrs: Mapping[str, Any], which: str = "") -> None:
-    """Warn where the numbers of a run say that the model cannot be trusted; `which` run, of several."""
+def _check_slack(attrs: Mapping[str, Any], which: str = "") -> None:
     if attrs["smallest_chordwise_force"] < 0.0:
         implicit = attrs["scheme"] != "velocity_verlet"
         long = f" (or the step of {attrs['step']:g} s is too long for what moves)" if implicit else ""
@@ -285,14 +277,35 @@ def warn_out_of_range(attrs: Mapping[str, Any], which: str = "") -> None:
             f"{which}the chordwise force falls to {attrs['smallest_chordwise_force']:.3g} N at "
             f"{attrs['time_of_smallest_force']:.4g} s, below zero: the cable goes slack there, and the condensed "
             f"model is ill-posed{long}; compare with chain.simulate",
-            OutOfRangeWarning,
-            stacklevel=4,
+            trust.OutOfRangeWarning,
+            stacklevel=5,
         )
-    ratio = attrs["forcing_over_axial_frequency"]
-    if ratio > FAST:
-        warnings.warn(
-            f"{which}loads or ends change with {ratio:.2g} times the first axial frequency, {attrs['first_axial_frequency']:.3g} "
-            f"rad/s (above {FAST}): the condensed model lacks waves along the cable; compare with chain.simulate",
-            OutOfRangeWarning,
-            stacklevel=4,
-        )
+
+
+def _check_forcing(attrs: Mapping[str, Any], which: str = "") -> None:
+    trust.check_forcing(attrs, "the condensed model lacks", which)
+
+
+#: The number that decides -> what it is multiplied by, above what it is too much, what warns of it.
+CHECKS = {
+    "smallest_chordwise_force": (-1.0, 0.0, _check_slack),
+    "forcing_over_axial_frequency": (1.0, trust.FAST, _check_forcing),
+    "error_estimate": (1.0, trust.HALF, trust.check_estimate),
+}
+
+
+def warn_out_of_range(attrs: Mapping[str, Any]) -> None:
+    """Warn where the numbers of a run say that the model cannot be trusted."""
+    for *_, check in CHECKS.values():
+        check(attrs)
+
+
+def warn_of_members(attrs: Mapping[str, list[Any]]) -> None:
+    """Warn once for all members, by the worst of each kind."""
+    for name, (sign, limit, check) in CHECKS.items():
+        values = sign * np.array(attrs.get(name, []), dtype=float)
+        bad = values > limit
+        if bad.any():
+            i = int(np.nanargmax(values))
+            worst = {key: of_all[i] for key, of_all in attrs.items()}
+            check(worst, f"{int(bad.sum())} of {bad.size} members, the worst number {i}: ")

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod import provenance, stepping, training
+from cablepod import provenance, stepping, training, trust
+from cablepod.conventions import OUTPUTS
+from cablepod.galerkin_estimate import estimate
 from cablepod.galerkin_model import Model, model_of
 from cablepod.galerkin_runs import ImplicitRun, Run, State, VerletRun
 from cablepod.members import over_members
@@ -23,6 +27,8 @@ SCHEMES = ("velocity_verlet", "trapezoidal", "energy_momentum")
 IMPLICIT_COST, COST_OF_AMPLITUDE = 4.0, 0.45
 #: Below so many seconds of explicit run time no other scheme is tried unasked; seconds per step, and more for each amplitude.
 CHEAP, STEP_TIME, TIME_OF_AMPLITUDE = 0.3, 2e-7, 2e-8
+#: Share of the exchanged energy that a given step may make or lose.
+UNEXPLAINED = 0.1
 #: Steps of the first implicit run in the period of the first transverse vibration; and how many times as many resolve enough of
 #: what moves for runs to show an order.
 STEPS_PER_PERIOD, RESOLVING = 8.0, 16.0
@@ -39,7 +45,7 @@ def simulate(
     scheme: str | None = None,
     step: float | None = None,
     tolerance: float | None = None,
-    outputs: tuple[str, ...] = ("position",),
+    outputs: tuple[str, ...] = ("position", "error_estimate"),
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Simulate the extensible cable of a scene on Karhunen-Loeve modes.
@@ -69,7 +75,8 @@ def simulate(
     tolerance
         Wanted time error as a fraction of the largest rms displacement; 1e-6 by default.
     outputs
-        Some of "position", "velocity", "tension", "tension_extremes" (over all steps); nothing else is computed.
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "error_estimate" (of the model, see
+        :func:`cablepod.galerkin_estimate.estimate`; it takes about as long as a run); nothing else is computed.
     progress
         Called now and then with the part of the run that is done, from 0 to 1.
 
@@ -77,9 +84,11 @@ def simulate(
     -------
     xarray.Dataset
         ``amplitude (time, coordinate, mode)`` or ``(time, mode)`` [m], ``end_position`` [m] and the outputs asked for, on the
-        particles of the modes.  The attribute ``smallest_stretch`` says the least xi met at the instants of the output where
-        positions or tensions were asked for.  ``forcing_over_axial_frequency``, ``energy_share_kept`` of the snapshots (the least
-        over the coordinates) and ``outside_training``, see :func:`cablepod.training.outside`, say how far to trust it.
+        particles of the modes.  Attributes say how far to trust it: ``smallest_stretch``, the least xi met at the instants of the
+        output, ``forcing_over_axial_frequency``, ``energy_share_kept`` of the snapshots (the least over the coordinates),
+        ``outside_training``, see :func:`cablepod.training.outside`; ``error_estimate`` is the largest error to be expected over
+        time, as a fraction of the motion, not a number where there is no estimate; ``time_error_estimate`` is the part of the
+        steps in it.
         ``energy_defect`` is the largest kinetic and strain energy, at the steps at or beside the instants of the output, that is
         not explained by the start, the work of loads and of the ends, and damping,
         over the largest of these terms (kinetic energy, change of strain energy, works, dissipation): some 1e-15 to 1e-12 for
@@ -97,7 +106,10 @@ def simulate(
     Warns
     -----
     NotConvergedWarning
-        Where no step meets the tolerance.
+        Where no step meets the tolerance, and where a given step leaves much energy that nothing explains.
+    OutOfRangeWarning
+        Where a link is compressed, loads or ends change nearly as fast as waves run along the cable in a scene unlike those of
+        the snapshots, or the error to be expected is as large as the motion, or nearly.
 
     Notes
     -----
@@ -120,7 +132,7 @@ def simulate(
     0.04
     """
     stepping.check_scheme(scheme, SCHEMES)
-    names = stepping.check_outputs(outputs)
+    names = stepping.check_outputs(outputs, (*OUTPUTS, "error_estimate"))
     if step is not None and tolerance is not None:
         raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
     goal = stepping.DEFAULT_TOLERANCE if tolerance is None else stepping.check_positive("tolerance", tolerance)
@@ -130,7 +142,9 @@ def simulate(
     p.check_reach(float(instants[-1]))
     check_memory(instants.size, model.chain.links, p.dims, key="times", variables=3)
     q0 = model.initial()
-    limit = 2.0 / model.highest_frequency(q0, 0.0)
+    highest = model.highest_frequency(q0, 0.0)
+    # few modes may start where nothing pulls them back; stiffer than the chain they never are
+    limit = 2.0 / highest if highest > 0.0 else model.chain.step_limit()
     runs: dict[str, Run] = {
         name: (VerletRun if name == SCHEMES[0] else ImplicitRun)(
             model, instants, q0, names, progress, scene, modes, name
@@ -144,15 +158,22 @@ def simulate(
             rate = 1.0 / stepping.check_step(step, limit, why)
         else:
             rate = 1.0 / number(above=0.0, most=float(instants[-1]) or np.inf)("step", step)
-        state, estimate = run(rate), None
+        state, time_error = run(rate), None
+        _check_energy(state, run.scheme)
     elif scheme is not None:
-        state, rate, estimate = _refined(run, limit, goal)
+        state, rate, time_error = _refined(run, limit, goal)
     else:
-        run, (state, rate, estimate), reason = _picked(runs, limit, goal, asked=tolerance is not None)
+        run, (state, rate, time_error), reason = _picked(runs, limit, goal, asked=tolerance is not None)
     result = run.dataset(state)
     result.attrs.update(step_limit=limit, choice_of_scheme=reason, **_trust(model, modes, result))
-    if estimate is not None:
-        result.attrs["time_error_estimate"] = estimate
+    if time_error is not None:
+        result.attrs["time_error_estimate"] = time_error
+    if "error_estimate" in names:
+        again = replace(run, outputs=(), progress=None)
+        result.attrs["error_estimate"] = (time_error or 0.0) + estimate(
+            model, lambda at, steps: replace(again, times=at)(steps), rate, float(instants[-1])
+        )
+    _warn_out_of_range(result.attrs)
     options = {
         "rank": len(model.modes) // (p.dims if model.layout == "separate" else 1),
         "times": instants,
@@ -180,6 +201,31 @@ def _trust(model: Model, modes: xr.Dataset, result: xr.Dataset) -> dict[str, Any
         share = modes["energy_share"].isel(mode=slice(result.sizes["mode"])).sum("mode")
         notes["energy_share_kept"] = float(share.min())
     return notes | training.outside(modes, p, length, float(result["time"].values[-1]))
+
+
+def _check_energy(state: State, scheme: str) -> None:
+    defect = state.notes["energy_defect"]
+    if defect > UNEXPLAINED:
+        warnings.warn(
+            f"{defect:.2g} of the energy that is exchanged comes from nowhere (energy_defect, {scheme}): the step is too long "
+            "for what moves; give a shorter one, scheme energy_momentum, or a tolerance instead of a step",
+            stepping.NotConvergedWarning,
+            stacklevel=4,
+        )
+
+
+def _warn_out_of_range(attrs: dict[str, Any]) -> None:
+    """Warn where the numbers of a run say that the model cannot be trusted."""
+    if attrs["smallest_stretch"] < 1.0:
+        warnings.warn(
+            f"links are compressed, to {attrs['smallest_stretch']:.6g} of their unstretched length (smallest_stretch): a cable "
+            "goes slack there, and few modes do not hold the kinks of that; compare with chain.simulate",
+            trust.OutOfRangeWarning,
+            stacklevel=4,
+        )
+    if attrs.get("outside_training", math.inf) > 0.0:
+        trust.check_forcing(attrs, "modes of slower motion lack")
+    trust.check_estimate(attrs)
 
 
 def _picked(

@@ -33,6 +33,7 @@ class State:
     instants: Instants
     q: np.ndarray  #: mass-orthonormal amplitudes at the instants (times, modes) [kg^1/2 m]
     rates: np.ndarray  #: their rates [kg^1/2 m/s]
+    second: np.ndarray  #: their second rates [kg^1/2 m/s^2]; only with each instant on a step
     extremes: tuple[np.ndarray, np.ndarray] | None  #: of the tensions (n,) [N]
     notes: dict[str, Any] = field(default_factory=dict)  #: attributes of the result that this run alone knows
 
@@ -169,7 +170,8 @@ class Run:
             )
         rates -= model.displacements(time, 1) @ model.coupling
         defect = {"energy_defect": _energy_defect(v, record.energy[:keep], float(self.start_energy))}
-        return State(instants, q, rates, record.extremes, {**defect, **notes})
+        second = a[instants.left] - model.displacements(time, 2) @ model.coupling
+        return State(instants, q, rates, second, record.extremes, {**defect, **notes})
 
     @cached_property
     def start_energy(self) -> float:
@@ -225,13 +227,13 @@ class Run:
             "unstretched_length": ((), model.chain.total_length),
         }
         place, attrs = ("time", "particle", "coordinate"), {}
-        if {"position", "tension"} & set(self.outputs):
-            position = model.positions(state.q, time)
-            if "position" in self.outputs:
-                variables["position"] = (place, position)
-            if "tension" in self.outputs:
-                variables["tension"] = (("time", "link"), model.tension(position))
-            attrs["smallest_stretch"] = float(model.chain.stretch(position).min())
+        # asked for or not: the least stretch says whether the cable went slack
+        position = model.positions(state.q, time)
+        if "position" in self.outputs:
+            variables["position"] = (place, position)
+        if "tension" in self.outputs:
+            variables["tension"] = (("time", "link"), model.tension(position))
+        attrs["smallest_stretch"] = float(model.chain.stretch(position).min())
         if "velocity" in self.outputs:
             variables["velocity"] = (place, model.velocities(state.rates, time))
         if state.extremes is not None:

@@ -128,13 +128,12 @@ def seal(scene: xr.Dataset) -> xr.Dataset:
 
 def digest(dataset: xr.Dataset) -> str:
     """Return a hash over names, dimensions and values of all variables."""
-    total = hashlib.sha256()
-    for name in sorted(str(name) for name in dataset.variables):
-        variable = dataset.variables[name]
-        value = np.asarray(variable.values)
-        total.update(f"{name}{variable.dims}{value.shape}".encode())
-        total.update(str(value.tolist()).encode() if value.dtype.kind in "UO" else value.tobytes())
-    return total.hexdigest()[:16]
+    parts = []
+    for name, variable in sorted(dataset.variables.items(), key=lambda item: str(item[0])):
+        value = variable.values
+        parts.append(f"{name}{variable.dims}{value.shape}".encode())
+        parts.append(str(value.tolist()).encode() if value.dtype.kind in "UO" else value.tobytes())
+    return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
 
 
 def as_it_is(item: xr.Dataset) -> xr.Dataset:

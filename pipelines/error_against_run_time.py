@@ -64,8 +64,8 @@ from tqdm import tqdm
 
 import cablepod as cp
 from cablepod import stepping
-from cablepod.condensed_output import OutOfRangeWarning
 from cablepod.conventions import label
+from cablepod.trust import OutOfRangeWarning
 
 DURATION = 124.0
 #: All that a whole call is asked for; an estimate of its own error is not.

@@ -22,6 +22,9 @@ Scenes stand apart, by the chain alone, where links go slack (the model says so 
 steps disagree, or where a small change of the motion grows faster than in proportion to time; for those statistics are compared,
 as single trajectories mean nothing.
 
+The Galerkin model of the paper, on separate modes of x and y from Example 2 and from the designed set, is run on the same scenes
+for ESTIMATED_RANKS, by the chain's law.
+
 Beside each error of a prediction stand what the model itself says: its estimate of the error, which sees no truth, and how far
 the scene lies outside the training scenes.
 """
@@ -65,6 +68,8 @@ SKIPPED = {(order, name) for order in ("leading", "exact") for name in ("example
 #: Training sets with orders, and numbers of modes, for which the model's own estimate is compared with its error.
 ESTIMATED = (("example 2", "inertial"), ("designed", "leading"), ("designed", "inertial"))
 ESTIMATED_RANKS = (2, 4, 6)
+#: Training sets for the Galerkin model, with modes of each coordinate as in the paper, and its time error.
+GALERKIN_SETS, GALERKIN_TOLERANCE = ("example 2", "designed"), 1e-5
 #: Bounds of the distances from the training scenes for which errors are shown apart.
 OUTSIDE = (-1.0, 0.0, 0.5, 1.0, 2.0, 4.0, np.inf)
 
@@ -93,7 +98,7 @@ def motion_of(trajectory: xr.Dataset) -> float:
     return motion_scale(position, position[0], float(np.linalg.norm(position[0, -1] - position[0, 0])))
 
 
-def joint_modes(runs: list[xr.Dataset]) -> xr.Dataset:
+def joint_modes(runs: list[xr.Dataset], **options: Any) -> xr.Dataset:
     """Modes of several trajectories, each counting alike."""
     sigma = np.linspace(0.0, 1.0, LINKS + 1)
     scaled = [
@@ -104,7 +109,7 @@ def joint_modes(runs: list[xr.Dataset]) -> xr.Dataset:
         for run in runs
     ]
     joined = xr.concat(scaled, dim="member", join="override").assign_coords(arc_length=("particle", sigma))
-    return cp.pod.decompose(joined, layout="normal")
+    return cp.pod.decompose(joined, **options)
 
 
 def candidates(count: int, duration: float) -> tuple[list[dict[str, float]], list[np.ndarray]]:
@@ -135,16 +140,23 @@ def greedy(shapes: list[np.ndarray], count: int) -> list[int]:
     return chosen
 
 
-def training_sets(samples: int, count: int, duration: float) -> tuple[dict[str, xr.Dataset], list[dict[str, float]]]:
-    """Modes by training set, but for the scenes' own, and the samples of the designed one."""
+def training_sets(
+    samples: int, count: int, duration: float
+) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset], list[dict[str, float]]]:
+    """Modes by training set, but for the scenes' own, those for the Galerkin model, and the samples of the designed set."""
     given = shipped.scene("example2")
     times = np.arange(round(duration * 10) + 1) * 0.1
     example = cp.chain.simulate(given, links=LINKS, times=times, scheme="velocity_verlet", step=2e-4)
     values, shapes = candidates(count, duration)
     chosen = [values[i] for i in greedy(shapes, samples)]
     runs = [Case(item, duration).truth for item in chosen]
-    modes = {"example 2": cp.pod.decompose(example, layout="normal"), "designed": joint_modes(runs), "sines": sines()}
-    return modes, chosen
+    normal = {"layout": "normal"}
+    modes = {
+        "example 2": cp.pod.decompose(example, **normal), "designed": joint_modes(runs, **normal), "sines": sines(),
+    }  # fmt: skip
+    # not centred: the mean of scenes that are scaled by their motion is the shape of none
+    separate = {"example 2": cp.pod.decompose(example), "designed": joint_modes(runs, center=False)}
+    return modes, separate, chosen
 
 
 # --- the model against the chain ----------------------------------------------------------------------------------------
@@ -187,6 +199,25 @@ def error_of(
     error = float(cp.compare.errors(run, case.truth)["error_max"])
     told = [run.attrs.get(name, np.nan) for name in ("error_estimate", "outside_training", "step_error")]
     return error, told[0], told[1], told[2]
+
+
+def galerkin_errors(case: Case, modes: dict[str, xr.Dataset]) -> np.ndarray:
+    """Errors of the Galerkin model, infinite where it stops or refuses, and their estimates (2, training set, rank)."""
+    result = np.full((2, len(GALERKIN_SETS), len(ESTIMATED_RANKS)), np.nan)
+    for j, name in enumerate(GALERKIN_SETS):
+        for k, rank in enumerate(ESTIMATED_RANKS):
+            if rank > modes[name].sizes["mode"]:
+                continue
+            try:
+                run = cp.galerkin.simulate(
+                    case.scene, modes[name], rank=rank, law="linear", times=case.truth["time"].values,
+                    tolerance=GALERKIN_TOLERANCE,
+                )  # fmt: skip
+            except (cp.RunStopped, cp.SceneError):
+                result[0, j, k] = np.inf
+                continue
+            result[:, j, k] = float(cp.compare.errors(run, case.truth)["error_max"]), run.attrs["error_estimate"]
+    return result
 
 
 def projection_error(case: Case, modes: xr.Dataset, rank: int) -> float:
@@ -240,17 +271,20 @@ def report(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", cp.OutOfRangeWarning)
         warnings.simplefilter("ignore", cp.NotConvergedWarning)  # links that snap taut: their scenes stand apart
-        modes, chosen = training_sets(samples, count, duration)
+        modes, separate, chosen = training_sets(samples, count, duration)
         tested = cases(scenes, seed, duration)
         error = np.full((4, len(tested), len(SETS), len(ORDERS), len(RANKS)), np.nan)
         projected = np.full((len(tested), len(SETS), len(RANKS)), np.nan)
         numbers = np.full((len(tested), 3, 3), np.nan)
+        galerkin = np.full((2, len(tested), len(GALERKIN_SETS), len(ESTIMATED_RANKS)), np.nan)
         apart = []
         for i, case in enumerate(progress(tested)):
             apart.append(case.apart)
             own = modes | {"itself": cp.pod.decompose(case.truth, layout="normal")}
             _fill(case, own, error[:, i], projected[i])
-            if apart[-1]:
+            if not apart[-1]:
+                galerkin[:, i] = galerkin_errors(case, separate)
+            else:
                 numbers[i] = statistics_of(case, own["designed"])
         examples = paper_examples(modes["example 2"], duration)
     place = ("scene", "training_set", "order", "rank")
@@ -259,6 +293,8 @@ def report(
             "error": (place, error[0]),
             "error_estimate": (place, error[1]),
             "step_error": (place, error[3]),
+            "galerkin_error": (("scene", "galerkin_set", "galerkin_rank"), galerkin[0]),
+            "galerkin_error_estimate": (("scene", "galerkin_set", "galerkin_rank"), galerkin[1]),
             # the same for all numbers of modes and orders that ran
             "outside_training": (place[:2], np.fmax.reduce(error[2].reshape(len(tested), len(SETS), -1), axis=2)),
             "projection_error": (("scene", "training_set", "rank"), projected),
@@ -274,6 +310,7 @@ def report(
         coords={
             "training_set": list(SETS), "order": list(ORDERS), "rank": list(RANKS), "example": ["example3", "example4"],
             "half": ["first", "second"], "run": ["chain", "chain, longer steps", "model"],
+            "galerkin_set": list(GALERKIN_SETS), "galerkin_rank": list(ESTIMATED_RANKS),
             "statistic": ["tension at the top, quantile 0.01, N", "tension at the top, quantile 0.99, N", "rms motion, m"],
         },
     )  # fmt: skip
@@ -304,6 +341,8 @@ LONG_NAMES = {
     "error": "largest error over time, over the motion of the chain",
     "error_estimate": "error as the model estimates it, without any truth",
     "outside_training": "distance of the scene from the training scenes, see cablepod.training.outside",
+    "galerkin_error": "largest error over time of the Galerkin model, over the motion of the chain",
+    "galerkin_error_estimate": "error as the Galerkin model estimates it, without any truth",
     "step_error": "error of the step before it was taken off by extrapolation",
     "projection_error": "largest distance over time of the chain's deflection from the modes, over its motion",
     "apart": "why the scene stands apart; empty where it does not",
@@ -342,6 +381,7 @@ def show(result: xr.Dataset) -> None:
     print(f"steps: what extrapolation took off is {percent(float(share.median()))} of the error (median over all runs), "
           f"{percent(float(share.quantile(0.95)))} (95th percentile)")  # fmt: skip
     show_estimates(regular)
+    show_galerkin(regular)
     keys = list(RANGES)
     print("\ndesigned samples: " + "; ".join(" ".join(f"{float(result[f'sample_{key}'][i]):.4g}" for key in keys)
           for i in range(result.sizes["sample"])) + f"  ({', '.join(keys)})")  # fmt: skip
@@ -396,6 +436,23 @@ def show_estimates(regular: xr.Dataset) -> None:
         if np.isfinite(far).sum() > 2:
             correlation = float(spearmanr(far, error, nan_policy="omit")[0])
             print(f"rank correlation of distance and error, {name}: {correlation:.2f}")
+
+
+def show_galerkin(regular: xr.Dataset) -> None:
+    """Print the same for the Galerkin model."""
+    print(
+        "\nGalerkin model\n| modes of | r | median / largest error | pairs | rank correlation | within a factor of 5 |"
+    )
+    print("| --- " * 6 + "|")
+    errors, told = regular["galerkin_error"], regular["galerkin_error_estimate"]
+    for name in GALERKIN_SETS:
+        for rank in ESTIMATED_RANKS:
+            pair = [item.sel(galerkin_set=name, galerkin_rank=rank).values for item in (errors, told)]
+            count, correlation, near = estimate_quality(*pair)
+            spread = " / ".join(percent(v) for v in figure.quantiles(pair[0], (0.5, 1.0)))
+            print(f"| {name} | {rank} | {spread} | {count} | {correlation:.3f} | {100.0 * near:.0f} % |")
+    count, correlation, near = estimate_quality(errors.values.ravel(), told.values.ravel())
+    print(f"| all | | | {count} | {correlation:.3f} | {100.0 * near:.0f} % |")
 
 
 def main() -> None:

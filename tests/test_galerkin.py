@@ -35,6 +35,8 @@ TERMS = {
 
 
 IMPLICIT = ("trapezoidal", "energy_momentum")
+# identities and orders hold for models that cannot be trusted too; that they say so is tested at the end
+pytestmark = pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")
 
 
 @pytest.mark.parametrize(("layout", "weights"), [("separate", None), ("vector", "mass")])
@@ -339,6 +341,7 @@ def test_a_run_of_no_length_is_the_start(soft, scheme):
     np.testing.assert_array_equal(run.position[0], whole.position[0])
 
 
+@pytest.mark.filterwarnings("ignore::cablepod.NotConvergedWarning")  # such steps make energy too
 @pytest.mark.parametrize("scheme", IMPLICIT)
 def test_where_newton_fails_the_step_is_cut_or_the_run_stops_and_keeps_what_it_has(soft, monkeypatch, scheme):
     # a stiff cable is jerked: two shapes are as good as one another over a step of half a second

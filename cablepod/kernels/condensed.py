@@ -336,8 +336,8 @@ def leading_force(q, row, stiffness, length, squares, means, bends, pushes, f, t
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def leading_rest(q, row, stiffness, length, squares, means, bends, pushes):
-    """Change q into the equilibrium nearest to it by Newton's method; False where there is none near."""
-    f, tangent = np.empty(q.size), np.empty((q.size, q.size))
+    """Change q into the equilibrium near it by Newton's method; False where it fails, or ends at another one."""
+    f, tangent, first = np.empty(q.size), np.empty((q.size, q.size)), q.copy()
     size = np.abs(q).max()
     for _ in range(2 * MOST):
         leading_force(q, row, stiffness, length, squares, means, bends, pushes, f, tangent)
@@ -351,7 +351,8 @@ def leading_rest(q, row, stiffness, length, squares, means, bends, pushes):
                 return False
         if change <= 1e-14 * size:
             break
-    return True
+    # what still moves by more than rounding has found none; further off than the deflection is the cable turned over
+    return change <= 1e-9 * size and np.abs(q - first).max() <= size
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -499,13 +500,18 @@ def leading_implicit(
                 tangent[j, j] += 1.0 + 0.5 * step * damping
             if not _solve(tangent, change):
                 break
-            largest = 0.0
+            # the forces are cubic in q: what the tangent left of them is known, and bounds the next correction of a soft cable;
+            # of a stiff one quadratic convergence does, the next is smaller by the square of the last gain
+            across, along, left, largest = 0.0, 0.0, 0.0, 0.0
             for j in range(r):
+                across += squares[j] * q[j] * change[j]
+                along += squares[j] * change[j] * change[j]
                 q[j] += change[j]
                 largest = max(largest, abs(change[j]))
-            # quadratic convergence: the next correction is smaller by the square of the last gain
+            for j in range(r):
+                left = max(left, squares[j] * abs(across * change[j] + 0.5 * along * q[j]))
             gain = min(largest / before, 1.0)
-            if largest * gain * gain <= CLOSE * size or largest == 0.0:
+            if min(quarter * stiffness / length * left, largest * gain * gain) <= CLOSE * size:
                 ended = True
                 break
             before = largest
