@@ -275,7 +275,7 @@ def refine(
     """
     check_work(rate, *size)
     coarse, rate = _first_sound_run(run, rate)
-    most = max(2.0 * rate, min(MOST_GROWTH * rate, _most_rate(MOST_WORK, size)))
+    most = min(MOST_GROWTH * rate, _most_rate(MOST_WORK, size))
     factor, last, last_factor, slow = 2.0, math.inf, math.inf, 0
     for _ in range(MOST_REFINEMENTS):
         # the first doubling is exact, so that its runs share their instants; later rates are preferred ones again

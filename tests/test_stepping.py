@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cablepod as cp
-from cablepod import stepping
+from cablepod import rigid_runs, stepping
 
 
 @pytest.mark.parametrize("rate", [0.3, 1.0, 1.01, 7.9, 3250.0, 4001.0, 1e6 + 1])
@@ -144,6 +144,7 @@ def test_a_run_that_nobody_means_is_refused_before_it_begins(soft, model, monkey
     monkeypatch.setattr(stepping, "MOST_WORK", 1000)
     monkeypatch.setattr(stepping, "MOST_TRIED", 1)
     monkeypatch.setattr(stepping, "march", None)  # nothing is run
+    monkeypatch.setattr(rigid_runs.RigidRun, "__call__", None)
     with pytest.raises(
         cp.SceneError, match=r"time\.duration: given 4 s, which \d+ links take .* steps of .*; allowed: 1000 .* step="
     ):
