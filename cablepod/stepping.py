@@ -296,7 +296,7 @@ def refine(
         if accepted:
             return fine, rate, estimate
         slow = slow + 1 if order < LEAST_ORDER else 0
-        if slow == 2 or rate >= most:  # once may be a wave that the steps only begin to resolve
+        if slow == 2 or rate >= (1.0 - 1e-9) * most:  # once may be a wave that the steps only begin to resolve
             break
         coarse, last, last_factor = fine, distance, factor
         expected = distance / (factor**order - 1.0)
