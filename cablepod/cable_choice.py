@@ -29,6 +29,11 @@ def limit_of(run: MeshRun) -> float:
     return run.chain.step_limit(run.chain.stiffening(run.initial))
 
 
+def size_of(run: MeshRun) -> tuple[float, int]:
+    """Until when a run lasts [s], and its number of nodes but one."""
+    return float(run.times[-1]), run.chain.links
+
+
 def picked(runs: dict[str, MeshRun], goal: float) -> tuple[MeshRun, tuple[State, float, float], str]:
     """Pick scheme and step for a tolerance: implicit as long as its steps are so long that it is the faster one."""
     explicit, implicit = (runs[name] for name in SCHEMES)
@@ -37,7 +42,7 @@ def picked(runs: dict[str, MeshRun], goal: float) -> tuple[MeshRun, tuple[State,
     if cost < CHEAP:
         return explicit, refined(explicit, goal), f"explicit: all its runs take about {cost:.1g} s"
     most = rate / IMPLICIT_COST  # the explicit runs have this rate and twice as much, the implicit ones all up to it
-    found = stepping.halve(*compared(implicit), goal, most)
+    found = stepping.halve(*compared(implicit), goal, most, size_of(implicit))
     if found is not None:
         times = 1.0 / (found[1] * limit_of(explicit))
         return implicit, found, f"implicit: its steps may be {times:.3g} times the explicit limit"
@@ -52,7 +57,7 @@ def refined(run: MeshRun, goal: float) -> tuple[State, float, float]:
         # law (21) pulls and pushes without a kink
         return not run.chain.green and bool((run.chain.stretch(state.position) < 1.0).any())
 
-    return stepping.refine(*compared(run), goal, slackened)
+    return stepping.refine(*compared(run), goal, slackened, size_of(run))
 
 
 def compared(run: MeshRun) -> tuple[MeshRun, Callable[[State], np.ndarray], Callable[[State], float], float]:

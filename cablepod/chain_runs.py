@@ -199,7 +199,9 @@ def _picked(
     if not asked and cost < CHEAP:
         return explicit, _refined(explicit, limit, goal), f"explicit: all its runs take about {cost:.1g} s"
     most = 2.0 * rate / IMPLICIT_COST
-    found = stepping.halve(*_compared(trapezoidal, limit), goal, most)
+    found = stepping.halve(
+        *_compared(trapezoidal, limit), goal, most, (float(explicit.times[-1]), explicit.chain.links)
+    )
     if found is not None:
         return trapezoidal, found, f"implicit: its steps may be {1.0 / (found[1] * limit):.3g} times the explicit limit"
     return (
@@ -214,7 +216,7 @@ def _refined(run: Run, limit: float, goal: float) -> tuple[State, float, float]:
         # law (21) pulls and pushes without a kink
         return not run.chain.green and bool((run.chain.stretch(state.position) < 1.0).any())
 
-    return stepping.refine(*_compared(run, limit), goal, slackened)
+    return stepping.refine(*_compared(run, limit), goal, slackened, (float(run.times[-1]), run.chain.links))
 
 
 def _compared(run: Run, limit: float) -> tuple[Run, Callable[[State], np.ndarray], Callable[[State], float], float]:

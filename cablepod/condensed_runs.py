@@ -87,6 +87,7 @@ def solve(model: Model, options: Options, progress: Callable[[float], None] | No
         lambda s: stepping.motion_scale(position(s), initial, chord),
         stepping.preferred_rate(1.0 / first),
         options.tolerance,
+        size=(float(instants[-1]), model.chain.links),
     )
     return Solution(run, state, rate, limit, estimate)
 

@@ -240,7 +240,7 @@ def _picked(
         return explicit, _refined(explicit, limit, goal), f"explicit: all its runs take about {cost:.1g} s"
     # the explicit runs have this rate and twice as much, the implicit ones all up to it
     most = 1.5 * rate / (IMPLICIT_COST + COST_OF_AMPLITUDE * count)
-    found = stepping.halve(*_compared(implicit, limit), goal, most)
+    found = stepping.halve(*_compared(implicit, limit), goal, most, _size(implicit))
     if found is not None:
         return implicit, found, f"implicit: its steps may be {1.0 / (found[1] * limit):.3g} times the explicit limit"
     why = f"explicit: implicit steps would have to be shorter than {1 / most:.3g} s"
@@ -254,13 +254,19 @@ def _refined(run: Run, limit: float, goal: float) -> tuple[State, float, float]:
         # law (21) pulls and pushes without a kink
         return model.law == "linear" and bool((model.chain.stretch(model.positions(state.q, run.times)) < 1.0).any())
 
+    size = _size(run)
     run, position, scale, rate = _compared(run, limit)
     if isinstance(run, ImplicitRun):
-        found = stepping.halve(run, position, scale, rate, goal, RESOLVING * rate)
+        found = stepping.halve(run, position, scale, rate, goal, RESOLVING * rate, size)
         if found is not None:
             return found
         rate *= RESOLVING
-    return stepping.refine(run, position, scale, rate, goal, slackened)
+    return stepping.refine(run, position, scale, rate, goal, slackened, size)
+
+
+def _size(run: Run) -> tuple[float, int]:
+    """Until when a run lasts [s], and its number of links."""
+    return float(run.times[-1]), run.model.chain.links
 
 
 def _compared(run: Run, limit: float) -> tuple[Run, Callable[[State], np.ndarray], Callable[[State], float], float]:

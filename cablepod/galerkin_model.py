@@ -183,7 +183,8 @@ class Model:
         if p.initial:
             return q
         load = np.einsum("pc,kpc->k", self.chain.loads(0.0), self.fields)
-        return _equilibrium(lambda q: self.gradient(np.concatenate([q, frozen])), load, q)
+        small = 1e-6 * math.sqrt(self.mass.sum()) * self.chain.total_length
+        return _equilibrium(lambda q: self.gradient(np.concatenate([q, frozen])), load, q, small)
 
     def tension(self, position: np.ndarray) -> np.ndarray:
         """Tensions of the links (..., n) [N] by the law of the model."""
@@ -219,9 +220,11 @@ class Model:
 
 
 def _equilibrium(
-    gradient: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], load: np.ndarray, q: np.ndarray
+    gradient: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], load: np.ndarray, q: np.ndarray, small: float
 ) -> np.ndarray:
     """Find the amplitudes at rest by Newton's method, beginning with the projected rest of the chain.
+
+    Corrections are measured by the amplitudes or, where those vanish, by a `small` one [kg^1/2 m].
 
     Where the Hessian is not positive or the steps do not settle (a locked or slack model) the projection itself is the start.
     """
@@ -234,13 +237,13 @@ def _equilibrium(
         except np.linalg.LinAlgError:
             return q
         size = float(np.abs(move).max())
-        if not size < last and last < 1e-6 * (float(np.abs(q).max()) + 1e-3):
+        if not size < last and last < 1e-6 * (float(np.abs(q).max()) + small):
             return found  # rounding: the steps shrink no more
         found = found + move
         if size == 0.0:
             return found
         last = size
-    return found if last <= 1e-9 * (float(np.abs(q).max()) + 1e-3) else q
+    return found if last <= 1e-9 * (float(np.abs(q).max()) + small) else q
 
 
 def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) -> Model:

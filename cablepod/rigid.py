@@ -235,10 +235,11 @@ def _refined(run: RigidRun, goal: float) -> tuple[State, float, float]:
     def scale(state: State) -> float:
         return stepping.motion_scale(state.position, run.initial, chord)
 
-    rate = stepping.preferred_rate(1.0 / run.first_step())
+    rate, size = stepping.preferred_rate(1.0 / run.first_step()), (float(run.times[-1]), run.chain.links)
+    stepping.check_work(rate, *size)
     try:  # the start does not tell how fast links will turn, as where a chain whips round
         turn = replace(run, progress=None)(rate).notes["largest_turn_rate"]
     except stepping.RunStopped:
         turn = 0.0
     rate = max(rate, stepping.preferred_rate(max(turn, 1e-300) / TURN_OF_A_STEP))
-    return stepping.refine(run, position, scale, rate, goal)
+    return stepping.refine(run, position, scale, rate, goal, size=size)

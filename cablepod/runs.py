@@ -88,7 +88,7 @@ class Run:
     @property
     def bound(self) -> float:
         """A distance that no sound run reaches [m]."""
-        return 1e6 * (self.chain.total_length + float(np.abs(self.initial).max()) + 1.0)
+        return 1e6 * (self.chain.total_length + float(np.abs(self.initial).max()))
 
     def instants(self, rate: float) -> Instants:
         """Place the instants of the output on the steps."""

@@ -33,6 +33,9 @@ from cablepod.records import read_record, read_text
 from cablepod.schema import SceneError, named, refuse
 
 SHORTEST, LONGEST = 1e-6, 1e9  # m; the chord
+#: Natural rubber, the most extensible of what ropes are made of, breaks at strains of 5 to 8, and no law here means anything
+#: there.  What asks for more has a number wrong, as a modulus in GPa.
+MOST_STRAIN = 10.0
 # Far more parts than any key of a scene has; tomllib takes minutes over twenty thousand.
 DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){32}""")
 
@@ -364,11 +367,48 @@ def _check_functions(p: Parameters) -> None:
 
 
 def _check_statics(p: Parameters) -> None:
-    """Refuse a tension below the least possible and a weightless slack cable, before anything runs."""
-    solve_statics(p, p.length_key, p.length_value, prefix="cable")
+    """Refuse a tension below the least possible, a weightless slack cable, and absurd strains, before anything runs."""
+    rest = solve_statics(p, p.length_key, p.length_value, prefix="cable")
+    length, strain = float(rest[0]), float(rest[4:].max()) / p.stiffness
+    # with a free end, a run from given points never is where the cable rests between its ends
+    if strain > MOST_STRAIN and (p.free is None or "points" not in p.initial):
+        raise SceneError(
+            f"cable.youngs_modulus: given an axial stiffness of {p.stiffness:g} N, which at rest with {p.length_key} = "
+            f"{p.length_value:g} is strained by {strain:.3g}; allowed: a strain of at most {MOST_STRAIN:g} (moduli are in "
+            "Pa, areas in m2)"
+        )
     for key in ("top_tension", "unstretched_length"):
         if key in p.initial:
-            solve_statics(p, key, p.initial[key], prefix="initial")
+            other = solve_statics(p, key, p.initial[key], prefix="initial")
+            stretch = (1.0 + float(other[4:].max()) / p.stiffness) * float(other[0]) / length
+            _check_stretch(f"initial.{key}", p.initial[key], stretch)
+    if p.free is None:
+        _check_between_ends(p, length)
+
+
+def _check_between_ends(p: Parameters, length: float) -> None:
+    """Refuse a line to begin with, and motions, that stretch a cable of some length [m] between its ends absurdly."""
+    line = p.initial.get("points")
+    if line is not None:
+        _check_stretch("initial.points", line.tolist(), np.hypot.reduce(np.diff(line, axis=0), axis=1).sum() / length)
+    time = np.linspace(0.0, p.duration or 0.0, 101) if p.motions else np.zeros(1)
+    ends = p.end_positions(time)
+    apart = np.hypot.reduce(ends[:, 1] - ends[:, 0], axis=1)
+    worst, most = int(apart.argmax()), 1.0 + MOST_STRAIN
+    if apart[worst] > most * length:
+        raise SceneError(
+            f"motion: given one that takes the ends {apart[worst]:g} m apart at {time[worst]:g} s; allowed: at most "
+            f"{most * length:g} m, {most:g} times the unstretched length of the cable"
+        )
+
+
+def _check_stretch(key: str, given: Any, stretch: float) -> None:
+    """Refuse a shape to begin with that stretches the cable absurdly."""
+    most = 1.0 + MOST_STRAIN
+    if stretch > most:
+        raise refuse(
+            key, given, f"a start that stretches the cable to at most {most:g} times its length (it is {stretch:.3g})"
+        )
 
 
 # --- Dataset and back -----------------------------------------------------------------------------------------------

@@ -25,6 +25,11 @@ LEAST_ORDER, FIRST_ORDER, SECOND_ORDER, MOST_REFINEMENTS, LARGEST_FACTOR = 0.8, 
 #: A run with more than so many times the steps of the first is not begun: the user would wait long for a motion that is hardly
 #: resolved.
 MOST_GROWTH = 512.0
+#: A run whose step is not given begins with at most so many steps times links, half an hour (chain) to some hours; one that only
+#: looks whether long implicit steps will do has at most so many, a minute or two.  A given step runs however long it takes.
+MOST_WORK, MOST_TRIED = 1e12, 1e9
+#: Steps are counted in doubles.
+MOST_STEPS = 2.0**53
 #: No run that chooses its step has fewer steps in the shortest time over which motions and loads change.  Steps that are
 #: multiples of a period all see the same phase: two runs would agree, and both be wrong.
 STEPS_PER_CHANGE = 8.0
@@ -113,6 +118,8 @@ class Instants:
     def of(cls, times: np.ndarray, rate: float) -> Instants:
         """Place `times` [s] on the grid of `rate` steps per second."""
         place = times * rate
+        if not place[-1] <= MOST_STEPS:
+            raise refuse("step", 1.0 / rate, f"at least {times[-1] / MOST_STEPS:.3g} s, for {times[-1]:g} s of time")
         nearest = np.rint(place)
         on = np.abs(place - nearest) <= 1e-9 * np.maximum(1.0, 1e-3 * nearest)
         if on.all():  # the common case, in a third of the time
@@ -203,6 +210,22 @@ def motion_scale(position: np.ndarray, initial: np.ndarray, chord: float) -> flo
     return largest if largest > 1e-9 * chord else chord
 
 
+def check_work(rate: float, until: float, links: int) -> None:
+    """Refuse a run that nobody means, with so many steps per second until a time [s], where no step is given.
+
+    Raises
+    ------
+    SceneError
+        With the number of steps, and what to do about it.
+    """
+    if rate * until * links > MOST_WORK:
+        raise SceneError(
+            f"time.duration: given {until:g} s, which {links} links take {rate * until:.3g} steps of {1.0 / rate:.3g} s for; "
+            f"allowed: {MOST_WORK:g} steps times links where no step is given; take a shorter duration or times, fewer links, "
+            f"another scheme, or step={1.0 / rate:.3g}, which is run however long it takes"
+        )
+
+
 def refine(
     run: Callable[[float], Any],
     position: Callable[[Any], np.ndarray],
@@ -210,6 +233,7 @@ def refine(
     rate: float,
     tolerance: float,
     kinked: Callable[[Any], bool] = lambda run: False,
+    size: tuple[float, int] = (0.0, 0),
 ) -> tuple[Any, float, float]:
     """Run with rising numbers of steps per second until two runs agree within `tolerance`.
 
@@ -230,19 +254,28 @@ def refine(
     kinked
         Tells of a run whether its forces had kinks, as where links slacken and snap taut.  Then each kink adds an error that
         depends on where in a step it falls: distances fall by luck as well as by order, and no more than first order is believed.
+    size
+        Until when a run lasts [s], and its number of links: the first run must not be longer than :func:`check_work` allows, and
+        no later one is, but for one that is twice the first.
 
     Returns
     -------
     tuple
         The finest run, its steps per second, the estimate of its error.
 
+    Raises
+    ------
+    SceneError
+        For a run that would be absurdly long.
+
     Warns
     -----
     NotConvergedWarning
         Where shorter steps do not bring the runs together, or only too slowly.
     """
+    check_work(rate, *size)
     coarse, rate = _first_sound_run(run, rate)
-    most = MOST_GROWTH * rate
+    most = min(MOST_GROWTH * rate, _most_rate(MOST_WORK, size))
     factor, last, last_factor, slow = 2.0, math.inf, math.inf, 0
     for _ in range(MOST_REFINEMENTS):
         # the first doubling is exact, so that its runs share their instants; later rates are preferred ones again
@@ -263,7 +296,7 @@ def refine(
         if accepted:
             return fine, rate, estimate
         slow = slow + 1 if order < LEAST_ORDER else 0
-        if slow == 2 or rate >= most:  # once may be a wave that the steps only begin to resolve
+        if slow == 2 or rate >= (1.0 - 1e-9) * most:  # once may be a wave that the steps only begin to resolve
             break
         coarse, last, last_factor = fine, distance, factor
         expected = distance / (factor**order - 1.0)
@@ -285,19 +318,20 @@ def halve(
     rate: float,
     tolerance: float,
     most_rate: float,
+    size: tuple[float, int] = (0.0, 0),
 ) -> tuple[Any, float, float] | None:
     """Run with halved steps, as long as they are so long that they pay, until two runs agree well within `tolerance`.
 
     Long implicit steps do not resolve all that moves, and so show no order: the distance of two runs counts as it is, and must
     be smaller than the tolerance by a margin.  Parameters as in :func:`refine`; no run with more than `most_rate` steps per
-    second is begun.
+    second is begun, nor one with more than :data:`MOST_TRIED` steps times links.
 
     Returns
     -------
     tuple or None
         The finer of the two runs, its steps per second, their distance; None where none met the tolerance.
     """
-    coarse = None
+    coarse, most_rate = None, min(most_rate, _most_rate(MOST_TRIED, size))
     while rate <= most_rate:
         try:
             fine = run(rate)
@@ -309,6 +343,12 @@ def halve(
                 return fine, rate, distance
         coarse, rate = fine, 2.0 * rate
     return None
+
+
+def _most_rate(work: float, size: tuple[float, int]) -> float:
+    """Return the most steps per second that a run of some size may have for so many steps times links."""
+    until, links = size
+    return work / max(until * links, 1e-300)
 
 
 def _first_sound_run(run: Callable[[float], Any], rate: float) -> tuple[Any, float]:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import base64
 import re
+import subprocess
+import sys
+import types
 from itertools import pairwise
 
 import matplotlib as mpl
@@ -18,6 +21,7 @@ from PIL import Image
 from test_plots import TIME, modes_of, trajectory
 
 from cablepod import plots
+from cablepod.plots.animation import find_ffmpeg
 from cablepod.schema import SceneError
 
 
@@ -93,13 +97,47 @@ def test_given_axes_are_used():
     assert plots.animate(trajectory(), ax=ax).ax is ax
 
 
-def test_an_mp4_is_written_where_ffmpeg_is_and_refused_where_not(tmp_path, monkeypatch):
-    movie = plots.animate(trajectory(), frames=2)
-    if animation.writers.is_available("ffmpeg"):
-        assert movie.save(tmp_path / "guy.mp4").read_bytes()[4:8] == b"ftyp"
+@pytest.mark.skipif(find_ffmpeg() is None, reason="neither ffmpeg nor imageio-ffmpeg is installed")
+def test_an_mp4_has_a_frame_for_each_instant_and_they_differ(tmp_path):
+    _, ax = plt.subplots(figsize=(5.0125, 3.0125))  # 401 x 241 pixels, of which a video holds even numbers only
+    movie = plots.animate(trajectory(), ax=ax)
+    size, told = ax.figure.get_size_inches().tolist(), mpl.rcParams["animation.ffmpeg_path"]
+    path = movie.save(tmp_path / "guy.mp4", frames_per_second=10)
+    assert ax.figure.get_size_inches().tolist() == size
+    assert mpl.rcParams["animation.ffmpeg_path"] == told
+    options = [find_ffmpeg(), "-i", str(path), "-f", "rawvideo", "-pix_fmt", "gray", "-"]
+    read = subprocess.run(options, capture_output=True, check=True)
+    assert re.search(rb"Duration: 00:00:00.40, .* h264 .* 400x240\b.* 10 fps", read.stderr, re.DOTALL)
+    frames = np.frombuffer(read.stdout, np.uint8).reshape(-1, 240, 400)
+    assert len(frames) == TIME.size
+    # the clock alone changes some dozen pixels from black to white
+    assert all((abs(a.astype(int) - b) > 100).sum() > 10 for a, b in pairwise(frames))
+    for frame in frames:
+        assert (frame > 240).mean() > 0.7  # a page, mostly white
+
+
+def test_the_ffmpeg_of_a_package_is_found_where_there_is_no_other(monkeypatch):
     monkeypatch.setattr(animation.writers, "is_available", lambda name: False)
+    package = types.ModuleType("imageio_ffmpeg")
+    package.get_ffmpeg_exe = lambda: "its own"
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", package)
+    assert find_ffmpeg() == "its own"
+    monkeypatch.setattr(animation.writers, "is_available", lambda name: True)
+    assert find_ffmpeg() == mpl.rcParams["animation.ffmpeg_path"]
+
+
+@pytest.mark.parametrize("package", [None, "without a program"])
+def test_an_mp4_is_refused_without_ffmpeg(tmp_path, monkeypatch, package):
+    def none_there():
+        raise RuntimeError("No ffmpeg exe could be found.")
+
+    monkeypatch.setattr(animation.writers, "is_available", lambda name: False)
+    there = types.ModuleType("imageio_ffmpeg")
+    there.get_ffmpeg_exe = none_there
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", there if package else None)
     with pytest.raises(SceneError, match=r"path: given '.*guy\.mp4'; allowed: .*\.gif; \.mp4 needs the program ffmpeg"):
-        movie.save(tmp_path / "guy.mp4")
+        plots.animate(trajectory(), frames=2).save(tmp_path / "guy.mp4")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

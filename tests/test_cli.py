@@ -185,8 +185,8 @@ def test_other_bad_input_ends_with_one_line(scene_file, tmp_path):
 
 
 def test_a_stopped_run_keeps_what_it_had(scene_file, tmp_path, capsys, monkeypatch):
-    text = SCENE.replace('kind = "one_minus_cosine"', 'kind = "polynomial"').replace("amplitude = -0.05", "")
-    scene_file.write_text(text.replace("angular_frequency = 2.0", f"coefficients = {[0.0] * 29 + [1e3]}"))
+    load = f'[load]\nuniform = [1.0, 0.0]\nkind = "polynomial"\ncoefficients = {[0.0] * 29 + [1e3]}\n'
+    scene_file.write_text(f"{SCENE}\n{load}")
     assert cli.main(["run", str(scene_file), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr()
     assert "left the finite numbers at" in said.err

@@ -249,6 +249,47 @@ def test_defaults(soft):
 LENGTHS = {"top_tension": 200.0, "bottom_tension": 141.0, "horizontal_force": 130.0, "unstretched_length": 10.0}
 
 
+ABSURD = {
+    "a modulus in GPa": (
+        {"cable.youngs_modulus": 20.0},
+        r"cable\.youngs_modulus: .* 0\.02 N, .* by 1e\+04; allowed: .* Pa",
+    ),
+    "a short cable": (
+        {"cable.top_tension": None, "cable.unstretched_length": 0.9},
+        r"cable\.youngs_modulus: .* with unstretched_length = 0\.9 is strained by 10\.1; allowed: a strain of at most 10",
+    ),
+    "a long start": (
+        {"initial.unstretched_length": 120.0},
+        r"initial\.unstretched_length: given 120\.0; allowed: a start .* at most 11 times its length \(it is 12",
+    ),
+    "a wide start": (
+        {"initial.points": [[0.0, 0.0], [0.0, 60.0], [8.0, 6.0]]},
+        r"initial\.points: given .*; allowed: a start that stretches .* \(it is 11\.",
+    ),
+    "ends that part": (
+        {"motion.upper.y": {"kind": "polynomial", "coefficients": [30.0]}},
+        r"motion: given one that takes the ends 126\.\d+ m apart at 4 s; allowed: at most 11\d",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ABSURD)
+def test_absurd_strains_are_refused(soft, name):
+    changes, match = ABSURD[name]
+    for path, value in changes.items():
+        put(soft, path, value)
+    with pytest.raises(cp.SceneError, match=match):
+        cp.make_scene(soft)
+
+
+def test_strains_as_of_rubber_are_not_refused(soft):
+    # 200 N on 25 N: a strain of 8
+    assert cp.chain.rest(cp.make_scene(put(soft, "cable.youngs_modulus", 2.5e4))).stretched_length > 0.0
+    # a free end goes where it likes
+    put(soft, "initial.points", [[0.0, 0.0], [0.0, 500.0]])
+    cp.make_scene(put(put(soft, "motion", {}), "ends.free", "upper"))
+
+
 @pytest.mark.parametrize("key", LENGTHS)
 def test_each_way_to_give_the_length(soft, key):
     del soft["cable"]["top_tension"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cablepod as cp
-from cablepod import stepping
+from cablepod import rigid_runs, stepping
 
 
 @pytest.mark.parametrize("rate", [0.3, 1.0, 1.01, 7.9, 3250.0, 4001.0, 1e6 + 1])
@@ -95,6 +95,83 @@ def test_runs_do_not_grow_without_bound():
         warnings.simplefilter("error")
         (_, error), _, _ = just.refine(1e-6)
     assert error <= 1e-6
+
+
+@pytest.mark.parametrize(("first", "runs"), [(0.9, 2), (0.3, 3), (1.1, 0)])
+def test_no_run_that_chooses_its_step_takes_absurdly_long(first, runs):
+    # of no convergence at all; the first run has `first` times the most steps times links
+    made_up = MadeUp(1.0, 0.9)
+    size = (first * stepping.MOST_WORK / (made_up.first * 40), 40)
+
+    def refine():
+        return stepping.refine(
+            made_up, lambda run: np.full((1, 1, 1), run[1]), lambda run: 1.0, made_up.first, 1e-6, size=size
+        )
+
+    if runs == 0:
+        with pytest.raises(
+            cp.SceneError, match=r"time\.duration: given .* 40 links .* 1\.1e\+10|allowed: .* step=0\.01,"
+        ):
+            refine()
+    else:
+        with pytest.warns(cp.NotConvergedWarning, match="an error of"):
+            refine()
+        # a second run there always is, as it tells the error of the first; a last one is rounded up to a preferred rate
+        assert max(made_up.calls) <= max(2.0, 1.3 / first) * made_up.first
+    assert len(made_up.calls) == runs
+
+
+def test_long_implicit_steps_are_not_looked_for_without_end():
+    made_up = MadeUp(1.0, 0.1)
+    size = (stepping.MOST_TRIED / (1000.0 * 40), 40)
+    values = (lambda run: np.full((1, 1, 1), run[1]), lambda run: 1.0)
+    assert stepping.halve(made_up, *values, made_up.first, 1e-6, 1e9, size) is None
+    assert made_up.calls == [100.0, 200.0, 400.0, 800.0]
+
+
+@pytest.mark.parametrize("model", ["chain", "cable", "galerkin", "condensed", "rigid"])
+def test_a_run_that_nobody_means_is_refused_before_it_begins(soft, model, monkeypatch):
+    # a bound that this small scene exceeds, instead of a scene that takes hours where the bound is not held
+    options = {"elements": 1} if model == "cable" else {}
+    scene = cp.make_scene(soft)
+    if model in ("galerkin", "condensed"):
+        run = cp.chain.simulate(scene, step=1e-3)
+        options = {"modes": cp.pod.decompose(run, layout="normal" if model == "condensed" else "separate", rank=2)}
+    if model == "rigid":
+        del soft["cable"]["top_tension"]
+        scene = cp.make_scene(soft | {"cable": {**soft["cable"], "unstretched_length": 10.3}})
+    simulate = getattr(cp, model).simulate
+    monkeypatch.setattr(stepping, "MOST_WORK", 1000)
+    monkeypatch.setattr(stepping, "MOST_TRIED", 1)
+    monkeypatch.setattr(stepping, "march", None)  # nothing is run
+    monkeypatch.setattr(rigid_runs.RigidRun, "__call__", None)
+    with pytest.raises(
+        cp.SceneError, match=r"time\.duration: given 4 s, which \d+ links take .* steps of .*; allowed: 1000 .* step="
+    ):
+        simulate(scene, **options)
+    monkeypatch.undo()
+    assert simulate(scene, **options, step=1e-3).attrs["number_of_steps"] == 4000
+
+
+def test_a_month_of_a_cable_that_hardly_stretches_needs_its_step(soft):
+    # 2e13 links times steps
+    soft["cable"] |= {"youngs_modulus": 1e15, "top_tension": 200.0}
+    soft["time"] = {"duration": 2.6e6, "interval": 1e5}
+    scene = cp.make_scene(soft)
+    with pytest.raises(
+        cp.SceneError, match=r"time\.duration: given 2\.6e\+06 s, which 8 links take .*; allowed: 1e\+12 steps"
+    ):
+        cp.chain.simulate(scene, scheme="velocity_verlet")
+    run = cp.chain.simulate(scene, scheme="velocity_verlet", times=[0.0, 1e-4])  # as the message says
+    assert np.isfinite(run.position).all()
+    # two days of 100 links of a guy, 2e7 N and 1 kg/m, a metre each, in steps of 0.2 ms are begun
+    stepping.check_work(5000.0, 2 * 86400.0, 100)
+
+
+def test_steps_are_counted_in_doubles(soft):
+    for simulate in (cp.chain.simulate, cp.cable.simulate):
+        with pytest.raises(cp.SceneError, match=r"step: given 1e-20; allowed: at least 4\.44e-16 s, for 4 s of time"):
+            simulate(cp.make_scene(soft), step=1e-20)
 
 
 def halved(size, order, tolerance, most_rate):

@@ -57,7 +57,8 @@ class Animation:
         Parameters
         ----------
         path
-            A name that ends in ``.gif``, or in ``.mp4`` where the program ffmpeg is installed.
+            A name that ends in ``.gif``, or in ``.mp4`` where the program ffmpeg is installed, or the package imageio-ffmpeg that
+            brings it (``pip install 'cablepod[mp4]'``).
         frames_per_second
             How fast it plays [1/s], 50 at most.
 
@@ -71,13 +72,17 @@ class Animation:
         SceneError
             For another ending, a folder that is not there, an MP4 without ffmpeg.
         """
+        import matplotlib as mpl
         from matplotlib import animation
 
         target, ending = Path(path), Path(path).suffix.lower()
         speed = schema.number(above=0.0, most=50.0)("frames_per_second", frames_per_second)
-        if ending == ".mp4" and not animation.writers.is_available("ffmpeg"):
+        program = find_ffmpeg() if ending == ".mp4" else ""
+        if program is None:
             raise refuse(
-                "path", str(path), "a name that ends in .gif; .mp4 needs the program ffmpeg, which is not found"
+                "path",
+                str(path),
+                "a name that ends in .gif; .mp4 needs the program ffmpeg, not found here; pip install 'cablepod[mp4]' brings it",
             )
         if ending not in (".gif", ".mp4"):
             raise refuse("path", str(path), "a name that ends in .gif or .mp4")
@@ -87,14 +92,21 @@ class Animation:
         self.figure.canvas.draw()
         self.figure.set_layout_engine("none")  # laid out once: the axes do not tremble
         writer = (animation.PillowWriter if ending == ".gif" else animation.FFMpegWriter)(fps=speed)
+        width, height = self.figure.get_size_inches()
         try:
-            with writer.saving(self.figure, str(target), DOTS_PER_INCH):
-                for i in range(self.times.size):
-                    self._show(i)
-                    writer.grab_frame()
+            with mpl.rc_context():
+                mpl.rcParams["animation.ffmpeg_path"] = program
+                self._write(writer, target)
         finally:
             self.figure.set_layout_engine(engine)
+            self.figure.set_size_inches(width, height)  # a video has even numbers of pixels
         return target
+
+    def _write(self, writer: Any, target: Path) -> None:
+        with writer.saving(self.figure, str(target), DOTS_PER_INCH):
+            for i in range(self.times.size):
+                self._show(i)
+                writer.grab_frame()
 
     def _repr_html_(self) -> str:
         if self._page is None:
@@ -105,6 +117,21 @@ class Animation:
             data = base64.b64encode(picture).decode("ascii")
             self._page = f'<img alt="{said}" src="data:image/gif;base64,{data}">'
         return self._page
+
+
+def find_ffmpeg() -> str | None:
+    """Find the program ffmpeg: the one that matplotlib is told, or finds, or that of imageio-ffmpeg; None where there is none."""
+    import matplotlib as mpl
+    from matplotlib import animation
+
+    if animation.writers.is_available("ffmpeg"):
+        return str(mpl.rcParams["animation.ffmpeg_path"])
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+
+        return str(get_ffmpeg_exe())
+    except (ImportError, RuntimeError):  # not installed; a package without the program
+        return None
 
 
 def animate(

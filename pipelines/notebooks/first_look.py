@@ -98,7 +98,7 @@ movie = cp.plots.animate(chain, deflection=True, frames=4 if SMALL else 60)
 movie
 
 # %% [markdown]
-# `movie.save("guy.gif")` writes it (`.mp4` where ffmpeg is installed).
+# `movie.save("guy.gif")` writes it (`.mp4` with ffmpeg, which `pip install 'cablepod[mp4]'` brings).
 #
 # ## What the cable pulls
 
