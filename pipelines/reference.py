@@ -21,7 +21,10 @@ import pdoc.doc
 import pdoc.render
 
 #: The package shows the modules that it imports; these are public too but imported by name only.
-MODULES = ("cablepod", "cablepod.shipped", "cablepod.training", "cablepod.condensed_estimate", "cablepod.streaming")
+MODULES = (
+    "cablepod", "cablepod.shipped", "cablepod.training", "cablepod.condensed_estimate", "cablepod.galerkin_estimate",
+    "cablepod.streaming",
+)  # fmt: skip
 #: What docstrings refer to: a role and a name, as Sphinx has them.
 ROLE = re.compile(r":(?:func|class|meth|data|mod|exc):`~?([\w.]+)`")
 
