@@ -297,11 +297,11 @@ def rows(
             hat = pod_normal.deflections(part.astype(float, copy=False), reference)[:, :, 1:-1]
             yield np.multiply(hat, 1.0 if root is None else root, order="C")
             continue
-        hat = np.empty((dims, len(part), inner) if layout == "separate" else (len(part), dims, inner))
-        for c in range(dims):
-            out = hat[c] if layout == "separate" else hat[:, c]
-            ends = np.stack([part[:, 0, c], part[:, -1, c]], axis=1).astype(float)
-            np.subtract(part[:, 1:-1, c], ends @ lines, out=out)
-            if root is not None:
-                out *= root
+        # one product for all coordinates, in the order in which they are wanted
+        order = (2, 0, 1) if layout == "separate" else (0, 2, 1)
+        ends, inside = (item.astype(float, copy=False).transpose(order) for item in (part[:, (0, -1)], part[:, 1:-1]))
+        hat = (ends.reshape(-1, 2) @ lines).reshape(inside.shape)
+        np.subtract(inside, hat, out=hat)
+        if root is not None:
+            hat *= root
         yield hat if layout == "separate" else hat.reshape(1, len(part), -1)

@@ -34,7 +34,7 @@ MOST, KEPT = 600, 400
 #: Rows of the scaled Gram matrix must keep this share of themselves beside all larger ones; below, the axes are crooked.
 STRAIGHT = 0.03
 #: Growth of any diagonal entry until the axes are looked at again; as the sum only grows, the condition does not by more.
-GROWTH = 1.5
+GROWTH = 2.0
 #: What a block has outside the axes is rounding, if it is no more than so many units of the size of the block.
 ROUNDING = 8.0 * EPSILON
 TINY, HUGE = 1e-200, 1e200  # squares of sizes outside are summed in other units
