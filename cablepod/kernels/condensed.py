@@ -281,7 +281,7 @@ def leading_verlet(
             q[j] += step * v[j]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
 def _solve(matrix, x):
     """Solve a small system in place by elimination with pivots; False where it has no solution.
 
@@ -313,7 +313,7 @@ def _solve(matrix, x):
     return True
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
 def leading_tangent(q, row, h, squares, bends, stiffness, length, tangent):
     """Fill the derivative of minus the accelerations (r, r)."""
     for i in range(q.size):
@@ -530,7 +530,7 @@ def leading_implicit(
 # --- exact chordwise stretch ------------------------------------------------------------------------------------------
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE)
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE, forceinline=True)
 def close(squared, tau, h, chord, stiffness, green, force, z, work):
     """Find H and the chordwise stretch z for which the cable reaches from end to end.
 
@@ -609,7 +609,7 @@ def _carry(stretching, h, inertia, momentum):
         momentum[j] = h[j] * above
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE)
+@njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE, forceinline=True)
 def exact_force(
     q, v, row, slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed, lever, f, tangent, mass
 ):  # fmt: skip
