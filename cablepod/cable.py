@@ -19,7 +19,7 @@ from cablepod.links import LAWS, check_law, square
 from cablepod.members import over_members
 from cablepod.parameters import Parameters, check_memory, parameters
 from cablepod.runs import SUSPECT, State, suffix
-from cablepod.schema import SceneError, integer, number, refuse
+from cablepod.schema import SceneError, integer, refuse
 
 __all__ = ["frequencies", "rest", "simulate"]
 
@@ -276,7 +276,7 @@ def simulate(
 
 def _given_rate(run: MeshRun, step: Any) -> float:
     if isinstance(run, MeshImplicit):
-        return 1.0 / number(above=0.0, most=float(run.times[-1]) or np.inf)("step", step)
+        return stepping.implicit_rate(step, float(run.times[-1]), run.chain.p.time_scale)
     limit = limit_of(run)
     why = f'2 over the highest angular frequency, {2 / limit:.6g} rad/s; scheme "trapezoidal" has none'
     return 1.0 / stepping.check_step(step, limit, why)

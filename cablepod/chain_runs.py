@@ -127,7 +127,7 @@ def prepare(p: Parameters, options: Options, title: str, progress: Callable[[flo
             why = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
             rate = 1.0 / stepping.check_step(options.step, limit, why)
         else:
-            rate = 1.0 / number(above=0.0, most=float(instants[-1]) or np.inf)("step", options.step)
+            rate = stepping.implicit_rate(options.step, float(instants[-1]), p.time_scale)
     return Ready(explicit, run, limit, rate)
 
 

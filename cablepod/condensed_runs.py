@@ -73,6 +73,7 @@ def solve(model: Model, options: Options, progress: Callable[[float], None] | No
     if step is not None:
         if scheme == SCHEMES[0]:
             stepping.check_step(step, limit, f"2 over the highest angular frequency, {2 / limit:.6g} rad/s")
+        stepping.check_resolved(step, p.time_scale)
         return Solution(run, run(1.0 / step), 1.0 / step, limit, None)
     first = min(_unforced_step(run, fastest), p.time_scale / stepping.STEPS_PER_CHANGE)
     chord = float(np.linalg.norm(p.upper - p.lower))

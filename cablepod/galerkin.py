@@ -18,7 +18,7 @@ from cablepod.galerkin_model import Model, model_of
 from cablepod.galerkin_runs import ImplicitRun, Run, State, VerletRun
 from cablepod.members import over_members
 from cablepod.parameters import check_memory, parameters
-from cablepod.schema import number, refuse
+from cablepod.schema import refuse
 
 __all__ = ["simulate"]
 
@@ -157,7 +157,7 @@ def simulate(
             why = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
             rate = 1.0 / stepping.check_step(step, limit, why)
         else:
-            rate = 1.0 / number(above=0.0, most=float(instants[-1]) or np.inf)("step", step)
+            rate = stepping.implicit_rate(step, float(instants[-1]), p.time_scale)
         state, time_error = run(rate), None
         _check_energy(state, run.scheme)
     elif scheme is not None:

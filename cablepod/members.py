@@ -272,7 +272,8 @@ def _side_by_side(chunk: Callable[[int], None], starts: range, workers: int, hal
             pool.shutdown(wait=False, cancel_futures=True)
     errors = [error for future in futures if not future.cancelled() and (error := future.exception())]
     if errors:
-        raise next((error for error in errors if not isinstance(error, StoppedError)), errors[0])
+        cause = next((error for error in errors if not isinstance(error, StoppedError)), errors[0])
+        raise cause
 
 
 def join(stack: Stack, scene: xr.Dataset, coords: Any) -> xr.Dataset:

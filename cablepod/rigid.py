@@ -173,7 +173,7 @@ def simulate(
     title = str(scene.attrs.get("title", "scene"))
     run = RigidRun(chain, instants, start(chain), names, progress, title, formulation, rate_of_drift)
     if step is not None:
-        rate = 1.0 / number(above=0.0, most=until or np.inf)("step", step)
+        rate = stepping.implicit_rate(step, until, p.time_scale)
         state, estimate = run(rate), None
         turn = state.notes["largest_turn_rate"] / rate
         if state.notes["energy_drift"] > SUSPECT or turn > SUSPECT_TURN or state.notes["steps_cut"]:

@@ -33,6 +33,8 @@ MOST_STEPS = 2.0**53
 #: No run that chooses its step has fewer steps in the shortest time over which motions and loads change.  Steps that are
 #: multiples of a period all see the same phase: two runs would agree, and both be wrong.
 STEPS_PER_CHANGE = 8.0
+#: A given step longer than this part of that time is warned of.
+LONGEST_PART = 0.25
 #: Two implicit runs must agree by so much better than the tolerance: their steps need not resolve all that moves.
 CAUTION = 4.0
 
@@ -389,6 +391,31 @@ def check_scheme(scheme: str | None, allowed: tuple[str, ...]) -> str:
     if scheme not in allowed:
         raise refuse("scheme", scheme, "one of " + ", ".join(f'"{name}"' for name in allowed))
     return scheme
+
+
+def implicit_rate(step: Any, until: float, time_scale: float) -> float:
+    """Return the steps per second of an implicit run to a time [s], whose step a caller gives; see :func:`check_resolved`."""
+    value = number(above=0.0, most=until or math.inf)("step", step)
+    check_resolved(value, time_scale, stacklevel=5)
+    return 1.0 / value
+
+
+def check_resolved(step: float, time_scale: float, *, stacklevel: int = 4) -> None:
+    """Warn where a given step [s] does not resolve motions and loads that change within `time_scale` [s].
+
+    Warns
+    -----
+    NotConvergedWarning
+        With both numbers; no limit of stability forbids such steps.
+    """
+    if step > LONGEST_PART * time_scale:
+        warnings.warn(
+            f"step: given {step:.6g} s, of which only {time_scale / step:.2g} fit into the shortest time over which motions and "
+            f"loads change, {time_scale:.4g} s: they are not resolved, though the run is stable; give a step below "
+            f"{LONGEST_PART * time_scale:.3g} s, or a tolerance instead",
+            NotConvergedWarning,
+            stacklevel=stacklevel,
+        )
 
 
 def check_step(step: Any, limit: float, what: str) -> float:

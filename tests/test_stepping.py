@@ -256,3 +256,19 @@ def test_damping_beyond_the_floats_is_refused(soft, model):
         simulate(scene, **options, step=1e-3, scheme="velocity_verlet")
     if model in ("chain", "galerkin"):  # as the message says
         assert np.isfinite(simulate(scene, **options, step=1e-3, scheme="trapezoidal").position).all()
+
+
+@pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")  # such steps give anything
+@pytest.mark.parametrize("model", ["chain", "cable", "galerkin", "condensed"])
+def test_a_given_step_that_does_not_resolve_the_motion_is_warned_of(soft, model):
+    scene = cp.make_scene(soft)  # moves with 2 rad/s, period 3.14 s
+    options = {"elements": 2} if model == "cable" else {}
+    if model in ("galerkin", "condensed"):
+        run = cp.chain.simulate(scene, step=1e-3)
+        options = {"modes": cp.pod.decompose(run, layout="normal" if model == "condensed" else "separate", rank=2)}
+    simulate = getattr(cp, model).simulate
+    simulate(scene, **options, scheme="trapezoidal", step=0.7, times=[0.0, 2.1])
+    with pytest.warns(
+        cp.NotConvergedWarning, match=r"step: given 1 s, of which only 3\.1 fit into .* 3\.142 s: they are not"
+    ):
+        simulate(scene, **options, scheme="trapezoidal", step=1.0, times=[0.0, 2.0])
