@@ -26,7 +26,7 @@ CACHED = 3 << 18
 
 def arc_length(snapshots: xr.Dataset) -> np.ndarray:
     """Return the arc length (particle) [m], of the first member where there are several."""
-    s = snapshots["arc_length"]
+    s = snapshots.variables["arc_length"]  # a tenth of the time that a DataArray takes
     return s.values if s.ndim == 1 else s.transpose("particle", ...).values.reshape(s.sizes["particle"], -1)[:, 0]
 
 
@@ -89,6 +89,8 @@ def check_alike(parts: Sequence[xr.Dataset]) -> None:
     """Refuse trajectories of different particles or coordinates, naming them by their place."""
     if not parts:
         raise SceneError("snapshots: given no trajectory; allowed: at least one")
+    if len(parts) == 1:
+        return
     lines = [position_of(part).sizes["particle"] for part in parts]
     if len(set(lines)) > 1:
         places = np.arange(len(parts))
