@@ -198,7 +198,8 @@ def simulate(
     Warns
     -----
     NotConvergedWarning
-        Where no step or no number of elements meets the tolerance: chaotic motion, or a cable that goes slack.
+        Where no step or no number of elements meets the tolerance: chaotic motion, or a cable that goes slack; and where a given
+        step does not resolve how the ends or the loads move.
 
     Notes
     -----

@@ -172,7 +172,8 @@ def simulate(
     Warns
     -----
     NotConvergedWarning
-        Where no step meets the tolerance, as in chaotic scenes, and where a given step leaves more energy than can be explained.
+        Where no step meets the tolerance, as in chaotic scenes, and where a given step leaves more energy than can be explained,
+        or does not resolve how the ends or the loads move.
 
     Notes
     -----

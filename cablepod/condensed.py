@@ -95,9 +95,9 @@ def simulate(
     -----
     OutOfRangeWarning
         Where the chordwise force becomes negative somewhere (the model is then ill-posed, a real cable goes slack there), or the
-        ends move as fast as waves along the cable.
+        ends move as fast as waves along the cable, or the model expects an error above half of the motion.
     NotConvergedWarning
-        Where no step meets the tolerance.
+        Where no step meets the tolerance, and where a given one does not resolve how the ends or the loads move.
 
     Notes
     -----

@@ -106,7 +106,8 @@ def simulate(
     Warns
     -----
     NotConvergedWarning
-        Where no step meets the tolerance, and where a given step leaves much energy that nothing explains.
+        Where no step meets the tolerance, and where a given step leaves much energy that nothing explains, or does not resolve
+        how the ends or the loads move.
     OutOfRangeWarning
         Where a link is compressed, loads or ends change nearly as fast as waves run along the cable in a scene unlike those of
         the snapshots, or the error to be expected is as large as the motion, or nearly.

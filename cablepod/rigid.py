@@ -139,7 +139,7 @@ def simulate(
     -----
     NotConvergedWarning
         Where no step meets the tolerance, as in chaotic scenes, and where a given step is so long that links turn by a radian in
-        it, that it had to be cut, or that the energies are off by a tenth.
+        it, that it had to be cut, that the energies are off by a tenth, or that it does not resolve how the ends or loads move.
 
     Notes
     -----
