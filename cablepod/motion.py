@@ -118,6 +118,13 @@ class TimeFunction:
             return float(self.values["duration"])
         return 2.0 * float(np.diff(self.values["time"]).min()) if self.kind == "file" else np.inf
 
+    def telling(self, until: float) -> Array:
+        """Give instants from 0 to `until` [s] that show how far it goes: of a period, of the whole run, its samples."""
+        if self.kind == "file":
+            time = np.asarray(self.values["time"], dtype=float)
+            return time[(time >= 0.0) & (time <= until)]
+        return np.linspace(0.0, min(until, self.time_scale) if self.kind in SINES else until, 101)
+
     @property
     def begin(self) -> float:
         """First time [s] at which the function is known; minus infinity but for a record."""

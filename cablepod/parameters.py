@@ -104,6 +104,13 @@ class Parameters:
         """Shortest time over which a motion or load changes [s]; infinite where none does."""
         return min((function.time_scale for function in self.time_functions().values()), default=np.inf)
 
+    def telling_times(self) -> np.ndarray:
+        """Instants from 0 to the duration [s] that show how far motions and loads go; 0 alone where none changes."""
+        until = self.duration or 0.0
+        functions = self.time_functions().values()
+        # those of a period too, lest all instants of the whole run see the same phase
+        return np.unique(np.concatenate([[0.0, until], *(function.telling(until) for function in functions)]))
+
     def check_reach(self, time: float) -> None:
         """Refuse a record that does not cover the run from 0 to `time` [s]."""
         for key, function in self.time_functions().items():

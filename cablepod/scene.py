@@ -27,15 +27,11 @@ from cablepod.parameters import (
     check_memory,
     count_instants,
     parameters,
-    solve_statics,
 )
 from cablepod.records import read_record, read_text
+from cablepod.scene_limits import LONGEST, SHORTEST, check_limits
 from cablepod.schema import SceneError, named, refuse
 
-SHORTEST, LONGEST = 1e-6, 1e9  # m; the chord
-#: Natural rubber, the most extensible of what ropes are made of, breaks at strains of 5 to 8, and no law here means anything
-#: there.  What asks for more has a number wrong, as a modulus in GPa.
-MOST_STRAIN = 10.0
 # Far more parts than any key of a scene has; tomllib takes minutes over twenty thousand.
 DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){32}""")
 
@@ -131,8 +127,7 @@ def check_numbers(p: Parameters) -> None:
         Naming the key, what was given and what is allowed.
     """
     p.check_reach(p.duration or 0.0)
-    _check_functions(p)
-    _check_statics(p)
+    check_limits(p)
     instants = 1 if p.duration is None or p.interval is None else count_instants(p.duration, p.interval)
     check_memory(instants, p.links or 1, p.dims, key="chain.links and time.interval")
 
@@ -346,69 +341,6 @@ def _check_bounds(mapping: Mapping[str, Any], given: Mapping[str, list[float]], 
             except SceneError as error:
                 text = f"ensemble.ranges.{path}: given {schema.shown(values)}, at {bound:g} no scene: {error}"
                 raise SceneError(text) from None
-
-
-def _check_functions(p: Parameters) -> None:
-    """Refuse motions and factors that leave the finite numbers, and ends that the motions bring together at the start."""
-    time = np.linspace(0.0, p.duration or 0.0, 101)
-    for key, function in p.time_functions().items():
-        with np.errstate(all="ignore"):
-            finite = [bool(np.isfinite(function(time, derivative)).all()) for derivative in range(3)]
-        if not all(finite):
-            raise SceneError(
-                f"{key}: given a {function.kind} that leaves the finite numbers by {time[-1]:g} s; "
-                "allowed: one that is finite during the run, and its first two rates too"
-            )
-    chord = math.dist(*p.end_positions(np.zeros(1))[0])
-    if not SHORTEST <= chord <= LONGEST:
-        raise SceneError(
-            f"motion: given one that begins with the ends {chord:g} m apart; allowed: {SHORTEST:g} m to {LONGEST:g} m"
-        )
-
-
-def _check_statics(p: Parameters) -> None:
-    """Refuse a tension below the least possible, a weightless slack cable, and absurd strains, before anything runs."""
-    rest = solve_statics(p, p.length_key, p.length_value, prefix="cable")
-    length, strain = float(rest[0]), float(rest[4:].max()) / p.stiffness
-    # with a free end, a run from given points never is where the cable rests between its ends
-    if strain > MOST_STRAIN and (p.free is None or "points" not in p.initial):
-        raise SceneError(
-            f"cable.youngs_modulus: given an axial stiffness of {p.stiffness:g} N, which at rest with {p.length_key} = "
-            f"{p.length_value:g} is strained by {strain:.3g}; allowed: a strain of at most {MOST_STRAIN:g} (moduli are in "
-            "Pa, areas in m2)"
-        )
-    for key in ("top_tension", "unstretched_length"):
-        if key in p.initial:
-            other = solve_statics(p, key, p.initial[key], prefix="initial")
-            stretch = (1.0 + float(other[4:].max()) / p.stiffness) * float(other[0]) / length
-            _check_stretch(f"initial.{key}", p.initial[key], stretch)
-    if p.free is None:
-        _check_between_ends(p, length)
-
-
-def _check_between_ends(p: Parameters, length: float) -> None:
-    """Refuse a line to begin with, and motions, that stretch a cable of some length [m] between its ends absurdly."""
-    line = p.initial.get("points")
-    if line is not None:
-        _check_stretch("initial.points", line.tolist(), np.hypot.reduce(np.diff(line, axis=0), axis=1).sum() / length)
-    time = np.linspace(0.0, p.duration or 0.0, 101) if p.motions else np.zeros(1)
-    ends = p.end_positions(time)
-    apart = np.hypot.reduce(ends[:, 1] - ends[:, 0], axis=1)
-    worst, most = int(apart.argmax()), 1.0 + MOST_STRAIN
-    if apart[worst] > most * length:
-        raise SceneError(
-            f"motion: given one that takes the ends {apart[worst]:g} m apart at {time[worst]:g} s; allowed: at most "
-            f"{most * length:g} m, {most:g} times the unstretched length of the cable"
-        )
-
-
-def _check_stretch(key: str, given: Any, stretch: float) -> None:
-    """Refuse a shape to begin with that stretches the cable absurdly."""
-    most = 1.0 + MOST_STRAIN
-    if stretch > most:
-        raise refuse(
-            key, given, f"a start that stretches the cable to at most {most:g} times its length (it is {stretch:.3g})"
-        )
 
 
 # --- Dataset and back -----------------------------------------------------------------------------------------------

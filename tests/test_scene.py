@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import fractions
 import json
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -270,6 +271,38 @@ ABSURD = {
         {"motion.upper.y": {"kind": "polynomial", "coefficients": [30.0]}},
         r"motion: given one that takes the ends 126\.\d+ m apart at 4 s; allowed: at most 11\d",
     ),
+    "a heavy load": (
+        {"point_load": [{"arc_length": 0.25, "force": [0.0, -5e7]}]},
+        r"point_load\.1\.force: given loads of 5e\+07 N in all .*; allowed: .* of 20000 N, by at most 10 .* is 1\.25e\+03 or",
+    ),
+    "loads that part the cable": (
+        {"point_load": [{"arc_length": 0.25, "force": [-5e5, 0.0]}, {"arc_length": 0.75, "force": [6e5, 0.0]}]},
+        r"point_load\.2\.force: given loads of 6e\+05 N in all .* is 15 or more",
+    ),
+    "a load that grows": (
+        {"load": {"uniform": [0.0, -10.0], "kind": "polynomial", "coefficients": [0.0, 0.0, 0.0, 20.0]}},
+        r"load\.uniform: given loads of 5\.1\d+e\+05 N in all at their largest; .* is 12\.\d+ or more",
+    ),
+    "a load that comes and goes": (
+        {
+            "load": {
+                "uniform": [0.0, -1e5],
+                "kind": "one_minus_cosine",
+                "amplitude": 1.0,
+                "angular_frequency": 50.0 * math.pi,
+            }
+        },
+        r"load\.uniform: given loads of 2\.0\d+e\+06 N in all at their largest",
+    ),
+    "a free end that is pulled": (
+        {
+            "motion": {},
+            "ends.free": "upper",
+            "initial": {"points": [[0.0, 0.0], [8.0, 0.0]]},
+            "point_load": [{"arc_length": 1.0, "force": [2.1e5, 0.0]}],
+        },
+        r"point_load\.1\.force: given loads of 2\.1e\+05 N .* is 10\.5 or more",
+    ),
 }
 
 
@@ -283,6 +316,9 @@ def test_absurd_strains_are_refused(soft, name):
 
 
 def test_strains_as_of_rubber_are_not_refused(soft):
+    # a load on a held end strains nothing, and half of one between the ends goes to each
+    loads = [{"arc_length": 1.0, "force": [1e9, 0.0]}, {"arc_length": 0.5, "force": [0.0, -3.9e5]}]
+    assert cp.make_scene(put(copy.deepcopy(soft), "point_load", loads)).attrs
     # 200 N on 25 N: a strain of 8
     assert cp.chain.rest(cp.make_scene(put(soft, "cable.youngs_modulus", 2.5e4))).stretched_length > 0.0
     # a free end goes where it likes
