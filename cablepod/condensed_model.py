@@ -283,7 +283,7 @@ class Model:
 
             chain, q = self.chain, q.copy()
             about = chain.p.stiffness, chain.total_length, self.turned[1], self.means, self.bends, self.pushes
-            return q if kernel.leading_rest(q, still, *about) else None
+            return q if kernel.leading_rest(q, still[None], *about) else None
         size, first = np.abs(q).max(), q
         for _ in range(60):
             force, tangent, *_ = self._forces(q, np.zeros_like(q), still)
@@ -333,14 +333,14 @@ class Model:
         if self.order == "leading":
             squares = self.turned[1]
             h = kernel.leading_force(
-                q, row, k, chain.total_length, squares, self.means, self.bends, self.pushes, f, tangent
+                q, row[None], 0, k, chain.total_length, squares, self.means, self.bends, self.pushes, f, tangent
             )
             return f, tangent, mass, h
         slopes, taus, weights = self.rule
         n = weights.size
-        work = np.empty((4, n)), np.empty((2, n)), np.empty((2, n)), np.empty((2 * r, n))
+        work = np.empty((5, n)), np.empty((2, n)), np.empty((2, n)), np.empty((2 * r, n))
         h = kernel.exact_force(
-            q, v, row, slopes, self.plane, taus, weights, k, self.green, self.pushes, self.inertia,
+            q, v, row[None], 0, slopes, self.plane, taus, weights, k, self.green, self.pushes, self.inertia,
             self.guess(row, q), np.full(n, self.first_stretch(row)), *work, f, tangent, mass,
         )  # fmt: skip
         return f, tangent, mass, h

@@ -142,7 +142,7 @@ class Run:
         low, high = np.full(wanted, np.inf), np.full(wanted, -np.inf)
         kept_too = alone and explicit and "tension" in self.outputs and not instants.dense
         series = np.empty((instants.steps.size, links[0].shape[1] if kept_too else 0))
-        watch = np.array([np.inf, 0.0, 0.0, 4.0 * rate**2 if explicit else np.inf, np.inf, self.start.h])
+        watch = np.array([np.inf, 0.0, 0.0, 4.0 * rate**2 if explicit else np.inf, np.inf, self.start.h, self.start.h])
         decay = math.exp(-damping * step)
         kick = -math.expm1(-damping * step) / damping if damping else step
         total = int(instants.steps[-1]) + (1 if explicit else 0)
@@ -204,7 +204,7 @@ class Run:
         """Coordinates, rates (half a step before the start for explicit steps), accelerations, chordwise stretch."""
         model, damping = self.model, self.model.chain.p.mass_damping or 0.0
         q, rates, push, _ = self.start
-        z = np.full(model.rule[2].size if model.order != "leading" else 0, model.first_stretch(model.first_row))
+        z = np.full((2, model.rule[2].size if model.order != "leading" else 0), model.first_stretch(model.first_row))
         if not explicit:
             return q.copy(), rates.copy(), push - damping * rates, z
         grow = stepping.damped_growth(damping, step)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 #: Kinds whose values at equidistant steps are compiled rotations.
 SINES = ("one_minus_cosine", "harmonic")
+
+
+@cache
+def _kernel() -> Any:
+    """Import the compiled tables, which only computing needs; the statement alone takes as long as a table of 30 steps."""
+    from cablepod.kernels import motion
+
+    return motion
 
 
 @dataclass(frozen=True)
@@ -60,10 +69,8 @@ class TimeFunction:
         if self.kind not in SINES:
             time = np.arange(start, start + steps + 1) / rate
             return np.array([self(time, derivative) + (0.0 if derivative else origin) for derivative in derivatives])
-        from cablepod.kernels import motion as kernel  # numba is imported only to compute
-
         result = np.empty((len(derivatives), steps + 1))
-        kernel.harmonic(start, rate, *self.sine, float(origin), derivatives, result)
+        _kernel().harmonic(start, rate, *self.sine, float(origin), derivatives, result)
         return result
 
     @property
@@ -151,11 +158,9 @@ class Abreast:
 
     def fill(self, start: int, rate: float, derivative: int, row: int, tables: Array) -> None:
         """Fill `tables[:, row]`, (members, steps + 1), as :meth:`TimeFunction.on_steps` does."""
-        from cablepod.kernels import motion as kernel  # numba is imported only to compute
-
         if self.sines is not None:
             omega, phase, amplitude = self.sines
-            kernel.harmonic_of_members(start, rate, omega, phase, amplitude, self.origins, derivative, row, tables)
+            _kernel().harmonic_of_members(start, rate, omega, phase, amplitude, self.origins, derivative, row, tables)
             return
         steps = tables.shape[2] - 1
         for table, function, origin in zip(tables, self.functions, self.origins.tolist(), strict=True):

@@ -19,6 +19,8 @@ LOOSE = {"reassoc", "nsz", "contract"}
 #: Newton's method ends when what is left of a correction is below this share of the amplitudes, or of the tension.
 CLOSE = 1e-11
 MOST = 30
+#: The chord is closed where what is left would change H by less than this share.
+CLOSED = 1e-10
 #: Of fewer links than this the tensions are taken one by one: arrays that run in lanes would cost more than they.
 FEW = 6
 
@@ -126,63 +128,68 @@ def frames(ends, second, load, points, reference, mass, rows):
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _tension(q, row, squares, means, stiffness, length):
-    """Part H of the chordwise force that is the same all along, from the closure to leading order [N]."""
-    patterns = means.size
-    h = stiffness * (row[0] / length - 1.0)
-    for a in range(patterns):
-        h -= row[1 + a] * means[a]
-    grown = 0.0
-    for i in range(q.size):
-        grown += squares[i] * q[i] * q[i]
-    return h + 0.5 * stiffness / length * grown
+def _straight(rows, at, means, stiffness, length):
+    """H of a cable without deflection [N]."""
+    h = stiffness * (rows[at, 0] / length - 1.0)
+    for a in range(means.size):
+        h -= rows[at, 1 + a] * means[a]
+    return h
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _push(q, row, h, squares, bends, pushes, f):
+def _tension(q, rows, at, squares, means, stiffness, length):
+    """Part H of the chordwise force that is the same all along, from the closure to leading order [N]."""
+    grown = 0.0
+    for i in range(q.size):
+        grown += squares[i] * q[i] * q[i]
+    return _straight(rows, at, means, stiffness, length) + 0.5 * stiffness / length * grown
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _push(q, rows, at, h, squares, bends, pushes, f):
     """Accelerations f of the coordinates for a given H."""
     patterns = bends.shape[0]
     for i in range(q.size):
         f[i] = -h * squares[i] * q[i]
     for a in range(patterns):
-        g = row[1 + a]
+        g = rows[at, 1 + a]
         for i in range(q.size):
             total = 0.0
             for j in range(q.size):
                 total += bends[a, i, j] * q[j]
             f[i] -= g * total
     for a in range(pushes.shape[0]):
-        g = row[1 + patterns + a]
+        g = rows[at, 1 + patterns + a]
         for i in range(q.size):
             f[i] += g * pushes[a, i]
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _look(i, q, row, h, squares, norms, knots, stiffness, length, watch):
+def _look(begin, at, q, rows, h, squares, norms, knots, stiffness, length, watch):
     """Keep the least chordwise force with its step, the largest square of a frequency, the first step where it is too large."""
     least = np.inf
     for k in range(knots.shape[1]):
         tau = 0.0
         for a in range(knots.shape[0]):
-            tau += row[1 + a] * knots[a, k]
+            tau += rows[at, 1 + a] * knots[a, k]
         least = min(least, tau)
     if h + least < watch[0]:
-        watch[0], watch[1] = h + least, i
+        watch[0], watch[1] = h + least, begin + at
     sag, top, stray = 0.0, 0.0, 0.0
     for j in range(q.size):
         sag += (squares[j] * q[j]) ** 2
         top = max(top, squares[j])
     for a in range(norms.size):
-        stray += abs(row[1 + a]) * norms[a]
+        stray += abs(rows[at, 1 + a]) * norms[a]
     fastest = abs(h) * top + stray + stiffness / length * sag
     if fastest > watch[2]:
         watch[2] = fastest
         if fastest >= watch[3]:
-            watch[4] = min(watch[4], i)
+            watch[4] = min(watch[4], begin + at)
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _link_tension(j, q, row, h, slopes, plane, taus):
+def _link_tension(j, q, rows, at, h, slopes, plane, taus):
     """Tension of one link to leading order [N]."""
     x, y, force = 0.0, 0.0, h
     for i in range(plane):
@@ -190,12 +197,12 @@ def _link_tension(j, q, row, h, slopes, plane, taus):
     for i in range(plane, q.size):
         y += slopes[i, j] * q[i]
     for a in range(taus.shape[0]):
-        force += row[1 + a] * taus[a, j]
+        force += rows[at, 1 + a] * taus[a, j]
     return force * math.sqrt(1.0 + x * x + y * y)
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE)
-def link_tensions(q, row, h, slopes, plane, taus, stiffness, work, low, high):
+def _link_tensions(q, rows, at, h, slopes, plane, taus, work, low, high):
     """Take the tensions of all links, to leading order, into their extremes."""
     links = low.size
     for j in range(links):
@@ -208,7 +215,7 @@ def link_tensions(q, row, h, slopes, plane, taus, stiffness, work, low, high):
             work[k, j] += slopes[i, j] * q[i]
     for a in range(taus.shape[0]):
         for j in range(links):
-            work[2, j] += row[1 + a] * taus[a, j]
+            work[2, j] += rows[at, 1 + a] * taus[a, j]
     for j in range(links):
         size = work[2, j] * math.sqrt(1.0 + work[0, j] * work[0, j] + work[1, j] * work[1, j])
         low[j] = min(low[j], size)
@@ -251,26 +258,25 @@ def leading_verlet(
     f, work = np.empty(q.size), np.empty((3, low.size))
     mark = 0
     for i in range(rows.shape[0]):
-        row = rows[i]
-        h = _tension(q, row, squares, means, stiffness, length)
-        _push(q, row, h, squares, bends, pushes, f)
-        _look(begin + i, q, row, h, squares, norms, knots, stiffness, length, watch)
+        h = _tension(q, rows, i, squares, means, stiffness, length)
+        _push(q, rows, i, h, squares, bends, pushes, f)
+        _look(begin, i, q, rows, h, squares, norms, knots, stiffness, length, watch)
         if low.size < FEW:
             for j in range(low.size):
-                size = _link_tension(j, q, row, h, slopes, plane, taus)
+                size = _link_tension(j, q, rows, i, h, slopes, plane, taus)
                 if size < low[j]:
                     low[j] = size
                 if size > high[j]:
                     high[j] = size
         else:
-            link_tensions(q, row, h, slopes, plane, taus, stiffness, work, low, high)
+            _link_tensions(q, rows, i, h, slopes, plane, taus, work, low, high)
         here = mark < marks.size and marks[mark] == begin + i
         if here:
             for j in range(q.size):
                 saved[mark, j] = q[j]
                 halves[mark, 0, j] = v[j]
             for j in range(series.shape[1]):
-                series[mark, j] = _link_tension(j, q, row, h, slopes, plane, taus)
+                series[mark, j] = _link_tension(j, q, rows, i, h, slopes, plane, taus)
         for j in range(q.size):
             v[j] = decay * v[j] + kick * f[j]
         if here:
@@ -289,6 +295,14 @@ def _solve(matrix, x):
     and Cholesky's method would give up.
     """
     n = x.size
+    if n == 2:  # the common case, in a third of the time
+        det = matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0]
+        if not abs(det) > 0.0:
+            return False
+        first = (x[0] * matrix[1, 1] - x[1] * matrix[0, 1]) / det
+        x[1] = (x[1] * matrix[0, 0] - x[0] * matrix[1, 0]) / det
+        x[0] = first
+        return True
     for j in range(n):
         best = j
         for i in range(j + 1, n):
@@ -314,33 +328,33 @@ def _solve(matrix, x):
 
 
 @njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
-def leading_tangent(q, row, h, squares, bends, stiffness, length, tangent):
+def _leading_tangent(q, rows, at, h, squares, bends, stiffness, length, tangent):
     """Fill the derivative of minus the accelerations (r, r)."""
     for i in range(q.size):
         for j in range(q.size):
             total = stiffness / length * squares[i] * q[i] * squares[j] * q[j]
             for a in range(bends.shape[0]):
-                total += row[1 + a] * bends[a, i, j]
+                total += rows[at, 1 + a] * bends[a, i, j]
             tangent[i, j] = total
         tangent[i, i] += h * squares[i]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def leading_force(q, row, stiffness, length, squares, means, bends, pushes, f, tangent):
+def leading_force(q, rows, at, stiffness, length, squares, means, bends, pushes, f, tangent):
     """Accelerations, their tangent and H for one state; used to look for equilibria."""
-    h = _tension(q, row, squares, means, stiffness, length)
-    _push(q, row, h, squares, bends, pushes, f)
-    leading_tangent(q, row, h, squares, bends, stiffness, length, tangent)
+    h = _tension(q, rows, at, squares, means, stiffness, length)
+    _push(q, rows, at, h, squares, bends, pushes, f)
+    _leading_tangent(q, rows, at, h, squares, bends, stiffness, length, tangent)
     return h
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def leading_rest(q, row, stiffness, length, squares, means, bends, pushes):
+def leading_rest(q, rows, stiffness, length, squares, means, bends, pushes):
     """Change q into the equilibrium near it by Newton's method; False where it fails, or ends at another one."""
     f, tangent, first = np.empty(q.size), np.empty((q.size, q.size)), q.copy()
     size = np.abs(q).max()
     for _ in range(2 * MOST):
-        leading_force(q, row, stiffness, length, squares, means, bends, pushes, f, tangent)
+        leading_force(q, rows, 0, stiffness, length, squares, means, bends, pushes, f, tangent)
         if not _solve(tangent, f):
             return False
         change, largest = 0.0, 0.0
@@ -389,7 +403,7 @@ def leading_starts(
         frames(ends[m], still, load[m], points, reference[m], mass[m], row)
         for i in range(r):
             q[m, i] = row[0, 1 + patterns * (1 if i < plane else 2)] * bow[m, i]
-        if not leading_rest(q[m], row[0], *about):
+        if not leading_rest(q[m], row, *about):
             limit[m] = np.nan
             continue
         v[m] = 0.0
@@ -400,7 +414,7 @@ def leading_starts(
                 for i in range(r):
                     v[m, i] += row[0, 1 + patterns + a] * pushes[m, a, i]
         frames(ends[m], second[m], load[m], points, reference[m], mass[m], row)
-        h = leading_force(q[m], row[0], *about, f, tangent)
+        h = leading_force(q[m], row, 0, *about, f, tangent)
         sag, stray = 0.0, 0.0
         for i in range(r):
             sag += (squares[m, i] * q[m, i]) ** 2
@@ -463,16 +477,21 @@ def leading_implicit(
     int
         Steps done, fewer than asked for where Newton's method did not end.
     """
-    r = q.size
-    f, work, tangent = np.empty(r), np.empty((3, low.size)), np.empty((r, r))
-    change, start, past = np.empty(r), np.empty(r), acc.copy()
+    r, patterns = q.size, means.size
+    work, matrices, vectors = np.empty((3, low.size)), np.empty((2, r, r)), np.empty((4, r))
+    tangent, bent = matrices
+    change, start, fixed, past = vectors
+    past[:] = acc
     quarter, mark, last = 0.25 * step * step, 0, rows.shape[0] - 1
+    grows, held = 0.5 * stiffness / length, 1.0 + 0.5 * step * damping
+    straight = _straight(rows, 0, means, stiffness, length)
     for i in range(rows.shape[0]):
-        row = rows[i]
-        h = _tension(q, row, squares, means, stiffness, length)
-        _look(begin + i, q, row, h, squares, norms, knots, stiffness, length, watch)
+        h = straight
+        for j in range(r):
+            h += grows * squares[j] * q[j] * q[j]
+        _look(begin, i, q, rows, h, squares, norms, knots, stiffness, length, watch)
         if low.size:
-            link_tensions(q, row, h, slopes, plane, taus, stiffness, work, low, high)
+            _link_tensions(q, rows, i, h, slopes, plane, taus, work, low, high)
         if mark < marks.size and marks[mark] == begin + i:
             for j in range(r):
                 saved[mark, j] = q[j]
@@ -481,23 +500,36 @@ def leading_implicit(
             mark += 1
         if i == last:
             break
-        row = rows[i + 1]
+        # what does not change with q is taken out of Newton's method
+        straight = _straight(rows, i + 1, means, stiffness, length)
         size = 0.0
         for j in range(r):
             start[j] = q[j]
+            total = acc[j]
+            for a in range(pushes.shape[0]):
+                total += rows[i + 1, 1 + patterns + a] * pushes[a, j]
+            fixed[j] = held * q[j] + step * (1.0 + 0.25 * step * damping) * v[j] + quarter * total
+            for k in range(r):
+                total = 0.0
+                for a in range(patterns):
+                    total += rows[i + 1, 1 + a] * bends[a, j, k]
+                bent[j, k] = quarter * total
+        for j in range(r):
             q[j] += step * v[j] + quarter * (3.0 * acc[j] - past[j])
             size = max(size, abs(q[j]))
         before, ended = 0.0, False  # of the first correction no gain is known
         for _ in range(MOST):
-            h = _tension(q, row, squares, means, stiffness, length)
-            _push(q, row, h, squares, bends, pushes, f)
-            leading_tangent(q, row, h, squares, bends, stiffness, length, tangent)
+            h = straight
             for j in range(r):
-                new = 2.0 / step * (q[j] - start[j]) - v[j]
-                change[j] = start[j] + step * v[j] + quarter * (acc[j] + f[j] - damping * new) - q[j]
+                h += grows * squares[j] * q[j] * q[j]
+            for j in range(r):
+                own = held + quarter * h * squares[j]
+                left, sag = fixed[j] - own * q[j], 2.0 * quarter * grows * squares[j] * q[j]
                 for k in range(r):
-                    tangent[j, k] *= quarter
-                tangent[j, j] += 1.0 + 0.5 * step * damping
+                    left -= bent[j, k] * q[k]
+                    tangent[j, k] = bent[j, k] + sag * squares[k] * q[k]
+                change[j] = left
+                tangent[j, j] += own
             if not _solve(tangent, change):
                 break
             # the forces are cubic in q: what the tangent left of them is known, and bounds the next correction of a soft cable;
@@ -511,7 +543,7 @@ def leading_implicit(
             for j in range(r):
                 left = max(left, squares[j] * abs(across * change[j] + 0.5 * along * q[j]))
             gain = min(largest / before, 1.0)
-            if min(quarter * stiffness / length * left, largest * gain * gain) <= CLOSE * size:
+            if min(2.0 * quarter * grows * left, largest * gain * gain) <= CLOSE * size:
                 ended = True
                 break
             before = largest
@@ -531,56 +563,59 @@ def leading_implicit(
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE, forceinline=True)
-def close(squared, tau, h, chord, stiffness, green, force, z, work):
+def _close(h, chord, stiffness, green, force, z, work):
     """Find H and the chordwise stretch z for which the cable reaches from end to end.
 
     Parameters
     ----------
-    squared, tau, h
-        Squares of the slopes w', chordwise force beside H [N], unstretched lengths or weights of quadrature [m], (m,).
+    h
+        Unstretched lengths or weights of quadrature (m,) [m].
     chord, stiffness, green
         Distance of the ends [m], K [N], whether law (21) holds.
     force, z
         First guess of H [N] and, changed, of z (m,).
     work
-        (3, m); on return the chordwise force, dz/dN, and the stretch xi.
+        (5, m): chordwise force beside H [N] in row 3, squares of the slopes w' in row 4; on return the chordwise force in row
+        0, dz/dN in row 1.
 
     Returns
     -------
     float
         H, not finite where the search did not end.
     """
-    m = z.size
-    for sweep in range(MOST):
+    m, soft = z.size, 1.0 / stiffness
+    for _ in range(MOST):
+        # divisions are what takes the time
         if green:
             for j in range(m):
-                n = force + tau[j]
-                slope = 3.0 * z[j] * z[j] + squared[j] - 1.0
-                z[j] -= (z[j] * (z[j] * z[j] + squared[j] - 1.0) - 2.0 * n / stiffness) / slope
+                n = force + work[3, j]
+                give = 1.0 / (3.0 * z[j] * z[j] + work[4, j] - 1.0)
+                work[2, j] = (2.0 * n * soft - z[j] * (z[j] * z[j] + work[4, j] - 1.0)) * give
                 work[0, j] = n
-                work[1, j] = 2.0 / (stiffness * slope)
+                work[1, j] = 2.0 * soft * give
         else:
             for j in range(m):
-                n = force + tau[j]
-                xi2 = z[j] * z[j] + squared[j]
-                inverse = 1.0 / math.sqrt(xi2)
-                slope = 1.0 - squared[j] * inverse / xi2
-                z[j] -= (z[j] * (1.0 - inverse) - n / stiffness) / slope
+                n = force + work[3, j]
+                inverse = 1.0 / math.sqrt(z[j] * z[j] + work[4, j])
+                give = 1.0 / (1.0 - work[4, j] * inverse * inverse * inverse)
+                work[2, j] = (n * soft - z[j] * (1.0 - inverse)) * give
                 work[0, j] = n
-                work[1, j] = 1.0 / (stiffness * slope)
-        reach, give = 0.0, 0.0
+                work[1, j] = soft * give
+        reach, longer = 0.0, 0.0
         for j in range(m):
-            reach += h[j] * z[j]
-            give += h[j] * work[1, j]
-        change = (chord - reach) / give
+            reach += h[j] * (z[j] + work[2, j])
+            longer += h[j] * work[1, j]
+        change = (chord - reach) / longer
         force += change
+        # what the tangents left out is quadratic in what z changed by: half the second derivative, of law (21) 3 / 2, otherwise
+        # 3 / 2 of the square of the slope; twice that, as the tangents are those of the old z
+        left = 0.0
         for j in range(m):
-            z[j] += work[1, j] * change
+            grown = work[2, j] + work[1, j] * change
+            z[j] += grown
             work[0, j] += change
-        # H enters quadratically: what is left is far below the last change; near zero tension K is the scale
-        if abs(change) <= 1e-7 * abs(force) + 1e-13 * stiffness and sweep > 0:
-            for j in range(m):
-                work[2, j] = math.sqrt(z[j] * z[j] + squared[j])
+            left += h[j] * grown * grown * (1.0 if green else work[4, j])
+        if 3.0 * left / longer <= CLOSED * abs(force) + 1e-16 * stiffness:
             return force
         if not abs(change) < np.inf:
             break
@@ -611,7 +646,8 @@ def _carry(stretching, h, inertia, momentum):
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE, forceinline=True)
 def exact_force(
-    q, v, row, slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed, lever, f, tangent, mass
+    q, v, rows, at, slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed, lever, f,
+    tangent, mass,
 ):  # fmt: skip
     """Accelerations f of the coordinates with the chordwise stretch as it is; H on return, not finite where there is none.
 
@@ -619,15 +655,17 @@ def exact_force(
     ----------
     q, v
         Amplitudes and rates (r,); the latter count only with chordwise inertia.
-    row, slopes, plane, taus, h, stiffness, green, pushes
-        As in :func:`leading_verlet` and :func:`close`, at the points of quadrature (m,).
+    rows, at
+        See :func:`frames`; which of them.
+    slopes, plane, taus, h, stiffness, green, pushes
+        As in :func:`leading_verlet` and :func:`_close`, at the points of quadrature (m,).
     inertia
         Masses [kg] of the particles above the links and their relative arc lengths (2, m), or without entries: no chordwise
         inertia.
     guess
         First guess of H [N].
     z, work, slope, speed, lever
-        Arrays to work in: (m,), kept from step to step; (4, m); (2, m); (2, m); (2 r, m).
+        First guess of the chordwise stretch (m,), changed into it; arrays to work in: (5, m); (2, m); (2, m); (2 r, m).
     f, tangent, mass
         Filled: forces (r,); the derivative of minus the forces (r, r), or without entries, close enough for Newton's method;
         the mass matrix (r, r) where there is inertia, else something to work in.
@@ -643,10 +681,10 @@ def exact_force(
             slope[k, j] += slopes[i, j] * q[i]
     for a in range(taus.shape[0]):
         for j in range(m):
-            work[3, j] += row[1 + a] * taus[a, j]
+            work[3, j] += rows[at, 1 + a] * taus[a, j]
     for j in range(m):
-        speed[0, j] = slope[0, j] * slope[0, j] + slope[1, j] * slope[1, j]
-    force = close(speed[0], work[3], h, row[0], stiffness, green, guess, z, work)
+        work[4, j] = slope[0, j] * slope[0, j] + slope[1, j] * slope[1, j]
+    force = _close(h, rows[at, 0], stiffness, green, guess, z, work)
     # work[3]: the transverse stiffness N / z, with weights
     for j in range(m):
         work[3, j] = h[j] * work[0, j] / z[j]
@@ -658,7 +696,7 @@ def exact_force(
         f[i] = -total
     patterns = taus.shape[0]
     for a in range(pushes.shape[0]):
-        g = row[1 + patterns + a]
+        g = rows[at, 1 + patterns + a]
         for i in range(r):
             f[i] += g * pushes[a, i]
     if tangent.size:
@@ -666,7 +704,7 @@ def exact_force(
         for j in range(m):
             give += h[j] * work[1, j]
             # the derivative of z by w' at constant N is minus this times w'
-            cube = 1.0 if green else work[2, j] ** 3
+            cube = 1.0 if green else math.sqrt(z[j] * z[j] + work[4, j]) ** 3
             speed[1, j] = stiffness * work[1, j] * z[j] / cube
         for i in range(r):
             k = 0 if i < plane else 1
@@ -675,7 +713,7 @@ def exact_force(
                 total += h[j] * speed[1, j] * slope[k, j] * slopes[i, j]
             mass[i, i] = total / give  # change of H with this coordinate
         for j in range(m):
-            work[3, j] *= 1.0 + speed[1, j] * speed[0, j] / z[j]
+            work[3, j] *= 1.0 + speed[1, j] * work[4, j] / z[j]
         for i in range(r):
             for j in range(i + 1):
                 total = 0.0
@@ -714,32 +752,32 @@ def exact_force(
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _extremes(work, stiffness, green, low, high):
+def _extremes(z, work, stiffness, green, low, high):
     """Take tensions by the stretch xi into their extremes."""
     for j in range(low.size):
-        xi = work[2, j]
+        xi = math.sqrt(z[j] * z[j] + work[4, j])
         size = 0.5 * stiffness * xi * (xi * xi - 1.0) if green else stiffness * (xi - 1.0)
         low[j] = min(low[j], size)
         high[j] = max(high[j], size)
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _observe(i, q, row, force, work, squares, norms, stiffness, length, watch):
+def _observe(begin, at, q, rows, force, work, squares, norms, stiffness, length, watch):
     """As :func:`_look`, with the chordwise force where it is least."""
     for j in range(work.shape[1]):
         if work[0, j] < watch[0]:
-            watch[0], watch[1] = work[0, j], i
+            watch[0], watch[1] = work[0, j], begin + at
     sag, top, stray = 0.0, 0.0, 0.0
     for j in range(q.size):
         sag += (squares[j] * q[j]) ** 2
         top = max(top, squares[j])
     for a in range(norms.size):
-        stray += abs(row[1 + a]) * norms[a]
+        stray += abs(rows[at, 1 + a]) * norms[a]
     fastest = abs(force) * top + stray + stiffness / length * sag
     if fastest > watch[2]:
         watch[2] = fastest
         if fastest >= watch[3]:
-            watch[4] = min(watch[4], i)
+            watch[4] = min(watch[4], begin + at)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -754,20 +792,20 @@ def exact_verlet(
     """
     r, m = slopes.shape
     f, rate, mass, none = np.empty(r), np.empty(r), np.empty((r, r)), np.empty((0, 0))
-    work, slope, speed, lever = np.empty((4, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
-    mark = 0
+    work, slope, speed, lever = np.empty((5, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
+    mark, ahead, found = 0, z[0], z[1]
     for i in range(rows.shape[0]):
         for j in range(r):
             rate[j] = v[j] + 0.5 * step * acc[j]
-        watch[5] = exact_force(
-            q, rate, rows[i], slopes, plane, taus, h, stiffness, green, pushes, inertia, watch[5], z, work, slope, speed,
+        force = exact_force(
+            q, rate, rows, i, slopes, plane, taus, h, stiffness, green, pushes, inertia, watch[6], ahead, work, slope, speed,
             lever, f, none, mass,
         )  # fmt: skip
         if inertia.size:
             _solve(mass, f)
-        _observe(begin + i, q, rows[i], watch[5], work, squares, norms, stiffness, length, watch)
+        _observe(begin, i, q, rows, force, work, squares, norms, stiffness, length, watch)
         if low.size:
-            _extremes(work, stiffness, green, low, high)
+            _extremes(ahead, work, stiffness, green, low, high)
         here = mark < marks.size and marks[mark] == begin + i
         if here:
             for j in range(r):
@@ -783,6 +821,11 @@ def exact_verlet(
             mark += 1
         for j in range(r):
             q[j] += step * v[j]
+        # to the next search from both last ones: mostly one sweep does then
+        watch[5], watch[6] = force, 2.0 * force - watch[5]
+        for j in range(m):
+            here, ahead[j] = ahead[j], 2.0 * ahead[j] - found[j]
+            found[j] = here
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -793,9 +836,9 @@ def exact_implicit(
     """Trapezoidal rule with the chordwise stretch as it is; as :func:`leading_implicit` and :func:`exact_verlet`."""
     r, m = slopes.shape
     f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))
-    work, slope, speed, lever = np.empty((4, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
+    work, slope, speed, lever = np.empty((5, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
     change, start, rate, past, none = np.empty(r), np.empty(r), np.empty(r), acc.copy(), np.empty((0, 0))
-    quarter, mark, last = 0.25 * step * step, 0, rows.shape[0] - 1
+    quarter, mark, last, found = 0.25 * step * step, 0, rows.shape[0] - 1, z[0]
     for i in range(rows.shape[0]):
         save = mark < marks.size and marks[mark] == begin + i
         if save:
@@ -806,12 +849,12 @@ def exact_implicit(
             mark += 1
         # once more: of a stiff cable the last correction, however small, is much of the tension
         watch[5] = exact_force(
-            q, v, rows[i], slopes, plane, taus, h, stiffness, green, pushes, none, watch[5], z, work, slope, speed,
+            q, v, rows, i, slopes, plane, taus, h, stiffness, green, pushes, none, watch[5], found, work, slope, speed,
             lever, f, none, mass,
         )  # fmt: skip
-        _observe(begin + i, q, rows[i], watch[5], work, squares, norms, stiffness, length, watch)
+        _observe(begin, i, q, rows, watch[5], work, squares, norms, stiffness, length, watch)
         if low.size:
-            _extremes(work, stiffness, green, low, high)
+            _extremes(found, work, stiffness, green, low, high)
         if i == last:
             break
         size = 0.0
@@ -824,7 +867,7 @@ def exact_implicit(
             for j in range(r):
                 rate[j] = 2.0 / step * (q[j] - start[j]) - v[j]
             watch[5] = exact_force(
-                q, rate, rows[i + 1], slopes, plane, taus, h, stiffness, green, pushes, inertia, watch[5], z, work, slope,
+                q, rate, rows, i + 1, slopes, plane, taus, h, stiffness, green, pushes, inertia, watch[5], found, work, slope,
                 speed, lever, f, tangent, mass,
             )  # fmt: skip
             for j in range(r):
@@ -863,7 +906,7 @@ def exact_implicit(
 @njit(cache=True, error_model="numpy", nogil=True)
 def close_all(squared, tau, h, chord, stiffness, green, force, z):
     """Close many shapes: (times, m) squares of slopes, chordwise forces, stretches (filled); (times,) chords and H (filled)."""
-    work, slope, along = np.empty((3, h.size)), np.empty(h.size), np.empty(h.size)
+    work = np.empty((5, h.size))
     guess, last = force[0], 0
     for i in range(chord.size):
         # from one shape to the next; where that is too far for Newton's method, by way of shapes between
@@ -875,10 +918,10 @@ def close_all(squared, tau, h, chord, stiffness, green, force, z):
             for part in range(1, parts + 1):
                 share = part / parts
                 for j in range(h.size):
-                    slope[j] = (1.0 - share) * squared[last, j] + share * squared[i, j]
-                    along[j] = (1.0 - share) * tau[last, j] + share * tau[i, j]
+                    work[4, j] = (1.0 - share) * squared[last, j] + share * squared[i, j]
+                    work[3, j] = (1.0 - share) * tau[last, j] + share * tau[i, j]
                 reach = (1.0 - share) * chord[last] + share * chord[i]
-                force[i] = close(slope, along, h, reach, stiffness, green, force[i], z[i], work)
+                force[i] = _close(h, reach, stiffness, green, force[i], z[i], work)
             if i == 0 or abs(force[i]) < np.inf:
                 break
         if abs(force[i]) < np.inf:
@@ -908,12 +951,12 @@ def error_growth(
     """
     r, m = slopes.shape
     f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))
-    work, slope, speed, lever = np.empty((4, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
+    work, slope, speed, lever = np.empty((5, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
     error, v, a, ahead, moved = first.copy(), np.zeros(r), np.zeros(r), np.empty(r), np.empty((2, m))
     quarter = 0.25 * step * step
     for i in range(y.shape[0]):
         guess = exact_force(
-            y[i], rate[i], rows[i], slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed,
+            y[i], rate[i], rows, i, slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed,
             lever, f, tangent, mass,
         )  # fmt: skip
         for j in range(r):
