@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numba import njit
+from scipy.interpolate import CubicSpline
 
 import cablepod as cp
 from cablepod.links import chain_of
@@ -141,6 +142,11 @@ def march(q, v, step, every, rows, rates, mass, length, sigma, stiffness, load, 
         q += step * v
 
 
+def taken_length(w: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Length that deflections w (times, particle) take from links of some lengths, to leading order (times,) [m]."""
+    return 0.5 * ((np.diff(w, axis=1) / length) ** 2 * length).sum(axis=1)
+
+
 @dataclass(frozen=True)
 class Switched:
     """The scene of a chain, cut into links as that."""
@@ -170,10 +176,16 @@ class Switched:
 
     def run(
         self, shapes: np.ndarray, step: float, *, tests: np.ndarray | None = None, rank: int = 0, hidden: str = "nothing",
-        inertia: bool = False, frame: bool = False,
+        inertia: bool = False, frame: bool = False, taken: np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
-        """Deflections (times, particle) [m] on shapes (r, particle), by any test functions, from the model's own rest."""
+        """Deflections (times, particle) [m] on shapes (r, particle), by any test functions, from the model's own rest.
+
+        `taken` is the length that deflections beside these shapes take from the cable (times,) [m]: all that the tension sees of
+        them.
+        """
         parts = self.parts(step)
+        if taken is not None:
+            parts["rows"][:, 0] += CubicSpline(self.times, taken)(np.arange(len(parts["rows"])) * step)
         test = shapes if tests is None else tests
         test = np.ascontiguousarray(np.linalg.solve((test * parts["mass"]) @ shapes.T, test))
         rest = cp.chain.rest(self.scene, links=self.links)["position"].values
