@@ -56,9 +56,9 @@ def simulate(
     law
         "linear", the chain's law; with orders "exact" and "inertial" also "green", eq. (21).
     quadrature
-        With order "exact": evaluate the chordwise stretch at so many points of a Gauss-Lobatto rule along the cable instead of on
-        each link, at a cost that does not depend on the links.  It nears the continuous cable, not the chain; some eight do for
-        four smooth modes.  Not with point loads, nor for extremes of tension.
+        With orders "exact" and "inertial": evaluate the chordwise stretch at so many points of a Gauss-Lobatto rule along the
+        cable instead of on each link, at a cost that does not depend on the links.  It nears the continuous cable, not the chain;
+        some eight do for four smooth modes, sixteen for eight.  Not with point loads, nor for extremes of tension.
     scheme
         "velocity_verlet" is explicit, "trapezoidal" implicit and stable at any step.  By default explicit, unless the stretching
         of the sag makes its steps short.

@@ -176,10 +176,21 @@ class Model:
 
     @cached_property
     def inertia(self) -> np.ndarray:
-        """Masses [kg] and relative arc lengths of the particles above the links (2, n); empty without inertia along the chord."""
+        """What the kernel must know of inertia along the chord; empty without it.
+
+        On the links, masses [kg] and relative arc lengths of the particles above them (2, n).  At points of quadrature the mass
+        that goes with rates of stretch there (m, m) [kg m^2]: a point moves by their integral up to it, less its share of the
+        whole, as the ends do not give.
+        """
         if self.order != "inertial":
             return np.empty((0, 0))
-        return np.stack([self.mass[1:], self.chain.arc_length[1:] / self.chain.total_length])
+        chain = self.chain
+        if self.quadrature is None:
+            return np.stack([self.mass[1:], chain.arc_length[1:] / chain.total_length])
+        nodes, weights, _ = elements.reference(self.quadrature - 1)
+        half = 0.5 * chain.total_length
+        moved = half * (elements.integrals(self.quadrature - 1) - np.outer(0.5 * (nodes + 1.0), weights))
+        return np.ascontiguousarray(chain.p.mass * half * (moved.T * weights) @ moved)
 
     @cached_property
     def reference(self) -> int:
@@ -412,9 +423,11 @@ def model_of(
         raise refuse("law", law, '"linear" with order "leading", which knows no strain beside the first order')
     if quadrature is not None:
         schema.integer(least=LEAST_POINTS)("quadrature", quadrature)
-        if order != "exact" or p.point_loads:
+        if order == "leading" or p.point_loads:
             raise refuse(
-                "quadrature", quadrature, 'none but with order "exact" and without point loads, which kink the cable'
+                "quadrature",
+                quadrature,
+                'none but with order "exact" or "inertial" and without point loads, which kink the cable',
             )
     if p.free is not None:
         raise refuse(

@@ -64,6 +64,20 @@ def lagrange(order: int, place: np.ndarray) -> np.ndarray:
     return values
 
 
+def integrals(order: int) -> np.ndarray:
+    """Integrals from the first node to each one (rows) by the values at the nodes, of an element of length 2."""
+    from numpy.polynomial import legendre
+
+    node, _, _ = reference(order)
+    values = legendre.legvander(node, order + 1)
+    # that of the polynomial of degree k is (P(k + 1) - P(k - 1)) / (2 k + 1), and nothing at the first node but for k = 0
+    whole = np.empty((order + 1, order + 1))
+    whole[:, 0] = node + 1.0
+    degree = np.arange(1, order + 1)
+    whole[:, 1:] = (values[:, 2:] - values[:, :-2]) / (2.0 * degree + 1.0)
+    return np.linalg.solve(values[:, :-1].T, whole.T).T
+
+
 @dataclass(frozen=True)
 class Mesh(Chain):
     """A cable in spectral elements, with all that a run wants of a chain: its particles are the nodes.

@@ -227,6 +227,7 @@ def _condensed(quick: bool) -> list[Setting]:
         ("exact", implicit, (160,), (1, 2, 3, 4), (8, 16), (2.0, 1.0, 0.5, 0.2, 0.1)),
         ("inertial", explicit, TRAINED, (4, 6, 8), (0,), (0.02, 0.01)),
         ("inertial", implicit, TRAINED[:2], (2, 4, 8), (0,), (0.5, 0.2, 0.1, 0.05)),
+        ("inertial", explicit, (160,), (6, 8), (16, 24), (0.02, 0.01, 0.005)),
     ):
         found += [
             Setting("reduced", "condensed", scheme, n, order, r, m, step=h)

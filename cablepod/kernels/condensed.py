@@ -629,6 +629,13 @@ def _carry(stretching, h, inertia, momentum):
     A link that grows moves all particles above it, less what keeps the chord as it is.
     """
     m = h.size
+    if inertia.shape[0] != 2:  # at points of quadrature
+        for j in range(m):
+            total = 0.0
+            for k in range(m):
+                total += inertia[j, k] * stretching[k]
+            momentum[j] = total
+        return
     total = 0.0
     for j in range(m):
         total += h[j] * stretching[j]
@@ -660,8 +667,8 @@ def exact_force(
     slopes, plane, taus, h, stiffness, green, pushes
         As in :func:`leading_verlet` and :func:`_close`, at the points of quadrature (m,).
     inertia
-        Masses [kg] of the particles above the links and their relative arc lengths (2, m), or without entries: no chordwise
-        inertia.
+        Masses [kg] of the particles above the links and their relative arc lengths (2, m); at points of quadrature the mass
+        matrix of stretching (m, m) [kg m^2]; or without entries: no chordwise inertia.
     guess
         First guess of H [N].
     z, work, slope, speed, lever
