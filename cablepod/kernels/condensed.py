@@ -794,8 +794,9 @@ def exact_verlet(
 ):  # fmt: skip
     """Velocity Verlet over the rows with the chordwise stretch as it is; `acc` are the accelerations of the last step.
 
-    `watch[5]` is the last H.  Chordwise inertia sees the rates carried on from half a step before with the last accelerations.
-    Other parameters as in :func:`leading_verlet` and :func:`exact_force`.
+    `z` (2, m) is the stretch that the next search begins with, carried on from the last two found, and the last one found;
+    `watch[6]` the H to begin with and `watch[5]` the last one found.  Chordwise inertia sees the rates carried on from half a
+    step before with the last accelerations.  Other parameters as in :func:`leading_verlet` and :func:`exact_force`.
     """
     r, m = slopes.shape
     f, rate, mass, none = np.empty(r), np.empty(r), np.empty((r, r)), np.empty((0, 0))
@@ -831,8 +832,9 @@ def exact_verlet(
         # to the next search from both last ones: mostly one sweep does then
         watch[5], watch[6] = force, 2.0 * force - watch[5]
         for j in range(m):
-            here, ahead[j] = ahead[j], 2.0 * ahead[j] - found[j]
-            found[j] = here
+            this = ahead[j]
+            ahead[j] = 2.0 * this - found[j]
+            found[j] = this
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -840,7 +842,10 @@ def exact_implicit(
     q, v, acc, step, damping, rows, stiffness, length, squares, pushes, norms,
     slopes, plane, taus, h, green, inertia, z, begin, marks, saved, halves, low, high, watch,
 ):  # fmt: skip
-    """Trapezoidal rule with the chordwise stretch as it is; as :func:`leading_implicit` and :func:`exact_verlet`."""
+    """Trapezoidal rule with the chordwise stretch as it is; as :func:`leading_implicit` and :func:`exact_verlet`.
+
+    Searches begin with the last stretch, ``z[0]``, and the last H.
+    """
     r, m = slopes.shape
     f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))
     work, slope, speed, lever = np.empty((5, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
