@@ -98,7 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     paper.add_argument(
         "--small",
         action="store_true",
-        help="a trial in a quarter of the minute: fewer modes, routes, tensions and stiffnesses",
+        help="a trial, in a quarter of the time: fewer modes, routes, tensions and stiffnesses",
     )
     paper.add_argument("--overwrite", action="store_true", help="replace a report that is already in DIR")
     paper.set_defaults(run=_paper)

@@ -308,4 +308,4 @@ def warn_of_members(attrs: Mapping[str, list[Any]]) -> None:
         if bad.any():
             i = int(np.nanargmax(values))
             worst = {key: of_all[i] for key, of_all in attrs.items()}
-            check(worst, f"{int(bad.sum())} of {bad.size} members, the worst number {i}: ")
+            check(worst, f"{int(bad.sum())} of {bad.size} members, of these number {i} the worst: ")

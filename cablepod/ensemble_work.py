@@ -94,7 +94,7 @@ def tell(notes: list[Note], count: int) -> None:
         texts = [text for own, text in notes if own is category]
         if category is members.MemberFailedWarning:
             continue
-        often = f" (and {len(texts) - 1} more of {count} members)" if len(texts) > 1 else ""
+        often = f" (and {len(texts) - 1} more such warnings in {count} members)" if len(texts) > 1 else ""
         warnings.warn(texts[0] + often, category, stacklevel=4)
 
 

@@ -96,7 +96,9 @@ def laws(ax: plt.Axes) -> None:
         gaps.append(float(cp.compare.errors(*runs)["error_max"]))
         print(f"K = {stiffness:.0e} N, strain {strains[-1]:.1e}: {100 * gaps[-1]:.3g} % of the motion")
     ax.loglog(strains, gaps, "o-", color=BLUE, ms=4, label="slow motion of Example 2")
-    ax.loglog(strains, 1.5 * np.array(strains), "--", color="0.35", lw=1, label="1.5 × strain, their forces")
+    ax.loglog(
+        strains, 1.5 * np.array(strains), "--", color="0.35", lw=1, label="1.5 × strain: difference of the forces"
+    )
     ax.set(xlabel="strain at the top [1]", ylabel="law (21) from the linear law, over the motion [1]")
     ax.legend(fontsize=8)
     ax.grid(alpha=0.3)

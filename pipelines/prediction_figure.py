@@ -69,16 +69,6 @@ def _panel(ax: Axes, part: xr.Dataset, name: str) -> None:
         if not values.isnull().all():
             ax.semilogy(rank, spread(values)[2], style, color="black", lw=1, label=f"median, {order} order")
     ax.semilogy(rank, spread(part["projection_error"])[2], ":", color="black", lw=1.2, label="median, projection")
-    if name == "designed":
-        ax.plot([6, 6], [3e-3, 1.5e-2], "_", color="#D55E00", ms=16, mew=2)
-        ax.annotate(
-            "asked for at r = 6:\nmedian, 95th percentile",
-            (5.6, 0.13),
-            fontsize=8,
-            color="#A04000",
-            ha="center",
-            va="bottom",
-        )
     ax.set_title(TITLES[name], fontsize=10)
     ax.set_xticks(rank)
     ax.grid(alpha=0.3)

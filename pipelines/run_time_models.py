@@ -177,7 +177,7 @@ class Setting:
         what = {"chain": "n", "cable": "elements"}.get(self.model, "trained with n")
         parts = [
             self.model,
-            self.order,
+            f"order {self.order}" if self.model == "cable" else self.order,
             f"r = {self.rank}" if self.rank else "",
             f"{what} = {self.size}" if self.size else "",
             f"{self.points} points" if self.points else "",

@@ -315,7 +315,7 @@ def test_other_warnings_come_once(soft, scenes_of, tmp_path, monkeypatch):
         return cp.chain.simulate(scenes, step=step)
 
     monkeypatch.setattr(ensemble_work, "MODELS", {**ensemble_work.MODELS, "chain": noisy})
-    with pytest.warns(RuntimeWarning, match=r"member \d is odd \(and 9 more of 10 members\)") as caught:
+    with pytest.warns(RuntimeWarning, match=r"member \d is odd \(and 9 more such warnings in 10 members\)") as caught:
         list(cp.ensemble.batches(scenes_of(), batch=4, step=STEP))
     assert len(caught) == 1
 

@@ -168,6 +168,8 @@ def test_one_warning_for_all_members_out_of_range(soft):
     del soft["motion"]
     pulled = {"upper": {"y": {"kind": "ramp", "amplitude": -1.0, "duration": 1.0}}}
     scenes = joined({**soft, "motion": pulled}, motion_upper_y_amplitude=[0.0, -0.8, -1.0])
-    with pytest.warns(OutOfRangeWarning, match=r"2 of 3 members, the worst number \d: .*chordwise force") as caught:
+    with pytest.warns(
+        OutOfRangeWarning, match=r"2 of 3 members, of these number \d the worst: .*chordwise force"
+    ) as caught:
         cp.condensed.simulate(scenes, full_modes(), rank=2, order="leading", step=1e-3, outputs=())
     assert len([item for item in caught if item.category is OutOfRangeWarning]) == 1

@@ -18,6 +18,7 @@
 
 # %%
 import os
+import warnings
 
 import numpy as np
 import xarray as xr
@@ -54,11 +55,16 @@ scenes
 # ## Runs
 #
 # Only the extremes of the tension are kept, over all steps of a run, and the error that the model expects of itself. The folder
-# holds what is done: interrupt the cell, call it again, and it goes on where it stopped.
+# holds what is done: interrupt the cell, call it again, and it goes on where it stopped. What the model warns of is printed: at
+# some members it does not trust its own motion, which the second map shows.
 
 # %%
 options = {"rank": 4, "order": "exact", "tolerance": 1e-3, "outputs": ("tension_extremes", "error_estimate")}
-results = cp.ensemble.run(scenes, "study", model="condensed", modes=modes, overwrite=True, **options)
+with warnings.catch_warnings(record=True) as told:
+    warnings.simplefilter("always")
+    results = cp.ensemble.run(scenes, "study", model="condensed", modes=modes, overwrite=True, **options)
+for message in sorted({str(item.message) for item in told}):
+    print(message, "\n")
 results
 
 # %% [markdown]
