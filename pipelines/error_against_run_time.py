@@ -20,9 +20,10 @@ kernel
 call
     The whole public call with positions every second (a sequence of catenaries: with its splines).
 
-All settings are run once, those of less than a millisecond looked at twice.  Those that no other of their family beats by a factor of two in time at no larger error are measured
-again, in turns so that a busy machine hurts all alike, and medians taken; only these make the fronts and the table.  A front at
-an error e is the least time of a setting whose error is e at most: nothing is interpolated.
+All settings are run once, those of less than a millisecond looked at twice.  Those that no other of their family beats by a
+factor of two in time at no larger error are measured again, in turns so that a busy machine hurts all alike, and medians taken;
+only these make the fronts and the table.  A front at an error e is the least time of a setting whose error is e at most: nothing
+is interpolated.
 """
 
 from __future__ import annotations
@@ -99,11 +100,15 @@ def near_front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
     return result
 
 
-def measured(
-    given: xr.Dataset, truths: dict[str, Any], training: Training, tried: list[Setting], duration: float, repeats: int
-) -> dict[str, np.ndarray]:
-    """Measure errors and times of all settings in one scene."""
-    fine, coarse = np.arange(round(10 * duration) + 1) / 10.0, np.arange(round(duration) + 1.0)
+def looked_at(
+    given: xr.Dataset,
+    truths: dict[str, Any],
+    training: Training,
+    tried: list[Setting],
+    fine: np.ndarray,
+    coarse: np.ndarray,
+) -> tuple[dict[str, np.ndarray], dict[int, Any]]:
+    """Run all settings in one scene once: errors and first times, and the calls of those that can be run."""
     found = {key: np.full(len(tried), np.nan) for key in ("error_max", "error_rms", "kernel_time", "call_time", "step")}
     jobs: dict[int, Any] = {}
     for i, setting in enumerate(tqdm(tried, desc=str(given.attrs.get("title", "")), disable=None)):
@@ -122,6 +127,15 @@ def measured(
         if found["kernel_time"][i] < SHORT:
             once_more = seconds_of(kernel_calls(job, coarse, tried[i])[0], least=1e-3)
             found["kernel_time"][i] = min(found["kernel_time"][i], once_more)
+    return found, jobs
+
+
+def measured(
+    given: xr.Dataset, truths: dict[str, Any], training: Training, tried: list[Setting], duration: float, repeats: int
+) -> dict[str, np.ndarray]:
+    """Measure errors and times of all settings in one scene."""
+    fine, coarse = np.arange(round(10 * duration) + 1) / 10.0, np.arange(round(duration) + 1.0)
+    found, jobs = looked_at(given, truths, training, tried, fine, coarse)
     families = np.array([setting.family for setting in tried])
     again = np.zeros(len(tried), dtype=bool)
     for family in FAMILIES:
