@@ -314,7 +314,7 @@ def figure(data: xr.Dataset, size: tuple[float, float] = (11.0, 4.6)) -> plt.Fig
             ax.plot(seconds, error, **{**style, "linestyle": "-"}, markersize=5, linewidth=1.5)
             name_line(ax, package, seconds, error, colour)
         ax.set(xscale="log", yscale="log", xlabel="time of stepping through 125 s [s]", title=f"Example {example[-1]}")
-        ax.set(xlim=(3e-4, 20.0), ylim=(3e-10, 0.1))
+        ax.set(xlim=(1.5e-4, 20.0), ylim=(3e-10, 0.1))
         ax.grid(alpha=0.3)
     axes[0].set_ylabel("largest particle distance at 45 s\nover the largest displacement [1]")
     return drawn
