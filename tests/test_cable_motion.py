@@ -356,7 +356,7 @@ def test_the_limit_of_the_step_is_sharp(soft):
     assert omega == pytest.approx(cp.cable.vibrations(mesh, 10**6)[0][-1], rel=1e-2)
 
 
-def test_a_stopped_run_keeps_what_it_had(soft):
+def test_a_stopped_run_keeps_what_it_had(soft, any_load):
     soft["load"] = {"uniform": [0.0, -1e9], "kind": "polynomial", "coefficients": [0.0, 0.0, 1.0]}
     with pytest.raises(cp.RunStopped, match=r"try") as caught:
         cp.cable.simulate(of(soft), elements=4, step=2e-4)

@@ -184,7 +184,7 @@ def test_other_bad_input_ends_with_one_line(scene_file, tmp_path):
         assert "Traceback" not in done.stderr
 
 
-def test_a_stopped_run_keeps_what_it_had(scene_file, tmp_path, capsys, monkeypatch):
+def test_a_stopped_run_keeps_what_it_had(scene_file, any_load, tmp_path, capsys):
     load = f'[load]\nuniform = [1.0, 0.0]\nkind = "polynomial"\ncoefficients = {[0.0] * 29 + [1e3]}\n'
     scene_file.write_text(f"{SCENE}\n{load}")
     assert cli.main(["run", str(scene_file), "--out", str(tmp_path / "out")]) == 2

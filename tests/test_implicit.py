@@ -411,7 +411,7 @@ def test_newton_converges_where_the_chain_is_towed_far_away(soft, scheme):
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_finite_numbers_beyond_all_bounds_are_stopped(soft, scheme):
+def test_finite_numbers_beyond_all_bounds_are_stopped(soft, any_load, scheme):
     blown = of(
         soft, motion={}, ends={**soft["ends"], "free": "upper"}, load={"uniform": [1e6, 0.0]},
         time={"duration": 100.0, "interval": 10.0},
