@@ -349,7 +349,7 @@ class Model:
             return f, tangent, mass, h
         slopes, taus, weights = self.rule
         n = weights.size
-        work = np.empty((5, n)), np.empty((2, n)), np.empty((2, n)), np.empty((2 * r, n))
+        work = np.empty((6, n)), np.empty((2, n)), np.empty((2, n)), np.empty((2 * r, n))
         h = kernel.exact_force(
             q, v, row[None], 0, slopes, self.plane, taus, weights, k, self.green, self.pushes, self.inertia,
             self.guess(row, q), np.full(n, self.first_stretch(row)), *work, f, tangent, mass,

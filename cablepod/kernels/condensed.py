@@ -575,7 +575,7 @@ def _close(h, chord, stiffness, green, force, z, work):
     force, z
         First guess of H [N] and, changed, of z (m,).
     work
-        (5, m): chordwise force beside H [N] in row 3, squares of the slopes w' in row 4; on return the chordwise force in row
+        (6, m): chordwise force beside H [N] in row 3, squares of the slopes w' in row 4; on return the chordwise force in row
         0, dz/dN in row 1.
 
     Returns
@@ -593,29 +593,32 @@ def _close(h, chord, stiffness, green, force, z, work):
                 work[2, j] = (2.0 * n * soft - z[j] * (z[j] * z[j] + work[4, j] - 1.0)) * give
                 work[0, j] = n
                 work[1, j] = 2.0 * soft * give
+                work[5, j] = abs(3.0 * z[j] * give)
         else:
             for j in range(m):
                 n = force + work[3, j]
                 inverse = 1.0 / math.sqrt(z[j] * z[j] + work[4, j])
-                give = 1.0 / (1.0 - work[4, j] * inverse * inverse * inverse)
+                bent = work[4, j] * inverse * inverse * inverse
+                give = 1.0 / (1.0 - bent)
                 work[2, j] = (n * soft - z[j] * (1.0 - inverse)) * give
                 work[0, j] = n
                 work[1, j] = soft * give
+                work[5, j] = abs(1.5 * z[j] * bent * inverse * inverse * give)
         reach, longer = 0.0, 0.0
         for j in range(m):
             reach += h[j] * (z[j] + work[2, j])
             longer += h[j] * work[1, j]
         change = (chord - reach) / longer
         force += change
-        # what the tangents left out is quadratic in what z changed by: half the second derivative, of law (21) 3 / 2, otherwise
-        # 3 / 2 of the square of the slope; twice that, as the tangents are those of the old z
+        # what the tangents leave out goes with the square of what z changed by: row 5, half the second derivative over the first,
+        # and as much again, as the tangents are those of the old z
         left = 0.0
         for j in range(m):
             grown = work[2, j] + work[1, j] * change
             z[j] += grown
             work[0, j] += change
-            left += h[j] * grown * grown * (1.0 if green else work[4, j])
-        if 3.0 * left / longer <= CLOSED * abs(force) + 1e-16 * stiffness:
+            left += h[j] * work[5, j] * grown * grown
+        if 2.0 * left / abs(longer) <= CLOSED * abs(force) + 1e-16 * stiffness:
             return force
         if not abs(change) < np.inf:
             break
@@ -672,7 +675,7 @@ def exact_force(
     guess
         First guess of H [N].
     z, work, slope, speed, lever
-        First guess of the chordwise stretch (m,), changed into it; arrays to work in: (5, m); (2, m); (2, m); (2 r, m).
+        First guess of the chordwise stretch (m,), changed into it; arrays to work in: (6, m); (2, m); (2, m); (2 r, m).
     f, tangent, mass
         Filled: forces (r,); the derivative of minus the forces (r, r), or without entries, close enough for Newton's method;
         the mass matrix (r, r) where there is inertia, else something to work in.
@@ -800,15 +803,23 @@ def exact_verlet(
     """
     r, m = slopes.shape
     f, rate, mass, none = np.empty(r), np.empty(r), np.empty((r, r)), np.empty((0, 0))
-    work, slope, speed, lever = np.empty((5, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
+    work, slope, speed, lever = np.empty((6, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
     mark, ahead, found = 0, z[0], z[1]
     for i in range(rows.shape[0]):
         for j in range(r):
             rate[j] = v[j] + 0.5 * step * acc[j]
-        force = exact_force(
-            q, rate, rows, i, slopes, plane, taus, h, stiffness, green, pushes, inertia, watch[6], ahead, work, slope, speed,
-            lever, f, none, mass,
-        )  # fmt: skip
+        guess, force = watch[6], np.nan
+        for _ in range(2):
+            force = exact_force(
+                q, rate, rows, i, slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, ahead, work, slope, speed,
+                lever, f, none, mass,
+            )  # fmt: skip
+            if abs(force) < np.inf:
+                break
+            # carried on too far: once more from what was found last
+            guess = watch[5]
+            for j in range(m):
+                ahead[j] = found[j]
         if inertia.size:
             _solve(mass, f)
         _observe(begin, i, q, rows, force, work, squares, norms, stiffness, length, watch)
@@ -829,11 +840,12 @@ def exact_verlet(
             mark += 1
         for j in range(r):
             q[j] += step * v[j]
-        # to the next search from both last ones: mostly one sweep does then
-        watch[5], watch[6] = force, 2.0 * force - watch[5]
+        # to the next search from both last ones, of which the start has but one: mostly one sweep does then
+        on = 0.0 if begin + i == 0 else 1.0
+        watch[5], watch[6] = force, force + on * (force - watch[5])
         for j in range(m):
             this = ahead[j]
-            ahead[j] = 2.0 * this - found[j]
+            ahead[j] = this + on * (this - found[j])
             found[j] = this
 
 
@@ -848,7 +860,7 @@ def exact_implicit(
     """
     r, m = slopes.shape
     f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))
-    work, slope, speed, lever = np.empty((5, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
+    work, slope, speed, lever = np.empty((6, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
     change, start, rate, past, none = np.empty(r), np.empty(r), np.empty(r), acc.copy(), np.empty((0, 0))
     quarter, mark, last, found = 0.25 * step * step, 0, rows.shape[0] - 1, z[0]
     for i in range(rows.shape[0]):
@@ -918,7 +930,7 @@ def exact_implicit(
 @njit(cache=True, error_model="numpy", nogil=True)
 def close_all(squared, tau, h, chord, stiffness, green, force, z):
     """Close many shapes: (times, m) squares of slopes, chordwise forces, stretches (filled); (times,) chords and H (filled)."""
-    work = np.empty((5, h.size))
+    work = np.empty((6, h.size))
     guess, last = force[0], 0
     for i in range(chord.size):
         # from one shape to the next; where that is too far for Newton's method, by way of shapes between
@@ -963,7 +975,7 @@ def error_growth(
     """
     r, m = slopes.shape
     f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))
-    work, slope, speed, lever = np.empty((5, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
+    work, slope, speed, lever = np.empty((6, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
     error, v, a, ahead, moved = first.copy(), np.zeros(r), np.zeros(r), np.empty(r), np.empty((2, m))
     quarter = 0.25 * step * step
     for i in range(y.shape[0]):
