@@ -22,7 +22,7 @@ SINES = ("one_minus_cosine", "harmonic")
 
 @cache
 def _kernel() -> Any:
-    """Import the compiled tables, which only computing needs; the statement alone takes as long as a table of 30 steps."""
+    """Import the compiled tables, which only computing needs; the statement alone takes half as long as a table of 30 steps."""
     from cablepod.kernels import motion
 
     return motion

@@ -21,7 +21,7 @@ They feel less of the force of the truncated modes, which is the larger part of 
 cable at each instant: one number, and the only one that such a model lacks.
 "explained": the share of the variance of that number, over the second half of the time, that a polynomial of second order in the
 amplitudes, their rates, the chord and its rate explains that was fitted over the first half (less than 0: the mean would do
-better).  What is not explained is no function of what the model knows.
+better).  What is not explained does not follow from what the model knows by such a fit.
 """
 
 from __future__ import annotations

@@ -32,7 +32,8 @@ def test_a_closed_chord_is_closed_and_obeys_the_law(green):
         np.testing.assert_allclose(z @ length, chord[good], rtol=1e-12)
         xi = np.sqrt(z**2 + squared)
         law = stiffness * (0.5 * z * (xi**2 - 1.0) if green else (1.0 - 1.0 / xi) * z)
-        # H is right to 1e-10 by the search's own bound, beside rounding of a strain near nothing
+        # the search bounds its error by 1e-10 of H, a sum over all links, of which one may be off by more; and rounding of a
+        # strain near nothing.  A false root is off by all of H
         off = np.abs(force[:, None] + tau[good] - law).max(axis=1)
         assert (off <= 1e-8 * np.abs(force) + 1e-13 * stiffness).all()
     assert found > 5500  # of 6000; a cable pushed too hard has no such shape

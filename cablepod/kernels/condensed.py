@@ -295,7 +295,7 @@ def _solve(matrix, x):
     and Cholesky's method would give up.
     """
     n = x.size
-    if n == 2:  # the common case, in a third of the time
+    if n == 2:  # the common case, without loops; what it rounds more Newton's method takes back
         det = matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0]
         if not abs(det) > 0.0:
             return False
