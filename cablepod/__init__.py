@@ -2,7 +2,7 @@
 
 from importlib.metadata import version
 
-from cablepod import archive, cable, catenary, chain, compare, condensed, ensemble, galerkin, plots, pod, rigid
+from cablepod import archive, cable, catenary, chain, compare, condensed, ensemble, galerkin, oblique, plots, pod, rigid
 from cablepod.archive import ArchiveError
 from cablepod.members import MemberFailedWarning
 from cablepod.scene import make_scene, read_scene
@@ -28,6 +28,7 @@ __all__ = [
     "ensemble",
     "galerkin",
     "make_scene",
+    "oblique",
     "plots",
     "pod",
     "read_scene",

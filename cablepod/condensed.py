@@ -10,7 +10,7 @@ import xarray as xr
 
 from cablepod import condensed_batch, condensed_output, provenance, stepping
 from cablepod.condensed_batch import result_of
-from cablepod.condensed_model import model_of
+from cablepod.condensed_make import model_of
 from cablepod.condensed_runs import SCHEMES, Options, solve
 from cablepod.conventions import OUTPUTS
 from cablepod.members import unnamed_values
@@ -44,7 +44,8 @@ def simulate(
         A scene with both ends held; it need not be the one the modes come from.  Members of a scene with ``member`` run side by
         side; those that fail hold nan and say why in ``failure``.
     modes
-        What :func:`cablepod.pod.decompose` gives with layout "normal"; they are carried over by sigma = S / L0.
+        What :func:`cablepod.pod.decompose` gives with layout "normal"; they are carried over by sigma = S / L0.  They test the
+        equations too, unless they bring test functions of their own, from :func:`cablepod.oblique.train`.
     rank
         Number of modes of each deflection; all by default.
     times
@@ -82,7 +83,8 @@ def simulate(
         and how far the run stayed from where the model fails: ``smallest_chordwise_force`` [N] over all steps,
         ``forcing_over_axial_frequency``, ``energy_share_kept`` of the snapshots by the modes, ``outside_training``, how far the
         scene lies from those of the snapshots, see :func:`cablepod.training.outside`; ``error_estimate`` is the largest error to
-        be expected over time, as a fraction of the motion, ``time_error_estimate`` the part of the steps in it.
+        be expected over time, as a fraction of the motion, ``time_error_estimate`` the part of the steps in it; with trained
+        test functions ``growth_over_run``, by which power of e small vibrations about rest would grow.
 
     Raises
     ------
@@ -95,7 +97,8 @@ def simulate(
     -----
     OutOfRangeWarning
         Where the chordwise force becomes negative somewhere (the model is then ill-posed, a real cable goes slack there), or the
-        ends move as fast as waves along the cable, or the model expects an error above half of the motion.
+        ends move as fast as waves along the cable, or vibrations about rest would grow, or the model expects an error above half
+        of the motion.
     NotConvergedWarning
         Where no step meets the tolerance, and where a given one does not resolve how the ends or the loads move.
 

@@ -89,7 +89,7 @@ def sibling(model: Model, p: Parameters) -> Model:
     total = float(statics[0])
     stretch = total / model.chain.total_length
     chain = Chain(p, model.chain.length * stretch, model.chain.arc_length * stretch, model.chain.law)
-    made = Model(chain, model.order, model.modes, model.quadrature)
+    made = Model(chain, model.order, model.modes, model.quadrature, model.tests)
     scaled = condensed_many.scaled(model, np.array([p.mass]), np.array([total]))
     turns = [item[0] for item in scaled.turns]
     made.__dict__.update({name: item[0] for name, item in scaled.named.items()}, turned=(turns, scaled.squares[0]))

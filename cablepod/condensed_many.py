@@ -74,7 +74,13 @@ def plan(modes: xr.Dataset, model: Model, members: Members, options: Options) ->
     """Tell how to run many members at once; None where the compiled loops over members do not cover what is asked for."""
     step, outputs = options.step, set(options.outputs)
     allowed = {"tension_extremes"} if options.links is None else {"tension", "tension_extremes"}
-    if step is None or model.order != "leading" or options.scheme not in (None, SCHEMES[0]) or outputs - allowed:
+    if (
+        model.tests is not None
+        or step is None
+        or model.order != "leading"
+        or options.scheme not in (None, SCHEMES[0])
+        or outputs - allowed
+    ):
         return None
     if options.times is None and {"time_duration", "time_interval"} & set(members.varied):
         return None

@@ -8,28 +8,24 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
-from cablepod import elements, pod, pod_normal, schema
+from cablepod import elements
 from cablepod.chain_start import start
 from cablepod.chord import Frame
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.links import Chain, check_law
-from cablepod.parameters import Parameters, solve_statics
-from cablepod.schema import SceneError, refuse
+from cablepod.links import Chain
+from cablepod.parameters import solve_statics
+from cablepod.schema import SceneError
 
 #: "leading": closure and force to the first order in slope squared and strain; "exact": the chordwise stretch as it is;
 #: "inertial": exact, with the inertia of the motion along the chord that the deflection brings with it.
 ORDERS = ("leading", "exact", "inertial")
-#: Least points of quadrature: one mode has a slope that changes its sign, and its square two humps.
-LEAST_POINTS = 4
-#: Products of the modes' slopes by a rule may be off by this share.  The stiffness is off by as much; links and a smooth curve
-#: through the particles differ by (i pi / n)^2 / 12 in mode i, 0.5 % in the third of 40 links.
-RULE_ERROR = 0.01
 #: Newton's method has found an equilibrium where its last step is this share of the deflection it began with.
 SETTLED = 1e-9
 #: Modes whose products in mass have a condition above this are sums of one another but for rounding.
 DEPENDENT = 1e12
+#: Test functions whose products in mass with the modes have a condition above this do not tell the modes apart.
+BLIND = 1e6
 
 
 @dataclass(frozen=True)
@@ -44,6 +40,8 @@ class Model:
     order: str  #: one of ORDERS
     modes: tuple[np.ndarray, ...]  #: of each set as given, (mode, particle)
     quadrature: int | None = None  #: points at which the chordwise stretch is evaluated; None for the links
+    #: Test functions of each set (mode, particle); None for the modes themselves (Galerkin)
+    tests: tuple[np.ndarray, ...] | None = None
 
     @property
     def green(self) -> bool:
@@ -101,6 +99,48 @@ class Model:
         return np.diff(self.shapes, axis=1) / self.chain.length
 
     @cached_property
+    def duals(self) -> np.ndarray:
+        """Test functions whose products in mass with the shapes are those of a unit matrix (r, particle) [kg^-1/2]."""
+        if self.tests is None:
+            return self.shapes
+        parts = []
+        for psi, at in zip(self.tests, (slice(0, self.plane), slice(self.plane, None)), strict=False):
+            gram = (psi * self.mass) @ self.shapes[at].T
+            if gram.size and not np.linalg.cond(gram / np.abs(gram).max(axis=1, keepdims=True)) < BLIND:
+                raise SceneError(
+                    "modes: given test functions that do not tell the modes apart; allowed: those of oblique.train"
+                )
+            parts.append(np.linalg.solve(gram, psi))
+        return np.concatenate(parts)
+
+    @cached_property
+    def grips(self) -> np.ndarray | None:
+        """What the duals feel of a tension of one beside what the shapes would (r, r) [1/(kg m)]; None where they are these."""
+        if self.tests is None:
+            return None
+        felt = self._same * ((self.dual_slopes * self.chain.length) @ self.slopes.T)
+        return felt - np.diag(self.turned[1])
+
+    @cached_property
+    def dual_slopes(self) -> np.ndarray:
+        """Slopes of the duals on the links (r, n)."""
+        return self.slopes if self.tests is None else np.diff(self.duals, axis=1) / self.chain.length
+
+    @cached_property
+    def gain(self) -> float:
+        """By how much, at most, test functions may raise the squares of the frequencies."""
+        if self.grips is None:
+            return 1.0
+        squares = self.turned[1]
+        return max(1.0, float(np.linalg.norm(np.eye(squares.size) + self.grips / squares, 2)))
+
+    @property
+    def _same(self) -> np.ndarray:
+        """Which coordinates belong to the same set (r, r)."""
+        within = np.arange(len(self.shapes)) < self.plane
+        return within[:, None] == within
+
+    @cached_property
     def patterns(self) -> np.ndarray:
         """Loads on the particles for patterns of size one (patterns, particle): lengths [m] but for point loads."""
         chain, p = self.chain, self.chain.p
@@ -133,10 +173,7 @@ class Model:
     @cached_property
     def bends(self) -> np.ndarray:
         """What patterns of chordwise force do to the coordinates (patterns, r, r)."""
-        r = len(self.shapes)
-        same = np.zeros((r, r), dtype=bool)
-        same[: self.plane, : self.plane] = same[self.plane :, self.plane :] = True
-        return np.einsum("an,n,in,jn->aij", self.taus, self.chain.length, self.slopes, self.slopes) * same
+        return np.einsum("an,n,in,jn->aij", self.taus, self.chain.length, self.dual_slopes, self.slopes) * self._same
 
     @cached_property
     def rule(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -153,19 +190,34 @@ class Model:
         nodes, weights, _ = elements.reference(self.quadrature - 1)
         place = 0.5 * chain.total_length * (nodes + 1.0)
         middles = 0.5 * (chain.arc_length[1:] + chain.arc_length[:-1])
-        slopes = CubicSpline(chain.arc_length, self.shapes, axis=1)(place, 1)
         taus = CubicSpline(middles, self.taus, axis=1)(place)
-        return np.ascontiguousarray(slopes), np.ascontiguousarray(taus), 0.5 * chain.total_length * weights
+        return self._at_points(self.shapes), np.ascontiguousarray(taus), 0.5 * chain.total_length * weights
+
+    @cached_property
+    def felt(self) -> np.ndarray | None:
+        """Slopes of the duals (r, m) for the same sums; None where they are the shapes."""
+        if self.tests is None:
+            return None
+        return self.dual_slopes if self.quadrature is None else self._at_points(self.duals)
+
+    def _at_points(self, shapes: np.ndarray) -> np.ndarray:
+        """Slopes of smooth shapes (r, particle) at the points of the rule (r, m)."""
+        from scipy.interpolate import CubicSpline  # costly to import
+
+        chain, points = self.chain, elements.reference((self.quadrature or 0) - 1)[0]
+        return np.ascontiguousarray(
+            CubicSpline(chain.arc_length, shapes, axis=1)(0.5 * chain.total_length * (points + 1.0), 1)
+        )
 
     @cached_property
     def norms(self) -> np.ndarray:
-        """Largest eigenvalues of `bends` by size (patterns,)."""
-        return np.abs(np.linalg.eigvalsh(self.bends)).max(axis=1)
+        """Norms of `bends` (patterns,)."""
+        return np.linalg.norm(self.bends, 2, axis=(1, 2))
 
     @cached_property
     def pushes(self) -> np.ndarray:
         """Normal patterns on the coordinates (normals times patterns, r)."""
-        full = self.patterns @ self.shapes.T
+        full = self.patterns @ self.duals.T
         parts = []
         for k in range(self.chain.p.dims - 1):
             part = np.zeros_like(full)
@@ -244,9 +296,9 @@ class Model:
         return rows
 
     def coordinates(self, deflection: np.ndarray) -> np.ndarray:
-        """Coordinates (times, r) nearest in mass to deflections (normals, times, particle) [m]."""
+        """Coordinates (times, r) of deflections (normals, times, particle) [m]: nearest in mass, or what test functions see."""
         sets = [
-            (part * self.mass) @ self.shapes[at].T
+            (part * self.mass) @ self.duals[at].T
             for part, at in zip(deflection, (slice(0, self.plane), slice(self.plane, None)), strict=False)
         ]
         return np.concatenate(sets, axis=1)
@@ -293,7 +345,15 @@ class Model:
             from cablepod.kernels import condensed as kernel
 
             chain, q = self.chain, q.copy()
-            about = chain.p.stiffness, chain.total_length, self.turned[1], self.means, self.bends, self.pushes
+            about = (
+                chain.p.stiffness,
+                chain.total_length,
+                self.turned[1],
+                self.grips,
+                self.means,
+                self.bends,
+                self.pushes,
+            )
             return q if kernel.leading_rest(q, still[None], *about) else None
         size, first = np.abs(q).max(), q
         for _ in range(60):
@@ -342,16 +402,14 @@ class Model:
         chain, r = self.chain, q.size
         f, tangent, mass, k = np.empty(r), np.empty((r, r)), np.eye(r), chain.p.stiffness
         if self.order == "leading":
-            squares = self.turned[1]
-            h = kernel.leading_force(
-                q, row[None], 0, k, chain.total_length, squares, self.means, self.bends, self.pushes, f, tangent
-            )
+            about = k, chain.total_length, self.turned[1], self.grips, self.means, self.bends, self.pushes
+            h = kernel.leading_force(q, row[None], 0, *about, f, tangent)
             return f, tangent, mass, h
         slopes, taus, weights = self.rule
         n = weights.size
         work = np.empty((6, n)), np.empty((2, n)), np.empty((2, n)), np.empty((2 * r, n))
         h = kernel.exact_force(
-            q, v, row[None], 0, slopes, self.plane, taus, weights, k, self.green, self.pushes, self.inertia,
+            q, v, row[None], 0, slopes, self.felt, self.plane, taus, weights, k, self.green, self.pushes, self.inertia,
             self.guess(row, q), np.full(n, self.first_stretch(row)), *work, f, tangent, mass,
         )  # fmt: skip
         return f, tangent, mass, h
@@ -374,20 +432,30 @@ class Model:
         squares = self.turned[1]
         stray = float(np.abs(row[1 : 1 + self.norms.size]) @ self.norms)
         sag = self.chain.p.stiffness / self.chain.total_length * float(((squares * q) ** 2).sum())
-        return abs(h) * float(squares.max()) + stray + sag
+        return self.gain * (abs(h) * float(squares.max()) + sag) + stray
 
     def taut_square(self, until: float) -> float:
         """Return the same at the largest distance of the ends until some time, without sag [1/s^2]."""
         ends = self.chain.p.end_positions(np.linspace(0.0, until, 1001))
         reach = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max()
         h = self.chain.p.stiffness * max(float(reach) / self.chain.total_length - 1.0, 0.0)
-        return h * float(self.turned[1].max())
+        return self.gain * h * float(self.turned[1].max())
 
     @cached_property
     def rest_tension(self) -> float:
         """Mean of the tensions at the ends at rest [N]."""
         columns = solve_statics(self.chain.p, "unstretched_length", self.chain.total_length)
         return 0.5 * float(columns[4] + columns[5])
+
+    @cached_property
+    def growth(self) -> float:
+        """Rate at which small vibrations about rest grow [1/s]; with the modes as test functions none does."""
+        if self.tests is None:
+            return 0.0
+        q, v = self.initial()
+        _, tangent, mass, _ = self._forces(q, np.zeros_like(v), self.still_row)
+        squares = np.linalg.eigvals(np.linalg.solve(mass, tangent) if self.inertia.size else tangent)
+        return float(np.abs(np.sqrt(squares.astype(complex)).imag).max()) - 0.5 * (self.chain.p.mass_damping or 0.0)
 
     @property
     def first_axial_frequency(self) -> float:
@@ -404,66 +472,3 @@ def _lever(chain: Chain, fraction: float) -> np.ndarray:
     shares = np.zeros(chain.links + 1)
     shares[j], shares[j + 1] = 1.0 - right, right
     return shares
-
-
-def model_of(
-    p: Parameters, modes: xr.Dataset, *, rank: int | None, order: str, law: str, quadrature: int | None = None
-) -> Model:
-    """Make the condensed model of a scene's parameters on modes.
-
-    Raises
-    ------
-    SceneError
-        For a scene or modes that this model cannot do.
-    """
-    check_law(law)
-    if order not in ORDERS:
-        raise refuse("order", order, "one of " + ", ".join(f'"{name}"' for name in ORDERS))
-    if order == "leading" and law != "linear":
-        raise refuse("law", law, '"linear" with order "leading", which knows no strain beside the first order')
-    if quadrature is not None:
-        schema.integer(least=LEAST_POINTS)("quadrature", quadrature)
-        if order == "leading" or p.point_loads:
-            raise refuse(
-                "quadrature",
-                quadrature,
-                'none but with order "exact" or "inertial" and without point loads, which kink the cable',
-            )
-    if p.free is not None:
-        raise refuse(
-            "ends.free", p.free, "two held ends, because there is no chord without; chain.simulate does a free end"
-        )
-    if p.link_viscosity is not None:
-        raise refuse(
-            "damping.link_viscosity", p.link_viscosity, "none for a reduced model; mass_proportional is possible"
-        )
-    sets = pod_normal.sets(modes)
-    if modes.sizes["coordinate"] != p.dims:
-        raise SceneError(
-            f"modes: given {modes.sizes['coordinate']} coordinates; allowed: the {p.dims} coordinates of the scene"
-        )
-    most = max(len(shape) for _, shape in sets)
-    if rank is not None:
-        schema.integer(least=1)("rank", rank)
-        if rank > most:
-            raise refuse("rank", rank, f"at most {most}, as many modes as there are")
-    sigma = pod.relative_arc_length(modes)
-    total = float(solve_statics(p, p.length_key, p.length_value)[0])
-    arc_length = total * sigma
-    chain = Chain(p, np.diff(arc_length), arc_length, law)
-    chosen = [shape if rank is None else shape[:rank] for _, shape in sets]
-    model = Model(chain, order, tuple(chosen), quadrature)
-    if quadrature is not None:
-        _check_rule(model)
-    return model
-
-
-def _check_rule(model: Model) -> None:
-    """Refuse a rule that does not give the products of the slopes that the links give."""
-    slopes, _, weights = model.rule
-    size = np.sqrt(model.turned[1])
-    off = np.abs((slopes * weights) @ slopes.T - np.diag(model.turned[1])) / np.outer(size, size)
-    off[: model.plane, model.plane :] = off[model.plane :, : model.plane] = 0.0  # sets do not meet in the model either
-    if off.max() > RULE_ERROR:
-        off_by = f"products of the modes' slopes are off by {100 * off.max():.2g} %, more than {100 * RULE_ERROR:g} %"
-        raise refuse("quadrature", model.quadrature, f"more points, or fewer or smoother modes, as {off_by}")

@@ -194,6 +194,7 @@ def attributes(model: Model, state: State, modes: xr.Dataset | None) -> dict[str
         "time_of_smallest_force": float(state.watch[1]) / state.instants.rate,
         "first_axial_frequency": axial,
         "forcing_over_axial_frequency": 2.0 * math.pi / slowest / axial if slowest < math.inf else 0.0,
+        **({} if model.tests is None else {"growth_over_run": model.growth * float(state.instants.times[-1])}),
         **training.outside(
             modes, model.chain.p, model.chain.total_length, float(state.instants.times[-1]), model.rest_tension
         ),
@@ -286,10 +287,22 @@ def _check_forcing(attrs: Mapping[str, Any], which: str = "") -> None:
     trust.check_forcing(attrs, "the condensed model lacks", which)
 
 
+def _check_growth(attrs: Mapping[str, Any], which: str = "") -> None:
+    if attrs.get("growth_over_run", 0.0) > 1.0:
+        warnings.warn(
+            f"{which}with these test functions small vibrations about rest grow, over the run by a factor of e to "
+            f"{attrs['growth_over_run']:.3g} (growth_over_run, above 1): the scene is too far from those that they were "
+            "trained on; train them nearer to it, or take the modes without them",
+            trust.OutOfRangeWarning,
+            stacklevel=5,
+        )
+
+
 #: The number that decides -> what it is multiplied by, above what it is too much, what warns of it.
 CHECKS = {
     "smallest_chordwise_force": (-1.0, 0.0, _check_slack),
     "forcing_over_axial_frequency": (1.0, trust.FAST, _check_forcing),
+    "growth_over_run": (1.0, 1.0, _check_growth),
     "error_estimate": (1.0, trust.HALF, trust.check_estimate),
 }
 

@@ -142,11 +142,14 @@ class Run:
         low, high = np.full(wanted, np.inf), np.full(wanted, -np.inf)
         kept_too = alone and explicit and "tension" in self.outputs and not instants.dense
         series = np.empty((instants.steps.size, links[0].shape[1] if kept_too else 0))
-        watch = np.array([np.inf, 0.0, 0.0, 4.0 * rate**2 if explicit else np.inf, np.inf, self.start.h, self.start.h])
+        # kernels know the squares of the frequencies but for the gain by test functions
+        highest = 4.0 * rate**2 / model.gain if explicit else np.inf
+        watch = np.array([np.inf, 0.0, 0.0, highest, np.inf, self.start.h, self.start.h])
         decay = math.exp(-damping * step)
         kick = -math.expm1(-damping * step) / damping if damping else step
         total = int(instants.steps[-1]) + (1 if explicit else 0)
         about = (p.stiffness, chain.total_length, model.turned[1])
+        norms = model.norms / model.gain
         bound = 1e6 * math.sqrt(model.mass.sum()) * chain.total_length
 
         def advance(begin: int, steps: int) -> bool:
@@ -159,10 +162,11 @@ class Run:
             if leading:
                 rest: tuple[Any, ...] = (
                     *about,
+                    model.grips,
                     model.means,
                     model.bends,
                     model.pushes,
-                    model.norms,
+                    norms,
                     model.knots,
                     *links,
                     *kept,
@@ -174,8 +178,8 @@ class Run:
                     done = kernel.leading_implicit(q, v, acc, step, damping, rows, *rest)
             else:
                 slopes, taus, weights = model.rule
-                along = (slopes, model.plane, taus, weights)
-                rest = (*about, model.pushes, model.norms, *along, model.green, model.inertia, z, *kept)
+                along = (slopes, model.felt, model.plane, taus, weights)
+                rest = (*about, model.pushes, norms, *along, model.green, model.inertia, z, *kept)
                 if explicit:
                     kernel.exact_verlet(q, v, acc, step, decay, kick, rows, *rest)
                 else:
@@ -192,8 +196,9 @@ class Run:
         if watch[4] < np.inf:  # before any breakdown, whose cause it is
             first = int(watch[4])
             raise RunStopped(
-                f"the condensed model stiffened: from {first / rate:.6g} s on its stability limit is below the step {step:.6g} s "
-                f"({self.scheme}), at least {2 / math.sqrt(watch[2]):.6g} s; try a shorter step, or scheme trapezoidal",
+                f"the condensed model stiffened: from {first / rate:.6g} s on its stability limit is below the step "
+                f"{step:.6g} s ({self.scheme}), at least {2 / math.sqrt(model.gain * watch[2]):.6g} s; try a shorter step, "
+                f"or scheme trapezoidal{self._growth()}",
                 self._partial(state, first, rate),
             )
         if failed is not None:
@@ -211,11 +216,21 @@ class Run:
         back = 0.5 * step if not damping else grow / damping
         return q.copy(), rates * (1.0 + grow) - back * push, push - damping * rates, z
 
+    def _growth(self) -> str:
+        """Tell what test functions have to do with a run that stops."""
+        count = self.model.growth * float(self.times[-1])
+        if count < 1.0:
+            return ""
+        return (
+            f"; with these test functions small vibrations about rest grow by a factor of e to the {count:.3g} over the run: "
+            "train them nearer to this scene, or take the modes without them"
+        )
+
     def _stop(self, state: State, done: int, rate: float) -> None:
         raise RunStopped(
             f"the condensed model left the finite numbers or found no equilibrium along the chord at {done / rate:.6g} s "
             f"({self.scheme}, step {1 / rate:.4g} s, step number {done}, least chordwise force {state.watch[0]:.3g} N); try a "
-            "shorter step or, where the cable goes slack, the chain itself",
+            f"shorter step or, where the cable goes slack, the chain itself{self._growth()}",
             self._partial(state, done, rate),
         )
 

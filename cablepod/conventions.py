@@ -47,6 +47,7 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "out_of_plane_share": ("1", "share of the mean square of the shape normal to the plane of chord and load"),
     # modes
     "mode_shape": ("1", "Karhunen-Loeve mode, of unit norm in the inner product of the decomposition"),
+    "test_function": ("1", "test function of the mode, of any size"),
     "singular_value": ("m", "singular value of the snapshot matrix, centred and lifted unless of deflections"),
     "singular_value_uncertainty": ("m", "estimate of the error of the singular value on the route taken"),
     "mode_uncertainty": ("rad", "estimate of the angle by which that error may turn the mode"),
@@ -87,8 +88,8 @@ ATTRIBUTE_UNITS = {
 VARIABLES |= {
     f"{name}_out_of_plane": (VARIABLES[name][0], f"{VARIABLES[name][1]}, out of the plane of chord and vertical")
     for name in (
-        "amplitude", "mode_shape", "singular_value", "singular_value_uncertainty", "mode_uncertainty", "truncation_error",
-        "proper_orthogonal_value", "energy_share", "singular_value_share",
+        "amplitude", "mode_shape", "test_function", "singular_value", "singular_value_uncertainty", "mode_uncertainty",
+        "truncation_error", "proper_orthogonal_value", "energy_share", "singular_value_share",
     )
 }  # fmt: skip
 

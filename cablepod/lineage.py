@@ -99,6 +99,9 @@ def _statements(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]
     taken = [names[parent] for parent in stage["inputs"]]
     if function == "pod.decompose" and len(taken) > 1:  # several trajectories are one argument
         taken = [f"[{', '.join(taken)}]"]
+    if function == "oblique.train":  # scenes, as many trajectories, modes
+        half = len(taken) // 2
+        taken = [f"[{', '.join(taken[:half])}]", f"[{', '.join(taken[half:-1])}]", taken[-1]]
     if function == "ensemble.run":
         return [*_ensemble(name, taken, parameters), f'cablepod.lineage.check({name}, "{stage["id"]}")', ""]
     if function == "make_scene":

@@ -48,7 +48,8 @@ from tqdm import tqdm
 
 import cablepod as cp
 from cablepod import condensed, pod_normal, shipped
-from cablepod.condensed_model import ORDERS, model_of
+from cablepod.condensed_make import model_of
+from cablepod.condensed_model import ORDERS
 from cablepod.parameters import parameters
 from cablepod.stepping import motion_scale
 

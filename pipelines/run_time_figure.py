@@ -39,10 +39,10 @@ def draw(result: xr.Dataset) -> plt.Figure:
         layout="constrained",
         squeeze=False,
     )
-    axes = list(grid.flat)
+    axes, shown = list(grid.flat), {}
     for ax, name in zip(axes, names, strict=False):
         cp.plots.error_against_run_time(result, scene=name, ax=ax)
-        handles, labels = ax.get_legend_handles_labels()
+        shown |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
         ax.get_legend().remove()
         several = "," in str(result["trained_on"].sel(scene=name).values)
         ax.set_title(f"{TITLES[name]}; modes from " + ("Examples 2 to 4" if several else "itself"), fontsize=10)
@@ -53,7 +53,7 @@ def draw(result: xr.Dataset) -> plt.Figure:
     for ax in axes[len(names) :]:
         ax.axis("off")
     if len(axes) > len(names):
-        axes[-1].legend(handles, labels, fontsize=10, loc="upper center")
+        axes[-1].legend(list(shown.values()), list(shown), fontsize=8, labelspacing=0.35, loc="upper center")
         said = (
             "× at 1 %, 0.1 %, 0.01 %: time of the front\n"
             "of full models over that of reduced ones.\n"
@@ -61,7 +61,7 @@ def draw(result: xr.Dataset) -> plt.Figure:
         )
         axes[-1].text(0.5, 0.02, said, ha="center", va="bottom", fontsize=9, transform=axes[-1].transAxes)
     else:
-        axes[-1].legend(handles, labels, fontsize=7, loc="lower left")
+        axes[-1].legend(list(shown.values()), list(shown), fontsize=7, loc="lower left")
     return figure
 
 
@@ -89,6 +89,24 @@ def markdown(rows: list[dict[str, Any]]) -> str:
         cells.append("" if of is None else f"{float(of['offline_time']):.2g} s")
         cells += ["" if np.isnan(row[key]) else f"{row[key]:.3g}" for key in ("ratio", "call_ratio")]
         lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def markdown_trained(rows: list[dict[str, Any]]) -> str:
+    """Write the table of the best models with trained test functions, where there are any."""
+    lines = [
+        "| scene | error | best with trained test functions | kernel, call | offline | kernels: full over trained |"
+    ]
+    lines.append("| --- " * 6 + "|")
+    for row in rows:
+        of = row["best"]["trained"]
+        if of is not None:
+            cells = [
+                TITLES[row["scene"]], "≤ " + percent(row["level"]), f"{of['name'].values!s}, {float(of['step']):.3g} s",
+                f"{_milliseconds(of['kernel_time'])}, {_milliseconds(of['call_time'])} ms", f"{float(of['offline_time']):.2g} s",
+                "" if np.isnan(row["trained_ratio"]) else f"{row['trained_ratio']:.3g}",
+            ]  # fmt: skip
+            lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 

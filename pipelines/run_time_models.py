@@ -52,6 +52,8 @@ RANKS = (1, 2, 3, 4, 6, 8, 10)
 STEPS = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
 #: Elements of the truth, of order 7, and its step over the stability limit: 16 elements differ by less than 5e-7 of the motion.
 ELEMENTS, SHARE = 12, 0.8
+#: Test functions are trained against the cable in so many elements, with runs of such a time error.
+LEARNED, LEARNING_TOLERANCE = 4, 1e-4
 #: Quasi-static sequences are given at so many places.
 PLACES = 41
 
@@ -130,8 +132,8 @@ def from_file(name: str, truth: Truth, times: np.ndarray) -> float:
 class Training:
     """Modes by layout and number of links, with what they cost [s]."""
 
-    modes: dict[tuple[str, int], xr.Dataset]
-    seconds: dict[tuple[str, int], float]
+    modes: dict[tuple[Any, ...], xr.Dataset]
+    seconds: dict[tuple[Any, ...], float]
 
 
 def trained_on(scenes: list[xr.Dataset], sizes: tuple[int, ...], rank: int) -> Training:
@@ -154,6 +156,24 @@ def trained_on(scenes: list[xr.Dataset], sizes: tuple[int, ...], rank: int) -> T
     return found
 
 
+def learn(training: Training, given: xr.Dataset, tried: list[Setting], times: np.ndarray) -> None:
+    """Train test functions on the scene itself, against the continuous cable on the particles of the modes, for some settings."""
+    for setting in tried:
+        key = basis(setting)
+        if setting.family != "trained" or key in training.modes:
+            continue
+        begin = time.perf_counter()
+        mesh = mesh_of(parameters(given), LEARNED)
+        step = 1.0 / stepping.preferred_rate(mesh.highest_frequency(1.0) / (2.0 * SHARE))
+        cable = cp.cable.simulate(given, elements=LEARNED, step=step, times=times, points=setting.size + 1)
+        with contextlib.suppress(cp.SceneError):  # points of quadrature too few for the modes
+            training.modes[key] = cp.oblique.train(
+                given, cable, training.modes["normal", setting.size], rank=setting.rank, order=setting.order,
+                quadrature=setting.points or None, tolerance=LEARNING_TOLERANCE,
+            )  # fmt: skip
+        training.seconds[key] = training.seconds["normal", setting.size] + time.perf_counter() - begin
+
+
 # --- settings ---------------------------------------------------------------------------------------------------------
 
 
@@ -161,7 +181,7 @@ def trained_on(scenes: list[xr.Dataset], sizes: tuple[int, ...], rank: int) -> T
 class Setting:
     """One model with all its options; an explicit full model's step is a share of its stability limit."""
 
-    family: str  #: "full", "reduced" or "quasi-static"
+    family: str  #: "full", "reduced", "trained" (condensed with trained test functions) or "quasi-static"
     model: str
     scheme: str
     size: int  #: links of a chain or of the one trained on, elements of a cable
@@ -176,10 +196,10 @@ class Setting:
         """What it is called in tables."""
         what = {"chain": "n", "cable": "elements"}.get(self.model, "trained with n")
         parts = [
-            self.model,
+            "condensed, trained" if self.model == "trained" else self.model,
             f"order {self.order}" if self.model == "cable" else self.order,
             f"r = {self.rank}" if self.rank else "",
-            f"{what} = {self.size}" if self.size else "",
+            f"{'n' if self.model == 'trained' else what} = {self.size}" if self.size else "",
             f"{self.points} points" if self.points else "",
         ]
         return ", ".join(part for part in [*parts, self.scheme.replace("_", " ")] if part)
@@ -206,7 +226,7 @@ def settings(*, quick: bool) -> list[Setting]:
         for r in ((2,) if quick else (1, 2, 3, 4, 6, 8))
         for share in (0.8, 0.3)
     ]
-    return found + _condensed(quick)
+    return found + _condensed(quick) + _trained(quick)
 
 
 def _condensed(quick: bool) -> list[Setting]:
@@ -237,6 +257,30 @@ def _condensed(quick: bool) -> list[Setting]:
             for h in steps
         ]
     return found
+
+
+def _trained(quick: bool) -> list[Setting]:
+    explicit, implicit = "velocity_verlet", "trapezoidal"
+    if quick:
+        return [Setting("trained", "trained", explicit, 40, "leading", 2, step=h) for h in (0.1, 0.05)]
+    return [
+        Setting("trained", "trained", scheme, 160, order, rank, points, step=h)
+        for order, points, scheme, ranks, steps in (
+            ("leading", 0, explicit, (1, 2, 3, 4, 6), (0.25, *(h for h in STEPS if h <= 0.2))),
+            ("leading", 0, implicit, (1, 2, 3, 4, 6), STEPS[:-2]),
+            ("exact", 16, explicit, (2, 3, 4, 6), (0.1, 0.05, 0.02, 0.01)),
+            ("exact", 16, implicit, (2, 3, 4, 6), (2.0, 1.0, 0.5, 0.2, 0.1)),
+        )
+        for rank in ranks
+        for h in steps
+    ]
+
+
+def basis(setting: Setting) -> tuple[Any, ...]:
+    """Return what a setting's modes are known by in a Training."""
+    if setting.model == "trained":
+        return "trained", setting.size, setting.order, setting.rank, setting.points
+    return {"Galerkin": "separate", "condensed": "normal"}.get(setting.model, ""), setting.size
 
 
 def limit_of(given: xr.Dataset, setting: Setting, training: Training) -> float:
@@ -271,7 +315,7 @@ def job_of(given: xr.Dataset, setting: Setting, step: float, training: Training)
     options["rank"] = setting.rank
     if setting.model == "Galerkin":
         return partial(cp.galerkin.simulate, given, training.modes["separate", setting.size], law="green", **options)
-    modes = training.modes["normal", setting.size]
+    modes = training.modes[basis(setting)]
     if setting.points:
         options["quadrature"] = setting.points
     return partial(cp.condensed.simulate, given, modes, order=setting.order, **options)

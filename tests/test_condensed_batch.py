@@ -11,7 +11,7 @@ from conftest import spatial
 import cablepod as cp
 from cablepod import condensed_batch, condensed_many, members, training
 from cablepod.columns import Columns
-from cablepod.condensed_model import model_of
+from cablepod.condensed_make import model_of
 from cablepod.parameters import Members, load_plane, parameters_of_members
 
 STEP = 2e-3

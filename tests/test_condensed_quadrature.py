@@ -8,7 +8,7 @@ import xarray as xr
 
 import cablepod as cp
 from cablepod import elements
-from cablepod.condensed_model import model_of
+from cablepod.condensed_make import model_of
 from cablepod.parameters import parameters
 
 TIMES = np.arange(0.0, 10.1, 0.5)

@@ -11,7 +11,8 @@ from conftest import spatial
 
 import cablepod as cp
 from cablepod import condensed_output
-from cablepod.condensed_model import ORDERS, model_of
+from cablepod.condensed_make import model_of
+from cablepod.condensed_model import ORDERS
 from cablepod.parameters import parameters
 from cablepod.trust import OutOfRangeWarning
 

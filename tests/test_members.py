@@ -13,7 +13,7 @@ from test_condensed import everything
 import cablepod as cp
 from cablepod import members
 from cablepod.condensed_batch import alike, sibling
-from cablepod.condensed_model import model_of
+from cablepod.condensed_make import model_of
 from cablepod.parameters import parameters
 from cablepod.trust import OutOfRangeWarning
 

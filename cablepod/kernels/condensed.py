@@ -165,6 +165,16 @@ def _push(q, rows, at, h, squares, bends, pushes, f):
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _turn(q, h, grips, f):
+    """Add to accelerations f what test functions that are not the modes feel of the tension beside `squares`."""
+    for i in range(q.size):
+        total = 0.0
+        for j in range(q.size):
+            total += grips[i, j] * q[j]
+        f[i] -= h * total
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _look(begin, at, q, rows, h, squares, norms, knots, stiffness, length, watch):
     """Keep the least chordwise force with its step, the largest square of a frequency, the first step where it is too large."""
     least = np.inf
@@ -224,7 +234,7 @@ def _link_tensions(q, rows, at, h, slopes, plane, taus, work, low, high):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def leading_verlet(
-    q, v, step, decay, kick, rows, stiffness, length, squares, means, bends, pushes, norms, knots,
+    q, v, step, decay, kick, rows, stiffness, length, squares, grips, means, bends, pushes, norms, knots,
     slopes, plane, taus, begin, marks, saved, halves, low, high, watch, series,
 ):  # fmt: skip
     """Velocity Verlet (velocities at half steps) over the rows, to leading order.
@@ -241,6 +251,8 @@ def leading_verlet(
         K [N] and L0 [m].
     squares, means, bends, pushes
         Coefficients: (r,), (patterns,), (patterns, r, r), (patterns times normals, r).
+    grips
+        With test functions that are not the modes: what they feel of the tension beside `squares` (r, r); None without.
     norms, knots
         Norms of `bends` (patterns,); chordwise force of the patterns where it may be least (patterns, knots).
     slopes, plane, taus
@@ -260,6 +272,8 @@ def leading_verlet(
     for i in range(rows.shape[0]):
         h = _tension(q, rows, i, squares, means, stiffness, length)
         _push(q, rows, i, h, squares, bends, pushes, f)
+        if grips is not None:
+            _turn(q, h, grips, f)
         _look(begin, i, q, rows, h, squares, norms, knots, stiffness, length, watch)
         if low.size < FEW:
             for j in range(low.size):
@@ -340,21 +354,29 @@ def _leading_tangent(q, rows, at, h, squares, bends, stiffness, length, tangent)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def leading_force(q, rows, at, stiffness, length, squares, means, bends, pushes, f, tangent):
+def leading_force(q, rows, at, stiffness, length, squares, grips, means, bends, pushes, f, tangent):
     """Accelerations, their tangent and H for one state; used to look for equilibria."""
     h = _tension(q, rows, at, squares, means, stiffness, length)
     _push(q, rows, at, h, squares, bends, pushes, f)
     _leading_tangent(q, rows, at, h, squares, bends, stiffness, length, tangent)
+    if grips is not None:
+        _turn(q, h, grips, f)
+        for i in range(q.size):
+            total = 0.0
+            for j in range(q.size):
+                total += grips[i, j] * q[j]
+            for j in range(q.size):
+                tangent[i, j] += h * grips[i, j] + stiffness / length * total * squares[j] * q[j]
     return h
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def leading_rest(q, rows, stiffness, length, squares, means, bends, pushes):
+def leading_rest(q, rows, stiffness, length, squares, grips, means, bends, pushes):
     """Change q into the equilibrium near it by Newton's method; False where it fails, or ends at another one."""
     f, tangent, first = np.empty(q.size), np.empty((q.size, q.size)), q.copy()
     size = np.abs(q).max()
     for _ in range(2 * MOST):
-        leading_force(q, rows, 0, stiffness, length, squares, means, bends, pushes, f, tangent)
+        leading_force(q, rows, 0, stiffness, length, squares, grips, means, bends, pushes, f, tangent)
         if not _solve(tangent, f):
             return False
         change, largest = 0.0, 0.0
@@ -399,7 +421,7 @@ def leading_starts(
     f, tangent, row = np.empty(r), np.empty((r, r)), np.empty((1, 1 + patterns * dims))
     still, nothing, points = np.zeros(second.shape[1:]), np.zeros((dims, 1)), np.empty((0, dims, 1))
     for m in range(members):
-        about = stiffness[m], length[m], squares[m], means[m], bends[m], pushes[m]
+        about = stiffness[m], length[m], squares[m], None, means[m], bends[m], pushes[m]
         frames(ends[m], still, load[m], points, reference[m], mass[m], row)
         for i in range(r):
             q[m, i] = row[0, 1 + patterns * (1 if i < plane else 2)] * bow[m, i]
@@ -454,9 +476,9 @@ def leading_members(
             continue
         frames(ends[m], second[m], load[m], points, reference[m], mass[m], rows)
         leading_verlet(
-            q[m], v[m], step, decay[m], kick[m], rows, stiffness[m], length[m], squares[m], means[m], bends[m], pushes[m],
-            norms[m], knots[m], slopes[m], plane, taus[m], begin, marks[first:last], saved[m, first:last], halves, low[m],
-            high[m], watch[m], series[m, first:last],
+            q[m], v[m], step, decay[m], kick[m], rows, stiffness[m], length[m], squares[m], None, means[m], bends[m],
+            pushes[m], norms[m], knots[m], slopes[m], plane, taus[m], begin, marks[first:last], saved[m, first:last], halves,
+            low[m], high[m], watch[m], series[m, first:last],
         )  # fmt: skip
         for i in range(q.shape[1]):
             good[m] = good[m] and abs(q[m, i]) < bound[m]
@@ -464,7 +486,7 @@ def leading_members(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def leading_implicit(
-    q, v, acc, step, damping, rows, stiffness, length, squares, means, bends, pushes, norms, knots,
+    q, v, acc, step, damping, rows, stiffness, length, squares, grips, means, bends, pushes, norms, knots,
     slopes, plane, taus, begin, marks, saved, halves, low, high, watch,
 ):  # fmt: skip
     """Trapezoidal rule (average acceleration) with Newton's method; `v` and `acc` are those of the first row.
@@ -525,9 +547,15 @@ def leading_implicit(
             for j in range(r):
                 own = held + quarter * h * squares[j]
                 left, sag = fixed[j] - own * q[j], 2.0 * quarter * grows * squares[j] * q[j]
+                if grips is not None:
+                    for k in range(r):
+                        left -= quarter * h * grips[j, k] * q[k]
+                        sag += 2.0 * quarter * grows * grips[j, k] * q[k]
                 for k in range(r):
                     left -= bent[j, k] * q[k]
                     tangent[j, k] = bent[j, k] + sag * squares[k] * q[k]
+                    if grips is not None:
+                        tangent[j, k] += quarter * h * grips[j, k]
                 change[j] = left
                 tangent[j, j] += own
             if not _solve(tangent, change):
@@ -541,7 +569,11 @@ def leading_implicit(
                 q[j] += change[j]
                 largest = max(largest, abs(change[j]))
             for j in range(r):
-                left = max(left, squares[j] * abs(across * change[j] + 0.5 * along * q[j]))
+                total = squares[j] * (across * change[j] + 0.5 * along * q[j])
+                if grips is not None:
+                    for k in range(r):
+                        total += grips[j, k] * (across * change[k] + 0.5 * along * q[k])
+                left = max(left, abs(total))
             gain = min(largest / before, 1.0)
             if min(2.0 * quarter * grows * left, largest * gain * gain) <= CLOSE * size:
                 ended = True
@@ -656,7 +688,7 @@ def _carry(stretching, h, inertia, momentum):
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath=LOOSE, forceinline=True)
 def exact_force(
-    q, v, rows, at, slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed, lever, f,
+    q, v, rows, at, slopes, tests, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed, lever, f,
     tangent, mass,
 ):  # fmt: skip
     """Accelerations f of the coordinates with the chordwise stretch as it is; H on return, not finite where there is none.
@@ -669,6 +701,8 @@ def exact_force(
         See :func:`frames`; which of them.
     slopes, plane, taus, h, stiffness, green, pushes
         As in :func:`leading_verlet` and :func:`_close`, at the points of quadrature (m,).
+    tests
+        Slopes of the test functions (r, m) where they are not the modes; None otherwise.
     inertia
         Masses [kg] of the particles above the links and their relative arc lengths (2, m); at points of quadrature the mass
         matrix of stretching (m, m) [kg m^2]; or without entries: no chordwise inertia.
@@ -701,8 +735,12 @@ def exact_force(
     for i in range(r):
         k = 0 if i < plane else 1
         total = 0.0
-        for j in range(m):
-            total += work[3, j] * slopes[i, j] * slope[k, j]
+        if tests is None:
+            for j in range(m):
+                total += work[3, j] * slopes[i, j] * slope[k, j]
+        else:
+            for j in range(m):
+                total += work[3, j] * tests[i, j] * slope[k, j]
         f[i] = -total
     patterns = taus.shape[0]
     for a in range(pushes.shape[0]):
@@ -725,13 +763,24 @@ def exact_force(
         for j in range(m):
             work[3, j] *= 1.0 + speed[1, j] * work[4, j] / z[j]
         for i in range(r):
-            for j in range(i + 1):
-                total = 0.0
-                if (i < plane) == (j < plane):
-                    for k in range(m):
-                        total += work[3, k] * slopes[i, k] * slopes[j, k]
-                tangent[i, j] = total + mass[i, i] * mass[j, j] * give
-                tangent[j, i] = tangent[i, j]
+            if tests is None:
+                for j in range(i + 1):
+                    total = 0.0
+                    if (i < plane) == (j < plane):
+                        for k in range(m):
+                            total += work[3, k] * slopes[i, k] * slopes[j, k]
+                    tangent[i, j] = total + mass[i, i] * mass[j, j] * give
+                    tangent[j, i] = tangent[i, j]
+            else:
+                k, felt = 0 if i < plane else 1, 0.0  # what the test function feels of a change of H
+                for j in range(m):
+                    felt += h[j] * speed[1, j] * slope[k, j] * tests[i, j]
+                for j in range(r):
+                    total = 0.0
+                    if (i < plane) == (j < plane):
+                        for k in range(m):
+                            total += work[3, k] * tests[i, k] * slopes[j, k]
+                    tangent[i, j] = total + felt * mass[j, j]
     if inertia.size:
         for j in range(m):
             speed[0, j] = 0.0
@@ -744,19 +793,27 @@ def exact_force(
         for j in range(m):
             rate = (slope[0, j] * speed[0, j] + slope[1, j] * speed[1, j]) / z[j]
             speed[0, j] = -(speed[0, j] * speed[0, j] + speed[1, j] * speed[1, j] + rate * rate) / z[j]
-        for i in range(r):
-            _carry(lever[i], h, inertia, lever[r + i])
+        if tests is None:
+            for i in range(r):
+                _carry(lever[i], h, inertia, lever[r + i])
+        else:
+            for i in range(r):
+                k = 0 if i < plane else 1
+                for j in range(m):
+                    work[5, j] = -slope[k, j] * tests[i, j] / z[j]
+                _carry(work[5], h, inertia, lever[r + i])
         for i in range(r):
             total = 0.0
             for j in range(m):
                 total += lever[r + i, j] * speed[0, j]
             f[i] -= total
-            for k in range(i + 1):
+            for k in range(i + 1 if tests is None else r):
                 total = 0.0
                 for j in range(m):
                     total += lever[r + i, j] * lever[k, j]
                 mass[i, k] = total
-                mass[k, i] = total
+                if tests is None:
+                    mass[k, i] = total
             mass[i, i] += 1.0
     return force
 
@@ -793,7 +850,7 @@ def _observe(begin, at, q, rows, force, work, squares, norms, stiffness, length,
 @njit(cache=True, error_model="numpy", nogil=True)
 def exact_verlet(
     q, v, acc, step, decay, kick, rows, stiffness, length, squares, pushes, norms,
-    slopes, plane, taus, h, green, inertia, z, begin, marks, saved, halves, low, high, watch,
+    slopes, tests, plane, taus, h, green, inertia, z, begin, marks, saved, halves, low, high, watch,
 ):  # fmt: skip
     """Velocity Verlet over the rows with the chordwise stretch as it is; `acc` are the accelerations of the last step.
 
@@ -811,8 +868,8 @@ def exact_verlet(
         guess, force = watch[6], np.nan
         for _ in range(2):
             force = exact_force(
-                q, rate, rows, i, slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, ahead, work, slope, speed,
-                lever, f, none, mass,
+                q, rate, rows, i, slopes, tests, plane, taus, h, stiffness, green, pushes, inertia, guess, ahead, work, slope,
+                speed, lever, f, none, mass,
             )  # fmt: skip
             if abs(force) < np.inf:
                 break
@@ -852,7 +909,7 @@ def exact_verlet(
 @njit(cache=True, error_model="numpy", nogil=True)
 def exact_implicit(
     q, v, acc, step, damping, rows, stiffness, length, squares, pushes, norms,
-    slopes, plane, taus, h, green, inertia, z, begin, marks, saved, halves, low, high, watch,
+    slopes, tests, plane, taus, h, green, inertia, z, begin, marks, saved, halves, low, high, watch,
 ):  # fmt: skip
     """Trapezoidal rule with the chordwise stretch as it is; as :func:`leading_implicit` and :func:`exact_verlet`.
 
@@ -873,8 +930,8 @@ def exact_implicit(
             mark += 1
         # once more: of a stiff cable the last correction, however small, is much of the tension
         watch[5] = exact_force(
-            q, v, rows, i, slopes, plane, taus, h, stiffness, green, pushes, none, watch[5], found, work, slope, speed,
-            lever, f, none, mass,
+            q, v, rows, i, slopes, tests, plane, taus, h, stiffness, green, pushes, none, watch[5], found, work, slope,
+            speed, lever, f, none, mass,
         )  # fmt: skip
         _observe(begin, i, q, rows, watch[5], work, squares, norms, stiffness, length, watch)
         if low.size:
@@ -891,8 +948,8 @@ def exact_implicit(
             for j in range(r):
                 rate[j] = 2.0 / step * (q[j] - start[j]) - v[j]
             watch[5] = exact_force(
-                q, rate, rows, i + 1, slopes, plane, taus, h, stiffness, green, pushes, inertia, watch[5], found, work, slope,
-                speed, lever, f, tangent, mass,
+                q, rate, rows, i + 1, slopes, tests, plane, taus, h, stiffness, green, pushes, inertia, watch[5], found, work,
+                slope, speed, lever, f, tangent, mass,
             )  # fmt: skip
             for j in range(r):
                 if not inertia.size:
@@ -980,8 +1037,8 @@ def error_growth(
     quarter = 0.25 * step * step
     for i in range(y.shape[0]):
         guess = exact_force(
-            y[i], rate[i], rows, i, slopes, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed,
-            lever, f, tangent, mass,
+            y[i], rate[i], rows, i, slopes, None, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope,
+            speed, lever, f, tangent, mass,
         )  # fmt: skip
         for j in range(r):
             ahead[j] = error[j] if i == 0 else error[j] + step * v[j] + quarter * a[j]
