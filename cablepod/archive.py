@@ -7,7 +7,6 @@ identical to what was written, plus the attributes of the root that :func:`write
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import functools
 import hashlib
@@ -24,9 +23,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod import provenance
+from cablepod import interrupts, provenance
 from cablepod.archive_ensemble import open_ensemble as open_ensemble  # a name of this module too
-from cablepod.archive_files import LIBRARY, LIBRARY_ERRORS, SCHEMA, ArchiveError, contents, version
+from cablepod.archive_files import LIBRARY_ERRORS, SCHEMA, ArchiveError, alone, contents, version
 from cablepod.archive_files import damaged as _damaged
 from cablepod.archive_files import open_file as _open
 from cablepod.archive_files import restored as _restored
@@ -99,21 +98,19 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
     path = Path(path)
     check_target(path, overwrite=overwrite)
     _check_content(dataset)
-    stamped = _stamped(dataset)
+    is_lazy = any(item.chunks is not None for item in dataset.variables.values())
+    with interrupts.between_tasks(dataset):
+        stamped = _stamped(dataset)
+    # what is computed on the way may need other threads to read
+    library = interrupts.between_tasks(dataset) if is_lazy else alone()
     try:
-        with whole_file(path, check=lambda: check_target(path, overwrite=overwrite)) as part, _alone(stamped):
+        with whole_file(path, check=lambda: check_target(path, overwrite=overwrite)) as part, library:
             stamped.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding_of(stamped))
     except ArchiveError:
         raise
     except LIBRARY_ERRORS as error:
         raise ArchiveError(f"{path}: not written, nothing is left behind: {reason(error, path.parent)}") from error
     return path
-
-
-def _alone(dataset: xr.Dataset) -> contextlib.AbstractContextManager[Any]:
-    """Hold the library while writing; what is computed on the way may need other threads to read."""
-    is_lazy = any(item.chunks is not None for item in dataset.variables.values())
-    return contextlib.nullcontext() if is_lazy else LIBRARY
 
 
 def encoding_of(dataset: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
@@ -356,9 +353,9 @@ def read(path: str | os.PathLike[str], *, chunks: Any = None) -> xr.Dataset:
             raise ArchiveError(f"{path}: reading in chunks needs dask; install it, or read without chunks")
         opened = _open(path, chunks)
         lazy = _restored(opened)
-        lazy.set_close(opened.close)
+        lazy.set_close(interrupts.held()(opened.close))
         return lazy
-    with LIBRARY, _open(path, None) as opened:
+    with alone(), _open(path, None) as opened:
         try:
             return _restored(opened.load())
         except LIBRARY_ERRORS as error:
@@ -394,7 +391,7 @@ def describe(source: xr.Dataset | str | os.PathLike[str]) -> str:
     if isinstance(source, xr.Dataset):
         return "\n".join(_description(source))
     path = Path(source)
-    with LIBRARY, _open(path, None) as opened:
+    with alone(), _open(path, None) as opened:
         try:
             size = f"file      {path} ({path.stat().st_size / 1e6:.3g} MB, schema {opened.attrs['cablepod_schema']})"
             return "\n".join([size, *_description(opened)])

@@ -19,10 +19,10 @@ import numpy as np
 import xarray as xr
 
 from cablepod.archive_files import (
-    LIBRARY,
     LIBRARY_ERRORS,
     SCHEMA,
     ArchiveError,
+    alone,
     damaged,
     opened_file,
     restored,
@@ -97,7 +97,7 @@ def check_batch(folder: Path, manifest: Mapping[str, Any], number: int) -> None:
     if not path.exists():
         raise ArchiveError(f"{path}: is missing; run the ensemble again, which computes what is missing")
     try:
-        with LIBRARY, NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
+        with alone(), NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
             found = {name: file.getncattr(name) for name in ("cablepod_schema", "id") if name in file.ncattrs()}
     except LIBRARY_ERRORS as error:
         raise damaged(path, error) from error
@@ -171,7 +171,7 @@ class _Reader:
             place = slice(first, first + self.cuts[block_id[self.time]])
             shape[self.time - 1] = self.cuts[block_id[self.time]]
         try:
-            with LIBRARY, NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
+            with alone(), NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
                 file.set_auto_maskandscale(False)
                 if self.name not in file.variables:  # all members failed, or none of them has it
                     return np.full((count, *shape), np.nan, self.dtype)

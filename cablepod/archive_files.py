@@ -12,13 +12,22 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import conventions
+from cablepod import conventions, interrupts
 
 SCHEMA = 1  # raised when files change so that an older package would misread them
-#: The netCDF library crashes if two threads are in it, and xarray locks only some of its calls.  Where other threads have to get
-#: in for one to go on, as in writing what dask computes from files, it cannot be held.
-LIBRARY = threading.RLock()
+_LIBRARY = threading.RLock()
 LIBRARY_ERRORS = (OSError, RuntimeError, ValueError, TypeError, KeyError, IndexError, AttributeError)
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Be the only thread in the netCDF library, and let Ctrl-C wait.
+
+    The library crashes if two threads are in it, and xarray locks only some of its calls.  Where other threads have to get in for
+    one to go on, as in writing what dask computes from files, it cannot be held.
+    """
+    with interrupts.held(), _LIBRARY:
+        yield
 
 
 class ArchiveError(ValueError):
@@ -34,7 +43,7 @@ def open_file(path: Path, chunks: Any) -> xr.Dataset:
     if path.stat().st_size == 0:
         raise ArchiveError(f"{path}: is empty; make it again")
     try:
-        with LIBRARY:
+        with alone():
             opened = xr.open_dataset(path, engine="netcdf4", chunks=chunks, decode_times=False, decode_timedelta=False)
     except PermissionError as error:
         raise ArchiveError(f"{path}: no permission to read it; change its permissions") from error
@@ -63,7 +72,7 @@ def version() -> str:
 @contextmanager
 def opened_file(path: Path) -> Iterator[xr.Dataset]:
     """Open a file as :func:`open_file` does, alone with the library until it is closed again."""
-    with LIBRARY, open_file(path, None) as opened:
+    with alone(), open_file(path, None) as opened:
         yield opened
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import ensemble_store, members, provenance, stepping
+from cablepod import ensemble_store, interrupts, members, provenance, stepping
 from cablepod.archive_ensemble import MODES, SCENES, open_ensemble
 from cablepod.archive_files import ArchiveError
 from cablepod.ensemble_design import design
@@ -98,7 +98,7 @@ def run(
         Where members failed.  Other warnings of the members are gathered too, one of each kind.
     """
     plan, inputs = _planned(scenes, model, modes, options, batch)
-    with ensemble_store.opened(path, plan, inputs, overwrite=overwrite) as store:
+    with interrupts.held(), ensemble_store.opened(path, plan, inputs, overwrite=overwrite) as store:
         waiting = store.waiting()
         notes: list[Note] = []
         counted = Progress(progress, store.sizes, set(range(len(store.sizes))) - set(waiting))

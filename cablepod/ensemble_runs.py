@@ -10,11 +10,11 @@ import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
-from cablepod import members
+from cablepod import interrupts, members
 from cablepod.schema import integer, refuse, shown
 from cablepod.stepping import RunStopped
 
@@ -46,22 +46,30 @@ def crew(scheduler: Any, workers: int | None, batches: int) -> Iterator[Crew]:
     SceneError
         For a scheduler that is none, or does not answer in time, or has no worker.
     """
+    with contextlib.ExitStack() as held:
+        with interrupts.held():
+            own = _crew(held, scheduler, workers, batches)
+        try:
+            yield own
+        finally:
+            with interrupts.held():
+                held.close()
+
+
+def _crew(held: contextlib.ExitStack, scheduler: Any, workers: int | None, batches: int) -> Crew:
+    """Get workers that leave when `held` is closed."""
     count = members.cores() if workers is None else integer(least=1, most=4096)("workers", workers)
     if scheduler is None:
-        with _threads(count, batches) as own:
-            yield own
-    elif isinstance(scheduler, str) and scheduler == "processes":
-        with _processes(min(count, max(batches, 1))) as own:
-            yield own
-    elif workers is not None:
+        return held.enter_context(_threads(count, batches))
+    if isinstance(scheduler, str) and scheduler == "processes":
+        return held.enter_context(_processes(min(count, max(batches, 1))))
+    if workers is not None:
         raise refuse("workers", workers, "none with a scheduler of your own, which has its workers")
-    elif isinstance(scheduler, str) and "://" in scheduler:
-        with _reached(scheduler) as client:
-            yield _of(client, scheduler)
-    elif hasattr(scheduler, "get_executor") and hasattr(scheduler, "scheduler_info"):
-        yield _of(scheduler, scheduler)
-    else:
-        raise refuse("scheduler", scheduler, ALLOWED)
+    if isinstance(scheduler, str) and "://" in scheduler:
+        return _of(held.enter_context(_reached(scheduler)), scheduler)
+    if hasattr(scheduler, "get_executor") and hasattr(scheduler, "scheduler_info"):
+        return _of(scheduler, scheduler)
+    raise refuse("scheduler", scheduler, ALLOWED)
 
 
 @contextlib.contextmanager
@@ -139,9 +147,10 @@ class Under:
         self._fill()
 
     def _fill(self, held: int = 0) -> None:
-        while self.rest and len(self.open) + held < self.limit:
-            number = self.rest.popleft()
-            self.open[self.submit(number)] = number
+        with interrupts.held():
+            while self.rest and len(self.open) + held < self.limit:
+                number = self.rest.popleft()
+                self.open[self.submit(number)] = number
 
     def results(self) -> Iterator[tuple[int, Any]]:
         """Yield (number, result) as they come.
@@ -153,8 +162,7 @@ class Under:
         """
         try:
             while self.open:
-                done, _ = wait(self.open, return_when=FIRST_COMPLETED)
-                for future in done:
+                for future in interrupts.wait(self.open):
                     yield self.open.pop(future), self.result(future)
                     self._fill()
         finally:
@@ -167,8 +175,7 @@ class Under:
         try:
             while order:
                 while order[0] not in ready:
-                    done, _ = wait(self.open, return_when=FIRST_COMPLETED)
-                    ready |= {self.open.pop(future): self.result(future) for future in done}
+                    ready |= {self.open.pop(future): self.result(future) for future in interrupts.wait(self.open)}
                     self._fill(len(ready))
                 yield ready.pop(order.popleft())
                 self._fill(len(ready))
@@ -187,9 +194,10 @@ class Under:
 
     def cancel(self) -> None:
         """Begin nothing more."""
-        for future in self.open:
-            future.cancel()
-        self.open = {}
+        with interrupts.held():
+            for future in self.open:
+                future.cancel()
+            self.open = {}
 
 
 class Progress:

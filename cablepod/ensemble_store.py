@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import archive, archive_ensemble, provenance
+from cablepod import archive, archive_ensemble, interrupts, provenance
 from cablepod.archive_ensemble import MANIFEST, MODES, SCENES, file_of
 from cablepod.archive_files import SCHEMA, ArchiveError, version
 from cablepod.schema import shown
@@ -75,6 +75,7 @@ class Store:
         faults = []
         done = self.manifest["done"]
         for number in range(len(self.sizes)):
+            interrupts.check()
             path = self.folder / file_of(number)
             if not path.exists():
                 done.pop(str(number), None)

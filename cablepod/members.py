@@ -11,7 +11,6 @@ import os
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, NamedTuple, TypeVar, cast
@@ -19,7 +18,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 import xarray as xr
 
-from cablepod import provenance
+from cablepod import interrupts, provenance
 from cablepod.conventions import ATTRIBUTE_UNITS, label
 from cablepod.parameters import check_bytes
 from cablepod.schema import SceneError
@@ -263,17 +262,7 @@ def _side_by_side(chunk: Callable[[int], None], starts: range, workers: int, hal
         for first in starts:
             chunk(first)
         return
-    with ThreadPoolExecutor(workers) as pool:
-        futures = [pool.submit(chunk, first) for first in starts]
-        try:
-            wait(futures, return_when=FIRST_EXCEPTION)
-        finally:  # after Ctrl-C too, what has not begun does not begin, and what has soon ends
-            halted.set()
-            pool.shutdown(wait=False, cancel_futures=True)
-    errors = [error for future in futures if not future.cancelled() and (error := future.exception())]
-    if errors:
-        cause = next((error for error in errors if not isinstance(error, StoppedError)), errors[0])
-        raise cause
+    interrupts.over(chunk, starts, workers, ended=halted.set)
 
 
 def join(stack: Stack, scene: xr.Dataset, coords: Any) -> xr.Dataset:

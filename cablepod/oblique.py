@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import pod, pod_normal, provenance, schema, snapshots, stepping, training
+from cablepod import interrupts, pod, pod_normal, provenance, schema, snapshots, stepping, training
 from cablepod.condensed_make import TEST, model_of
 from cablepod.condensed_model import Model
 from cablepod.condensed_runs import Options, solve
@@ -337,12 +336,9 @@ def _improved(
 
         def slope(x: np.ndarray, measure: Callable[[np.ndarray], np.ndarray] = measure) -> np.ndarray:
             base = measure(x)
-            pool = ThreadPoolExecutor(cores())  # compiled loops let others run beside them
-            try:
-                shifted = pool.map(lambda unit: (measure(x + SHIFT * unit) - base) / SHIFT, np.eye(x.size))
-                return np.stack(list(shifted), axis=1)
-            finally:
-                pool.shutdown(cancel_futures=True)  # Ctrl-C waits for the runs at hand only
+            # compiled loops let others run beside them
+            shifted = interrupts.over(lambda unit: (measure(x + SHIFT * unit) - base) / SHIFT, np.eye(x.size), cores())
+            return np.stack(shifted, axis=1)
 
         if not start.count:
             continue

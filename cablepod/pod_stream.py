@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import decompositions, pod_normal, provenance, schema, training
+from cablepod import decompositions, interrupts, pod_normal, provenance, schema, training
 from cablepod import snapshots as reading
 from cablepod.chord import Frame
 from cablepod.conventions import label
@@ -153,6 +153,10 @@ class Stream:
             For other particles than before, and positions that are missing or not finite; the stream is then as it was
             before.
         """
+        with interrupts.between_tasks(snapshots):
+            return self._updated(snapshots)
+
+    def _updated(self, snapshots: xr.Dataset) -> Stream:
         position = reading.position_of(snapshots)
         sigma = relative_arc_length(snapshots)
         dims, width = position.sizes["coordinate"], sigma.size - 2
@@ -295,13 +299,8 @@ def _share_out(shared: list[list[Accumulator]], block: np.ndarray, how: tuple[An
     if len(shared) == 1:
         _count_in(shared[0], block, how)
         return
-    from concurrent.futures import ThreadPoolExecutor  # only who reads files needs it
-
-    with ThreadPoolExecutor(len(shared), thread_name_prefix="cablepod-sums") as executor:
-        parts = np.array_split(block, len(shared))
-        jobs = [executor.submit(_count_in, sums, part, how) for sums, part in zip(shared, parts, strict=True)]
-        for job in jobs:
-            job.result()
+    parts = list(zip(shared, np.array_split(block, len(shared)), strict=True))
+    interrupts.over(lambda part: _count_in(part[0], part[1], how), parts, len(shared))
 
 
 def _count_in(sums: list[Accumulator], block: np.ndarray, how: tuple[Any, ...]) -> None:

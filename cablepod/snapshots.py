@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import pod_normal
+from cablepod import interrupts, pod_normal
 from cablepod.schema import SceneError
 
 #: Bytes of chunks that are computed together, and of the largest chunk that is computed while another is in use.
@@ -174,15 +174,19 @@ def blocks(position: xr.DataArray) -> Iterator[np.ndarray]:
     if not is_lazy(position):
         yield position.values.reshape(-1, *shape)
         return
-    from concurrent.futures import ThreadPoolExecutor  # only who reads files needs it
+    from concurrent.futures import ThreadPoolExecutor
 
     jobs, ahead = _jobs(position.data.rechunk({position.ndim - 2: -1, position.ndim - 1: -1}))
     with ThreadPoolExecutor(1, thread_name_prefix="cablepod-read") as executor:
-        coming = executor.submit(jobs[0]) if jobs else None
+        coming = None
         for number in range(len(jobs)):
-            ready = coming.result() if coming is not None else jobs[number]()
-            more = ahead and number + 1 < len(jobs)
-            coming = executor.submit(jobs[number + 1]) if more else None
+            interrupts.check()
+            with interrupts.held():
+                if coming is not None:
+                    interrupts.wait([coming])
+                ready = coming.result() if coming is not None else jobs[number]()
+                more = ahead and number + 1 < len(jobs)
+                coming = executor.submit(jobs[number + 1]) if more else None
             while ready:  # what has been used may go
                 yield np.asarray(ready.pop(0)).reshape(-1, *shape)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
 import time
 
@@ -11,7 +13,7 @@ import xarray as xr
 from conftest import spatial
 
 import cablepod as cp
-from cablepod import chain_many, members
+from cablepod import chain_many, interrupts, members
 from cablepod.runs import Run
 from cablepod.verlet import March, VerletRun
 
@@ -286,13 +288,14 @@ def test_ctrl_c_ends_the_blocks_of_other_threads(soft, monkeypatch):
         halted.wait(10.0)  # until the main thread has been told
         return self.sound
 
-    def interrupted(*_, **__):
+    def press():
         begun.wait(10.0)
-        threading.Timer(0.05, halted.set).start()
-        raise KeyboardInterrupt
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(2.0 * interrupts.LOOK_EVERY)
+        halted.set()
 
     monkeypatch.setattr(March, "advance", advance)
-    monkeypatch.setattr(members, "wait", interrupted)
+    threading.Thread(target=press).start()
     with members.threads(2), pytest.raises(KeyboardInterrupt):
         cp.chain.simulate(scenes, step=5e-4)
     assert done in ([0], [0, 0])  # the blocks that were under way

@@ -17,7 +17,7 @@ PACKAGE = Path(cp.__file__).parent
 
 # Each module may import from those before it.
 ORDER = (
-    "conventions", "provenance", "kernels", "motion", "schema", "ranges", "parameters", "columns", "records",
+    "interrupts", "conventions", "provenance", "kernels", "motion", "schema", "ranges", "parameters", "columns", "records",
     "scene_limits", "scene", "stepping",
     "members", "ensemble_design", "catenary", "training", "links", "runs", "verlet", "implicit",
     "chain_start", "chain_runs", "chain_many", "chain", "elements",

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
-from cablepod import catenary, chain, compare, galerkin, pod, provenance
+from cablepod import catenary, chain, compare, galerkin, interrupts, pod, provenance
 from cablepod.conventions import label
 from cablepod.shipped import scene, table
 from cablepod.stepping import RunStopped
@@ -78,8 +77,7 @@ def table2(*, starts: Sequence[str] = tuple(STARTS), workers: int = 2) -> xr.Dat
     printed = np.stack([rows[f"singular_value_{axis}_m"] for axis in "xy"])
     printed_share = np.stack([rows[f"cumulative_share_{axis}_percent"] for axis in "xy"]) / 100.0
     count = printed.shape[1]
-    with ThreadPoolExecutor(workers) as pool:
-        studies = list(pool.map(study, starts))
+    studies = interrupts.over(study, starts, workers)
     values = np.stack([item.modes["singular_value"].values for item in studies])
     squares = values**2
     samples = studies[0].modes.attrs["number_of_snapshots"]
@@ -155,8 +153,7 @@ def example3_share(*, steps: Sequence[float] = SWAPPED_STEPS, workers: int = 2) 
         except RunStopped:  # too long a step for links that snap taut
             return np.full(2, np.nan)
 
-    with ThreadPoolExecutor(workers) as pool:
-        shares = list(pool.map(of_step, steps))
+    shares = interrupts.over(of_step, steps, workers)
     result = xr.Dataset(
         {
             "example3_share_equilibrium": ("coordinate", share(study("example3").modes)),
@@ -224,10 +221,9 @@ def errors(
         ``reduced_error_six``: the largest at the instants of Figure 7, ``projection_error``: what merely projecting the chain on
         the modes loses, all alike; ``scene_unstretched_length (scene)`` [m], ``scene_smallest_tension (scene)`` [N].
     """
-    worst, at45, six, projected = np.empty((4, len(scenes), len(ranks)))
 
-    def one(i: int, j: int) -> tuple[float, ...]:
-        item, rank = studies[i], ranks[j]
+    def one(place: tuple[int, int]) -> tuple[float, ...]:
+        item, rank = studies[place[0]], ranks[place[1]]
         jolted = any(str(name).startswith("initial") for name in item.scene.variables)
         tolerance = JOLTED_TOLERANCE if jolted else ERROR_TOLERANCE
         run = galerkin.simulate(item.scene, item.modes, rank=rank, tolerance=tolerance)
@@ -237,15 +233,16 @@ def errors(
         at_six = error["error"].sel(time=list(INSTANTS)).max()
         return float(error["error_max"]), float(error["error"].sel(time=45.0)), float(at_six), float(back["error_max"])
 
-    with ThreadPoolExecutor(workers) as pool:
-        studies = list(pool.map(study, scenes))
-        # the largest models take longest: they begin
-        jobs = {pool.submit(one, i, j): (i, j) for j in reversed(range(len(ranks))) for i in range(len(scenes))}
-        for done, job in enumerate(as_completed(jobs)):
-            place = jobs[job]
-            worst[place], at45[place], six[place], projected[place] = job.result()
-            if progress is not None:
-                progress((done + 1) / len(jobs))
+    def tell(done: int) -> None:
+        if progress is not None:
+            progress(done / len(places))
+
+    studies = interrupts.over(study, scenes, workers)
+    # the largest models take longest: they begin
+    places = [(i, j) for j in reversed(range(len(ranks))) for i in range(len(scenes))]
+    worst, at45, six, projected = np.empty((4, len(scenes), len(ranks)))
+    for place, found in zip(places, interrupts.over(one, places, workers, done=tell), strict=True):
+        worst[place], at45[place], six[place], projected[place] = found
     result = xr.Dataset(
         {
             "reduced_error": (("scene", "reduced_rank"), worst),

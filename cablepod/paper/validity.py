@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 
 import numpy as np
 import xarray as xr
 
-from cablepod import chain, compare, galerkin, pod, provenance
+from cablepod import chain, compare, galerkin, interrupts, pod, provenance
 from cablepod.conventions import label
 from cablepod.shipped import scene
 from cablepod.stepping import NotConvergedWarning
@@ -85,14 +84,19 @@ def maps(
     cells = [(i, j) for j in reversed(range(len(stiffnesses))) for i in range(len(tensions))]  # the slow ones first
     shape = (len(tensions), len(stiffnesses))
     values = {name: np.full((*shape, len(ranks)) if name in BY_RANK else shape, np.nan) for name in VARIABLES}
-    with warnings.catch_warnings(), ThreadPoolExecutor(workers) as pool:
+
+    def one(cell: tuple[int, int]) -> dict[str, object]:
+        return _cell(base, tensions[cell[0]], stiffnesses[cell[1]], ranks)
+
+    def tell(done: int) -> None:
+        if progress is not None:
+            progress(done / len(cells))
+
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotConvergedWarning)  # the cells that warn are marked
-        jobs = {pool.submit(_cell, base, tensions[i], stiffnesses[j], ranks): (i, j) for i, j in cells}
-        for done, job in enumerate(as_completed(jobs)):
-            for name, value in job.result().items():
-                values[name][jobs[job]] = value
-            if progress is not None:
-                progress((done + 1) / len(cells))
+        for cell, found in zip(cells, interrupts.over(one, cells, workers, done=tell), strict=True):
+            for name, value in found.items():
+                values[name][cell] = value
     result = xr.Dataset(
         {name: ((*PLACE, "validity_rank") if value.ndim > 2 else PLACE, value) for name, value in values.items()},
         coords={

@@ -1,0 +1,225 @@
+"""Ctrl-C comes where no lock is left taken: at the worst places there are, in threads, files, and with handlers of others."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+import cablepod as cp
+from cablepod import interrupts
+
+
+def press():
+    signal.raise_signal(signal.SIGINT)
+
+
+def press_later(seconds=0.3):
+    threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT)).start()
+
+
+@pytest.fixture(autouse=True)
+def nothing_stays_held():
+    before = signal.getsignal(signal.SIGINT)
+    yield
+    assert signal.getsignal(signal.SIGINT) is before
+    assert interrupts._State.before is None
+
+
+@pytest.mark.parametrize(
+    ("steps", "done"),
+    [
+        ("press work", "work"),
+        ("check press work check work", "work"),
+        ("press press work", ""),  # twice: at once
+        ("inner work", "work"),  # it was pressed in a block within this one, which leaves it to this one
+        ("press fail work", ""),
+    ],
+)
+def test_when_it_comes(steps, done):
+    did = []
+
+    def fail():
+        raise ValueError("of the block")
+
+    @interrupts.held()
+    def inner():
+        press()
+
+    does = {"press": press, "check": interrupts.check, "inner": inner, "fail": fail, "work": lambda: did.append("work")}
+
+    @interrupts.held()
+    def block():
+        for step in steps.split():
+            does[step]()
+
+    with pytest.raises(KeyboardInterrupt) as caught:
+        block()
+    assert " ".join(did) == done
+    assert ("of the block" in str(caught.value.__context__)) == ("fail" in steps)
+    with interrupts.held():  # and is forgotten then
+        interrupts.check()
+
+
+def test_whoever_else_is_told_of_it_still_is():
+    told = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: told.append(number))
+    try:
+        with interrupts.held():
+            press()
+            assert not told
+            interrupts.check()
+            assert told == [signal.SIGINT]
+            press()
+        assert told == [signal.SIGINT] * 2
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # as of nohup
+        with interrupts.held():
+            press()
+        assert len(told) == 2
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_other_threads_hold_nothing():
+    def inside():
+        with interrupts.held():
+            interrupts.check()
+            return signal.getsignal(signal.SIGINT)
+
+    before = signal.getsignal(signal.SIGINT)
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(inside).result() is before
+
+
+def test_waiting_ends_with_it():
+    end = threading.Event()
+    with ThreadPoolExecutor(1) as pool:
+        never = pool.submit(end.wait, 60.0)
+        press_later()
+        begin = time.monotonic()
+        with pytest.raises(KeyboardInterrupt):
+            interrupts.wait([never])
+        assert time.monotonic() - begin < 10.0  # of sixty seconds
+        end.set()
+    assert interrupts.wait([never]) == {never}
+
+
+def test_items_in_threads():
+    counts = []
+    assert interrupts.over(lambda x: x**2, range(20), 2, done=counts.append) == [x**2 for x in range(20)]
+    assert counts[-1] == 20
+    assert interrupts.over(abs, [], 2) == []
+
+
+def test_what_has_not_begun_does_not_begin():
+    begun, end = [], threading.Event()
+
+    def work(i):
+        begun.append(i)
+        end.wait(60.0)
+
+    press_later()
+    with pytest.raises(KeyboardInterrupt):
+        interrupts.over(work, range(50), 2, ended=end.set)
+    assert sorted(begun) == [0, 1]
+
+
+def test_the_failure_that_ended_it_is_told():
+    end = threading.Event()
+
+    def work(i):
+        if i == 1:
+            raise ValueError("why")
+        if end.wait(60.0):
+            raise RuntimeError("asked to end")
+
+    with pytest.raises(ValueError, match="why"):
+        interrupts.over(work, range(50), 2, ended=end.set)
+
+
+# --- at the worst places --------------------------------------------------------------------------------------------------
+
+#: Ctrl-C at the n-th place where the main thread has taken a lock that is written in Python, and nothing lets go of it yet.
+WORST = """
+import concurrent.futures._base as base
+import json, signal, sys, threading
+import cablepod as cp
+from conftest import SOFT
+from xarray.backends import locks
+
+count, wanted, main = 0, -1, threading.get_ident()
+
+def after(function):
+    def wrapped(*given):
+        global count
+        result = function(*given)
+        if threading.get_ident() == main:
+            count += 1
+            if count == wanted:
+                signal.raise_signal(signal.SIGINT)
+        return result
+    return wrapped
+
+threading.Condition.__enter__ = after(threading.Condition.__enter__)
+base._AcquireFutures.__enter__ = after(base._AcquireFutures.__enter__)
+locks.CombinedLock.acquire = after(locks.CombinedLock.acquire)
+
+def run(folder):
+    return cp.ensemble.run(scenes, folder, batch=2, step=1e-3)
+
+def handed_over(folder):
+    return [batch["position"].values for batch in cp.ensemble.batches(scenes, batch=2, step=1e-3)]
+
+def chains(folder):
+    return cp.chain.simulate(scenes, step=1e-3)
+
+def files(folder):
+    path = cp.archive.write(one, folder + ".nc", overwrite=True)
+    with cp.archive.read(path, chunks={"time": 5}) as lazy:
+        cp.archive.write(lazy, folder + "-again.nc", overwrite=True)
+        cp.pod.decompose(lazy, rank=2)
+    return cp.archive.read(path)
+
+scenes = cp.ensemble.design(cp.make_scene(SOFT), {"cable.top_tension": [200.0, 300.0]}, members=8)
+one = cp.chain.simulate(cp.make_scene(SOFT), step=1e-3, times=[0.01 * i for i in range(50)])
+told = {}
+for use in (run, handed_over, chains, files):
+    folder, name = sys.argv[1] + "/" + use.__name__, use.__name__
+    count, wanted = 0, -1
+    use(folder + "-whole")
+    places, came = count, 0
+    for n in range(1, places + 1, max(1, places // int(sys.argv[2]))):
+        count, wanted = 0, n
+        try:
+            use(f"{folder}-{n}")
+        except KeyboardInterrupt:
+            came += 1
+        wanted = -1
+        use(f"{folder}-{n}")  # goes on, or begins anew: nothing waits for what was left taken
+    told[name] = [places, came]
+    print(json.dumps(told), flush=True)
+"""
+
+
+def test_at_the_worst_places_it_leaves_nothing_taken(tmp_path):
+    path = os.pathsep.join([str(Path(cp.__file__).parents[1]), str(Path(__file__).parent)])
+    done = subprocess.run(
+        [sys.executable, "-X", "faulthandler", "-c", WORST, str(tmp_path), "12"],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=120,  # it takes some ten seconds; one lock left taken, and it never ends
+    )
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout.splitlines()[-1])
+    for _, came in told.values():
+        assert came > 0
+    assert not list(tmp_path.glob("**/.cablepod-*.part"))
