@@ -25,13 +25,14 @@ class _State:
     """What the main thread's block holds back; no other thread is ever interrupted, or sets this."""
 
     before: Callable[[int, Any], Any] | None = None  #: who is told of Ctrl-C otherwise; None where nothing is held back
-    pressed = False
+    pressed = told = 0  #: how often in this block, and of how many of them somebody was told
 
 
 def _press(number: int, frame: Any) -> None:
     """Note Ctrl-C; whoever presses it a second time does not want to wait."""
-    again, _State.pressed = _State.pressed, not _State.pressed
-    if again and _State.before is not None:
+    _State.pressed += 1
+    if _State.pressed > 1 and _State.before is not None:
+        _State.told = _State.pressed
         _State.before(number, frame)
 
 
@@ -45,7 +46,7 @@ def held() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread() or not callable(before) or before is _press:
         yield
         return
-    _State.before, _State.pressed = before, False
+    _State.before, _State.pressed, _State.told = before, 0, 0
     signal.signal(signal.SIGINT, _press)
     try:
         yield
@@ -65,8 +66,12 @@ def check() -> None:
     KeyboardInterrupt
         As whoever is told of Ctrl-C otherwise does.
     """
-    if _State.pressed and _State.before is not None and threading.current_thread() is threading.main_thread():
-        _State.pressed = False
+    if (
+        threading.current_thread() is threading.main_thread()
+        and _State.before is not None
+        and _State.told < _State.pressed
+    ):
+        _State.told = _State.pressed
         _State.before(signal.SIGINT, None)
 
 
@@ -150,7 +155,7 @@ def over(
     Exception
         What an item raised that failed.
     """
-    with held(), ThreadPoolExecutor(workers) as pool:
+    with held(), ThreadPoolExecutor(workers, thread_name_prefix="cablepod") as pool:
         futures = [pool.submit(function, item) for item in items]
         try:
             failed, ready = False, set[Future[Any]]()

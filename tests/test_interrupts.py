@@ -42,6 +42,8 @@ def nothing_stays_held():
         ("press press work", ""),  # twice: at once
         ("inner work", "work"),  # it was pressed in a block within this one, which leaves it to this one
         ("press fail work", ""),
+        ("press caught press work", ""),  # what ends after the first one need not be waited for
+        ("press caught work press", "work"),
     ],
 )
 def test_when_it_comes(steps, done):
@@ -54,17 +56,28 @@ def test_when_it_comes(steps, done):
     def inner():
         press()
 
-    does = {"press": press, "check": interrupts.check, "inner": inner, "fail": fail, "work": lambda: did.append("work")}
+    def caught():
+        with pytest.raises(KeyboardInterrupt):
+            interrupts.check()
+
+    does = {
+        "press": press,
+        "check": interrupts.check,
+        "inner": inner,
+        "fail": fail,
+        "caught": caught,
+        "work": lambda: did.append("work"),
+    }
 
     @interrupts.held()
     def block():
         for step in steps.split():
             does[step]()
 
-    with pytest.raises(KeyboardInterrupt) as caught:
+    with pytest.raises(KeyboardInterrupt) as error:
         block()
     assert " ".join(did) == done
-    assert ("of the block" in str(caught.value.__context__)) == ("fail" in steps)
+    assert ("of the block" in str(error.value.__context__)) == ("fail" in steps)
     with interrupts.held():  # and is forgotten then
         interrupts.check()
 

@@ -52,7 +52,6 @@ EXCEPTIONS = {
         "SceneError",
         "{key}: given {schema.shown(values)}, at {value:g} no scene: {error}",
     ): "ends with a refusal",
-    ("members.py", "name", "cause"): "the error of the first thread that failed, raised again",
     ("members.py", "subscript", "failed[0][1]"): "the error of the first member, raised again where all failed",
     ("elements.py", "SceneError", "{str(error).replace("): "the chain's message, said of the cable",
     ("runs.py", "RunStopped", "{why}"): "why is what the callers of stop say; they are in this list",
