@@ -9,6 +9,7 @@ snapshots kept as trial functions.  The model has as many unknowns as before; it
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -32,6 +33,9 @@ __all__ = ["train"]
 
 #: Each test function is a sum of so many vibration modes for every mode of the model, and of some more.
 WIDTH, MORE = 2, 4
+#: Parts of the runs over which one after the other is trained: over all of them at once, a model that is out of step late tells
+#: little of why, and the search ends in one of many minima.
+WINDOWS = (0.125, 0.25, 0.5, 0.75, 1.0)
 #: By this a coefficient is changed for a difference: test functions are as large as the modes, so it is small, and what it does
 #: to a run is far above the 1e-11 at which the kernels' searches end.
 SHIFT = 1e-6
@@ -70,6 +74,13 @@ class Lesson:
             left = left + ((part - coordinates[-1] @ basis.T) ** 2).sum(axis=1)
             at += count
         return np.concatenate(coordinates, axis=1), turns, np.sqrt(left)
+
+    def until(self, share: float) -> Lesson:
+        """Return the first part of it, with the scheme and the step of the whole."""
+        count = max(2, round(share * (self.times.size - 1)) + 1)
+        part = replace(self, times=self.times[:count], real=self.real[:, :count])
+        part.__dict__["how"] = self.how
+        return part
 
     def grows(self, tests: tuple[np.ndarray, ...]) -> bool:
         """Whether with these test functions small vibrations about rest grow by more than a factor of e over the run."""
@@ -159,7 +170,7 @@ def train(
     law: str = "linear",
     quadrature: int | None = None,
     tolerance: float = 1e-5,
-    iterations: int = 20,
+    iterations: int = 12,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Train test functions for the condensed model, so that its motion keeps to that of chains.
@@ -180,8 +191,8 @@ def train(
     tolerance
         Wanted time error of the runs that are compared, as a fraction of the motion.
     iterations
-        Most changes of all test functions together, from either start.  Each costs a run of every scene for every coefficient, of
-        which each mode has four more than there are modes.
+        Most changes of all test functions together, from either start and over each of five parts of the runs.  Each costs a run
+        of every scene for every coefficient, of which each mode has four more than there are modes.
     progress
         Called now and then with the part that is done, from 0 to 1.
 
@@ -204,8 +215,9 @@ def train(
     Notes
     -----
     The sum over scenes and instants of the fourth power of the distance is made least by Gauss and Newton's method with trust
-    regions and differences, once from the modes as test functions (Galerkin) and once from vibration modes; the better of both
-    minima counts, which need not be the least of all, unless vibrations about rest would grow.
+    regions and differences, over the first eighth of each run, from there over a quarter and so on to the whole: once from the
+    modes as test functions (Galerkin) and once from vibration modes.  Of what is found the one with the least error counts,
+    which need not be the least of all, unless vibrations about rest would grow.
 
     Trained test functions are no principle of mechanics: what they gain holds near the scenes of training, and far from these
     they are worse than the modes.  ``outside_training``, ``growth_over_run`` and ``error_estimate`` of a run say how it stands.
@@ -310,41 +322,54 @@ def _improved(
     lessons: list[Lesson], iterations: int, progress: Callable[[float], None] | None
 ) -> tuple[tuple[np.ndarray, ...], float, float]:
     """Return the best test functions found, and the largest errors with the modes and with them."""
-    from scipy.optimize import least_squares  # costly to import
+    starts = [start for start in searches(lessons[0].model) if start.count]
+    done, all_runs = 0.0, sum(WINDOWS) * sum(iterations * (start.count + 1) for start in starts)
 
-    starts = searches(lessons[0].model)
-    done, all_runs = 0, sum(iterations * (start.count + 1) for start in starts)
+    def tell(share: float) -> None:
+        nonlocal done
+        done += share
+        if progress is not None:
+            progress(min(done / all_runs, 1.0))
 
     def largest(tests: tuple[np.ndarray, ...]) -> float:
         return max(float(np.linalg.norm(item.errors(tests), axis=1).max()) for item in lessons)
 
     for item in lessons:
         _ = item.how  # a model that breaks down with its own modes says why
-    best, least = starts[0].first, largest(starts[0].first)
-    before = least
+    best = lessons[0].model.modes
+    before = least = largest(best)
     for start in starts:
-
-        def measure(x: np.ndarray, start: Search = start) -> np.ndarray:
-            """Distances squared: the sum of their squares is what is made least."""
-            nonlocal done
+        x = np.zeros(start.count)
+        for share in WINDOWS:
+            x = _fitted(start, x, [item.until(share) for item in lessons], iterations, functools.partial(tell, share))
             tests = start.tests(x)
-            parts = [100.0 * item.errors(tests) for item in lessons]  # in per cent
-            done += 1
-            if progress is not None:
-                progress(min(done / all_runs, 1.0))
-            return np.concatenate([(part * np.linalg.norm(part, axis=1)[:, None]).ravel() for part in parts])
-
-        def slope(x: np.ndarray, measure: Callable[[np.ndarray], np.ndarray] = measure) -> np.ndarray:
-            base = measure(x)
-            # compiled loops let others run beside them
-            shifted = interrupts.over(lambda unit: (measure(x + SHIFT * unit) - base) / SHIFT, np.eye(x.size), cores())
-            return np.stack(shifted, axis=1)
-
-        if not start.count:
-            continue
-        found = least_squares(measure, np.zeros(start.count), jac=slope, max_nfev=iterations, **STOP)
-        tests = start.tests(found.x)
-        after = largest(tests)
-        if after < least and not any(item.grows(tests) for item in lessons):
-            best, least = tests, after
+            after = largest(tests)
+            if after < least and not any(item.grows(tests) for item in lessons):
+                best, least = tests, after
     return best, before, least
+
+
+def _fitted(
+    start: Search, x: np.ndarray, lessons: list[Lesson], iterations: int, tell: Callable[[], None]
+) -> np.ndarray:
+    """Return the numbers that make the sum of fourth powers of the distances least, from `x` on; each run of all is told."""
+    from scipy.optimize import least_squares  # costly to import
+
+    first = start.tests(x)
+    # in their own size, for errors of 1e-6 are worth as much as others
+    size = max(float(np.linalg.norm(item.errors(first), axis=1).max()) for item in lessons) or 1.0
+
+    def measure(x: np.ndarray) -> np.ndarray:
+        """Distances squared: the sum of their squares is what is made least."""
+        tests = start.tests(x)
+        parts = [item.errors(tests) / size for item in lessons]
+        tell()
+        return np.concatenate([(part * np.linalg.norm(part, axis=1)[:, None]).ravel() for part in parts])
+
+    def slope(x: np.ndarray) -> np.ndarray:
+        base = measure(x)
+        # compiled loops let others run beside them
+        shifted = interrupts.over(lambda unit: (measure(x + SHIFT * unit) - base) / SHIFT, np.eye(x.size), cores())
+        return np.stack(shifted, axis=1)
+
+    return np.asarray(least_squares(measure, x, jac=slope, max_nfev=iterations, **STOP).x)

@@ -155,7 +155,7 @@ cp.plots.error_against_run_time(measured, time="call_time");
 
 # %%
 half = chain.isel(time=slice(0, 63))
-trained = cp.oblique.train(scene, half, normal, rank=3, iterations=2 if SMALL else 20)
+trained = cp.oblique.train(scene, half, normal, rank=3, iterations=2 if SMALL else 12)
 runs = {"modes": cp.condensed.simulate(scene, normal, rank=3), "trained on 62 s": cp.condensed.simulate(scene, trained)}
 cp.plots.error_over_time({name: cp.compare.errors(run, chain) for name, run in runs.items()});
 
