@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -174,8 +175,6 @@ def blocks(position: xr.DataArray) -> Iterator[np.ndarray]:
     if not is_lazy(position):
         yield position.values.reshape(-1, *shape)
         return
-    from concurrent.futures import ThreadPoolExecutor
-
     jobs, ahead = _jobs(position.data.rechunk({position.ndim - 2: -1, position.ndim - 1: -1}))
     with ThreadPoolExecutor(1, thread_name_prefix="cablepod-read") as executor:
         coming = None
