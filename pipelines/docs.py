@@ -1,14 +1,13 @@
-"""Write the reference, a page for each public module, from the docstrings, and check it.
+"""Write the reference, a page for each public module, from the docstrings, and check its links.
 
-python pipelines/reference.py [--out FOLDER]
+    python pipelines/docs.py [--out FOLDER]
 
-Needs pdoc (``pip install 'cablepod[docs]'``).  Ends with status 1 where a link leads nowhere, or where a docstring refers to
-something of the package that no page shows.
+Needs pdoc (``pip install 'cablepod[docs]'``).  Ends with status 1 if a link has no target, or if a docstring refers to a name of
+the package without a page.
 """
 
 from __future__ import annotations
 
-import argparse
 import re
 import sys
 from collections.abc import Iterator
@@ -19,18 +18,19 @@ from urllib.parse import unquote, urldefrag
 import pdoc
 import pdoc.doc
 import pdoc.render
+from _study import command_line
 
-#: The package shows the modules that it imports; these are public too but imported by name only.
+#: The package, whose page shows the modules that it imports, and public modules imported by name only.
 MODULES = (
     "cablepod", "cablepod.shipped", "cablepod.training", "cablepod.condensed_estimate", "cablepod.galerkin_estimate",
     "cablepod.streaming",
 )  # fmt: skip
-#: What docstrings refer to: a role and a name, as Sphinx has them.
+#: A reference in a docstring: a role of Sphinx and a name.
 ROLE = re.compile(r":(?:func|class|meth|data|mod|exc):`~?([\w.]+)`")
 
 
 class Page(HTMLParser):
-    """Places and links of a page."""
+    """Anchors and links of a page."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -39,7 +39,7 @@ class Page(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Note what a tag names and where it leads."""
+        """Note the anchor and the links of a tag."""
         for name, value in attrs:
             if name == "id" and value:
                 self.ids.add(value)
@@ -48,7 +48,7 @@ class Page(HTMLParser):
 
 
 def broken_links(folder: Path) -> Iterator[str]:
-    """List links within `folder` that lead nowhere; links to other sites are not followed."""
+    """List links within `folder` without a target; links to other sites are not followed."""
     pages = {path.resolve(): Page(path.read_text(encoding="utf-8")) for path in folder.rglob("*.html")}
     for path, page in pages.items():
         for link in sorted(page.links):
@@ -61,7 +61,7 @@ def broken_links(folder: Path) -> Iterator[str]:
 
 
 def lost_references(shown: dict[str, pdoc.doc.Doc]) -> Iterator[str]:
-    """List names of the package that a shown docstring refers to and no page has."""
+    """List names of the package in docstrings that have no page."""
     for name, item in shown.items():
         for target in ROLE.findall(item.docstring):
             candidates = [
@@ -78,7 +78,7 @@ def lost_references(shown: dict[str, pdoc.doc.Doc]) -> Iterator[str]:
 
 
 def members(module: pdoc.doc.Namespace) -> Iterator[pdoc.doc.Doc]:
-    """Walk through all that a page shows."""
+    """Walk through the items of a page."""
     yield module
     for item in module.own_members:
         if not item.name.startswith("_"):
@@ -88,7 +88,7 @@ def members(module: pdoc.doc.Namespace) -> Iterator[pdoc.doc.Doc]:
 
 
 def write(folder: Path) -> list[str]:
-    """Write all pages; returns what is wrong with them."""
+    """Write all pages; return their faults."""
     pdoc.render.configure(docformat="numpy", footer_text="cablepod")
     pdoc.pdoc(*MODULES, output_directory=folder)
     names = [path.relative_to(folder).with_suffix("").as_posix().replace("/", ".") for path in folder.rglob("*.html")]
@@ -98,10 +98,8 @@ def write(folder: Path) -> list[str]:
 
 
 def main() -> int:
-    """Read the command line, write, and say what is wrong."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--out", type=Path, default=Path("out/reference"), metavar="FOLDER")
-    folder = parser.parse_args().out
+    """Write the pages and print their faults."""
+    folder = command_line(__doc__, out="out/reference").parse_args().out
     faults = write(folder)
     for fault in faults:
         print(fault, file=sys.stderr)

@@ -1,17 +1,19 @@
-"""Draw the pictures of the README: Example 3, Table 2, and where the basis of the chain holds.
+"""Draw the figures of Example 3, of Table 2, and of the range of validity of the chain's modes.
 
-python pipelines/readme_figures.py [FOLDER]
+    python pipelines/paper_figures.py [--out FOLDER]
+
+Writes example3.png, table2.png and validity.png, by default to pipelines/figures.
 """
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import matplotlib as mpl
 
 mpl.use("Agg")
 
+from _study import command_line
 from matplotlib import pyplot as plt
 
 import cablepod as cp
@@ -22,7 +24,7 @@ HERE = Path(__file__).resolve().parent
 
 
 def example3() -> plt.Figure:
-    """Draw Example 3, chain as dots, Galerkin model as lines, and the error over time."""
+    """Draw Example 3: chain as dots, Galerkin model as lines, and the error over time."""
     given = scene("example3")
     chain = cp.chain.simulate(given)
     modes = cp.pod.decompose(chain, rank=8)
@@ -36,11 +38,12 @@ def example3() -> plt.Figure:
 
 
 def main(folder: Path) -> None:
-    """Write the pictures into `folder`."""
+    """Write the figures into `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
     example3().savefig(folder / "example3.png", dpi=90)
     figures.singular_values(examples.table2()).savefig(folder / "table2.png", dpi=75)
     figures.validity(validity.maps()).savefig(folder / "validity.png", dpi=75)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "figures")
+    main(command_line(__doc__, out=HERE / "figures").parse_args().out)

@@ -2,29 +2,17 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from error_vs_runtime import figure, models, run
 
 import cablepod as cp
-
-PIPELINES = str(Path(__file__).resolve().parent.parent / "pipelines")
 
 
 @pytest.fixture(scope="module")
 def pipeline():
-    """The scripts, which find each other by their names as when one of them is run."""
-    sys.path.insert(0, PIPELINES)
-    try:
-        import error_against_run_time
-        import run_time_figure
-        import run_time_models
-
-        yield {"study": error_against_run_time, "models": run_time_models, "figure": run_time_figure}
-    finally:
-        sys.path.remove(PIPELINES)
+    """The modules of the study."""
+    return {"study": run, "models": models, "figure": figure}
 
 
 @pytest.fixture(scope="module")

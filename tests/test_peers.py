@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import importlib.metadata
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+from benchmarks.peers import run as peers
+from benchmarks.peers import solvers as peer_solvers
+from benchmarks.peers import system as peer_system
 from conftest import SOFT
 
 import cablepod as cp
 from cablepod.kernels import implicit as kernel
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "pipelines" / "benchmarks"))
-
-import peer_solvers
-import peer_system
-import peers
 
 
 @pytest.fixture(scope="module")

@@ -2,36 +2,26 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
+import error_budget.model
+import error_budget.run
 import numpy as np
+import prediction.figure
+import prediction.run
+import prediction.scenes
 import pytest
 
 import cablepod as cp
 from cablepod import shipped
 from cablepod.pod_normal import deflections
 
-PIPELINES = str(Path(__file__).resolve().parent.parent / "pipelines")
-
 
 @pytest.fixture(scope="module")
 def pipeline():
-    """The scripts, which find each other by their names as when one of them is run."""
-    sys.path.insert(0, PIPELINES)
-    try:
-        import error_budget
-        import error_budget_model
-        import prediction
-        import prediction_figure
-        import prediction_scenes
-
-        yield {
-            "report": prediction, "scenes": prediction_scenes, "figure": prediction_figure, "budget": error_budget,
-            "switches": error_budget_model,
-        }  # fmt: skip
-    finally:
-        sys.path.remove(PIPELINES)
+    """The modules of both studies."""
+    return {
+        "report": prediction.run, "scenes": prediction.scenes, "figure": prediction.figure, "budget": error_budget.run,
+        "switches": error_budget.model,
+    }  # fmt: skip
 
 
 def test_scenes_are_drawn_over_the_ranges_and_with_both_signs(pipeline):

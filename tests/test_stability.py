@@ -2,38 +2,26 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from stability import cases, figure, run, verdict
 
 import cablepod as cp
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
 
-PIPELINES = str(Path(__file__).resolve().parent.parent / "pipelines")
-
 
 @pytest.fixture(scope="module")
 def pipeline():
-    """The scripts, which find each other by their names as when one of them is run."""
-    sys.path.insert(0, PIPELINES)
-    try:
-        import stability
-        import stability_cases
-        import stability_figure
-        import stability_judge
-
-        yield {
-            "report": stability,
-            "judge": stability_judge,
-            "figure": stability_figure,
-            "cases": {case.name: case for case in stability_cases.cases()},
-        }
-    finally:
-        sys.path.remove(PIPELINES)
+    """The modules of the study and its cases by name."""
+    return {
+        "report": run,
+        "judge": verdict,
+        "figure": figure,
+        "cases": {case.name: case for case in cases.cases()},
+    }
 
 
 SMALL = (

@@ -108,7 +108,7 @@ def stability(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     result
-        What ``pipelines/stability.py`` writes: over (case, scheme) the class ``outcome``, ``error``, ``energy_drift`` and
+        What ``pipelines/stability/run.py`` writes: over (case, scheme) the class ``outcome``, ``error``, ``energy_drift`` and
         ``kept`` [1]; over (case, wanted_error) what came of a tolerance; the names of classes and states as attributes.
     ax
         Axes to draw on; about a quarter of an inch of height for each case keeps the texts apart.
@@ -126,7 +126,7 @@ def stability(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     for name in (*OF_CASES, *OF_TOLERANCES):
         if not isinstance(result, xr.Dataset) or name not in result:
             raise SceneError(
-                f"result: given a {type(result).__name__} without {name}; allowed: what pipelines/stability.py writes"
+                f"result: given a {type(result).__name__} without {name}; allowed: what pipelines/stability/run.py writes"
             )
     headings, rows = _places(result)
     bottom = float(rows[-1]) + 1.0

@@ -78,7 +78,7 @@ def error_against_run_time(
     Parameters
     ----------
     result
-        What ``pipelines/error_against_run_time.py`` writes: over (scene, setting) ``error_max`` [1], ``kernel_time`` and
+        What ``pipelines/error_vs_runtime/run.py`` writes: over (scene, setting) ``error_max`` [1], ``kernel_time`` and
         ``call_time`` [s], ``on_front`` and ``measured_again``; over setting ``model``, ``scheme`` and ``family``; over
         (scene, level) ``time_ratio`` and ``call_ratio``.
     scene
@@ -132,7 +132,7 @@ def error_against_run_time(
 
 
 def _of_scene(result: xr.Dataset, scene: str | None, needed: tuple[str, ...]) -> xr.Dataset:
-    allowed = "what pipelines/error_against_run_time.py writes"
+    allowed = "what pipelines/error_vs_runtime/run.py writes"
     for name in needed:
         if not isinstance(result, xr.Dataset) or name not in result.variables:
             raise SceneError(f"result: given a {type(result).__name__} without {name}; allowed: {allowed}")

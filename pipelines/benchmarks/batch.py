@@ -1,37 +1,38 @@
-"""Many scenes in one call: condensed models of 10 000 cases, and full chains of equal shape.
+"""Time many scenes in one call: condensed models of 10 000 cases, and full chains of equal shape.
 
-    python pipelines/benchmarks/batches.py [--cases 10000] [--chains 64] [--repeats 5]
+    python pipelines/benchmarks/batch.py [--cases 10000] [--chains 64] [--repeats 5]
 
 Condensed: the cable of Example 3 under tensions of 8 to 16 kN, its end moved by 0.01 to 0.1 m at 0.05 to 1 rad/s, 600 s each,
-modes from the chain of Example 3 alone, r = 3, order "leading"; kept are the extremes and, every half second, the tension of the
-top link.  Two errors are taken on some of the cases, of the tension's deviation from its start over the largest such deviation:
-of the step, against a fifth of it, and of the model, against the chain itself (n = 40, tolerance 1e-4).  Memory: the largest of
-the process.
+modes from the chain of Example 3 alone, r = 3, order "leading"; outputs are the extremes and, every half second, the tension of
+the top link.  Two errors of some of the cases, of the tension's deviation from its start over the maximum deviation: that of the
+step, against a fifth of it, and that of the model, against the chain itself (n = 40, tolerance 1e-4).  Memory: the peak of the
+process.
 
 Chains: Example 2 (n = 40, 125 s, step 2.5e-4 s) under different tensions, one call with `member`, in two threads and in one, and
 against the time inside the compiled loop alone.
 
-Times are medians over the repeats, after compilation; BLAS on one thread.  The first line tells what two processes that only
-count do over one: what the machine has to offer.
+Times are medians over the repeats, after compilation; BLAS on one thread.  The first line gives the work of two processes that
+only count over that of one, the limit of the machine.
 """
 
 from __future__ import annotations
 
-import argparse
 import resource
-import statistics
+import sys
 import time
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 from typing import Any
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 import xarray as xr
+from _study import command_line, median_time, time_inside, two_process_gain
 from threadpoolctl import threadpool_limits
 
 import cablepod as cp
 from cablepod import members
-from cablepod.kernels import chain as kernel
 from cablepod.shipped import scene
 
 STEP = 0.05
@@ -39,42 +40,15 @@ TIMES = np.arange(0.0, 600.1, 0.5)
 
 
 def varied(base: xr.Dataset, count: int, ranges: dict[str, tuple[float, float]]) -> xr.Dataset:
-    """Make members of a scene that lie anywhere in the ranges of its parameters."""
+    """Draw members of a scene uniformly from ranges of its parameters."""
     draw = np.random.default_rng(2011)
     return base.assign(
         {name: ("member", draw.uniform(*ends, count), base[name].attrs) for name, ends in ranges.items()}
     )
 
 
-def median(call: Callable[[], Any], repeats: int) -> float:
-    """Median wall time of a call [s]."""
-    times = []
-    for _ in range(repeats):
-        begin = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - begin)
-    return statistics.median(times)
-
-
-def count(_: int = 0) -> int:
-    """Do nothing but count, for some tenths of a second."""
-    total = 0
-    for i in range(10_000_000):
-        total += i
-    return total
-
-
-def offered() -> float:
-    """Tell how many times as much two processes do as one."""
-    with ProcessPoolExecutor(2) as pool:
-        list(pool.map(count, range(2)))
-        one = median(lambda: pool.submit(count).result(), 3)
-        two = median(lambda: list(pool.map(count, range(2))), 3)
-    return 2.0 * one / two
-
-
 def deviation(tension: np.ndarray, truth: np.ndarray) -> float:
-    """Largest difference of two series (time,) over the largest change of the second."""
+    """Return the maximum difference of two series (time,) over the maximum change of the second."""
     return float(np.abs(tension - truth).max() / np.abs(truth - truth[0]).max())
 
 
@@ -98,10 +72,10 @@ def condensed(cases: int, repeats: int) -> None:
     result = run(scenes)
     for threads in (2, 1):
         with members.threads(threads):
-            took = median(lambda: run(scenes), repeats)
+            took = median_time(lambda: run(scenes), repeats)
         print(f"condensed, {cases} cases of 600 s, step {STEP} s, {threads} threads: {took:.2f} s")
     print(
-        f"  output {result.nbytes / 1e9:.2f} GB, largest memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB"
+        f"  output {result.nbytes / 1e9:.2f} GB, peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB"
     )
     some = scenes.isel(member=slice(0, 20))
     fine = run(some, STEP / 5)
@@ -124,14 +98,6 @@ def chains(number: int, repeats: int) -> None:
     """Measure members that are full chains."""
     base = scene("example2")
     scenes = varied(base, number, {"cable_top_tension": (9e3, 16e3)})
-    inside = [0.0]
-    plain = kernel.verlet
-
-    def watched(*arguments: Any) -> Any:
-        begin = time.thread_time()
-        result = plain(*arguments)
-        inside[0] += time.thread_time() - begin
-        return result
 
     def run() -> xr.Dataset:
         return cp.chain.simulate(scenes, step=2.5e-4)
@@ -139,26 +105,23 @@ def chains(number: int, repeats: int) -> None:
     run()
     for threads in (2, 1):
         with members.threads(threads):
-            took = median(run, repeats)
+            took = median_time(run, repeats)
         print(f"chains, {number} of 125 s, n = 40, step 2.5e-4 s, {threads} threads: {took:.2f} s")
-    kernel.verlet = watched
-    with members.threads(1):
+    with members.threads(1), time_inside("cablepod.kernels.chain.verlet", clock=time.thread_time) as loop:
         run()
-    kernel.verlet = plain
     print(
-        f"  in one thread, inside the compiled loop {inside[0]:.2f} s; the call took {took / inside[0]:.3f} times as long"
+        f"  in one thread, inside the compiled loop {loop.seconds:.2f} s; the call took {took / loop.seconds:.3f} times as long"
     )
 
 
 def main() -> None:
     """Measure both."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=int, default=10_000)
-    parser.add_argument("--chains", type=int, default=64)
-    parser.add_argument("--repeats", type=int, default=5)
+    parser = command_line(__doc__, repeats=5)
+    parser.add_argument("--cases", type=int, default=10_000, help="number of condensed models")
+    parser.add_argument("--chains", type=int, default=64, help="number of full chains")
     asked = parser.parse_args()
     with threadpool_limits(1):
-        print(f"two processes do {offered():.2f} times as much as one")
+        print(f"two processes do {two_process_gain(10_000_000):.2f} times as much as one")
         condensed(asked.cases, asked.repeats)
         chains(asked.chains, asked.repeats)
 

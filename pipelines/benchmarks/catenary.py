@@ -1,30 +1,29 @@
-"""Time and error of the catenary kernel, and of a general root search on the textbook's closed form.
+"""Measure time and error of the catenary kernel, and of a general root search on the closed form.
 
-Run it from the repository, with the package installed, on an otherwise idle machine::
+    python pipelines/benchmarks/catenary.py [--members 10000] [--repeats 7] [--readme]
 
-    python pipelines/benchmarks/catenary.py [--members 10000] [--repeats 7]
-
-Protocol.  One thread.  Each row is one set of random cables of a kind (seed fixed).  ``array`` is the time of `solve_many`
-over all members divided by their number; ``call`` that of one call of `solve` from Python, over 1000 calls; ``root`` that of
-`scipy.optimize.root` (hybr, tolerance 1e-13) on the two (length or force given) or three equations of the closed form as
-printed in textbooks, started from a straight or parabolic cable of the same length, over 100 members.  All are medians of
-the repeats, after a warm-up that takes compilation, in microseconds.  Errors are the largest over the same 30 members,
-relative (lengths to themselves, forces to the largest tension), against the tests' 50-digit reference; ``limit`` is what
-one rounding of the given value does to the exact answer.  Members where `root` stops without success, or at another cable
-than the shortest, count as failed and not in its error.
+One thread.  Each row is one set of random cables of a kind (seed fixed).  ``array`` is the time of `solve_many` over all members
+divided by their number; ``call`` that of one call of `solve` from Python, over 1000 calls; ``root`` that of `scipy.optimize.root`
+(hybr, tolerance 1e-13) on the two (length or force given) or three equations of the closed form of textbooks, started from a
+straight or parabolic cable of the same length, over 100 members.  All are medians of the repeats in microseconds, after a warm-up
+that includes compilation.  Errors are maxima over the same 30 members, relative (lengths to themselves, forces to the maximum
+tension), against the tests' 50-digit reference; ``limit`` is the effect of one rounding of the given value on the exact answer.
+Members where `root` stops without success, or at another cable than the shortest, count as failed and not in its error.  Needs
+the extra ``test``.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
-import statistics
 import sys
-import time
 import warnings
 from pathlib import Path
 
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
+from _study import command_line, markdown_table, median_time, show_table
 from scipy.optimize import root
 
 from cablepod.kernels import catenary as kernel
@@ -32,6 +31,7 @@ from cablepod.kernels import catenary as kernel
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 import catenary_reference as reference
 
+HERE = Path(__file__).resolve().parent
 KINDS = {
     "length": kernel.LENGTH,
     "upper": kernel.UPPER_TENSION,
@@ -53,7 +53,7 @@ SETS = {
 
 
 def members(name, count):
-    """Return arrays a, b, c, q, K and the lengths of one set."""
+    """Draw arrays a, b, c, q, K and the lengths of one set."""
     a, b, q, k, low, high = SETS[name]
     random = np.random.default_rng(7)
     a = a * (1 + 0.01 * random.random(count))
@@ -62,19 +62,14 @@ def members(name, count):
     return a, b, c, np.full(count, q), np.full(count, k), c * random.uniform(low, high, count)
 
 
-def median_time(function, repeats):
-    """Return the median time of a call in seconds, after one for warming up."""
+def warm_time(function, repeats):
+    """Return the median time of a call [s], after one for warming up."""
     function()
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        function()
-        times.append(time.perf_counter() - start)
-    return statistics.median(times)
+    return median_time(function, repeats)
 
 
 def textbook(unknowns, a, b, q, k, kind, value):
-    """Misfits of the closed form as printed in textbooks, scaled by the chord; unknowns log H, V0 and perhaps the length."""
+    """Return the residuals of the closed form of textbooks over the chord; unknowns log H, V0 and perhaps the length."""
     c = math.hypot(a, b)
     h = value if kind == "force" else math.exp(unknowns[0])
     v0 = unknowns[1] * h
@@ -89,7 +84,7 @@ def textbook(unknowns, a, b, q, k, kind, value):
 
 
 def competitor(a, b, q, k, kind, value, length):
-    """Return the six columns by a general root search, or None where it gives up."""
+    """Return the six columns by a general root search, or None where it fails."""
     c = math.hypot(a, b)
     parabola = q * a / 2 * math.sqrt(a / (6 * abs(length - c) + 1e-3 * c))
     h = max(parabola, k * (c - length) / length * a / c)
@@ -115,26 +110,26 @@ def competitor(a, b, q, k, kind, value, length):
 
 
 def truth(a, b, q, k, kind, value):
-    """Return the reference's cable."""
+    """Return the cable of the reference."""
     if kind == "length":
         return reference.from_length(a, b, q, k, value)
     return reference.from_quantity(a, b, q, k, WHICH[kind], value)
 
 
 def distance(row, exact):
-    """Return the largest relative difference of a solution from the exact one."""
+    """Return the maximum relative difference of a solution from the exact one."""
     most = max(exact[4:])
     return max(float(abs(r - e) / (e if j < 2 else most)) for j, (r, e) in enumerate(zip(row, exact, strict=True)))
 
 
 def measure(name, kind, count, repeats):
-    """Print one row of the table."""
+    """Return one row of the table."""
     a, b, c, q, k, length = members(name, count)
     out, status = np.empty((count, 6)), np.empty(count, dtype=np.int64)
     kernel.solve_many(a, b, c, q, k, kernel.LENGTH, length, out, status)
     value = out[:, COLUMN[kind]].copy()
     number = KINDS[kind]
-    array = median_time(lambda: kernel.solve_many(a, b, c, q, k, number, value, out, status), repeats) / count
+    array = warm_time(lambda: kernel.solve_many(a, b, c, q, k, number, value, out, status), repeats) / count
     refused = int((status != kernel.FOUND).sum())
 
     rows = list(
@@ -146,12 +141,12 @@ def measure(name, kind, count, repeats):
         for aa, bb, cc, qq, kk, vv, _ in rows[:1000]:
             kernel.solve(aa, bb, cc, qq, kk, number, vv, one)
 
-    single = median_time(calls, repeats) / min(count, 1000)
+    single = warm_time(calls, repeats) / min(count, 1000)
 
     def roots():
         return [competitor(aa, bb, qq, kk, kind, vv, ll) for aa, bb, _, qq, kk, vv, ll in rows[:100]]
 
-    other = median_time(roots, repeats) / min(count, 100)
+    other = warm_time(roots, repeats) / min(count, 100)
 
     worst, limit, worst_root, failed = 0.0, 0.0, 0.0, 0
     for i, found in enumerate(roots()[:30]):
@@ -166,24 +161,21 @@ def measure(name, kind, count, repeats):
             worst_root = max(worst_root, error)
         else:
             failed += 1
-    print(
-        f"{name:17s} {kind:7s} {array * 1e6:7.2f} {single * 1e6:7.2f} {other * 1e6:8.0f}   {worst:8.1e} {limit:8.1e} "
-        f"{worst_root:8.1e}  {failed:3d}/30  {refused:6d}"
-    )
+    times = [f"{array * 1e6:.2f}", f"{single * 1e6:.2f}", f"{other * 1e6:.0f}"]
+    errors = [f"{worst:.1e}", f"{limit:.1e}", f"{worst_root:.1e}"]
+    return [name, kind, *times, *errors, f"{failed}/30", str(refused)]
 
 
 def main():
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--members", type=int, default=10_000)
-    parser.add_argument("--repeats", type=int, default=7)
+    parser = command_line(__doc__, repeats=7, readme=True)
+    parser.add_argument("--members", type=int, default=10_000, help="number of cables in a set")
     options = parser.parse_args()
-    warnings.simplefilter("ignore")  # the general search leaves the numbers that its equations can be evaluated at
-    print("                             time [us]                 largest relative error         root      kernel")
-    print("set               given     array    call     root     kernel    limit     root   failed    refused")
-    for name in SETS:
-        for kind in KINDS:
-            measure(name, kind, options.members, options.repeats)
+    warnings.simplefilter("ignore")  # the general search leaves the range of its equations
+    lines = [measure(name, kind, options.members, options.repeats) for name in SETS for kind in KINDS]
+    head = ["set", "given", "array [µs]", "call [µs]", "root [µs]"]
+    head += ["error, kernel", "limit", "error, root", "root failed", "kernel refused"]
+    show_table("catenary", markdown_table(head, lines), HERE if options.readme else None)
 
 
 if __name__ == "__main__":

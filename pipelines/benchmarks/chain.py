@@ -1,38 +1,39 @@
-"""Time per link and step of the explicit chain, stepping and whole call, beside a plain C loop compiled on the spot.
+"""Time a step of the explicit chain per link, beside a plain C loop.
 
-    python pipelines/benchmarks/chain.py [--repeats 7]
+    python pipelines/benchmarks/chain.py [--repeats 7] [--readme]
 
-One thread (the kernel has no other); compilation and a warm-up run lie outside; medians over the repeats, C and ours taken in
-turn so that a busy machine hurts both.  Stepping is all between the first state and the last: the kernel, the motion of the end,
-which the C loop has too, and the look at each block of steps for numbers that are not finite or not near.  The C loop is the
-same step of a planar chain without any other term
-(chain_step.c, gcc -O3 -march=native -ffast-math); where there is no gcc its column is empty.
+One thread (the kernel has no other); compilation and a warm-up run are left out; medians over the repeats, C and ours in turns so
+that a busy machine slows both.  Stepping is all between the first state and the last: the kernel, the motion of the end (which
+the C loop has too), and the check of each block of steps for numbers that are not finite or out of bounds.  The C loop is the
+same step of a planar chain without any other term (chain_step.c, gcc -O3 -march=native -ffast-math); without gcc its column is
+nan.
 """
 
 from __future__ import annotations
 
-import argparse
 import shutil
-import statistics
 import subprocess
+import sys
 import tempfile
-import time
 from pathlib import Path
 
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
+from _study import command_line, in_turns, markdown_table, medians, show_table, time_inside, timed
 
 import cablepod as cp
-from cablepod import stepping
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
 from cablepod.shipped import scene
 
 HERE = Path(__file__).resolve().parent
-WORK = 12_000_000  # links times steps in one measurement
+WORK = 12_000_000  #: links times steps in one measurement
 
 
 def compiled_yardstick() -> Path | None:
-    """Compile chain_step.c; None without gcc."""
+    """Compile chain_step.c and return the program; None without gcc."""
     if shutil.which("gcc") is None:
         return None
     target = Path(tempfile.mkdtemp()) / "chain_step"
@@ -41,56 +42,39 @@ def compiled_yardstick() -> Path | None:
     return target
 
 
-def c_time(program: Path | None, links: int) -> float:
-    """Nanoseconds per link and step of the C loop."""
+def c_time(program: Path | None, links: int, steps: int | None = None) -> float:
+    """Return nanoseconds per link and step of the C loop, over WORK by default."""
     if program is None:
         return float("nan")
-    said = subprocess.run(
-        [str(program), str(links), str(WORK // links)], check=True, capture_output=True, text=True
-    ).stdout
-    return float(said.split("step")[1].split()[0])
+    command = [str(program), str(links), str(steps or WORK // links)]
+    printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return float(printed.split("step")[1].split()[0])
 
 
 def our_time(links: int) -> tuple[float, float]:
-    """Nanoseconds per link and step of the stepping and of the whole call."""
+    """Return nanoseconds per link and step of the stepping and of the whole call."""
     given = scene("example2")
     step = 0.5 * chain_of(parameters(given), links).step_limit()
     steps = WORK // links
-    stepping_time = 0.0
-    plain = stepping.march
-
-    def timed(*arguments):
-        nonlocal stepping_time
-        begin = time.perf_counter()
-        failed = plain(*arguments)
-        stepping_time += time.perf_counter() - begin
-        return failed
-
-    stepping.march = timed
-    try:
-        begin = time.perf_counter()
-        cp.chain.simulate(given, links=links, step=step, times=[0.0, steps * step])
-        whole = time.perf_counter() - begin
-    finally:
-        stepping.march = plain
-    return 1e9 * stepping_time / (steps * links), 1e9 * whole / (steps * links)
+    with time_inside("cablepod.stepping.march") as stepping:
+        _, whole = timed(lambda: cp.chain.simulate(given, links=links, step=step, times=[0.0, steps * step]))
+    return 1e9 * stepping.seconds / (steps * links), 1e9 * whole / (steps * links)
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=7)
-    repeats = parser.parse_args().repeats
+    options = command_line(__doc__, repeats=7, readme=True).parse_args()
     program = compiled_yardstick()
-    print(f"ns per link and step, median of {repeats}, {WORK:,} link-steps each")
-    print(f"{'links':>6}{'stepping':>9}{'whole call':>12}{'C loop':>9}{'ours / C':>12}")
+    print(f"ns per link and step, median of {options.repeats}, {WORK:,} link-steps each, numpy {np.__version__}")
+    lines = []
     for links in (40, 160, 640):
         our_time(links)
-        rows = [(*our_time(links), c_time(program, links)) for _ in range(repeats)]
-        inside, whole, c = (statistics.median(column) for column in zip(*rows, strict=True))
-        ratio = statistics.median(row[0] / row[2] for row in rows)
-        print(f"{links:>6}{inside:>9.2f}{whole:>12.2f}{c:>9.2f}{ratio:>12.2f}")
-    print(f"\nnumpy {np.__version__}")
+        jobs = [lambda links=links: our_time(links), lambda links=links: c_time(program, links)]
+        ours, c = in_turns(jobs, options.repeats)
+        values = medians((*times, yardstick, times[0] / yardstick) for times, yardstick in zip(ours, c, strict=True))
+        lines.append([str(links), *(f"{value:.2f}" for value in values)])
+    table = markdown_table(["links", "stepping", "whole call", "C loop", "ours / C"], lines)
+    show_table("chain", table, HERE if options.readme else None)
 
 
 if __name__ == "__main__":

@@ -1,24 +1,30 @@
-"""Time and error of pod.decompose beside numpy, dask, scikit-learn, xeofs and pyMOR (extra `peers`), on exactly known spectra.
+"""Measure time and error of pod.decompose beside other packages (extra `peers`), on exactly known spectra.
 
-    python pipelines/benchmarks/decompositions.py [--threads 1] [--smallest 1e-5] [--disk FOLDER --gigabytes 4]
-        [--skip-wide] [--skip-peers]
+    python pipelines/benchmarks/decompositions.py [--threads 1] [--smallest 1e-5] [--skip-wide] [--repeats 5] [--readme]
+    python pipelines/benchmarks/decompositions.py --disk FOLDER [--gigabytes 4] [--skip-peers]
+    python pipelines/benchmarks/decompositions.py --routes [--most-snapshots 12500] [--repeats 5]
 
 Rank 20 of 80 x 12 500 and 4000 x 20 000 (features x snapshots); 40 singular values fall evenly on a log scale, the 20th is
-`smallest` of the first.  Ours is the whole public call, from Dataset to labelled modes, and beside it the sums alone; the peers
-get the plain centred matrix in the order they like.  Medians of five after one outside, of fewer where one takes more than ten
-seconds (the column says so).  BLAS threads are set on purpose, by threadpoolctl, for all alike; ours holds one where matrices are
-small.  The error is the largest relative one of the 20 singular values and the largest sine of an angle between mode and exact
-mode.  With --disk an archive of 4 GB is written to FOLDER, read raw after it was dropped from the cache of the system, decomposed
-after it was dropped again, in a process of its own, three times, and deleted; the memory is the peak of that process, as Linux
-tells it.  A peer that is not installed is a line that says so.
+`smallest` of the first.  Ours is the whole public call, from Dataset to labelled modes, and beside it the sums alone; numpy,
+dask, scikit-learn, xeofs and pyMOR get the plain centred matrix in their preferred order.  Medians of the repeats after a
+warm-up; a run of more than ten seconds is not repeated (column "runs").  threadpoolctl sets the BLAS threads of all; ours uses
+one for small matrices.  The error is the maximum relative error of the 20 singular values, the angle the maximum sine between
+mode and exact mode.  Packages that are not installed are named.
+
+With --disk, an archive of 4 GB is written to FOLDER, read raw with a cold file cache, decomposed with a cold file cache in a
+process of its own, three times, and deleted; the memory is the peak of that process, as Linux reports it.
+
+With --routes, the three methods of pod.decompose up to 80 x 12 500, the method of snapshots included (minutes, 4 GB), on one BLAS
+thread.  Beside the time stands the precision on a matrix of the same size: the smallest singular value, relative to the largest,
+down to which all are right to a tenth.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import statistics
+import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -27,20 +33,26 @@ from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
 
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 import xarray as xr
+from _study import command_line, markdown_table, show_table, timed
 from threadpoolctl import threadpool_limits
 
 import cablepod as cp
+from cablepod.paper import routes
 from cablepod.streaming import Accumulator
 
+HERE = Path(__file__).resolve().parent
 RANK = 20
 #: singular values and left singular vectors (features, rank)
 Answer = tuple[np.ndarray, np.ndarray]
 
 
 def known(features: int, samples: int, smallest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows (samples, features) of zero mean, their singular values and modes."""
+    """Return rows (samples, features) of zero mean, their singular values and modes."""
     rng = np.random.default_rng(0)
     values = smallest ** (np.arange(2 * RANK) / (RANK - 1.0))
     left = np.linalg.qr(rng.normal(size=(features, 2 * RANK)))[0]
@@ -49,14 +61,14 @@ def known(features: int, samples: int, smallest: float) -> tuple[np.ndarray, np.
 
 
 def trajectory(rows: np.ndarray) -> xr.Dataset:
-    """Rows as planar snapshots whose ends rest in the origin."""
+    """Return rows as planar snapshots with both ends in the origin."""
     position = np.zeros((len(rows), rows.shape[1] // 2 + 2, 2))
     position[:, 1:-1] = rows.reshape(len(rows), -1, 2)
     return labelled(position, np.arange(len(rows)) * 0.01)
 
 
 def labelled(position: np.ndarray, instants: np.ndarray) -> xr.Dataset:
-    """Positions (time, particle, coordinate) as a trajectory."""
+    """Return positions (time, particle, coordinate) as a trajectory."""
     return xr.Dataset(
         {"position": (("time", "particle", "coordinate"), position, {"units": "m"})},
         coords={
@@ -68,13 +80,13 @@ def labelled(position: np.ndarray, instants: np.ndarray) -> xr.Dataset:
 
 
 def ours(snapshots: xr.Dataset) -> Answer:
-    """Do what a user does."""
+    """Decompose by the public call."""
     modes = cp.pod.decompose(snapshots, rank=RANK, layout="vector")
     return modes["singular_value"].values, modes["mode_shape"].values[:, 1:-1].reshape(RANK, -1).T
 
 
 def sums_alone(rows: np.ndarray) -> Answer:
-    """Do the numerical part, on rows that are lifted already."""
+    """Decompose by the sums alone, on lifted rows."""
     sums = Accumulator(rows.shape[1])
     block = max(64, (3 << 18) // (8 * rows.shape[1]))
     sums.prepare(rows[:: max(1, len(rows) // 320)])
@@ -85,19 +97,19 @@ def sums_alone(rows: np.ndarray) -> Answer:
 
 
 def by_numpy(rows: np.ndarray) -> Answer:
-    """Decompose the matrix, features x samples, by LAPACK."""
+    """Decompose the matrix (features, samples) by LAPACK."""
     left, values, _ = np.linalg.svd(rows.T, full_matrices=False)
     return values[:RANK], left[:, :RANK]
 
 
 def by_gram(rows: np.ndarray) -> Answer:
-    """Eigenvectors of the plain Gram matrix."""
+    """Decompose by the eigenvectors of the plain Gram matrix."""
     squares, left = np.linalg.eigh(rows.T @ rows)
     return np.sqrt(np.maximum(squares[::-1], 0.0))[:RANK], left[:, ::-1][:, :RANK]
 
 
 def by_dask(iterator: str, power: int) -> Callable[[np.ndarray], Answer]:
-    """Return dask's compressed decomposition; "power" and 0 are its defaults, "power" and 4 what xeofs takes for dask."""
+    """Return dask's compressed decomposition; "power" and 0 are its defaults, "power" and 4 those of xeofs with dask."""
 
     def run(rows: np.ndarray) -> Answer:
         import dask
@@ -111,7 +123,7 @@ def by_dask(iterator: str, power: int) -> Callable[[np.ndarray], Answer]:
 
 
 def by_sklearn(power: int) -> Callable[[np.ndarray], Answer]:
-    """scikit-learn's randomised decomposition with so many iterations."""
+    """Return scikit-learn's randomised decomposition with a number of iterations."""
 
     def run(rows: np.ndarray) -> Answer:
         from sklearn.utils.extmath import randomized_svd
@@ -123,7 +135,7 @@ def by_sklearn(power: int) -> Callable[[np.ndarray], Answer]:
 
 
 def by_xeofs(rows: np.ndarray) -> Answer:
-    """Xeofs' EOF with its default solver."""
+    """Decompose by the EOF of xeofs with its default solver."""
     from xeofs.single import EOF
 
     model = EOF(n_modes=RANK, random_state=0)
@@ -133,7 +145,7 @@ def by_xeofs(rows: np.ndarray) -> Answer:
 
 
 def by_pymor(rows: np.ndarray) -> Answer:
-    """PyMOR's incremental HAPOD, in 20 steps, to a mean error of 1e-11 of the largest singular value."""
+    """Decompose by pyMOR's incremental HAPOD in 20 steps, to a mean error of 1e-11 of the largest singular value."""
     from pymor.algorithms.hapod import inc_vectorarray_hapod
     from pymor.core.logger import set_log_levels
     from pymor.vectorarrays.numpy import NumpyVectorSpace
@@ -158,7 +170,7 @@ PEERS: tuple[tuple[str, str, Callable[[np.ndarray], Answer]], ...] = (
 
 
 def errors(answer: Answer, values: np.ndarray, left: np.ndarray) -> tuple[float, float]:
-    """Largest relative error of the singular values and largest sine; what is missing is wrong."""
+    """Return the maximum relative error of the singular values and the maximum sine; missing ones count as wrong."""
     found, modes = answer
     missing = RANK - len(found)
     found = np.pad(found, (0, missing))
@@ -168,39 +180,50 @@ def errors(answer: Answer, values: np.ndarray, left: np.ndarray) -> tuple[float,
     return float(np.abs(found / values - 1.0).max()), float(np.minimum(sines, 1.0).max())
 
 
-def show(name: str, job: Callable[[], Answer], values: np.ndarray, left: np.ndarray, repeats: int = 5) -> None:
-    """Print a row of the table."""
-    begin = time.perf_counter()
-    answer = job()
-    seconds = [time.perf_counter() - begin]
-    if seconds[0] <= 10.0 and repeats > 1:
-        seconds = []
-        for _ in range(repeats):
-            begin = time.perf_counter()
-            answer = job()
-            seconds.append(time.perf_counter() - begin)
+def row_of(name: str, job: Callable[[], Answer], values: np.ndarray, left: np.ndarray, repeats: int) -> list[str]:
+    """Return a row of the table."""
+    answer, warm_up = timed(job)
+    seconds = [warm_up]
+    if warm_up <= 10.0 and repeats > 1:
+        runs = [timed(job) for _ in range(repeats)]
+        answer, seconds = runs[-1][0], [spent for _, spent in runs]
     error, sine = errors(answer, values, left)
-    median = statistics.median(seconds)
-    print(f"| {name} | {1e3 * median:.0f} ms | {len(seconds)} | {error:.0e} | {sine:.0e} |", flush=True)
+    return [name, f"{1e3 * statistics.median(seconds):.0f} ms", str(len(seconds)), f"{error:.0e}", f"{sine:.0e}"]
 
 
-def in_memory(features: int, samples: int, smallest: float, threads: int) -> None:
-    """Print the table of one size."""
+def in_memory(features: int, samples: int, smallest: float, threads: int, repeats: int) -> str:
+    """Measure one size and write its table."""
     rows, values, left = known(features, samples, smallest)
     snapshots = trajectory(rows)
-    print(f"\n{features} x {samples}, down to {smallest:g}, {threads} BLAS thread(s)")
-    print("| | time | runs | error of singular values | angle |\n| --- | --- | --- | --- | --- |")
-    show("cablepod, whole call", lambda: ours(snapshots), values, left)
-    show("cablepod, sums alone", lambda: sums_alone(rows), values, left)
+    print(f"\n{features} x {samples}, down to {smallest:g}, {threads} BLAS thread(s)", flush=True)
+    lines = [
+        row_of("cablepod, whole call", lambda: ours(snapshots), values, left, repeats),
+        row_of("cablepod, sums alone", lambda: sums_alone(rows), values, left, repeats),
+    ]
     for name, package, job in PEERS:
         if find_spec(package) is None:
-            print(f"| {name} | not installed | | | |")
-            continue
-        show(name, lambda job=job: job(rows), values, left)
+            lines.append([name, "not installed", "", "", ""])
+        else:
+            lines.append(row_of(name, lambda job=job: job(rows), values, left, repeats))
+    head = [f"{features} × {samples}, to {smallest:g}", "time", "runs", "error of singular values", "angle"]
+    return markdown_table(head, lines)
+
+
+def route_table(most_snapshots: int, repeats: int) -> str:
+    """Measure the methods of pod.decompose over the sizes of the paper and write their table."""
+    lines = []
+    for size in routes.SIZES:
+        times = routes.run_times(sizes=(size,), repeats=repeats, most_snapshots=most_snapshots)
+        found = routes.precision(features=size[0], samples=size[1], most_snapshots=most_snapshots)
+        for route in times["route"].values:
+            seconds = float(times["route_time"].sel(route=route)[0])
+            down_to = float(found["route_usable"].sel(route=route))
+            lines.append([f"{size[0]} × {size[1]}", str(route), f"{1e3 * seconds:.2f} ms", f"{down_to:.0e}"])
+    return markdown_table(["size", "method", "time", "right down to"], lines)
 
 
 def drop(paths: list[Path]) -> None:
-    """Ask the system to forget files, so that the next look at them is a cold one."""
+    """Ask the system to drop files from its cache, so that the next read is cold."""
     for path in paths:
         handle = os.open(path, os.O_RDONLY)
         os.fsync(handle)
@@ -209,7 +232,7 @@ def drop(paths: list[Path]) -> None:
 
 
 def raw_read(paths: list[Path]) -> float:
-    """Seconds to read files from end to end into one buffer."""
+    """Return the time to read files into one buffer [s]."""
     buffer = bytearray(8 << 20)
     begin = time.perf_counter()
     for path in paths:
@@ -256,18 +279,18 @@ def opened(paths: list[Path]) -> xr.Dataset:
 
 
 def alone(paths: list[Path], threads: int) -> tuple[Answer, float, float, float]:
-    """Decompose files in a process that has done nothing else; seconds, of processor time too, and its peak memory in GB."""
+    """Decompose files in a fresh process; return wall and processor time [s], and its peak memory [GB]."""
     with threadpool_limits(limits=threads, user_api="blas"):
-        begin, used = time.perf_counter(), time.process_time()
-        answer = ours(opened(paths))
-        spent, used = time.perf_counter() - begin, time.process_time() - used
-    # getrusage would tell the peak of the parent where that is larger
+        used = time.process_time()
+        answer, spent = timed(lambda: ours(opened(paths)))
+        used = time.process_time() - used
+    # getrusage returns the peak of the parent if that is larger
     peak = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
     return answer, spent, used, int(peak.split()[1]) * 1024 / 1e9
 
 
 def on_disk(folder: Path, gigabytes: float, smallest: float, threads: int, *, peers: bool) -> None:
-    """Print the table of an archive in files."""
+    """Measure an archive in files."""
     with archive(folder, gigabytes, smallest) as (paths, values, left):
         size = sum(path.stat().st_size for path in paths) / 1e9
         print(f"\narchive of {size:.2f} GB, 80 features, down to {smallest:g}, {threads} BLAS thread(s), once each")
@@ -299,20 +322,29 @@ def on_disk(folder: Path, gigabytes: float, smallest: float, threads: int, *, pe
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--smallest", type=float, default=1e-5)
-    parser.add_argument("--skip-wide", action="store_true")
+    parser = command_line(__doc__, repeats=5, readme=True)
+    parser.add_argument("--threads", type=int, default=1, help="number of BLAS threads")
+    parser.add_argument("--smallest", type=float, default=1e-5, help="20th singular value over the first")
+    parser.add_argument("--skip-wide", action="store_true", help="leave out 4000 x 20 000")
     parser.add_argument("--skip-peers", action="store_true", help="with --disk: leave dask out, which takes minutes")
-    parser.add_argument("--disk", type=Path)
-    parser.add_argument("--gigabytes", type=float, default=4.0)
+    parser.add_argument("--disk", type=Path, metavar="FOLDER", help="decompose an archive in FOLDER instead")
+    parser.add_argument("--gigabytes", type=float, default=4.0, help="size of that archive")
+    parser.add_argument("--routes", action="store_true", help="compare the methods of pod.decompose instead")
+    parser.add_argument(
+        "--most-snapshots", type=int, default=12500, help="with --routes: limit of the method of snapshots"
+    )
     options = parser.parse_args()
+    page = HERE if options.readme else None
+    if options.routes:
+        show_table("routes", route_table(options.most_snapshots, options.repeats), page)
+        return
     warnings.simplefilter("ignore")
     with threadpool_limits(limits=options.threads, user_api="blas"):
         if options.disk is None:
-            in_memory(80, 12_500, options.smallest, options.threads)
-            if not options.skip_wide:
-                in_memory(4000, 20_000, options.smallest, options.threads)
+            sizes = [(80, 12_500)] if options.skip_wide else [(80, 12_500), (4000, 20_000)]
+            for size in sizes:
+                table = in_memory(*size, options.smallest, options.threads, options.repeats)
+                show_table(f"decompositions_{size[0]}_{options.smallest:g}", table, page)
         else:
             on_disk(options.disk, options.gigabytes, options.smallest, options.threads, peers=not options.skip_peers)
 

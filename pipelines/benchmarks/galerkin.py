@@ -1,77 +1,55 @@
-"""Error against run time of the Galerkin model and of coarser chains, against the chain of 40 links, Examples 2 to 4.
+"""Measure error and run time of the Galerkin model and of coarser chains, Examples 2 to 4.
 
-    python pipelines/benchmarks/models.py [--repeats 5]
+    python pipelines/benchmarks/galerkin.py [--repeats 5] [--readme]
 
-Online time of one whole call with a given step, and of its compiled kernel alone, 125 s, positions at every 0.1 s, one thread;
-compilation and a warm-up lie outside; medians.  Offline cost of the reduced models, the snapshots and the decomposition, is
-printed beside.  Explicit chains take 0.9 of their limit, explicit Galerkin models the largest step, halved from there, that adds
-less than a tenth to their error; implicit ones the steps in the table.
-Errors are those of cablepod.compare over every 0.1 s; the chain's law is the linear one, the Galerkin model has law (21).
+The truth is the chain of 40 links.  Online time of one whole call with a given step, and of its compiled kernel alone, 125 s,
+positions at every 0.1 s, one thread; compilation and a warm-up are left out; medians.  The offline cost of the reduced models,
+snapshots and decomposition, stands beside.  Explicit chains take 0.9 of their limit, explicit Galerkin models the largest
+step, halved from there, that adds less than a tenth to their error; implicit ones the steps in the table. Errors are those of
+cablepod.compare over every 0.1 s; the chain's law is the linear one, the Galerkin model has law (21).
 """
 
 from __future__ import annotations
 
-import argparse
-import statistics
+import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 import xarray as xr
+from _study import command_line, in_turns, markdown_table, medians, show_table, time_inside, timed
 
 import cablepod as cp
-from cablepod.kernels import chain as chain_kernel
-from cablepod.kernels import implicit as implicit_kernel
-from cablepod.kernels import reduced as reduced_kernel
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
+from cablepod.shipped import scene as shipped
 
-SCENES = Path(__file__).resolve().parent.parent.parent / "data" / "scenes"
+HERE = Path(__file__).resolve().parent
 TIMES = np.arange(1251) / 10.0
 KERNELS = (
-    (chain_kernel, "verlet"),
-    (implicit_kernel, "generalized_alpha"),
-    (reduced_kernel, "verlet"),
-    (reduced_kernel, "implicit"),
+    "cablepod.kernels.chain.verlet",
+    "cablepod.kernels.implicit.generalized_alpha",
+    "cablepod.kernels.reduced.verlet",
+    "cablepod.kernels.reduced.implicit",
 )
-SPENT = [0.0]
 IMPLICIT = ("trapezoidal", "energy_momentum")
 STEPS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5)
 
 
-def watch_kernels() -> None:
-    """Let the compiled kernels add the time that they take to SPENT."""
-
-    def watched(kernel: Callable[..., Any]) -> Callable[..., Any]:
-        def run(*arguments: Any) -> Any:
-            begin = time.perf_counter()
-            result = kernel(*arguments)
-            SPENT[0] += time.perf_counter() - begin
-            return result
-
-        return run
-
-    for module, name in KERNELS:
-        setattr(module, name, watched(getattr(module, name)))
-
-
-def timed(job: Callable[[], xr.Dataset], repeats: int) -> tuple[xr.Dataset, float, float]:
-    """Return result and median time [s] of a job and of its kernel, after one run outside."""
-    result = job()
-    seconds, kernels = [], []
-    for _ in range(repeats):
-        SPENT[0] = 0.0
-        begin = time.perf_counter()
-        result = job()
-        seconds.append(time.perf_counter() - begin)
-        kernels.append(SPENT[0])
-    return result, statistics.median(seconds), statistics.median(kernels)
+def run_times(job: Callable[[], xr.Dataset]) -> tuple[float, float]:
+    """Return the time of a job and of its kernel [s]."""
+    with time_inside(*KERNELS) as kernel:
+        _, seconds = timed(job)
+    return seconds, kernel.seconds
 
 
 def largest_step(run: Callable[[float], xr.Dataset], limit: float, truth: xr.Dataset) -> float:
-    """Largest step, halving from the stability limit, at which time adds less than a tenth to the error."""
+    """Return the largest step, halving from the stability limit, that adds less than a tenth to the error."""
     step = 0.9 * limit
     while True:
         errors = []
@@ -85,63 +63,54 @@ def largest_step(run: Callable[[float], xr.Dataset], limit: float, truth: xr.Dat
         step /= 2
 
 
+def row_of(name: str, run: Callable[[float], xr.Dataset], step: float, truth: xr.Dataset, repeats: int) -> list[str]:
+    """Return one row; the truth is interpolated to the particles of a coarser chain."""
+    result = run(step)
+    seconds, kernel = medians(in_turns([partial(run_times, partial(run, step))], repeats)[0])
+    error = float(cp.compare.errors(result, truth).error_max)
+    defect = f"{result.attrs['energy_defect']:.1e}" if "energy_defect" in result.attrs else ""
+    return [name, f"{100 * error:.4f} %", f"{step:.3g}", f"{1e3 * seconds:.1f}", f"{1e3 * kernel:.2f}", defect]
+
+
+def rows_of(scene: xr.Dataset, truth: xr.Dataset, modes: xr.Dataset, repeats: int) -> list[list[str]]:
+    """Return the rows of one example."""
+
+    def chain(step: float, **options) -> xr.Dataset:
+        return cp.chain.simulate(scene, times=TIMES, step=step, **options)
+
+    def model(step: float, **options) -> xr.Dataset:
+        return cp.galerkin.simulate(scene, modes, times=TIMES, step=step, **options)
+
+    rows = []
+    for links in (5, 10, 20, 40):
+        limit = chain_of(parameters(scene), links).step_limit()
+        rows.append(row_of(f"chain n={links}", partial(chain, links=links), 0.9 * limit, truth, repeats))
+    for links, step in ((10, 0.5), (20, 0.2), (40, 0.1), (40, 0.02)):
+        implicit = partial(chain, links=links, scheme="trapezoidal")
+        rows.append(row_of(f"implicit n={links}", implicit, step, truth, repeats))
+    for rank in (1, 2, 3, 4, 8):
+        limit = cp.galerkin.simulate(scene, modes, rank=rank, times=[0.0], step=1e-6).attrs["step_limit"]
+        for scheme in cp.galerkin.SCHEMES:
+            run = partial(model, rank=rank, scheme=scheme)
+            steps = STEPS if scheme in IMPLICIT else (largest_step(run, limit, truth),)
+            rows += [row_of(f"Galerkin r={rank} {scheme}", run, step, truth, repeats) for step in steps]
+    return rows
+
+
 def main() -> None:
     """Print a table for each example."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5)
-    repeats = parser.parse_args().repeats
-    watch_kernels()
+    options = command_line(__doc__, repeats=5, readme=True).parse_args()
     for number in (2, 3, 4):
-        scene = cp.read_scene(SCENES / f"example{number}.toml")
+        scene = shipped(f"example{number}")
         truth = cp.chain.simulate(scene, times=TIMES)
         begin = time.perf_counter()
         snapshots = cp.chain.simulate(scene, step=0.9 * truth.attrs["step_limit"])
         modes = cp.pod.decompose(snapshots, rank=8)
         offline = time.perf_counter() - begin
         print(f"\nExample {number}; offline cost of the modes {1e3 * offline:.0f} ms")
-        print(
-            f"{'model':<28}{'largest error':>15}{'step [s]':>11}{'call [ms]':>11}{'kernel [ms]':>13}{'energy defect':>15}"
-        )
-        for links in (5, 10, 20, 40):
-            limit = chain_of(parameters(scene), links).step_limit()
-
-            def chain(step: float, links: int = links, scene: xr.Dataset = scene) -> xr.Dataset:
-                return cp.chain.simulate(scene, links=links, times=TIMES, step=step)
-
-            show(f"chain n={links}", chain, 0.9 * limit, truth, repeats)
-        for links, step in ((10, 0.5), (20, 0.2), (40, 0.1), (40, 0.02)):
-
-            def implicit(step: float, links: int = links, scene: xr.Dataset = scene) -> xr.Dataset:
-                return cp.chain.simulate(scene, links=links, times=TIMES, step=step, scheme="trapezoidal")
-
-            show(f"implicit n={links}", implicit, step, truth, repeats)
-        for rank in (1, 2, 3, 4, 8):
-            limit = cp.galerkin.simulate(scene, modes, rank=rank, times=[0.0], step=1e-6).attrs["step_limit"]
-
-            for scheme in cp.galerkin.SCHEMES:
-
-                def model(
-                    step: float,
-                    rank: int = rank,
-                    scene: xr.Dataset = scene,
-                    modes: xr.Dataset = modes,
-                    scheme: str = scheme,
-                ) -> xr.Dataset:
-                    return cp.galerkin.simulate(scene, modes, rank=rank, times=TIMES, step=step, scheme=scheme)
-
-                steps = STEPS if scheme in IMPLICIT else (largest_step(model, limit, truth),)
-                for step in steps:
-                    show(f"Galerkin r={rank} {scheme}", model, step, truth, repeats)
-
-
-def show(name: str, run: Callable[[float], xr.Dataset], step: float, truth: xr.Dataset, repeats: int) -> None:
-    """Print one row; a coarser chain has other particles, so the truth is interpolated to them."""
-    result, seconds, kernel = timed(lambda: run(step), repeats)
-    error = float(cp.compare.errors(result, truth).error_max)
-    defect = f"{result.attrs['energy_defect']:>15.1e}" if "energy_defect" in result.attrs else ""
-    print(
-        f"{name:<28}{100 * error:>13.4f} %{step:>11.3g}{1e3 * seconds:>11.1f}{1e3 * kernel:>13.2f}{defect}", flush=True
-    )
+        head = [f"Example {number}", "maximum error", "step [s]", "call [ms]", "kernel [ms]", "energy defect"]
+        table = markdown_table(head, rows_of(scene, truth, modes, options.repeats))
+        show_table(f"galerkin_example{number}", table, HERE if options.readme else None)
 
 
 if __name__ == "__main__":

@@ -1,26 +1,32 @@
-"""Run time and error of the implicit chain on Example 2, beside the explicit one and the plain C loop.
+"""Measure run time and error of the implicit chain on Example 2, beside a plain C loop.
 
-    python pipelines/benchmarks/implicit.py [--repeats 7]
+    python pipelines/benchmarks/implicit.py [--repeats 7] [--readme]
 
-125 s of Example 2 with steps as given.  One thread; compilation and a warm-up run lie outside; medians over the repeats, all in
-turn so that a busy machine hurts all.  Kernel: inside the compiled loop; whole call: chain.simulate with a given step and
-positions at every second.  Error: largest particle distance over the largest displacement against the explicit chain of as many
-links at a step of 1.25e-4 s, at 45 s and at its worst.  The C loop's time is that of chain_step.c for 125 s at 2.5e-4 s, n = 40.
+125 s of Example 2 with given steps.  One thread; compilation and a warm-up run are left out; medians over the repeats, all in
+turns so that a busy machine slows all.  Kernel: inside the compiled loop; whole call: chain.simulate with a given step and
+positions at every second.  Error: maximum particle distance over the maximum displacement against the explicit chain of as
+many links at a step of 1.25e-4 s, at 45 s and over all instants.  The C loop's time is that of chain_step.c for 125 s at
+2.5e-4 s, n = 40.
 """
 
 from __future__ import annotations
 
-import argparse
 import statistics
-import time
+import sys
+from functools import partial
+from pathlib import Path
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
-from chain import c_time, compiled_yardstick
+from _study import command_line, in_turns, markdown_table, medians, show_table, time_inside, timed
+from benchmarks.chain import c_time, compiled_yardstick
 
 import cablepod as cp
-from cablepod.kernels import implicit as kernel
 from cablepod.shipped import scene
 
+HERE = Path(__file__).resolve().parent
 CASES = (
     ("trapezoidal", 40, 0.1),
     ("trapezoidal", 40, 0.01),
@@ -31,65 +37,44 @@ CASES = (
     ("energy_momentum", 40, 0.01),
 )
 TIMES = np.arange(126.0)
-INSIDE = {"generalized_alpha": 0.0, "energy_momentum": 0.0}
-
-
-def watch(name: str) -> None:
-    """Add up the time spent in a compiled function."""
-    plain = getattr(kernel, name)
-
-    def timed(*arguments):
-        begin = time.perf_counter()
-        result = plain(*arguments)
-        INSIDE[name] += time.perf_counter() - begin
-        return result
-
-    setattr(kernel, name, timed)
+KERNELS = ("cablepod.kernels.implicit.generalized_alpha", "cablepod.kernels.implicit.energy_momentum")
 
 
 def measured(given, links: int, **options) -> tuple[float, float, np.ndarray]:
-    """Milliseconds in the kernel and of the whole call, and positions."""
-    INSIDE.update(dict.fromkeys(INSIDE, 0.0))
-    begin = time.perf_counter()
-    run = cp.chain.simulate(given, links=links, times=TIMES, **options)
-    whole = time.perf_counter() - begin
-    return 1e3 * sum(INSIDE.values()), 1e3 * whole, run["position"].values
+    """Return milliseconds in the kernel and of the whole call, and positions."""
+    with time_inside(*KERNELS) as kernel:
+        run, whole = timed(lambda: cp.chain.simulate(given, links=links, times=TIMES, **options))
+    return 1e3 * kernel.seconds, 1e3 * whole, run["position"].values
+
+
+def errors(position: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
+    """Return the error at 45 s and its maximum over all instants."""
+    gap = np.sqrt(((position - truth) ** 2).sum(-1)).max(axis=1)
+    at45, worst = (gap[45], gap.max()) / np.sqrt(((truth - truth[0]) ** 2).sum(-1)).max()
+    return float(at45), float(worst)
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=7)
-    repeats = parser.parse_args().repeats
+    options = command_line(__doc__, repeats=7, readme=True).parse_args()
     given, program = scene("example2"), compiled_yardstick()
-    for name in INSIDE:
-        watch(name)
     truths = {
         links: measured(given, links, scheme="velocity_verlet", step=1.25e-4 * min(1.0, 40 / links))[2]
         for links in (16, 40, 640)
     }
-    for scheme, links, step in CASES:
-        measured(given, links, scheme=scheme, step=step)
-    rows: dict[tuple[str, int, float], list[tuple[float, float]]] = {case: [] for case in CASES}
-    yardstick, errors = [], {}
-    for _ in range(repeats):
-        yardstick.append(c_time(program, 40) * 1e-6 * 40 * 500_000)
-        for case in CASES:
-            inside, whole, position = measured(given, case[1], scheme=case[0], step=case[2])
-            rows[case].append((inside, whole))
-            truth = truths[case[1]]
-            gap = np.sqrt(((position - truth) ** 2).sum(-1)).max(axis=1)
-            errors[case] = (gap[45], gap.max()) / np.sqrt(((truth - truth[0]) ** 2).sum(-1)).max()
-    c = statistics.median(yardstick)
-    print(f"125 s of Example 2, median of {repeats}; C loop, n = 40, 2.5e-4 s: {c:.0f} ms")
-    head = ("links", "step [s]", "kernel", "whole call", "C / kernel", "error 45 s", "worst")
-    print(f"{'scheme':<20}" + "".join(f"{item:>12}" for item in head))
-    for (scheme, links, step), times in rows.items():
-        inside, whole = (statistics.median(column) for column in zip(*times, strict=True))
-        at45, worst = errors[scheme, links, step]
-        print(
-            f"{scheme:<20}{links:>12}{step:>12g}{inside:>9.2f} ms{whole:>9.2f} ms{c / inside:>12.1f}{at45:>12.1e}{worst:>12.1e}"
-        )
+    jobs = [partial(measured, given, links, scheme=scheme, step=step) for scheme, links, step in CASES]
+    in_turns(jobs, 1)
+    yardstick, *rows = in_turns([partial(c_time, program, 40), *jobs], options.repeats)
+    c = statistics.median(yardstick) * 1e-6 * 40 * 500_000
+    print(f"125 s of Example 2, median of {options.repeats}; C loop, n = 40, 2.5e-4 s: {c:.0f} ms")
+    lines = []
+    for (scheme, links, step), row in zip(CASES, rows, strict=True):
+        inside, whole = medians(times[:2] for times in row)
+        at45, worst = errors(row[-1][2], truths[links])
+        times = [f"{inside:.2f} ms", f"{whole:.2f} ms", f"{c / inside:.1f}"]
+        lines.append([scheme, str(links), f"{step:g}", *times, f"{at45:.1e}", f"{worst:.1e}"])
+    head = ["scheme", "links", "step [s]", "kernel", "whole call", "C / kernel", "error at 45 s", "maximum"]
+    show_table("implicit", markdown_table(head, lines), HERE if options.readme else None)
 
 
 if __name__ == "__main__":

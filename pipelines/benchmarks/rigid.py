@@ -1,88 +1,78 @@
-"""Work and precision of the chain of rigid links: RATTLE, the index-1 form, and IDA of SUNDIALS as an independent third.
+"""Measure error and run time of the chain of rigid links: RATTLE, the index-1 form, and IDA of SUNDIALS.
 
-    python pipelines/benchmarks/rigid.py [--repeats 5] [--figure rigid.png]
+    pip install '.[peers]' && python pipelines/benchmarks/rigid.py [--repeats 5] [--out FOLDER] [--readme]
+
+Writes rigid.png.
 
 Three shipped scenes: a slack cable whose end moves (60 s), a slack line let go (3 s), a folded chain that falls (0.38 s).  IDA
-(through scikit-sundae, extra `peers`; a line says so where it is not installed) gets the stabilised index-2 form of Gear, Gupta
+(through scikit-sundae, extra `peers`; left out with a message if not installed) gets the stabilised index-2 form of Gear, Gupta
 and Leimkuhler, a second set of multipliers keeping the velocities on the constraints: positions, velocities and both multipliers
 of a particle side by side, a compiled residual, a banded Jacobian by difference quotients, consistent initial values, and an
-absolute tolerance of 1e10 for the multipliers, which its error test then passes over.
+absolute tolerance of 1e10 for the multipliers, which takes them out of its error test.
 
 Baumgarte: the index-1 form with Baumgarte's terms at 20 / s in place of the projection.
 
-Error: largest over the scene's instants of the rms distance of the particles, over the largest rms displacement, against the
-index-1 form at an eighth of the step that is chosen for a tolerance of 1e-9.  Time: inside the compiled loop, and of one whole
+Error: maximum over the scene's instants of the rms distance of the particles, over the maximum rms displacement, against the
+index-1 form at an eighth of the step chosen for a tolerance of 1e-9.  Time: inside the compiled loop, and of one whole
 call of rigid.simulate with a given step; of IDA the call of its solver.  One thread, medians over the repeats (one where a run
 takes more than 5 s), after compilation.
 """
 
 from __future__ import annotations
 
-import argparse
-import statistics
+import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
 from functools import partial
+from pathlib import Path
 from typing import Any
 
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
+from _study import command_line, markdown_table, medians, show_table, time_inside, timed
 from numba import njit
 
 import cablepod as cp
-from cablepod.kernels import rigid as kernel
 from cablepod.links import chain_of
 from cablepod.parameters import Parameters, parameters
 from cablepod.shipped import scene
 
+HERE = Path(__file__).resolve().parent
 SCENES = ("slack_cable", "slack_line", "folded_chain")
-#: Longest step of RATTLE [s]; the next ones are half, those of the index-1 form begin at twice as much.
+#: Longest step of RATTLE [s], halved from there; that of the index-1 form is twice as long.
 LONGEST = {"slack_cable": 0.064, "slack_line": 0.004, "folded_chain": 0.0005}
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
-WIDTH = 6  # unknowns of a particle: x, y, vx, vy, and of the link above it lambda, mu
-INSIDE = [0.0]
-
-BAUMGARTE = 20.0  # 1/s, the rate at which a drift is drawn back where nothing is projected
+WIDTH = 6  #: unknowns of a particle: x, y, vx, vy, and of the link above it lambda, mu
+KERNELS = ("cablepod.kernels.rigid.rattle", "cablepod.kernels.rigid.index1")
+BAUMGARTE = 20.0  #: rate of Baumgarte's stabilisation [1/s]
 Row = tuple[str, str, float, float, float, float]
 
 
-def watch(name: str) -> None:
-    """Add up the time spent in a compiled function."""
-    plain = getattr(kernel, name)
-
-    def timed(*arguments):
-        begin = time.perf_counter()
-        result = plain(*arguments)
-        INSIDE[0] += time.perf_counter() - begin
-        return result
-
-    setattr(kernel, name, timed)
-
-
 def repeated(call: Callable[[], tuple[float, float, Any]], repeats: int) -> tuple[float, float, Any]:
-    """Medians of the two times [s] that a call gives, and what else it gives."""
+    """Return the medians of the two times of a call [s], and its result."""
     call()
     results = [call()]
     while len(results) < repeats and results[0][1] < 5.0:
         results.append(call())
-    return statistics.median(r[0] for r in results), statistics.median(r[1] for r in results), results[0][2]
+    return *medians(result[:2] for result in results), results[0][2]
 
 
 def ours(given, method: str, step: float) -> tuple[float, float, Any]:
-    """Seconds inside the loop and of the whole call, and the run."""
-    INSIDE[0] = 0.0
-    begin = time.perf_counter()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # steps that are too long are part of the picture
-        if method == "Baumgarte":
-            run = cp.rigid.simulate(given, formulation="index1", baumgarte=BAUMGARTE, step=step)
-        else:
-            run = cp.rigid.simulate(given, formulation=method, step=step)
-    return INSIDE[0], time.perf_counter() - begin, run
+    """Return seconds inside the loop and of the whole call, and the run."""
+    options = {"formulation": method}
+    if method == "Baumgarte":
+        options = {"formulation": "index1", "baumgarte": BAUMGARTE}
+    with time_inside(*KERNELS) as loop, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # too long steps are part of the figure
+        run, whole = timed(lambda: cp.rigid.simulate(given, step=step, **options))
+    return loop.seconds, whole, run
 
 
 def end_motion(p: Parameters) -> tuple[float, float]:
-    """Amplitude and angular frequency of the upper end along x, the only motion of these scenes."""
+    """Return amplitude and angular frequency of the upper end along x, the only motion of these scenes."""
     functions = list(p.motions.values())
     return (functions[0].values["amplitude"], functions[0].values["angular_frequency"]) if functions else (0.0, 1.0)
 
@@ -132,7 +122,7 @@ def residual_of(p: Parameters, chain) -> Callable[..., None]:
 
 
 def ida(given, first) -> Callable[[float], tuple[float, float, np.ndarray]]:
-    """Prepare a scene for IDA; returns what runs it with a tolerance."""
+    """Prepare a scene for IDA; return a function of the tolerance that runs it."""
     from sksundae.ida import IDA
 
     p = parameters(given)
@@ -147,7 +137,7 @@ def ida(given, first) -> Callable[[float], tuple[float, float, np.ndarray]]:
     residual(0.0, y.ravel(), rates, left)
     free = np.zeros((chain.links + 1, WIDTH), dtype=bool)
     free[chain.free, 2:4] = True
-    rates[free.ravel()] = -left[free.ravel()]  # all else is at rest
+    rates[free.ravel()] = -left[free.ravel()]  # the other rates are zero
     if p.free is None:
         # the end's acceleration is that of its motion
         amplitude, omega = end_motion(p)
@@ -175,7 +165,7 @@ def ida(given, first) -> Callable[[float], tuple[float, float, np.ndarray]]:
 
 
 def measure(name: str, repeats: int) -> Iterator[Row]:
-    """Rows of one scene: method, setting, seconds inside, seconds of the call, error, relative error of the links' lengths."""
+    """Measure one scene: method, setting, seconds inside, seconds of the call, error, relative error of lengths."""
     given = scene(name)
     best = cp.rigid.simulate(given, formulation="index1", tolerance=1e-9, outputs=("position", "tension"))
     truth = cp.rigid.simulate(given, formulation="index1", step=best.attrs["step"] / 8.0)
@@ -205,7 +195,7 @@ def measure(name: str, repeats: int) -> Iterator[Row]:
         yield "IDA", f"rtol {tolerance:g}", inside, whole, error, float(np.abs(size - 1.0).max())
 
 
-def draw(rows: dict[str, list[Row]], path: str) -> None:
+def draw(rows: dict[str, list[Row]], path: Path) -> None:
     """Draw error against time of all scenes."""
     import matplotlib as mpl
 
@@ -240,25 +230,20 @@ def draw(rows: dict[str, list[Row]], path: str) -> None:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--figure")
-    options = parser.parse_args()
-    for name in ("rattle", "index1"):
-        watch(name)
+    options = command_line(__doc__, out="out/rigid", readme=True, repeats=5).parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
     rows: dict[str, list[Row]] = {}
     for name in SCENES:
-        print(f"{name}: {scene(name).attrs['title']}")
-        print(f"{'method':<10}{'setting':>14}{'inside [ms]':>14}{'call [ms]':>12}{'error':>12}{'length':>12}")
-        rows[name] = []
-        for row in measure(name, options.repeats):
-            rows[name].append(row)
-            print(
-                f"{row[0]:<10}{row[1]:>14}{1e3 * row[2]:>14.3g}{1e3 * row[3]:>12.3g}{row[4]:>12.1e}{row[5]:>12.1e}",
-                flush=True,
-            )
-    if options.figure:
-        draw(rows, options.figure)
+        print(f"\n{name}: {scene(name).attrs['title']}")
+        rows[name] = list(measure(name, options.repeats))
+        lines = [
+            [method, setting, f"{1e3 * inside:.3g}", f"{1e3 * whole:.3g}", f"{error:.1e}", f"{length:.1e}"]
+            for method, setting, inside, whole, error, length in rows[name]
+        ]
+        head = [name, "setting", "inside [ms]", "call [ms]", "error", "length error"]
+        show_table(f"rigid_{name}", markdown_table(head, lines), HERE if options.readme else None)
+    for folder in [options.out] + ([HERE] if options.readme else []):
+        draw(rows, folder / "rigid.png")
 
 
 if __name__ == "__main__":

@@ -1,25 +1,34 @@
-"""What each term of a scene costs a step: a plain planar scene against the same with one term added, and the spatial form.
+"""Time each term of a scene in a step: a plain planar scene, one term added, and the spatial form.
 
-    python pipelines/benchmarks/terms.py [--repeats 7] [--links 160]
+    python pipelines/benchmarks/terms.py [--repeats 7] [--links 160] [--readme]
 
-Example 2's guy.  Time per link and step is the difference of two whole calls of chain.simulate, one twice as long, so
-that all that is done once falls out and all that is done in each step counts, the tables of end motions and loads and the watch
-included; of implicit schemes it is per iteration of Newton's method, of which a step needs two to four.  One
-thread; compilation and a warm-up run lie outside; all terms of a scheme in turn, medians over the repeats.
+Example 2's guy.  Time per link and step is the difference of two whole calls of chain.simulate, one twice as long, so that work
+done once cancels and all work of a step counts, tables of end motions and loads and the check of the energy included; of implicit
+schemes it is per iteration of Newton's method, of which a step needs two to four.  One thread; compilation and a warm-up run are
+left out; all terms of a scheme in turns, medians over the repeats.
 """
 
 from __future__ import annotations
 
-import argparse
 import statistics
+import sys
 import time
+import tomllib
+from functools import partial
+from pathlib import Path
 from typing import Any
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from _study import command_line, in_turns, markdown_table, show_table
 
 import cablepod as cp
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
 from cablepod.shipped import scene_path
 
+HERE = Path(__file__).resolve().parent
 WAVE = {"kind": "harmonic", "amplitude": 1.0, "angular_frequency": 1.0}
 SWAY = {**WAVE, "amplitude": 1e-3}
 TERMS: dict[str, dict[str, Any]] = {
@@ -39,9 +48,7 @@ STEPS = {"velocity_verlet": 40_000, "trapezoidal": 1_000, "generalized_alpha": 1
 
 
 def runner(scheme: str, links: int, term: dict[str, Any]) -> Any:
-    """Return a function of a number of steps that makes a run of so many, and tells of how many solutions."""
-    import tomllib
-
+    """Return a function that runs a number of steps and returns the number of solutions."""
     tables = {key: value for key, value in term.items() if key not in ("law", "outputs", "spatial")}
     mapping = {**tomllib.loads(scene_path("example2").read_text()), **tables}
     if term.get("spatial"):
@@ -60,7 +67,7 @@ def runner(scheme: str, links: int, term: dict[str, Any]) -> Any:
 
 
 def slope(run: Any, steps: int) -> float:
-    """Seconds for one step, or one iteration, more."""
+    """Return the time of one more step, or iteration [s]."""
     begin = time.perf_counter()
     short = run(steps)
     middle = time.perf_counter()
@@ -70,28 +77,26 @@ def slope(run: Any, steps: int) -> float:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=7)
+    parser = command_line(__doc__, repeats=7, readme=True)
     parser.add_argument("--links", type=int, default=160)
     options = parser.parse_args()
     table: dict[str, dict[str, float]] = {name: {} for name in TERMS}
     for scheme, steps in STEPS.items():
         runs = {name: runner(scheme, options.links, term) for name, term in TERMS.items()}
-        found: dict[str, list[float]] = {name: [] for name in TERMS}
         for run in runs.values():
             run(steps)
-        for _ in range(options.repeats):
-            for name, run in runs.items():
-                found[name].append(slope(run, steps) / options.links)
-        for name, values in found.items():
-            table[name][scheme] = 1e9 * statistics.median(values)
+        found = in_turns([partial(slope, run, steps) for run in runs.values()], options.repeats)
+        for name, values in zip(runs, found, strict=True):
+            table[name][scheme] = 1e9 * statistics.median(values) / options.links
     print(
         f"ns per link and step or iteration, {options.links} links, median of {options.repeats}; in brackets over plain"
     )
-    print(f"{'term':<28}" + "".join(f"{scheme:>22}" for scheme in STEPS))
-    for name, row in table.items():
-        cells = (f"{value:.3g} ({value / table['plain, planar'][scheme]:.2f})" for scheme, value in row.items())
-        print(f"{name:<28}" + "".join(f"{cell:>22}" for cell in cells))
+    plain = table["plain, planar"]
+    lines = [
+        [name, *(f"{value:.3g} ({value / plain[scheme]:.2f})" for scheme, value in row.items())]
+        for name, row in table.items()
+    ]
+    show_table("terms", markdown_table(["term", *STEPS], lines), HERE if options.readme else None)
 
 
 if __name__ == "__main__":

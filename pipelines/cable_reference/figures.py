@@ -1,23 +1,27 @@
-"""Draw the frequencies of a horizontal cable over Irvine's lambda^2, and how far the two laws move a cable apart over its strain.
+"""Draw frequencies of a cable over Irvine's lambda^2, and the distance of the two laws over the strain.
 
-    python pipelines/cable_figures.py [FOLDER]
+    python pipelines/cable_reference/figures.py [--out FOLDER]
 
 Left: cable.frequencies against the roots of tan(z/2) = z/2 - 4/lambda^2 (z/2)^3 (Irvine and Caughey 1974) for a weight of a 50th
 of the horizontal force, lambda^2 from 0.1 to 1000 through 4 pi^2.  Right: the slow motion of Example 2 for stiffnesses from 2e5
-to 2e8 N, the largest distance of law (21) from the linear law over the motion, against the strain at the top.  Also prints the
+to 2e8 N, the maximum distance of law (21) from the linear law over the motion, against the strain at the top.  Also prints the
 numbers.
 """
 
 from __future__ import annotations
 
-import argparse
+import sys
 from pathlib import Path
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import matplotlib as mpl
 
 mpl.use("Agg")
 
 import numpy as np
+from _study import command_line
 from matplotlib import pyplot as plt
 from scipy.optimize import brentq
 
@@ -25,12 +29,12 @@ import cablepod as cp
 from cablepod.shipped import scene
 
 HERE = Path(__file__).resolve().parent
-SLOPE = 0.02  # weight over horizontal force
+SLOPE = 0.02  #: weight over horizontal force
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
 
 
 def horizontal(lam2: float):
-    """Return a horizontal spatial cable of that lambda^2, and sqrt(H/mu)/span [rad/s]."""
+    """Return a horizontal spatial cable by its lambda^2, and sqrt(H/mu)/span [rad/s]."""
     load, span = 10.0, 100.0
     force = load * span / SLOPE
     stiffness = lam2 * force * (1.0 + SLOPE**2 / 8.0) / SLOPE**2
@@ -40,7 +44,7 @@ def horizontal(lam2: float):
 
 
 def roots(lam2: float, count: int) -> np.ndarray:
-    """Return the lowest symmetric roots."""
+    """Return the lowest symmetric roots of Irvine and Caughey's equation."""
 
     def f(z):
         return np.sin(z / 2.0) + (4.0 / lam2 * (z / 2.0) ** 3 - z / 2.0) * np.cos(z / 2.0)
@@ -105,7 +109,8 @@ def laws(ax: plt.Axes) -> None:
 
 
 def main(folder: Path) -> None:
-    """Write the picture into `folder`."""
+    """Write the figure into `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 4.4), layout="constrained")
     frequencies(left)
     laws(right)
@@ -113,6 +118,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", nargs="?", type=Path, default=HERE / "figures")
-    main(parser.parse_args().folder)
+    main(command_line(__doc__, out=HERE).parse_args().out)

@@ -1,19 +1,23 @@
-"""Make the truth files: the continuous cable of five scenes by both laws, converged to 1e-6 of the motion.
+"""Compute the truth files: the continuous cable of five scenes by both laws, converged to 1e-6 of the motion.
 
-    python pipelines/cable_truth.py [--out data/truth] [--only example2 ...] [--laws green linear]
+    python pipelines/cable_reference/run.py [--out data/truth] [--only example2 ...] [--laws green linear]
 
 Each scene is run with 8, 16, 24 and 32 elements of order 7 by velocity Verlet, each at 0.85 of its stability limit, so that the
 step shrinks with the elements.  The last run is kept, at 41 particles and every 2 s, with a table: elements, step, and the
-largest distance from the last run (rms over particles, over the largest rms displacement).  The last row of the table but one is
-what two resolutions differ by, which bounds the error of the last.  About ten minutes in all on one core.
+maximum distance from the last run (rms over particles, over the maximum rms displacement).  The last row of the table but one is
+the difference of two resolutions, which bounds the error of the last.  About ten minutes in all on one core.
 """
 
 from __future__ import annotations
 
-import argparse
+import sys
 from pathlib import Path
 
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
+from _study import command_line
 
 import cablepod as cp
 from cablepod.cable_choice import unforced_step
@@ -32,7 +36,7 @@ GOAL = 1e-6
 
 
 def step_of(given, elements: int, law: str) -> float:
-    """Return a step of 0.85 of the stability limit of so many elements [s], rounded so that it hits the instants."""
+    """Return 0.85 of the stability limit [s], rounded so that steps hit the instants."""
     mesh = mesh_of(parameters(given), elements, None, law)
     shape = start(mesh)
     about = (mesh, np.array([0.0, float(given["time_duration"])]), shape, ("position",), None, "")
@@ -41,7 +45,7 @@ def step_of(given, elements: int, law: str) -> float:
 
 
 def truth(name: str, law: str):
-    """Run a shipped scene at all resolutions; returns the last run with the table of convergence."""
+    """Run a shipped scene at all resolutions; return the last run with the table of convergence."""
     given = scene(name)
     times = np.arange(0.0, float(given["time_duration"]) + 1e-9, INTERVAL)
     steps = [step_of(given, count, law) for count in ELEMENTS]
@@ -68,8 +72,7 @@ def truth(name: str, law: str):
 
 def main() -> None:
     """Write the files and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=data_folder() / "truth")
+    parser = command_line(__doc__, out=data_folder() / "truth")
     parser.add_argument("--only", nargs="+", default=SCENES, choices=SCENES)
     parser.add_argument("--laws", nargs="+", default=LAWS[::-1], choices=LAWS)
     options = parser.parse_args()

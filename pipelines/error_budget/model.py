@@ -1,4 +1,4 @@
-"""A condensed model with switches, to tell the terms of the error apart; planar, steady uniform loads, linear law.
+"""Integrate a condensed model with switches for the terms of the error; planar, steady uniform loads, linear law.
 
 Written without the package's kernels: positions of the chord's ends, the closure and the force link by link, velocity Verlet.
 """
@@ -19,13 +19,13 @@ from cablepod.links import chain_of
 from cablepod.parameters import parameters
 from cablepod.pod_normal import deflections
 
-#: What the retained modes do not see of the truncated ones.
+#: Whether the truncated modes are hidden from the retained ones in the tension, and in the force.
 HIDDEN = {"nothing": (False, False), "tension": (True, False), "force": (False, True), "both": (True, True)}
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def reach(dw, tau, length, stiffness, chord, force, z, n):
-    """Find H [N] such that links with slopes dw reach from end to end; fills stretches z along the chord and forces n."""
+    """Solve the closure for H [N] of links with slopes dw; fill stretches z along the chord and forces n."""
     for _ in range(50):
         total, give = 0.0, 0.0
         for j in range(z.size):
@@ -47,11 +47,11 @@ def reach(dw, tau, length, stiffness, chord, force, z, n):
 def accelerations(
     q, row, mass, length, sigma, stiffness, load, slopes, test, push, rank, see, part, tau, state, z, n, f
 ):
-    """Accelerations f of coordinates for test functions that are unit in mass against the shapes.
+    """Compute accelerations f of coordinates for test functions with unit mass products with the shapes.
 
-    `row`: chord, its direction (2,), second rates of both ends (4,).  `push`: what stands normal to the chord beside all this,
-    per mass (particle,) [m/s^2].  `see`: whether the first `rank` coordinates see only themselves in the tension, in the force.
-    `part`: chordwise accelerations (particle,) [m/s^2].  `state`: H of all, H of the first coordinates.
+    `row`: chord, its direction (2,), second derivatives of both ends (4,).  `push`: further force normal to the chord per mass
+    (particle,) [m/s^2].  `see`: whether tension and force on the first `rank` coordinates depend on themselves alone.  `part`:
+    chordwise accelerations (particle,) [m/s^2].  `state`: H of all, H of the first coordinates.
     """
     r, m = slopes.shape
     ex, ey = row[1], row[2]
@@ -70,7 +70,7 @@ def accelerations(
     turn = (row[5] - row[3]) * -ey + (row[6] - row[4]) * ex
     again = see[0] or see[1]
     for kind in range(2 if again else 1):
-        # the second time what the retained coordinates see
+        # the second pass without the truncated coordinates
         hide_tension, hide_force = kind == 1 and see[0], kind == 1 and see[1]
         state[kind] = reach(few if hide_tension else dw, tau, length, stiffness, row[0], state[kind], z, n)
         for j in range(m + 1):
@@ -83,15 +83,15 @@ def accelerations(
             f[k] = 0.0
             for j in range(m + 1):
                 f[k] += test[k, j] * g[j]
-    if again:  # z of all of them
+    if again:  # z of all coordinates
         reach(dw, tau, length, stiffness, row[0], state[0], z, n)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def place(w, row, length, stiffness, load, state, z, n, tau, places):
-    """Find how far along the chord the particles of deflections w stand [m]; `places` has those of this step and two before.
+    """Compute positions along the chord [m] of particles with deflections w; `places`: of this step and two before.
 
-    Geometry alone tells the stretch to second order: what chordwise inertia moves is a part H/K of it.
+    Geometry alone gives the stretch to second order; the effect of chordwise inertia on it is a part H/K.
     """
     m = length.size
     dw = (w[1:] - w[:-1]) / length
@@ -107,10 +107,10 @@ def place(w, row, length, stiffness, load, state, z, n, tau, places):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def march(q, v, step, every, rows, rates, mass, length, sigma, stiffness, load, slopes, test, rank, see, terms, saved):
-    """Velocity Verlet; saves q at every so many steps.
+    """Integrate by velocity Verlet; save q at `every` steps.
 
-    `rates`: angular velocity and acceleration of the chord, rate of its length (steps, 3).  `terms`: whether chordwise inertia
-    and the rotation of the chord count; chordwise accelerations and velocities are differences of the last steps.
+    `rates`: angular velocity and acceleration of the chord, derivative of its length (steps, 3).  `terms`: whether chordwise
+    inertia and the rotation of the chord count; chordwise accelerations and velocities are differences of the last steps.
     """
     r, m = slopes.shape
     z, n, tau, f = np.ones(m), np.empty(m), np.empty(m), np.empty(r)
@@ -143,20 +143,20 @@ def march(q, v, step, every, rows, rates, mass, length, sigma, stiffness, load, 
 
 
 def taken_length(w: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """Length that deflections w (times, particle) take from links of some lengths, to leading order (times,) [m]."""
+    """Return the shortening of the cable by deflections w (times, particle), to leading order (times,) [m]."""
     return 0.5 * ((np.diff(w, axis=1) / length) ** 2 * length).sum(axis=1)
 
 
 @dataclass(frozen=True)
 class Switched:
-    """The scene of a chain, cut into links as that."""
+    """The model with switches on the links of a scene's chain."""
 
     scene: xr.Dataset
     times: np.ndarray
     links: int = 40
 
     def parts(self, step: float) -> dict[str, Any]:
-        """Tell what `march` must know of the scene."""
+        """Return the arguments of `march` that depend on the scene."""
         p = parameters(self.scene)
         chain = chain_of(p, self.links)
         every = round((self.times[1] - self.times[0]) / step)
@@ -178,10 +178,9 @@ class Switched:
         self, shapes: np.ndarray, step: float, *, tests: np.ndarray | None = None, rank: int = 0, hidden: str = "nothing",
         inertia: bool = False, frame: bool = False, taken: np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
-        """Deflections (times, particle) [m] on shapes (r, particle), by any test functions, from the model's own rest.
+        """Return deflections (times, particle) [m] on shapes (r, particle), by any test functions, from the model's own rest.
 
-        `taken` is the length that deflections beside these shapes take from the cable (times,) [m]: all that the tension sees of
-        them.
+        `taken` is the shortening of the cable by deflections beside these shapes (times,) [m], their only effect on the tension.
         """
         parts = self.parts(step)
         if taken is not None:
@@ -203,8 +202,8 @@ class Switched:
     def _rest(
         self, q: np.ndarray, slopes: np.ndarray, test: np.ndarray, rank: int, see: np.ndarray, parts: dict[str, Any]
     ) -> np.ndarray:
-        """Find where nothing accelerates, by Newton's method with differences."""
-        row = np.concatenate([parts["rows"][0][:3], np.zeros(4)])  # rest knows no acceleration of the ends
+        """Solve for the equilibrium by Newton's method with differences."""
+        row = np.concatenate([parts["rows"][0][:3], np.zeros(4)])  # no acceleration of the ends at rest
         m = slopes.shape[1]
         fixed = [parts[key] for key in ("mass", "length", "sigma", "stiffness", "load")]
         none = np.zeros(m + 1)

@@ -1,38 +1,41 @@
-"""What the error of the condensed model is made of, term by term, in Examples 2 to 4.
+"""Split the error of the condensed model into its terms, in Examples 2 to 4.
 
-    python pipelines/error_budget.py [--out FOLDER] [--readme] [--quick]
+    python pipelines/error_budget/run.py [--out FOLDER] [--readme] [--quick]
 
 Writes error_budget.nc and error_budget.png.
 
-Modes are trained on the chain itself (40 links, 125 s, every 0.1 s).  All numbers are largest distances over time, over
-the motion.
-"projection": the chain's deflection from the span of the modes: no model on them does better in deflection.
+Modes come from the chain itself (40 links, 125 s, every 0.1 s).  All numbers are maximum distances over time, over the motion.
+"projection": distance of the chain's deflection from the span of the modes, the minimum for any model on them.
 "leading", "exact", "inertial": the orders of the model, extrapolated in the step.
-"..., all modes": the same with all modes that moved (29 to 39): what is left is what the model neglects, not the modes.
-"step": what extrapolation takes off "inertial" at 0.05 of the longest stable step (of eight modes where there are fewer).
+"..., all modes": the same with all modes that moved (29 to 39): the error of the model, without that of the truncation.
+"step": correction of "inertial" by extrapolation at 0.05 of the stability limit (of eight modes where there are fewer).
 "rotation of the chord": change of the model with chordwise inertia when mu [(zeta - S/L0 c) theta'' + 2 (zeta - S/L0 c)' theta'
 - w theta'^2] normal to the chord is added, zeta the distance along the chord and theta its angle.
-"truncated, ...": change of the retained amplitudes in the model with all modes when the retained ones do not see the truncated
-ones: in the tension, in the force on them, in both.  (Without chordwise inertia; each from its own equilibrium.)
+"truncated, ...": change of the retained amplitudes in the model with all modes when the truncated ones do not act on them: in
+the tension, in the force, in both.  (Without chordwise inertia; each from its own equilibrium.)
 "oblique": the model with chordwise inertia whose test functions are not the modes but as many vibration modes of the chain at
-its mean tension, those that a QR decomposition with pivoting of their products with the modes chooses; extrapolated in the step.
-They feel less of the force of the truncated modes, which is the larger part of "truncated, in both" in Examples 2 and 3 at r = 3.
-"oblique, tension given": the same where the tension knows, from the chain, what the truncated modes take from the length of the
-cable at each instant: one number, and the only one that such a model lacks.
-"explained": the share of the variance of that number, over the second half of the time, that a polynomial of second order in the
-amplitudes, their rates, the chord and its rate explains that was fitted over the first half (less than 0: the mean would do
-better).  What is not explained does not follow from what the model knows by such a fit.
+its mean tension, chosen by a QR decomposition with pivoting of their products with the modes; extrapolated in the step.  Their
+product with the force of the truncated modes is smaller; that force is the larger part of "truncated, in both" in Examples 2 and
+3 at r = 3.
+"oblique, tension given": the same with the shortening of the cable by the truncated modes given from the chain at each instant:
+the one number of the tension that such a model lacks.
+"explained": the share of the variance of that number, over the second half of the time, explained by a polynomial of second order
+in the amplitudes, their rates, the chord and its rate that was fitted over the first half (below 0 the mean does better).  The
+rest does not follow from the state of the model by such a fit.
 "trained": order "exact" with test functions trained on the run, `oblique.train`.
 "trained, second half": the same trained on the first half of the run only; its error over the second half.
 """
 
 from __future__ import annotations
 
-import argparse
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import matplotlib as mpl
 
@@ -40,9 +43,10 @@ mpl.use("Agg")
 
 import numpy as np
 import xarray as xr
-from error_budget_model import Switched, taken_length
+from _study import command_line, markdown_table, percent, publish
+from error_budget.model import Switched, taken_length
 from matplotlib import pyplot as plt
-from prediction import motion_of, percent, run_model
+from prediction.run import motion_of, run_model
 from scipy.linalg import eigh, qr
 from tqdm import tqdm
 
@@ -62,17 +66,17 @@ TERMS = (
     "truncated, in the tension", "truncated, in the force", "truncated, in both", "oblique projection", "oblique",
     "oblique, tension given", "trained", "trained, second half",
 )  # fmt: skip
-#: Step of the model with switches [s]: a third of the stability limit of 39 modes in Example 3, its error cancels in differences.
+#: Step of the model with switches [s]: a third of the stability limit of 39 modes in Example 3; its error cancels in differences.
 STEP = 0.005
 
 
 def distance(a: np.ndarray, b: np.ndarray, motion: float) -> float:
-    """Largest rms distance of deflections (times, particle) over the motion."""
+    """Return the maximum rms distance of deflections (times, particle) over the motion."""
     return float(np.sqrt(np.mean((a - b) ** 2, axis=1)).max() / motion)
 
 
 def vibration_modes(scene: xr.Dataset, tension: np.ndarray) -> np.ndarray:
-    """Modes (mode, particle) of a chain taut by given tensions of its links [N], without sag, mass-orthonormal."""
+    """Return mass-orthonormal modes (mode, particle) of a chain without sag at given tensions of its links [N]."""
     p = parameters(scene)
     chain = chain_of(p, LINKS)
     difference = np.diff(np.eye(LINKS + 1), axis=0) / chain.length[:, None]
@@ -82,13 +86,13 @@ def vibration_modes(scene: xr.Dataset, tension: np.ndarray) -> np.ndarray:
 
 
 def chosen_tests(modes: np.ndarray, vibrations: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """As many vibration modes as there are modes, those that tell them apart best."""
+    """Choose as many vibration modes as there are modes, by their products with them."""
     order = qr((modes * mass) @ vibrations.T, mode="r", pivoting=True)[1]
     return vibrations[order[: len(modes)]]
 
 
 def explained(taken: np.ndarray, state: np.ndarray) -> float:
-    """Share of the variance of `taken` (times,) in its second half that a quadratic of `state` (times, n) explains."""
+    """Return the share of the variance of `taken` (times,) in its second half explained by a quadratic of `state`."""
     x = (state - state.mean(axis=0)) / state.std(axis=0)
     i, j = np.triu_indices(x.shape[1])
     features = np.concatenate([np.ones((len(x), 1)), x, x[:, i] * x[:, j]], axis=1)
@@ -98,7 +102,7 @@ def explained(taken: np.ndarray, state: np.ndarray) -> float:
 
 
 def budget(name: str, duration: float, ranks: tuple[int, ...] = RANKS) -> tuple[np.ndarray, np.ndarray]:
-    """All terms of one example (term, rank), and what is explained (rank,)."""
+    """Return all terms of one example (term, rank), and the explained share (rank,)."""
     scene = shipped.scene(name)
     times = np.arange(round(duration * 10) + 1) * 0.1
     truth = cp.chain.simulate(
@@ -164,7 +168,7 @@ def report(
     duration: float = 125.0,
     progress: Callable[..., Any] = iter,
 ) -> xr.Dataset:
-    """Make the budget; a Dataset over (example, term, rank)."""
+    """Return the budget as a Dataset over (example, term, rank)."""
     found = [budget(name, duration, ranks) for name in progress(examples)]
     error = (
         ("example", "term", "rank"),
@@ -214,36 +218,33 @@ def draw(result: xr.Dataset, path: Path) -> None:
     plt.close(picture)
 
 
-def show(result: xr.Dataset) -> None:
-    """Print a table for each example."""
+def tables(result: xr.Dataset) -> dict[str, str]:
+    """Write a table for each example."""
+    found = {}
     for name in result["example"].values:
-        print(f"\n| {name} | " + " | ".join(f"r = {rank}" for rank in result["rank"].values) + " |")
-        print("| --- " * (1 + result.sizes["rank"]) + "|")
-        for term in result["term"].values:
-            print(
-                f"| {term} | "
-                + " | ".join(percent(v) for v in result["error"].sel(example=name, term=term).values)
-                + " |"
-            )
-        shares = result["explained"].sel(example=name).values
-        print("| explained | " + " | ".join(f"{value:.2g}" for value in shares) + " |")
+        of = result.sel(example=name)
+        lines = [[str(term), *map(percent, of["error"].sel(term=term).values)] for term in of["term"].values]
+        lines.append(["explained", *(f"{value:.2g}" for value in of["explained"].values)])
+        found[str(name)] = markdown_table([str(name), *(f"r = {rank}" for rank in of["rank"].values)], lines)
+    return found
 
 
 def main() -> None:
-    """Run as told by the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("out/error_budget"))
-    parser.add_argument("--readme", action="store_true")
-    parser.add_argument("--quick", action="store_true")
-    given = parser.parse_args()
+    """Run, write, print and draw."""
+    quick = "Example 2, two numbers of modes, 10 s"
+    given = command_line(__doc__, out="out/error_budget", readme=True, quick=quick).parse_args()
     begin = time.perf_counter()
     options: dict[str, Any] = {"examples": EXAMPLES[:1], "ranks": (2, 4), "duration": 10.0} if given.quick else {}
     result = report(progress=tqdm, **options)
-    given.out.mkdir(parents=True, exist_ok=True)
-    cp.archive.write(result, given.out / "error_budget.nc", overwrite=True)
-    show(result)
-    for target in [given.out / "error_budget.png"] + ([HERE / "figures" / "error_budget.png"] if given.readme else []):
-        draw(result, target)
+    publish(
+        given.out,
+        "error_budget",
+        result,
+        draw=lambda path: draw(result, path),
+        page=HERE if given.readme else None,
+        tables=tables(result),
+    )
+    print("\n\n".join(tables(result).values()))
     print(f"{time.perf_counter() - begin:.0f} s")
 
 

@@ -1,4 +1,4 @@
-"""Figure and table of :mod:`error_against_run_time`."""
+"""Draw the fronts of error against run time and write their tables."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ mpl.use("Agg")
 
 import numpy as np
 import xarray as xr
+from _study import markdown_table, percent
 from matplotlib import pyplot as plt
 
 import cablepod as cp
@@ -65,49 +66,44 @@ def draw(result: xr.Dataset) -> plt.Figure:
     return figure
 
 
-def percent(value: float) -> str:
-    """Write a fraction as percent."""
-    return f"{100 * value:.2g} %"
-
-
 def markdown(rows: list[dict[str, Any]]) -> str:
-    """Write the table of best full and best reduced models."""
-    lines = [
-        "| scene | error | best full model | kernel, call | best reduced model | kernel, call | offline "
-        "| kernels: full over reduced | calls |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    """Write the table of the best full and the best reduced models."""
+    head = (
+        "scene", "error", "best full model", "kernel, call", "best reduced model", "kernel, call", "offline",
+        "kernels: full over reduced", "calls",
+    )  # fmt: skip
+    lines = []
     for row in rows:
         cells = [TITLES[row["scene"]], "≤ " + percent(row["level"])]
         for family in ("full", "reduced"):
             of = row["best"][family]
-            cells += ["none", ""] if of is None else [
-                f"{of['name'].values!s}, {float(of['step']):.3g} s",
-                f"{_milliseconds(of['kernel_time'])}, {_milliseconds(of['call_time'])} ms",
-            ]  # fmt: skip
+            cells += ["none", ""] if of is None else _setting_and_times(of)
         of = row["best"]["reduced"]
         cells.append("" if of is None else f"{float(of['offline_time']):.2g} s")
         cells += ["" if np.isnan(row[key]) else f"{row[key]:.3g}" for key in ("ratio", "call_ratio")]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        lines.append(cells)
+    return markdown_table(head, lines)
 
 
 def markdown_trained(rows: list[dict[str, Any]]) -> str:
-    """Write the table of the best models with trained test functions, where there are any."""
-    lines = [
-        "| scene | error | best with trained test functions | kernel, call | offline | kernels: full over trained |"
-    ]
-    lines.append("| --- " * 6 + "|")
+    """Write the table of the best models with trained test functions."""
+    head = (
+        "scene", "error", "best with trained test functions", "kernel, call", "offline", "kernels: full over trained",
+    )  # fmt: skip
+    lines = []
     for row in rows:
         of = row["best"]["trained"]
         if of is not None:
-            cells = [
-                TITLES[row["scene"]], "≤ " + percent(row["level"]), f"{of['name'].values!s}, {float(of['step']):.3g} s",
-                f"{_milliseconds(of['kernel_time'])}, {_milliseconds(of['call_time'])} ms", f"{float(of['offline_time']):.2g} s",
-                "" if np.isnan(row["trained_ratio"]) else f"{row['trained_ratio']:.3g}",
-            ]  # fmt: skip
-            lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+            cells = [TITLES[row["scene"]], "≤ " + percent(row["level"]), *_setting_and_times(of)]
+            cells.append(f"{float(of['offline_time']):.2g} s")
+            cells.append("" if np.isnan(row["trained_ratio"]) else f"{row['trained_ratio']:.3g}")
+            lines.append(cells)
+    return markdown_table(head, lines)
+
+
+def _setting_and_times(of: xr.Dataset) -> list[str]:
+    name = f"{of['name'].values!s}, {float(of['step']):.3g} s"
+    return [name, f"{_milliseconds(of['kernel_time'])}, {_milliseconds(of['call_time'])} ms"]
 
 
 def _milliseconds(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""What :mod:`error_against_run_time` sets side by side: scenes, truth, settings of each model, and how its kernel is timed."""
+"""Define scenes, truth, settings and kernel time of the models that the study compares."""
 
 from __future__ import annotations
 
@@ -10,28 +10,23 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import numpy as np
 import xarray as xr
+from _study import wrapped
 from scipy.interpolate import CubicSpline
 
 import cablepod as cp
-from cablepod import implicit, motion, stepping
+from cablepod import stepping
 from cablepod.elements import mesh_of
-from cablepod.kernels import cable as cable_kernel
 from cablepod.kernels import catenary as catenary_kernel
-from cablepod.kernels import chain as chain_kernel
-from cablepod.kernels import condensed as condensed_kernel
-from cablepod.kernels import implicit as implicit_kernel
-from cablepod.kernels import reduced as reduced_kernel
 from cablepod.links import chain_of
 from cablepod.parameters import Parameters, load_plane, parameters, solve_statics
 from cablepod.shipped import scene as shipped
 from cablepod.shipped import truth_path, truths
 
 EXAMPLES = ("example2", "example3", "example4")
-#: Scenes on which no modes are trained, cables like Example 2's: a flatter guy in side wind, and a long one that is almost level.
+#: Scenes without modes of their own, cables as in Example 2: a flatter guy in side wind, and a long and almost level one.
 UNSEEN: dict[str, dict[str, Any]] = {
     "guy": {
         "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "specific_weight": 78500.0, "top_tension": 6000.0},
@@ -46,20 +41,20 @@ UNSEEN: dict[str, dict[str, Any]] = {
         "load": {"uniform": [0.0, 0.0]},
     },
 }
-#: Chains of so many links are trained on.
+#: Numbers of links of the chains that modes are trained on.
 TRAINED = (40, 80, 160)
 RANKS = (1, 2, 3, 4, 6, 8, 10)
 STEPS = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005)
-#: Elements of the truth, of order 7, and its step over the stability limit: 16 elements differ by less than 5e-7 of the motion.
+#: Number of elements of the truth, of order 7 (16 differ by less than 5e-7 of the motion), and its step over the stability limit.
 ELEMENTS, SHARE = 12, 0.8
-#: Test functions are trained against the cable in so many elements, with runs of such a time error.
+#: Number of elements of the cable that test functions are trained against, and time error of the runs.
 LEARNED, LEARNING_TOLERANCE = 4, 1e-4
-#: Quasi-static sequences are given at so many places.
+#: Number of points along the cable at which quasi-static sequences are given.
 PLACES = 41
 
 
 def scene_of(name: str, duration: float) -> xr.Dataset:
-    """Return a scene by name, over so many seconds with an output every second."""
+    """Return a scene by name, with a duration [s] and an output every second."""
     if name in UNSEEN:
         time_table = {"duration": duration, "interval": 1.0}
         return cp.make_scene(
@@ -74,7 +69,7 @@ def scene_of(name: str, duration: float) -> xr.Dataset:
 
 @dataclass
 class Truth:
-    """The converged continuous cable of a scene by one law, at any places."""
+    """The converged continuous cable of a scene by one law."""
 
     scene: xr.Dataset
     law: str
@@ -83,14 +78,14 @@ class Truth:
     _known: dict[int, np.ndarray] = field(default_factory=dict)
 
     def at(self, particles: int) -> np.ndarray:
-        """Positions of so many particles at equal unstretched distances (times, particles, dims) [m]."""
+        """Return positions at equal unstretched distances (times, particles, dims) [m]."""
         if particles not in self._known:
             mesh = mesh_of(parameters(self.scene), self.elements, law=self.law, points="nodes")
             self._known[particles] = mesh.at(self.nodes, mesh.total_length * np.linspace(0.0, 1.0, particles))
         return self._known[particles]
 
     def errors(self, position: np.ndarray) -> tuple[float, float]:
-        """Largest error over time and its rms: rms over particles over the largest rms displacement, as cablepod.compare."""
+        """Return maximum and rms over time of the error, defined as in cablepod.compare."""
         truth = self.at(position.shape[1])
         chord = float(np.linalg.norm(truth[0, -1] - truth[0, 0]))
         error = np.sqrt(np.mean(np.sum((position - truth) ** 2, axis=-1), axis=-1))
@@ -99,7 +94,7 @@ class Truth:
 
 
 def truth_of(name: str, given: xr.Dataset, law: str, times: np.ndarray, folder: Path, elements: int) -> Truth:
-    """Compute the truth at all instants, or read what a run before has left in `folder`."""
+    """Compute the truth at all instants, or read that of an earlier run from `folder`."""
     path = folder / f"truth_{name}_{law}_{elements}.nc"
     if path.exists():
         kept = cp.archive.read(path)
@@ -114,7 +109,7 @@ def truth_of(name: str, given: xr.Dataset, law: str, times: np.ndarray, folder: 
 
 
 def from_file(name: str, truth: Truth, times: np.ndarray) -> float:
-    """Return the largest difference of a truth from the one on file, over the motion; not a number where there is none."""
+    """Return the maximum difference from the truth on file, over the motion; nan without a file."""
     if (name, truth.law) not in truths():
         return float("nan")
     kept = cp.archive.read(truth_path(name, truth.law))
@@ -130,14 +125,14 @@ def from_file(name: str, truth: Truth, times: np.ndarray) -> float:
 
 @dataclass
 class Training:
-    """Modes by layout and number of links, with what they cost [s]."""
+    """Modes by layout and number of links, with their offline time [s]."""
 
     modes: dict[tuple[Any, ...], xr.Dataset]
     seconds: dict[tuple[Any, ...], float]
 
 
 def trained_on(scenes: list[xr.Dataset], sizes: tuple[int, ...], rank: int) -> Training:
-    """Run chains explicitly at 0.9 of their limit and decompose their snapshots, one a second, of all scenes together."""
+    """Decompose the snapshots of all scenes together: explicit chains at 0.9 of their limit, one snapshot a second."""
     found = Training({}, {})
     for links in sizes:
         begin = time.perf_counter()
@@ -157,7 +152,10 @@ def trained_on(scenes: list[xr.Dataset], sizes: tuple[int, ...], rank: int) -> T
 
 
 def learn(training: Training, given: xr.Dataset, tried: list[Setting], times: np.ndarray) -> None:
-    """Train test functions on the scene itself, against the continuous cable on the particles of the modes, for some settings."""
+    """Train test functions on the scene itself for the settings of family "trained".
+
+    The truth is the continuous cable on the particles of the modes.
+    """
     for setting in tried:
         key = basis(setting)
         if setting.family != "trained" or key in training.modes:
@@ -166,7 +164,7 @@ def learn(training: Training, given: xr.Dataset, tried: list[Setting], times: np
         mesh = mesh_of(parameters(given), LEARNED)
         step = 1.0 / stepping.preferred_rate(mesh.highest_frequency(1.0) / (2.0 * SHARE))
         cable = cp.cable.simulate(given, elements=LEARNED, step=step, times=times, points=setting.size + 1)
-        with contextlib.suppress(cp.SceneError):  # points of quadrature too few for the modes
+        with contextlib.suppress(cp.SceneError):  # too few points of quadrature for the modes
             training.modes[key] = cp.oblique.train(
                 given, cable, training.modes["normal", setting.size], rank=setting.rank, order=setting.order,
                 quadrature=setting.points or None, tolerance=LEARNING_TOLERANCE,
@@ -179,7 +177,7 @@ def learn(training: Training, given: xr.Dataset, tried: list[Setting], times: np
 
 @dataclass(frozen=True)
 class Setting:
-    """One model with all its options; an explicit full model's step is a share of its stability limit."""
+    """One model with all its options; the step of an explicit full model is a share of its stability limit."""
 
     family: str  #: "full", "reduced", "trained" (condensed with trained test functions) or "quasi-static"
     model: str
@@ -193,7 +191,7 @@ class Setting:
 
     @property
     def name(self) -> str:
-        """What it is called in tables."""
+        """Name in tables."""
         what = {"chain": "n", "cable": "elements"}.get(self.model, "trained with n")
         parts = [
             "condensed, trained" if self.model == "trained" else self.model,
@@ -206,7 +204,7 @@ class Setting:
 
 
 def settings(*, quick: bool) -> list[Setting]:
-    """Return all settings that are tried."""
+    """Return all settings of the study."""
     found = []
     for n in (8, 20) if quick else (5, 8, 10, 13, 16, 20, 26, 32, 40, 56, 80, 113, 160):
         found += [Setting("full", "chain", "trapezoidal", n, step=h) for h in (STEPS[2:7:2] if quick else STEPS)]
@@ -277,14 +275,14 @@ def _trained(quick: bool) -> list[Setting]:
 
 
 def basis(setting: Setting) -> tuple[Any, ...]:
-    """Return what a setting's modes are known by in a Training."""
+    """Return the key of a setting's modes in a Training."""
     if setting.model == "trained":
         return "trained", setting.size, setting.order, setting.rank, setting.points
     return {"Galerkin": "separate", "condensed": "normal"}.get(setting.model, ""), setting.size
 
 
 def limit_of(given: xr.Dataset, setting: Setting, training: Training) -> float:
-    """Stability limit of the step of a full model or a Galerkin model at the start [s]."""
+    """Return the stability limit of the step of a full or Galerkin model at the start [s]."""
     p = parameters(given)
     if setting.model == "chain":
         return chain_of(p, setting.size).step_limit()
@@ -296,12 +294,12 @@ def limit_of(given: xr.Dataset, setting: Setting, training: Training) -> float:
 
 
 def law_of(setting: Setting) -> str:
-    """Law of a setting; each is measured against the truth of its own."""
+    """Return the law of a setting, which is also that of its truth."""
     return "green" if setting.model == "Galerkin" else "linear"
 
 
 def job_of(given: xr.Dataset, setting: Setting, step: float, training: Training) -> Callable[..., Any]:
-    """Return the public call of a setting, to be given `times` and `outputs`; of a sequence a function of the same kind."""
+    """Return the public call of a setting, which takes `times` and `outputs`; of a sequence an equivalent function."""
     if setting.model == "catenary":
         return partial(sequence, given, step)
     options: dict[str, Any] = {"scheme": setting.scheme, "step": step}
@@ -325,7 +323,7 @@ def job_of(given: xr.Dataset, setting: Setting, step: float, training: Training)
 
 
 def _catenaries(p: Parameters, times: np.ndarray) -> tuple[list[tuple[Any, tuple[Any, ...]]], tuple[np.ndarray, ...]]:
-    """Return calls that solve the catenaries at some instants; and lower ends, solutions to be, unit vectors."""
+    """Return the calls that solve the catenaries at some instants; and lower ends, arrays of solutions, unit vectors."""
     _, _, _, q, across, against = load_plane(p)
     length = float(solve_statics(p, p.length_key, p.length_value)[0])
     ends = p.end_positions(times)
@@ -340,14 +338,14 @@ def _catenaries(p: Parameters, times: np.ndarray) -> tuple[list[tuple[Any, tuple
 
 
 def knots(times: np.ndarray, step: float) -> np.ndarray:
-    """Instants of a sequence that reaches beyond the last of `times`, at least four for the cubic."""
+    """Return instants of a sequence beyond the last of `times`, at least four for the cubic."""
     return step * np.arange(max(int(np.ceil(times[-1] / step - 1e-9)), 3) + 1)
 
 
 def sequence(
     given: xr.Dataset, step: float, *, times: np.ndarray, outputs: tuple[str, ...] = ("position",)
 ) -> xr.Dataset:
-    """Quasi-static positions: catenaries every `step`, cubic splines in time between them."""
+    """Compute quasi-static positions: catenaries every `step`, cubic splines in time between them."""
     p = parameters(given)
     at = knots(times, step)
     calls, (lower, solutions, across, against) = _catenaries(p, at)
@@ -366,32 +364,38 @@ def sequence(
 
 
 def p_load(p: Parameters) -> float:
-    """Total load per unstretched length [N/m]."""
+    """Return the total load per unstretched length [N/m]."""
     return load_plane(p)[3]
 
 
 # --- time of the kernel -----------------------------------------------------------------------------------------------
 
-#: Compiled loops, and the tables they need of ends and loads.
+#: Functions that march from the first state to the last.
+MARCHES = ("cablepod.stepping.march", "cablepod.implicit.March.advance", "cablepod.implicit.March.cut")
+#: Compiled loops, and the tables of ends and loads that they need.
 COMPILED = (
-    (chain_kernel, "verlet"),
-    (implicit_kernel, "generalized_alpha"),
-    (cable_kernel, "verlet"),
-    (cable_kernel, "trapezoidal"),
-    (reduced_kernel, "verlet"),
-    (condensed_kernel, "frames"),
-    (condensed_kernel, "leading_verlet"),
-    (condensed_kernel, "leading_implicit"),
-    (condensed_kernel, "exact_verlet"),
-    (condensed_kernel, "exact_implicit"),
+    "cablepod.kernels.chain.verlet",
+    "cablepod.kernels.implicit.generalized_alpha",
+    "cablepod.kernels.cable.verlet",
+    "cablepod.kernels.cable.trapezoidal",
+    "cablepod.kernels.reduced.verlet",
+    "cablepod.kernels.condensed.frames",
+    "cablepod.kernels.condensed.leading_verlet",
+    "cablepod.kernels.condensed.leading_implicit",
+    "cablepod.kernels.condensed.exact_verlet",
+    "cablepod.kernels.condensed.exact_implicit",
 )
-TABLES = tuple((motion.TimeFunction, name) for name in ("__call__", "on_steps", "all_on_steps"))
+TABLES = (
+    "cablepod.motion.TimeFunction.__call__",
+    "cablepod.motion.TimeFunction.on_steps",
+    "cablepod.motion.TimeFunction.all_on_steps",
+)
 
 
 def kernel_calls(
     job: Callable[..., Any], times: np.ndarray, setting: Setting, outputs: tuple[str, ...] = ()
 ) -> tuple[list[tuple[Any, tuple[Any, ...]]], xr.Dataset]:
-    """Record what a call computes between its first state and its last: compiled loops and tables; and return its result."""
+    """Record the compiled loops and tables that a call computes between first and last state; return them and its result."""
     if setting.model == "catenary":
         given, step = job.args  # type: ignore[attr-defined]
         return _catenaries(parameters(given), knots(times, step))[0], job(times=times, outputs=outputs)
@@ -407,7 +411,7 @@ def kernel_calls(
 
 
 def seconds_within(job: Callable[..., Any], times: np.ndarray, outputs: tuple[str, ...]) -> tuple[float, float]:
-    """Time that a call spends between its first state and its last, and all of it."""
+    """Return the time of a call between first and last state, and the whole [s]."""
     spent = [0.0]
 
     def watch(function: Callable[..., Any], args: tuple[Any, ...], options: dict[str, Any]) -> Any:
@@ -425,7 +429,7 @@ def seconds_within(job: Callable[..., Any], times: np.ndarray, outputs: tuple[st
 
 @contextlib.contextmanager
 def _through(note: Callable[..., Any]) -> Iterator[None]:
-    """Let `note` make the calls of compiled loops and tables between first and last state."""
+    """Pass the calls of compiled loops and tables between first and last state to `note`."""
     marching, inside = [False], [False]
 
     def marched(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -450,23 +454,20 @@ def _through(note: Callable[..., Any]) -> Iterator[None]:
 
         return wrapper
 
-    with contextlib.ExitStack() as stack:
-        for owner, name in ((stepping, "march"), (implicit.March, "advance"), (implicit.March, "cut")):
-            stack.enter_context(mock.patch.object(owner, name, marched(getattr(owner, name))))
-        for owner, name in (*COMPILED, *TABLES):
-            stack.enter_context(mock.patch.object(owner, name, recorded(getattr(owner, name))))
+    with wrapped(marched, *MARCHES), wrapped(recorded, *COMPILED, *TABLES):
         yield
 
 
 def copied(item: Any) -> Any:
-    """Copy an array that may be changed."""
+    """Copy an array that a call may change."""
     return item.copy(order="K") if isinstance(item, np.ndarray) and item.flags.writeable else item
 
 
 def seconds_of(calls: list[tuple[Any, tuple[Any, ...]]], least: float = 2e-3, most: int = 100) -> float:
-    """Time that recorded calls take, each from the state it began with: median of as many turns as fit into `least` seconds.
+    """Return the median time of recorded calls [s], each from its recorded first state.
 
-    There are three at least, so that one that is disturbed does not count, but for calls that are much longer.
+    The turns fill `least` seconds and are at least three, so that a disturbed one does not count, or one where calls are much
+    longer.
     """
     taken: list[float] = []
     while len(taken) < (3 if sum(taken) < 20.0 * least else 1) or (sum(taken) < least and len(taken) < most):

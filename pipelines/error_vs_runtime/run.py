@@ -1,49 +1,55 @@
-"""Error against run time of all models on Examples 2 to 4 and on two unseen scenes: fronts of full and of reduced models.
+"""Compare error and run time of all models on Examples 2 to 4 and two unseen scenes.
 
-    python pipelines/error_against_run_time.py [--out out/error_against_run_time] [--readme] [--repeats 5] [--quick]
+    python pipelines/error_vs_runtime/run.py [--out out/error_against_run_time] [--readme] [--repeats 5] [--quick]
 
-Full models are the chain and the continuous cable, explicit and implicit; reduced ones the Galerkin and the condensed model; a
-sequence of catenaries with cubic splines between them stands apart, as it is no dynamic model.  The error is the largest over all
-tenths of a second (124 s) of the rms distance over the particles from the converged continuous cable, divided by its largest rms
-displacement, between steps by each model's own dense output.  All obey the linear law but the Galerkin model, whose fast form has
-law (21) and which is measured against the truth of that law.  The truth is computed anew, as the files in data/truth hold every
-other second alone, and compared with them.  Modes for Examples 2 to 4 are trained on the example itself, those for the unseen
-scenes on Examples 2 to 4 together.  Condensed models whose test functions were trained on the example itself too stand apart, as
-a family of their own: what they gain holds near the scene of training only, and costs much more offline.
+Full models are the chain and the continuous cable, explicit and implicit; reduced models are the Galerkin and the condensed
+model. Two families stand apart: quasi-static sequences of catenaries with cubic splines in time, and condensed models with
+test functions trained on the example itself, whose gain holds near the scene of training only and whose offline cost is much
+higher.
+
+The error is the maximum over all tenths of a second (124 s) of the rms distance over the particles from the converged
+continuous cable, divided by its maximum rms displacement.  Between steps each model's own dense output holds.  All models obey
+the linear law but the Galerkin model, whose fast form has law (21) and which is compared with the truth of that law.  The
+truth is computed anew, as the files in data/truth hold every other second alone, and compared with them.  Modes for Examples 2
+to 4 come from the example itself, modes for the unseen scenes from Examples 2 to 4 together.
 
 Times, on one thread, warm:
 
 kernel
-    What is computed between the first state and the last, in every model the same: the compiled loops and the tables of the ends'
-    motion and the loads they need, without what Python does around them.  The state is saved every second.  The calls are
-    recorded in a run and called again with the same arguments; a sample is the median of as many repetitions as fit in 2 ms.
-    (Above 20 ms they are timed where they are.)
+    Computation between the first state and the last, the same in every model: the compiled loops and the tables of the ends'
+    motion and the loads, without the Python code around them.  The state is saved every second.  The calls are recorded in a run
+    and repeated with the same arguments; a sample is the median of as many repetitions as fit in 2 ms.  (Above 20 ms they are
+    timed within the run.)
 call
     The whole public call with positions every second (a sequence of catenaries: with its splines).
 
-All settings are run once, those of less than a millisecond looked at twice.  Those that no other of their family beats by a
-factor of two in time at no larger error are measured again, in turns so that a busy machine hurts all alike, and medians taken;
-only these make the fronts and the table.  A front at an error e is the least time of a setting whose error is e at most: nothing
-is interpolated.
+All settings run once, those below a millisecond twice.  Settings that no other of their family beats by a factor of two in time
+at no larger error are measured again, in turns so that a busy machine slows all alike; their medians make the fronts and the
+table.  A front at an error e is the minimum time of a setting whose error is at most e: nothing is interpolated.
 """
 
 from __future__ import annotations
 
 import os
+import sys
+from pathlib import Path
 
-os.environ.update({name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")})
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-import argparse
+from _study import ONE_THREAD, command_line, publish
+
+os.environ.update(ONE_THREAD)
+
 import statistics
 import time
 import warnings
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from run_time_figure import LEVELS, draw, markdown, markdown_trained
-from run_time_models import (
+from error_vs_runtime.figure import LEVELS, draw, markdown, markdown_trained
+from error_vs_runtime.models import (
     ELEMENTS,
     EXAMPLES,
     TRAINED,
@@ -69,24 +75,24 @@ from tqdm import tqdm
 import cablepod as cp
 from cablepod import stepping
 from cablepod.conventions import label
-from cablepod.trust import OutOfRangeWarning
 
+HERE = Path(__file__).resolve().parent
 DURATION = 124.0
-#: All that a whole call is asked for; an estimate of its own error is not.
+#: Outputs of a whole call; an estimate of its error is not among them.
 POSITIONS = ("position",)
-#: Settings within this factor of time of one that is no worse are measured again; the second for long ones, which vary less.
+#: Maximum time over that of a setting with no larger error of those measured again: below LONG, and above, where times vary less.
 NEAR, LITTLE = 2.0, 1.3
 FAMILIES = ("full", "reduced", "quasi-static", "trained")
-#: An error above this is no result, and not measured again.
+#: Maximum error of a setting that is measured again.
 COARSE = 0.3
-#: Kernels that take longer [s] are timed inside the call, in which they take nearly all.
+#: Maximum time of a kernel that is timed by itself [s]; longer ones make nearly all of their call and are timed inside it.
 LONG = 0.02
-#: Shorter ones [s] are looked at twice before some are picked: a machine that is slow for a moment would leave out the best.
+#: Maximum time of a kernel that runs twice before the selection [s]: a slow moment of the machine would leave out the best.
 SHORT = 1e-3
 
 
 def front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Tell which settings no other one beats in both; those that are not finite never do."""
+    """Return a mask of the Pareto front; settings that are not finite are never on it."""
     best, result = np.inf, np.zeros(seconds.size, dtype=bool)
     for i in np.lexsort((error, seconds)):
         if np.isfinite(seconds[i]) and error[i] < best:
@@ -95,7 +101,10 @@ def front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 
 def near_front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Tell which settings no other one beats by the factor NEAR in time (long ones LITTLE) at no larger error."""
+    """Return a mask of settings near the Pareto front.
+
+    No other setting beats them by the factor NEAR in time (long ones LITTLE) at no larger error.
+    """
     result = np.zeros(seconds.size, dtype=bool)
     for i in np.flatnonzero(np.isfinite(seconds) & np.isfinite(error)):
         rivals = seconds[error <= error[i]]
@@ -103,7 +112,7 @@ def near_front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
     return result
 
 
-def looked_at(
+def first_look(
     given: xr.Dataset,
     truths: dict[str, Any],
     training: Training,
@@ -111,12 +120,12 @@ def looked_at(
     fine: np.ndarray,
     coarse: np.ndarray,
 ) -> tuple[dict[str, np.ndarray], dict[int, Any]]:
-    """Run all settings in one scene once: errors and first times, and the calls of those that can be run."""
+    """Run all settings in one scene once; return errors and first times, and the calls of those that run."""
     found = {key: np.full(len(tried), np.nan) for key in ("error_max", "error_rms", "kernel_time", "call_time", "step")}
     jobs: dict[int, Any] = {}
     for i, setting in enumerate(tqdm(tried, desc=str(given.attrs.get("title", "")), disable=None)):
         if setting.family == "trained" and basis(setting) not in training.modes:
-            continue  # test functions are trained on the scene itself, if at all
+            continue  # test functions are trained on the scene itself only
         try:
             step = setting.step
             if setting.share:  # rounded down, so that steps hit seconds
@@ -140,7 +149,7 @@ def measured(
 ) -> dict[str, np.ndarray]:
     """Measure errors and times of all settings in one scene."""
     fine, coarse = np.arange(round(10 * duration) + 1) / 10.0, np.arange(round(duration) + 1.0)
-    found, jobs = looked_at(given, truths, training, tried, fine, coarse)
+    found, jobs = first_look(given, truths, training, tried, fine, coarse)
     families = np.array([setting.family for setting in tried])
     again = np.zeros(len(tried), dtype=bool)
     for family in FAMILIES:
@@ -181,7 +190,7 @@ def study(names: list[str], *, quick: bool, repeats: int, folder: Path) -> xr.Da
     load = os.getloadavg()[0]
     rows, bases, apart = [], {}, []
     with warnings.catch_warnings():
-        for kind in (cp.NotConvergedWarning, OutOfRangeWarning):  # such settings are told by their errors
+        for kind in (cp.NotConvergedWarning, cp.OutOfRangeWarning):  # the errors show such settings
             warnings.simplefilter("ignore", kind)
         laws = sorted({law_of(setting) for setting in tried})
         for name in names:
@@ -261,7 +270,7 @@ def best(of: xr.Dataset, family: str, level: float, key: str = "kernel_time") ->
 
 
 def ratios(of: xr.Dataset, key: str = "kernel_time", families: tuple[str, ...] = FAMILIES[:2]) -> list[float]:
-    """Return time of the best model of one family over that of the best of another at each level."""
+    """Return the time of the best model of one family over that of another at each level."""
     seconds = of[key].values
     pairs = [[best(of, family, level, key) for family in families] for level in LEVELS]
     return [
@@ -271,7 +280,7 @@ def ratios(of: xr.Dataset, key: str = "kernel_time", families: tuple[str, ...] =
 
 
 def rows_of(result: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the table: for each scene and level the best of each family."""
+    """Return the best setting of each family for each scene and level."""
     return [
         {
             "scene": name,
@@ -290,7 +299,7 @@ def rows_of(result: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def fronts_as_text(result: xr.Dataset) -> str:
-    """Return all settings on the fronts."""
+    """List all settings on the fronts."""
     lines = []
     for name in result["scene"].values:
         of = result.sel(scene=name)
@@ -308,23 +317,30 @@ def fronts_as_text(result: xr.Dataset) -> str:
 
 def main() -> None:
     """Measure, write, draw, print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/error_against_run_time"))
-    parser.add_argument("--readme", action="store_true", help="write the figure to pipelines/figures too")
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--quick", action="store_true", help="few settings, Example 2 and one unseen scene, 10 s")
+    parser = command_line(
+        __doc__,
+        out="out/error_against_run_time",
+        readme=True,
+        quick="few settings, Example 2 and one unseen scene, 10 s",
+        repeats=5,
+    )
     parser.add_argument("--scenes", nargs="+", choices=(*EXAMPLES, *UNSEEN))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     names = options.scenes or (["example2", "guy"] if options.quick else [*EXAMPLES, *UNSEEN])
     result = study(names, quick=options.quick, repeats=options.repeats, folder=options.out)
-    cp.archive.write(result, options.out / "error_against_run_time.nc", overwrite=True)
-    text = markdown(rows_of(result)) + "\n\n" + markdown_trained(rows_of(result))
+    rows = rows_of(result)
+    tables = {"fronts": markdown(rows), "trained": markdown_trained(rows)}
+    text = "\n\n".join(tables.values())
     (options.out / "error_against_run_time.md").write_text(text + "\n")
-    picture = draw(result)
-    picture.savefig(options.out / "error_against_run_time.png", dpi=75)
-    if options.readme:
-        picture.savefig(Path(__file__).resolve().parent / "figures" / "error_against_run_time.png", dpi=75)
+    publish(
+        options.out,
+        "error_against_run_time",
+        result,
+        draw=lambda path: draw(result).savefig(path, dpi=75),
+        page=HERE if options.readme else None,
+        tables=tables,
+    )
     print(fronts_as_text(result))
     print(text)
     before, after = (result.attrs[f"load_average_{when}"] for when in ("before", "after"))

@@ -1,16 +1,21 @@
-"""Search which start of Example 2 explains Table 2, and whether a loosely set integrator would (minutes).
+"""Search the initial shape of Example 2 that explains Table 2, or test loosely set integrators (minutes).
 
-python pipelines/start_search.py [--draws 3000] [--polished 8] [--seed 0] [--integrators]
+    python pipelines/initial_shape/run.py [--draws 3000] [--polished 8] [--seed 0] [--integrators]
 
-Prints the best starts found; the ones that are kept stand in data/starts.csv.
+Prints the best initial shapes; data/starts.csv keeps those in use.
 """
 
 from __future__ import annotations
 
-import argparse
+import sys
+from pathlib import Path
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 import xarray as xr
+from _study import command_line
 from tqdm import tqdm
 
 import cablepod as cp
@@ -20,11 +25,13 @@ from cablepod.shipped import scene
 
 def main() -> None:
     """Search and print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--draws", type=int, default=3000)
-    parser.add_argument("--polished", type=int, default=8)
+    parser = command_line(__doc__)
+    parser.add_argument("--draws", type=int, default=3000, help="number of random draws")
+    parser.add_argument("--polished", type=int, default=8, help="number of the best draws that are optimised")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--integrators", action="store_true", help="standard integrators with loose tolerances instead")
+    parser.add_argument(
+        "--integrators", action="store_true", help="test standard integrators with loose tolerances instead"
+    )
     options = parser.parse_args()
     if options.integrators:
         integrators()
@@ -47,7 +54,7 @@ def main() -> None:
 
 
 def integrators() -> None:
-    """Run Example 2 from equilibrium with standard integrators, as loosely as their defaults are."""
+    """Run Example 2 from equilibrium with standard integrators at tolerances near their defaults."""
     given = scene("example2")
     times = np.arange(125.0)
     target = starts.printed()

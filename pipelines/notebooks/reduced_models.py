@@ -102,7 +102,7 @@ cp.plots.shapes(chain, condensed, times=[0.0, 15.0, 45.0, 90.0], deflection=True
 # ## Error against run time
 #
 # Measured here and now, so expect other numbers on your machine; the whole call counts, positions included. Careful
-# measurements, of kernels too, are made by `pipelines/error_against_run_time.py`.
+# measurements, of kernels too, are made by `pipelines/error_vs_runtime/run.py`.
 
 # %%
 def seconds(job, repeats=1 if SMALL else 5):

@@ -1,4 +1,4 @@
-"""The figure of the prediction report: errors over the number of modes, quantiles over the scenes, by training set."""
+"""Draw quantiles of the errors over the number of modes, by training set."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LEAST = 1e-6
 
 
 def quantiles(values: np.ndarray, levels: tuple[float, ...]) -> np.ndarray:
-    """Quantiles of errors of which some may be infinite, by linear interpolation between finite ones."""
+    """Return quantiles of errors, infinite ones included, by linear interpolation between finite ones."""
     known = np.sort(values[~np.isnan(values)])
     if known.size == 0:
         return np.full(len(levels), np.nan)
@@ -44,7 +44,7 @@ def draw_errors(result: xr.Dataset, path: Path) -> None:
     axes[0].set_ylabel("largest error over time, over the motion [1]")
     axes[0].set_ylim(LEAST, 1.0)
     entries: dict[str, Any] = {}
-    for ax in axes:  # the first has not all orders
+    for ax in axes:  # the first lacks some orders
         entries = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True)) | entries
     axes[-1].legend(entries.values(), entries.keys(), fontsize=8, loc="lower left")
     picture.supxlabel("number of modes r [1]", fontsize=10)

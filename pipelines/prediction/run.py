@@ -1,53 +1,57 @@
-"""Predict guys that the modes were not trained on: errors of the condensed model over ranges of tension, motion, load and place.
+"""Predict guys that the modes were not trained on, over ranges of tension, motion, load and place.
 
-    python pipelines/prediction.py [--out FOLDER] [--seed SEED] [--scenes COUNT] [--readme] [--quick]
+    python pipelines/prediction/run.py [--out FOLDER] [--seed SEED] [--scenes COUNT] [--readme] [--quick]
 
-Writes prediction.nc and prediction.png; --readme puts the picture into pipelines/figures, --quick takes seconds.
+Writes prediction.nc and prediction.png.
 
 Training sets, each with modes of the deflection normal to the chord:
 "example 2": the paper's Example 2 alone.
-"designed": ten chains.  128 candidates are drawn over the ranges (another seed than the test's) and run by a cheap surrogate,
-the condensed model on 12 sine modes, which needs no training.  Candidates whose surrogate goes slack are left out, as the model
-does not hold there.  Then greedily: the next sample is the candidate that RANK modes of the samples so far hold worst (largest
-distance over time, over its motion), each sample counting alike (its snapshots are divided by its motion) and none taken twice.
-It goes where shapes are unlike others: tension near the least that carries the cable, wind, tops that move fast or inwards.
-"itself": each scene's own chain.  Not a prediction, but what modes can do at best.
+"designed": ten chains.  128 candidates are drawn over the ranges (another seed than the test's) and run by a surrogate, the
+condensed model on 12 sine modes, which needs no training.  Candidates whose surrogate goes slack are left out, as the model does
+not hold there.  The choice is greedy: the next sample is the candidate with the maximum distance (over time, over its motion)
+from the span of RANK modes of the samples so far, each sample weighted alike (its snapshots are divided by its motion) and none
+taken twice.  It prefers unusual shapes: tension near the minimum that carries the cable, wind, tops that move fast or inwards.
+"itself": each scene's own chain.  Not a prediction, but the best that modes can do.
 "sines": sin(k pi sigma), the control.
 
-Test: scenes drawn from a scrambled Sobol sequence over the ranges, each against its chain of 40 links over 125 s, every 0.1 s,
-with quadrature at the links, so that both share one discretisation.  Steps: the chain takes a fifth of its longest stable one,
-the model 0.1 and 0.05 of that of its largest number of modes, extrapolated (second order), so that the error is the model's and
-not that of its step.
-Scenes stand apart, by the chain alone, where links go slack (the model says so itself: negative chordwise force), where two fine
-steps disagree, or where a small change of the motion grows faster than in proportion to time; for those statistics are compared,
+Test: scenes from a scrambled Sobol sequence over the ranges, each against its chain of 40 links over 125 s, every 0.1 s, with
+quadrature at the links, so that both share one discretisation.  Steps: the chain takes a fifth of its stability limit, the model
+0.1 and 0.05 of that of its largest number of modes, extrapolated (second order), so that the error is the model's and not that
+of its step.
+Scenes stand apart, by the chain alone, where links go slack (the model itself reports a negative chordwise force), where two fine
+steps disagree, or where a small change of the motion grows faster than in proportion to time; of those, statistics are compared,
 as single trajectories mean nothing.
 
-The Galerkin model of the paper, on separate modes of x and y from Example 2 and from the designed set, is run on the same scenes
+The Galerkin model of the paper, on separate modes of x and y from Example 2 and from the designed set, runs on the same scenes
 for ESTIMATED_RANKS, by the chain's law.
 
-Beside each error of a prediction stand what the model itself says: its estimate of the error, which sees no truth, and how far
-the scene lies outside the training scenes.
+Beside each error of a prediction stand the model's own error estimate, which uses no truth, and the distance of the scene from
+the training scenes.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
+import sys
 import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
-import prediction_figure as figure
 import xarray as xr
-from prediction_scenes import LINKS, RANGES, Case, cases, draw, scene_of
+from _study import command_line, markdown_table, percent, publish
+from prediction import figure
+from prediction.scenes import LINKS, RANGES, Case, cases, draw, scene_of
 from scipy.stats import spearmanr
 from tqdm import tqdm
 
 import cablepod as cp
-from cablepod import condensed, pod_normal, shipped
+from cablepod import pod_normal, shipped
 from cablepod.condensed_make import model_of
 from cablepod.condensed_model import ORDERS
 from cablepod.parameters import parameters
@@ -56,29 +60,29 @@ from cablepod.stepping import motion_scale
 HERE = Path(__file__).resolve().parent
 SETS = ("example 2", "designed", "itself", "sines")
 RANKS = (1, 2, 3, 4, 6, 8)
-#: Number of modes for which the training set is designed.
+#: Number of modes that the training set is designed for.
 RANK = 6
 SAMPLES, CANDIDATES, DESIGN_SEED, SINES = 10, 128, 7, 12
 #: Scenes and seed of the test.
 SCENES, SEED = 48, 1974
-#: Steps of the model over the longest stable one of as many modes as the largest of RANKS; a second run takes half.  Nothing
-#: damps free vibrations, so that errors of their phases add up: with few modes steps near the stability limit are far too long.
+#: Step of the model over the stability limit of the largest of RANKS; a second run takes half.  Nothing damps free vibrations,
+#: so that errors of their phases add up: with few modes, steps near the stability limit are far too long.
 PART = 0.1
-#: Pairs of order and training set that are left out to save time: what the order does differs little from set to set.
+#: Pairs of order and training set left out to save time (the effect of the order differs little from set to set).
 SKIPPED = {(order, name) for order in ("leading", "exact") for name in ("example 2", "itself", "sines")}
-#: Training sets with orders, and numbers of modes, for which the model's own estimate is compared with its error.
+#: Training sets with orders, and numbers of modes, whose error estimate is compared with the error.
 ESTIMATED = (("example 2", "inertial"), ("designed", "leading"), ("designed", "inertial"))
 ESTIMATED_RANKS = (2, 4, 6)
-#: Training sets for the Galerkin model, with modes of each coordinate as in the paper, and its time error.
+#: Training sets of the Galerkin model, with modes of each coordinate as in the paper, and its time error.
 GALERKIN_SETS, GALERKIN_TOLERANCE = ("example 2", "designed"), 1e-5
-#: Bounds of the distances from the training scenes for which errors are shown apart.
+#: Bounds of the classes of distance from the training scenes.
 OUTSIDE = (-1.0, 0.0, 0.5, 1.0, 2.0, 4.0, np.inf)
 
 # --- training -----------------------------------------------------------------------------------------------------------
 
 
 def sines(count: int = LINKS - 1) -> xr.Dataset:
-    """Sine modes, as a Dataset of the layout "normal"."""
+    """Return sine modes of the layout "normal"."""
     sigma = np.linspace(0.0, 1.0, LINKS + 1)
     shape = np.sqrt(2.0 / LINKS) * np.sin(np.pi * np.outer(np.arange(1, count + 1), sigma))
     shape[:, [0, -1]] = 0.0
@@ -94,13 +98,13 @@ def sines(count: int = LINKS - 1) -> xr.Dataset:
 
 
 def motion_of(trajectory: xr.Dataset) -> float:
-    """Largest rms displacement from the first shape [m]."""
+    """Return the maximum rms displacement from the first shape [m]."""
     position = trajectory["position"].values
     return motion_scale(position, position[0], float(np.linalg.norm(position[0, -1] - position[0, 0])))
 
 
 def joint_modes(runs: list[xr.Dataset], **options: Any) -> xr.Dataset:
-    """Modes of several trajectories, each counting alike."""
+    """Decompose several trajectories, each weighted alike."""
     sigma = np.linspace(0.0, 1.0, LINKS + 1)
     scaled = [
         xr.Dataset(
@@ -114,13 +118,13 @@ def joint_modes(runs: list[xr.Dataset], **options: Any) -> xr.Dataset:
 
 
 def candidates(count: int, duration: float) -> tuple[list[dict[str, float]], list[np.ndarray]]:
-    """Scenes over the ranges, and their deflections (times, particle) over their motion by the surrogate."""
+    """Return scenes over the ranges, and their deflections (times, particle) over their motion by the surrogate."""
     base, kept, shapes = sines(SINES), [], []
     for values in draw(count, DESIGN_SEED):
         try:
             scene = scene_of(values, duration)
             times = np.arange(0.0, duration, 0.5)
-            run = condensed.simulate(scene, base, order="leading", scheme="trapezoidal", step=0.02, times=times)
+            run = cp.condensed.simulate(scene, base, order="leading", scheme="trapezoidal", step=0.02, times=times)
         except (cp.SceneError, cp.RunStopped):
             continue
         if run.attrs["smallest_chordwise_force"] > 0.0:
@@ -130,7 +134,7 @@ def candidates(count: int, duration: float) -> tuple[list[dict[str, float]], lis
 
 
 def greedy(shapes: list[np.ndarray], count: int) -> list[int]:
-    """Choose so many of the candidates: each time the one that RANK modes of those before hold worst."""
+    """Choose candidates greedily by their distance from RANK modes of those chosen before."""
     squares = [part.T @ part / len(part) for part in shapes]
     chosen: list[int] = []
     while len(chosen) < min(count, len(shapes)):
@@ -144,7 +148,7 @@ def greedy(shapes: list[np.ndarray], count: int) -> list[int]:
 def training_sets(
     samples: int, count: int, duration: float
 ) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset], list[dict[str, float]]]:
-    """Modes by training set, but for the scenes' own, those for the Galerkin model, and the samples of the designed set."""
+    """Return modes by training set but "itself", those of the Galerkin model, and the samples of the designed set."""
     given = shipped.scene("example2")
     times = np.arange(round(duration * 10) + 1) * 0.1
     example = cp.chain.simulate(given, links=LINKS, times=times, scheme="velocity_verlet", step=2e-4)
@@ -155,7 +159,7 @@ def training_sets(
     modes = {
         "example 2": cp.pod.decompose(example, **normal), "designed": joint_modes(runs, **normal), "sines": sines(),
     }  # fmt: skip
-    # not centred: the mean of scenes that are scaled by their motion is the shape of none
+    # not centred: the mean of scenes scaled by their motion is no shape of a cable
     separate = {"example 2": cp.pod.decompose(example), "designed": joint_modes(runs, center=False)}
     return modes, separate, chosen
 
@@ -171,7 +175,7 @@ def run_model(
     times: np.ndarray,
     outputs: tuple[str, ...] = ("position",),
 ) -> xr.Dataset:
-    """Run the condensed model with two steps and extrapolate positions."""
+    """Run the condensed model with two steps and extrapolate the positions."""
     most = min(max(rank or 0, RANKS[-1]), pod_normal.sets(modes)[0][1].shape[0])
     model = model_of(parameters(scene), modes, rank=None if rank is None else most, order=order, law="linear")
     q, v = model.initial()
@@ -179,8 +183,8 @@ def run_model(
     square = max(model.highest_square(q, model.first_row, h), model.taut_square(float(times[-1])))
     step = PART * 2.0 / np.sqrt(square)
     options: dict[str, Any] = {"rank": rank, "order": order, "scheme": "velocity_verlet", "times": times}
-    coarse = condensed.simulate(scene, modes, step=step, outputs=("position",), **options)
-    fine = condensed.simulate(scene, modes, step=0.5 * step, outputs=outputs, **options)
+    coarse = cp.condensed.simulate(scene, modes, step=step, outputs=("position",), **options)
+    fine = cp.condensed.simulate(scene, modes, step=0.5 * step, outputs=outputs, **options)
     change = (fine["position"].values - coarse["position"].values) / 3.0
     moved = motion_scale(fine["position"].values, fine["position"].values[0], 1.0)
     result = fine.assign(position=fine["position"] + change)
@@ -191,7 +195,10 @@ def run_model(
 def error_of(
     case: Case, modes: xr.Dataset, rank: int, order: str, *, estimate: bool = False
 ) -> tuple[float, float, float, float]:
-    """Largest error over time, infinite where the model stops or refuses; its estimate, if asked; how far outside; step error."""
+    """Return maximum error over time, its estimate, distance from the training scenes, and step error.
+
+    The error is infinite where the model stops or refuses.
+    """
     try:
         names = ("position", "error_estimate") if estimate else ("position",)
         run = run_model(case.scene, modes, rank, order, case.truth["time"].values, names)
@@ -203,7 +210,10 @@ def error_of(
 
 
 def galerkin_errors(case: Case, modes: dict[str, xr.Dataset]) -> np.ndarray:
-    """Errors of the Galerkin model, infinite where it stops or refuses, and their estimates (2, training set, rank)."""
+    """Return errors of the Galerkin model and their estimates (2, training set, rank).
+
+    Errors are infinite where the model stops or refuses.
+    """
     result = np.full((2, len(GALERKIN_SETS), len(ESTIMATED_RANKS)), np.nan)
     for j, name in enumerate(GALERKIN_SETS):
         for k, rank in enumerate(ESTIMATED_RANKS):
@@ -222,7 +232,7 @@ def galerkin_errors(case: Case, modes: dict[str, xr.Dataset]) -> np.ndarray:
 
 
 def projection_error(case: Case, modes: xr.Dataset, rank: int) -> float:
-    """Largest distance over time of the chain's deflection from the span of so many modes, over the motion."""
+    """Return the maximum distance over time of the chain's deflection from the span of the modes, over the motion."""
     deflection = pod_normal.deflections(case.truth["position"].values)[0]
     basis = np.linalg.qr(modes["mode_shape"].values[:rank].T)[0]
     left = deflection - deflection @ basis @ basis.T
@@ -230,14 +240,14 @@ def projection_error(case: Case, modes: xr.Dataset, rank: int) -> float:
 
 
 def statistics(run: xr.Dataset) -> np.ndarray:
-    """Quantiles 1 % and 99 % of the tension at the top [N], and rms displacement from the first shape [m]."""
+    """Return quantiles 1 % and 99 % of the tension at the top [N], and rms displacement from the first shape [m]."""
     top, position = run["tension"].values[:, -1], run["position"].values
     moved = np.sqrt(np.mean(np.sum((position - position[0]) ** 2, axis=-1)))
     return np.array([*np.quantile(top, (0.01, 0.99)), moved])
 
 
 def statistics_of(case: Case, modes: xr.Dataset) -> np.ndarray:
-    """Statistics of chain, chain with longer steps and model with RANK modes (3, 3); nan where a run stopped."""
+    """Return statistics of chain, chain with longer steps and model with RANK modes (3, 3); nan for a stopped run."""
     try:
         run = run_model(case.scene, modes, RANK, "inertial", case.truth["time"].values, ("position", "tension"))
         model = statistics(run)
@@ -248,7 +258,7 @@ def statistics_of(case: Case, modes: xr.Dataset) -> np.ndarray:
 
 
 def paper_examples(modes: xr.Dataset, duration: float, names: tuple[str, ...] = ("example3", "example4")) -> np.ndarray:
-    """Errors of modes trained on Example 2 in the paper's other examples (example, order, rank)."""
+    """Return errors of modes of Example 2 in the paper's other examples (example, order, rank)."""
     times = np.arange(round(duration * 10) + 1) * 0.1
     result = np.empty((len(names), len(ORDERS), len(RANKS)))
     for i, name in enumerate(names):
@@ -268,7 +278,7 @@ def report(
     *, scenes: int = SCENES, seed: int = SEED, samples: int = SAMPLES, count: int = CANDIDATES, duration: float = 125.0,
     progress: Callable[[list[Case]], Any] = iter,
 ) -> xr.Dataset:  # fmt: skip
-    """Train, predict and judge; gives a Dataset over (scene, training_set, order, rank)."""
+    """Train, predict and compare; return a Dataset over (scene, training_set, order, rank)."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", cp.OutOfRangeWarning)
         warnings.simplefilter("ignore", cp.NotConvergedWarning)  # links that snap taut: their scenes stand apart
@@ -326,7 +336,7 @@ def report(
 
 
 def _fill(case: Case, modes: dict[str, xr.Dataset], error: np.ndarray, projected: np.ndarray) -> None:
-    """Fill what `error_of` gives (4, training_set, order, rank) and projection errors (training_set, rank) of one scene."""
+    """Fill results of `error_of` (4, training_set, order, rank) and projection errors (training_set, rank) of a scene."""
     for j, name in enumerate(SETS):
         for k, rank in enumerate(RANKS):
             if rank > pod_normal.sets(modes[name])[0][1].shape[0]:
@@ -358,31 +368,56 @@ LONG_NAMES = {
 }  # fmt: skip
 
 
-def percent(value: float) -> str:
-    """Write an error in per cent with two digits."""
-    return f"{100.0 * value:.2g} %" if np.isfinite(value) else "-"
-
-
-def show(result: xr.Dataset) -> None:
-    """Print tables of the quantiles, the worst scenes, those that stand apart, and the paper's examples."""
+def tables(result: xr.Dataset) -> dict[str, str]:
+    """Return all tables of the page by name."""
     regular = result.sel(scene=result["apart"].values == "")
-    others = result.sizes["scene"] - regular.sizes["scene"]
-    print(f"\n{regular.sizes['scene']} scenes, {others} apart; median / 95th percentile / largest")
-    print("| modes of | order | " + " | ".join(f"r = {rank}" for rank in RANKS) + " |")
-    print("| --- " * (2 + len(RANKS)) + "|")
+    return {
+        "errors": error_table(regular),
+        "estimates": estimate_table(regular),
+        "outside": outside_table(regular),
+        "galerkin": galerkin_table(regular),
+        "examples": example_table(result),
+    }
+
+
+def error_table(regular: xr.Dataset) -> str:
+    """Write the quantiles of the errors over the scenes."""
+    lines = []
     for name in SETS:
         rows = [(order, regular["error"].sel(order=order, training_set=name)) for order in ORDERS]
         for order, values in [*rows, ("projection", regular["projection_error"].sel(training_set=name))]:
             if values.isnull().all():
                 continue
             spread = [figure.quantiles(values.sel(rank=rank).values, (0.5, 0.95, 1.0)) for rank in RANKS]
-            cells = [" / ".join(percent(v) for v in three) for three in spread]
-            print(f"| {name} | {order} | " + " | ".join(cells) + " |")
+            lines.append([name, order, *(" / ".join(percent(v) for v in three) for three in spread)])
+    return markdown_table(["modes of", "order", *(f"r = {rank}" for rank in RANKS)], lines)
+
+
+def example_table(result: xr.Dataset) -> str:
+    """Write the errors of modes of Example 2 in the paper's other examples."""
+    lines = [
+        [str(example), order, *map(percent, result["example_error"].sel(example=example, order=order).values)]
+        for example in result["example"].values
+        for order in ORDERS
+    ]
+    return markdown_table(["example", "order", *(f"r = {rank}" for rank in RANKS)], lines)
+
+
+def show(result: xr.Dataset) -> None:
+    """Print all tables, the worst scenes and those that stand apart."""
+    regular = result.sel(scene=result["apart"].values == "")
+    others = result.sizes["scene"] - regular.sizes["scene"]
+    table = tables(result)
+    print(f"\n{regular.sizes['scene']} scenes, {others} apart; median / 95th percentile / largest")
+    print(table["errors"])
     share = regular["step_error"] / regular["error"]
-    print(f"steps: what extrapolation took off is {percent(float(share.median()))} of the error (median over all runs), "
+    print(f"steps: extrapolation removed {percent(float(share.median()))} of the error (median over all runs), "
           f"{percent(float(share.quantile(0.95)))} (95th percentile)")  # fmt: skip
-    show_estimates(regular)
-    show_galerkin(regular)
+    print("\n" + table["estimates"])
+    print("\n" + table["outside"])
+    for name, correlation in outside_correlations(regular).items():
+        print(f"rank correlation of distance and error, {name}: {correlation:.2f}")
+    print("\nGalerkin model\n" + table["galerkin"])
     keys = list(RANGES)
     print("\ndesigned samples: " + "; ".join(" ".join(f"{float(result[f'sample_{key}'][i]):.4g}" for key in keys)
           for i in range(result.sizes["sample"])) + f"  ({', '.join(keys)})")  # fmt: skip
@@ -397,15 +432,11 @@ def show(result: xr.Dataset) -> None:
         text = " ".join(f"{float(item[key]):.4g}" for key in keys)
         numbers = "; ".join(" ".join(f"{v:.4g}" for v in row) for row in item["statistics"].values.T)
         print(f"apart, {item['apart'].values!s}: {text}; chain, longer steps, model: {numbers}")
-    print("\nmodes of Example 2\n| example | order | " + " | ".join(f"r = {rank}" for rank in RANKS) + " |")
-    for example in result["example"].values:
-        for order in ORDERS:
-            row = result["example_error"].sel(example=example, order=order).values
-            print(f"| {example} | {order} | " + " | ".join(percent(v) for v in row) + " |")
+    print("\nmodes of Example 2\n" + table["examples"])
 
 
 def estimate_quality(error: np.ndarray, estimate: np.ndarray) -> tuple[int, float, float]:
-    """Count pairs; rank correlation of estimates with errors, share of them within a factor of five."""
+    """Return number of pairs, rank correlation of estimates and errors, share within a factor of five."""
     known = np.isfinite(error) & np.isfinite(estimate)
     error, estimate = error[known], estimate[known]
     if error.size < 3:
@@ -414,68 +445,86 @@ def estimate_quality(error: np.ndarray, estimate: np.ndarray) -> tuple[int, floa
     return error.size, float(spearmanr(error, estimate)[0]), float(near.mean())
 
 
-def show_estimates(regular: xr.Dataset) -> None:
-    """Print how well the model knows its error, and what being outside the training scenes says of it."""
-    print("\n| modes of | order | r | pairs | rank correlation | within a factor of 5 |\n" + "| --- " * 6 + "|")
+def _quality_cells(error: np.ndarray, estimate: np.ndarray) -> list[str]:
+    count, correlation, near = estimate_quality(error, estimate)
+    return [f"{count}", f"{correlation:.3f}", f"{100.0 * near:.0f} %"]
+
+
+def estimate_table(regular: xr.Dataset) -> str:
+    """Write the quality of the condensed model's own error estimate."""
+    lines = []
     for name, order in ESTIMATED:
         for rank in sorted(set(RANKS) & set(ESTIMATED_RANKS)):
             part = regular.sel(training_set=name, order=order, rank=rank)
-            count, correlation, near = estimate_quality(part["error"].values, part["error_estimate"].values)
-            print(f"| {name} | {order} | {rank} | {count} | {correlation:.3f} | {100.0 * near:.0f} % |")
+            lines.append([name, order, f"{rank}", *_quality_cells(part["error"].values, part["error_estimate"].values)])
     pairs = regular["error"].values.ravel(), regular["error_estimate"].values.ravel()
-    count, correlation, near = estimate_quality(*pairs)
-    print(f"| all | | | {count} | {correlation:.3f} | {100.0 * near:.0f} % |")
-    print("\n| modes of | outside by | scenes | median | largest |\n" + "| --- " * 5 + "|")
+    lines.append(["all", "", "", *_quality_cells(*pairs)])
+    return markdown_table(["modes of", "order", "r", "pairs", "rank correlation", "within a factor of 5"], lines)
+
+
+def _outside(regular: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return distances from the training scenes and errors of the scenes."""
+    part = regular.sel(training_set=name)
+    return part["outside_training"].values, part["error"].sel(order="inertial", rank=RANKS[-2]).values
+
+
+def outside_table(regular: xr.Dataset) -> str:
+    """Write the errors by the distance from the training scenes."""
+    lines = []
     for name in SETS[:2]:
-        part = regular.sel(training_set=name)
-        far, error = part["outside_training"].values, part["error"].sel(order="inertial", rank=RANKS[-2]).values
+        far, error = _outside(regular, name)
         for low, high in itertools.pairwise(OUTSIDE):
             chosen = error[(far > low) & (far <= high)]
             if chosen.size:
                 place = "0" if low < 0.0 else f"{low:.2g} to {high:.2g}"
-                print(f"| {name} | {place} | {chosen.size} | {percent(np.median(chosen))} | {percent(chosen.max())} |")
-        if np.isfinite(far).sum() > 2:
-            correlation = float(spearmanr(far, error, nan_policy="omit")[0])
-            print(f"rank correlation of distance and error, {name}: {correlation:.2f}")
+                lines.append([name, place, f"{chosen.size}", percent(np.median(chosen)), percent(chosen.max())])
+    return markdown_table(["modes of", "outside by", "scenes", "median", "largest"], lines)
 
 
-def show_galerkin(regular: xr.Dataset) -> None:
-    """Print the same for the Galerkin model."""
-    print(
-        "\nGalerkin model\n| modes of | r | median / largest error | pairs | rank correlation | within a factor of 5 |"
-    )
-    print("| --- " * 6 + "|")
-    errors, told = regular["galerkin_error"], regular["galerkin_error_estimate"]
+def outside_correlations(regular: xr.Dataset) -> dict[str, float]:
+    """Return the rank correlation of distance and error by training set."""
+    pairs = {name: _outside(regular, name) for name in SETS[:2]}
+    return {
+        name: float(spearmanr(far, error, nan_policy="omit")[0])
+        for name, (far, error) in pairs.items()
+        if np.isfinite(far).sum() > 2
+    }
+
+
+def galerkin_table(regular: xr.Dataset) -> str:
+    """Write errors of the Galerkin model and the quality of its estimate."""
+    lines = []
+    errors, estimates = regular["galerkin_error"], regular["galerkin_error_estimate"]
     for name in GALERKIN_SETS:
         for rank in ESTIMATED_RANKS:
-            pair = [item.sel(galerkin_set=name, galerkin_rank=rank).values for item in (errors, told)]
-            count, correlation, near = estimate_quality(*pair)
+            pair = [item.sel(galerkin_set=name, galerkin_rank=rank).values for item in (errors, estimates)]
             spread = " / ".join(percent(v) for v in figure.quantiles(pair[0], (0.5, 1.0)))
-            print(f"| {name} | {rank} | {spread} | {count} | {correlation:.3f} | {100.0 * near:.0f} % |")
-    count, correlation, near = estimate_quality(errors.values.ravel(), told.values.ravel())
-    print(f"| all | | | {count} | {correlation:.3f} | {100.0 * near:.0f} % |")
+            lines.append([name, f"{rank}", spread, *_quality_cells(*pair)])
+    lines.append(["all", "", "", *_quality_cells(errors.values.ravel(), estimates.values.ravel())])
+    head = ["modes of", "r", "median / largest error", "pairs", "rank correlation", "within a factor of 5"]
+    return markdown_table(head, lines)
 
 
 def main() -> None:
-    """Run as told by the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("out/prediction"))
+    """Run, write, print and draw."""
+    parser = command_line(__doc__, out="out/prediction", readme=True, quick="three scenes of 10 s, in seconds")
     parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--scenes", type=int, default=SCENES)
-    parser.add_argument("--readme", action="store_true")
-    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--scenes", type=int, default=SCENES, help="number of scenes")
     given = parser.parse_args()
     begin = time.perf_counter()
     options: dict[str, Any] = {"scenes": given.scenes}
     if given.quick:
         options = {"scenes": 3, "samples": 3, "count": 8, "duration": 10.0}
     result = report(seed=given.seed, progress=tqdm, **options)
-    given.out.mkdir(parents=True, exist_ok=True)
-    cp.archive.write(result, given.out / "prediction.nc", overwrite=True)
+    publish(
+        given.out,
+        "prediction",
+        result,
+        draw=lambda path: figure.draw_errors(result, path),
+        page=HERE if given.readme else None,
+        tables=tables(result),
+    )
     show(result)
-    targets = [given.out / "prediction.png"] + ([HERE / "figures" / "prediction.png"] if given.readme else [])
-    for target in targets:
-        figure.draw_errors(result, target)
     print(f"{time.perf_counter() - begin:.0f} s")
 
 

@@ -1,4 +1,4 @@
-"""Guys over the ranges in which the condensed model is to predict: drawn, run as chains, and judged by the chain alone."""
+"""Draw guys over ranges of parameters and run them as chains."""
 
 from __future__ import annotations
 
@@ -28,21 +28,19 @@ RANGES = {
     "inclination": ("degree", 20.0, 80.0, "difference"),
     "chord": ("m", 30.0, 120.0, "ratio"),
 }
-#: Part by which the motion of the end is changed to see how sensitive a scene is.
+#: Relative change of the motion of the end that measures the sensitivity of a scene.
 NUDGE = 1e-5
-#: A scene stands apart where what this changes grows by more than so much from the first half of the time to the second: a shift
-#: of phase grows in proportion to time and makes it 2, chaos grows exponentially.
+#: Maximum growth of that sensitivity from the first half of the time to the second (a shift of phase grows in proportion to time
+#: and makes it 2, chaos grows exponentially).
 FASTEST_GROWTH = 4.0
-#: ... or where two fine steps of the chain differ by more than this part of the motion.
+#: Maximum difference of two fine steps of the chain, over the motion.
 STEPS_DISAGREE = 1e-3
 
 
 def draw(count: int, seed: int) -> list[dict[str, float]]:
     """Draw scenes from a scrambled Sobol sequence over RANGES, uniformly in the spacing of each."""
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", UserWarning
-        )  # of a count that is no power of two: the sequence is balanced less well
+        warnings.simplefilter("ignore", UserWarning)  # a count that is no power of two: the sequence is less balanced
         points = qmc.Sobol(len(RANGES), rng=seed).random(count)
     return [
         {
@@ -62,7 +60,7 @@ def _spread(u: float, low: float, high: float, spacing: str) -> float:
 
 
 def scene_of(values: dict[str, float], duration: float = 125.0) -> xr.Dataset:
-    """Make the scene of drawn values: a guy at rest whose top end moves to and fro along x, in an even horizontal load."""
+    """Make a guy at rest whose top end moves along x, under a uniform horizontal load."""
     angle = np.deg2rad(values["inclination"])
     upper = [values["chord"] * np.cos(angle), values["chord"] * np.sin(angle)]
     motion = {"kind": "one_minus_cosine", "amplitude": values["size"], "angular_frequency": values["frequency"]}
@@ -80,7 +78,7 @@ def scene_of(values: dict[str, float], duration: float = 125.0) -> xr.Dataset:
 
 
 def run_chain(scene: xr.Dataset, part: float = 0.2) -> xr.Dataset:
-    """Run the chain of LINKS links by velocity Verlet with a part of the longest stable step."""
+    """Run the chain of LINKS links by velocity Verlet with a part of its stability limit."""
     limit = chain_of(parameters(scene), LINKS).step_limit()
     return cp.chain.simulate(
         scene, links=LINKS, scheme="velocity_verlet", step=part * limit, outputs=("position", "tension")
@@ -101,28 +99,25 @@ class Case:
 
     @cached_property
     def truth(self) -> xr.Dataset:
-        """The chain, every 0.1 s."""
+        """The run of the chain, every 0.1 s."""
         return run_chain(self.scene)
 
     @cached_property
     def time_error(self) -> float:
-        """Distance of the chains of two steps, over the motion: three times the error of the finer one where that converges."""
+        """Distance of the chains of two steps over the motion (three times the error of the finer one where it converges)."""
         return np.inf if self.coarse is None else float(cp.compare.errors(self.coarse, self.truth)["error_max"])
 
     @cached_property
     def coarse(self) -> xr.Dataset | None:
-        """The chain with twice the step; None where that breaks down."""
+        """The run of the chain with twice the step; None where it breaks down."""
         try:
             return run_chain(self.scene, 0.4)
-        except cp.RunStopped:  # links that slacken and snap taut break long steps down
+        except cp.RunStopped:  # long steps break down where links slacken and snap taut
             return None
 
     @cached_property
     def sensitivity(self) -> tuple[float, float]:
-        """How many times as much, in parts, the cable's motion changes as that of its end, in both halves of the time.
-
-        1 where all is linear.
-        """
+        """Relative change of the cable's motion over that of its end, in both halves of the time (1 for a linear cable)."""
         nudged = replace(self, values={**self.values, "size": self.values["size"] * (1.0 + NUDGE)}).coarse
         if nudged is None or self.coarse is None:
             return np.inf, np.inf
@@ -131,12 +126,12 @@ class Case:
 
     @cached_property
     def least_tension(self) -> float:
-        """Least tension of any link at the instants of the output [N]."""
+        """Minimum tension of all links at the instants of the output [N]."""
         return float(self.truth["tension"].min())
 
     @property
     def apart(self) -> str:
-        """Why single trajectories of this scene mean little, by the chain alone; empty where they do mean something."""
+        """Reason why single trajectories of the scene mean little, by the chain alone; empty where they do mean something."""
         if self.least_tension <= 0.0:
             return "slack"
         if self.time_error > STEPS_DISAGREE:
@@ -145,7 +140,7 @@ class Case:
 
 
 def cases(count: int, seed: int, duration: float = 125.0) -> list[Case]:
-    """So many scenes of a sequence, without those whose tension at the top is less than any cable of that weight can have."""
+    """Return scenes of a sequence, without those whose top tension is below the minimum for the weight."""
     found: list[Case] = []
     for values in draw(2 * count, seed):
         case = Case(values, duration)

@@ -1,18 +1,18 @@
-"""How far trained test functions carry: scenes near those of training, and far away.
+"""Test trained test functions on scenes near those of training, and far away.
 
-    python pipelines/trained_reach.py [--out FOLDER] [--quick]
+    python pipelines/prediction/trained_reach.py [--out FOLDER] [--readme] [--quick]
 
-Writes trained_reach.nc.  Around Example 3 tension, size and frequency of the motion are each changed by up to a part, the
-reach.  Trained on its own scene alone, and on that and the eight corners of the reach; tested on scenes drawn between them.  And
-on scenes far away, the guys of prediction.py, with what was trained on Example 3 alone.  Of every test scene: the largest error
-over time of the condensed model with the modes as test functions and with trained ones, and what the modes cannot hold, over the
-motion.  The truth is the chain of 40 links.
+Writes trained_reach.nc.  Around Example 3, tension, size and frequency of the motion are each changed by up to a relative reach.
+Test functions are trained on Example 3 alone, and on it and the eight corners of the reach, and tested on scenes drawn between.
+Those trained on Example 3 alone are tested on scenes far away too, the guys of prediction/run.py.  For every test scene: the
+maximum error over time of the condensed model with the modes as test functions and with trained ones, and the projection error
+of the modes, over the motion.  The truth is the chain of 40 links.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
+import sys
 import time
 import warnings
 from collections.abc import Callable
@@ -20,16 +20,21 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 import xarray as xr
-from prediction import percent, projection_error
-from prediction_scenes import LINKS, Case, cases
+from _study import command_line, markdown_table, percent, update_tables
+from prediction.run import projection_error
+from prediction.scenes import LINKS, Case, cases
 from tqdm import tqdm
 
 import cablepod as cp
 from cablepod import shipped
 
-#: Order and number of modes.
+HERE = Path(__file__).resolve().parent
+#: Orders and numbers of modes.
 MODELS = (("leading", 3), ("leading", 4))
 REACHES = (0.05, 0.2)
 TESTED, SEED, FAR_SEED = 12, 5, 1974
@@ -37,7 +42,7 @@ KINDS = ("projection", "modes", "trained")
 
 
 class Near(Case):
-    """Example 3 with other numbers."""
+    """Example 3 with other tension, size and frequency of the motion."""
 
     def __init__(self, parts: tuple[float, ...], duration: float) -> None:
         super().__init__({"tension": parts[0], "size": parts[1], "frequency": parts[2]}, duration)
@@ -54,7 +59,7 @@ class Near(Case):
 
 
 def error(case: Case, modes: xr.Dataset, rank: int, order: str) -> float:
-    """Largest error over time; infinite where the model stops or refuses."""
+    """Return the maximum error over time, infinite where the model stops or refuses."""
     try:
         run = cp.condensed.simulate(
             case.scene, modes, rank=rank, order=order, times=case.truth["time"].values, tolerance=1e-5,
@@ -68,7 +73,7 @@ def error(case: Case, modes: xr.Dataset, rank: int, order: str) -> float:
 def train(
     samples: list[Near], tested: list[Case], models: tuple[tuple[str, int], ...], progress: Callable[..., Any]
 ) -> np.ndarray:
-    """Errors (model, test scene, kind)."""
+    """Train on samples and return the errors (model, test scene, kind)."""
     modes = cp.pod.decompose([item.truth for item in samples], layout="normal", rank=max(rank for _, rank in models))
     result = np.empty((len(models), len(tested), len(KINDS)))
     for i, (order, rank) in enumerate(progress(models)):
@@ -90,7 +95,7 @@ def report(
     duration: float = 125.0,
     progress: Callable[..., Any] = iter,
 ) -> xr.Dataset:
-    """Train and test; a Dataset over (where, model, scene, kind)."""
+    """Train and test; return a Dataset over (where, model, scene, kind)."""
     random = np.random.default_rng(SEED)
     centre = Near((1.0, 1.0, 1.0), duration)
     found, names = [], []
@@ -123,33 +128,30 @@ def report(
     return result
 
 
-def show(result: xr.Dataset) -> None:
-    """Print medians and largest errors, and in how many scenes training gains."""
-    print("| scenes | model | " + " | ".join(f"{kind}, median, largest" for kind in KINDS) + " | training gains |")
-    print("| --- | --- " + "| --- " * (len(KINDS) + 1) + "|")
+def table(result: xr.Dataset) -> str:
+    """Write median and maximum errors, and the number of scenes in which training gains."""
+    lines = []
     parts = [(str(name), result["error"].sel(where=name).values) for name in result["where"].values]
     for name, values in [*parts, ("far away, trained on 1", result["far_error"].values)]:
         for model, own in zip(result["model"].values, values, strict=True):
             cells = [f"{percent(np.median(own[:, k]))}, {percent(own[:, k].max())}" for k in range(len(KINDS))]
-            print(
-                f"| {name} | {model} | "
-                + " | ".join(cells)
-                + f" | {int((own[:, 2] < own[:, 1]).sum())} of {len(own)} |"
-            )
+            lines.append([name, str(model), *cells, f"{int((own[:, 2] < own[:, 1]).sum())} of {len(own)}"])
+    head = ["scenes", "model", *(f"{kind}, median, largest" for kind in KINDS), "training gains"]
+    return markdown_table(head, lines)
 
 
 def main() -> None:
-    """Run as told by the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("out/trained_reach"))
-    parser.add_argument("--quick", action="store_true")
-    given = parser.parse_args()
+    """Train, test, write and print."""
+    quick = "one model, two scenes of 10 s each"
+    given = command_line(__doc__, out="out/trained_reach", readme=True, quick=quick).parse_args()
     begin = time.perf_counter()
     options: dict[str, Any] = {"models": (("leading", 2),), "tested": 2, "duration": 10.0} if given.quick else {}
     result = report(progress=tqdm, **options)
     given.out.mkdir(parents=True, exist_ok=True)
     cp.archive.write(result, given.out / "trained_reach.nc", overwrite=True)
-    show(result)
+    if given.readme:
+        update_tables(HERE / "README.md", {"trained_reach": table(result)})
+    print(table(result))
     print(f"{time.perf_counter() - begin:.0f} s")
 
 

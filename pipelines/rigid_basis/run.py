@@ -1,21 +1,24 @@
-"""Where the modes of a chain hold for an extensible cable: of the rigid chain, of the elastic chain, of the cable itself.
+"""Compare modes of the rigid chain, the elastic chain and the cable itself on an extensible cable.
 
-python pipelines/rigid_basis.py [FIGURE] [--rank 4] [--links 40]
+    python pipelines/rigid_basis/run.py [--out FOLDER] [--rank 4] [--links 40]
 
-The guy of the paper with Example 3's end motion (0.5 rad/s, 62.5 s), its length over the chord from taut to slack, its
-stiffness over three powers of ten.  In each cell the truth is the continuous extensible cable, law (21), of 16 spectral elements,
-by the trapezoidal rule; two chains and the cable itself give modes: rigid links (as long, all together, as the cable is stretched
-at rest, so that they can reach) and elastic links by the linear law.  Upper row: error of the truth projected on the modes; lower
-row: error of the reduced model, which also has to find the motion, and has the error of cutting the cable into links.  A cell
-without a number is one whose run stopped; brackets: the step was not settled, or runs of the cable (8 elements, twice the step)
-or of rigid links (twice the step) differ by more than a thousandth of the motion.
+Writes rigid_basis.png. The guy of the paper with Example 3's end motion (0.5 rad/s, 62.5 s), its length over the chord from
+taut to slack, its stiffness over three powers of ten.  In each cell the truth is the continuous extensible cable, law (21), of
+16 spectral elements, by the trapezoidal rule.  Modes come from the cable itself and from two chains: rigid links (of the
+stretched length of the cable at rest in all, so that they can reach) and elastic links by the linear law.  Upper row: error of
+the truth projected on the modes; lower row: error of the reduced model, which includes that of the discretisation in links.  A
+cell is empty where the run stopped; brackets: the step was not converged, or runs of the cable (8 elements, twice the step) or
+of rigid links (twice the step) differ by more than a thousandth of the motion.
 """
 
 from __future__ import annotations
 
-import argparse
+import sys
 import warnings
 from pathlib import Path
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import matplotlib as mpl
 
@@ -23,6 +26,7 @@ mpl.use("Agg")
 
 import numpy as np
 import xarray as xr
+from _study import command_line
 from matplotlib import pyplot as plt
 from matplotlib.colors import LogNorm
 from tqdm import tqdm
@@ -30,18 +34,19 @@ from tqdm import tqdm
 import cablepod as cp
 from cablepod.shipped import scene
 
+HERE = Path(__file__).resolve().parent
 RATIOS = (0.999, 0.9997, 1.0001, 1.001, 1.01, 1.03, 1.1)
 STIFFNESSES = (2e5, 2e6, 2e7, 2e8)  # N
 BASES = ("rigid chain", "elastic chain", "cable itself")
 TOLERANCE = 1e-5
-#: Steps of rigid links [s], the coarser first: in the tautest cells, where they hardly leave a straight line, no step is found.
+#: Steps of rigid links [s], the coarser first; given, as no choice of step ends in the tautest cells, close to a straight line.
 RIGID_STEPS = (1e-3, 5e-4)
-#: Elements and steps [s] of the cable, the coarser first, and how near the two must come.
+#: Elements and steps [s] of the cable, the coarser first, and the tolerance of their difference over the motion.
 RESOLUTIONS, AGREE = ((8, 0.01), (16, 0.005)), 1e-3
 
 
 def given(ratio: float, stiffness: float, links: int) -> xr.Dataset:
-    """Scene of one cell."""
+    """Return the scene of one cell."""
     base = scene("example3").drop_vars("cable_top_tension")
     chord = float(np.linalg.norm(base.ends_upper - base.ends_lower))
     result = base.assign(
@@ -57,17 +62,17 @@ def given(ratio: float, stiffness: float, links: int) -> xr.Dataset:
 
 
 def settled(run: xr.Dataset) -> bool:
-    """Whether the step of a run was found."""
+    """Return whether the step of a run converged."""
     return run.attrs["time_error_estimate"] <= TOLERANCE
 
 
 def near(coarse: xr.Dataset, fine: xr.Dataset) -> bool:
-    """Whether two runs differ by so little that the finer one is settled."""
+    """Return whether two runs agree within the tolerance."""
     return float(cp.compare.errors(coarse, fine)["error_max"]) <= AGREE
 
 
 def cell(ratio: float, stiffness: float, rank: int, links: int) -> tuple[np.ndarray, np.ndarray]:
-    """Errors (projection or model, basis) as fractions, and whether they are settled."""
+    """Return errors (projection or model, basis) as fractions, and whether they are converged."""
     cable_scene = given(ratio, stiffness, links)
     options = {"scheme": "velocity_verlet", "tolerance": TOLERANCE}
     errors, sound = np.full((2, len(BASES)), np.nan), np.ones((2, len(BASES)), dtype=bool)
@@ -83,7 +88,7 @@ def cell(ratio: float, stiffness: float, rank: int, links: int) -> tuple[np.ndar
     stretched = cable_scene.assign(cable_unstretched_length=((), reach))
     try:
         rough, rigid = (cp.rigid.simulate(stretched, formulation="index1", step=step) for step in RIGID_STEPS)
-    except cp.RunStopped:  # all but straight between its ends
+    except cp.RunStopped:  # almost straight between its ends
         rough = rigid = None
     runs = {
         "rigid chain": rigid,
@@ -107,7 +112,7 @@ def cell(ratio: float, stiffness: float, rank: int, links: int) -> tuple[np.ndar
 
 
 def draw(errors: np.ndarray, sound: np.ndarray, rank: int) -> plt.Figure:
-    """Draw the maps, (ratio, stiffness, projection or model, basis)."""
+    """Draw the maps of errors (ratio, stiffness, projection or model, basis)."""
     figure, axes = plt.subplots(2, 3, figsize=(13, 6.4), sharex=True, sharey=True, layout="constrained")
     for row, what in enumerate((f"projected on {rank} modes", f"reduced model, {rank} modes")):
         for column, basis in enumerate(BASES):
@@ -132,13 +137,11 @@ def draw(errors: np.ndarray, sound: np.ndarray, rank: int) -> plt.Figure:
 
 def main() -> None:
     """Compute, print, draw."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "figure", nargs="?", default=str(Path(__file__).resolve().parent / "figures" / "rigid_basis.png")
-    )
+    parser = command_line(__doc__, out=HERE)
     parser.add_argument("--rank", type=int, default=4)
     parser.add_argument("--links", type=int, default=40)
     options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
     shape = (len(RATIOS), len(STIFFNESSES), 2, len(BASES))
     errors, sound = np.full(shape, np.nan), np.ones(shape, dtype=bool)
     print("L0/chord, K [N]; errors in %: projected, then reduced model, each on the modes of " + ", ".join(BASES))
@@ -149,7 +152,7 @@ def main() -> None:
             print(
                 RATIOS[i], f"{STIFFNESSES[j]:g}", np.array2string(100.0 * errors[i, j].ravel(), precision=3), flush=True
             )
-    draw(errors, sound, options.rank).savefig(options.figure, dpi=80)
+    draw(errors, sound, options.rank).savefig(options.out / "rigid_basis.png", dpi=80)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""The scenes of the stability report: each is hard for a reason of its own.
+"""Define the hard scenes of the stability report.
 
-All but the last group are changes to one guy, 61.2 m long and K = 2e7 N, whose upper end comes in by up to 10 cm.  Those of the
-last one are for the chain of rigid links: the shipped scenes, two motions that no single run can follow, and one that is refused.
+All but the last group are changes to one guy, 61.2 m long and K = 2e7 N, whose upper end moves in by up to 10 cm.  The last group
+is for the chain of rigid links: the shipped scenes, two motions without a single truth, and one that is refused.
 """
 
 from __future__ import annotations
@@ -30,31 +30,31 @@ GUY: dict[str, Any] = {
 }
 CHORD = math.hypot(20.4, 57.7)
 LEVEL = {"lower": [0.0, 0.0], "upper": [40.0, 0.0]}
-#: Tables that a case gives whole; of the others it gives the keys that differ.
+#: Tables that a case replaces; of the others it replaces single keys.
 WHOLE = ("motion", "chain", "ends", "initial")
-#: What implicit runs resolve: so many steps in the first transverse period, and in the time in which motions or loads change.
+#: Steps of implicit runs per first transverse period, and per time scale of motions and loads.
 PER_PERIOD, PER_CHANGE = 200.0, 40.0
-#: Velocity Verlet takes so much of its limit.
+#: Step of velocity Verlet over its limit.
 OF_LIMIT = 0.9
-#: Rigid links turn by no more than this in a step [rad].
+#: Maximum rotation of rigid links in a step [rad].
 TURN = 0.1
 
 
 @dataclass(frozen=True)
 class Case:
-    """A scene that is hard for some reason."""
+    """A hard scene."""
 
     group: str
     name: str
     tables: dict[str, Any] = field(default_factory=dict)
-    quiet: bool = False  #: ends and loads at rest and no damping: the energy must stay
-    long: bool = False  #: so long that phases are lost: judged by statistics
-    implicit_step: float | None = None  #: [s], where the rule of :meth:`steps` would cost too much
-    rigid: bool = False  #: a scene of rigid links, which elastic ones would move through in another way
-    shipped: str = ""  #: name of a shipped scene that takes the place of the guy
+    quiet: bool = False  #: ends and loads at rest and no damping: constant energy
+    long: bool = False  #: so long that phases are lost: compared by statistics
+    implicit_step: float | None = None  #: [s], where that of :meth:`steps` costs too much
+    rigid: bool = False  #: a scene of rigid links, in which elastic ones move differently
+    shipped: str = ""  #: name of a shipped scene in place of the guy
 
     def scene(self) -> xr.Dataset:
-        """Return the scene: the guy with these tables put in, or a shipped one at other times."""
+        """Return the scene: the guy with these tables, or a shipped scene at other times."""
         if self.shipped:
             times = {
                 f"time_{key}": ((), float(value), {"units": "s"}) for key, value in self.tables.get("time", {}).items()
@@ -74,7 +74,7 @@ class Case:
         return cp.make_scene({"title": self.name, **mapping})
 
     def steps(self, scene: xr.Dataset) -> dict[str, float]:
-        """Return the step of each scheme [s]; all divide the interval, so that no energy is blurred by interpolation."""
+        """Return the step of each scheme [s]; all divide the interval, so that no energy is interpolated."""
         if self.rigid:
             return dict.fromkeys(FORMULATIONS, dividing(scene, rigid_step(scene)))
         p = parameters(scene)
@@ -91,9 +91,9 @@ class Case:
 
 
 def rigid_step(scene: xr.Dataset, otherwise: float | None = None) -> float:
-    """Return a step of rigid links [s]: that with which their runs begin, and in which no link turns by more than TURN.
+    """Return a step of rigid links [s]: at most the first of their own choice, with rotations of at most TURN.
 
-    Scenes that rigid links refuse get `otherwise`, where it is given.
+    Scenes that rigid links refuse get `otherwise`, if given.
     """
     chain = chain_of(parameters(scene))
     try:
@@ -113,7 +113,7 @@ def dividing(scene: xr.Dataset, step: float) -> float:
 
 
 def first_frequency(scene: xr.Dataset) -> float:
-    """Angular frequency of the first transverse vibration of the cable at rest, taken as a string [rad/s]."""
+    """Return the first transverse angular frequency of the cable at rest as a string [rad/s]."""
     p = parameters(scene)
     at_rest = cp.chain.rest(scene)
     tension = max(float(at_rest["tension"].mean()), 1e-9)

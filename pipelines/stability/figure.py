@@ -1,4 +1,4 @@
-"""The matrix of the stability report: cases down, schemes across, classes as colours and letters."""
+"""Draw the matrix of the stability report: cases down, schemes across, classes as colours and letters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cablepod.plots.maps import stability_height
 
 
 def matrix(result: xr.Dataset) -> Figure:
-    """Draw the whole report as a matrix, and the limits of explicit steps below it."""
+    """Draw the report as a matrix, and the limits of explicit steps below it."""
     probed = result.sizes["limit_case"]
     parts = [stability_height(result)] + ([0.19 * probed + 0.6] if probed else [])
     figure = plt.figure(figsize=(12.5, sum(parts) + 0.45 + 0.6 * (not probed)), layout="constrained")

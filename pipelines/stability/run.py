@@ -1,24 +1,26 @@
-"""Run every scheme of elastic and rigid chains over stiff and extreme scenes: accurate, inaccurate, refused or stopped.
+"""Run every scheme of elastic and rigid chains over stiff and extreme scenes and classify the outcome.
 
-    python pipelines/stability.py [--out FOLDER] [--cases "NAME;NAME"] [--readme] [--list]
+    python pipelines/stability/run.py [--out FOLDER] [--cases "NAME;NAME"] [--readme] [--list]
 
 Writes stability.nc and stability.png.
 
+Classes: accurate, inaccurate, refused, stopped, broken (hangs, refuses without a message, or gives garbage),
+another model.
 Steps: explicit runs take 0.9 of their predicted limit, implicit ones a two-hundredth of the first transverse period (or a
-fortieth of the time in which motions and loads change), however stiff the cable.
+fortieth of the time scale of motions and loads), however stiff the cable.
 Truth: velocity Verlet with steps halved until two runs agree to 1e-7 of the motion or a budget is spent, checked by the
-energy-momentum scheme, which is another algorithm with other code.  Where two such runs disagree by more than a hundredth of
-the motion the case is chaotic, and runs are judged by statistics against the spread of six equally good runs.
-Rigid links run over the same scenes, by the step their runs begin with, and are judged by the elastic truth: their error is the
+energy-momentum scheme, another algorithm with other code.  Where two such runs differ by more than a hundredth of the motion the
+case is chaotic, and statistics of the runs are compared with the spread of six equally good runs.
+Rigid links run over the same scenes, by the first step of their own choice, against the elastic truth: their error is the
 distance of the models, and most scenes are refused as stretched.  On their own scenes the truth is the index-1 form with steps
-halved, checked by RATTLE; there elastic links are not run.
+halved, checked by RATTLE, and elastic links do not run.
 Tolerance: `chain.simulate(scene, tolerance=...)` (`rigid.simulate` on the scenes of rigid links) against that truth.
-Limits: the step at which velocity Verlet breaks down is looked for, and compared with the predicted one.
+Limits: the step at which velocity Verlet breaks down, found by bisection, against the predicted one.
 """
 
 from __future__ import annotations
 
-import argparse
+import sys
 import time
 import warnings
 from collections.abc import Callable
@@ -26,10 +28,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 import xarray as xr
-from stability_cases import Case, cases
-from stability_judge import (
+from _study import command_line, markdown_table, publish
+from stability.cases import Case, cases
+from stability.verdict import (
     ACCURATE,
     CLASSES,
     INACCURATE,
@@ -55,7 +61,7 @@ from cablepod.verlet import VerletRun
 # --- limits of explicit steps ------------------------------------------------------------------------------------------
 
 HERE = Path(__file__).resolve().parent
-#: A run has broken down where it has more energy than so many times that of a run with a twentieth of the limit.
+#: Maximum energy of a sound run over that of a run with a twentieth of the limit.
 EXCESS = 2.0
 LIMIT_CASES = (
     "the guy, K = 2e7 N", "rubber, K = 2e4 N", "2 links", "links and masses 1 : 1000", "weightless", "by mass, 50 per s",
@@ -64,9 +70,9 @@ LIMIT_CASES = (
 
 
 def breaks_down(run: VerletRun, step: float, energy: float) -> bool:
-    """Whether velocity Verlet with that step stops, or has at some time more than EXCESS times the energy given [J].
+    """Return whether velocity Verlet stops with a step, or exceeds EXCESS times an energy [J].
 
-    The energy need not grow without bounds: links that fall slack are soft, and keep many a run that has broken down bounded.
+    The energy need not grow without bounds: slack links are soft, and keep many a broken run bounded.
     """
     try:
         return _energy(run, step) > EXCESS * energy
@@ -75,7 +81,7 @@ def breaks_down(run: VerletRun, step: float, energy: float) -> bool:
 
 
 def _energy(run: VerletRun, step: float) -> float:
-    """Largest kinetic and strain energy of a run [J]."""
+    """Return the maximum kinetic and strain energy of a run [J]."""
     state = run(1.0 / step)
     kinetic, strain, _ = energies(run.chain, state.position, np.asarray(state.velocity))
     return float((kinetic + strain).max())
@@ -84,8 +90,8 @@ def _energy(run: VerletRun, step: float) -> float:
 def limits(scene: xr.Dataset) -> tuple[float, float]:
     """Return the limit of the step of velocity Verlet, predicted and found [s].
 
-    The run is made without the check that would refuse steps above the limit.  Links that slacken make the border ragged, so
-    the shortest step that breaks down is looked for in steps of a twentieth, and the border then by bisection.
+    The run omits the check that refuses steps above the limit.  Links that slacken make the border ragged: the search for the
+    shortest step that breaks down goes by twentieths of the limit, and then by bisection.
     """
     chain = chain_of(parameters(scene))
     predicted, interval = chain.step_limit(), float(scene["time_interval"])
@@ -108,7 +114,7 @@ def limits(scene: xr.Dataset) -> tuple[float, float]:
 
 
 def balance(case: Case, scheme: str, step: float, duration: float) -> float:
-    """Largest change of the energy less the work of the ends, over all steps of a run, as :func:`drift`."""
+    """Return the maximum change of the energy less the work of the ends, over all steps, as :func:`drift`."""
     scene = replace(case, tables={**case.tables, "time": {"duration": duration, "interval": duration}}).scene()
     steps = round(duration / step)
     run = simulate(scene, scheme=scheme, step=step, times=step * np.arange(steps + 1), outputs=("position", "velocity"))
@@ -140,7 +146,7 @@ LONG_NAMES = {
 
 
 def report(chosen: list[Case], *, progress: Callable[[list[Case]], Any] = iter, long: bool = True) -> xr.Dataset:
-    """Run all cases; gives a Dataset over (case, scheme), (case, wanted_error) and limit_case.
+    """Run all cases; return a Dataset over (case, scheme), (case, wanted_error) and limit_case.
 
     Parameters
     ----------
@@ -149,7 +155,7 @@ def report(chosen: list[Case], *, progress: Callable[[list[Case]], Any] = iter, 
     progress
         Wraps the list of cases.
     long
-        Whether the energy with moving ends is followed over long runs too.
+        Whether the energy balance with moving ends covers long runs too.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", cp.NotConvergedWarning)
@@ -172,7 +178,7 @@ def report(chosen: list[Case], *, progress: Callable[[list[Case]], Any] = iter, 
 
 
 def _add_balances(item: dict[str, Any]) -> None:
-    """Follow the energy less the work of the ends: but for the scheme that keeps it, over a hundredth of the time."""
+    """Add the energy balance of long runs; over a hundredth of the time but for the energy-momentum scheme."""
     for scheme, verdict in zip(SCHEMES, item["verdicts"], strict=True):
         duration = float(item["truth"].run["time"][-1]) * (1.0 if scheme == REFERENCE else 0.01)
         if scheme not in FORMULATIONS and verdict.outcome in (ACCURATE, INACCURATE):
@@ -226,6 +232,24 @@ def _dataset(rows: list[dict[str, Any]], probed: list[Case], found: np.ndarray) 
     )
 
 
+def outcome_table(result: xr.Dataset) -> str:
+    """Write the number of cases in each class, by scheme."""
+    lines = []
+    for scheme in result["scheme"].values:
+        found = [CLASSES[int(value)] for value in result["outcome"].sel(scheme=scheme).values]
+        lines.append([str(scheme), *(str(found.count(name)) for name in CLASSES)])
+    return markdown_table(["scheme", *CLASSES], lines)
+
+
+def limit_table(result: xr.Dataset) -> str:
+    """Write the limits of the step of velocity Verlet, predicted and found."""
+    lines = []
+    for name in result["limit_case"].values:
+        low, high = (float(result[key].sel(limit_case=name)) for key in ("limit_predicted", "limit_found"))
+        lines.append([str(name), f"{low:.4g} s", f"{high:.4g} s", f"{high / low:.3f}"])
+    return markdown_table(["case", "predicted", "found", "found over predicted"], lines)
+
+
 def lines(result: xr.Dataset) -> list[str]:
     """Return the report as lines of text."""
     text = [f"{'':<26}" + "".join(f"{name:<26}" for name in SCHEMES) + "tolerance 1e-4"]
@@ -250,17 +274,15 @@ def lines(result: xr.Dataset) -> list[str]:
 
 
 def main() -> None:
-    """Write the Dataset and the figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out/stability"))
-    parser.add_argument("--cases", default="", help="names of cases or groups, parted by semicolons")
-    parser.add_argument("--readme", action="store_true", help="draw the picture of the README again too")
+    """Run the cases, write the Dataset and the figure, print the report."""
+    parser = command_line(__doc__, out="out/stability", readme=True)
+    parser.add_argument("--cases", default="", help="names of cases or groups, separated by semicolons")
     parser.add_argument("--list", action="store_true", help="print the names of the cases and end")
     options = parser.parse_args()
     import matplotlib as mpl
 
     mpl.use("Agg")
-    from stability_figure import matrix, small
+    from stability.figure import matrix, small
 
     wanted = [name.strip() for name in options.cases.split(";") if name.strip()]
     known = cases()
@@ -273,13 +295,17 @@ def main() -> None:
         return
     begin = time.perf_counter()
     result = report(chosen, progress=lambda items: tqdm(items, disable=None))
-    options.out.mkdir(parents=True, exist_ok=True)
-    cp.archive.write(result, options.out / "stability.nc", overwrite=True)
-    figure = matrix(result)
-    figure.savefig(options.out / "stability.png", dpi=110)
-    if options.readme:
-        small(figure, HERE / "figures" / "stability.png")
-    print("\n".join(lines(result)))
+    figure, text = matrix(result), "\n".join(lines(result))
+    publish(
+        options.out,
+        "stability",
+        result,
+        draw=lambda path: figure.savefig(path, dpi=110),
+        draw_small=lambda path: small(figure, path),
+        page=HERE if options.readme else None,
+        tables={"outcomes": outcome_table(result), "limits": limit_table(result)},
+    )
+    print(text)
     print(f"{len(chosen)} cases in {time.perf_counter() - begin:.0f} s; {options.out}/stability.nc, stability.png")
 
 

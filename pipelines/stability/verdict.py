@@ -1,4 +1,4 @@
-"""What a run of the stability report is judged by, and what is said of it."""
+"""Compute truth, energy balance and verdict of the runs of the stability report."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from _study import timed
 from scipy.stats import t as student
-from stability_cases import Case, dividing, rigid_step
+from stability.cases import Case, dividing, rigid_step
 
 import cablepod as cp
 from cablepod import chain_runs
@@ -29,30 +30,30 @@ MET, MISSED, WARNED, CHAOTIC, OPEN, NOT_TRIED = STATES = (
     "met", "missed", "missed with a warning", "no single truth", "truth too coarse", "not tried",
 )  # fmt: skip
 TOLERANCES = (1e-3, 1e-4, 1e-6)
-#: The first and the last of them are tried only where the middle one takes no longer than this [s].
+#: Maximum time of a run with the middle tolerance [s] for which the first and the last are tried.
 COSTLY = 4.0
 
-#: An error up to this part of the motion counts as accurate: it is the width of a line in a drawing of it.
+#: Maximum error of an accurate run, over the motion (the width of a line in a drawing of it).
 LIMIT = 1e-2
-#: The truth is refined until two runs agree so well, a tenth of the smallest tolerance, or a run takes so many links times steps.
+#: Tolerance of the truth (a tenth of the smallest tolerance); maximum links times steps of its runs, and of its check.
 AGREE, BUDGET, CHECK_BUDGET = 1e-7, 4e8, 1e7
-#: As BUDGET, for the chain of rigid links, whose truth is found by a scheme of fourth order.
+#: As BUDGET, for the chain of rigid links, whose truth comes from a scheme of fourth order.
 RIGID_BUDGET = 1e7
-#: Runs that tell how far equally good runs of a chaotic scene differ; an exact run is taken for a wrong one as rarely as this.
+#: Number of equally good runs whose spread is that of a chaotic scene; probability that an exact run counts as a wrong one.
 REALISATIONS, DOUBT = 6, 1e-3
-#: No sound run has so many times the energy of the truth: the numbers are finite, and garbage.
+#: Maximum energy of a sound run over that of the truth.
 GARBAGE = 10.0
-#: A run that takes longer than this counts as a hang [s].
+#: Maximum time of a run [s]; longer ones count as a hang.
 PATIENCE = 120.0
 OUTPUTS = ("position", "velocity", "tension_extremes")
 
 
 class Overdue(RuntimeError):
-    """A run takes too long."""
+    """A run exceeds PATIENCE."""
 
 
 def simulate(scene: xr.Dataset, **options: Any) -> xr.Dataset:
-    """Run the chain, of elastic or rigid links as the scheme says, not longer than PATIENCE."""
+    """Run the chain of elastic or rigid links, by the scheme, for at most PATIENCE."""
     begin = time.perf_counter()
 
     def look(_: float) -> None:
@@ -68,10 +69,9 @@ def simulate(scene: xr.Dataset, **options: Any) -> xr.Dataset:
 
 
 def energies(chain: Chain, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Kinetic and strain energy and that of the constant loads [J], (time,), from positions [m] and velocities [m/s].
+    """Return kinetic, strain and load energy [J], (time,), from positions [m] and velocities [m/s].
 
-    Particles that are held count nowhere.  The loads' energy counts from the first position, so that it is no large number
-    of which digits cancel.
+    Held particles are left out.  The energy of the constant loads counts from the first position, against cancellation.
     """
     p, free = chain.p, chain.free
     size = np.sqrt(np.sum(np.diff(x, axis=1) ** 2, axis=-1))
@@ -81,9 +81,9 @@ def energies(chain: Chain, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np
 
 
 def drift(chain: Chain, x: np.ndarray, v: np.ndarray, work: np.ndarray | float = 0.0) -> float:
-    """Largest change of the energy, less the work of the ends, over the largest kinetic and strain energy at one time.
+    """Return the maximum change of the energy less the work of the ends, over the maximum kinetic and strain energy.
 
-    That sum is what a scheme handles and rounds, and it does not depend on where the loads' energy is counted from.
+    That sum sets the rounding error of a scheme, and does not depend on the zero of the loads' energy.
     """
     kinetic, strain, potential = energies(chain, x, v)
     change = kinetic + strain + potential - work
@@ -91,10 +91,10 @@ def drift(chain: Chain, x: np.ndarray, v: np.ndarray, work: np.ndarray | float =
 
 
 def work_of_ends(chain: Chain, x: np.ndarray, *, conserving: bool) -> np.ndarray:
-    """Work that the ends have done since the start [J], (time,), from the positions at all steps.
+    """Return the work of the ends since the start [J], (time,), from the positions at all steps.
 
-    The force of a step is the mean of those at its two ends; for the energy-momentum scheme that of the scheme, by the
-    difference quotient of the link's energy: then kinetic, strain and potential energy change by just this work.
+    The force of a step is the mean of those at its two instants; for the energy-momentum scheme that of the scheme, by the
+    difference quotient of the link's energy: then kinetic, strain and potential energy change by exactly this work.
     """
     total = np.zeros(len(x))
     for end, link in ((0, 0), (-1, -1)):
@@ -122,19 +122,18 @@ def work_of_ends(chain: Chain, x: np.ndarray, *, conserving: bool) -> np.ndarray
 
 @dataclass(frozen=True)
 class Truth:
-    """What the runs of a case are judged by."""
+    """The truth of a case."""
 
     run: xr.Dataset  #: the finest run
     error: float  #: its distance to the next coarser one, over the motion
     check: float  #: its distance to the run by another scheme
     energy: float  #: its largest kinetic and strain energy [J]
-    samples: (
-        np.ndarray | None
-    )  #: statistics of equally good runs (realisation, statistic), where single motions mean nothing
+    #: statistics of equally good runs (realisation, statistic), where single motions mean nothing
+    samples: np.ndarray | None
 
 
 def statistics(chain: Chain, run: xr.Dataset) -> np.ndarray:
-    """Rms displacement [m], mean kinetic and strain energy [J], largest tension [N]."""
+    """Return rms displacement [m], mean kinetic and strain energy [J], maximum tension [N]."""
     x, v = run["position"].values, run["velocity"].values
     kinetic, strain, _ = energies(chain, x, v)
     away = np.sqrt(np.mean(np.sum((x - x[0]) ** 2, axis=-1)))
@@ -142,12 +141,12 @@ def statistics(chain: Chain, run: xr.Dataset) -> np.ndarray:
 
 
 def error_of(run: xr.Dataset, truth: xr.Dataset) -> float:
-    """Largest error over the motion."""
+    """Return the maximum error over the motion."""
     return float(cp.compare.errors(run, truth)["error_max"])
 
 
 def truth_of(case: Case, scene: xr.Dataset) -> Truth:
-    """Find the truth of a case, or that there is none."""
+    """Compute the truth of a case, by statistics where single motions mean nothing."""
     chain = chain_of(parameters(scene))
     duration = float(scene["time_duration"])
     scheme, checking, budget = (INDEX1, RATTLE, RIGID_BUDGET) if case.rigid else (VERLET, REFERENCE, BUDGET)
@@ -157,7 +156,7 @@ def truth_of(case: Case, scene: xr.Dataset) -> Truth:
         return simulate(scene, scheme=scheme, step=dividing(scene, limit / part), outputs=OUTPUTS)
 
     if case.long:
-        # phases are lost: no refinement that anyone could wait for brings two runs together
+        # phases are lost: no affordable refinement makes two runs agree
         samples = np.array([statistics(chain, run(part)) for part in (1.5, 2.0, 2.5)])
         fine = run(2.0)
         error = check = np.inf
@@ -180,20 +179,20 @@ def truth_of(case: Case, scene: xr.Dataset) -> Truth:
 
 @dataclass
 class Verdict:
-    """What came of one run."""
+    """The outcome of one run."""
 
     outcome: str
-    error: float = np.nan  #: over the motion; of the statistic that is farthest off where there is no other truth
+    error: float = np.nan  #: over the motion; of the worst statistic where there is no other truth
     energy_drift: float = np.nan
     steps: int = 0
     run_time: float = 0.0  #: [s]
     step: float = np.nan  #: [s]
-    kept: float = 0.0  #: part of the duration that was computed
+    kept: float = 0.0  #: computed part of the duration
     message: str = ""
 
 
 def garbage(chain: Chain, run: xr.Dataset, truth: Truth | None) -> str:
-    """Say what is wrong with a run that claims to be sound; nothing where nothing is."""
+    """Return the defect of a completed run, empty for a sound one."""
     for name in run.data_vars:
         if not np.isfinite(run[name].values).all():
             return f"{name} is not finite everywhere"
@@ -207,7 +206,7 @@ def garbage(chain: Chain, run: xr.Dataset, truth: Truth | None) -> str:
 
 
 def judge(case: Case, scene: xr.Dataset, truth: Truth | None, run: Callable[[], xr.Dataset]) -> Verdict:
-    """Make a run and say what came of it; `truth` is None where no run was possible."""
+    """Make a run and classify it; `truth` is None where no run is possible."""
     chain = chain_of(parameters(scene))
     try:
         result = run()
@@ -221,7 +220,7 @@ def judge(case: Case, scene: xr.Dataset, truth: Truth | None, run: Callable[[], 
     verdict.message = garbage(chain, result, truth)
     if verdict.message or truth is None:
         return verdict
-    if case.rigid:  # with the work of the ends as the run itself counts it
+    if case.rigid:  # with the work of the ends by the run itself
         verdict.energy_drift = float(result.attrs["energy_drift"])
     if case.quiet:
         verdict.energy_drift = drift(chain, result["position"].values, result["velocity"].values)
@@ -231,7 +230,7 @@ def judge(case: Case, scene: xr.Dataset, truth: Truth | None, run: Callable[[], 
 
 
 def _stopped(chain: Chain, duration: float, error: cp.RunStopped) -> Verdict:
-    """Judge what is left of a run that was stopped: it must be there, marked, and free of garbage."""
+    """Classify a stopped run: its partial result must exist, be marked, and be sound."""
     kept = error.partial
     if kept is None or "incomplete" not in kept.attrs or not str(error):
         return Verdict(BROKEN, message=f"stopped, and nothing kept of it: {error}")
@@ -246,11 +245,10 @@ def _stopped(chain: Chain, duration: float, error: cp.RunStopped) -> Verdict:
 
 
 def _accuracy(chain: Chain, run: xr.Dataset, truth: Truth) -> tuple[float, bool]:
-    """Error of a run, and whether that is accurate.
+    """Return the error of a run, and whether it is accurate.
 
-    Where there is no truth but in statistics, a run is accurate if it lies no farther from the mean of equally good runs than
-    one more of them would in all but one of a thousand cases (Student's distribution, as the spread is known from few runs),
-    or within LIMIT.
+    With a truth in statistics only, a run is accurate if its distance from the mean of equally good runs is within LIMIT, or
+    within that of one more of them with probability 1 - DOUBT (Student's distribution, as the spread comes from few runs).
     """
     if truth.samples is None:
         error = error_of(run, truth.run)
@@ -264,21 +262,16 @@ def _accuracy(chain: Chain, run: xr.Dataset, truth: Truth) -> tuple[float, bool]
 
 
 def of_scheme(case: Case, scene: xr.Dataset, truth: Truth | None, scheme: str, step: float) -> Verdict:
-    """Judge one scheme on one case, with the run time of its second run: the first may have to compile."""
+    """Judge one scheme on one case, with the run time of its second run (the first may compile)."""
     options = {"scheme": scheme, "step": step, "outputs": OUTPUTS}
-    verdict, first = _timed(lambda: judge(case, scene, truth, lambda: simulate(scene, **options)))
+    verdict, first = timed(lambda: judge(case, scene, truth, lambda: simulate(scene, **options)))
     verdict.run_time = first
     if verdict.kept:
         again = [first]
         if first < 2.0:
-            again.append(_timed(lambda: _quietly(lambda: simulate(scene, **options)))[1])
+            again.append(timed(lambda: _quietly(lambda: simulate(scene, **options)))[1])
         verdict.run_time = min(again)
     return verdict
-
-
-def _timed(call: Callable[[], Any]) -> tuple[Any, float]:
-    begin = time.perf_counter()
-    return call(), time.perf_counter() - begin
 
 
 def _quietly(call: Callable[[], Any]) -> Any:
@@ -290,7 +283,7 @@ def _quietly(call: Callable[[], Any]) -> Any:
 
 @dataclass
 class Chosen:
-    """What came of a run with a tolerance."""
+    """The outcome of a run with a tolerance."""
 
     state: str
     error: float = np.nan
@@ -301,31 +294,31 @@ class Chosen:
 
 
 def of_tolerance(case: Case, scene: xr.Dataset, truth: Truth | None, tolerance: float) -> Chosen:
-    """Judge the scheme and step that a tolerance picks; of rigid links the step of RATTLE, their default."""
+    """Judge the choice of scheme and step for a tolerance; of rigid links the step of RATTLE, their default."""
     options: dict[str, Any] = {"scheme": RATTLE} if case.rigid else {}
     if truth is None or truth.samples is not None:
         return Chosen(CHAOTIC)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            run, seconds = _timed(lambda: simulate(scene, tolerance=tolerance, **options))
+            run, seconds = timed(lambda: simulate(scene, tolerance=tolerance, **options))
         except (cp.SceneError, cp.RunStopped, Overdue) as error:
             return Chosen(MISSED, reason=f"{type(error).__name__}: {error}")
     told = any(issubclass(item.category, cp.NotConvergedWarning) for item in caught)
     error = error_of(run, truth.run)
     state = MET if error <= tolerance else WARNED if told else MISSED
-    if truth.error > 0.3 * tolerance:  # halving the step brings another third of it at most where the order is two
+    if truth.error > 0.3 * tolerance:  # another halving changes it by a third of that at most, at second order
         state = OPEN
     attrs = run.attrs
     return Chosen(state, error, attrs["scheme"], float(attrs["step"]), seconds, str(attrs.get("choice_of_scheme", "")))
 
 
 def row(case: Case) -> dict[str, Any]:
-    """Run all schemes and tolerances over one case."""
+    """Run all schemes and tolerances on one case."""
     scene = case.scene()
     try:
         truth, steps = truth_of(case, scene), case.steps(scene)
-    except cp.SceneError:  # then every scheme must say so by itself
+    except cp.SceneError:  # then every scheme must refuse by itself
         truth, steps = None, dict.fromkeys(SCHEMES, dividing(scene, 0.5 * chain_of(parameters(scene)).step_limit()))
     verdicts = [
         Verdict(OTHER, message="elastic links move in another way")

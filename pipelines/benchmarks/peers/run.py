@@ -1,31 +1,29 @@
-"""The elastic chain of Examples 2 and 3 on other packages: error against run time, ours beside theirs, timed in the same run.
+"""Measure error and run time of the elastic chain of Examples 2 and 3 beside other packages.
 
-    pip install -e '.[peers]' && python pipelines/benchmarks/peers.py --out out/peers
+    pip install -e '.[peers]' && python pipelines/benchmarks/peers/run.py [--out out/peers] [--readme]
 
-Also: --slow (settings that take long), --repeats 5, --readme pipelines/figures (the README's small figure, from this run), and
---from out/peers/peers.nc (draw and print again without measuring).  A package that is not installed is a line that says so.
+Also: --slow (settings with long runs), --repeats 5, and --from out/peers/peers.nc (print and draw a result without measuring).
+Packages that are not installed are named.
 
-What is compared.  One system for all: 40 links that only pull, linear law, lumped masses, weight, the upper end moved as the
-scene says, planar, from rest, 125 s; positions every 5 s.  Right sides and Jacobians for general solvers are compiled by numba,
-the Jacobian is analytic and banded, so that a solver waits for Python only to be called back; peer_solvers.py says which
-settings were tried and chosen.
+System.  One system for all: 40 tension-only links, linear law, lumped masses, weight, the upper end moved by the scene, planar,
+from rest, 125 s; positions every 5 s.  Right sides and Jacobians for general solvers are compiled by numba, the Jacobian is
+analytic and banded, so that Python costs a solver only the callback; solvers.py lists the settings that were tried.
 
-Error.  Largest distance of a particle from the truth at t = 45 s over the largest displacement of the motion; beside it the
-largest over all instants.  The truth is velocity Verlet at a step of 1.25e-5 s; its largest distance from an independent scheme
+Error.  Maximum distance of a particle from the truth at t = 45 s over the maximum displacement of the motion; beside it the
+maximum over all instants.  The truth is velocity Verlet at a step of 1.25e-5 s; its maximum distance from an independent scheme
 on an independent right side, the eighth-order formula of DOP853 at 2e-4 s, is printed.
 
 Time.  Stepping only: inside our kernels; the solve call of a general solver; SolveDynamic of Exudyn; all calls of MoorDyn's Step.
-Whole: with the building of the model, and for ours all of chain.simulate with a given step.  One thread, set on purpose; warm-up
-and compilation outside; medians of as many runs as the table says: five below 2 s, three below 5 s, and what takes longer runs
-once.  The cases take turns, so that a busy machine hurts all.
+Whole: with the assembly of the model, and for ours all of chain.simulate with a given step.  One thread for all; warm-up and
+compilation are left out; medians of five runs below 2 s, three below 5 s, one above (column "runs").  The cases take turns, so
+that a busy machine slows all.
 
 Ratio.  Our stepping time over the package's at equal error.  The time at an error is that of the fastest method of a package,
-each interpolated in logarithms between those of its settings that no other one beats.  Errors above 10 % are not drawn.
+interpolated in logarithms on the Pareto front of its settings.  Errors above 10 % are not drawn.
 """
 
 from __future__ import annotations
 
-import argparse
 import platform
 import statistics
 import sys
@@ -34,6 +32,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
 import matplotlib as mpl
 
 mpl.use("Agg")
@@ -41,19 +42,19 @@ mpl.use("Agg")
 import numba
 import numpy as np
 import xarray as xr
+from _study import command_line, markdown_table, publish, time_inside
 from matplotlib import pyplot as plt
-from peer_solvers import DISTRIBUTIONS, Case, cases, quiet, versions
-from peer_system import System, check_of, error_of, largest_displacement, system_of
 from threadpoolctl import threadpool_limits
 
 import cablepod as cp
-from cablepod.kernels import chain as explicit_kernel
-from cablepod.kernels import implicit as implicit_kernel
+from benchmarks.peers.solvers import DISTRIBUTIONS, Case, cases, quiet, versions
+from benchmarks.peers.system import System, check_of, error_of, largest_displacement, system_of
 from cablepod.shipped import scene
 
+HERE = Path(__file__).resolve().parent
 EXAMPLES = ("example2", "example3")
 TIMES = np.arange(0.0, 126.0, 5.0)
-AT = 45.0  # s: the instant of the error
+AT = 45.0  #: instant of the error [s]
 OURS = "cablepod"
 SETTINGS = {
     "trapezoidal": (1.0, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001),
@@ -61,8 +62,12 @@ SETTINGS = {
     "energy_momentum": (0.1, 0.01, 0.002),
     "velocity_verlet": (3.2e-4, 1e-4, 2.5e-5),
 }
-GOAL = 1e-6  # the error at which packages are compared
-#: Repeats by the time of the warm-up run [s]
+KERNELS = {
+    "velocity_verlet": "cablepod.kernels.chain.verlet",
+    "energy_momentum": "cablepod.kernels.implicit.energy_momentum",
+}
+GOAL = 1e-6  #: error at which packages are compared
+#: Maximum time of the warm-up run [s], and repeats up to it (None: as many as wanted).
 FEWER = ((2.0, None), (5.0, 3))
 COLOURS = {OURS: "#D55E00", "scikit-sundae": "#0072B2", "SciPy": "#009E73", "Exudyn": "#CC79A7", "MoorDyn": "#000000"}
 MARKS = {OURS: "o", "scikit-sundae": "s", "SciPy": "^", "Exudyn": "D", "MoorDyn": "X"}
@@ -70,7 +75,7 @@ MARKS = {OURS: "o", "scikit-sundae": "s", "SciPy": "^", "Exudyn": "D", "MoorDyn"
 
 @dataclass
 class Measured:
-    """What one case gave on one example."""
+    """Errors and times of one case on one example."""
 
     error: float = np.nan  #: at 45 s
     worst: float = np.nan  #: over all instants
@@ -80,30 +85,14 @@ class Measured:
 
 
 def ours(given: xr.Dataset, scheme: str, step: float) -> tuple[np.ndarray, float]:
-    """Positions and the seconds inside the kernels."""
-    module, name = {
-        "velocity_verlet": (explicit_kernel, "verlet"),
-        "energy_momentum": (implicit_kernel, "energy_momentum"),
-    }.get(scheme, (implicit_kernel, "generalized_alpha"))
-    plain, inside = getattr(module, name), 0.0
-
-    def timed(*arguments):
-        nonlocal inside
-        begin = time.perf_counter()
-        result = plain(*arguments)
-        inside += time.perf_counter() - begin
-        return result
-
-    setattr(module, name, timed)
-    try:
+    """Return positions and the time inside the kernels [s]."""
+    with time_inside(KERNELS.get(scheme, "cablepod.kernels.implicit.generalized_alpha")) as kernel:
         run = cp.chain.simulate(given, times=TIMES, scheme=scheme, step=step)
-    finally:
-        setattr(module, name, plain)
-    return run["position"].values, inside
+    return run["position"].values, kernel.seconds
 
 
 def our_cases(given: xr.Dataset) -> list[Case]:
-    """Our schemes in the form of a package's cases."""
+    """Return our schemes as cases."""
 
     def prepare(scheme: str, step: float) -> Callable[..., Callable[[], tuple[np.ndarray, float]]]:
         return lambda system, times: lambda: ours(given, scheme, step)
@@ -118,12 +107,12 @@ def our_cases(given: xr.Dataset) -> list[Case]:
 
 
 def once(case: Case, system: System, truth: np.ndarray, scale: float, into: Measured) -> None:
-    """Run a case once and note times, errors, or why it failed."""
+    """Run a case once and note times and errors, or its failure."""
     begin = time.perf_counter()
     try:
         with quiet():
             position, stepping = case.prepare(system, TIMES)()
-    except Exception as failure:  # each package fails in its own way, and the table says so
+    except Exception as failure:  # any exception of a package, for the table
         into.failure = f"{type(failure).__name__}: {failure}".splitlines()[0]
         return
     into.whole.append(time.perf_counter() - begin)
@@ -135,7 +124,7 @@ def once(case: Case, system: System, truth: np.ndarray, scale: float, into: Meas
 
 
 def repeats_for(seconds: float, wanted: int) -> int:
-    """How often to measure what took so long in its warm-up run [s]; 0 where that run is all."""
+    """Return the number of runs after a warm-up of some time [s]."""
     for limit, count in FEWER:
         if seconds < limit:
             return wanted if count is None else min(count, wanted)
@@ -143,7 +132,7 @@ def repeats_for(seconds: float, wanted: int) -> int:
 
 
 def measure(chosen: list[Case], system: System, truth: np.ndarray, scale: float, wanted: int) -> dict[Case, Measured]:
-    """Run all cases in turn; what goes on is said on standard error."""
+    """Run all cases in turns, with progress on standard error."""
     results, left = {case: Measured() for case in chosen}, {}
     for case in chosen:
         print(f"  {case.package}, {case.method}, {case.setting}", file=sys.stderr, flush=True)
@@ -151,7 +140,7 @@ def measure(chosen: list[Case], system: System, truth: np.ndarray, scale: float,
         once(case, system, truth, scale, warm)
         left[case] = 0 if warm.failure else repeats_for(warm.stepping[0], wanted)
         if left[case]:
-            once(case, system, truth, scale, warm)  # the first run compiled, which may have made it look slow
+            once(case, system, truth, scale, warm)  # the first run compiled and may have been slow
             left[case] = repeats_for(warm.stepping[1], wanted)
             warm.stepping.clear()
             warm.whole.clear()
@@ -164,7 +153,7 @@ def measure(chosen: list[Case], system: System, truth: np.ndarray, scale: float,
 
 
 def truth_of(given: xr.Dataset, system: System) -> tuple[np.ndarray, float, float]:
-    """Positions at the instants, largest displacement [m], and largest distance [m] from the check."""
+    """Return positions at the instants, maximum displacement [m], and maximum distance from the check [m]."""
     dense = np.unique(np.concatenate([TIMES, np.arange(1251) / 10.0]))
     run = cp.chain.simulate(given, scheme="velocity_verlet", step=1.25e-5, times=dense)["position"].values
     truth, scale = run[np.searchsorted(dense, TIMES)], largest_displacement(run)
@@ -226,7 +215,7 @@ def run_all(*, slow: bool, wanted: int) -> xr.Dataset:
 
 
 def front(error: np.ndarray, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return errors and times of the settings that no other one beats in both, errors rising."""
+    """Return errors and times of the Pareto front, errors ascending."""
     sound = np.isfinite(error) & np.isfinite(seconds) & (error > 0.0)
     error, seconds = error[sound], seconds[sound]
     order = np.lexsort((seconds, error))
@@ -236,14 +225,14 @@ def front(error: np.ndarray, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def time_at(wanted: float, error: np.ndarray, seconds: np.ndarray) -> float:
-    """Time [s] of a front at an error, interpolated in logarithms; nan where it is never so exact, the least beyond its end."""
+    """Interpolate the time of a front [s] at an error in logarithms; nan below its errors, its minimum above."""
     if error.size == 0 or wanted < error[0]:
         return float("nan")
     return float(np.exp(np.interp(np.log(wanted), np.log(error), np.log(seconds))))
 
 
 def package_time(table: xr.Dataset, package: str, wanted: float, error_name: str = "error") -> float:
-    """Return the stepping time [s] of a package's fastest method at an error, for one example; nan where none is so exact."""
+    """Return the stepping time of a package's fastest method at an error [s], nan below its errors."""
     least = float("nan")
     for method in dict.fromkeys(table["method"].values[table["package"].values == package]):
         chosen = (table["package"].values == package) & (table["method"].values == method)
@@ -256,7 +245,7 @@ def package_time(table: xr.Dataset, package: str, wanted: float, error_name: str
 
 
 def table_lines(data: xr.Dataset) -> list[str]:
-    """Lines of the table, the goal, and the missing packages."""
+    """Return the lines of the report: all settings, the goal, and the missing packages."""
     lines = [f"{data.attrs['versions']}; {data.attrs['machine']}"]
     for example in data["example"].values:
         table = data.sel(example=example)
@@ -287,7 +276,7 @@ def table_lines(data: xr.Dataset) -> list[str]:
 
 
 def goal_lines(table: xr.Dataset) -> list[str]:
-    """Lines of the comparison at the goal's error, by both measures of it."""
+    """Return the lines of the comparison at the goal's error, by both measures of it."""
     lines = []
     for name, said in (("error", "at 45 s"), ("error_worst", "at the worst instant")):
         at = {p: package_time(table, p, GOAL, name) for p in (OURS, *DISTRIBUTIONS)}
@@ -299,8 +288,19 @@ def goal_lines(table: xr.Dataset) -> list[str]:
     return lines
 
 
+def goal_table(table: xr.Dataset) -> str:
+    """Write stepping times at the goal's error in one example."""
+    seconds = {package: package_time(table, package, GOAL) for package in (OURS, *DISTRIBUTIONS)}
+    lines = [
+        [package, f"{1e3 * value:.3g} ms", "" if package == OURS else f"{seconds[OURS] / value:.2g}"]
+        for package, value in seconds.items()
+        if np.isfinite(value)
+    ]
+    return markdown_table(["package", f"time at {GOAL:g}", "ours over it"], lines)
+
+
 def figure(data: xr.Dataset, size: tuple[float, float] = (11.0, 4.6)) -> plt.Figure:
-    """Draw error against time: every setting a mark, the best of each package joined by a line and named on it."""
+    """Draw error against time: settings as marks, the front of each package as a named line."""
     drawn, axes = plt.subplots(1, 2, figsize=size, layout="constrained", sharex=True, sharey=True)
     for ax, example in zip(axes, data["example"].values, strict=True):
         table = data.sel(example=example)
@@ -321,7 +321,7 @@ def figure(data: xr.Dataset, size: tuple[float, float] = (11.0, 4.6)) -> plt.Fig
 
 
 def name_line(ax: plt.Axes, package: str, seconds: np.ndarray, error: np.ndarray, colour: str) -> None:
-    """Write a package's name beside its line, where the lines lie apart."""
+    """Write a package's name beside its line, clear of the other lines."""
     place = {
         OURS: (0, (-6, -12), "right"),
         "scikit-sundae": (-1, (0, 8), "right"),
@@ -337,25 +337,27 @@ def name_line(ax: plt.Axes, package: str, seconds: np.ndarray, error: np.ndarray
 
 def main() -> None:
     """Measure, print, write, draw."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--slow", action="store_true", help="also the settings that take long")
-    parser.add_argument("--out", type=Path, default=Path("out/peers"))
-    parser.add_argument("--readme", type=Path, help="folder for the small figure peers.png")
+    parser = command_line(__doc__, out="out/peers", readme=True, repeats=5)
+    parser.add_argument("--slow", action="store_true", help="also the settings with long runs")
     parser.add_argument("--from", dest="source", type=Path, help="netCDF file of an earlier run, instead of measuring")
     options = parser.parse_args()
     if options.source is None:
         numba.set_num_threads(1)
         with threadpool_limits(1):
             data = run_all(slow=options.slow, wanted=options.repeats)
-        options.out.mkdir(parents=True, exist_ok=True)
-        cp.archive.write(data, options.out / "peers.nc", overwrite=True)
-        figure(data).savefig(options.out / "peers.png", dpi=150)
     else:
         data = cp.archive.read(options.source)
+    tables = {f"peers_{example}": goal_table(data.sel(example=example)) for example in data["example"].values}
+    publish(
+        options.out,
+        "peers",
+        data if options.source is None else None,
+        draw=lambda path: figure(data).savefig(path, dpi=150),
+        draw_small=lambda path: figure(data).savefig(path, dpi=75),
+        page=HERE if options.readme else None,
+        tables=tables,
+    )
     print("\n".join(table_lines(data)))
-    if options.readme is not None:
-        figure(data).savefig(options.readme / "peers.png", dpi=75)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""One chain on other packages: each with the settings at which it did best, none imported before it is asked for.
+"""Run one chain on other packages, each with its best settings and imported on demand.
 
-A case builds its model (outside the stepping), steps, and gives the positions at the instants asked for.  What was tried to find
-good settings, on Example 2:
+A case assembles its model (outside the stepping), steps, and returns the positions at the given instants.  Settings that were
+tried, on Example 2:
 
 - CVODE: order 1, 2, 3 and 5 (above 2 its steps stay within the stability of the fastest axial modes and it takes minutes),
   relative and absolute tolerances and their ratio, Adams (order 2 is the trapezoidal rule) and BDF, band solver of SUNDIALS and
@@ -32,7 +32,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from peer_system import ABOVE, BELOW, System, jacobian_of, rates_of
+
+from benchmarks.peers.system import ABOVE, BELOW, System, jacobian_of, rates_of
 
 #: Package -> name of its distribution
 DISTRIBUTIONS = {"scikit-sundae": "scikit-sundae", "SciPy": "scipy", "Exudyn": "exudyn", "MoorDyn": "moordyn"}
@@ -42,8 +43,8 @@ DISTRIBUTIONS = {"scikit-sundae": "scikit-sundae", "SciPy": "scipy", "Exudyn": "
 class Case:
     """A package with a setting.
 
-    `prepare` takes system and instants and returns what steps, a function without arguments that gives the positions
-    (time, n + 1, 2) [m] of all particles and the seconds that it spent stepping.
+    `prepare` takes system and instants and returns a function without arguments that steps and returns the positions
+    (time, n + 1, 2) [m] of all particles and the stepping time [s].
     """
 
     package: str
@@ -54,7 +55,7 @@ class Case:
 
 
 def versions() -> dict[str, str | None]:
-    """Version of each package, None where it is not installed."""
+    """Return the version of each package, None for those not installed."""
     found: dict[str, str | None] = {}
     for package, distribution in DISTRIBUTIONS.items():
         try:
@@ -72,7 +73,7 @@ def cases() -> list[Case]:
             Case("scikit-sundae", f"CVODE {order2}, order 2", f"rtol {r:g}", cvode(order2, rtol=r, atol=1e-2 * r))
             for r in tolerances
         ]
-    for a in (1e-5, 1e-6):  # the velocities of fast axial waves need not be known as well
+    for a in (1e-5, 1e-6):  # larger tolerance for velocities: fast axial waves
         absolute = {"rtol": 1e-15, "atol": np.array([100.0 * a, 100.0 * a, a, a])}
         result.append(Case("scikit-sundae", "CVODE BDF, order 2", f"atol {a:g} m", cvode("BDF", **absolute)))
     result += [Case("SciPy", "Radau", f"rtol {r:g}", radau(rtol=r, atol=1e-2 * r)) for r in (1e-3, 1e-4, 1e-5, 1e-6)]
@@ -98,7 +99,7 @@ def cases() -> list[Case]:
 
 @functools.cache
 def compiled(system: System) -> tuple[Callable[..., None], Callable[..., None], Callable[..., Any], Callable[..., Any]]:
-    """Compile the right side and the Jacobian, once for a system, as CVODE takes them and as SciPy does."""
+    """Compile right side and Jacobian once for a system, in the forms of CVODE and of SciPy."""
     rates, jacobian = rates_of(system), jacobian_of(system)
     size = 4 * system.particles
 
@@ -122,7 +123,7 @@ def compiled(system: System) -> tuple[Callable[..., None], Callable[..., None], 
 
 
 def cvode(method: str, *, rtol: float, atol: float | np.ndarray) -> Callable[..., Any]:
-    """CVODE of SUNDIALS through scikit-sundae, order at most 2; `atol` (4,) is that of one particle."""
+    """Prepare CVODE of SUNDIALS through scikit-sundae, order at most 2; `atol` (4,) is that of one particle."""
 
     def prepare(system: System, times: np.ndarray) -> Callable[[], tuple[np.ndarray, float]]:
         from sksundae.cvode import CVODE
@@ -166,7 +167,7 @@ def _scipy(solve: Callable[..., np.ndarray]) -> Callable[..., Any]:
 
 
 def radau(**tolerances: float) -> Callable[..., Any]:
-    """SciPy's Radau IIA of fifth order with a sparse Jacobian."""
+    """Prepare SciPy's Radau IIA of fifth order with a sparse Jacobian."""
 
     def solve(right, band, first, times):
         from scipy.integrate import solve_ivp
@@ -188,7 +189,7 @@ def radau(**tolerances: float) -> Callable[..., Any]:
 
 
 def dop853(**tolerances: float) -> Callable[..., Any]:
-    """SciPy's explicit Runge-Kutta method of eighth order."""
+    """Prepare SciPy's explicit Runge-Kutta method of eighth order."""
 
     def solve(right, band, first, times):
         from scipy.integrate import solve_ivp
@@ -199,7 +200,7 @@ def dop853(**tolerances: float) -> Callable[..., Any]:
 
 
 def lsoda(**tolerances: float) -> Callable[..., Any]:
-    """LSODA by SciPy's odeint, which can limit the order of its BDF."""
+    """Prepare LSODA by SciPy's odeint, which can limit the order of its BDF."""
 
     def solve(right, band, first, times):
         from scipy.integrate import odeint
@@ -212,7 +213,7 @@ def lsoda(**tolerances: float) -> Callable[..., Any]:
 
 
 def vode(method: str, rtol: float) -> Callable[..., Any]:
-    """VODE by SciPy's ode, order at most 2, with Newton's method and a banded Jacobian."""
+    """Prepare VODE by SciPy's ode, order at most 2, with Newton's method and a banded Jacobian."""
 
     def solve(right, band, first, times):
         from scipy.integrate import ode
@@ -231,10 +232,10 @@ def vode(method: str, rtol: float) -> Callable[..., Any]:
 
 
 def exudyn(step_size: float, *, explicit: bool = False) -> Callable[..., Any]:
-    """Exudyn: mass points and springs; generalized alpha with spectral radius 1 is the trapezoidal rule."""
+    """Prepare Exudyn: mass points and springs; generalized alpha with spectral radius 1 is the trapezoidal rule."""
 
     def prepare(system: System, times: np.ndarray) -> Callable[[], tuple[np.ndarray, float]]:
-        sys.exudynFast = True  # its module without range checks, where the machine can run it
+        sys.exudynFast = True  # its module without range checks, where available
         import exudyn as exu
 
         mbs, sensors, container = _exudyn_model(exu, system)
@@ -269,7 +270,7 @@ def exudyn(step_size: float, *, explicit: bool = False) -> Callable[..., Any]:
 
 
 def _exudyn_model(exu: Any, system: System) -> tuple[Any, list[Any], Any]:
-    """Assemble the chain; returns system, sensors of the free particles, and the container."""
+    """Assemble the chain; return system, sensors of the free particles, and the container."""
     import exudyn.itemInterface as item
 
     container = exu.SystemContainer()
@@ -334,7 +335,7 @@ RK4 tScheme
 
 
 def moordyn(step_size: float, call: float) -> Callable[..., Any]:
-    """MoorDyn, RK4 with a step [s]; its coupled end moves at constant velocity during a call of `call` [s]."""
+    """Prepare MoorDyn, RK4 with a step [s]; its coupled end has constant velocity over a call of `call` [s]."""
 
     def prepare(system: System, times: np.ndarray) -> Callable[[], tuple[np.ndarray, float]]:
         import moordyn as md
@@ -369,7 +370,7 @@ def _nodes(md: Any, line: Any, system: System) -> np.ndarray:
 
 
 def _moordyn_model(md: Any, system: System, step_size: float) -> tuple[Any, Any]:
-    """Read an input file and put the start into the saved state; returns system and line."""
+    """Read an input file and put the start into the saved state; return system and line."""
     p = system.chain.p
     lower, upper = system.start[0].tolist(), system.start[-1].tolist()
     text = MOORDYN.format(
@@ -396,7 +397,7 @@ def _moordyn_model(md: Any, system: System, step_size: float) -> tuple[Any, Any]
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Send away what compiled libraries print on standard output and on standard error."""
+    """Discard standard output and standard error, of compiled libraries too."""
     sys.stdout.flush()
     sys.stderr.flush()
     with open(os.devnull, "w") as sink, contextlib.ExitStack() as stack:

@@ -1,8 +1,7 @@
-"""The elastic chain of a scene as other packages take it: plain numbers, right side and Jacobian for a general solver.
+"""Define the elastic chain of a scene for other packages: numbers, right side and Jacobian.
 
-Everything comes from the objects with which cablepod itself runs (parameters, chain_of, chain.rest), so that no number is
-typed twice.  The right side and the Jacobian are compiled by numba with the numbers of the chain as constants, so that a solver
-written in C or Fortran does not wait for Python more than it must.
+All numbers come from the objects of cablepod's own runs (parameters, chain_of, chain.rest).  Right side and Jacobian are compiled
+by numba with the numbers of the chain as constants, so that a solver in C or Fortran rarely waits for Python.
 """
 
 from __future__ import annotations
@@ -70,7 +69,7 @@ def system_of(scene: xr.Dataset) -> System:
     Raises
     ------
     ValueError
-        For a scene with more than weight and the upper end's motion along x, which not all of the packages can take.
+        For a scene with more than weight and the upper end's motion along x, the common ground of the packages.
     """
     p = parameters(scene)
     motion = p.motions.get(("upper", "x"))
@@ -103,7 +102,7 @@ def rates_of(system: System) -> Callable[[float, np.ndarray, np.ndarray], None]:
                 qx, qy = x[j + 1] + amplitude * (1.0 - math.cos(omega * time)), y[j + 1]
             dx, dy = qx - px, qy - py
             s = k[j] * (1.0 - length[j] / math.sqrt(dx * dx + dy * dy))
-            s = max(s, 0.0)  # a link that is slack carries nothing
+            s = max(s, 0.0)  # a slack link has no tension
             fx, fy = s * dx, s * dy
             if j > 0:
                 i = 4 * (j - 1)
@@ -165,9 +164,9 @@ def jacobian_of(system: System) -> Callable[[float, np.ndarray, np.ndarray, int]
 
 
 def check_of(system: System, times: np.ndarray, step: float) -> np.ndarray:
-    """Integrate by the eighth-order formula of DOP853 with a fixed step [s]: positions (time, n + 1, 2) [m] to check a truth.
+    """Integrate by the eighth-order formula of DOP853 with a fixed step [s]; return positions (time, n + 1, 2) [m].
 
-    SciPy's DOP853 itself takes minutes at a tolerance this tight: it sees the rounding of the right side and cuts its steps.
+    SciPy's DOP853 takes minutes at so small a tolerance: the rounding of the right side shortens its steps.
     `times` rise from 0 and are multiples of the step.
     """
     from scipy.integrate import DOP853
@@ -198,10 +197,10 @@ def check_of(system: System, times: np.ndarray, step: float) -> np.ndarray:
 
 
 def error_of(position: np.ndarray, truth: np.ndarray, scale: float) -> np.ndarray:
-    """Largest distance of a particle from its place in the truth (time,) over `scale` [m], the largest displacement."""
+    """Return the maximum distance of a particle from the truth (time,) over `scale` [m], the maximum displacement."""
     return np.sqrt(((position - truth) ** 2).sum(axis=-1)).max(axis=-1) / scale
 
 
 def largest_displacement(truth: np.ndarray) -> float:
-    """Largest displacement of a particle from its first place [m] of positions (time, particle, 2)."""
+    """Return the maximum displacement of a particle from its first position [m], of positions (time, particle, 2)."""
     return float(np.sqrt(((truth - truth[0]) ** 2).sum(axis=-1)).max())

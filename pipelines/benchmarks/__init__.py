@@ -1,0 +1,1 @@
+"""Run times of single parts of the package."""

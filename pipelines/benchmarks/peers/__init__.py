@@ -1,0 +1,1 @@
+"""The elastic chain beside other packages."""

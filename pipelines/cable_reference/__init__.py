@@ -1,0 +1,1 @@
+"""Converged runs of the continuous cable, and its checks against theory."""

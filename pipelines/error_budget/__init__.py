@@ -1,0 +1,1 @@
+"""Terms of the error of the condensed model."""

@@ -1,0 +1,1 @@
+"""Initial shape of Example 2 that explains Table 2."""

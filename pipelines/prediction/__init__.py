@@ -1,0 +1,1 @@
+"""Errors of the condensed model on scenes that the modes were not trained on."""

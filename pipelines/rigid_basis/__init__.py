@@ -1,0 +1,1 @@
+"""Modes of the rigid chain on an extensible cable."""

@@ -1,0 +1,1 @@
+"""Outcomes of all schemes of the chain on stiff and extreme scenes."""
