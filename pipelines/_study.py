@@ -86,7 +86,7 @@ def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def percent(value: float) -> str:
-    """Write a fraction in per cent with two digits, "-" where it is not finite."""
+    """Write a fraction in per cent with two digits; "-" if it is not finite."""
     return f"{100.0 * value:.2g} %" if isfinite(value) else "-"
 
 
@@ -98,7 +98,7 @@ def show_table(name: str, table: str, page: Path | None = None) -> None:
 
 
 def update_tables(page: Path, tables: Mapping[str, str]) -> None:
-    """Replace tables of a page by name; append those that the page does not have yet."""
+    """Replace tables of a page by name; append missing ones."""
     text = page.read_text(encoding="utf-8") if page.exists() else ""
     for name, table in tables.items():
         first, last = f"<!-- table {name} -->", f"<!-- end of table {name} -->"
@@ -168,7 +168,10 @@ def median_time(call: Callable[[], Any], repeats: int) -> float:
 
 
 def in_turns(jobs: Sequence[Callable[[], Any]], repeats: int) -> list[list[Any]]:
-    """Call all jobs in turns, so that a busy machine slows all of them; return results by job."""
+    """Call all jobs in turns; return results by job.
+
+    A busy machine then slows all of them.
+    """
     results: list[list[Any]] = [[] for _ in jobs]
     for _ in range(repeats):
         for result, job in zip(results, jobs, strict=True):
@@ -224,7 +227,7 @@ def count(loops: int) -> int:
 
 
 def two_process_gain(loops: int) -> float:
-    """Return the work of two processes that only count over that of one, in equal times."""
+    """Return the work of two counting processes over that of one."""
     with ProcessPoolExecutor(2) as pool:
         list(pool.map(count, (loops, loops)))
         one = median_time(lambda: pool.submit(count, loops).result(), 3)

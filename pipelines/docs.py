@@ -1,4 +1,4 @@
-"""Write the reference, a page for each public module, from the docstrings, and check its links.
+"""Write the reference from the docstrings, a page for each module, and check it.
 
     python pipelines/docs.py [--out FOLDER]
 

@@ -1,4 +1,4 @@
-"""Draw the figures of Example 3, of Table 2, and of the range of validity of the chain's modes.
+"""Draw Example 3, Table 2, and the range of validity of the chain's modes.
 
     python pipelines/paper_figures.py [--out FOLDER]
 

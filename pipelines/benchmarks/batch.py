@@ -1,4 +1,4 @@
-"""Time many scenes in one call: condensed models of 10 000 cases, and full chains of equal shape.
+"""Time many scenes in one call: 10 000 condensed models, and full chains.
 
     python pipelines/benchmarks/batch.py [--cases 10000] [--chains 64] [--repeats 5]
 

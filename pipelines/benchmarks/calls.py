@@ -109,7 +109,7 @@ def counted(call: Callable[[], object]) -> CallCounter:
 
 
 def simulations(name: str) -> dict[str, Callable[[], object]]:
-    """Return the call of each model for a shipped scene; modes come from the scene's own chain."""
+    """Return the call of each model for a shipped scene, on modes of its chain."""
     given = scene(name)
     chain = cp.chain.simulate(given)
     separate = cp.pod.decompose(chain, rank=2)

@@ -1,4 +1,4 @@
-"""Measure time and error of the catenary kernel, and of a general root search on the closed form.
+"""Measure time and error of the catenary kernel and of a general root search.
 
     python pipelines/benchmarks/catenary.py [--members 10000] [--repeats 7] [--readme]
 
@@ -69,7 +69,10 @@ def warm_time(function, repeats):
 
 
 def textbook(unknowns, a, b, q, k, kind, value):
-    """Return the residuals of the closed form of textbooks over the chord; unknowns log H, V0 and perhaps the length."""
+    """Return the residuals of the closed form of textbooks over the chord.
+
+    The unknowns are log H, V0 / H and perhaps the length.
+    """
     c = math.hypot(a, b)
     h = value if kind == "force" else math.exp(unknowns[0])
     v0 = unknowns[1] * h
@@ -84,7 +87,7 @@ def textbook(unknowns, a, b, q, k, kind, value):
 
 
 def competitor(a, b, q, k, kind, value, length):
-    """Return the six columns by a general root search, or None where it fails."""
+    """Return the six columns by a general root search, None if it fails."""
     c = math.hypot(a, b)
     parabola = q * a / 2 * math.sqrt(a / (6 * abs(length - c) + 1e-3 * c))
     h = max(parabola, k * (c - length) / length * a / c)

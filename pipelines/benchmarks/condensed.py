@@ -1,4 +1,4 @@
-"""Time the condensed model for 125 s of Example 2, beside a plain C loop of the full chain.
+"""Time the condensed model on Example 2, beside a plain C loop of the chain.
 
     python pipelines/benchmarks/condensed.py [--repeats 9] [--readme]
 
@@ -27,10 +27,10 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from benchmarks.chain import c_time, compiled_yardstick
 from error_vs_runtime.models import Setting, kernel_calls, seconds_of
 
 import cablepod as cp
+from benchmarks.chain import c_time, compiled_yardstick
 from cablepod.shipped import scene
 
 HERE = Path(__file__).resolve().parent
@@ -52,7 +52,7 @@ def c_seconds(program: Path | None) -> float:
 
 
 def times_of(job: Callable[[], object], recorded: list, program: Path | None) -> tuple[float, ...]:
-    """Return times of the kernel, of a call, of the first call and of the C loop [s]."""
+    """Return times of kernel, call, first call and C loop [s]."""
     kernel = seconds_of(recorded, least=5e-3)
     first, *others = (timed(job)[1] for _ in range(6))
     return kernel, statistics.median(others), first, c_seconds(program)

@@ -109,7 +109,10 @@ def by_gram(rows: np.ndarray) -> Answer:
 
 
 def by_dask(iterator: str, power: int) -> Callable[[np.ndarray], Answer]:
-    """Return dask's compressed decomposition; "power" and 0 are its defaults, "power" and 4 those of xeofs with dask."""
+    """Return dask's compressed decomposition.
+
+    "power" and 0 are its defaults, "power" and 4 those of xeofs with dask.
+    """
 
     def run(rows: np.ndarray) -> Answer:
         import dask
@@ -145,7 +148,10 @@ def by_xeofs(rows: np.ndarray) -> Answer:
 
 
 def by_pymor(rows: np.ndarray) -> Answer:
-    """Decompose by pyMOR's incremental HAPOD in 20 steps, to a mean error of 1e-11 of the largest singular value."""
+    """Decompose by pyMOR's incremental HAPOD in 20 steps.
+
+    Its mean error is 1e-11 of the largest singular value.
+    """
     from pymor.algorithms.hapod import inc_vectorarray_hapod
     from pymor.core.logger import set_log_levels
     from pymor.vectorarrays.numpy import NumpyVectorSpace
@@ -170,7 +176,10 @@ PEERS: tuple[tuple[str, str, Callable[[np.ndarray], Answer]], ...] = (
 
 
 def errors(answer: Answer, values: np.ndarray, left: np.ndarray) -> tuple[float, float]:
-    """Return the maximum relative error of the singular values and the maximum sine; missing ones count as wrong."""
+    """Return maximum relative error of singular values and maximum sine of angles.
+
+    Missing values and modes count as wrong.
+    """
     found, modes = answer
     missing = RANK - len(found)
     found = np.pad(found, (0, missing))
@@ -184,7 +193,7 @@ def row_of(name: str, job: Callable[[], Answer], values: np.ndarray, left: np.nd
     """Return a row of the table."""
     answer, warm_up = timed(job)
     seconds = [warm_up]
-    if warm_up <= 10.0 and repeats > 1:
+    if warm_up <= 10.0:
         runs = [timed(job) for _ in range(repeats)]
         answer, seconds = runs[-1][0], [spent for _, spent in runs]
     error, sine = errors(answer, values, left)
@@ -223,7 +232,7 @@ def route_table(most_snapshots: int, repeats: int) -> str:
 
 
 def drop(paths: list[Path]) -> None:
-    """Ask the system to drop files from its cache, so that the next read is cold."""
+    """Drop files from the cache of the system before a cold read."""
     for path in paths:
         handle = os.open(path, os.O_RDONLY)
         os.fsync(handle)
@@ -244,7 +253,7 @@ def raw_read(paths: list[Path]) -> float:
 
 @contextlib.contextmanager
 def archive(folder: Path, gigabytes: float, smallest: float) -> Iterator[tuple[list[Path], np.ndarray, np.ndarray]]:
-    """Write four files of planar snapshots of 40 inner particles, uncompressed; delete them at the end."""
+    """Write four uncompressed files of planar snapshots; delete them at the end."""
     particles, files = 42, 4
     each = int(gigabytes * 1e9 / files / (particles * 2 * 8))
     total = each * files
@@ -279,7 +288,7 @@ def opened(paths: list[Path]) -> xr.Dataset:
 
 
 def alone(paths: list[Path], threads: int) -> tuple[Answer, float, float, float]:
-    """Decompose files in a fresh process; return wall and processor time [s], and its peak memory [GB]."""
+    """Decompose files; return the answer, wall and processor time [s], and peak memory [GB]."""
     with threadpool_limits(limits=threads, user_api="blas"):
         used = time.process_time()
         answer, spent = timed(lambda: ours(opened(paths)))

@@ -1,12 +1,12 @@
-"""Measure error and run time of the Galerkin model and of coarser chains, Examples 2 to 4.
+"""Measure error and run time of the Galerkin model and of coarser chains.
 
     python pipelines/benchmarks/galerkin.py [--repeats 5] [--readme]
 
-The truth is the chain of 40 links.  Online time of one whole call with a given step, and of its compiled kernel alone, 125 s,
-positions at every 0.1 s, one thread; compilation and a warm-up are left out; medians.  The offline cost of the reduced models,
-snapshots and decomposition, stands beside.  Explicit chains take 0.9 of their limit, explicit Galerkin models the largest
-step, halved from there, that adds less than a tenth to their error; implicit ones the steps in the table. Errors are those of
-cablepod.compare over every 0.1 s; the chain's law is the linear one, the Galerkin model has law (21).
+Examples 2 to 4; the truth is the chain of 40 links.  Online time of one whole call with a given step, and of its compiled
+kernel alone, 125 s, positions at every 0.1 s, one thread; compilation and a warm-up are left out; medians.  The offline cost
+of the reduced models, snapshots and decomposition, stands beside.  Explicit chains take 0.9 of their limit, explicit Galerkin
+models the largest step, halved from there, that adds less than a tenth to their error; implicit ones the steps in the table.
+Errors are those of cablepod.compare over every 0.1 s; the chain's law is the linear one, the Galerkin model has law (21).
 """
 
 from __future__ import annotations
@@ -49,7 +49,10 @@ def run_times(job: Callable[[], xr.Dataset]) -> tuple[float, float]:
 
 
 def largest_step(run: Callable[[float], xr.Dataset], limit: float, truth: xr.Dataset) -> float:
-    """Return the largest step, halving from the stability limit, that adds less than a tenth to the error."""
+    """Return the largest step that adds less than a tenth to the error.
+
+    It is halved from 0.9 of the stability limit.
+    """
     step = 0.9 * limit
     while True:
         errors = []

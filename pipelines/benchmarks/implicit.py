@@ -1,4 +1,4 @@
-"""Measure run time and error of the implicit chain on Example 2, beside a plain C loop.
+"""Measure run time and error of the implicit chain, beside a plain C loop.
 
     python pipelines/benchmarks/implicit.py [--repeats 7] [--readme]
 
@@ -21,9 +21,9 @@ if __name__ == "__main__":
 
 import numpy as np
 from _study import command_line, in_turns, markdown_table, medians, show_table, time_inside, timed
-from benchmarks.chain import c_time, compiled_yardstick
 
 import cablepod as cp
+from benchmarks.chain import c_time, compiled_yardstick
 from cablepod.shipped import scene
 
 HERE = Path(__file__).resolve().parent

@@ -1,8 +1,8 @@
-"""Measure error and run time of the chain of rigid links: RATTLE, the index-1 form, and IDA of SUNDIALS.
+"""Measure error and run time of the chain of rigid links.
 
     pip install '.[peers]' && python pipelines/benchmarks/rigid.py [--repeats 5] [--out FOLDER] [--readme]
 
-Writes rigid.png.
+Writes rigid.png.  RATTLE and the index-1 form, and IDA of SUNDIALS as an independent third.
 
 Three shipped scenes: a slack cable whose end moves (60 s), a slack line let go (3 s), a folded chain that falls (0.38 s).  IDA
 (through scikit-sundae, extra `peers`; left out with a message if not installed) gets the stabilised index-2 form of Gear, Gupta
@@ -72,7 +72,10 @@ def ours(given, method: str, step: float) -> tuple[float, float, Any]:
 
 
 def end_motion(p: Parameters) -> tuple[float, float]:
-    """Return amplitude and angular frequency of the upper end along x, the only motion of these scenes."""
+    """Return amplitude and angular frequency of the upper end along x.
+
+    It is the only motion of these scenes.
+    """
     functions = list(p.motions.values())
     return (functions[0].values["amplitude"], functions[0].values["angular_frequency"]) if functions else (0.0, 1.0)
 
@@ -165,7 +168,10 @@ def ida(given, first) -> Callable[[float], tuple[float, float, np.ndarray]]:
 
 
 def measure(name: str, repeats: int) -> Iterator[Row]:
-    """Measure one scene: method, setting, seconds inside, seconds of the call, error, relative error of lengths."""
+    """Measure one scene.
+
+    A row is method, setting, seconds inside, seconds of the call, error, relative error of lengths.
+    """
     given = scene(name)
     best = cp.rigid.simulate(given, formulation="index1", tolerance=1e-9, outputs=("position", "tension"))
     truth = cp.rigid.simulate(given, formulation="index1", step=best.attrs["step"] / 8.0)

@@ -1,11 +1,12 @@
-"""Time each term of a scene in a step: a plain planar scene, one term added, and the spatial form.
+"""Time each term of a scene in a step of each scheme.
 
     python pipelines/benchmarks/terms.py [--repeats 7] [--links 160] [--readme]
 
-Example 2's guy.  Time per link and step is the difference of two whole calls of chain.simulate, one twice as long, so that work
-done once cancels and all work of a step counts, tables of end motions and loads and the check of the energy included; of implicit
-schemes it is per iteration of Newton's method, of which a step needs two to four.  One thread; compilation and a warm-up run are
-left out; all terms of a scheme in turns, medians over the repeats.
+Example 2's guy: a plain planar scene, the same with one term added, and the spatial form.  Time per link and step is the
+difference of two whole calls of chain.simulate, one twice as long, so that work done once cancels and all work of a step
+counts, tables of end motions and loads and the check of the energy included; of implicit schemes it is per iteration of
+Newton's method, of which a step needs two to four.  One thread; compilation and a warm-up run are left out; all terms of a
+scheme in turns, medians over the repeats.
 """
 
 from __future__ import annotations

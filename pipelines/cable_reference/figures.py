@@ -1,4 +1,4 @@
-"""Draw frequencies of a cable over Irvine's lambda^2, and the distance of the two laws over the strain.
+"""Draw frequencies over Irvine's lambda^2, and the distance of the laws over the strain.
 
     python pipelines/cable_reference/figures.py [--out FOLDER]
 

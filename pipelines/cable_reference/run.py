@@ -1,11 +1,12 @@
-"""Compute the truth files: the continuous cable of five scenes by both laws, converged to 1e-6 of the motion.
+"""Compute the truth files: the continuous cable, converged to 1e-6 of the motion.
 
     python pipelines/cable_reference/run.py [--out data/truth] [--only example2 ...] [--laws green linear]
 
-Each scene is run with 8, 16, 24 and 32 elements of order 7 by velocity Verlet, each at 0.85 of its stability limit, so that the
-step shrinks with the elements.  The last run is kept, at 41 particles and every 2 s, with a table: elements, step, and the
-maximum distance from the last run (rms over particles, over the maximum rms displacement).  The last row of the table but one is
-the difference of two resolutions, which bounds the error of the last.  About ten minutes in all on one core.
+Five scenes, both laws.  Each scene is run with 8, 16, 24 and 32 elements of order 7 by velocity Verlet, each at 0.85 of its
+stability limit, so that the step shrinks with the elements.  The last run is kept, at 41 particles and every 2 s, with a
+table: elements, step, and the maximum distance from the last run (rms over particles, over the maximum rms displacement).  The
+last row of the table but one is the difference of two resolutions, which bounds the error of the last.  About ten minutes in
+all on one core.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def step_of(given, elements: int, law: str) -> float:
 
 
 def truth(name: str, law: str):
-    """Run a shipped scene at all resolutions; return the last run with the table of convergence."""
+    """Run a scene at all resolutions; return the last run with the table of convergence."""
     given = scene(name)
     times = np.arange(0.0, float(given["time_duration"]) + 1e-9, INTERVAL)
     steps = [step_of(given, count, law) for count in ELEMENTS]

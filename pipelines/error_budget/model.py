@@ -1,6 +1,7 @@
-"""Integrate a condensed model with switches for the terms of the error; planar, steady uniform loads, linear law.
+"""Integrate a condensed model with switches for the terms of the error.
 
-Written without the package's kernels: positions of the chord's ends, the closure and the force link by link, velocity Verlet.
+Planar, steady uniform loads, linear law.  Written without the package's kernels: positions of the chord's ends, the closure
+and the force link by link, velocity Verlet.
 """
 
 from __future__ import annotations
@@ -25,7 +26,10 @@ HIDDEN = {"nothing": (False, False), "tension": (True, False), "force": (False, 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def reach(dw, tau, length, stiffness, chord, force, z, n):
-    """Solve the closure for H [N] of links with slopes dw; fill stretches z along the chord and forces n."""
+    """Solve the closure for H [N] of links with slopes dw.
+
+    Fills stretches z along the chord and forces n.
+    """
     for _ in range(50):
         total, give = 0.0, 0.0
         for j in range(z.size):
@@ -47,7 +51,7 @@ def reach(dw, tau, length, stiffness, chord, force, z, n):
 def accelerations(
     q, row, mass, length, sigma, stiffness, load, slopes, test, push, rank, see, part, tau, state, z, n, f
 ):
-    """Compute accelerations f of coordinates for test functions with unit mass products with the shapes.
+    """Compute accelerations f of coordinates for test functions biorthonormal to the shapes in mass.
 
     `row`: chord, its direction (2,), second derivatives of both ends (4,).  `push`: further force normal to the chord per mass
     (particle,) [m/s^2].  `see`: whether tension and force on the first `rank` coordinates depend on themselves alone.  `part`:
@@ -89,9 +93,10 @@ def accelerations(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def place(w, row, length, stiffness, load, state, z, n, tau, places):
-    """Compute positions along the chord [m] of particles with deflections w; `places`: of this step and two before.
+    """Compute positions along the chord [m] of particles with deflections w.
 
-    Geometry alone gives the stretch to second order; the effect of chordwise inertia on it is a part H/K.
+    `places`: of this step and two before.  Geometry alone gives the stretch to second order; the effect of
+    chordwise inertia on it is a part H/K.
     """
     m = length.size
     dw = (w[1:] - w[:-1]) / length

@@ -44,7 +44,6 @@ mpl.use("Agg")
 import numpy as np
 import xarray as xr
 from _study import command_line, markdown_table, percent, publish
-from error_budget.model import Switched, taken_length
 from matplotlib import pyplot as plt
 from prediction.run import motion_of, run_model
 from scipy.linalg import eigh, qr
@@ -56,6 +55,7 @@ from cablepod.condensed_model import ORDERS
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
 from cablepod.pod_normal import deflections
+from error_budget.model import Switched, taken_length
 
 HERE = Path(__file__).resolve().parent
 EXAMPLES = ("example2", "example3", "example4")
@@ -92,7 +92,10 @@ def chosen_tests(modes: np.ndarray, vibrations: np.ndarray, mass: np.ndarray) ->
 
 
 def explained(taken: np.ndarray, state: np.ndarray) -> float:
-    """Return the share of the variance of `taken` (times,) in its second half explained by a quadratic of `state`."""
+    """Return the share of the variance of `taken` explained by a quadratic of `state`.
+
+    The fit is over the first half of the times, the share over the second.
+    """
     x = (state - state.mean(axis=0)) / state.std(axis=0)
     i, j = np.triu_indices(x.shape[1])
     features = np.concatenate([np.ones((len(x), 1)), x, x[:, i] * x[:, j]], axis=1)

@@ -109,7 +109,7 @@ def truth_of(name: str, given: xr.Dataset, law: str, times: np.ndarray, folder: 
 
 
 def from_file(name: str, truth: Truth, times: np.ndarray) -> float:
-    """Return the maximum difference from the truth on file, over the motion; nan without a file."""
+    """Return the maximum difference from the truth on file over the motion, or nan."""
     if (name, truth.law) not in truths():
         return float("nan")
     kept = cp.archive.read(truth_path(name, truth.law))
@@ -132,7 +132,10 @@ class Training:
 
 
 def trained_on(scenes: list[xr.Dataset], sizes: tuple[int, ...], rank: int) -> Training:
-    """Decompose the snapshots of all scenes together: explicit chains at 0.9 of their limit, one snapshot a second."""
+    """Decompose the snapshots of chains of all scenes together.
+
+    Chains run explicitly at 0.9 of their limit and give one snapshot a second.
+    """
     found = Training({}, {})
     for links in sizes:
         begin = time.perf_counter()
@@ -177,7 +180,10 @@ def learn(training: Training, given: xr.Dataset, tried: list[Setting], times: np
 
 @dataclass(frozen=True)
 class Setting:
-    """One model with all its options; the step of an explicit full model is a share of its stability limit."""
+    """One model with all its options.
+
+    The step of an explicit full model is a share of its stability limit.
+    """
 
     family: str  #: "full", "reduced", "trained" (condensed with trained test functions) or "quasi-static"
     model: str
@@ -282,7 +288,7 @@ def basis(setting: Setting) -> tuple[Any, ...]:
 
 
 def limit_of(given: xr.Dataset, setting: Setting, training: Training) -> float:
-    """Return the stability limit of the step of a full or Galerkin model at the start [s]."""
+    """Return the stability limit of a full or Galerkin model at the start [s]."""
     p = parameters(given)
     if setting.model == "chain":
         return chain_of(p, setting.size).step_limit()
@@ -294,12 +300,12 @@ def limit_of(given: xr.Dataset, setting: Setting, training: Training) -> float:
 
 
 def law_of(setting: Setting) -> str:
-    """Return the law of a setting, which is also that of its truth."""
+    """Return the law of a setting and of its truth."""
     return "green" if setting.model == "Galerkin" else "linear"
 
 
 def job_of(given: xr.Dataset, setting: Setting, step: float, training: Training) -> Callable[..., Any]:
-    """Return the public call of a setting, which takes `times` and `outputs`; of a sequence an equivalent function."""
+    """Return the public call of a setting as a function of `times` and `outputs`."""
     if setting.model == "catenary":
         return partial(sequence, given, step)
     options: dict[str, Any] = {"scheme": setting.scheme, "step": step}
@@ -323,7 +329,10 @@ def job_of(given: xr.Dataset, setting: Setting, step: float, training: Training)
 
 
 def _catenaries(p: Parameters, times: np.ndarray) -> tuple[list[tuple[Any, tuple[Any, ...]]], tuple[np.ndarray, ...]]:
-    """Return the calls that solve the catenaries at some instants; and lower ends, arrays of solutions, unit vectors."""
+    """Return the calls of the catenaries at some instants, and their arrays.
+
+    The arrays are lower ends, solutions to be filled, and unit vectors.
+    """
     _, _, _, q, across, against = load_plane(p)
     length = float(solve_statics(p, p.length_key, p.length_value)[0])
     ends = p.end_positions(times)
@@ -338,7 +347,7 @@ def _catenaries(p: Parameters, times: np.ndarray) -> tuple[list[tuple[Any, tuple
 
 
 def knots(times: np.ndarray, step: float) -> np.ndarray:
-    """Return instants of a sequence beyond the last of `times`, at least four for the cubic."""
+    """Return instants of a sequence to beyond `times`, at least four for the cubic."""
     return step * np.arange(max(int(np.ceil(times[-1] / step - 1e-9)), 3) + 1)
 
 
@@ -395,7 +404,10 @@ TABLES = (
 def kernel_calls(
     job: Callable[..., Any], times: np.ndarray, setting: Setting, outputs: tuple[str, ...] = ()
 ) -> tuple[list[tuple[Any, tuple[Any, ...]]], xr.Dataset]:
-    """Record the compiled loops and tables that a call computes between first and last state; return them and its result."""
+    """Record compiled loops and tables of a call between first and last state.
+
+    Returns them and the result of the call.
+    """
     if setting.model == "catenary":
         given, step = job.args  # type: ignore[attr-defined]
         return _catenaries(parameters(given), knots(times, step))[0], job(times=times, outputs=outputs)

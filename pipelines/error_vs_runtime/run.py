@@ -1,11 +1,11 @@
-"""Compare error and run time of all models on Examples 2 to 4 and two unseen scenes.
+"""Compare error and run time of all models on five scenes.
 
     python pipelines/error_vs_runtime/run.py [--out out/error_against_run_time] [--readme] [--repeats 5] [--quick]
 
-Full models are the chain and the continuous cable, explicit and implicit; reduced models are the Galerkin and the condensed
-model. Two families stand apart: quasi-static sequences of catenaries with cubic splines in time, and condensed models with
-test functions trained on the example itself, whose gain holds near the scene of training only and whose offline cost is much
-higher.
+The scenes are Examples 2 to 4 and two on which no modes are trained.  Full models are the chain and the continuous cable,
+explicit and implicit; reduced models are the Galerkin and the condensed model. Two families stand apart: quasi-static
+sequences of catenaries with cubic splines in time, and condensed models with test functions trained on the example itself,
+whose gain holds near the scene of training only and whose offline cost is much higher.
 
 The error is the maximum over all tenths of a second (124 s) of the rms distance over the particles from the converged
 continuous cable, divided by its maximum rms displacement.  Between steps each model's own dense output holds.  All models obey
@@ -48,6 +48,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from tqdm import tqdm
+
+import cablepod as cp
+from cablepod import stepping
+from cablepod.conventions import label
 from error_vs_runtime.figure import LEVELS, draw, markdown, markdown_trained
 from error_vs_runtime.models import (
     ELEMENTS,
@@ -70,11 +75,6 @@ from error_vs_runtime.models import (
     trained_on,
     truth_of,
 )
-from tqdm import tqdm
-
-import cablepod as cp
-from cablepod import stepping
-from cablepod.conventions import label
 
 HERE = Path(__file__).resolve().parent
 DURATION = 124.0
@@ -92,7 +92,7 @@ SHORT = 1e-3
 
 
 def front(seconds: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Return a mask of the Pareto front; settings that are not finite are never on it."""
+    """Return a mask of the Pareto front, without settings that are not finite."""
     best, result = np.inf, np.zeros(seconds.size, dtype=bool)
     for i in np.lexsort((error, seconds)):
         if np.isfinite(seconds[i]) and error[i] < best:
@@ -120,7 +120,7 @@ def first_look(
     fine: np.ndarray,
     coarse: np.ndarray,
 ) -> tuple[dict[str, np.ndarray], dict[int, Any]]:
-    """Run all settings in one scene once; return errors and first times, and the calls of those that run."""
+    """Run all settings in one scene once; return errors, first times and calls."""
     found = {key: np.full(len(tried), np.nan) for key in ("error_max", "error_rms", "kernel_time", "call_time", "step")}
     jobs: dict[int, Any] = {}
     for i, setting in enumerate(tqdm(tried, desc=str(given.attrs.get("title", "")), disable=None)):
@@ -270,7 +270,7 @@ def best(of: xr.Dataset, family: str, level: float, key: str = "kernel_time") ->
 
 
 def ratios(of: xr.Dataset, key: str = "kernel_time", families: tuple[str, ...] = FAMILIES[:2]) -> list[float]:
-    """Return the time of the best model of one family over that of another at each level."""
+    """Return the time of one family's best model over another's at each level."""
     seconds = of[key].values
     pairs = [[best(of, family, level, key) for family in families] for level in LEVELS]
     return [

@@ -1,8 +1,9 @@
-"""Search the initial shape of Example 2 that explains Table 2, or test loosely set integrators (minutes).
+"""Search the initial shape of Example 2 that explains Table 2.
 
     python pipelines/initial_shape/run.py [--draws 3000] [--polished 8] [--seed 0] [--integrators]
 
-Prints the best initial shapes; data/starts.csv keeps those in use.
+Prints the best initial shapes; data/starts.csv keeps those in use.  With --integrators, tests whether a standard integrator
+with loose tolerances explains it instead.  Minutes each.
 """
 
 from __future__ import annotations

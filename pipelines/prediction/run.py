@@ -1,8 +1,8 @@
-"""Predict guys that the modes were not trained on, over ranges of tension, motion, load and place.
+"""Predict guys that the modes were not trained on.
 
     python pipelines/prediction/run.py [--out FOLDER] [--seed SEED] [--scenes COUNT] [--readme] [--quick]
 
-Writes prediction.nc and prediction.png.
+Scenes over ranges of tension, motion, load and place.  Writes prediction.nc and prediction.png.
 
 Training sets, each with modes of the deflection normal to the chord:
 "example 2": the paper's Example 2 alone.
@@ -45,8 +45,6 @@ if __name__ == "__main__":
 import numpy as np
 import xarray as xr
 from _study import command_line, markdown_table, percent, publish
-from prediction import figure
-from prediction.scenes import LINKS, RANGES, Case, cases, draw, scene_of
 from scipy.stats import spearmanr
 from tqdm import tqdm
 
@@ -56,6 +54,8 @@ from cablepod.condensed_make import model_of
 from cablepod.condensed_model import ORDERS
 from cablepod.parameters import parameters
 from cablepod.stepping import motion_scale
+from prediction import figure
+from prediction.scenes import LINKS, RANGES, Case, cases, draw, scene_of
 
 HERE = Path(__file__).resolve().parent
 SETS = ("example 2", "designed", "itself", "sines")
@@ -134,7 +134,7 @@ def candidates(count: int, duration: float) -> tuple[list[dict[str, float]], lis
 
 
 def greedy(shapes: list[np.ndarray], count: int) -> list[int]:
-    """Choose candidates greedily by their distance from RANK modes of those chosen before."""
+    """Choose candidates greedily by their distance from RANK modes of earlier choices."""
     squares = [part.T @ part / len(part) for part in shapes]
     chosen: list[int] = []
     while len(chosen) < min(count, len(shapes)):
@@ -148,7 +148,10 @@ def greedy(shapes: list[np.ndarray], count: int) -> list[int]:
 def training_sets(
     samples: int, count: int, duration: float
 ) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset], list[dict[str, float]]]:
-    """Return modes by training set but "itself", those of the Galerkin model, and the samples of the designed set."""
+    """Return modes, those of the Galerkin model, and the samples of the designed set.
+
+    Modes by training set, without "itself".
+    """
     given = shipped.scene("example2")
     times = np.arange(round(duration * 10) + 1) * 0.1
     example = cp.chain.simulate(given, links=LINKS, times=times, scheme="velocity_verlet", step=2e-4)
@@ -232,7 +235,7 @@ def galerkin_errors(case: Case, modes: dict[str, xr.Dataset]) -> np.ndarray:
 
 
 def projection_error(case: Case, modes: xr.Dataset, rank: int) -> float:
-    """Return the maximum distance over time of the chain's deflection from the span of the modes, over the motion."""
+    """Return the maximum distance of the deflection from the span of the modes, over the motion."""
     deflection = pod_normal.deflections(case.truth["position"].values)[0]
     basis = np.linalg.qr(modes["mode_shape"].values[:rank].T)[0]
     left = deflection - deflection @ basis @ basis.T
@@ -240,14 +243,20 @@ def projection_error(case: Case, modes: xr.Dataset, rank: int) -> float:
 
 
 def statistics(run: xr.Dataset) -> np.ndarray:
-    """Return quantiles 1 % and 99 % of the tension at the top [N], and rms displacement from the first shape [m]."""
+    """Return statistics of a run.
+
+    Quantiles 1 % and 99 % of the tension at the top [N], and rms displacement from the first shape [m].
+    """
     top, position = run["tension"].values[:, -1], run["position"].values
     moved = np.sqrt(np.mean(np.sum((position - position[0]) ** 2, axis=-1)))
     return np.array([*np.quantile(top, (0.01, 0.99)), moved])
 
 
 def statistics_of(case: Case, modes: xr.Dataset) -> np.ndarray:
-    """Return statistics of chain, chain with longer steps and model with RANK modes (3, 3); nan for a stopped run."""
+    """Return statistics of chain, chain with longer steps and model (3, 3).
+
+    The model has RANK modes; a stopped run gives nan.
+    """
     try:
         run = run_model(case.scene, modes, RANK, "inertial", case.truth["time"].values, ("position", "tension"))
         model = statistics(run)
@@ -404,7 +413,7 @@ def example_table(result: xr.Dataset) -> str:
 
 
 def show(result: xr.Dataset) -> None:
-    """Print all tables, the worst scenes and those that stand apart."""
+    """Print all tables, the worst scenes and the scenes apart."""
     regular = result.sel(scene=result["apart"].values == "")
     others = result.sizes["scene"] - regular.sizes["scene"]
     table = tables(result)
@@ -436,7 +445,7 @@ def show(result: xr.Dataset) -> None:
 
 
 def estimate_quality(error: np.ndarray, estimate: np.ndarray) -> tuple[int, float, float]:
-    """Return number of pairs, rank correlation of estimates and errors, share within a factor of five."""
+    """Return number of pairs, rank correlation, and share within a factor of five."""
     known = np.isfinite(error) & np.isfinite(estimate)
     error, estimate = error[known], estimate[known]
     if error.size < 3:

@@ -60,7 +60,7 @@ def _spread(u: float, low: float, high: float, spacing: str) -> float:
 
 
 def scene_of(values: dict[str, float], duration: float = 125.0) -> xr.Dataset:
-    """Make a guy at rest whose top end moves along x, under a uniform horizontal load."""
+    """Make a guy at rest with a moving top end and a uniform load."""
     angle = np.deg2rad(values["inclination"])
     upper = [values["chord"] * np.cos(angle), values["chord"] * np.sin(angle)]
     motion = {"kind": "one_minus_cosine", "amplitude": values["size"], "angular_frequency": values["frequency"]}
@@ -78,7 +78,7 @@ def scene_of(values: dict[str, float], duration: float = 125.0) -> xr.Dataset:
 
 
 def run_chain(scene: xr.Dataset, part: float = 0.2) -> xr.Dataset:
-    """Run the chain of LINKS links by velocity Verlet with a part of its stability limit."""
+    """Run the chain by velocity Verlet with a part of its stability limit."""
     limit = chain_of(parameters(scene), LINKS).step_limit()
     return cp.chain.simulate(
         scene, links=LINKS, scheme="velocity_verlet", step=part * limit, outputs=("position", "tension")
@@ -104,12 +104,15 @@ class Case:
 
     @cached_property
     def time_error(self) -> float:
-        """Distance of the chains of two steps over the motion (three times the error of the finer one where it converges)."""
+        """Distance of the chains of two steps over the motion.
+
+        It is three times the error of the finer one if that converges.
+        """
         return np.inf if self.coarse is None else float(cp.compare.errors(self.coarse, self.truth)["error_max"])
 
     @cached_property
     def coarse(self) -> xr.Dataset | None:
-        """The run of the chain with twice the step; None where it breaks down."""
+        """The run of the chain with twice the step; None if it breaks down."""
         try:
             return run_chain(self.scene, 0.4)
         except cp.RunStopped:  # long steps break down where links slacken and snap taut
@@ -117,7 +120,10 @@ class Case:
 
     @cached_property
     def sensitivity(self) -> tuple[float, float]:
-        """Relative change of the cable's motion over that of its end, in both halves of the time (1 for a linear cable)."""
+        """Relative change of the cable's motion over that of its end, in both halves.
+
+        It is 1 for a linear cable.
+        """
         nudged = replace(self, values={**self.values, "size": self.values["size"] * (1.0 + NUDGE)}).coarse
         if nudged is None or self.coarse is None:
             return np.inf, np.inf
@@ -131,7 +137,7 @@ class Case:
 
     @property
     def apart(self) -> str:
-        """Reason why single trajectories of the scene mean little, by the chain alone; empty where they do mean something."""
+        """Reason to compare statistics instead of trajectories, by the chain alone; or empty."""
         if self.least_tension <= 0.0:
             return "slack"
         if self.time_error > STEPS_DISAGREE:
@@ -140,7 +146,10 @@ class Case:
 
 
 def cases(count: int, seed: int, duration: float = 125.0) -> list[Case]:
-    """Return scenes of a sequence, without those whose top tension is below the minimum for the weight."""
+    """Return scenes of a sequence that have a rest.
+
+    Others have a top tension below the minimum for the weight.
+    """
     found: list[Case] = []
     for values in draw(2 * count, seed):
         case = Case(values, duration)

@@ -1,4 +1,4 @@
-"""Test trained test functions on scenes near those of training, and far away.
+"""Measure errors of trained test functions near the scenes of training, and far away.
 
     python pipelines/prediction/trained_reach.py [--out FOLDER] [--readme] [--quick]
 
@@ -26,12 +26,12 @@ if __name__ == "__main__":
 import numpy as np
 import xarray as xr
 from _study import command_line, markdown_table, percent, update_tables
-from prediction.run import projection_error
-from prediction.scenes import LINKS, Case, cases
 from tqdm import tqdm
 
 import cablepod as cp
 from cablepod import shipped
+from prediction.run import projection_error
+from prediction.scenes import LINKS, Case, cases
 
 HERE = Path(__file__).resolve().parent
 #: Orders and numbers of modes.
@@ -59,7 +59,7 @@ class Near(Case):
 
 
 def error(case: Case, modes: xr.Dataset, rank: int, order: str) -> float:
-    """Return the maximum error over time, infinite where the model stops or refuses."""
+    """Return the maximum error over time, infinite if the model stops or refuses."""
     try:
         run = cp.condensed.simulate(
             case.scene, modes, rank=rank, order=order, times=case.truth["time"].values, tolerance=1e-5,
@@ -129,7 +129,7 @@ def report(
 
 
 def table(result: xr.Dataset) -> str:
-    """Write median and maximum errors, and the number of scenes in which training gains."""
+    """Write median and maximum errors, and the number of gains by training."""
     lines = []
     parts = [(str(name), result["error"].sel(where=name).values) for name in result["where"].values]
     for name, values in [*parts, ("far away, trained on 1", result["far_error"].values)]:

@@ -1,4 +1,4 @@
-"""Compare modes of the rigid chain, the elastic chain and the cable itself on an extensible cable.
+"""Compare modes of rigid chain, elastic chain and cable on an extensible cable.
 
     python pipelines/rigid_basis/run.py [--out FOLDER] [--rank 4] [--links 40]
 

@@ -74,7 +74,10 @@ class Case:
         return cp.make_scene({"title": self.name, **mapping})
 
     def steps(self, scene: xr.Dataset) -> dict[str, float]:
-        """Return the step of each scheme [s]; all divide the interval, so that no energy is interpolated."""
+        """Return the step of each scheme [s].
+
+        All divide the interval, so that no energy is interpolated.
+        """
         if self.rigid:
             return dict.fromkeys(FORMULATIONS, dividing(scene, rigid_step(scene)))
         p = parameters(scene)
@@ -91,9 +94,10 @@ class Case:
 
 
 def rigid_step(scene: xr.Dataset, otherwise: float | None = None) -> float:
-    """Return a step of rigid links [s]: at most the first of their own choice, with rotations of at most TURN.
+    """Return a step of rigid links [s].
 
-    Scenes that rigid links refuse get `otherwise`, if given.
+    It is at most the first of their own choice, and rotates no link by more than TURN.  Scenes that rigid links refuse get
+    `otherwise`, if given.
     """
     chain = chain_of(parameters(scene))
     try:

@@ -1,4 +1,4 @@
-"""Draw the matrix of the stability report: cases down, schemes across, classes as colours and letters."""
+"""Draw the matrix of the stability report."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cablepod.plots.maps import stability_height
 
 
 def matrix(result: xr.Dataset) -> Figure:
-    """Draw the report as a matrix, and the limits of explicit steps below it."""
+    """Draw cases down, schemes across, and the limits of explicit steps below."""
     probed = result.sizes["limit_case"]
     parts = [stability_height(result)] + ([0.19 * probed + 0.6] if probed else [])
     figure = plt.figure(figsize=(12.5, sum(parts) + 0.45 + 0.6 * (not probed)), layout="constrained")
@@ -30,7 +30,7 @@ def matrix(result: xr.Dataset) -> Figure:
 
 
 def _limits(ax: Axes, result: xr.Dataset) -> None:
-    """Draw the step at which velocity Verlet breaks down over the predicted limit."""
+    """Draw the found limit of velocity Verlet over the predicted one."""
     found: Any = (result["limit_found"] / result["limit_predicted"]).values
     y = np.arange(found.size)
     ax.axvline(1.0, color="#888888", linewidth=1)

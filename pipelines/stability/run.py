@@ -1,8 +1,8 @@
-"""Run every scheme of elastic and rigid chains over stiff and extreme scenes and classify the outcome.
+"""Classify the runs of every scheme of the chain on stiff and extreme scenes.
 
     python pipelines/stability/run.py [--out FOLDER] [--cases "NAME;NAME"] [--readme] [--list]
 
-Writes stability.nc and stability.png.
+Schemes of elastic and rigid chains.  Writes stability.nc and stability.png.
 
 Classes: accurate, inaccurate, refused, stopped, broken (hangs, refuses without a message, or gives garbage),
 another model.
@@ -34,6 +34,14 @@ if __name__ == "__main__":
 import numpy as np
 import xarray as xr
 from _study import command_line, markdown_table, publish
+from tqdm import tqdm
+
+import cablepod as cp
+from cablepod import chain_start
+from cablepod.links import chain_of
+from cablepod.parameters import parameters
+from cablepod.rigid_runs import FORMULATIONS
+from cablepod.verlet import VerletRun
 from stability.cases import Case, cases
 from stability.verdict import (
     ACCURATE,
@@ -49,14 +57,6 @@ from stability.verdict import (
     simulate,
     work_of_ends,
 )  # fmt: skip
-from tqdm import tqdm
-
-import cablepod as cp
-from cablepod import chain_start
-from cablepod.links import chain_of
-from cablepod.parameters import parameters
-from cablepod.rigid_runs import FORMULATIONS
-from cablepod.verlet import VerletRun
 
 # --- limits of explicit steps ------------------------------------------------------------------------------------------
 
@@ -114,7 +114,10 @@ def limits(scene: xr.Dataset) -> tuple[float, float]:
 
 
 def balance(case: Case, scheme: str, step: float, duration: float) -> float:
-    """Return the maximum change of the energy less the work of the ends, over all steps, as :func:`drift`."""
+    """Return the maximum change of the energy less the work of the ends.
+
+    Over all steps, relative as in :func:`drift`.
+    """
     scene = replace(case, tables={**case.tables, "time": {"duration": duration, "interval": duration}}).scene()
     steps = round(duration / step)
     run = simulate(scene, scheme=scheme, step=step, times=step * np.arange(steps + 1), outputs=("position", "velocity"))
@@ -178,7 +181,10 @@ def report(chosen: list[Case], *, progress: Callable[[list[Case]], Any] = iter, 
 
 
 def _add_balances(item: dict[str, Any]) -> None:
-    """Add the energy balance of long runs; over a hundredth of the time but for the energy-momentum scheme."""
+    """Add the energy balance of long runs.
+
+    It covers a hundredth of the time, all of it for the energy-momentum scheme.
+    """
     for scheme, verdict in zip(SCHEMES, item["verdicts"], strict=True):
         duration = float(item["truth"].run["time"][-1]) * (1.0 if scheme == REFERENCE else 0.01)
         if scheme not in FORMULATIONS and verdict.outcome in (ACCURATE, INACCURATE):

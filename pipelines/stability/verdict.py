@@ -12,13 +12,13 @@ import numpy as np
 import xarray as xr
 from _study import timed
 from scipy.stats import t as student
-from stability.cases import Case, dividing, rigid_step
 
 import cablepod as cp
 from cablepod import chain_runs
 from cablepod.links import Chain, chain_of
 from cablepod.parameters import parameters
 from cablepod.rigid_runs import FORMULATIONS
+from stability.cases import Case, dividing, rigid_step
 
 SCHEMES = (*chain_runs.SCHEMES, *FORMULATIONS)
 VERLET, REFERENCE = SCHEMES[0], "energy_momentum"
@@ -81,9 +81,10 @@ def energies(chain: Chain, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np
 
 
 def drift(chain: Chain, x: np.ndarray, v: np.ndarray, work: np.ndarray | float = 0.0) -> float:
-    """Return the maximum change of the energy less the work of the ends, over the maximum kinetic and strain energy.
+    """Return the maximum change of the energy less the work of the ends.
 
-    That sum sets the rounding error of a scheme, and does not depend on the zero of the loads' energy.
+    It is relative to the maximum sum of kinetic and strain energy.  That sum sets the rounding error of a
+    scheme, and does not depend on the zero of the loads' energy.
     """
     kinetic, strain, potential = energies(chain, x, v)
     change = kinetic + strain + potential - work
@@ -91,7 +92,7 @@ def drift(chain: Chain, x: np.ndarray, v: np.ndarray, work: np.ndarray | float =
 
 
 def work_of_ends(chain: Chain, x: np.ndarray, *, conserving: bool) -> np.ndarray:
-    """Return the work of the ends since the start [J], (time,), from the positions at all steps.
+    """Return the work of the ends [J], (time,), from the positions at all steps.
 
     The force of a step is the mean of those at its two instants; for the energy-momentum scheme that of the scheme, by the
     difference quotient of the link's energy: then kinetic, strain and potential energy change by exactly this work.
@@ -146,7 +147,7 @@ def error_of(run: xr.Dataset, truth: xr.Dataset) -> float:
 
 
 def truth_of(case: Case, scene: xr.Dataset) -> Truth:
-    """Compute the truth of a case, by statistics where single motions mean nothing."""
+    """Compute the truth of a case, by statistics if it is chaotic or long."""
     chain = chain_of(parameters(scene))
     duration = float(scene["time_duration"])
     scheme, checking, budget = (INDEX1, RATTLE, RIGID_BUDGET) if case.rigid else (VERLET, REFERENCE, BUDGET)
@@ -206,7 +207,7 @@ def garbage(chain: Chain, run: xr.Dataset, truth: Truth | None) -> str:
 
 
 def judge(case: Case, scene: xr.Dataset, truth: Truth | None, run: Callable[[], xr.Dataset]) -> Verdict:
-    """Make a run and classify it; `truth` is None where no run is possible."""
+    """Make a run and classify it; `truth` is None if no run is possible."""
     chain = chain_of(parameters(scene))
     try:
         result = run()
@@ -294,7 +295,10 @@ class Chosen:
 
 
 def of_tolerance(case: Case, scene: xr.Dataset, truth: Truth | None, tolerance: float) -> Chosen:
-    """Judge the choice of scheme and step for a tolerance; of rigid links the step of RATTLE, their default."""
+    """Judge the choice of scheme and step for a tolerance.
+
+    Of rigid links it is the step of RATTLE, their default.
+    """
     options: dict[str, Any] = {"scheme": RATTLE} if case.rigid else {}
     if truth is None or truth.samples is not None:
         return Chosen(CHAOTIC)
@@ -304,9 +308,9 @@ def of_tolerance(case: Case, scene: xr.Dataset, truth: Truth | None, tolerance: 
             run, seconds = timed(lambda: simulate(scene, tolerance=tolerance, **options))
         except (cp.SceneError, cp.RunStopped, Overdue) as error:
             return Chosen(MISSED, reason=f"{type(error).__name__}: {error}")
-    told = any(issubclass(item.category, cp.NotConvergedWarning) for item in caught)
+    warned = any(issubclass(item.category, cp.NotConvergedWarning) for item in caught)
     error = error_of(run, truth.run)
-    state = MET if error <= tolerance else WARNED if told else MISSED
+    state = MET if error <= tolerance else WARNED if warned else MISSED
     if truth.error > 0.3 * tolerance:  # another halving changes it by a third of that at most, at second order
         state = OPEN
     attrs = run.attrs

@@ -1,13 +1,14 @@
-"""Measure error and run time of the elastic chain of Examples 2 and 3 beside other packages.
+"""Measure error and run time of the elastic chain beside other packages.
 
     pip install -e '.[peers]' && python pipelines/benchmarks/peers/run.py [--out out/peers] [--readme]
 
 Also: --slow (settings with long runs), --repeats 5, and --from out/peers/peers.nc (print and draw a result without measuring).
 Packages that are not installed are named.
 
-System.  One system for all: 40 tension-only links, linear law, lumped masses, weight, the upper end moved by the scene, planar,
-from rest, 125 s; positions every 5 s.  Right sides and Jacobians for general solvers are compiled by numba, the Jacobian is
-analytic and banded, so that Python costs a solver only the callback; solvers.py lists the settings that were tried.
+System.  Examples 2 and 3, one system for all: 40 tension-only links, linear law, lumped masses, weight, the upper end moved by
+the scene, planar, from rest, 125 s; positions every 5 s.  Right sides and Jacobians for general solvers are compiled by numba,
+the Jacobian is analytic and banded, so that Python costs a solver only the callback; solvers.py lists the settings that were
+tried.
 
 Error.  Maximum distance of a particle from the truth at t = 45 s over the maximum displacement of the motion; beside it the
 maximum over all instants.  The truth is velocity Verlet at a step of 1.25e-5 s; its maximum distance from an independent scheme
@@ -225,14 +226,20 @@ def front(error: np.ndarray, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def time_at(wanted: float, error: np.ndarray, seconds: np.ndarray) -> float:
-    """Interpolate the time of a front [s] at an error in logarithms; nan below its errors, its minimum above."""
+    """Interpolate the time of a front [s] at an error in logarithms.
+
+    It is nan below the errors of the front, and its minimum above.
+    """
     if error.size == 0 or wanted < error[0]:
         return float("nan")
     return float(np.exp(np.interp(np.log(wanted), np.log(error), np.log(seconds))))
 
 
 def package_time(table: xr.Dataset, package: str, wanted: float, error_name: str = "error") -> float:
-    """Return the stepping time of a package's fastest method at an error [s], nan below its errors."""
+    """Return the stepping time of a package's fastest method at an error [s].
+
+    It is nan below the errors of all its methods.
+    """
     least = float("nan")
     for method in dict.fromkeys(table["method"].values[table["package"].values == package]):
         chosen = (table["package"].values == package) & (table["method"].values == method)
@@ -241,7 +248,7 @@ def package_time(table: xr.Dataset, package: str, wanted: float, error_name: str
     return least
 
 
-# --- what is printed and drawn ----------------------------------------------------------------------------------------
+# --- tables and figure ------------------------------------------------------------------------------------------------
 
 
 def table_lines(data: xr.Dataset) -> list[str]:
@@ -300,7 +307,7 @@ def goal_table(table: xr.Dataset) -> str:
 
 
 def figure(data: xr.Dataset, size: tuple[float, float] = (11.0, 4.6)) -> plt.Figure:
-    """Draw error against time: settings as marks, the front of each package as a named line."""
+    """Draw error against time: settings as marks, fronts as named lines."""
     drawn, axes = plt.subplots(1, 2, figsize=size, layout="constrained", sharex=True, sharey=True)
     for ax, example in zip(axes, data["example"].values, strict=True):
         table = data.sel(example=example)

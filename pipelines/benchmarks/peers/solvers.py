@@ -55,7 +55,7 @@ class Case:
 
 
 def versions() -> dict[str, str | None]:
-    """Return the version of each package, None for those not installed."""
+    """Return the version of each package, None if it is not installed."""
     found: dict[str, str | None] = {}
     for package, distribution in DISTRIBUTIONS.items():
         try:
@@ -99,7 +99,7 @@ def cases() -> list[Case]:
 
 @functools.cache
 def compiled(system: System) -> tuple[Callable[..., None], Callable[..., None], Callable[..., Any], Callable[..., Any]]:
-    """Compile right side and Jacobian once for a system, in the forms of CVODE and of SciPy."""
+    """Compile right side and Jacobian once for a system, for CVODE and SciPy."""
     rates, jacobian = rates_of(system), jacobian_of(system)
     size = 4 * system.particles
 
@@ -123,7 +123,10 @@ def compiled(system: System) -> tuple[Callable[..., None], Callable[..., None], 
 
 
 def cvode(method: str, *, rtol: float, atol: float | np.ndarray) -> Callable[..., Any]:
-    """Prepare CVODE of SUNDIALS through scikit-sundae, order at most 2; `atol` (4,) is that of one particle."""
+    """Prepare CVODE of SUNDIALS through scikit-sundae, order at most 2.
+
+    An array `atol` (4,) is that of one particle.
+    """
 
     def prepare(system: System, times: np.ndarray) -> Callable[[], tuple[np.ndarray, float]]:
         from sksundae.cvode import CVODE
@@ -200,7 +203,7 @@ def dop853(**tolerances: float) -> Callable[..., Any]:
 
 
 def lsoda(**tolerances: float) -> Callable[..., Any]:
-    """Prepare LSODA by SciPy's odeint, which can limit the order of its BDF."""
+    """Prepare LSODA by SciPy's odeint, for its limit of the order."""
 
     def solve(right, band, first, times):
         from scipy.integrate import odeint
@@ -213,7 +216,7 @@ def lsoda(**tolerances: float) -> Callable[..., Any]:
 
 
 def vode(method: str, rtol: float) -> Callable[..., Any]:
-    """Prepare VODE by SciPy's ode, order at most 2, with Newton's method and a banded Jacobian."""
+    """Prepare VODE by SciPy's ode, order at most 2, with a banded Jacobian."""
 
     def solve(right, band, first, times):
         from scipy.integrate import ode
@@ -232,7 +235,10 @@ def vode(method: str, rtol: float) -> Callable[..., Any]:
 
 
 def exudyn(step_size: float, *, explicit: bool = False) -> Callable[..., Any]:
-    """Prepare Exudyn: mass points and springs; generalized alpha with spectral radius 1 is the trapezoidal rule."""
+    """Prepare Exudyn: mass points and springs.
+
+    Generalized alpha with spectral radius 1 is the trapezoidal rule.
+    """
 
     def prepare(system: System, times: np.ndarray) -> Callable[[], tuple[np.ndarray, float]]:
         sys.exudynFast = True  # its module without range checks, where available
@@ -335,7 +341,10 @@ RK4 tScheme
 
 
 def moordyn(step_size: float, call: float) -> Callable[..., Any]:
-    """Prepare MoorDyn, RK4 with a step [s]; its coupled end has constant velocity over a call of `call` [s]."""
+    """Prepare MoorDyn, RK4 with a step [s].
+
+    Its coupled end has constant velocity over a call of `call` [s].
+    """
 
     def prepare(system: System, times: np.ndarray) -> Callable[[], tuple[np.ndarray, float]]:
         import moordyn as md
@@ -370,7 +379,7 @@ def _nodes(md: Any, line: Any, system: System) -> np.ndarray:
 
 
 def _moordyn_model(md: Any, system: System, step_size: float) -> tuple[Any, Any]:
-    """Read an input file and put the start into the saved state; return system and line."""
+    """Load the chain at its start; return system and line."""
     p = system.chain.p
     lower, upper = system.start[0].tolist(), system.start[-1].tolist()
     text = MOORDYN.format(

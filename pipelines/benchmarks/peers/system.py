@@ -197,7 +197,10 @@ def check_of(system: System, times: np.ndarray, step: float) -> np.ndarray:
 
 
 def error_of(position: np.ndarray, truth: np.ndarray, scale: float) -> np.ndarray:
-    """Return the maximum distance of a particle from the truth (time,) over `scale` [m], the maximum displacement."""
+    """Return the maximum distance of a particle from the truth (time,) over a scale.
+
+    The scale is the maximum displacement [m].
+    """
     return np.sqrt(((position - truth) ** 2).sum(axis=-1)).max(axis=-1) / scale
 
 
