@@ -15,10 +15,10 @@ import pytest
 
 mpl.use("Agg")
 
+from drawings import TIME, modes_of, trajectory
 from matplotlib import animation
 from matplotlib import pyplot as plt
 from PIL import Image
-from test_plots import TIME, modes_of, trajectory
 
 from cablepod import plots
 from cablepod.plots.animation import find_ffmpeg

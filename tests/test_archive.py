@@ -6,7 +6,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import time
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,131 +13,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from conftest import SOFT
+from children import python, run_python
+from compliance import check_compliance
+from results import KINDS, make_ensemble, make_modes, make_scene, make_trajectory
 
-import cablepod as cp
 from cablepod import archive, provenance
 from cablepod.archive import ArchiveError, describe, read, write
-from cablepod.conventions import label
 
 ROOT = Path(archive.__file__).parents[1]
-PARTICLES = 9
-RNG_SEED = 7
-
-
-def values(*shape):
-    return np.random.default_rng(RNG_SEED).normal(size=shape)
-
-
-def chain_coordinates(particles=PARTICLES):
-    return {
-        "coordinate": ["x", "y"],
-        "particle": np.arange(particles),
-        "link": np.arange(1, particles),
-        "arc_length": ("particle", np.linspace(0.0, 61.0, particles)),
-        "link_arc_length": ("link", np.linspace(0.5, 60.5, particles - 1)),
-    }
-
-
-def make_scene():
-    variables = {
-        "gravity": 9.81,
-        "cable_top_tension": 15000.0,
-        "chain_links": 40,
-        "motion_upper_x_kind": "one_minus_cosine",
-        "motion_upper_x_amplitude": -0.07,
-        "ends_free": "",
-        "end_position": (("end", "coordinate"), [[0.0, 0.0], [20.4, 57.7]]),
-    }
-    scene = xr.Dataset(variables, {"end": ["lower", "upper"], "coordinate": ["x", "y"]})
-    label(
-        scene,
-        gravity=("m s-2", "acceleration of gravity"),
-        cable_top_tension=("N", "tension at the upper end at rest"),
-        chain_links=("1", "number of links"),
-        motion_upper_x_kind=("1", "kind of motion of the upper end along x"),
-        motion_upper_x_amplitude=("m", "amplitude of the motion of the upper end along x"),
-        ends_free=("1", "end that moves freely, if any"),
-    )
-    scene.attrs["title"] = "Example 2: slow end motion, Seguí's cable"
-    return provenance.record(scene, function="make_scene", parameters={"gravity": 9.81, "free": None})
-
-
-def make_trajectory(times=60, particles=PARTICLES, scene=None):
-    trajectory = xr.Dataset(
-        {
-            "position": (("time", "particle", "coordinate"), values(times, particles, 2)),
-            "tension": (("time", "link"), values(times, particles - 1)),
-            "tension_maximum": ("link", values(particles - 1)),
-        },
-        {"time": 0.1 * np.arange(times), **chain_coordinates(particles)},
-    )
-    parameters = {"links": particles - 1, "scheme": "verlet", "step": 1e-4, "tolerance": None}
-    inputs = [make_scene() if scene is None else scene]
-    return provenance.record(label(trajectory), function="chain.simulate", parameters=parameters, inputs=inputs)
-
-
-def make_modes(trajectory=None):
-    rank = 4
-    modes = xr.Dataset(
-        {
-            "mode_shape": (("coordinate", "mode", "particle"), values(2, rank, PARTICLES)),
-            "singular_value": (("coordinate", "mode"), values(2, rank)),
-            "proper_orthogonal_value": (("coordinate", "mode"), values(2, rank) ** 2),
-            "energy_share": (("coordinate", "mode"), values(2, rank)),
-            "mean": (("particle", "coordinate"), values(PARTICLES, 2)),
-        },
-        {"mode": np.arange(1, rank + 1), **chain_coordinates()},
-    ).drop_vars(["link", "link_arc_length"])
-    inputs = [make_trajectory() if trajectory is None else trajectory]
-    return provenance.record(label(modes), function="pod.decompose", parameters={"rank": rank}, inputs=inputs)
-
-
-def make_comparison():
-    errors = xr.Dataset(
-        {"error": ("time", values(60)), "error_max": 0.02, "displacement_scale": 1.5}, {"time": 0.1 * np.arange(60)}
-    )
-    inputs = [make_trajectory(), make_modes()]
-    return provenance.record(label(errors), function="compare.errors", parameters={}, inputs=inputs)
-
-
-def make_ensemble():
-    members = 3
-    shape = (members, 20, PARTICLES, 2)
-    ensemble = xr.Dataset(
-        {
-            "position": (("member", "time", "particle", "coordinate"), values(*shape)),
-            "tension": (("member", "time", "link"), values(*shape[:2], PARTICLES - 1).astype("f4")),
-            "motion_upper_x_kind": ("member", ["ramp", "harmonic", "ramp"]),
-        },
-        {
-            "member": np.arange(members),
-            "cable_top_tension": ("member", [4e3, 8e3, 1.2e4]),
-            "time": 0.5 * np.arange(20),
-            **chain_coordinates(),
-        },
-    )
-    ensemble["position"][1, 3:] = np.nan  # a run that broke off
-    extra = {"cable_top_tension": ("N", "tension at the upper end"), "motion_upper_x_kind": ("1", "kind of motion")}
-    return provenance.record(label(ensemble, **extra), function="ensemble.run", parameters={"seed": 5})
-
-
-def make_batch():
-    """Real condensed models of several scenes, whose arc lengths differ."""
-    scene = cp.make_scene(SOFT)
-    modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3), layout="normal", rank=2)
-    scenes = cp.ensemble.design(scene, {"cable.top_tension": [200.0, 300.0]}, members=3)
-    return cp.condensed.simulate(scenes, modes, step=1e-3, outputs=("tension", "tension_extremes"), links=[1])
-
-
-KINDS = {
-    "batch": make_batch,
-    "scene": make_scene,
-    "trajectory": make_trajectory,
-    "modes": make_modes,
-    "comparison": make_comparison,
-    "ensemble": make_ensemble,
-}
 
 
 def dtypes(dataset):
@@ -154,19 +36,6 @@ def is_open(path):
 
 def visible(folder):
     return [item.name for item in folder.iterdir() if not item.name.startswith(".")]
-
-
-def run_python(code, **kwargs):
-    """Start Python on `code`, with the package under test and the makers of this file at hand."""
-    path = os.pathsep.join([str(ROOT), str(Path(__file__).parent)])
-    return subprocess.Popen(
-        [sys.executable, "-c", code],
-        env={**os.environ, "PYTHONPATH": path},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        **kwargs,
-    )
 
 
 # round trip
@@ -281,8 +150,8 @@ def test_import_is_light():
         f"package.__path__ = [{str(ROOT / 'cablepod')!r}]; sys.modules['cablepod'] = package; "
         "import cablepod.archive; print(sorted({'netCDF4', 'dask', 'matplotlib', 'numba'} & set(sys.modules)))"
     )
-    out, err = run_python(code).communicate(timeout=60)
-    assert out.strip() == "[]", err
+    done = run_python("-c", code, timeout=60)
+    assert done.stdout.strip() == "[]", done.stderr
 
 
 # layout
@@ -484,7 +353,7 @@ write(xr.Dataset({{"position": (("time", "particle"), noise)}}), {target!r})
 
 def test_a_killed_write_leaves_no_file_under_the_name(tmp_path):
     target = tmp_path / "it.nc"
-    process = run_python(BIG_WRITE.format(rows=40_000, target=str(target)))
+    process = python("-c", BIG_WRITE.format(rows=40_000, target=str(target)))
     deadline = time.monotonic() + 60
     while not any(item.stat().st_size > 1e6 for item in tmp_path.iterdir()):  # 64 MB of noise take seconds
         assert process.poll() is None, process.communicate()
@@ -516,11 +385,12 @@ for handle in os.listdir("/proc/self/fd") if os.path.isdir("/proc/self/fd") else
 def test_a_full_disk_is_a_clear_error_and_leaves_nothing(tmp_path):
     # A limit on the size of files makes writes fail as a full disk does, and works without rights to mount one.
     body = BIG_WRITE.format(rows=5000, target=str(tmp_path / "it.nc"))
-    out, err = run_python(FULL_DISK.replace("BODY", repr(body))).communicate(timeout=120)
-    assert "it.nc: not written, nothing is left behind" in out, err
+    done = run_python("-c", FULL_DISK.replace("BODY", repr(body)), timeout=120)
+    out = done.stdout
+    assert "it.nc: not written, nothing is left behind" in out, done.stderr
     assert re.search(r"is the disk full\? [\d.]+ MB are free in .*; make room, or give another path", out)
     assert list(tmp_path.iterdir()) == []
-    assert err == ""
+    assert done.stderr == ""
 
 
 @pytest.mark.parametrize(
@@ -715,68 +585,6 @@ def test_describe_shows_the_values_of_a_scene_before_it_is_written():
 
 
 # the real checker
-
-# Of the attributes that ACDD asks for, those that have no meaning for a computed cable in its own Cartesian frame, on
-# elapsed time.  Whoever publishes a file adds the persons and bodies as attributes of the dataset, and they are kept.
-NO_TIME = "no time axis in parameters and modes"
-NO_MEANING = {
-    "no place on Earth": ["geospatial_", "Could not find lat", "Could not find lon"],
-    "no date": ["time_coverage_start not present", "time_coverage_end not present"],
-    NO_TIME: [
-        "time_coverage_duration not present",
-        "time_coverage_resolution not present",
-    ],
-    "the program cannot know who uses it": [
-        "creator_",
-        "contributor_",
-        "institution not present",
-        "project not present",
-    ],
-    "nobody has published it": ["publisher_", "date_issued", "Attr date_issued", "naming_authority not present"],
-    "nobody was asked": ["acknowledgment/acknowledgement not present"],
-    "levels, platforms and instruments are those of observations": [
-        "processing_level not present",
-        "platform not present",
-        "platform_vocabulary",
-        "instrument",
-        "program not present",
-    ],
-    "a file is never altered after it was made": ["date_modified", "date_metadata_modified", "Attr date_m"],
-    "the version of the program is in source": ["product_version"],
-    "the keywords are from no controlled list": ["keywords_vocabulary"],
-    "nothing more is said elsewhere": ["metadata_link"],
-    "the table of standard names has none for a cable": ["standard_name_vocabulary not present", "standard_name"],
-}
-HAVE_TIME = ("trajectory", "comparison", "ensemble", "batch")
-
-
-def findings(report):
-    """Return (check, message) of one standard's part of the checker's report."""
-    items = [item for level in ("high", "medium", "low") for item in report[f"{level}_priorities"]]
-    return {(item["name"], message) for item in items for message in item["msgs"]}
-
-
-def check_compliance(paths, tmp_path):
-    """Run the checker on files (kind -> path) and hold that it finds only what is allowed."""
-    pytest.importorskip("compliance_checker")
-    command = [str(Path(sys.executable).with_name("compliance-checker")), "--test=cf:1.11", "--test=acdd:1.3"]
-    report = tmp_path / "report.json"
-    options = ["--criteria=strict", "--format=json_new", f"--output={report}"]
-    done = subprocess.run([*command, *options, *map(str, paths.values())], capture_output=True, text=True)
-    assert "exceptions occurred" not in done.stdout + done.stderr
-    reports = json.loads(report.read_text())
-    for kind, path in paths.items():
-        has_time = kind in HAVE_TIME
-        found = {(name[:4], message) for name, message in findings(reports[str(path)]["cf:1.11"])}
-        # the standard name "time" would demand a date to count from
-        no_date = ("§5.1", "Coordinate variable 'time' should have standard_name='time', found: 'None'")
-        assert found == ({no_date} if has_time else set()), kind
-        starts = tuple(
-            start for why, starts in NO_MEANING.items() if not has_time or why != NO_TIME for start in starts
-        )
-        found = {message for _, message in findings(reports[str(path)]["acdd:1.3"])}
-        assert "naming_authority not present" in found, "the report has another form than this test knows"
-        assert {message for message in found if not message.startswith(starts)} == set(), kind
 
 
 def test_the_real_checker_finds_only_what_is_allowed(tmp_path):

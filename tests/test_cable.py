@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import spatial
+from scenes import spatial
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 

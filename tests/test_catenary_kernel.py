@@ -2,9 +2,9 @@
 
 import math
 
-import catenary_reference as reference
 import numpy as np
 import pytest
+from references import catenary_mpmath as reference
 
 from cablepod.kernels import catenary as kernel
 

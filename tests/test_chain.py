@@ -8,7 +8,8 @@ import itertools
 import numpy as np
 import pytest
 import xarray as xr
-from conftest import spatial
+from scenes import TERMS as SHARED
+from scenes import spatial
 
 import cablepod as cp
 from cablepod import cable_runs, chain_runs, chain_start, links
@@ -17,17 +18,8 @@ from cablepod.parameters import parameters
 from cablepod.verlet import VerletRun
 
 TERMS = {
-    "plain": {},
-    "uniform load": {"load": {"uniform": [3.0, -2.0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 3.0}},
-    "point load": {"point_load": [{"arc_length": 0.4, "force": [0.0, -20.0]}]},
-    "mass damping": {"damping": {"mass_proportional": 0.8}},
+    **SHARED,
     "link viscosity": {"damping": {"link_viscosity": 0.002}},
-    "both ends": {
-        "motion": {
-            "lower": {"y": {"kind": "harmonic", "amplitude": 0.03, "angular_frequency": 1.7, "phase": 0.4}},
-            "upper": {"x": {"kind": "ramp", "amplitude": 0.1, "duration": 2.0}},
-        }
-    },
     "initial shape": {"initial": {"top_tension": 260.0}},
 }
 

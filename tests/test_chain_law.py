@@ -12,7 +12,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from conftest import spatial
+from scenes import TERMS as SHARED
+from scenes import spatial
 from scipy.integrate import solve_ivp
 
 import cablepod as cp
@@ -20,16 +21,7 @@ from cablepod import links
 from cablepod.parameters import parameters
 
 TERMS = {
-    "plain": {},
-    "uniform load": {"load": {"uniform": [3.0, -2.0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 3.0}},
-    "point load": {"point_load": [{"arc_length": 0.4, "force": [0.0, -20.0]}]},
-    "mass damping": {"damping": {"mass_proportional": 0.8}},
-    "both ends": {
-        "motion": {
-            "lower": {"y": {"kind": "harmonic", "amplitude": 0.03, "angular_frequency": 1.7, "phase": 0.4}},
-            "upper": {"x": {"kind": "ramp", "amplitude": 0.1, "duration": 2.0}},
-        }
-    },
+    **SHARED,
     "unequal links": {"chain": {"link_lengths": [1.0, 2.0, 1.0, 0.5, 2.0, 1.0, 1.0, 3.0]}},
 }
 

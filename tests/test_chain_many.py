@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 import xarray as xr
-from conftest import spatial
+from scenes import spatial
 
 import cablepod as cp
 from cablepod import chain_many, interrupts, members

@@ -4,49 +4,22 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import time
 
 import numpy as np
 import pytest
+from children import call, python
+from scenes import SOFT_TOML
 
 import cablepod as cp
 from cablepod import cli, shipped
-
-SCENE = """
-title = "a small guy"
-[cable]
-youngs_modulus = 2.0e7
-area = 1.0e-3
-density = 1000.0
-top_tension = 200.0
-[ends]
-lower = [0.0, 0.0]
-upper = [8.0, 6.0]
-[motion.upper.x]
-kind = "one_minus_cosine"
-amplitude = -0.05
-angular_frequency = 2.0
-[time]
-duration = 4.0
-interval = 0.5
-[chain]
-links = 8
-"""
 
 
 @pytest.fixture
 def scene_file(tmp_path):
     path = tmp_path / "small.toml"
-    path.write_text(SCENE)
+    path.write_text(SOFT_TOML)
     return path
-
-
-def call(*arguments, **options):
-    return subprocess.run(
-        [sys.executable, "-m", "cablepod", *map(str, arguments)], capture_output=True, text=True, **options
-    )
 
 
 def test_the_main_job(scene_file, tmp_path, capsys):
@@ -76,7 +49,7 @@ def test_the_main_job(scene_file, tmp_path, capsys):
 
 
 def test_warnings_are_notes_of_one_line(scene_file, tmp_path):
-    scene_file.write_text(SCENE + "[[point_load]]\narc_length = 0.5\nforce = [0.0, -10.0]\n")
+    scene_file.write_text(SOFT_TOML + "[[point_load]]\narc_length = 0.5\nforce = [0.0, -10.0]\n")
     done = call("run", scene_file, "--out", tmp_path / "out", "--ranks", "2")
     assert done.returncode == 0
     assert (
@@ -133,7 +106,7 @@ def test_shipped_scenes_are_found_by_name(tmp_path, monkeypatch, scenes):
 
 
 def test_viscous_links_are_refused_before_anything_runs(scene_file, tmp_path, capsys):
-    scene_file.write_text(SCENE + "[damping]\nlink_viscosity = 1e-4\n")
+    scene_file.write_text(SOFT_TOML + "[damping]\nlink_viscosity = 1e-4\n")
     assert cli.main(["run", str(scene_file), "--out", str(tmp_path / "out")]) == 2
     assert "damping.link_viscosity: given 0.0001; allowed: none" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
@@ -149,11 +122,11 @@ def test_viscous_links_are_refused_before_anything_runs(scene_file, tmp_path, ca
         (("top_tension = 200.0", "top_tension = 20.0"), "cable.top_tension: given 20.0; allowed: at least"),
         (("upper = [8.0, 6.0]", 'upper = [8.0, 6.0]\nfree = "upper"'), "no motion of the end that ends.free names"),
         (("[time]", "[tiem]"), "tiem: unknown key or table"),
-        ((SCENE, ""), "the scene file is empty"),
+        ((SOFT_TOML, ""), "the scene file is empty"),
     ],
 )
 def test_bad_scenes_end_with_one_line_and_nothing_written(scene_file, tmp_path, change, match):
-    scene_file.write_text(SCENE.replace(*change))
+    scene_file.write_text(SOFT_TOML.replace(*change))
     done = call("run", scene_file, "--out", tmp_path / "out")
     assert done.returncode == 2
     assert done.stdout == ""
@@ -186,7 +159,7 @@ def test_other_bad_input_ends_with_one_line(scene_file, tmp_path):
 
 def test_a_stopped_run_keeps_what_it_had(scene_file, any_load, tmp_path, capsys):
     load = f'[load]\nuniform = [1.0, 0.0]\nkind = "polynomial"\ncoefficients = {[0.0] * 29 + [1e3]}\n'
-    scene_file.write_text(f"{SCENE}\n{load}")
+    scene_file.write_text(f"{SOFT_TOML}\n{load}")
     assert cli.main(["run", str(scene_file), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr()
     assert "left the finite numbers at" in said.err
@@ -200,10 +173,9 @@ def test_a_stopped_run_keeps_what_it_had(scene_file, any_load, tmp_path, capsys)
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGKILL])
 def test_an_interrupted_run_leaves_whole_files_only(scene_file, tmp_path, sign):
     # long enough to be met while it works
-    scene_file.write_text(SCENE.replace("duration = 4.0", "duration = 20000.0").replace("links = 8", "links = 60"))
+    scene_file.write_text(SOFT_TOML.replace("duration = 4.0", "duration = 20000.0").replace("links = 8", "links = 60"))
     out = tmp_path / "out"
-    process = subprocess.Popen([sys.executable, "-m", "cablepod", "run", str(scene_file), "--out", str(out)],
-                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)  # fmt: skip
+    process = python("-m", "cablepod", "run", scene_file, "--out", out)
     for _ in range(600):
         if (out / "chain_rest.nc").exists():
             break

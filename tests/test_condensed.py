@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 import pytest
-from condensed_reference import LENGTHS, Reference, everything, full_modes
-from conftest import spatial
+from references.condensed_ode import Reference
+from scenes import LENGTHS, everything, full_modes, spatial
 
 import cablepod as cp
 from cablepod import shipped

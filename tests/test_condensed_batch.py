@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import xarray as xr
-from condensed_reference import HARMONIC, full_modes
-from conftest import spatial
+from scenes import HARMONIC, full_modes, spatial
 
 import cablepod as cp
 from cablepod import condensed_batch, condensed_many, members, training

@@ -7,8 +7,7 @@ import copy
 import numpy as np
 import pytest
 import xarray as xr
-from condensed_reference import everything, full_modes
-from conftest import spatial
+from scenes import everything, full_modes, spatial
 from scipy.stats import spearmanr
 
 import cablepod as cp

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from condensed_reference import full_modes
-from conftest import spatial
+from scenes import full_modes, spatial
 
 import cablepod as cp
 from cablepod import condensed_output

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_pod import made_up
+from spectra import made_up
 
 import cablepod as cp
 from cablepod import decompositions

@@ -8,7 +8,8 @@ import shutil
 import numpy as np
 import pytest
 import xarray as xr
-from condensed_reference import full_modes
+from compliance import check_compliance
+from scenes import SOFT, SOFT_TOML, full_modes
 
 import cablepod as cp
 from cablepod import archive_ensemble, cli
@@ -29,8 +30,6 @@ def scenes_of(soft):
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """A folder with an ensemble of ten members in three files; not to be changed."""
-    from conftest import SOFT
-
     folder = tmp_path_factory.mktemp("finished") / "it"
     scenes = cp.ensemble.design(cp.make_scene(SOFT), RANGES, members=10)
     cp.ensemble.run(scenes, folder, batch=4, step=STEP)
@@ -483,10 +482,8 @@ seed = 2
 
 
 def test_the_command_runs_resumes_and_tells(tmp_path, capsys):
-    from test_cli import SCENE
-
     scene = tmp_path / "study.toml"
-    scene.write_text(SCENE + TABLE)
+    scene.write_text(SOFT_TOML + TABLE)
     out = tmp_path / "deep" / "out"
     command = ["ensemble", str(scene), "--out", str(out), "--option", "step=4e-3", "--option", "outputs=['tension']"]
     assert cli.main(command) == 0
@@ -517,10 +514,8 @@ def test_the_command_runs_resumes_and_tells(tmp_path, capsys):
 
 
 def test_the_command_refuses_in_one_line(tmp_path, capsys):
-    from test_cli import SCENE
-
     scene = tmp_path / "study.toml"
-    scene.write_text(SCENE)
+    scene.write_text(SOFT_TOML)
     for extra, text in (
         ([], "ensemble: missing in"),
         (["--option", "step"], "--option: given 'step'; allowed: NAME=VALUE"),
@@ -529,7 +524,7 @@ def test_the_command_refuses_in_one_line(tmp_path, capsys):
         said = capsys.readouterr()
         assert text in said.err
         assert said.err.count("\n") == 1
-        scene.write_text(SCENE + TABLE)
+        scene.write_text(SOFT_TOML + TABLE)
 
 
 def test_ten_thousand_members_open_by_the_manifest_and_heads_alone(finished, tmp_path, monkeypatch):
@@ -553,9 +548,7 @@ def test_its_lineage_makes_it_again(finished, tmp_path, monkeypatch, capsys):
         (tmp_path / "runs_again.nc").unlink()
 
 
-def test_the_real_checker_finds_only_what_is_allowed(finished, scenes_of, tmp_path, monkeypatch):
-    import test_archive
-
+def test_the_real_checker_finds_only_what_is_allowed(finished, scenes_of, tmp_path):
     scenes = scenes_of(3)
     bad = scenes.assign(cable_top_tension=("member", np.ones(3), scenes["cable_top_tension"].attrs))
     with pytest.warns(cp.MemberFailedWarning):
@@ -567,5 +560,4 @@ def test_the_real_checker_finds_only_what_is_allowed(finished, scenes_of, tmp_pa
         "scenes": finished / "scenes.nc",
         "failed": tmp_path / "failed" / "batch_0000.nc",
     }
-    monkeypatch.setattr(test_archive, "HAVE_TIME", ("batch", "whole"))
-    test_archive.check_compliance(files, tmp_path)
+    check_compliance(files, tmp_path, have_time=("batch", "whole"))

@@ -7,13 +7,13 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+from children import call, python, run_python
+from scenes import SOFT_TOML
 
 import cablepod as cp
 from cablepod.archive_ensemble import describe_ensemble
@@ -23,7 +23,7 @@ STEP = 4e-6
 RUN = """
 import json, sys
 import cablepod as cp
-from conftest import SOFT
+from scenes import SOFT
 
 if __name__ == "__main__":
     scenes = cp.ensemble.design(cp.make_scene(SOFT), {"cable.top_tension": [200.0, 300.0]}, members=24)
@@ -39,15 +39,7 @@ def start(folder, tmp_path, **options):
     """Run the ensemble in another process."""
     script = tmp_path / "study.py"
     script.write_text(RUN)
-    path = os.pathsep.join([str(Path(cp.__file__).parents[1]), str(Path(__file__).parent)])
-    return subprocess.Popen(
-        [sys.executable, str(script), str(folder), str(STEP), json.dumps(options)],
-        env={**os.environ, "PYTHONPATH": path},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    return python(script, folder, STEP, json.dumps(options), start_new_session=True)
 
 
 def wait_for(folder, count, process):
@@ -110,22 +102,9 @@ def test_it_survives_an_interrupt(soft, tmp_path):
 
 
 def test_the_command_says_how_to_go_on(soft, tmp_path):
-    from test_cli import SCENE, call
-
     scene = tmp_path / "study.toml"
-    scene.write_text(SCENE + '[ensemble]\nmembers = 500\n[ensemble.ranges]\n"cable.top_tension" = [200.0, 300.0]\n')
-    command = [
-        sys.executable,
-        "-m",
-        "cablepod",
-        "ensemble",
-        str(scene),
-        "--out",
-        str(tmp_path / "out"),
-        "--option",
-        f"step={STEP}",
-    ]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    scene.write_text(SOFT_TOML + '[ensemble]\nmembers = 500\n[ensemble.ranges]\n"cable.top_tension" = [200.0, 300.0]\n')
+    process = python("-m", "cablepod", "ensemble", scene, "--out", tmp_path / "out", "--option", f"step={STEP}")
     wait_for(tmp_path / "out", 1, process)
     process.send_signal(signal.SIGINT)
     _, error = process.communicate(timeout=60)
@@ -205,7 +184,7 @@ def test_a_scheduler_that_cannot_be_reached(soft, tmp_path, monkeypatch):
 FULL = """
 import resource, signal, sys
 import cablepod as cp
-from conftest import SOFT
+from scenes import SOFT
 
 scenes = cp.ensemble.design(cp.make_scene(SOFT), {"cable.top_tension": [200.0, 300.0]}, members=24)
 options = {"batch": 8, "step": 1e-3, "times": [0.001 * i for i in range(3000)]}
@@ -233,15 +212,9 @@ def full_disk(tmp_path):
 
 
 def test_it_survives_a_full_disk(soft, tmp_path, full_disk):
-    path = os.pathsep.join([str(Path(cp.__file__).parents[1]), str(Path(__file__).parent)])
     options = {"batch": 8, "step": 1e-3, "times": [0.001 * i for i in range(3000)]}
     folder = (full_disk or tmp_path) / "it"
-    done = subprocess.run(
-        [sys.executable, "-c", FULL, str(folder), "mount" if full_disk else "limit"],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-    )
+    done = run_python("-c", FULL, folder, "mount" if full_disk else "limit", timeout=120)
     assert done.returncode == 0, done.stderr
     assert "is the disk full?" in done.stdout, done
     assert done.stdout.count("\n") == 1

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from condensed_reference import full_modes
+from scenes import full_modes
 
 import cablepod as cp
 from cablepod import archive_ensemble

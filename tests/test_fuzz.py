@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from conftest import SOFT, spatial
 from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 from numba.core import event as numba_event
+from scenes import SOFT, spatial
 
 import cablepod as cp
 from cablepod.chord import ALIGNED

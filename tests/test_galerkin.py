@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 import pytest
 import xarray as xr
-from conftest import spatial
+from scenes import spatial
 
 import cablepod as cp
 from cablepod import galerkin_model, galerkin_runs

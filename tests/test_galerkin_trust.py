@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import spatial
+from scenes import spatial
 
 import cablepod as cp
 from cablepod import galerkin_estimate, galerkin_runs

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import spatial
+from scenes import spatial
 
 import cablepod as cp
 from cablepod import implicit

@@ -5,16 +5,13 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
+from children import run_python
 
-import cablepod as cp
 from cablepod import interrupts
 
 
@@ -165,7 +162,7 @@ WORST = """
 import concurrent.futures._base as base
 import json, signal, sys, threading
 import cablepod as cp
-from conftest import SOFT
+from scenes import SOFT
 from xarray.backends import locks
 
 count, wanted, main = 0, -1, threading.get_ident()
@@ -223,14 +220,8 @@ for use in (run, handed_over, chains, files):
 
 
 def test_at_the_worst_places_it_leaves_nothing_taken(tmp_path):
-    path = os.pathsep.join([str(Path(cp.__file__).parents[1]), str(Path(__file__).parent)])
-    done = subprocess.run(
-        [sys.executable, "-X", "faulthandler", "-c", WORST, str(tmp_path), "12"],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        timeout=120,  # it takes some ten seconds; one lock left taken, and it never ends
-    )
+    # it takes some ten seconds; one lock left taken, and it never ends
+    done = run_python("-X", "faulthandler", "-c", WORST, tmp_path, "12", timeout=120)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout.splitlines()[-1])
     for _, came in told.values():

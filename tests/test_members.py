@@ -7,8 +7,7 @@ import copy
 import numpy as np
 import pytest
 import xarray as xr
-from condensed_reference import full_modes
-from test_condensed import everything
+from scenes import everything, full_modes
 
 import cablepod as cp
 from cablepod import members

@@ -7,7 +7,8 @@ import warnings
 import numpy as np
 import pytest
 import xarray as xr
-from condensed_reference import LENGTHS, Reference, everything, full_modes
+from references.condensed_ode import Reference
+from scenes import LENGTHS, everything, full_modes
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 

@@ -463,7 +463,7 @@ def test_an_interrupted_report_leaves_what_was_there(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_the_report_is_a_compliant_file(folder):
-    from test_archive import HAVE_TIME, check_compliance
+    from compliance import HAVE_TIME, check_compliance
 
     assert "report" not in HAVE_TIME
     check_compliance({"report": folder / report.DATASET}, folder)

@@ -11,7 +11,7 @@ import xarray as xr
 from benchmarks.peers import run as peers
 from benchmarks.peers import solvers as peer_solvers
 from benchmarks.peers import system as peer_system
-from conftest import SOFT
+from scenes import SOFT
 
 import cablepod as cp
 from cablepod.kernels import implicit as kernel

@@ -11,9 +11,9 @@ import xarray as xr
 
 mpl.use("Agg")
 
+from drawings import SIGMA, TIME, modes_of, texts, trajectory
 from matplotlib import pyplot as plt
 from matplotlib.testing.compare import compare_images
-from test_plots import SIGMA, TIME, modes_of, texts, trajectory
 
 from cablepod import plots
 from cablepod.schema import SceneError

@@ -5,34 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import xarray as xr
+from spectra import made_up
 
 import cablepod as cp
 from cablepod import snapshots as snapshots_module
-
-
-def made_up(samples=30, particles=12, dims=2, seed=0, spectrum=None):
-    """Snapshots with random ends and lifted parts of a known spectrum (per coordinate)."""
-    rng = np.random.default_rng(seed)
-    count = min(particles - 2, samples - 1)
-    spectrum = 10.0 ** -np.arange(count) if spectrum is None else np.asarray(spectrum)
-    hat = np.zeros((samples, particles, dims))
-    for c in range(dims):
-        left = np.linalg.qr(rng.normal(size=(particles - 2, spectrum.size)))[0]
-        # right vectors orthogonal to the constant, so that centring takes nothing off
-        right = np.linalg.qr(np.c_[np.ones(samples), rng.normal(size=(samples, spectrum.size))])[0][:, 1:]
-        hat[:, 1:-1, c] = (right * spectrum) @ left.T
-    sigma = np.sort(np.r_[0.0, rng.uniform(size=particles - 2), 1.0])
-    ends = rng.normal(size=(samples, 2, dims))
-    s = sigma[None, :, None]
-    position = (1 - s) * ends[:, :1] + s * ends[:, 1:] + hat + np.sin(np.pi * s)
-    return xr.Dataset(
-        {"position": (("time", "particle", "coordinate"), position)},
-        coords={
-            "time": np.arange(samples) * 1.0,
-            "arc_length": ("particle", 7.0 * sigma),
-            "coordinate": list("xyz"[:dims]),
-        },
-    )
 
 
 @pytest.mark.parametrize("dims", [2, 3])

@@ -7,7 +7,8 @@ import itertools
 
 import numpy as np
 import pytest
-from conftest import spatial
+from scenes import RIGID_CABLE, link_length_errors, pendulum, rigid_scene, spatial
+from scenes import TERMS as SHARED
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
@@ -17,50 +18,20 @@ from cablepod.parameters import parameters
 from cablepod.rigid_runs import FORMULATIONS, RigidRun, _March
 from cablepod.stepping import Instants
 
-CABLE = {"youngs_modulus": 2.0e7, "area": 1.0e-3, "density": 1000.0, "unstretched_length": 11.0}
-ALL = ("position", "velocity", "tension", "tension_extremes")
 TERMS = {
-    "plain": {},
-    "uniform load": {"load": {"uniform": [3.0, -2.0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 3.0}},
-    "point load": {"point_load": [{"arc_length": 0.4, "force": [0.0, -20.0]}]},
-    "mass damping": {"damping": {"mass_proportional": 0.8}},
-    "both ends": {
-        "motion": {
-            "lower": {"y": {"kind": "harmonic", "amplitude": 0.03, "angular_frequency": 1.7, "phase": 0.4}},
-            "upper": {"x": {"kind": "ramp", "amplitude": 0.1, "duration": 2.0}},
-        }
-    },
+    **SHARED,
     "free end": {
         "ends": {"lower": [0.0, 0.0], "upper": [8.0, 6.0], "free": "upper"},
         "motion": {"lower": {"x": {"kind": "one_minus_cosine", "amplitude": 0.05, "angular_frequency": 2.0}}},
         "damping": {"mass_proportional": 0.5},
     },
     "line": {
-        "cable": {**CABLE, "unstretched_length": 13.93},
+        "cable": {**RIGID_CABLE, "unstretched_length": 13.93},
         "initial": {"points": [[0.0, 0.0], [5.0, -2.0], [8.0, 6.0]]},
     },
     "unequal links": {"chain": {"link_lengths": [1.0, 0.2, 2.0, 1.0, 0.5, 3.0, 1.0]}},
 }
-
-
-def of(soft, **changes):
-    return cp.make_scene({**soft, "cable": CABLE, **copy.deepcopy(changes)})
-
-
-def pendulum(length, point, **changes):
-    """Scene of a chain held at the origin, with `point` as its free end."""
-    cable = {"youngs_modulus": 1e9, "area": 1e-3, "density": 1000.0, "unstretched_length": length}
-    return cp.make_scene(
-        {"cable": cable, "ends": {"lower": [0.0, 0.0], "upper": point, "free": "upper"}, "chain": {"links": 2}}
-        | changes
-    )
-
-
-def lengths(run):
-    """Relative length errors of the links of a run."""
-    reach = np.linalg.norm(np.diff(run.position.values, axis=1), axis=-1)
-    return reach / np.diff(run.arc_length.values) - 1.0
-
+ALL = ("position", "velocity", "tension", "tension_extremes")
 
 # --- pendulums --------------------------------------------------------------------------------------------------------
 
@@ -158,11 +129,11 @@ def test_a_folded_chain_falls_faster_than_free(formulation, links, gap, expected
 
 def test_the_elastic_chain_tends_to_the_rigid_one_as_one_over_the_stiffness(soft):
     times = np.linspace(0.0, 2.0, 9)
-    mapping = {**soft, "cable": {**CABLE, "density": 1000.0}}
+    mapping = {**soft, "cable": {**RIGID_CABLE, "density": 1000.0}}
     rigid = cp.rigid.simulate(cp.make_scene(mapping), times=times, formulation="index1", tolerance=1e-9)
     distance = []
     for modulus in (1e9, 4e9, 16e9):
-        cable = {**CABLE, "youngs_modulus": modulus}
+        cable = {**RIGID_CABLE, "youngs_modulus": modulus}
         elastic = cp.chain.simulate(
             cp.make_scene({**mapping, "cable": cable}), times=times, scheme="velocity_verlet", tolerance=1e-6
         )
@@ -174,7 +145,7 @@ def test_rest_tends_to_the_inextensible_catenary(soft):
     errors = []
     for n in (10, 20, 40):
         # 1e13 N: strains of 1e-11
-        stiff = of(soft, cable={**CABLE, "youngs_modulus": 1e16})
+        stiff = rigid_scene(soft, cable={**RIGID_CABLE, "youngs_modulus": 1e16})
         rest = cp.rigid.rest(stiff, links=n)
         assert float(rest.residual) < 1e-10 * float(rest.tension.max())
         errors.append(np.abs(rest.position - cp.catenary.rest(stiff, points=n + 1).position).max().item())
@@ -183,7 +154,7 @@ def test_rest_tends_to_the_inextensible_catenary(soft):
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_chain_at_rest_stays(soft, formulation):
-    scene = of(soft, motion={}, point_load=[{"arc_length": 0.3, "force": [5.0, -20.0]}])
+    scene = rigid_scene(soft, motion={}, point_load=[{"arc_length": 0.3, "force": [5.0, -20.0]}])
     run = cp.rigid.simulate(scene, times=[0.0, 1.0, 4.0], formulation=formulation, step=0.01, outputs=ALL)
     # rounding of the rest, 1e-15 of 10 m, over 400 steps
     assert np.abs(run.position - run.position[0]).max() < 1e-11
@@ -202,7 +173,7 @@ def test_a_chain_at_rest_stays(soft, formulation):
     [("rattle", 2.0, 400, 0.1), ("index1", 4.0, 100, 0.5)],
 )
 def test_order_in_the_step_with_every_term(soft, name, formulation, order, rate, allowed):
-    scene = of(soft, **TERMS[name])
+    scene = rigid_scene(soft, **TERMS[name])
     runs = [
         cp.rigid.simulate(scene, times=[0.25, 0.5, 1.0], formulation=formulation, step=1 / (rate * 2**i), outputs=ALL)
         for i in range(4)
@@ -221,16 +192,16 @@ def test_order_in_the_step_with_every_term(soft, name, formulation, order, rate,
 def test_lengths_are_kept_to_rounding(soft, name, formulation):
     # instants between two steps too, and a step so long that positions are off by per cents
     times = np.sort(np.random.default_rng(2).uniform(0.0, 4.0, 50))
-    run = cp.rigid.simulate(of(soft, **TERMS[name]), times=times, formulation=formulation, step=1 / 30)
+    run = cp.rigid.simulate(rigid_scene(soft, **TERMS[name]), times=times, formulation=formulation, step=1 / 30)
     # 1e-16 of 10 m in a link of 0.2 m
-    assert np.abs(lengths(run)).max() < 1e-13
+    assert np.abs(link_length_errors(run)).max() < 1e-13
     assert run.attrs["length_error"] < 1e-13
 
 
 @pytest.mark.parametrize("name", TERMS)
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_planar_and_spatial_agree_bit_for_bit(soft, name, formulation):
-    mapping = {**soft, "cable": CABLE, **copy.deepcopy(TERMS[name])}
+    mapping = {**soft, "cable": RIGID_CABLE, **copy.deepcopy(TERMS[name])}
     options = {"times": [0.0, 0.1234, 0.5, 1.0], "formulation": formulation, "step": 0.01, "outputs": ALL}
     flat = cp.rigid.simulate(cp.make_scene(mapping), **options)
     deep = cp.rigid.simulate(cp.make_scene(spatial(mapping)), **options)
@@ -245,7 +216,7 @@ def test_planar_and_spatial_agree_bit_for_bit(soft, name, formulation):
 def test_a_turned_scene_moves_likewise(soft, formulation):
     # spatial scenes have no preferred horizontal axis: turn about y by 40 degrees, with a load across
     c, s = np.cos(np.radians(40)), np.sin(np.radians(40))
-    flat = spatial({**soft, "cable": CABLE, "motion": {}, "load": {"uniform": [1.0, 0.0]}})
+    flat = spatial({**soft, "cable": RIGID_CABLE, "motion": {}, "load": {"uniform": [1.0, 0.0]}})
     flat["load"] |= {"uniform": [1.0, 0.0, 2.0], "kind": "ramp", "amplitude": 1.0, "duration": 1.0}
     turned = copy.deepcopy(flat)
     turned["ends"]["upper"] = [8.0 * c, 6.0, -8.0 * s]
@@ -261,9 +232,9 @@ def test_a_turned_scene_moves_likewise(soft, formulation):
 def test_a_free_lower_end_is_a_free_upper_end_seen_from_the_other_side(soft, formulation):
     ratios = [1.0, 2.0, 3.0, 1.5]
     ends = {"lower": [0.0, 0.0], "upper": [8.0, 6.0]}
-    upper = of(soft, ends={**ends, "free": "upper"}, motion={}, chain={"link_lengths": ratios})
+    upper = rigid_scene(soft, ends={**ends, "free": "upper"}, motion={}, chain={"link_lengths": ratios})
     ends = {"lower": ends["upper"], "upper": ends["lower"], "free": "lower"}
-    lower = of(soft, ends=ends, motion={}, chain={"link_lengths": ratios[::-1]})
+    lower = rigid_scene(soft, ends=ends, motion={}, chain={"link_lengths": ratios[::-1]})
     options = {"times": [0.2, 0.4], "formulation": formulation, "step": 1e-3, "outputs": ALL}
     a, b = (cp.rigid.simulate(scene, **options) for scene in (upper, lower))
     # rounding of the rest and of sums in the other order, 1e-15 of 10 m, over 400 steps
@@ -273,7 +244,7 @@ def test_a_free_lower_end_is_a_free_upper_end_seen_from_the_other_side(soft, for
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_saving_more_often_changes_no_bit(soft, formulation):
-    scene = of(soft, **TERMS["free end"])
+    scene = rigid_scene(soft, **TERMS["free end"])
     options = {"formulation": formulation, "step": 1 / 64}
     every = cp.rigid.simulate(scene, times=np.arange(0, 257) / 64, outputs=ALL, **options)
     few = cp.rigid.simulate(scene, times=[0.5, 2.0, 4.0], outputs=ALL, **options)
@@ -289,7 +260,7 @@ def test_saving_more_often_changes_no_bit(soft, formulation):
 
 @pytest.mark.parametrize(("formulation", "order"), [("rattle", 2.0), ("index1", 4.0)])
 def test_between_steps_the_output_has_the_order_of_the_scheme(soft, formulation, order):
-    scene, times = of(soft, **TERMS["both ends"]), np.sort(np.random.default_rng(1).uniform(0.05, 2.0, 40))
+    scene, times = rigid_scene(soft, **TERMS["both ends"]), np.sort(np.random.default_rng(1).uniform(0.05, 2.0, 40))
     exact = cp.rigid.simulate(scene, times=times, formulation="index1", step=1 / 1600, outputs=ALL)
     rates = (50, 100, 200)
     runs = [cp.rigid.simulate(scene, times=times, formulation=formulation, step=1 / r, outputs=ALL) for r in rates]
@@ -300,7 +271,7 @@ def test_between_steps_the_output_has_the_order_of_the_scheme(soft, formulation,
 
 
 def test_rattle_can_be_turned_back(soft):
-    scene = of(soft, motion={}, **TERMS["line"])
+    scene = rigid_scene(soft, motion={}, **TERMS["line"])
     p = parameters(scene)
     chain = chain_of(p)
     initial = cp.rigid.start(chain)
@@ -319,7 +290,7 @@ def test_rattle_can_be_turned_back(soft):
 
 def test_the_energy_error_of_rattle_stays_bounded(soft):
     # a swinging, slack chain with fixed ends
-    scene = of(soft, motion={}, chain={"links": 4}, initial={"points": start_of_swing()})
+    scene = rigid_scene(soft, motion={}, chain={"links": 4}, initial={"points": start_of_swing()})
     drift = [
         cp.rigid.simulate(scene, times=[until], step=1 / 50).attrs["energy_drift"] for until in (20.0, 200.0, 2000.0)
     ]
@@ -330,7 +301,7 @@ def test_the_energy_error_of_rattle_stays_bounded(soft):
 def start_of_swing():
     """Four links of 2.75 m from (0, 0) to (8, 6), off their rest by a load that is then taken away."""
     scene = {
-        "cable": CABLE,
+        "cable": RIGID_CABLE,
         "ends": {"lower": [0.0, 0.0], "upper": [8.0, 6.0]},
         "load": {"uniform": [3.0, 0.0]},
         "chain": {"links": 4},
@@ -372,7 +343,7 @@ def test_a_jolt_is_passed_on_at_once(formulation):
 
 
 def test_baumgarte_lets_the_lengths_drift(soft):
-    scene = of(soft, **TERMS["line"])
+    scene = rigid_scene(soft, **TERMS["line"])
     options = {"times": [4.0], "formulation": "index1", "step": 0.01}
     projected, none, strong = (cp.rigid.simulate(scene, baumgarte=rate, **options) for rate in (None, 0.0, 20.0))
     drifts = [run.attrs["length_error"] for run in (projected, none, strong)]
@@ -387,7 +358,7 @@ def test_baumgarte_lets_the_lengths_drift(soft):
 @pytest.mark.parametrize("name", ["uniform load", "free end", "line", "unequal links"])
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_the_default_step_keeps_its_promise(soft, name, formulation):
-    scene, times = of(soft, **TERMS[name]), np.linspace(0.0, 2.0, 9)
+    scene, times = rigid_scene(soft, **TERMS[name]), np.linspace(0.0, 2.0, 9)
     run = cp.rigid.simulate(scene, times=times, formulation=formulation)
     truth = cp.rigid.simulate(scene, times=times, formulation="index1", step=1 / 2000)
     assert float(cp.compare.errors(run, truth).error_max) < 1e-6
@@ -405,7 +376,7 @@ def test_both_formulations_agree_on_the_shipped_scenes(scenes, name):
     scale = float(np.abs(runs[1].tension).max())
     np.testing.assert_allclose(runs[0].tension, runs[1].tension, rtol=0, atol=1e-4 * scale)
     for run in runs:
-        assert np.abs(lengths(run)).max() < 1e-12
+        assert np.abs(link_length_errors(run)).max() < 1e-12
         assert run.attrs["length_error"] < 1e-12
         assert run.attrs["energy_drift"] < 1e-5
         assert (run.attrs["links_in_compression"] > 0) == (name == "whip")
@@ -431,13 +402,15 @@ def test_a_step_far_too_long_is_warned_of(scenes):
     with pytest.warns(cp.NotConvergedWarning, match=r"turns by up to [12][.0-9]* rad"):
         run = cp.rigid.simulate(scene, times=[3.0], step=0.2)
     assert run.attrs["steps_cut"] > 0
-    assert np.abs(lengths(run)).max() < 1e-13
+    assert np.abs(link_length_errors(run)).max() < 1e-13
 
 
 def test_members_run_one_by_one(soft):
     import xarray as xr
 
-    scenes = xr.concat([of(soft), of(soft, cable={**CABLE, "unstretched_length": 12.0})], "member")
+    scenes = xr.concat(
+        [rigid_scene(soft), rigid_scene(soft, cable={**RIGID_CABLE, "unstretched_length": 12.0})], "member"
+    )
     run = cp.rigid.simulate(scenes, times=[0.0, 1.0], step=0.01)
     assert run.sizes["member"] == 2
     alone = cp.rigid.simulate(scenes.isel(member=1, drop=True), times=[0.0, 1.0], step=0.01)
@@ -446,10 +419,12 @@ def test_members_run_one_by_one(soft):
 
 
 def test_one_instant_none_and_progress(soft):
-    run = cp.rigid.simulate(of(soft), times=[0.0], outputs=ALL)
-    np.testing.assert_allclose(run.position[0], cp.rigid.rest(of(soft)).position, atol=1e-12)
+    run = cp.rigid.simulate(rigid_scene(soft), times=[0.0], outputs=ALL)
+    np.testing.assert_allclose(run.position[0], cp.rigid.rest(rigid_scene(soft)).position, atol=1e-12)
     assert run.attrs["number_of_steps"] == 0
-    assert not cp.rigid.simulate(of(soft), times=[0.1], step=0.01, outputs=()).data_vars.keys() - {"unstretched_length"}
+    assert not cp.rigid.simulate(rigid_scene(soft), times=[0.1], step=0.01, outputs=()).data_vars.keys() - {
+        "unstretched_length"
+    }
     parts = []
-    cp.rigid.simulate(of(soft), times=[1.0], step=0.01, progress=parts.append)
+    cp.rigid.simulate(rigid_scene(soft), times=[1.0], step=0.01, progress=parts.append)
     assert parts[-1] == 1.0

@@ -7,11 +7,13 @@ import warnings
 
 import numpy as np
 import pytest
-from test_rigid import ALL, CABLE, lengths, of, pendulum
+from scenes import RIGID_CABLE, link_length_errors, pendulum, rigid_scene
 
 import cablepod as cp
 from cablepod import rigid
 from cablepod.rigid_runs import FORMULATIONS
+
+ALL = ("position", "velocity", "tension", "tension_extremes")
 
 
 def folded(n=10, gap=2, **changes):
@@ -26,7 +28,7 @@ def folded(n=10, gap=2, **changes):
 
 def first(scene, **options):
     run = cp.rigid.simulate(scene, times=[0.0], **options)
-    assert np.abs(lengths(run)).max() < 1e-13  # 1e-16 of 10 m in links of 0.3 m
+    assert np.abs(link_length_errors(run)).max() < 1e-13  # 1e-16 of 10 m in links of 0.3 m
     return run.position.values[0]
 
 
@@ -60,7 +62,7 @@ def test_a_chain_is_laid_on_a_line_link_by_link():
 def test_between_held_ends_the_particles_are_moved_by_little(soft):
     line = [[0.0, 0.0], [5.0, -2.0], [8.0, 6.0]]
     size = np.hypot(5, 2) + np.hypot(3, 8)
-    scene = of(soft, motion={}, cable={**CABLE, "unstretched_length": size}, initial={"points": line})
+    scene = rigid_scene(soft, motion={}, cable={**RIGID_CABLE, "unstretched_length": size}, initial={"points": line})
     position = first(scene, links=40)
     np.testing.assert_allclose(position[[0, -1]], [line[0], line[2]], atol=1e-14)
     place = np.linspace(0, size, 41)
@@ -70,11 +72,11 @@ def test_between_held_ends_the_particles_are_moved_by_little(soft):
 
 
 def test_points_are_taken_one_by_one(soft):
-    points = cp.rigid.rest(of(soft)).position.values
-    same = of(soft, initial={"points": points.tolist()})
+    points = cp.rigid.rest(rigid_scene(soft)).position.values
+    same = rigid_scene(soft, initial={"points": points.tolist()})
     np.testing.assert_allclose(first(same), points, atol=1e-14)
     # decimals of a file are put right
-    rounded = of(soft, initial={"points": np.round(points, 10).tolist()})
+    rounded = rigid_scene(soft, initial={"points": np.round(points, 10).tolist()})
     assert 0.0 < np.abs(first(rounded) - np.round(points, 10)).max() < 1e-9
 
 
@@ -87,7 +89,7 @@ def refused(scene, match, **options):
 
 
 def test_options_that_cannot_be(soft):
-    scene = of(soft)
+    scene = rigid_scene(soft)
     refused(scene, r"^formulation: given 'index2'; allowed: one of \"rattle\", \"index1\"", formulation="index2")
     refused(scene, r"^baumgarte: given 3\.0; allowed: none, but for formulation \"index1\"", baumgarte=3.0)
     refused(scene, r"^baumgarte: given -1", baumgarte=-1, formulation="index1")
@@ -98,58 +100,65 @@ def test_options_that_cannot_be(soft):
     refused(scene, r"^times: ", times=[1.0, 0.5])
     refused(scene, r"^links: given 1; allowed: a whole number of at least 2", links=1)
     refused(scene, r"^links: given .* GB of output", links=10**6, times=np.arange(10**6) * 1e-6)
-    viscous = of(soft, damping={"link_viscosity": 0.001})
+    viscous = rigid_scene(soft, damping={"link_viscosity": 0.001})
     refused(viscous, r"^damping\.link_viscosity: given 0\.001; allowed: none, as rigid links do not stretch")
 
 
 def test_a_stretched_start_is_refused_by_how_much(soft):
-    short = {**CABLE, "unstretched_length": 9.9}
+    short = {**RIGID_CABLE, "unstretched_length": 9.9}
     expected = r"ends: given 10 m apart at the start, 0\.1 m \(0\.0101 of it\) more than .*; allowed: less than 9\.9 m"
     refused(
-        of(soft, cable=short, ends={"lower": [0.0, 0.0], "upper": [8.0, 6.0], "free": "upper"}, motion={}), expected
+        rigid_scene(soft, cable=short, ends={"lower": [0.0, 0.0], "upper": [8.0, 6.0], "free": "upper"}, motion={}),
+        expected,
     )
     refused(
-        of(soft, cable=short, motion={}),
+        rigid_scene(soft, cable=short, motion={}),
         expected,
     )
     # a taut elastic cable is one
-    taut = {key: value for key, value in CABLE.items() if key != "unstretched_length"} | {"top_tension": 500.0}
-    refused(of(soft, cable=taut), r"cable\.top_tension makes it so long")
-    points = cp.rigid.rest(of(soft)).position.values
+    taut = {key: value for key, value in RIGID_CABLE.items() if key != "unstretched_length"} | {"top_tension": 500.0}
+    refused(rigid_scene(soft, cable=taut), r"cable\.top_tension makes it so long")
+    points = cp.rigid.rest(rigid_scene(soft)).position.values
     points[3, 1] -= 0.01
     refused(
-        of(soft, initial={"points": points.tolist()}),
+        rigid_scene(soft, initial={"points": points.tolist()}),
         r"^initial\.points: .* link 4 a length of 1\.3\d+ m, 0\.00\d+ m .* its own",
     )
     line = {"points": [[0.0, 0.0], [4.0, -5.0], [8.0, 6.0]]}
-    refused(of(soft, initial=line), r"^initial\.points: given a line of 18\.1\d+ m .*, 7\.1\d* m .* more than")
-    refused(of(soft, initial={"points": [[0, 0], [5, 3], [8, 6]]}), r"given a line of 10\.0\d+ m .* less than")
+    refused(rigid_scene(soft, initial=line), r"^initial\.points: given a line of 18\.1\d+ m .*, 7\.1\d* m .* more than")
+    refused(rigid_scene(soft, initial={"points": [[0, 0], [5, 3], [8, 6]]}), r"given a line of 10\.0\d+ m .* less than")
     short_line = {"points": [[0, 0], [5, 3], [8, 6]]}
     refused(
-        of(soft, initial=short_line, ends={"lower": [0, 0], "upper": [8, 6], "free": "upper"}, motion={}),
+        rigid_scene(soft, initial=short_line, ends={"lower": [0, 0], "upper": [8, 6], "free": "upper"}, motion={}),
         "at least the length",
     )
-    other = of(soft, initial={"unstretched_length": 12.0})
+    other = rigid_scene(soft, initial={"unstretched_length": 12.0})
     refused(other, r"^initial\.unstretched_length: given 12\.0; .* 1 m \(0\.0909 of it\) more than")
-    assert first(of(soft, initial={"unstretched_length": 11.0})).shape == (9, 2)
+    assert first(rigid_scene(soft, initial={"unstretched_length": 11.0})).shape == (9, 2)
 
 
 def test_a_straight_chain_between_held_ends_is_refused(soft):
-    just = {**CABLE, "unstretched_length": 10.0}
-    refused(of(soft, cable=just, motion={}), r"just the length of the rigid links")
+    just = {**RIGID_CABLE, "unstretched_length": 10.0}
+    refused(rigid_scene(soft, cable=just, motion={}), r"just the length of the rigid links")
     line = [[0.8 * i, 0.6 * i] for i in range(11)]
-    refused(of(soft, cable=just, motion={}, initial={"points": line}), r"just the length of the rigid links", links=10)
+    refused(
+        rigid_scene(soft, cable=just, motion={}, initial={"points": line}),
+        r"just the length of the rigid links",
+        links=10,
+    )
     # folded on itself
     points = [[0, 0], [0, -1], [0, 0], [0, 1], [0, 2]]
-    flat = of(
+    flat = rigid_scene(
         soft,
-        cable={**CABLE, "unstretched_length": 4.0},
+        cable={**RIGID_CABLE, "unstretched_length": 4.0},
         ends={"lower": [0, 0], "upper": [0, 2]},
         motion={},
         initial={"points": points},
     )
     refused(flat, r"^initial\.points: at the start the multipliers are singular \(all links lie on a line", links=4)
-    no_rest = of(soft, cable={**CABLE, "unstretched_length": 4.0}, ends={"lower": [0, 0], "upper": [0, 2]}, motion={})
+    no_rest = rigid_scene(
+        soft, cable={**RIGID_CABLE, "unstretched_length": 4.0}, ends={"lower": [0, 0], "upper": [0, 2]}, motion={}
+    )
     refused(no_rest, r"^chain: no rest of rigid links found")
 
 
@@ -162,16 +171,16 @@ def test_ends_that_come_too_far_apart_are_refused_with_when_and_by_how_much(soft
         for axis, part in (("x", 0.8), ("y", 0.6))
     }
     refused(
-        of(soft, motion={"upper": motion}),
+        rigid_scene(soft, motion={"upper": motion}),
         r"motion: given ends 11 m apart at 1\.5708 s, just the length .*, and too far apart from 1\.570",
     )
-    shorter = of(soft, motion={"upper": motion}, cable={**CABLE, "unstretched_length": 10.9})
+    shorter = rigid_scene(soft, motion={"upper": motion}, cable={**RIGID_CABLE, "unstretched_length": 10.9})
     # 0.5 (1 - cos 2t) = 0.9 at arccos(-0.8) / 2 = 1.249046 s
     refused(
         shorter,
         r"motion: given ends 11 m apart at (1\.5708|4\.71239) s, 0\.1 m \(0\.00917 of it\) more .* from 1\.24905 s on",
     )
-    longer = of(soft, motion={"upper": motion}, cable={**CABLE, "unstretched_length": 11.0 + 1e-6})
+    longer = rigid_scene(soft, motion={"upper": motion}, cable={**RIGID_CABLE, "unstretched_length": 11.0 + 1e-6})
     assert cp.rigid.simulate(longer, times=[0.1], step=0.01).sizes["time"] == 1
     # not reached within the run
     assert cp.rigid.simulate(shorter, times=[1.0], step=0.01).sizes["time"] == 1
@@ -180,7 +189,7 @@ def test_ends_that_come_too_far_apart_are_refused_with_when_and_by_how_much(soft
 def test_ends_that_one_long_link_holds_apart(soft):
     chain = {"link_lengths": [1.0, 18.0, 1.0]}
     motion = {"upper": {"x": {"kind": "ramp", "amplitude": -7.0, "duration": 1.0}}}
-    scene = of(soft, chain=chain, motion=motion)  # 9.9 m and 0.55 m twice, from 10 m to 6.08 m
+    scene = rigid_scene(soft, chain=chain, motion=motion)  # 9.9 m and 0.55 m twice, from 10 m to 6.08 m
     refused(scene, r"motion: given ends 6\.08\d+ m apart at [14].*; allowed: always more than 8\.8 m")
     assert cp.rigid.simulate(scene, times=[0.1], step=0.01).sizes["time"] == 1
 
@@ -197,7 +206,7 @@ def test_a_chain_that_is_torn_stops_and_keeps_what_it_had(soft, formulation, mon
     }
     with pytest.raises(cp.RunStopped, match=rf" at 0\.\d+ s \({formulation}, step 0\.01 s") as caught:
         cp.rigid.simulate(
-            of(soft, motion={"upper": motion}),
+            rigid_scene(soft, motion={"upper": motion}),
             times=np.arange(11) / 10,
             formulation=formulation,
             step=0.01,
@@ -209,7 +218,7 @@ def test_a_chain_that_is_torn_stops_and_keeps_what_it_had(soft, formulation, mon
     when = float(re.search(r" at (0\.\d+) s", str(caught.value))[1])
     assert float(kept.time[-1]) <= when <= 0.5
     assert np.isfinite(kept.position).all()
-    assert np.abs(lengths(kept)).max() < 1e-12
+    assert np.abs(link_length_errors(kept)).max() < 1e-12
     assert kept.attrs["incomplete"].startswith("stopped at 0.")
 
 
@@ -226,7 +235,7 @@ def test_a_long_step_is_cut_where_links_turn_fast_and_never_gives_garbage(formul
                 run = stopped.partial
                 assert run is not None
         assert all(np.isfinite(run[name]).all() for name in run)
-        assert np.abs(lengths(run)).max() < 1e-12
+        assert np.abs(link_length_errors(run)).max() < 1e-12
     good = cp.rigid.simulate(folded(20), times=[0.2, 0.5], formulation=formulation, step=1e-4)
     assert good.attrs["energy_drift"] < 1e-3
 
@@ -237,7 +246,7 @@ def test_extreme_links_and_masses(formulation):
     ratios = [1.0, 1000.0, 1.0, 300.0, 1000.0]
     scene = pendulum(2.0, [1.2, 0.4], chain={"link_lengths": ratios})
     run = cp.rigid.simulate(scene, times=[0.05, 0.1], formulation=formulation, step=1e-5, outputs=ALL)
-    assert np.abs(lengths(run)).max() < 1e-11  # 1e-16 of 2 m in links of 0.9 mm
+    assert np.abs(link_length_errors(run)).max() < 1e-11  # 1e-16 of 2 m in links of 0.9 mm
     assert run.attrs["energy_drift"] < 1e-3
     far = pendulum(
         2.0, [1001.2, 0.4], chain={"links": 5}, ends={"lower": [1000.0, 0.0], "upper": [1001.2, 0.4], "free": "upper"}
@@ -248,6 +257,6 @@ def test_extreme_links_and_masses(formulation):
 
 
 def test_two_thousand_links_keep_their_lengths(soft):
-    run = cp.rigid.simulate(of(soft), links=2000, times=[0.05], step=2e-4)
-    assert np.abs(lengths(run)).max() < 1e-10
+    run = cp.rigid.simulate(rigid_scene(soft), links=2000, times=[0.05], step=2e-4)
+    assert np.abs(link_length_errors(run)).max() < 1e-10
     assert run.attrs["length_error"] < 1e-10

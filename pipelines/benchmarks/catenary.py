@@ -29,7 +29,7 @@ from scipy.optimize import root
 from cablepod.kernels import catenary as kernel
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
-import catenary_reference as reference
+from references import catenary_mpmath as reference
 
 HERE = Path(__file__).resolve().parent
 KINDS = {

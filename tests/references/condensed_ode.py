@@ -1,60 +1,13 @@
-"""The condensed model written down anew, link by link and without modes, for SciPy's DOP853; and scenes to compare on."""
+"""The condensed model written down anew, link by link and without modes, for SciPy's DOP853."""
 
 from __future__ import annotations
 
-import copy
-
 import numpy as np
-import xarray as xr
-from conftest import spatial
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-import cablepod as cp
 from cablepod.catenary import unstretched_length
 from cablepod.parameters import parameters
-
-LENGTHS = [1.0, 1.5, 1.0, 0.7, 1.2]
-HARMONIC = {"kind": "harmonic", "amplitude": 0.03, "angular_frequency": 1.7, "phase": 0.4}
-EVERYTHING = {
-    "cable": {"youngs_modulus": 1e8, "area": 1.0e-3, "density": 1000.0, "top_tension": 300.0},
-    "damping": {"mass_proportional": 0.8},
-    "load": {"uniform": [3.0, -2.0], "kind": "harmonic", "amplitude": 0.3, "angular_frequency": 3.0},
-    "point_load": [
-        {"arc_length": 0.4, "force": [5.0, -20.0]},
-        {"arc_length": 0.7, "force": [8.0, 0.0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 2.0},
-    ],
-    "motion": {"lower": {"y": HARMONIC}, "upper": {"x": {**HARMONIC, "angular_frequency": 2.1}}},
-}
-
-
-def everything(soft, dims=2):
-    mapping = {**soft, **copy.deepcopy(EVERYTHING)}
-    if dims == 3:
-        mapping = spatial(mapping)
-        mapping["ends"]["upper"][2] = 3.0
-        mapping["load"]["uniform"][2] = 4.0
-        mapping["point_load"][0]["force"][2] = -6.0
-        mapping["motion"]["upper"]["z"] = {**HARMONIC, "amplitude": 0.05}
-    return mapping
-
-
-def full_modes(lengths=LENGTHS, dims=2, *, seed=3, samples=30):
-    """Modes of layout "normal" that span all deflections of a chain with these links."""
-    sigma = np.concatenate([[0.0], np.cumsum(lengths)]) / np.sum(lengths)
-    rng = np.random.default_rng(seed)
-    position = np.zeros((samples, sigma.size, dims))
-    position[..., 0] = 7.0 * sigma
-    position[:, 1:-1, 1:] = rng.normal(size=(samples, sigma.size - 2, dims - 1))
-    snapshots = xr.Dataset(
-        {"position": (("time", "particle", "coordinate"), position)},
-        coords={
-            "time": np.arange(1.0 * samples),
-            "arc_length": ("particle", 7.0 * sigma),
-            "coordinate": list("xyz"[:dims]),
-        },
-    )
-    return cp.pod.decompose(snapshots, layout="normal")
 
 
 class Reference:

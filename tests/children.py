@@ -1,0 +1,38 @@
+"""Child processes that tests start: Python with the package under test, and the command."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from typing import Any
+
+from scenes import ROOT
+
+TESTS = ROOT / "tests"
+
+
+def environment() -> dict[str, str]:
+    """Environment in which a child process finds the package and the shared modules of the tests."""
+    path = [str(ROOT), str(TESTS), os.environ.get("PYTHONPATH", "")]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, path))}
+
+
+def python(*arguments: object, **options: Any) -> subprocess.Popen[str]:
+    """Start Python with these arguments; its outputs are read as text."""
+    command = [sys.executable, *map(str, arguments)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, env=environment(), **(pipes | options))
+
+
+def run_python(*arguments: object, timeout: float, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run Python with these arguments until it ends, at most for `timeout` seconds."""
+    command = [sys.executable, *map(str, arguments)]
+    return subprocess.run(
+        command, env=environment(), capture_output=True, text=True, timeout=timeout, check=False, **options
+    )
+
+
+def call(*arguments: object, timeout: float = 300.0, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run the command until it ends."""
+    return run_python("-m", "cablepod", *arguments, timeout=timeout, **options)

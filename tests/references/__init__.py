@@ -1,0 +1,1 @@
+"""Solutions by other formulas and solvers, for tests to compare with."""
