@@ -1,4 +1,4 @@
-"""The cable at rest as a Dataset: orientation, loads, members; the numbers themselves are in test_catenary_kernel."""
+"""The cable at rest as a Dataset: orientation, loads, members; the numbers themselves are in test_kernel."""
 
 from __future__ import annotations
 

@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from scenes import DATA
 
 import cablepod as cp
 from cablepod import schema
 from cablepod.parameters import parameters, parameters_of_members
-
-DATA = Path(__file__).resolve().parent.parent / "data"
 
 EVERYTHING = """
 title = "every table and kind"

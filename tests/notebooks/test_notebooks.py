@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import matplotlib as mpl
 import pytest
+from scenes import ROOT
 
 mpl.use("Agg")
 
 from matplotlib import pyplot as plt
 
-FOLDER = Path(__file__).resolve().parent.parent / "pipelines" / "notebooks"
+FOLDER = ROOT / "pipelines" / "notebooks"
 PAGES = ("first_look", "modes", "parametric_study", "reduced_models", "the_paper")
 MARK = re.compile(r"^# %%(.*)$", re.MULTILINE)
 
