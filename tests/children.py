@@ -25,6 +25,16 @@ def python(*arguments: object, **options: Any) -> subprocess.Popen[str]:
     return subprocess.Popen(command, env=environment(), **(pipes | options))
 
 
+def finish(process: subprocess.Popen[str], *, timeout: float) -> tuple[str, str]:
+    """Wait for a process at most for `timeout` seconds, then kill it; return its two outputs."""
+    try:
+        return process.communicate(timeout=timeout)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+        raise
+
+
 def run_python(*arguments: object, timeout: float, **options: Any) -> subprocess.CompletedProcess[str]:
     """Run Python with these arguments until it ends, at most for `timeout` seconds."""
     command = [sys.executable, *map(str, arguments)]

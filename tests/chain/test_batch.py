@@ -277,7 +277,7 @@ def test_they_stop_between_blocks(soft, monkeypatch):
     assert done == [0, 1024, 2048]  # of eight blocks
 
 
-def test_ctrl_c_ends_the_blocks_of_other_threads(soft, monkeypatch):
+def test_ctrl_c_ends_the_blocks_of_other_threads(soft, ctrl_c, monkeypatch):
     scenes = scenes_of(soft, ONE, {"cable_top_tension": np.linspace(200.0, 300.0, 16)})
     monkeypatch.setattr(chain_many, "BLOCK", 1024)
     begun, halted, done = threading.Event(), threading.Event(), []

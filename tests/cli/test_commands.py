@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from children import call, python
+from children import call, finish, python
 from scenes import SOFT_TOML
 
 import cablepod as cp
@@ -171,7 +171,7 @@ def test_a_stopped_run_keeps_what_it_had(scene_file, any_load, tmp_path, capsys)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGKILL])
-def test_an_interrupted_run_leaves_whole_files_only(scene_file, tmp_path, sign):
+def test_an_interrupted_run_leaves_whole_files_only(scene_file, tmp_path, ctrl_c, sign):
     # long enough to be met while it works
     scene_file.write_text(SOFT_TOML.replace("duration = 4.0", "duration = 20000.0").replace("links = 8", "links = 60"))
     out = tmp_path / "out"
@@ -182,7 +182,7 @@ def test_an_interrupted_run_leaves_whole_files_only(scene_file, tmp_path, sign):
         time.sleep(0.05)
     time.sleep(0.5)
     os.kill(process.pid, sign)
-    _, err = process.communicate(timeout=60)
+    _, err = finish(process, timeout=60)
     assert process.returncode != 0
     for path in out.glob("[!.]*"):
         assert cp.archive.read(path).attrs["id"]

@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 import xarray as xr
-from children import call, python, run_python
+from children import call, finish, python, run_python
 from scenes import SOFT_TOML
 
 import cablepod as cp
@@ -50,7 +50,8 @@ def wait_for(folder, count, process):
         if process.poll() is not None:
             pytest.fail(f"ended too soon: {process.communicate()}")
         time.sleep(0.01)
-    pytest.fail("no batch in a minute")
+    process.kill()
+    pytest.fail(f"no batch in a minute: {process.communicate()}")
 
 
 def files(folder):
@@ -75,7 +76,7 @@ def test_it_survives_being_killed(soft, tmp_path):
     process = start(folder, tmp_path)
     wait_for(folder, 3, process)
     os.kill(process.pid, signal.SIGKILL)
-    process.communicate()
+    finish(process, timeout=60)
     (folder / ".cablepod-0123.part").write_text("left behind")
     with pytest.raises(cp.ArchiveError, match="members are not done yet"):
         cp.archive.open_ensemble(folder)
@@ -85,13 +86,13 @@ def test_it_survives_being_killed(soft, tmp_path):
     goes_on(folder, soft)
 
 
-def test_it_survives_an_interrupt(soft, tmp_path):
+def test_it_survives_an_interrupt(soft, ctrl_c, tmp_path):
     folder = tmp_path / "it"
     process = start(folder, tmp_path)
     wait_for(folder, 2, process)
     os.kill(process.pid, signal.SIGINT)
     begin = time.monotonic()
-    _, error = process.communicate(timeout=60)
+    _, error = finish(process, timeout=60)
     assert "KeyboardInterrupt" in error
     # members at hand are finished, a few hundredths of a second each; all that waits would take a second and more
     assert time.monotonic() - begin < 20
@@ -101,13 +102,13 @@ def test_it_survives_an_interrupt(soft, tmp_path):
     goes_on(folder, soft)
 
 
-def test_the_command_says_how_to_go_on(soft, tmp_path):
+def test_the_command_says_how_to_go_on(ctrl_c, tmp_path):
     scene = tmp_path / "study.toml"
     scene.write_text(SOFT_TOML + '[ensemble]\nmembers = 500\n[ensemble.ranges]\n"cable.top_tension" = [200.0, 300.0]\n')
     process = python("-m", "cablepod", "ensemble", scene, "--out", tmp_path / "out", "--option", f"step={STEP}")
     wait_for(tmp_path / "out", 1, process)
     process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=60)
+    _, error = finish(process, timeout=60)
     assert process.returncode == 130
     assert (
         error
@@ -129,7 +130,7 @@ def test_it_survives_killed_workers_and_a_scheduler_given_by_its_address(soft, t
         process = start(folder, tmp_path, scheduler=cluster.scheduler_address)
         wait_for(folder, 2, process)
         os.kill(pids[0], signal.SIGKILL)  # its nanny starts another one
-        _, error = process.communicate(timeout=120)
+        _, error = finish(process, timeout=120)
         assert process.returncode == 0, error
         result = cp.archive.open_ensemble(folder)
         np.testing.assert_array_equal(result["position"], cp.chain.simulate(scenes_of(soft), step=STEP)["position"])
@@ -155,7 +156,7 @@ def _blind(folder, ensemble):
 @pytest.mark.slow
 def test_processes_of_this_machine_give_the_same_bits(soft, tmp_path):
     process = start(tmp_path / "it", tmp_path, scheduler="processes", workers=2)
-    _, error = process.communicate(timeout=120)
+    _, error = finish(process, timeout=120)
     assert (process.returncode, error) == (0, "")
     here = cp.ensemble.run(scenes_of(soft), tmp_path / "other", batch=2, step=STEP)
     there = cp.archive.open_ensemble(tmp_path / "it")
@@ -309,7 +310,7 @@ def test_two_runs_at_a_time_are_refused(soft, tmp_path):
     with pytest.raises(cp.ArchiveError, match="another run is at work on this ensemble; wait for it"):
         cp.ensemble.run(scenes_of(soft), folder, batch=2, step=STEP)
     os.kill(process.pid, signal.SIGKILL)
-    process.communicate()
+    finish(process, timeout=60)
 
 
 def test_a_member_that_diverges_stops_nobody_else(soft, tmp_path, monkeypatch):
