@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from scene_files import EVERYTHING, RECORD
 from scenes import SCENES, SOFT
 
 from cablepod import scene_limits
@@ -30,6 +31,15 @@ def soft() -> dict[str, Any]:
 def scenes() -> Path:
     """The folder of the shipped scenes."""
     return SCENES
+
+
+@pytest.fixture
+def scene_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a scene of every table and its record, and the current one: so that file and values find the record."""
+    (tmp_path / "scene.toml").write_text(EVERYTHING)
+    (tmp_path / "record.csv").write_text(RECORD)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
 @pytest.fixture

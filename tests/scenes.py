@@ -59,6 +59,9 @@ TERMS: dict[str, dict[str, Any]] = {
 }
 #: A cable given by its length, for links that do not stretch.
 RIGID_CABLE = {"youngs_modulus": 2.0e7, "area": 1.0e-3, "density": 1000.0, "unstretched_length": 11.0}
+#: Parameters that ensembles of the soft scene vary, and their step [s].
+ENSEMBLE_RANGES = {"cable.top_tension": [200.0, 300.0], "ends.upper.x": [7.0, 8.5]}
+ENSEMBLE_STEP = 4e-3
 #: Relative lengths of links that differ, for reduced models.
 LENGTHS = [1.0, 1.5, 1.0, 0.7, 1.2]
 HARMONIC = {"kind": "harmonic", "amplitude": 0.03, "angular_frequency": 1.7, "phase": 0.4}
@@ -73,6 +76,11 @@ EVERYTHING = {
     ],
     "motion": {"lower": {"y": HARMONIC}, "upper": {"x": {**HARMONIC, "angular_frequency": 2.1}}},
 }
+
+
+def scene_with(mapping: dict[str, Any], **tables: Any) -> xr.Dataset:
+    """Make the scene of a mapping, some of its tables replaced."""
+    return cp.make_scene({**mapping, **tables})
 
 
 def rigid_scene(soft, **changes):

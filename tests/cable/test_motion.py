@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 import pytest
 import xarray as xr
-from scenes import spatial
+from scenes import scene_with, spatial
 
 import cablepod as cp
 from cablepod import cable_choice, shipped
@@ -46,10 +46,6 @@ def smooth(soft):
     return {**soft, "motion": copy.deepcopy(SMOOTH), "time": {"duration": 1.5, "interval": 0.25}}
 
 
-def of(mapping, **changes):
-    return cp.make_scene({**mapping, **changes})
-
-
 def distance(run, truth):
     """Largest rms distance over the largest rms displacement."""
     gap, moved = (np.sqrt(((a - b) ** 2).sum(-1).mean(-1)).max() for a, b in (
@@ -67,7 +63,7 @@ def orders(errors, numbers):
 @pytest.mark.parametrize("law", ["green", "linear"])
 @pytest.mark.parametrize(("order", "numbers"), [(1, (16, 32)), (2, (16, 32)), (3, (12, 24)), (4, (8, 16))])
 def test_order_in_space(law, order, numbers, smooth):
-    scene = of(smooth)
+    scene = scene_with(smooth)
     errors = []
     for count in numbers:
         run = cp.cable.simulate(scene, elements=count, order=order, step=1e-4, law=law, points="nodes")
@@ -81,7 +77,7 @@ def test_order_in_space(law, order, numbers, smooth):
 @pytest.mark.parametrize(("law", "term"), LAW_AND_TERM)
 @pytest.mark.parametrize(("scheme", "step"), [("velocity_verlet", 4e-4), ("trapezoidal", 1e-2)])
 def test_second_order_in_time(law, term, scheme, step, smooth):
-    scene = of(smooth, **TERMS[term])
+    scene = scene_with(smooth, **TERMS[term])
     options = {"elements": 4, "order": 4, "law": law, "outputs": ALL}
     truth = cp.cable.simulate(scene, **options, step=2.5e-5)
     errors = [distance(cp.cable.simulate(scene, **options, scheme=scheme, step=h), truth) for h in (step, step / 2.0)]
@@ -90,7 +86,7 @@ def test_second_order_in_time(law, term, scheme, step, smooth):
 
 @pytest.mark.parametrize("law", ["green", "linear"])
 def test_the_chain_converges_to_it_with_the_square_of_the_links(law, smooth):
-    scene = of(smooth)
+    scene = scene_with(smooth)
     truth = cp.cable.simulate(scene, law=law, points=11)
     errors = []
     for links in (20, 40):
@@ -101,7 +97,7 @@ def test_the_chain_converges_to_it_with_the_square_of_the_links(law, smooth):
 
 @pytest.mark.parametrize("law", ["green", "linear"])
 def test_chosen_elements_and_step_keep_their_word(law, soft):
-    scene = of(soft)
+    scene = scene_with(soft)
     run = cp.cable.simulate(scene, law=law)
     fine = cp.cable.simulate(scene, law=law, elements=48, step=1e-5)
     assert run.attrs["time_error_estimate"] <= 1e-6
@@ -115,7 +111,7 @@ def test_chosen_elements_and_step_keep_their_word(law, soft):
 def test_a_tolerance_picks_the_implicit_scheme_where_it_is_faster(soft):
     soft["cable"]["youngs_modulus"] = 2e11
     soft["time"]["duration"] = 20.0
-    run = cp.cable.simulate(of(soft), tolerance=1e-3)
+    run = cp.cable.simulate(scene_with(soft), tolerance=1e-3)
     assert run.attrs["scheme"] == "trapezoidal"
     assert run.attrs["choice_of_scheme"].startswith("implicit: its steps may be")
 
@@ -137,7 +133,7 @@ CASES = {
 )
 @pytest.mark.parametrize(("scheme", "step"), [("velocity_verlet", 2e-4), ("trapezoidal", 5e-3)])
 def test_elements_of_order_1_are_the_chain(law, case, scheme, step, smooth):
-    scene = of(smooth, **copy.deepcopy(CASES[case]))
+    scene = scene_with(smooth, **copy.deepcopy(CASES[case]))
     times = [0.0, 0.1, 0.333, 0.5]  # one of them between two steps
     options = {"times": times, "law": law, "scheme": scheme, "step": step, "outputs": ALL}
     chain = cp.chain.simulate(scene, links=8, **options)
@@ -153,8 +149,10 @@ def test_elements_of_order_1_are_the_chain(law, case, scheme, step, smooth):
 def test_the_shape_of_another_length(soft):
     del soft["motion"]
     soft["initial"] = {"top_tension": 260.0}
-    start = cp.cable.simulate(of(soft), law="linear", elements=8, step=1e-4, times=[0.0], points=9).position.values[0]
-    other = cp.catenary.rest(of(soft, cable={**soft["cable"], "top_tension": 260.0}), points=9).position.values
+    start = cp.cable.simulate(
+        scene_with(soft), law="linear", elements=8, step=1e-4, times=[0.0], points=9
+    ).position.values[0]
+    other = cp.catenary.rest(scene_with(soft, cable={**soft["cable"], "top_tension": 260.0}), points=9).position.values
     assert np.abs(start - other).max() < 1e-10
 
 
@@ -171,7 +169,7 @@ def test_planar_is_spatial_bit_for_bit(law, term, scheme, step, smooth):
         "times": [0.0, 0.2, 0.5001],
         "outputs": ALL,
     }
-    flat, deep = (cp.cable.simulate(of(m), **options) for m in (mapping, spatial(mapping)))
+    flat, deep = (cp.cable.simulate(scene_with(m), **options) for m in (mapping, spatial(mapping)))
     for name in flat.data_vars:
         values = deep[name].values
         if "coordinate" in deep[name].dims:
@@ -193,7 +191,7 @@ def test_turned_in_space(scheme, smooth):
         for axis, factor in (("x", 0.6), ("z", 0.8))
     }
     options = {"elements": 4, "scheme": scheme, "step": 2e-4 if scheme == "velocity_verlet" else 1e-2}
-    one, other = (cp.cable.simulate(of(m), **options).position.values for m in (mapping, moved))
+    one, other = (cp.cable.simulate(scene_with(m), **options).position.values for m in (mapping, moved))
     assert np.abs(one @ turn.T - other).max() < 1e-9  # rounding over 7500 steps
     assert np.abs(other[-1, :, 2] - other[0, :, 2]).max() > 0.1
 
@@ -203,7 +201,7 @@ def test_turned_in_space(scheme, smooth):
 def test_what_rests_stays_at_rest(law, scheme, soft):
     del soft["motion"]
     soft["point_load"] = TERMS["loads"]["point_load"][:1]
-    run = cp.cable.simulate(of(soft), elements=4, law=law, scheme=scheme, step=2e-4)
+    run = cp.cable.simulate(scene_with(soft), elements=4, law=law, scheme=scheme, step=2e-4)
     assert np.abs(run.position - run.position[0]).max() < 1e-11  # rounding of forces, 1e-16 K/h, over 20000 steps
 
 
@@ -213,7 +211,7 @@ def test_verlet_keeps_the_energy(law, soft):
     soft["initial"] = {"top_tension": 260.0}
     from cablepod.parameters import parameters
 
-    scene = of(soft)
+    scene = scene_with(soft)
     drift = []
     for step in (2e-4, 1e-4):
         run = cp.cable.simulate(scene, elements=4, law=law, step=step, points="nodes", outputs=("position", "velocity"))
@@ -232,10 +230,10 @@ def test_verlet_keeps_the_energy(law, soft):
 def test_instants_change_no_bit_and_lie_on_the_curve(scheme, smooth):
     step = 2e-4 if scheme == "velocity_verlet" else 1e-2
     options = {"elements": 4, "scheme": scheme, "step": step, "outputs": ("position", "velocity")}
-    few = cp.cable.simulate(of(smooth), times=[0.0, 1.0], **options)
-    many = cp.cable.simulate(of(smooth), times=np.arange(0.0, 1.0001, 0.05), **options)
+    few = cp.cable.simulate(scene_with(smooth), times=[0.0, 1.0], **options)
+    many = cp.cable.simulate(scene_with(smooth), times=np.arange(0.0, 1.0001, 0.05), **options)
     assert np.array_equal(few.position.values, many.position.values[[0, -1]])
-    between = cp.cable.simulate(of(smooth), times=[0.9, 0.9 + 0.3 * step, 1.0], **options)
+    between = cp.cable.simulate(scene_with(smooth), times=[0.9, 0.9 + 0.3 * step, 1.0], **options)
     assert np.array_equal(between.position.values[2], few.position.values[1])
     expected = between.position.values[0] + 0.3 * step * between.velocity.values[0]
     # the next term of Taylor's series with accelerations of some 10 m/s2
@@ -244,8 +242,8 @@ def test_instants_change_no_bit_and_lie_on_the_curve(scheme, smooth):
 
 def test_results_at_nodes_and_elsewhere_are_one_curve(smooth):
     options = {"elements": 3, "order": 5, "step": 2e-4, "outputs": ("position", "tension")}
-    nodes = cp.cable.simulate(of(smooth), points="nodes", **options)
-    some = cp.cable.simulate(of(smooth), points=13, **options)
+    nodes = cp.cable.simulate(scene_with(smooth), points="nodes", **options)
+    some = cp.cable.simulate(scene_with(smooth), points=13, **options)
     # borders of elements are particles of both
     assert np.abs(nodes.position.values[:, ::5] - some.position.values[:, ::4]).max() < 1e-13
     assert some.link_arc_length.values == pytest.approx(
@@ -257,7 +255,7 @@ def test_results_at_nodes_and_elsewhere_are_one_curve(smooth):
 
 
 def test_members(soft):
-    scenes = [of(soft, cable={**soft["cable"], "top_tension": tension}) for tension in (150.0, 300.0)]
+    scenes = [scene_with(soft, cable={**soft["cable"], "top_tension": tension}) for tension in (150.0, 300.0)]
     both = xr.concat(scenes, dim="member", data_vars="all", coords="minimal", compat="override", join="exact")
     run = cp.cable.simulate(both)
     assert run.sizes["member"] == 2
@@ -272,7 +270,7 @@ def test_members(soft):
 def slackening(soft):
     """Return a scene whose upper end is pushed in faster than the strain at rest can follow."""
     motion = {"upper": {"x": {"kind": "ramp", "amplitude": -0.1, "duration": 0.05}}}
-    return of(soft, motion=motion, time={"duration": 0.2, "interval": 0.01})
+    return scene_with(soft, motion=motion, time={"duration": 0.2, "interval": 0.01})
 
 
 def test_where_and_when_it_is_compressed(soft):
@@ -280,7 +278,7 @@ def test_where_and_when_it_is_compressed(soft):
     push = {
         axis: {"kind": "ramp", "amplitude": -0.1 * part, "duration": 0.05} for axis, part in (("x", 0.8), ("y", 0.6))
     }
-    scene = of(soft, motion={"upper": push}, time={"duration": 0.1, "interval": 0.01})
+    scene = scene_with(soft, motion={"upper": push}, time={"duration": 0.1, "interval": 0.01})
     run = cp.cable.simulate(scene, elements=16, step=2e-5)
     # a wave along the cable takes off v/c of the strain, which is T/K at rest
     time = np.linspace(0.0, 0.025, 5001)
@@ -323,7 +321,7 @@ def test_a_cable_that_goes_slack_is_warned_of(slackening, monkeypatch):
 
 
 def test_options_that_cannot_be(soft):
-    scene = of(soft)
+    scene = scene_with(soft)
     with pytest.raises(cp.SceneError, match=r"law: given .rubber."):
         cp.cable.simulate(scene, law="rubber")
     with pytest.raises(cp.SceneError, match=r'scheme: given .rk4.; allowed: one of "velocity_verlet", "trapezoidal"'):
@@ -337,15 +335,15 @@ def test_options_that_cannot_be(soft):
     with pytest.raises(cp.SceneError, match=r"outputs: given .energy."):
         cp.cable.simulate(scene, outputs="energy")
     with pytest.raises(cp.SceneError, match=r"law and damping.link_viscosity: given .'green', 0.001."):
-        cp.cable.simulate(of(soft, damping={"link_viscosity": 0.001}))
+        cp.cable.simulate(scene_with(soft, damping={"link_viscosity": 0.001}))
     with pytest.raises(cp.SceneError, match=r"elements.*allowed: half of this machine's memory"):
         cp.cable.simulate(scene, elements=10**9)
     with pytest.raises(cp.SceneError, match=r"elements: given 1; allowed: at least 3"):
-        cp.cable.simulate(of(soft, point_load=TERMS["loads"]["point_load"]), elements=1)
+        cp.cable.simulate(scene_with(soft, point_load=TERMS["loads"]["point_load"]), elements=1)
 
 
 def test_the_limit_of_the_step_is_sharp(soft):
-    scene = of(soft)
+    scene = scene_with(soft)
     limit = cp.cable.simulate(scene, elements=4, step=1e-5, times=[0.0]).attrs["step_limit"]
     sound = cp.cable.simulate(scene, elements=4, step=0.97 * limit)
     assert sound.attrs["energy_excess"] < 1.0
@@ -359,7 +357,7 @@ def test_the_limit_of_the_step_is_sharp(soft):
 def test_a_stopped_run_keeps_what_it_had(soft, any_load):
     soft["load"] = {"uniform": [0.0, -1e9], "kind": "polynomial", "coefficients": [0.0, 0.0, 1.0]}
     with pytest.raises(cp.RunStopped, match=r"try") as caught:
-        cp.cable.simulate(of(soft), elements=4, step=2e-4)
+        cp.cable.simulate(scene_with(soft), elements=4, step=2e-4)
     partial = caught.value.partial
     assert partial is not None
     assert "incomplete" in partial.attrs

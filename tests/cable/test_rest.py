@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import spatial
+from scenes import scene_with, spatial
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
@@ -15,10 +15,6 @@ SAGGING = {
     "cable": {"youngs_modulus": 2.0e7, "area": 1.0e-3, "density": 1000.0, "unstretched_length": 12.0},
     "ends": {"lower": [0.0, 0.0], "upper": [10.0, 1.0]},
 }
-
-
-def of(mapping, **changes):
-    return cp.make_scene({**mapping, **changes})
 
 
 def orders(errors, numbers):
@@ -46,15 +42,15 @@ def test_point_loads_stand_between_elements(soft):
     from cablepod.parameters import parameters
 
     soft["point_load"] = [{"arc_length": 0.1, "force": [0.0, -1.0]}, {"arc_length": 0.73, "force": [0.0, -2.0]}]
-    mesh = elements.mesh_of(parameters(of(soft)), 7)
+    mesh = elements.mesh_of(parameters(scene_with(soft)), 7)
     border = mesh.arc_length[:: mesh.order] / mesh.total_length
     assert np.abs(border[:, None] - [0.1, 0.73]).min(axis=0) == pytest.approx([0.0, 0.0], abs=1e-14)
-    loads = mesh.loads() - mesh.share[:, None] * parameters(of(soft)).weight
+    loads = mesh.loads() - mesh.share[:, None] * parameters(scene_with(soft)).weight
     assert sorted(loads[:, 1])[:2] == pytest.approx([-2.0, -1.0], rel=1e-14)
     assert mesh.sizes.size == 7
     assert mesh.sizes.sum() == pytest.approx(mesh.total_length, rel=1e-14)
     with pytest.raises(cp.SceneError, match=r"elements: given 2; allowed: at least 3"):
-        elements.mesh_of(parameters(of(soft)), 2)
+        elements.mesh_of(parameters(scene_with(soft)), 2)
 
 
 # --- rest -------------------------------------------------------------------------------------------------------------
@@ -63,9 +59,9 @@ def test_point_loads_stand_between_elements(soft):
 @pytest.mark.parametrize("name", ["example1", "example2", "example3", "example4", "sagging", "slack, steep", "soft"])
 def test_rest_by_the_linear_law_is_the_catenary(name, scenes, soft):
     if name == "slack, steep":
-        scene = of(SAGGING, ends={"lower": [0.0, 0.0], "upper": [2.0, 10.0]})
+        scene = scene_with(SAGGING, ends={"lower": [0.0, 0.0], "upper": [2.0, 10.0]})
     else:
-        scene = of(soft) if name == "soft" else cp.read_scene(scenes / f"{name}.toml")
+        scene = scene_with(soft) if name == "soft" else cp.read_scene(scenes / f"{name}.toml")
     rest = cp.cable.rest(scene, law="linear", points=41)
     exact = cp.catenary.rest(scene, points=41)
     length = float(exact.unstretched_length)
@@ -116,20 +112,22 @@ def boundary_value_solution(mapping, length, fractions):
 @pytest.mark.parametrize("youngs_modulus", [2.0e5, 2.0e7, 2.0e4])
 def test_rest_by_law_21_solves_the_boundary_value_problem(youngs_modulus):
     mapping = {**SAGGING, "cable": {**SAGGING["cable"], "youngs_modulus": youngs_modulus}}
-    rest = cp.cable.rest(of(mapping), elements=32, points=21)
+    rest = cp.cable.rest(scene_with(mapping), elements=32, points=21)
     other = boundary_value_solution(mapping, 12.0, np.linspace(0.0, 1.0, 21))
     # the other solver asks for 1e-10, relative, of the slopes between its nodes
     assert np.abs(rest.position.values - other).max() < 1e-9
     if youngs_modulus == 2.0e5:  # strains of some tenths: here the laws differ by more than a hundred times that
         assert (
-            np.abs(cp.cable.rest(of(mapping), elements=32, points=21, law="linear").position.values - other).max()
+            np.abs(
+                cp.cable.rest(scene_with(mapping), elements=32, points=21, law="linear").position.values - other
+            ).max()
             > 1e-3
         )
 
 
 @pytest.mark.parametrize(("order", "numbers"), [(1, (32, 64)), (2, (64, 128)), (3, (32, 64)), (4, (32, 64))])
 def test_rest_converges_at_the_order_of_the_elements(order, numbers):
-    scene = of(SAGGING, cable={**SAGGING["cable"], "unstretched_length": 11.0})
+    scene = scene_with(SAGGING, cable={**SAGGING["cable"], "unstretched_length": 11.0})
     exact = cp.cable.rest(scene, elements=64, points=400).position  # of order 7
     errors = [
         float(np.sqrt(((cp.cable.rest(scene, elements=n, order=order, points=400).position - exact) ** 2).mean()))
@@ -143,7 +141,7 @@ def test_rest_converges_at_the_order_of_the_elements(order, numbers):
 def test_rest_under_point_loads_is_the_limit_of_the_chain(soft):
     soft["point_load"] = [{"arc_length": 0.25, "force": [3.0, -20.0]}, {"arc_length": 0.7, "force": [0.0, 10.0]}]
     soft["load"] = {"uniform": [2.0, 1.0]}
-    scene = of(soft)
+    scene = scene_with(soft)
     coarse, fine = (cp.chain.rest(scene, links=n, law="green").position.values[:: n // 20] for n in (200, 400))
     limit = (4.0 * fine - coarse) / 3.0
     rest = cp.cable.rest(scene, points=21)
@@ -155,7 +153,7 @@ def test_rest_under_point_loads_is_the_limit_of_the_chain(soft):
 
 def test_rest_planar_is_spatial(soft):
     soft["point_load"] = [{"arc_length": 0.25, "force": [3.0, -20.0]}]
-    flat, deep = cp.cable.rest(of(soft)), cp.cable.rest(of(spatial(soft)))
+    flat, deep = cp.cable.rest(scene_with(soft)), cp.cable.rest(scene_with(spatial(soft)))
     assert np.array_equal(flat.position.values, deep.position.values[:, :2])
     assert not deep.position.values[:, 2].any()
     assert np.array_equal(flat.tension.values, deep.tension.values)
@@ -163,14 +161,14 @@ def test_rest_planar_is_spatial(soft):
 
 def test_rest_of_a_hardly_extensible_cable():
     mapping = {**SAGGING, "cable": {**SAGGING["cable"], "youngs_modulus": 1e16}}
-    rest = cp.cable.rest(of(mapping), law="linear", points=41)
-    assert np.abs(rest.position - cp.catenary.rest(of(mapping)).position).max() < 1e-9
+    rest = cp.cable.rest(scene_with(mapping), law="linear", points=41)
+    assert np.abs(rest.position - cp.catenary.rest(scene_with(mapping)).position).max() < 1e-9
 
 
 @pytest.mark.parametrize("span", [0.5, 0.1])
 def test_a_cable_that_turns_sharply(span):
     # the bend has a radius of some cm, and 128 elements, the most that are tried, are of 9 cm
-    scene = of(SAGGING, ends={"lower": [0.0, 0.0], "upper": [span, 10.0]})
+    scene = scene_with(SAGGING, ends={"lower": [0.0, 0.0], "upper": [span, 10.0]})
     rest = cp.cable.rest(scene, law="linear", points=41)
     assert rest.attrs["elements"] == 128
     error = np.abs(rest.position - cp.catenary.rest(scene).position).max()
@@ -185,29 +183,29 @@ def test_a_cable_that_turns_sharply(span):
 
 def test_rest_refuses(soft):
     with pytest.raises(cp.SceneError, match=r'law: given .cubic.; allowed: one of "linear", "green"'):
-        cp.cable.rest(of(soft), law="cubic")
+        cp.cable.rest(scene_with(soft), law="cubic")
     with pytest.raises(cp.SceneError, match=r"order: given 17; .* at most 16"):
-        cp.cable.rest(of(soft), order=17)
+        cp.cable.rest(scene_with(soft), order=17)
     with pytest.raises(cp.SceneError, match=r"elements: given 0; allowed: a whole number of at least 1"):
-        cp.cable.rest(of(soft), elements=0)
+        cp.cable.rest(scene_with(soft), elements=0)
     for points in ([0.0, 0.5], [0.0, 0.5, 0.5, 1.0]):
         with pytest.raises(cp.SceneError, match=r"points: given .*; allowed: rising fractions"):
-            cp.cable.rest(of(soft), points=points)
+            cp.cable.rest(scene_with(soft), points=points)
     with pytest.raises(cp.SceneError, match=r'points: given .all.; allowed: .*"nodes"'):
-        cp.cable.rest(of(soft), points="all")
+        cp.cable.rest(scene_with(soft), points="all")
     with pytest.raises(cp.SceneError, match=r"^cable: no rest found with all places taut"):
-        cp.cable.rest(of(SAGGING, ends={"lower": [0.0, 0.0], "upper": [0.0, 10.0]}))
+        cp.cable.rest(scene_with(SAGGING, ends={"lower": [0.0, 0.0], "upper": [0.0, 10.0]}))
 
 
 def test_where_results_are_given(soft):
-    assert cp.cable.rest(of(soft)).sizes == {"particle": 9, "link": 8, "coordinate": 2}
-    relative = cp.cable.rest(of(soft, chain={"link_lengths": [1.0, 3.0]}))
+    assert cp.cable.rest(scene_with(soft)).sizes == {"particle": 9, "link": 8, "coordinate": 2}
+    relative = cp.cable.rest(scene_with(soft, chain={"link_lengths": [1.0, 3.0]}))
     assert (relative.arc_length / relative.unstretched_length).values == pytest.approx([0.0, 0.25, 1.0], rel=1e-15)
     del soft["chain"]
-    assert cp.cable.rest(of(soft)).sizes["particle"] == 41
-    nodes = cp.cable.rest(of(soft), elements=3, order=4, points="nodes")
+    assert cp.cable.rest(scene_with(soft)).sizes["particle"] == 41
+    nodes = cp.cable.rest(scene_with(soft), elements=3, order=4, points="nodes")
     assert nodes.sizes["particle"] == 13
-    some = cp.cable.rest(of(soft), elements=3, order=4, points=[0.0, 0.2, 1.0])
+    some = cp.cable.rest(scene_with(soft), elements=3, order=4, points=[0.0, 0.2, 1.0])
     assert (some.arc_length / some.unstretched_length).values == pytest.approx([0.0, 0.2, 1.0])
     for dataset in (nodes, some):
         for variable in dataset.variables.values():
@@ -303,7 +301,7 @@ def test_frequencies_of_a_weightless_cable_are_exact(law):
 
 @pytest.mark.parametrize("order", [1, 2, 3])
 def test_frequencies_converge_at_twice_the_order(order):
-    scene = of(SAGGING, cable={**SAGGING["cable"], "unstretched_length": 10.2})
+    scene = scene_with(SAGGING, cable={**SAGGING["cable"], "unstretched_length": 10.2})
     exact = cp.cable.frequencies(scene, elements=32, count=3).angular_frequency.values
     numbers = (16, 32) if order == 3 else (32, 64)
     errors = [
@@ -345,7 +343,7 @@ def test_frequencies_of_inclined_cables_are_the_limit_of_the_chain(number, law, 
 
 
 def test_frequencies_have_units_members_and_norm(soft):
-    scene = of(soft)
+    scene = scene_with(soft)
     single = cp.cable.frequencies(scene, count=3, points="nodes", elements=4)
     share = elements.mesh_of(cp.parameters.parameters(scene), 4).share
     mean = ((single.mode_shape**2).sum("coordinate") * share).sum("particle") / share.sum()
@@ -354,7 +352,7 @@ def test_frequencies_have_units_members_and_norm(soft):
     assert single.angular_frequency.attrs["units"] == "rad s-1"
     import xarray as xr
 
-    other = of(soft, cable={**soft["cable"], "top_tension": 300.0})
+    other = scene_with(soft, cable={**soft["cable"], "top_tension": 300.0})
     both = cp.cable.frequencies(
         xr.concat([scene, other], dim="member", data_vars="all", coords="minimal", compat="override", join="exact")
     )
@@ -370,8 +368,8 @@ def test_frequencies_have_units_members_and_norm(soft):
 def test_frequencies_refuse(soft):
     del soft["motion"]
     with pytest.raises(cp.SceneError, match=r"ends.free: given .upper.; allowed: ends that are held"):
-        cp.cable.frequencies(of(soft, ends={**soft["ends"], "free": "upper"}))
+        cp.cable.frequencies(scene_with(soft, ends={**soft["ends"], "free": "upper"}))
     with pytest.raises(cp.SceneError, match=r"count: given 9; allowed: at most 6"):
-        cp.cable.frequencies(of(soft), count=9, elements=1, order=4)
+        cp.cable.frequencies(scene_with(soft), count=9, elements=1, order=4)
     with pytest.raises(cp.SceneError, match=r"count: given 0"):
-        cp.cable.frequencies(of(soft), count=0)
+        cp.cable.frequencies(scene_with(soft), count=0)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from scenes import spatial
+from scenes import scene_with, spatial
 
 import cablepod as cp
 from cablepod import implicit
@@ -17,13 +17,9 @@ from cablepod.parameters import parameters
 SCHEMES = implicit.SCHEMES
 
 
-def of(mapping, **tables):
-    return cp.make_scene({**mapping, **tables})
-
-
 def pulled(soft, **tables):
     """Ends at rest, released from the shape of a cable half as long again: a vibration that small steps resolve."""
-    return of(
+    return scene_with(
         soft, **{
             "motion": {}, "initial": {"unstretched_length": 10.4}, "time": {"duration": 1.0, "interval": 0.25},
             "cable": {**soft["cable"], "youngs_modulus": 4e5}, **tables,
@@ -107,7 +103,7 @@ def test_second_order_with_every_term(soft, scheme, terms):
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_second_order_with_moving_ends_and_law_21(soft, scheme):
-    scene = of(
+    scene = scene_with(
         soft,
         motion={"upper": {"x": {"kind": "one_minus_cosine", "amplitude": -0.2, "angular_frequency": 6.0}},
                 "lower": {"y": {"kind": "one_minus_cosine", "amplitude": 0.1, "angular_frequency": 4.0}}},
@@ -152,7 +148,7 @@ def test_an_end_that_is_let_go(soft, scheme, free, damping):
     ends = {**soft["ends"], "free": free}
     soft_cable = {**soft["cable"], "youngs_modulus": 4e5}
     time = {"duration": 0.6, "interval": 0.2}
-    scene = of(soft, motion={}, ends=ends, cable=soft_cable, time=time, **damping)
+    scene = scene_with(soft, motion={}, ends=ends, cable=soft_cable, time=time, **damping)
     fine = cp.chain.simulate(scene, scheme="velocity_verlet", step=1e-5)
     error = [largest(cp.chain.simulate(scene, scheme=scheme, step=h), fine) for h in (1e-3, 5e-4)]
     moved = float(np.abs(fine.position - fine.position[0]).max())
@@ -177,7 +173,7 @@ def test_a_run_of_no_length_is_the_start(soft, scheme):
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_chain_at_rest_stays_at_rest(soft, scheme):
-    scene = of(soft, motion={})
+    scene = scene_with(soft, motion={})
     run = cp.chain.simulate(scene, scheme=scheme, step=0.05)
     assert float(np.abs(run.position - run.position[0]).max()) < 1e-11
 
@@ -221,7 +217,7 @@ def energy(scene, run):
 
 def test_the_energy_momentum_method_keeps_the_energy_of_a_violent_motion(soft):
     # links slacken and snap taut; steps far beyond the explicit limit
-    scene = of(
+    scene = scene_with(
         soft,
         motion={},
         initial={"points": [[0.0, 0.0], [2.0, 6.5], [8.0, 6.0]]},
@@ -261,7 +257,7 @@ def test_generalized_alpha_damps_what_its_steps_do_not_resolve(soft, radius):
     # one mass between two stiff links, moved along them by far less than their stretch: a linear oscillator of 2.8e4 rad/s
     taut = {**soft["cable"], "youngs_modulus": 2e12, "density": 1.0, "top_tension": 2e6}
     start = [[0.0, 0.0], [4.0 * (1.0 + 1e-5), 3.0 * (1.0 + 1e-5)], [8.0, 6.0]]
-    scene = of(soft, motion={}, cable=taut, chain={"links": 2}, initial={"points": start})
+    scene = scene_with(soft, motion={}, cable=taut, chain={"links": 2}, initial={"points": start})
     run = cp.chain.simulate(
         scene,
         scheme="generalized_alpha",
@@ -347,7 +343,7 @@ def test_a_step_that_does_not_converge_is_cut(soft, monkeypatch):
     # a tangle that is let go: links slacken and snap taut within a step
     tangle = np.random.default_rng(1).normal(size=(9, 2)) * 2 + np.linspace(0, 1, 9)[:, None] * [8, 6]
     tangle[0], tangle[-1] = 0.0, [8, 6]
-    scene = of(soft, motion={}, initial={"points": tangle.tolist()}, time={"duration": 4.0, "interval": 0.5})
+    scene = scene_with(soft, motion={}, initial={"points": tangle.tolist()}, time={"duration": 4.0, "interval": 0.5})
     run = cp.chain.simulate(scene, scheme="energy_momentum", step=0.1, outputs=("position", "velocity"))
     assert run.attrs["steps_cut"] > 0
     found = energy(scene, run)
@@ -404,7 +400,10 @@ def test_newton_converges_far_from_the_origin(soft, scheme):
 def test_newton_converges_where_the_chain_is_towed_far_away(soft, scheme):
     tow = {end: {"x": {"kind": "polynomial", "coefficients": [0.0, 5.0]}} for end in ("lower", "upper")}
     run = cp.chain.simulate(
-        of(soft, motion=tow, time={"duration": 400.0, "interval": 10.0}), scheme=scheme, step=0.05, times=[0.0, 400.0]
+        scene_with(soft, motion=tow, time={"duration": 400.0, "interval": 10.0}),
+        scheme=scheme,
+        step=0.05,
+        times=[0.0, 400.0],
     )
     assert run.attrs["steps_cut"] == 0
     assert float(run.position[-1, 0, 0]) == pytest.approx(8e5)
@@ -412,7 +411,7 @@ def test_newton_converges_where_the_chain_is_towed_far_away(soft, scheme):
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_finite_numbers_beyond_all_bounds_are_stopped(soft, any_load, scheme):
-    blown = of(
+    blown = scene_with(
         soft, motion={}, ends={**soft["ends"], "free": "upper"}, load={"uniform": [1e6, 0.0]},
         time={"duration": 100.0, "interval": 10.0},
         cable={"youngs_modulus": 1e3, "area": 1e-3, "density": 1000.0, "unstretched_length": 10.0},

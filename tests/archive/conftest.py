@@ -1,0 +1,24 @@
+"""The clock that files are stamped with, stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from cablepod import archive
+
+
+@pytest.fixture
+def stop_clock(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Let all files be written at one instant."""
+
+    def stop(instant: str) -> None:
+        class Clock(archive.datetime):
+            @classmethod
+            def now(cls, tz=None):
+                return cls.strptime(instant, "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=tz)
+
+        monkeypatch.setattr(archive, "datetime", Clock)
+
+    return stop

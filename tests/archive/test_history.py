@@ -1,0 +1,141 @@
+"""Stages, ids and hashes of a file, and how a file is described."""
+
+import json
+import re
+import subprocess
+
+import numpy as np
+import pytest
+import xarray as xr
+from results import make_scene, make_trajectory
+
+from cablepod import archive, provenance
+from cablepod.archive import ArchiveError, describe, read, write
+
+
+def test_each_stage_adds_one_line_and_keeps_the_earlier_ones(tmp_path, stop_clock):
+    stop_clock("2030-01-01T00:00:00Z")
+    scene = read(write(make_scene(), tmp_path / "scene.nc"))
+    assert scene.attrs["history"].startswith("2030-01-01T00:00:00Z cablepod ")
+    assert scene.attrs["history"].count("\n") == 0
+    stop_clock("2030-01-02T00:00:00Z")
+    # as a science module does: the new dataset has only history_json from its input
+    trajectory = make_trajectory(scene=scene).assign_attrs(wall_time_s=12.5)
+    back = read(write(trajectory, tmp_path / "trajectory.nc"))
+    lines = back.attrs["history"].split("\n")
+    assert lines[0] == scene.attrs["history"]
+    assert re.fullmatch(r"2030-01-02T00:00:00Z cablepod \S+: chain\.simulate\(.*\) id=\w{20} inputs=\w{20}", lines[1])
+    assert len(lines) == 2
+    old, new = json.loads(back.attrs["history_json"])
+    assert old == json.loads(scene.attrs["history_json"])[0]
+    assert {"program", "version", "written", "platform", "sha256"} <= set(new)
+    assert new["wall_time_s"] == 12.5
+    assert None not in [new.get("commit", "")]
+    assert "wall_time_s" not in back.attrs
+    assert back.attrs["date_created"] == "2030-01-02T00:00:00Z"
+    # a history that came along, with a line of somebody else's, is appended to and never replaced
+    carried = make_trajectory(scene=scene).assign_attrs(history="2029-12-31T00:00:00Z cut by hand\n" + lines[0])
+    assert read(write(carried, tmp_path / "carried.nc")).attrs["history"].split("\n") == [
+        "2029-12-31T00:00:00Z cut by hand",
+        *lines,
+    ]
+
+
+def test_a_cut_in_time_tells_its_own_length_and_content(tmp_path):
+    whole = read(write(make_trajectory(), tmp_path / "whole.nc"))
+    assert whole.attrs["time_coverage_duration"] == "PT5.9S"
+    assert whole.attrs["time_coverage_resolution"] == "PT0.1S"
+    some = read(write(whole.isel(time=[0, 1, 5]), tmp_path / "some.nc"))
+    assert some.attrs["time_coverage_duration"] == "PT0.5S"
+    assert "time_coverage_resolution" not in some.attrs
+    assert archive._stages(some)[-1]["sha256"] == archive._content_hash(some) != archive._content_hash(whole)
+    none = read(write(whole.isel(time=0), tmp_path / "none.nc"))
+    assert "time_coverage_duration" not in none.attrs
+
+
+def test_texts_made_for_an_input_are_not_taken_over_but_a_given_title_is(tmp_path):
+    del (scene := make_scene()).attrs["title"]
+    scene = read(write(scene, tmp_path / "scene.nc"))
+    assert scene.attrs["title"] == "Result of make_scene"
+    shorter = provenance.record(scene.copy(), function="scene.cut", parameters={}, inputs=[scene])
+    back = read(write(shorter, tmp_path / "cut.nc"))
+    assert back.attrs["title"] == "Result of scene.cut"
+    assert "scene.cut" in back.attrs["summary"]
+    assert read(write(make_scene(), tmp_path / "titled.nc")).attrs["title"].startswith("Example 2")
+
+
+def test_id_and_content_hash_depend_on_neither_clock_nor_machine(tmp_path, monkeypatch, stop_clock):
+    plain = xr.Dataset({"mean": ("particle", np.arange(3.0), {"units": "m"})})
+    first = read(write(plain, tmp_path / "first.nc"))
+    stop_clock("2040-01-01T00:00:00Z")
+    monkeypatch.setattr(archive.platform, "platform", lambda: "elsewhere")
+    archive._program.cache_clear()
+    try:
+        second = read(write(plain, tmp_path / "second.nc"))
+    finally:
+        archive._program.cache_clear()
+    assert first.attrs["history_json"] != second.attrs["history_json"]
+    assert first.attrs["id"] == second.attrs["id"]
+    assert archive._stages(first)[-1]["sha256"] == archive._stages(second)[-1]["sha256"]
+    swapped = plain.assign(mean=("particle", np.array([0.0, 1.0, 2.0]).astype(">f8")))
+    assert archive._content_hash(swapped) == archive._content_hash(plain)
+    other = plain.assign(mean=("particle", [0.0, 1.0, np.nextafter(2.0, 3.0)]))
+    assert read(write(other, tmp_path / "other.nc")).attrs["id"] != first.attrs["id"]
+
+
+def test_commit_is_that_of_the_checkout_and_absent_without_one(tmp_path, monkeypatch):
+    assert archive._commit(tmp_path) is None
+    (tmp_path / "file").write_text("1")
+    who = ["-c", "user.name=n", "-c", "user.email=e@example.org", "-c", "commit.gpgsign=false"]
+    for command in (["init", "-q"], ["add", "."], [*who, "commit", "-qm", "one"]):
+        assert subprocess.run(["git", *command], cwd=tmp_path, capture_output=True).returncode == 0
+    commit = archive._commit(tmp_path)
+    assert re.fullmatch("[0-9a-f]{40}", commit)
+    (tmp_path / "inner").mkdir()
+    assert archive._commit(tmp_path / "inner") is None
+    (tmp_path / "file").write_text("22")
+    assert archive._commit(tmp_path) == f"{commit}-dirty"
+    monkeypatch.setenv("PATH", str(tmp_path))  # where no git is
+    assert archive._commit(tmp_path) is None
+
+
+def test_a_history_that_cannot_be_read_is_refused(tmp_path):
+    with pytest.raises(ArchiveError, match="'history_json' is not a list of stages"):
+        write(make_scene().assign_attrs(history_json="{"), tmp_path / "it.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_describe_tells_what_a_file_is_and_how_it_came_about(tmp_path):
+    scene = read(write(make_scene(), tmp_path / "scene.nc"))
+    trajectory = make_trajectory(scene=scene).assign_attrs(title="Slow", wall_time_s=2.0)
+    path = write(trajectory, tmp_path / "it.nc")
+    text = describe(path)
+    assert re.search(r"^file .*it\.nc \(.* MB, schema 1\)$", text, re.MULTILINE)
+    assert re.search(r"^title +Slow$", text, re.MULTILINE)
+    assert re.search(r"^stage +chain\.simulate$", text, re.MULTILINE)
+    assert re.search(rf"^id +{trajectory.attrs['id']}$", text, re.MULTILINE)
+    assert re.search(r"^sizes .*time 60, particle 9, coordinate 2", text, re.MULTILINE)
+    assert "  position (time, particle, coordinate) [m]  position\n" in text
+    first, second = text.split("history\n")[1].split("\n")
+    assert first.startswith(f"  {scene.attrs['id']} make_scene(free=null, gravity=9.81); cablepod ")
+    assert "links=8" in second
+    assert f" from {scene.attrs['id']}; " in second
+    assert second.endswith(", 2 s")
+    assert describe(read(path)) == text.split("\n", 1)[1]
+
+
+def test_long_parameters_are_cut_where_people_read_them_but_not_in_the_record(tmp_path):
+    parameters = {"times": list(range(1000)), "title": "two\nlines"}
+    scene = provenance.record(make_scene(), function="chain.simulate", parameters=parameters)
+    back = read(write(scene, tmp_path / "it.nc"))
+    assert archive._stages(back)[-1]["parameters"] == provenance.plain(parameters)
+    assert back.attrs["history"].count("\n") == 0
+    assert 200 < len(back.attrs["history"]) < 300
+    assert max(map(len, describe(back).split("\n"))) < 300
+
+
+def test_describe_shows_the_values_of_a_scene_before_it_is_written():
+    text = describe(make_scene())
+    assert "  gravity = 9.81 [m s-2]  acceleration of gravity\n" in text
+    assert "  motion_upper_x_kind = 'one_minus_cosine' [1]" in text
+    assert describe(xr.Dataset()).endswith("history")

@@ -1,0 +1,274 @@
+"""The elastic chain in motion: against analytic results, its order, and identities."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+
+import numpy as np
+import pytest
+import xarray as xr
+from scenes import TERMS as SHARED
+from scenes import scene_with, spatial
+
+import cablepod as cp
+from cablepod import links
+from cablepod.parameters import parameters
+
+TERMS = {
+    **SHARED,
+    "link viscosity": {"damping": {"link_viscosity": 0.002}},
+    "initial shape": {"initial": {"top_tension": 260.0}},
+}
+
+
+def positions(scene, **options):
+    return cp.chain.simulate(scene, **options).position.values
+
+
+def test_positions_that_two_independent_schemes_agree_on(scenes):
+    # mass 20 of 39 in Example 2, known to 3e-12 m; the default step keeps 1e-6 of a motion of 0.1 m
+    run = cp.chain.simulate(cp.read_scene(scenes / "example2.toml"), times=[5.0, 45.0, 125.0])
+    known = [[10.300121695, 28.812870094], [10.389263084, 28.768181787], [10.297997392, 28.815093996]]
+    np.testing.assert_allclose(run.position[:, 20], known, rtol=0, atol=2e-8)
+    assert run.attrs["time_error_estimate"] < 1e-6
+
+
+def test_small_vibrations_of_a_taut_chain_have_the_frequencies_of_the_discrete_string():
+    # weightless, tension T, n links: omega_j = 2 sqrt(T / (l m)) sin(j pi / 2 n), here with the stretched link l (1 + T/K)
+    n, tension, stiffness, span = 12, 500.0, 1e6, 6.0
+    length = span / (1 + tension / stiffness)
+    line = np.stack([np.linspace(0, span, n + 1), 1e-7 * np.sin(np.pi * np.linspace(0, 1, n + 1))], axis=1)
+    scene = cp.make_scene(
+        {
+            "gravity": 0.0,
+            "cable": {"youngs_modulus": 1e9, "area": 1e-3, "density": 1000.0, "unstretched_length": length},
+            "ends": {"lower": [0.0, 0.0], "upper": [span, 0.0]},
+            "initial": {"points": line.tolist()},
+            "chain": {"links": n},
+        }
+    )
+    mass, link = length / n, span / n
+    omega = 2 * np.sqrt(tension / (link * mass)) * np.sin(np.pi / (2 * n))
+    times = np.linspace(0.0, 2 * np.pi / omega, 9)
+    run = cp.chain.simulate(scene, times=times, step=1e-5)
+    # amplitude 1e-7 of 6 m: nonlinear terms are of relative order 1e-10, the step of (omega h)^2/24 ~ 1e-9
+    np.testing.assert_allclose(run.position[:, n // 2, 1], 1e-7 * np.cos(omega * times), rtol=0, atol=1e-14)
+
+
+def test_slack_links_do_not_push():
+    # a mass between two slack links falls freely until they tighten
+    scene = cp.make_scene(
+        {
+            "cable": {"youngs_modulus": 1e6, "area": 1e-3, "density": 2000.0, "unstretched_length": 6.0},
+            "ends": {"lower": [0.0, 0.0], "upper": [4.0, 0.0]},
+            "initial": {"points": [[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]]},
+            "chain": {"links": 2},
+        }
+    )
+    times = np.linspace(0.0, 0.6, 7)  # taut from a fall of sqrt(9 - 4) m, at 0.675 s, on
+    run = cp.chain.simulate(scene, times=times, step=1e-3, outputs=("position", "tension", "velocity"))
+    # Verlet is exact for constant acceleration
+    np.testing.assert_allclose(run.position[:, 1, 1], -0.5 * 9.81 * times**2, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(run.velocity[:, 1, 1], -9.81 * times, rtol=0, atol=1e-12)
+    assert not run.tension.any()
+
+
+def test_a_released_end_carries_half_a_link(soft):
+    scene = scene_with(soft, ends={**soft["ends"], "free": "upper"}, motion={})
+    run = cp.chain.simulate(scene, times=[0.0, 1e-3, 2e-3], step=1e-4, outputs=("velocity",))
+    rest = cp.chain.rest(scene)
+    reach = (rest.position[-1] - rest.position[-2]).values
+    pull = -float(rest.tension[-1]) * reach / np.linalg.norm(reach)
+    mass = 1.0 * float(rest.unstretched_length) / 8 / 2
+    # to first order in t: the pull itself changes by (omega t)^2 / 2 with omega ~ 2e2 rad/s, 2 % at 1 ms
+    np.testing.assert_allclose(run.velocity[1, -1], 1e-3 * (pull / mass + [0, -9.81]), rtol=0.05)
+
+
+def test_a_line_is_shared_out_between_held_ends_and_laid_out_to_a_free_one(soft):
+    cable = {**soft["cable"], "unstretched_length": 8.0}
+    del cable["top_tension"]
+    ends = {"lower": [0.0, 0.0], "upper": [8.0, 0.0]}
+    line = {"points": [[0.0, 0.0], [4.0, 3.0], [8.0, 0.0]]}  # 10 m
+
+    def laid(**changes):
+        return positions(scene_with(soft, cable=cable, initial=line, motion={}, **changes), times=[0.0], step=1e-3)[0]
+
+    held = laid(ends=ends)
+    np.testing.assert_allclose(held[[2, 4, 8]], [[2.0, 1.5], [4.0, 3.0], [8.0, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(laid(ends={**ends, "free": "upper"})[[4, 8]], [[3.2, 2.4], [6.4, 1.2]], atol=1e-12)
+    np.testing.assert_allclose(laid(ends={**ends, "free": "lower"})[[0, 8]], [[1.6, 1.2], [8.0, 0.0]], atol=1e-12)
+    cable["unstretched_length"] = 10.1
+    with pytest.raises(cp.SceneError, match=r"initial\.points: given a line of 10 m; allowed: at least .*10\.1 m"):
+        laid(ends={**ends, "free": "upper"})
+
+
+def test_a_free_lower_end_is_a_free_upper_end_seen_from_the_other_side(soft):
+    lengths = [1.0, 2.0, 3.0, 1.5]
+    upper = scene_with(soft, ends={**soft["ends"], "free": "upper"}, motion={}, chain={"link_lengths": lengths})
+    ends = {"lower": soft["ends"]["upper"], "upper": soft["ends"]["lower"], "free": "lower"}
+    cable = {**soft["cable"], "bottom_tension": soft["cable"]["top_tension"]}
+    del cable["top_tension"]
+    lower = scene_with(soft, ends=ends, cable=cable, motion={}, chain={"link_lengths": lengths[::-1]})
+    a, b = (positions(scene, times=[0.2, 0.4], step=1e-3) for scene in (upper, lower))
+    # rounding of the rest, 1e-15 of 10 m, over 400 steps of a motion that is not chaotic yet
+    np.testing.assert_allclose(b[:, ::-1], a, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_second_order_in_the_step_with_every_term(soft, name):
+    scene = scene_with(soft, **TERMS[name])
+    times = [1.0, 2.0, 4.0]
+    runs = [positions(scene, times=times, step=h) for h in (1 / 1600, 1 / 3200, 1 / 6400, 1 / 12800)]
+    distance = [np.abs(a - b).max() for a, b in itertools.pairwise(runs)]
+    np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 2.0, atol=0.1)
+
+
+def test_second_order_in_the_number_of_links(soft):
+    scene = scene_with(soft)
+    runs = [positions(scene, links=n, times=[0.5, 1.0], step=1 / 8000)[:, :: n // 8] for n in (16, 32, 64, 128)]
+    distance = [np.sqrt(np.mean((a - b) ** 2)) for a, b in itertools.pairwise(runs)]
+    np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 2.0, atol=0.1)
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_planar_and_spatial_agree_bit_for_bit(soft, name):
+    mapping = {**soft, **copy.deepcopy(TERMS[name])}
+    outputs = ("position", "velocity", "tension", "tension_extremes")
+    flat = cp.chain.simulate(cp.make_scene(mapping), outputs=outputs)
+    deep = cp.chain.simulate(cp.make_scene(spatial(mapping)), outputs=outputs)
+    np.testing.assert_array_equal(deep.position[..., :2], flat.position)
+    np.testing.assert_array_equal(deep.velocity[..., :2], flat.velocity)
+    for name in ("tension", "tension_minimum", "tension_maximum"):
+        np.testing.assert_array_equal(deep[name], flat[name])
+    assert not deep.position[..., 2].any()
+
+
+def test_a_turned_scene_moves_likewise(soft):
+    # spatial scenes have no preferred horizontal axis: turn about y by 40 degrees
+    c, s = np.cos(np.radians(40)), np.sin(np.radians(40))
+    mapping = spatial(soft)
+    turned = copy.deepcopy(mapping)
+    turned["ends"]["upper"] = [8.0 * c, 6.0, -8.0 * s]
+    motion = soft["motion"]["upper"]["x"]
+    turned["motion"]["upper"] = {
+        "x": {**motion, "amplitude": motion["amplitude"] * c},
+        "z": {**motion, "amplitude": -motion["amplitude"] * s},
+    }
+    a = positions(cp.make_scene(mapping), step=1e-3)
+    b = positions(cp.make_scene(turned), step=1e-3)
+    expected = np.stack([a[..., 0] * c, a[..., 1], -a[..., 0] * s], axis=-1)
+    # rounding of the turned ends, 1e-15, and of their motion, grown over 4000 steps
+    np.testing.assert_allclose(b, expected, rtol=0, atol=1e-11)
+
+
+def test_saving_more_often_changes_no_bit(soft):
+    scene = scene_with(soft, damping={"mass_proportional": 0.3, "link_viscosity": 0.001})
+    every = positions(scene, times=np.arange(0, 4001) / 1000, step=1e-3)
+    few = cp.chain.simulate(scene, times=[0.5, 2.0, 4.0], step=1e-3, outputs=("position", "velocity", "tension"))
+    np.testing.assert_array_equal(few.position, every[[500, 2000, 4000]])
+    # nor does the default step depend on the instants
+    steps = {cp.chain.simulate(scene, times=t).attrs["step"] for t in ([4.0], [0.25, 4.0], [0.1, 1 / 3, 4.0])}
+    assert len(steps) == 1
+
+
+def test_between_steps_the_output_has_the_order_of_the_scheme(soft):
+    scene = scene_with(soft)
+    times = np.sort(np.random.default_rng(1).uniform(0, 4, 40))
+    exact = cp.chain.simulate(scene, times=times, step=1 / 128000, outputs=("position", "velocity"))
+    errors = []
+    for rate in (2000, 4000, 8000):
+        run = cp.chain.simulate(scene, times=times, step=1 / rate, outputs=("position", "velocity"))
+        errors.append([float(np.abs(run[name] - exact[name]).max()) for name in ("position", "velocity")])
+    order = np.log2(np.divide(errors[:-1], errors[1:]))
+    np.testing.assert_allclose(order, 2.0, atol=0.15)
+
+
+def test_equilibrium_stays_at_rest(soft):
+    scene = scene_with(soft, motion={}, point_load=[{"arc_length": 0.4, "force": [0.0, -20.0]}])
+    run = cp.chain.simulate(scene)
+    # rounding of the rest, 1e-15 of 10 m times k/k, set swinging
+    assert float(np.abs(run.position - run.position[0]).max()) < 1e-12
+
+
+def test_energy_is_kept_and_time_can_be_turned_back(soft):
+    scene = scene_with(soft, motion={}, initial={"top_tension": 300.0})
+    energies = {}
+    for rate in (500, 1000):
+        run = cp.chain.simulate(
+            scene, times=np.arange(0, 4001, 40) / 1000, step=1 / rate, outputs=("position", "velocity")
+        )
+        p = parameters(scene)
+        chain = links.chain_of(p)
+        mass = p.mass * chain.share
+        stretch = np.linalg.norm(np.diff(run.position, axis=1), axis=2) - chain.length
+        energy = (
+            0.5 * np.sum(mass[:, None] * run.velocity.values**2, axis=(1, 2))
+            + 0.5 * np.sum(chain.k * np.maximum(stretch, 0) ** 2, axis=1)
+            + 9.81 * np.sum(mass * run.position[..., 1].values, axis=1)
+        )
+        energies[rate] = np.ptp(energy) / np.sum(0.5 * mass[:, None] * run.velocity.values**2, axis=(1, 2)).max()
+    # a symplectic scheme: an error that oscillates, of second order, and does not drift
+    assert energies[1000] < 0.02
+    assert energies[500] / energies[1000] == pytest.approx(4.0, rel=0.15)
+
+
+def test_viscous_links_take_out_the_axial_motion_and_only_that(soft):
+    # one longitudinal mode of a straight weightless chain decays as exp(-nu omega^2 t / 2)
+    n, span = 8, 4.0
+    length = span / 1.01
+    s = np.linspace(0, 1, n + 1)
+    line = np.stack([span * (s + 1e-6 * np.sin(np.pi * s)), 0 * s], axis=1)
+    nu = 0.004
+    scene = cp.make_scene(
+        {
+            "gravity": 0.0,
+            "cable": {"youngs_modulus": 1e6, "area": 1e-3, "density": 1000.0, "unstretched_length": length},
+            "ends": {"lower": [0.0, 0.0], "upper": [span, 0.0]},
+            "initial": {"points": line.tolist()},
+            "chain": {"links": n},
+            "damping": {"link_viscosity": nu},
+        }
+    )
+    link = length / n
+    omega = 2 * np.sqrt(1e3 / link / link) * np.sin(np.pi / (2 * n))
+    ratio = nu * omega / 2
+    damped = omega * np.sqrt(1 - ratio**2)
+    times = np.linspace(0, 0.5, 11)
+    run = cp.chain.simulate(scene, times=times, step=1e-5)
+    decay = np.exp(-ratio * omega * times)
+    exact = decay * (np.cos(damped * times) + ratio * omega / damped * np.sin(damped * times))
+    moved = (run.position[:, n // 2, 0].values - span / 2) / (1e-6 * span)
+    # the strain of 1e-6 against a prestrain of 1e-2 makes no link slack; the step is second order, (omega h)^2 ~ 4e-7
+    np.testing.assert_allclose(moved, exact, atol=2e-5)
+
+
+def test_extremes_are_taken_over_all_steps(soft):
+    scene = scene_with(soft)
+    run = cp.chain.simulate(scene, times=np.arange(0, 4001) / 1000, step=1e-3, outputs=("tension", "tension_extremes"))
+    np.testing.assert_allclose(run.tension_maximum, run.tension.max("time"), rtol=1e-11)
+    np.testing.assert_allclose(run.tension_minimum, run.tension.min("time"), rtol=1e-11)
+    few = cp.chain.simulate(scene, times=[4.0], step=1e-3, outputs=("tension_extremes",))
+    np.testing.assert_array_equal(few.tension_maximum, run.tension_maximum)
+    assert "position" not in few
+
+
+def test_members_run_as_if_alone(soft):
+    maps = [soft, {**soft, "cable": {**soft["cable"], "top_tension": 240.0}}]
+    scenes = [cp.make_scene(m) for m in maps]
+    both = xr.concat(scenes, "member", combine_attrs="override")
+    before = both.copy(deep=True)
+    run = cp.chain.simulate(both, step=1e-3)
+    xr.testing.assert_identical(both, before)
+    assert run.position.dims == ("member", "time", "particle", "coordinate")
+    assert run.cable_top_tension.dims == ("member",)
+    for i, scene in enumerate(scenes):
+        np.testing.assert_array_equal(run.position[i], cp.chain.simulate(scene, step=1e-3).position)
+
+
+def test_no_call_changes_its_input(soft):
+    scene = scene_with(soft)
+    before = scene.copy(deep=True)
+    cp.chain.rest(scene)
+    cp.chain.simulate(scene)
+    xr.testing.assert_identical(scene, before)

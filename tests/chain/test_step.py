@@ -1,0 +1,217 @@
+"""The step of the elastic chain: stability limit, tolerance, runs that break down, and ends that start with a jolt."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import scene_with
+
+import cablepod as cp
+from cablepod import cable_runs, chain_runs, chain_start, links
+from cablepod.implicit import ImplicitRun
+from cablepod.parameters import parameters
+from cablepod.verlet import VerletRun
+
+
+def test_the_stability_limit_is_where_it_is_predicted(soft):
+    # a straight, weightless chain: its highest axial frequency is the bound itself
+    s = np.linspace(0, 1, 9)
+    jitter = 1e-7 * np.where(np.arange(9) % 2, 1.0, -1.0)
+    jitter[[0, -1]] = 0
+    line = np.stack([4.0 * s + jitter, 0 * s], axis=1)
+    scene = cp.make_scene(
+        {
+            "gravity": 0.0,
+            "cable": {"youngs_modulus": 1e6, "area": 1e-3, "density": 1000.0, "unstretched_length": 3.9},
+            "ends": {"lower": [0.0, 0.0], "upper": [4.0, 0.0]},
+            "initial": {"points": line.tolist()},
+            "chain": {"links": 8},
+        }
+    )
+    chain = links.chain_of(parameters(scene))
+    limit = chain.step_limit()
+    link = 3.9 / 8
+    assert limit == pytest.approx(2 / (2 * np.sqrt(1e3 / link**2) * np.cos(np.pi / 16)), rel=1e-12)
+
+    def largest(step):
+        run = VerletRun(chain, np.array([1000 * step]), chain_start.start(chain), ("position",), None, "")
+        return np.abs(run(1 / step).position - line).max()
+
+    assert largest(0.999 * limit) < 1e-5
+    with pytest.raises(cp.RunStopped, match="broke down"):
+        largest(1.01 * limit)
+
+
+@pytest.mark.parametrize("viscosity", [1e-3, 1e-2, 0.1])
+def test_the_stability_limit_with_viscous_links(soft, viscosity):
+    scene = scene_with(soft, motion={}, damping={"link_viscosity": viscosity})
+    chain = links.chain_of(parameters(scene))
+    limit = chain.step_limit()
+    assert limit < 2 / chain.highest_frequency()
+    start = chain_start.start(chain)
+    start[1:-1:2] += 1e-9
+
+    def largest(step):
+        run = VerletRun(chain, np.array([3000 * step]), start, ("position",), None, "")
+        return np.abs(run(1 / step).position - start).max()
+
+    assert largest(0.99 * limit) < 1e-8
+    # beyond, the fastest axial mode grows until links go slack
+    assert largest(1.05 * limit) > 1e-6
+
+
+def test_a_step_above_the_limit_is_refused_with_both_numbers(soft):
+    scene = scene_with(soft)
+    limit = cp.chain.simulate(scene, step=1e-3).attrs["step_limit"]
+    with pytest.raises(cp.SceneError, match=rf"step: given {1.01 * limit:.6g} s; allowed: below .* {limit:.6g} s"):
+        cp.chain.simulate(scene, step=1.01 * limit)
+
+
+def test_a_run_that_leaves_the_finite_numbers_stops_and_keeps_what_it_had(soft):
+    scene = scene_with(
+        soft,
+        motion={"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}},
+        time={"duration": 1.0, "interval": 1.0},  # later it takes the end far away, which a scene may not say
+    )
+    times = np.arange(0, 4000.0)
+    with pytest.raises(
+        cp.RunStopped, match=r"left the finite numbers at .* s \(velocity Verlet, step 0.001 s.*try"
+    ) as stopped:
+        cp.chain.simulate(scene, times=times, step=1e-3)
+    partial = stopped.value.partial
+    assert 1 < partial.sizes["time"] < times.size
+    assert np.isfinite(partial.position).all()
+    assert "stopped at" in partial.attrs["incomplete"]
+    again = cp.chain.simulate(scene, times=partial.time.values, step=1e-3)
+    np.testing.assert_array_equal(partial.position, again.position)
+
+
+def test_a_tolerance_is_met(soft):
+    scene = scene_with(soft)
+    exact = cp.chain.simulate(scene, step=1 / 64000)
+    for tolerance in (1e-4, 1e-6):
+        run = cp.chain.simulate(scene, tolerance=tolerance)
+        error = float(cp.compare.errors(run, exact).error_max)
+        # the estimate is a bound after two runs, and right within a factor of two after more
+        assert error < 2 * run.attrs["time_error_estimate"]
+        assert run.attrs["time_error_estimate"] <= tolerance
+        assert error < tolerance
+
+
+def test_the_tolerance_is_met_where_the_motion_begins_with_a_jump(soft):
+    # an end that starts with a velocity sends a shock along the chain, for which the scheme is not of second order
+    scene = scene_with(
+        soft,
+        motion={"upper": {"x": {"kind": "harmonic", "amplitude": 0.03, "angular_frequency": 5.0}}},
+        time={"duration": 4.0, "interval": 0.5},
+    )
+    run = cp.chain.simulate(scene)
+    exact = cp.chain.simulate(scene, step=run.attrs["step"] / 16)
+    assert float(cp.compare.errors(run, exact).error_max) < 1e-6
+
+
+def test_finite_garbage_is_stopped(scenes):
+    # links slacken and snap taut: the step is below the limit of taut links, 3.4e-4 s, yet every snap adds energy
+    scene = cp.read_scene(scenes / "example3_swapped_rows.toml")
+    said = r"the run broke down: at 99 s the links hold .* J, .* explain \(velocity_verlet, step 0\.00025 s, limit 0\.0"
+    with pytest.raises(cp.RunStopped, match=said) as stopped:
+        cp.chain.simulate(scene, step=2.5e-4)
+    assert str(stopped.value).endswith("try a step half as long, or scheme energy_momentum")
+    assert stopped.value.partial.sizes["time"] == 99
+    assert stopped.value.partial.attrs["incomplete"] == "stopped at 99 s of 124 s"
+    sound = cp.chain.simulate(scene, step=2e-4)
+    assert sound.attrs["energy_excess"] < 0.01
+
+
+def test_a_run_that_breaks_down_is_told_only_of_other_schemes(soft):
+    about = (links.chain_of(parameters(cp.make_scene(soft))), np.zeros(1), np.zeros((9, 2)), ("position",), None, "")
+    assert ImplicitRun(*about, method="trapezoidal").cure.endswith("or scheme energy_momentum")
+    assert ImplicitRun(*about, method="energy_momentum").cure == "a step half as long"
+    assert "energy_momentum" not in cable_runs.MeshVerlet(*about).cure
+
+
+def test_an_unexplained_energy_is_warned_of(soft, monkeypatch):
+    # with the limit set to what any motion holds
+    monkeypatch.setattr(chain_runs, "SUSPECT", 1e-9)
+    with pytest.warns(cp.NotConvergedWarning, match="times the energy that rest, loads and ends explain"):
+        cp.chain.simulate(cp.make_scene(soft), step=1e-3)
+
+
+@pytest.mark.parametrize("law", ["linear", "green"])
+def test_the_energy_of_links(soft, law):
+    p = parameters(cp.make_scene(soft))
+    run = VerletRun(links.chain_of(p, law=law), np.array([1.0]), np.zeros((9, 2)), ("position",), None, "")
+    stretched = np.linspace(0.0, 1.0, 9)[:, None] * [8.0, 6.0] * 1.1
+    xi = 1.1 * 10.0 / run.chain.total_length
+    expected = (
+        p.stiffness * run.chain.total_length * (0.5 * (xi - 1.0) ** 2 if law == "linear" else (xi**2 - 1.0) ** 2 / 8.0)
+    )
+    assert run._strain_energy(stretched[None])[0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_chaotic_scene_is_said_to_be_one(scenes):
+    scene = cp.read_scene(scenes / "example2.toml")
+    wild = scene.assign(
+        motion_upper_x_amplitude=scene.motion_upper_x_amplitude * 2,
+        motion_upper_x_angular_frequency=scene.gravity * 0 + 2.0,
+    )
+    with pytest.warns(cp.NotConvergedWarning, match="two steps disagree: an error of"):
+        cp.chain.simulate(wild, links=10, times=[45.0])
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"links": 1}, "links: given 1; allowed: a whole number of at least 2"),
+        ({"links": True}, "links: given True"),
+        ({"links": 10**12}, "links: .* GB of output; allowed: half of this machine's memory"),
+        ({"scheme": "euler"}, 'scheme: given \'euler\'; allowed: one of "velocity_verlet", "trapez'),
+        ({"step": -1.0}, "step: given -1.0; allowed: a finite number above 0"),
+        ({"step": "fast"}, "step: given 'fast'"),
+        ({"step": 1e-3, "tolerance": 1e-3}, "step and tolerance"),
+        ({"tolerance": 0.0}, "tolerance: given 0.0"),
+        ({"times": []}, r"times: given \[\]; allowed: finite, rising"),
+        ({"times": [1.0, 1.0]}, "times: given"),
+        ({"times": [-1.0]}, "times: given"),
+        ({"times": [np.nan]}, "times: given"),
+        ({"times": "now"}, "times: given 'now'"),
+        ({"outputs": ("positions",)}, "outputs: given 'positions'; allowed: some of position"),
+    ],
+)
+def test_options_that_cannot_be(soft, options, match):
+    with pytest.raises(cp.SceneError, match=match):
+        cp.chain.simulate(scene_with(soft), **options)
+
+
+def test_the_energy_of_a_jolt_is_that_of_the_axial_wave():
+    # a straight cable without weight: until the wave arrives, the chain has its energy and the work against the first tension
+    speed, stiffness, mass, length = 0.5, 2e4, 1.0, 10.0
+    scene = cp.make_scene(
+        {
+            "gravity": 0.0,
+            "cable": {"youngs_modulus": stiffness / 1e-3, "area": 1e-3, "density": 1000.0, "unstretched_length": length / 1.01},
+            "ends": {"lower": [0.0, 0.0], "upper": [8.0, 6.0]},
+            "motion": {"upper": {axis: {"kind": "polynomial", "coefficients": [speed * part]}
+                                 for axis, part in (("x", 0.8), ("y", 0.6))}},
+            "chain": {"links": 800},
+        }
+    )  # fmt: skip
+    arrival = length / 1.01 / np.sqrt(stiffness / mass)
+    run = cp.chain.simulate(
+        scene, times=[0.0, 0.9 * arrival], step=0.25 * arrival / 800, outputs=("position", "velocity", "tension")
+    )
+    chain = links.chain_of(parameters(scene))
+    kinetic = 0.5 * (mass * chain.share[1:-1, None] * run.velocity.values[1, 1:-1] ** 2).sum()
+    strain = (run.tension**2 * chain.length / (2 * stiffness)).sum("link")
+    work = run.tension[0, -1] * speed * 0.9 * arrival
+    found = float(kinetic + strain[1] - strain[0] - work)
+    # 0.9 of the way; the front of a chain is not sharp: a few links of 800
+    assert found == pytest.approx(0.9 * run.attrs["start_jolt_energy"], rel=0.01)
+    assert run.attrs["start_jolt_speed"] == pytest.approx(speed, rel=1e-12)
+    behind = float((run.tension[1, 400:700] - run.tension[0, 400:700]).mean())
+    assert behind == pytest.approx(run.attrs["start_jolt_tension"], rel=0.01)
+
+
+def test_ends_that_start_smoothly_give_no_jolt(soft):
+    run = cp.chain.simulate(cp.make_scene(soft), times=[0.0], scheme="trapezoidal", step=0.1)
+    assert not [name for name in run.attrs if name.startswith("start_jolt")]

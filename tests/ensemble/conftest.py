@@ -1,0 +1,25 @@
+"""Scenes of an ensemble, and the folder of a finished one."""
+
+from __future__ import annotations
+
+import pytest
+from scenes import ENSEMBLE_RANGES, ENSEMBLE_STEP, SOFT
+
+import cablepod as cp
+
+
+@pytest.fixture
+def scenes_of(soft):
+    """Make the scenes of so many members."""
+    return lambda members=10, **options: cp.ensemble.design(
+        cp.make_scene(soft), options.pop("ranges", ENSEMBLE_RANGES), members=members, **options
+    )
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A folder with an ensemble of ten members in three files; not to be changed."""
+    folder = tmp_path_factory.mktemp("finished") / "it"
+    scenes = cp.ensemble.design(cp.make_scene(SOFT), ENSEMBLE_RANGES, members=10)
+    cp.ensemble.run(scenes, folder, batch=4, step=ENSEMBLE_STEP)
+    return folder

@@ -1,0 +1,161 @@
+"""How the members of an ensemble are drawn, and mistakes in a design."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from scenes import ENSEMBLE_RANGES, ENSEMBLE_STEP
+
+import cablepod as cp
+
+
+def test_a_latin_hypercube_has_one_member_in_each_part_of_each_range(scenes_of):
+    scenes = scenes_of(20, seed=4)
+    assert scenes.sizes["member"] == 20
+    np.testing.assert_array_equal(scenes["member"], np.arange(20))
+    for name, (low, high) in (("cable_top_tension", (200.0, 300.0)), ("ends_upper_x", (7.0, 8.5))):
+        part = np.floor((scenes[name] - low) / (high - low) * 20).astype(int)
+        np.testing.assert_array_equal(np.sort(part), np.arange(20))
+    np.testing.assert_array_equal(scenes["ends_upper"].sel(coordinate="x"), scenes["ends_upper_x"])
+    assert (scenes["ends_upper"].sel(coordinate="y") == 6.0).all()
+    assert scenes["cable_top_tension"].attrs["units"] == "N"
+    assert scenes["ends_upper_x"].attrs["units"] == "m"
+    assert scenes["cable_area"].dims == ()
+
+
+def test_a_design_depends_on_its_seed_and_says_so(scenes_of):
+    first, again, other = scenes_of(seed=1), scenes_of(seed=1), scenes_of(seed=2)
+    xr.testing.assert_identical(first, again)
+    assert not np.array_equal(first["cable_top_tension"], other["cable_top_tension"])
+    assert first.attrs["id"] != other.attrs["id"]
+    stage = json.loads(first.attrs["history_json"])[-1]
+    assert stage["function"] == "ensemble.design"
+    assert stage["parameters"] == {"members": 10, "sampling": "latin_hypercube", "seed": 1, "ranges": ENSEMBLE_RANGES}
+
+
+def test_sobol_points_are_those_of_scipy_and_need_no_power_of_two(scenes_of):
+    from scipy.stats import qmc
+
+    scenes = scenes_of(11, sampling="sobol", seed=3)
+    unit = qmc.Sobol(2, seed=np.random.default_rng(3)).random(16)[:11]
+    np.testing.assert_allclose(
+        (scenes["cable_top_tension"] - 200.0) / 100.0, unit[:, 0], rtol=0, atol=1e-14
+    )  # rounding
+    np.testing.assert_allclose((scenes["ends_upper_x"] - 7.0) / 1.5, unit[:, 1], rtol=0, atol=1e-14)
+
+
+def test_a_grid_has_every_combination(scenes_of):
+    scenes = scenes_of(9, sampling="grid")
+    pairs = set(zip(scenes["cable_top_tension"].values.tolist(), scenes["ends_upper_x"].values.tolist(), strict=True))
+    assert pairs == {(tension, x) for tension in (200.0, 250.0, 300.0) for x in (7.0, 7.75, 8.5)}
+    listed = scenes_of(6, sampling="grid", ranges={"cable.top_tension": [200, 210, 290], "gravity": [9.0, 9.8]})
+    assert listed["cable_top_tension"].values.tolist() == [200, 200, 210, 210, 290, 290]
+    assert listed["gravity"].values.tolist() == [9.0, 9.8] * 3
+    lists = {"cable.top_tension": [200, 210, 290], "gravity": [9.0, 9.4, 9.8]}
+    assert scenes_of(9, sampling="grid", ranges=lists).sizes["member"] == 9
+    with pytest.raises(cp.SceneError, match=r"^members: given 8; allowed: 9, the product of the lengths"):
+        scenes_of(8, sampling="grid", ranges=lists)
+
+
+def test_a_list_is_taken_as_it_is(scenes_of):
+    scenes = scenes_of(
+        3, sampling="list", ranges={"cable.top_tension": [300.0, 200.0, 250.0], "chain.links": [4, 6, 5]}
+    )
+    assert scenes["cable_top_tension"].values.tolist() == [300.0, 200.0, 250.0]
+    assert scenes["chain_links"].values.tolist() == [4, 6, 5]
+    assert scenes["chain_links"].dtype.kind == "i"
+
+
+def test_a_table_of_the_scene_file_is_the_default(soft):
+    soft["point_load"] = [{"arc_length": 0.5, "force": [0.0, -10.0]}]
+    soft["load"] = {"uniform": [1.0, 0.0]}
+    ranges = {"ends.upper.x": [7, 8.5], "point_load.1.force.y": [-20, -10], "load.uniform.y": [0, 1]}
+    soft["ensemble"] = {"members": 8, "seed": 5, "sampling": "sobol", "ranges": ranges}
+    scene = cp.make_scene(soft)
+    scenes = cp.ensemble.design(scene)
+    xr.testing.assert_equal(scenes, cp.ensemble.design(scene, ranges, members=8, seed=5, sampling="sobol"))
+    assert "ensemble_json" not in scenes.attrs
+    assert cp.ensemble.design(scene, members=3).sizes["member"] == 3
+    force = scenes["point_load_1_force"]
+    assert force.dims == ("member", "coordinate")
+    assert (force.sel(coordinate="x") == 0.0).all()
+    assert ((force.sel(coordinate="y") >= -20) & (force.sel(coordinate="y") <= -10)).all()
+    # the members are the scenes that the same values make
+    soft["ends"]["upper"][0] = float(scenes["ends_upper_x"][2])
+    soft["point_load"][0]["force"][1] = float(force[2, 1])
+    soft["load"]["uniform"][1] = float(scenes["load_uniform_y"][2])
+    alone = cp.chain.simulate(cp.make_scene(soft), step=ENSEMBLE_STEP)
+    np.testing.assert_array_equal(cp.chain.simulate(scenes, step=ENSEMBLE_STEP).position[2], alone.position)
+
+
+MISTAKES = [
+    ({}, {"members": 0}, r"^members: given 0; allowed: a whole number of at least 1$"),
+    ({}, {"members": True}, r"^members: given True; allowed: a whole number"),
+    ({}, {"members": None}, r"^members: missing; allowed: a whole number"),
+    ({}, {"seed": -1}, r"^seed: given -1; allowed: a whole number of at least 0$"),
+    ({}, {"sampling": "random"}, r"^sampling: given 'random'; allowed: one of \"latin_hypercube\""),
+    ({}, {"sampling": "grid"}, r"^members: given 10; allowed: 9 \(or 16\), because a grid has equally many points"),
+    (
+        {"gravity": [9, 9.4, 9.8]},
+        {"sampling": "grid"},
+        r"^members: given 10; allowed: 12 \(or 27\).*times 3 of its lists$",
+    ),
+    (
+        {"gravity": [9, 9, 9.8]},
+        {"sampling": "grid"},
+        r"^ranges\.gravity: given \[9, 9, 9\.8\]; allowed: different values",
+    ),
+    (
+        {"gravity": [9, 9.8]},
+        {"sampling": "list"},
+        r"^ranges\.cable\.top_tension: given .*; allowed: 10 values for sampling",
+    ),
+    ({"gravity": [9.8, 9]}, {}, r"^ranges\.gravity: given \[9\.8, 9\]; allowed: \[low, high\] with low < high$"),
+    ({"gravity": "all"}, {}, r"^ranges\.gravity: given 'all'; allowed: a list"),
+    ({"cable.top_tensio": [1, 2]}, {}, r"^ranges\.cable\.top_tensio: unknown key path; allowed: the path of a number"),
+    ({"cable_area": [1, 2]}, {}, r"^ranges\.cable_area: unknown key path"),
+    ({"ends.upper.z": [1, 2]}, {}, r"^ranges\.ends\.upper\.z: unknown key path"),
+    ({"ends.upper": [1, 2]}, {}, r"^ranges\.ends\.upper: unknown key path"),
+    ({5: [1, 2]}, {}, r"^ranges\.5: unknown key path"),
+    ({"motion.upper.y.amplitude": [1, 2]}, {}, r"^ranges\.motion\.upper\.y\.amplitude: unknown key path"),
+    (
+        {"cable.area": [-1, 2]},
+        {},
+        r"^ranges\.cable\.area: given \[-1\.0, 2\.0\], at -1 no scene: cable\.area: given -1\.0;",
+    ),
+    ({"cable.top_tension": [1, 300]}, {}, r"at 1 no scene: cable\.top_tension: given 1\.0; allowed: at least"),
+    ({"chain.links": [5, 9]}, {}, r"^ranges\.chain\.links: given \[5, 9\]; allowed: a list of whole numbers"),
+]
+
+
+@pytest.mark.parametrize(("ranges", "options", "match"), MISTAKES, ids=[item[2][:30] for item in MISTAKES])
+def test_mistakes_in_a_design_are_named(soft, ranges, options, match):
+    with pytest.raises(cp.SceneError, match=match):
+        cp.ensemble.design(cp.make_scene(soft), ENSEMBLE_RANGES | ranges, **{"members": 10, **options})
+
+
+def test_a_design_without_ranges_is_refused(soft):
+    scene = cp.make_scene(soft)
+    for ranges in ({}, [], 5):
+        with pytest.raises(cp.SceneError, match=r"^ranges: given .*; allowed: a mapping from key paths"):
+            cp.ensemble.design(scene, ranges, members=3)
+    with pytest.raises(cp.SceneError, match=r"no table \[ensemble\]; allowed: one of them"):
+        cp.ensemble.design(scene, members=3)
+    with pytest.raises(cp.SceneError, match="allowed: what make_scene or read_scene gives"):
+        cp.ensemble.design(cp.ensemble.design(scene, ENSEMBLE_RANGES, members=3), ENSEMBLE_RANGES, members=3)
+
+
+def test_ranges_of_a_scene_file_may_be_of_components_grids_and_lists(soft):
+    soft["ensemble"] = {"members": 3, "sampling": "list", "ranges": {"ends.upper.x": [8.0, 7.0, 7.5]}}
+    assert cp.ensemble.design(cp.make_scene(soft))["ends_upper_x"].values.tolist() == [8.0, 7.0, 7.5]
+    soft["ensemble"] = {"members": 5, "sampling": "grid", "ranges": ENSEMBLE_RANGES}
+    with pytest.raises(cp.SceneError, match=r"^ensemble\.members: given 5; allowed: 4 \(or 9\)"):
+        cp.make_scene(soft)
+    soft["ensemble"] = {"members": 4, "ranges": {"ends.upper.x": [8.0, 1e10]}}
+    with pytest.raises(
+        cp.SceneError, match=r"^ensemble\.ranges\.ends\.upper\.x: given .*, at 1e\+10 no scene: ends\.upper: "
+    ):
+        cp.make_scene(soft)

@@ -1,0 +1,177 @@
+"""Running an ensemble in any way gives the same bits; failing members, progress, warnings, options."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from scenes import ENSEMBLE_STEP, full_modes
+
+import cablepod as cp
+from cablepod.archive_ensemble import describe_ensemble
+
+
+def test_an_ensemble_is_what_one_call_gives(finished, scenes_of):
+    scenes = scenes_of()
+    whole = cp.archive.open_ensemble(finished)
+    direct = cp.chain.simulate(scenes, step=ENSEMBLE_STEP)
+    for name in ("position", "arc_length", "unstretched_length", "energy_excess", "time", "cable_top_tension"):
+        np.testing.assert_array_equal(whole[name], direct[name], err_msg=name)
+        assert whole[name].attrs == direct[name].attrs, name
+    assert (whole["step"] == ENSEMBLE_STEP).all()
+    assert whole["step"].attrs["units"] == "s"
+    assert set(direct.coords) <= set(whole.coords)
+    assert whole.attrs["law"] == "linear"
+    assert sorted(path.name for path in finished.iterdir() if path.name[0] != ".") == [
+        *(f"batch_000{i}.nc" for i in range(3)), "manifest.json", "scenes.nc",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_any_number_of_workers_gives_the_same_bits(finished, scenes_of, tmp_path, workers):
+    again = cp.ensemble.run(scenes_of(), tmp_path / "it", batch=4, step=ENSEMBLE_STEP, workers=workers)
+    whole = cp.archive.open_ensemble(finished)
+    assert again.attrs["id"] == whole.attrs["id"]
+    xr.testing.assert_equal(again.compute(), whole.compute())
+    for number in range(3):
+        one, other = (cp.archive.read(folder / f"batch_000{number}.nc") for folder in (finished, tmp_path / "it"))
+        assert one.attrs["id"] == other.attrs["id"]
+        hashes = [json.loads(item.attrs["history_json"])[-1]["sha256"] for item in (one, other)]
+        assert hashes[0] == hashes[1]
+
+
+def test_reduced_models_run_too(soft, tmp_path, scenes_of):
+    modes = full_modes()
+    scenes = scenes_of(5, ranges={"cable.top_tension": [200.0, 300.0], "motion.upper.x.amplitude": [-0.05, 0.01]})
+    options = {"rank": 2, "step": 2e-3, "outputs": ("position",)}
+    run = cp.ensemble.run(scenes, tmp_path / "it", model="condensed", modes=modes, batch=5, **options)
+    np.testing.assert_array_equal(run.position, cp.condensed.simulate(scenes, modes, **options).position)
+    assert (tmp_path / "it" / "modes.nc").exists()
+    assert modes.attrs["id"] in json.loads(run.attrs["history_json"])[-1]["inputs"]
+    other = modes.assign(mode_shape=2.0 * modes["mode_shape"])
+    with pytest.raises(cp.ArchiveError, match="holds another ensemble: the modes was"):
+        cp.ensemble.run(scenes, tmp_path / "it", model="condensed", modes=other, batch=5, **options)
+
+
+def test_failing_members_are_marked_and_stop_nobody_else(scenes_of, tmp_path):
+    scenes = scenes_of(9)
+    tension = scenes["cable_top_tension"].values.copy()
+    tension[[0, 1, 2, 4]] = 1.0  # no cable of this weight hangs with 1 N; one batch fails as a whole
+    bad = scenes.assign(cable_top_tension=("member", tension, scenes["cable_top_tension"].attrs))
+    with pytest.warns(
+        cp.MemberFailedWarning, match=r"4 of 9 members failed .* member 0: cable\.top_tension: given 1\.0"
+    ):
+        run = cp.ensemble.run(bad, tmp_path / "it", batch=3, step=ENSEMBLE_STEP)
+    good = [3, 5, 6, 7, 8]
+    np.testing.assert_array_equal(np.flatnonzero(run["failure"] == ""), good)
+    assert np.isnan(run["position"][[0, 1, 2, 4]]).all()
+    assert np.isnan(run["step"][[0, 1, 2, 4]]).all()
+    np.testing.assert_array_equal(run["position"][good], cp.chain.simulate(scenes, step=ENSEMBLE_STEP).position[good])
+    assert "failed    4" in describe_ensemble(tmp_path / "it")
+    assert "cable.top_tension: given 1.0" in describe_ensemble(tmp_path / "it")
+    stage = [item["function"] for item in json.loads(run.attrs["history_json"])]
+    assert stage == ["make_scene", "ensemble.design", "changed by hand", "ensemble.run"]
+
+
+def test_all_members_may_fail(scenes_of, tmp_path):
+    scenes = scenes_of(3)
+    bad = scenes.assign(cable_top_tension=("member", np.ones(3), scenes["cable_top_tension"].attrs))
+    with pytest.warns(cp.MemberFailedWarning, match="3 of 3 members failed"):
+        run = cp.ensemble.run(bad, tmp_path / "it", step=ENSEMBLE_STEP)
+    assert (run["failure"] != "").all()
+    assert "position" not in run
+
+
+def test_a_condensed_model_whose_first_member_fails(scenes_of, tmp_path):
+    modes = full_modes()
+    scenes = scenes_of(4, ranges={"cable.top_tension": [200.0, 300.0]})
+    tension = scenes["cable_top_tension"].values.copy()
+    tension[0] = 1.0
+    bad = scenes.assign(cable_top_tension=("member", tension, scenes["cable_top_tension"].attrs))
+    options = {"rank": 2, "step": 2e-3, "outputs": ("position",)}
+    with pytest.warns(cp.MemberFailedWarning, match="1 of 4 members failed"):
+        run = cp.ensemble.run(bad, tmp_path / "it", model="condensed", modes=modes, **options)
+    rest = cp.condensed.simulate(bad.isel(member=slice(1, None)), modes, **options)
+    np.testing.assert_array_equal(run.position[1:], rest.position)
+    assert np.isnan(run.position[0]).all()
+
+
+def test_batches_are_handed_over_in_order_and_not_kept(scenes_of, finished):
+    whole, seen = cp.archive.open_ensemble(finished).compute(), []
+    parts = list(cp.ensemble.batches(scenes_of(), batch=4, step=ENSEMBLE_STEP, progress=seen.append))
+    assert [part.sizes["member"] for part in parts] == [4, 4, 2]
+    np.testing.assert_array_equal(np.concatenate([part["position"] for part in parts]), whole["position"])
+    assert [part["member"].values[0] for part in parts] == [0, 4, 8]
+    assert seen[-1] == 1.0
+    assert len({part.attrs["id"] for part in parts}) == 3
+    # who stops taking them stops the work
+    generator = cp.ensemble.batches(scenes_of(), batch=1, step=ENSEMBLE_STEP)
+    next(generator)
+    generator.close()
+
+
+def test_progress_counts_all_members(scenes_of, tmp_path):
+    seen = []
+    cp.ensemble.run(scenes_of(), tmp_path / "it", batch=3, step=ENSEMBLE_STEP, progress=seen.append)
+    assert seen == sorted(seen)
+    assert (seen[0], seen[-1]) == (0.0, 1.0)
+    assert len(seen) > 4
+    (tmp_path / "it" / "batch_0001.nc").unlink()
+    seen.clear()
+    cp.ensemble.run(scenes_of(), tmp_path / "it", batch=3, step=ENSEMBLE_STEP, progress=seen.append)
+    assert seen[0] == pytest.approx(0.7)
+    assert seen[-1] == 1.0
+
+
+def test_other_warnings_come_once(soft, scenes_of, tmp_path, monkeypatch):
+    import warnings
+
+    from cablepod import ensemble_work
+
+    def noisy(scenes, *, step=None, progress=None):
+        for member in scenes["member"].values.tolist() if "member" in scenes.dims else []:
+            warnings.warn(f"member {member} is odd", RuntimeWarning, stacklevel=1)
+        return cp.chain.simulate(scenes, step=step)
+
+    monkeypatch.setattr(ensemble_work, "MODELS", {**ensemble_work.MODELS, "chain": noisy})
+    with pytest.warns(RuntimeWarning, match=r"member \d is odd \(and 9 more such warnings in 10 members\)") as caught:
+        list(cp.ensemble.batches(scenes_of(), batch=4, step=ENSEMBLE_STEP))
+    assert len(caught) == 1
+
+
+OPTIONS = [
+    ({"stepp": 1}, r"^option stepp: given 1; allowed: an option of model \"chain\": links, times, law"),
+    ({"step": "x"}, r"^step: given 'x'; allowed: a finite number above 0"),
+    ({"step": 1.0}, r"^step: given 1 s; allowed: below the stability limit"),
+    ({"outputs": ("force",)}, r"^outputs: given 'force'; allowed: some of position"),
+    ({"scheme": "euler"}, r"^scheme: given 'euler'"),
+    ({"times": [1.0, 0.0]}, r"^times: given .*; allowed: finite, rising instants"),
+    ({"times": max}, r"^times: given .*; allowed: a number, a text or a list of them"),
+    ({"model": "beam"}, r"^model: given 'beam'; allowed: one of \"chain\", \"cable\""),
+    ({"model": "galerkin"}, r"^modes: given None; allowed: the Dataset of modes"),
+    ({"modes": xr.Dataset()}, r"^modes: given 'a value'; allowed: none for model \"chain\""),
+    ({"batch": 0}, r"^batch: given 0; allowed: a whole number of at least 1"),
+    ({"workers": 0}, r"^workers: given 0; allowed: a whole number of at least 1"),
+    ({"scheduler": "threads"}, r"^scheduler: given 'threads'; allowed: None \(threads\), \"processes\", the address"),
+]
+
+
+@pytest.mark.parametrize(("options", "match"), OPTIONS, ids=[str(next(iter(item[0].items())))[:20] for item in OPTIONS])
+def test_options_are_checked_before_anything_runs(scenes_of, tmp_path, options, match):
+    with pytest.raises(cp.SceneError, match=match):
+        cp.ensemble.run(scenes_of(), tmp_path / "it", **options)
+    assert not list(tmp_path.glob("it/batch*"))
+
+
+def test_scenes_that_give_no_single_array_are_refused(scenes_of, soft, tmp_path):
+    links = scenes_of(3, sampling="list", ranges={"chain.links": [4, 6, 5]})
+    with pytest.raises(
+        cp.SceneError, match=r"^chain\.links: given 'different values'; allowed: one value .* the option links$"
+    ):
+        cp.ensemble.run(links, tmp_path / "it", step=ENSEMBLE_STEP)
+    assert cp.ensemble.run(links, tmp_path / "it", step=ENSEMBLE_STEP, links=4).sizes["particle"] == 5
+    for wrong in (cp.make_scene(soft), None, links.isel(member=slice(0, 0))):
+        with pytest.raises(cp.SceneError, match=r"^scenes: given no "):
+            cp.ensemble.run(wrong, tmp_path / "other")

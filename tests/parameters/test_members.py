@@ -1,0 +1,71 @@
+"""Parameters of scenes with several members, and of what is no scene."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from scene_files import everything
+
+import cablepod as cp
+from cablepod.parameters import parameters, parameters_of_members
+
+
+def concatenated(*scenes):
+    return xr.concat(scenes, "member", data_vars="all", coords="minimal", compat="equals", join="outer")
+
+
+def equal(a, b):
+    for name in a.__dataclass_fields__:
+        x, y = getattr(a, name), getattr(b, name)
+        if name in ("motions", "initial"):
+            assert x.keys() == y.keys()
+        elif name == "point_loads":
+            assert [item.key for item in x] == [item.key for item in y]
+        elif name != "load_factor":
+            np.testing.assert_array_equal(x, y, err_msg=name)
+
+
+@pytest.mark.parametrize("dims", [("member", "coordinate"), ("coordinate", "member")])
+def test_members_are_the_scenes_they_were_made_of(soft, dims):
+    each = []
+    for tension in (150.0, 200.0, 300.0):
+        soft["cable"]["top_tension"] = tension
+        soft["ends"]["upper"] = [8.0, 6.0 + tension / 1e3]
+        each.append(cp.make_scene(soft))
+    many = concatenated(*each).transpose(*dims, ...)
+    for member, scene in zip(parameters_of_members(many), each, strict=True):
+        equal(member, parameters(scene))
+    with pytest.raises(cp.SceneError, match=r"scene: given several members; allowed: one, scene\.isel\(member=0\)"):
+        parameters(many)
+    equal(parameters(many.isel(member=1)), parameters(each[1]))
+
+
+def test_members_may_differ_in_what_they_have(soft, scene_folder):
+    other = everything()
+    other["cable"] = {"youngs_modulus": 2e7, "area": 1e-3, "specific_weight": 9810.0, "unstretched_length": 10.1}
+    del other["ensemble"]
+    each = [cp.make_scene(soft), cp.make_scene(other)]
+    for member, scene in zip(parameters_of_members(concatenated(*each)), each, strict=True):
+        equal(member, parameters(scene))
+
+
+def test_a_scene_without_members_is_a_list_of_one(soft):
+    scene = cp.make_scene(soft)
+    (only,) = parameters_of_members(scene)
+    equal(only, parameters(scene))
+
+
+@pytest.mark.parametrize("lacking", ["gravity", "cable_area", "ends_upper"])
+def test_a_dataset_that_is_no_scene(soft, lacking):
+    with pytest.raises(cp.SceneError, match=r"scene: given no Dataset with gravity, .*allowed: what make_scene gives"):
+        parameters(cp.make_scene(soft).drop_vars(lacking))
+    with pytest.raises(cp.SceneError, match=r"allowed: what make_scene gives"):
+        parameters({"gravity": 9.81})
+
+
+def test_a_scene_that_lost_its_length_or_weight(soft):
+    with pytest.raises(cp.SceneError, match=r"cable: given none; allowed: exactly one of top_tension, bottom_tension"):
+        parameters(cp.make_scene(soft).drop_vars("cable_top_tension"))
+    with pytest.raises(cp.SceneError, match=r"cable: given none; allowed: exactly one of specific_weight, density"):
+        parameters(cp.make_scene(soft).drop_vars("cable_density"))

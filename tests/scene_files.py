@@ -1,0 +1,148 @@
+"""Scene files with every table and kind, their records, and what a refusal of one must be."""
+
+from __future__ import annotations
+
+import fractions
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cablepod as cp
+
+EVERYTHING = """
+title = "every table and kind"
+gravity = 9.7
+[cable]
+youngs_modulus = 2.0e7
+area = 1.0e-3
+density = 1000.0
+top_tension = 200.0
+[ends]
+lower = [0.0, 0.0]
+upper = [8.0, 6.0]
+[motion.upper.x]
+kind = "one_minus_cosine"
+amplitude = -0.05
+angular_frequency = 2.0
+[motion.upper.y]
+kind = "harmonic"
+amplitude = 0.02
+angular_frequency = 3.0
+phase = 0.3
+[motion.lower.x]
+kind = "ramp"
+amplitude = 0.1
+duration = 2.0
+[motion.lower.y]
+kind = "polynomial"
+coefficients = [0.0, 0.01, 0.002]
+[load]
+uniform = [1.0, -2.0]
+kind = "file"
+path = "record.csv"
+[[point_load]]
+arc_length = 0.25
+force = [0.0, -5.0]
+[[point_load]]
+arc_length = 0.5
+force = [3.0, 0.0]
+kind = "harmonic"
+amplitude = 1.0
+angular_frequency = 2.5
+[time]
+duration = 4.0
+interval = 0.5
+[chain]
+links = 3
+link_lengths = [1.0, 2.0, 1.0]
+[initial]
+top_tension = 260.0
+[damping]
+mass_proportional = 0.1
+link_viscosity = 1e-3
+[ensemble]
+members = 48
+seed = 5
+sampling = "sobol"
+[ensemble.ranges]
+"cable.top_tension" = [150.0, 300.0]
+"motion.upper.x.angular_frequency" = [0.1, 1.0]
+"""
+RECORD = "# by hand\ntime,value\n" + "".join(f"{0.25 * i},{0.1 * i * i}\n" for i in range(17))
+
+
+def everything() -> dict[str, Any]:
+    return {
+        "title": "every table and kind",
+        "gravity": 9.7,
+        "cable": {"youngs_modulus": 2e7, "area": 1e-3, "density": 1000, "top_tension": np.float64(200.0)},
+        "ends": {"lower": (0, 0), "upper": np.array([8.0, 6.0])},
+        "motion": {
+            "upper": {
+                "x": {"kind": "one_minus_cosine", "amplitude": -0.05, "angular_frequency": 2},
+                "y": {"kind": "harmonic", "amplitude": 0.02, "angular_frequency": 3.0, "phase": 0.3},
+            },
+            "lower": {
+                "x": {"kind": "ramp", "amplitude": 0.1, "duration": 2.0},
+                "y": {"kind": "polynomial", "coefficients": np.array([0.0, 0.01, 0.002])},
+            },
+        },
+        "load": {"uniform": [1.0, -2.0], "kind": "file", "path": "record.csv"},
+        "point_load": (
+            {"arc_length": fractions.Fraction(1, 4), "force": [0.0, -5.0]},
+            {"arc_length": 0.5, "force": [3, 0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 2.5},
+        ),
+        "time": {"duration": 4.0, "interval": 0.5},
+        "chain": {"links": np.int64(3), "link_lengths": [1.0, 2.0, 1.0]},
+        "initial": {"top_tension": np.array(260.0)},
+        "damping": {"mass_proportional": 0.1, "link_viscosity": 1e-3},
+        "ensemble": {
+            "members": 48,
+            "seed": 5,
+            "sampling": "sobol",
+            "ranges": {"cable.top_tension": [150.0, 300.0], "motion.upper.x.angular_frequency": (0.1, 1)},
+        },
+    }
+
+
+def put(mapping: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
+    """Set the value at a key path, making tables on the way; None deletes it."""
+    *tables, last = path.split(".")
+    table = mapping
+    for name in tables:
+        table = table.setdefault(name, {})
+    if value is None:
+        del table[last]
+    else:
+        table[last] = value
+    return mapping
+
+
+LOAD = {"arc_length": 0.5, "force": [0.0, 1.0]}
+
+
+def refused(mapping: Any, match: str) -> None:
+    """Hold that a scene is refused, in one line, soon, and without a word besides."""
+    begin = time.perf_counter()
+    with pytest.raises(cp.SceneError, match=match) as caught:
+        cp.make_scene(mapping)
+    assert time.perf_counter() - begin < 2.0  # at once; the bound only tells a loop or an allocation
+    text = str(caught.value)
+    assert "\n" not in text
+    assert len(text) < 600
+    assert "allowed: " in text
+
+
+ROWS = [(0.5 * i, 0.1 * i) for i in range(9)]
+
+
+def csv(rows, header="time,value"):
+    return "\n".join([header, *(",".join(str(item) for item in row) for row in rows)]) + "\n"
+
+
+def write(path: Path, content: str | bytes | None) -> None:
+    if content is not None:
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
