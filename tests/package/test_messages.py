@@ -1,6 +1,8 @@
-"""Every error and warning that the package can raise, collected from its source: what it says, and that it helps.
+"""The fields of every error and warning that the package can raise, collected from its source.
 
-``python tests/test_messages.py`` lists them.
+The form is ``key: problem (value); allowed: ...; try: ...`` or ``key: given value; allowed: ...``.  A refusal of input names its
+key, what was given, and what is allowed.  Any other message tells the problem, and what is allowed or what to do.  ``python
+tests/package/test_messages.py`` lists all messages.
 """
 
 from __future__ import annotations
@@ -17,114 +19,117 @@ import pytest
 import cablepod
 
 PACKAGE = Path(cablepod.__file__).parent
-OURS = ("SceneError", "ArchiveError", "RunStopped", "refuse", "warn", "stop")
 
-#: A refusal: the key or file, what was given or what is wrong with it, and what is allowed.
-REFUSAL = re.compile(r"^\S.*?: \S.*; allowed: \S", re.DOTALL)
-#: Anything else: what happened, then what to do.
+#: Function that makes a refusal of input from its fields: key, given, allowed and, if it takes one, remedy.
+REFUSE = "refuse"
+#: Functions that get the text of a message, and the index of that argument.
+TELLING = {"warn": 0, "stop": -1}
+#: Exceptions that are made in one place and raised in another, so that their calls are collected, not the raise statements.
+OWN = ("SceneError", "ArchiveError", "RunStopped")
+COLLECTED = (REFUSE, *TELLING, *OWN)
+#: Kinds of messages that refuse input.
+REFUSALS = ("SceneError", REFUSE)
+#: The words that begin a remedy: the field of its own, or an imperative in the last clause.
 REMEDY = re.compile(
-    r"\S.*[;,] (?:or )?(?:try|compare with|give|install|check|change|make|leave|open|judge|see|free|use|run|take|allowed:) ?\S",
-    re.DOTALL,
+    r"[;,] (?:or )?(?:try: |(?=(?:try|compare with|give|install|check|change|make|leave|open|judge|see|free|use|run|take) \S))"
 )
+#: Longest key, in words beside variables: "law and damping.link_viscosity".
+KEY_WORDS = 3
 
-#: Messages of another form, by file and beginning, and why they may be.  An entry that fits no message fails too.
+#: Messages of another form, by kind and beginning of the text, and the reason.  An entry that fits no message fails.
 EXCEPTIONS = {
-    # passed on: the message of an error that was made elsewhere, and is in this list there
-    ("scene.py", "SceneError", "{named(str(path))}: {error}"): "the file's name before a refusal of its contents",
-    ("scene.py", "SceneError", "{text}"): "made just above, ends with a refusal",
-    ("records.py", "SceneError", "{key}: {error}"): "the key before a refusal of its file",
-    ("archive.py", "ArchiveError", "{path}: {error}"): "the file's name before a message of its contents",
-    ("archive.py", "ArchiveError", "{path}: {folder} {what}"): "`what` ends with what to do, see the line above it",
-    (
-        "archive.py",
-        "ArchiveError",
-        "{path}: not written, nothing is left behind: {reason(",
-    ): "reason ends with what to do",
-    ("ensemble_store.py", "ArchiveError", "{path}: not written: {archive.reason("): "the same",
-    ("*", "call", "damaged(path, error)"): "a function that makes the message; the messages are in this list",
-    ("*", "call", "_damaged(path, error)"): "the same",
-    ("archive_ensemble.py", "ArchiveError", "{'; '.join(faults[:5])}{more}"): "each fault ends with what to do",
-    ("ensemble_work.py", "warn", "{texts[0]}{often}"): "the warning of a member, and of how many more",
-    ("ensemble_work.py", "name", "error"): "the error of the batch, raised again where no member alone explains it",
-    ("ensemble.py", "subscript", "errors[0]"): "the error of the first batch, raised again",
-    (
-        "ensemble_design.py",
-        "SceneError",
-        "{key}: given {schema.shown(values)}, at {value:g} no scene: {error}",
-    ): "ends with a refusal",
-    ("members.py", "subscript", "failed[0][1]"): "the error of the first member, raised again where all failed",
-    ("elements.py", "SceneError", "{str(error).replace("): "the chain's message, said of the cable",
-    ("runs.py", "RunStopped", "{why}"): "why is what the callers of stop say; they are in this list",
-    ("verlet.py", "RunStopped", "{why}"): "made just above, ends with what to try",
-    ("verlet.py", "stop", "{why}"): "the same",
-    ("implicit.py", "stop", "{why}"): "made just above, ends with what to try",
-    ("rigid_runs.py", "stop", "{why}"): "made just above, both times, ends with what to try",
+    # passed on: the message of an error that was made elsewhere, and is collected there
+    ("SceneError", "{named(str(path))}: {error}"): "the file's name before a refusal of its contents",
+    ("SceneError", "{text}"): "made just above, ends with a refusal",
+    ("SceneError", "{key}: {error}"): "the key before a refusal of its file",
+    ("SceneError", "{key}: given {schema.shown(values)}, at {value:g} no scene: {error}"): "ends with a refusal",
+    ("SceneError", "{str(error).replace("): "the chain's message, said of the cable",
+    ("ArchiveError", "{path}: {error}"): "the file's name before a message of its contents",
+    ("ArchiveError", "{path}: {folder} {what}"): "`what` ends with what to do, see the line above it",
+    ("ArchiveError", "{path}: not written, nothing is left behind: {reason("): "reason ends with what to do",
+    ("ArchiveError", "{path}: not written: {archive.reason("): "the same",
+    ("ArchiveError", "{'; '.join(faults[:5])}{more}"): "each fault ends with what to do",
+    ("RunStopped", "{why}"): "the reason, told by the callers of stop or made just above",
+    ("stop", "{why}"): "made just above, ends with what to try",
+    ("warn", "{texts[0]}{often}"): "the warning of a member, and of how many more",
+    ("call", "damaged(path, error)"): "a function that makes the message, which is collected there",
+    ("call", "_damaged(path, error)"): "the same",
+    ("name", "error"): "the error of the batch, raised again where no member alone explains it",
+    ("subscript", "errors[0]"): "the error of the first batch, raised again",
+    ("subscript", "failed[0][1]"): "the error of the first member, raised again where all failed",
     # caught inside the package: no user sees them
-    ("archive_ensemble.py", "ValueError", "it is another kind of file"): "caught four lines below",
-    ("members.py", "name", "StoppedError"): "caught where the threads are waited for",
-    ("parameters.py", "IndexError", "{at}"): "ends a loop over all, as Python has it",
-    ("scene.py", "name", "RecursionError"): "caught three lines below",
-    ("snapshots.py", "FloatingPointError", "ends are not finite"): "caught, and said of the snapshots by name",
-    ("streaming.py", "FloatingPointError", "rows are not finite"): "caught, and said of the snapshots by name",
-    (
-        "paper/statics.py",
-        "SceneError",
-        "Example 1: the boundary value problem",
-    ): "fixed numbers: nothing that a user gave",
+    ("ValueError", "it is another kind of file"): "caught a few lines below",
+    ("FloatingPointError", "ends are not finite"): "caught, and said of the snapshots by name",
+    ("FloatingPointError", "rows are not finite"): "caught, and said of the snapshots by name",
+    ("IndexError", "{at}"): "ends a loop over all, as Python has it",
+    ("name", "StoppedError"): "caught where the threads are waited for",
+    ("name", "RecursionError"): "caught a few lines below",
+    ("SceneError", "Example 1: the boundary value problem"): "fixed numbers: nothing that a user gave",
     # mistakes in the package itself, which a user can only report
-    (
-        "conventions.py",
-        "KeyError",
-        "variable {name!r} has no entry in the vocabulary and no units",
-    ): "a variable we forgot",
-    ("elements.py", "AssertionError", "the last try returns or raises"): "cannot be reached",
-    ("stepping.py", "ValueError", "dense output needs rates"): "a caller inside the package that forgot them",
-    ("runs.py", "name", "NotImplementedError"): "an abstract method",
-    ("galerkin_runs.py", "name", "NotImplementedError"): "an abstract method",
+    ("KeyError", "variable {name!r} has no entry in the vocabulary and no units"): "a variable without an entry",
+    ("AssertionError", "the last try returns or raises"): "cannot be reached",
+    ("ValueError", "dense output needs rates"): "a caller inside the package that forgot them",
+    ("name", "NotImplementedError"): "an abstract method",
 }
 
 
 class Message(NamedTuple):
-    """A place that raises or warns: file, line, what (class or function) and text, variables in braces."""
+    """A place that raises or warns: file, line, kind (class or function) and text, variables in braces."""
 
     file: str
     line: int
-    what: str
+    kind: str
     text: str
 
 
-def said(node: ast.expr) -> str:
+class Fields(NamedTuple):
+    """What a message says; empty where it says nothing of the kind."""
+
+    key: str
+    given: str
+    allowed: str
+    remedy: str
+
+
+# --- collecting ---------------------------------------------------------------------------------------------------------
+
+
+def text_of(node: ast.expr) -> str:
     """Write the text that an expression makes, with variables in braces."""
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return node.value
     if isinstance(node, ast.JoinedStr):
-        return "".join(said(part) for part in node.values)
+        return "".join(text_of(part) for part in node.values)
     if isinstance(node, ast.FormattedValue):
         conversion = f"!{chr(node.conversion)}" if node.conversion > 0 else ""
-        return (
-            "{"
-            + ast.unparse(node.value)
-            + conversion
-            + (f":{said(node.format_spec)}" if node.format_spec else "")
-            + "}"
-        )
+        form = f":{text_of(node.format_spec)}" if node.format_spec else ""
+        return "{" + ast.unparse(node.value) + conversion + form + "}"
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
-        return said(node.left) + said(node.right)
+        return text_of(node.left) + text_of(node.right)
     return "{" + ast.unparse(node) + "}"
 
 
-def message_of(call: ast.Call, what: str) -> str:
+def name_of(call: ast.Call) -> str:
+    """Return the name of the function or class that is called, without its module."""
+    return ast.unparse(call.func).rpartition(".")[2]
+
+
+def message_of(call: ast.Call, kind: str) -> str:
     """Return the text of a call that makes an error or a warning."""
-    if what == "refuse":
-        key, given, allowed = call.args
-        return f"{said(key)}: given {{{ast.unparse(given)}}}; allowed: {said(allowed)}"
-    return said(call.args[-1 if what == "stop" else 0]) if call.args else ""
+    if kind == REFUSE:
+        named = {item.arg: item.value for item in call.keywords}
+        values = {**dict(zip(Fields._fields, call.args, strict=False)), **named}
+        key, allowed = (text_of(values[name]) if name in values else "" for name in ("key", "allowed"))
+        given = f"{{{ast.unparse(values['given'])}}}" if "given" in values else ""
+        remedy = f"; try: {text_of(values['remedy'])}" if "remedy" in values else ""
+        return f"{key}: given {given}; allowed: {allowed}{remedy}"
+    return text_of(call.args[TELLING.get(kind, 0)]) if call.args else ""
 
 
-def messages() -> Iterator[Message]:
-    """Collect all that the package raises or warns of."""
-    for path in sorted(PACKAGE.rglob("*.py")):
-        file = path.relative_to(PACKAGE).as_posix()
+def messages(package: Path = PACKAGE) -> Iterator[Message]:
+    """Collect all that a package raises or warns of."""
+    for path in sorted(package.rglob("*.py")):
+        file = path.relative_to(package).as_posix()
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Raise) and node.exc is not None:
                 raised = node.exc
@@ -132,28 +137,48 @@ def messages() -> Iterator[Message]:
                     yield Message(file, node.lineno, "name", raised.id)
                 elif not isinstance(raised, ast.Call):
                     yield Message(file, node.lineno, type(raised).__name__.lower(), ast.unparse(raised))
-                elif (name := _last_name(raised)) not in OURS:  # ours are found as calls, wherever they are made
+                elif (name := name_of(raised)) not in COLLECTED:
                     known = name.endswith(("Error", "Warning", "Exception"))
                     text = message_of(raised, name) if known else ast.unparse(raised)
                     yield Message(file, node.lineno, name if known else "call", text)
-            elif isinstance(node, ast.Call) and (name := _last_name(node)) in OURS and node.args:
+            elif isinstance(node, ast.Call) and (name := name_of(node)) in COLLECTED and (node.args or node.keywords):
                 yield Message(file, node.lineno, name, message_of(node, name))
 
 
-def _last_name(call: ast.Call) -> str:
-    return ast.unparse(call.func).rpartition(".")[2]
+# --- judging ------------------------------------------------------------------------------------------------------------
 
 
-def fits(what: str, text: str) -> bool:
-    """Tell whether a message has the form that a user can act on."""
-    return bool((REFUSAL if what in ("SceneError", "refuse") else REMEDY).search(text))
+def fields_of(text: str) -> Fields:
+    """Take a message apart."""
+    problem, _, allowed = text.partition("; allowed: ")
+    tail = allowed or problem
+    found = REMEDY.search(tail)
+    remedy = tail[found.end() :] if found else ""
+    if found and allowed:
+        allowed = tail[: found.start()]
+    elif found:
+        problem = tail[: found.start()]
+    key, colon, given = problem.partition(": ")
+    return Fields(key if colon else "", (given if colon else problem).removeprefix("given "), allowed, remedy)
 
 
-def exception_of(message: Message) -> tuple[str, str, str] | None:
+def lacking(kind: str, text: str) -> list[str]:
+    """Name the fields that a message of this kind should have and has not."""
+    fields = fields_of(text)
+    wanted = {"given": fields.given.strip()}
+    if kind in REFUSALS:
+        words = re.sub(r"\(.*?\)", "", re.sub(r"\{.*?\}", "{}", fields.key)).split()
+        wanted |= {"key": 0 < len(words) <= KEY_WORDS, "allowed": fields.allowed.strip()}
+    else:
+        wanted["allowed or remedy"] = fields.allowed.strip() or fields.remedy.strip()
+    return [name for name, there in wanted.items() if not there]
+
+
+def exception_of(message: Message) -> tuple[str, str] | None:
     """Return the entry among the exceptions that a message falls under."""
-    for file, what, beginning in EXCEPTIONS:
-        if file in ("*", message.file) and what == message.what and message.text.startswith(beginning):
-            return file, what, beginning
+    for kind, beginning in EXCEPTIONS:
+        if kind == message.kind and message.text.startswith(beginning):
+            return kind, beginning
     return None
 
 
@@ -166,47 +191,85 @@ def test_all_are_found():
     again = sum(len(re.findall(r"^\s+raise\n", path.read_text(), re.MULTILINE)) for path in PACKAGE.rglob("*.py"))
     assert lines > 150
     assert len(ALL) >= lines - again
-    assert {message.what for message in ALL} >= set(OURS)
+    assert {message.kind for message in ALL} >= set(COLLECTED)
 
 
 @pytest.mark.parametrize("message", ALL, ids=lambda m: f"{m.file}:{m.line}")
-def test_it_says_what_is_wrong_and_what_to_do(message):
+def test_it_has_the_fields_of_its_kind(message):
     if exception_of(message) is None:
-        assert fits(message.what, message.text), message.text
+        assert lacking(message.kind, message.text) == [], message.text
 
 
 def test_exceptions_are_of_messages_that_are_there():
-    used = {exception_of(message) for message in ALL if not fits(message.what, message.text)}
+    used = {exception_of(message) for message in ALL if lacking(message.kind, message.text)}
     assert set(EXCEPTIONS) - used == set()
 
 
 @pytest.mark.parametrize(
-    ("what", "text", "good"),
+    ("text", "fields"),
     [
-        ("SceneError", "cable.area: given {x}; allowed: a number", True),
-        ("SceneError", "cable.area: missing; allowed: area [m2]", True),
-        ("SceneError", "the area is negative", False),
-        ("SceneError", "cable.area: given {x}; allowed: ", False),
-        ("RunStopped", "the run broke down; try a shorter step", True),
-        ("RunStopped", "the run broke down", False),
-        ("warn", "two steps disagree; compare with half the step", True),
-        ("warn", "two steps disagree", False),
+        ("cable.area: given {x}; allowed: a number", ("cable.area", "{x}", "a number", "")),
+        ("cable.area: missing; allowed: area [m2]", ("cable.area", "missing", "area [m2]", "")),
+        ("step: unstable ({x} s); allowed: below {y} s", ("step", "unstable ({x} s)", "below {y} s", "")),
+        ("step: unstable ({x} s); allowed: below {y} s; try: 1 s", ("step", "unstable ({x} s)", "below {y} s", "1 s")),
+        ("{path}: is empty; try: make it again", ("{path}", "is empty", "", "make it again")),
+        ("{path}: is empty; make it again", ("{path}", "is empty", "", "make it again")),
+        ("the run broke down; try a shorter step", ("", "the run broke down", "", "try a shorter step")),
+        ("the run broke down", ("", "the run broke down", "", "")),
     ],
 )
-def test_the_form_tells_good_from_bad(what, text, good):
-    assert fits(what, text) == good
+def test_fields_are_found(text, fields):
+    assert fields_of(text) == fields
 
 
-def test_a_new_kind_of_message_is_found(monkeypatch, tmp_path):
+@pytest.mark.parametrize(
+    ("kind", "text", "missing"),
+    [
+        ("SceneError", "cable.area: given {x}; allowed: a number", []),
+        ("SceneError", "cable.area: missing; allowed: area [m2]", []),
+        ("SceneError", "cable.area: not positive ({x}); allowed: a number above 0; try: 1e-4", []),
+        ("SceneError", "the area is negative", ["key", "allowed"]),
+        ("SceneError", "the area is negative here: {x}; allowed: a number", ["key"]),
+        ("SceneError", "cable.area: given {x}; allowed: ", ["allowed"]),
+        ("SceneError", "cable.area: given {x}; try: a number", ["allowed"]),
+        ("SceneError", "cable.area: given ; allowed: a number", ["given"]),
+        (REFUSE, ": given {x}; allowed: a number", ["key"]),
+        ("RunStopped", "the run broke down; try a shorter step", []),
+        ("RunStopped", "the run broke down; try: a shorter step", []),
+        ("RunStopped", "the run broke down", ["allowed or remedy"]),
+        ("RunStopped", "the run broke down; try: ", ["allowed or remedy"]),
+        ("warn", "two steps disagree; compare with half the step", []),
+        ("warn", "two steps disagree", ["allowed or remedy"]),
+    ],
+)
+def test_the_fields_tell_good_from_bad(kind, text, missing):
+    assert sorted(lacking(kind, text)) == sorted(missing)
+
+
+def test_a_new_kind_of_message_is_found(tmp_path):
     (tmp_path / "new.py").write_text(
         'def f(x):\n    if x:\n        raise ValueError("no")\n    warnings.warn(f"odd {x}" + "!")\n    return SceneError("")\n'
     )
-    monkeypatch.setattr(sys.modules[__name__], "PACKAGE", tmp_path)
-    found = {(message.what, message.text) for message in messages()}
+    found = {(message.kind, message.text) for message in messages(tmp_path)}
     assert found == {("ValueError", "no"), ("warn", "odd {x}!"), ("SceneError", "")}
-    assert not any(fits(*message) for message in found)
+    assert all(lacking(*message) for message in found)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ('"a", x, "b"', "a: given {x}; allowed: b"),
+        ('"a", x, "b", "c"', "a: given {x}; allowed: b; try: c"),
+        ('key=f"a.{i}", given=x, allowed="b", remedy="c"', "a.{i}: given {x}; allowed: b; try: c"),
+        ('"a", x', "a: given {x}; allowed: "),
+    ],
+)
+def test_a_refusal_is_put_together_from_its_fields(tmp_path, arguments, text):
+    (tmp_path / "new.py").write_text(f"raise {REFUSE}({arguments})\n")
+    assert [message.text for message in messages(tmp_path)] == [text]
+    assert lacking(REFUSE, text) == ([] if "b" in arguments else ["allowed"])
 
 
 if __name__ == "__main__":
     for item in ALL:
-        sys.stdout.write(f"{item.file}:{item.line} {item.what}: {item.text}\n")
+        sys.stdout.write(f"{item.file}:{item.line} {item.kind}: {item.text}\n")
