@@ -48,10 +48,3 @@ def test_an_import_of_a_test_is_found(tmp_path, text):
     (tmp_path / "test_it.py").write_text(text)
     (tmp_path / "test_other.py").write_text("import numpy as np\nfrom scenes import SOFT\n")
     assert len(imports_of_tests(tmp_path)) == 1
-
-
-def test_every_folder_of_tests_has_tests():
-    # a folder that only its name keeps is of no use, and a test outside the folders has no sub-package that it belongs to
-    assert not list(TESTS.glob("test_*.py"))
-    folders = [path for path in TESTS.iterdir() if path.is_dir() and path.name not in ("references", "__pycache__")]
-    assert [path.name for path in folders if not list(path.glob("test_*.py"))] == []
