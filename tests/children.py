@@ -5,16 +5,20 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
-from scenes import ROOT
+from scenes import TESTS
 
-TESTS = ROOT / "tests"
+import cablepod
+
+#: Folder that holds the package under test: the checkout, or where it is installed.
+INSTALLED = Path(cablepod.__file__).parents[1]
 
 
 def environment() -> dict[str, str]:
     """Environment in which a child process finds the package and the shared modules of the tests."""
-    path = [str(ROOT), str(TESTS), os.environ.get("PYTHONPATH", "")]
+    path = [str(INSTALLED), str(TESTS), os.environ.get("PYTHONPATH", "")]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, path))}
 
 

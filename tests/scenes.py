@@ -11,7 +11,8 @@ import xarray as xr
 
 import cablepod as cp
 
-ROOT = Path(__file__).resolve().parents[1]
+TESTS = Path(__file__).resolve().parent
+ROOT = TESTS.parent
 DATA = ROOT / "data"
 SCENES = DATA / "scenes"
 

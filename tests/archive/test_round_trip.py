@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from children import run_python
+from children import INSTALLED, run_python
 from results import KINDS, make_ensemble, make_scene, make_trajectory
-from scenes import ROOT
 
 from cablepod import archive
 from cablepod.archive import ArchiveError, describe, read, write
@@ -132,7 +131,7 @@ def test_import_is_light():
     # a stand-in for the package keeps what its other modules import out of the count
     code = (
         "import sys, types; package = types.ModuleType('cablepod'); "
-        f"package.__path__ = [{str(ROOT / 'cablepod')!r}]; sys.modules['cablepod'] = package; "
+        f"package.__path__ = [{str(INSTALLED / 'cablepod')!r}]; sys.modules['cablepod'] = package; "
         "import cablepod.archive; print(sorted({'netCDF4', 'dask', 'matplotlib', 'numba'} & set(sys.modules)))"
     )
     done = run_python("-c", code, timeout=60)

@@ -6,9 +6,7 @@ import ast
 from pathlib import Path
 
 import pytest
-from scenes import ROOT
-
-TESTS = ROOT / "tests"
+from scenes import TESTS
 
 
 def imports_of_tests(folder: Path) -> list[str]:
