@@ -2,7 +2,21 @@
 
 from importlib.metadata import version
 
-from cablepod import archive, cable, catenary, chain, compare, condensed, ensemble, galerkin, oblique, plots, pod, rigid
+from cablepod import (
+    archive,
+    cable,
+    catenary,
+    chain,
+    compare,
+    condensed,
+    ensemble,
+    galerkin,
+    oblique,
+    plots,
+    pod,
+    rigid,
+    study,
+)
 from cablepod.archive import ArchiveError
 from cablepod.members import MemberFailedWarning
 from cablepod.scene import make_scene, read_scene
@@ -33,4 +47,5 @@ __all__ = [
     "pod",
     "read_scene",
     "rigid",
+    "study",
 ]

@@ -1,0 +1,88 @@
+"""Arguments and options of the commands: from text to values, and their completion by the shell."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+from click.shell_completion import CompletionItem
+
+from cablepod.archive import ArchiveError
+from cablepod.schema import SceneError
+from cablepod.shipped import scenes
+
+MODELS = ("chain", "cable", "rigid", "galerkin", "condensed")
+
+
+def folder(text: str) -> Path:
+    """Return the folder of ``--out``."""
+    if not text.strip():
+        raise ArchiveError("--out: given nothing; allowed: a folder, . for this one")
+    return Path(text)
+
+
+def ranks(text: str) -> list[int]:
+    """Return the numbers of modes of ``--ranks``, in rising order."""
+    try:
+        ranks = sorted({int(item) for item in text.split(",")})
+    except ValueError:
+        ranks = []
+    if not ranks or ranks[0] < 1:
+        raise SceneError(f"--ranks: given {text!r}; allowed: whole numbers of at least 1 with commas between")
+    return ranks
+
+
+def model_option(text: str) -> tuple[str, Any]:
+    """Return name and value of one ``--option``."""
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), tomllib.loads(f"value = {value}")["value"]
+    except ValueError:
+        if value and name.strip():
+            return name.strip(), value  # a bare word
+    raise SceneError(f"--option: given {text!r}; allowed: NAME=VALUE, such as step=1e-3")
+
+
+@contextmanager
+def as_options() -> Iterator[None]:
+    """Let errors that name arguments of :func:`cablepod.study.run` name the options of the command instead."""
+    try:
+        yield
+    except (ArchiveError, SceneError) as error:
+        text = str(error)
+        if text.startswith(("out: given", "ranks: given")):
+            error.args = ("--" + text.replace("overwrite=True", "--overwrite"),)
+        raise
+
+
+# --- completion -------------------------------------------------------------------------------------------------------
+
+
+def complete_example(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Complete the name of a shipped scene."""
+    return [CompletionItem(name) for name in scenes() if name.startswith(incomplete)]
+
+
+def complete_scene(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Complete a scene file, or the name of a shipped scene."""
+    # files come first: click's function for bash drops the names that stand before them
+    return [CompletionItem(incomplete, type="file"), *complete_example(context, parameter, incomplete)]
+
+
+def complete_file(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Complete the path of a file."""
+    return [CompletionItem(incomplete, type="file")]
+
+
+def complete_folder(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Complete the path of a folder."""
+    return [CompletionItem(incomplete, type="dir")]
+
+
+def complete_model(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Complete the name of a model of ``cablepod ensemble``."""
+    return [CompletionItem(name) for name in MODELS if name.startswith(incomplete)]

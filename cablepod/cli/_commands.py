@@ -1,0 +1,251 @@
+"""The commands: thin callers of the functions of the package."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import click
+import xarray as xr
+
+from cablepod import archive, ensemble, lineage, study
+from cablepod.archive_ensemble import MANIFEST, describe_ensemble
+from cablepod.archive_folder import prepare_folder
+from cablepod.cli import _arguments as given
+from cablepod.cli import _report, _templates
+from cablepod.cli._group import Group, interrupted
+from cablepod.cli._progress import Bars, member_bar
+from cablepod.scene import read_scene
+from cablepod.schema import SceneError
+from cablepod.shipped import scene_path
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit status: 0, or not 0 with one line on stderr."""
+    return commands.status(None if arguments is None else list(arguments))
+
+
+@click.group(
+    "cablepod",
+    cls=Group,
+    help=_templates.DESCRIPTION,
+    epilog=_templates.EPILOG,
+    no_args_is_help=False,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
+@click.version_option(package_name="cablepod", message="cablepod %(version)s")
+def commands() -> None:
+    """Collect the commands."""
+
+
+@commands.command("run", **_templates.texts("run"))
+@click.argument("scene", metavar="SCENE.toml", shell_complete=given.complete_scene)
+@click.option(
+    "--out",
+    required=True,
+    metavar="DIR",
+    shell_complete=given.complete_folder,
+    help="folder for netCDF files and figures; made if missing",
+)
+@click.option(
+    "--ranks",
+    default="1,2,3,4",
+    metavar="R,R",
+    help="modes of each coordinate to try, 20 at most (default 1,2,3,4)",
+)
+@click.option("--overwrite", is_flag=True, help="replace results that are already in DIR")
+def run_command(scene: str, out: str, ranks: str, overwrite: bool) -> None:
+    """Run the main job on one scene."""
+    folder, numbers = given.folder(out), given.ranks(ranks)
+    dataset = read_scene(scene_path(scene))
+    warnings.filterwarnings("ignore", message="ranks: ")  # printed below instead, in its place among the files
+    available = 0
+
+    def report(name: str, result: xr.Dataset) -> None:
+        nonlocal available
+        bars.close()
+        if name == "scene":
+            print(result.attrs["title"])
+            if "ensemble_json" in result.attrs:
+                print("  note: the [ensemble] table is left aside; this command runs the scene itself")
+        elif name == "modes":
+            available = result.sizes["mode"]
+        elif name == "comparison":
+            for r in numbers:
+                if r > available:
+                    print(f"  note: only {available} modes, r = {r} left out")
+        print(f"  {folder / name}.nc")
+
+    with Bars() as bars, given.as_options():
+        result = study.run(dataset, folder, ranks=numbers, overwrite=overwrite, progress=bars, report=report)
+    for name in study.FIGURES:
+        print(f"  {folder / name}.png")
+    print(_report.table(result))
+    print(_report.singular_values(result["modes"].to_dataset()))
+
+
+@commands.command("paper", **_templates.texts("paper"))
+@click.option(
+    "--out",
+    required=True,
+    metavar="DIR",
+    shell_complete=given.complete_folder,
+    help="folder for the report; made if missing",
+)
+@click.option(
+    "--small",
+    is_flag=True,
+    help="a trial, in a quarter of the time: fewer modes, routes, tensions and stiffnesses",
+)
+@click.option("--overwrite", is_flag=True, help="replace a report that is already in DIR")
+def paper_command(out: str, small: bool, overwrite: bool) -> None:
+    """Write the report on the paper."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from cablepod.paper import report, sections  # no other command needs scipy's solvers and all of the package
+
+    folder = given.folder(out)
+    with given.as_options():
+        prepare_folder(folder, report.FILES, overwrite=overwrite)
+    with Bars() as bars:
+        size = sections.SMALL if small else sections.FULL
+        _, rows = report.write(folder, size=size, progress=partial(bars, "the paper"))
+    for what, _, ours, printed in rows:
+        print(f"{what}\n    ours   {ours}\n    paper  {printed}".replace("`", ""))
+    print(f"\n{folder / report.PAGE}, {report.DATASET} and {len(report.FIGURES)} figures beside it")
+
+
+@commands.command("ensemble", **_templates.texts("ensemble"))
+@click.argument("scene", metavar="SCENE.toml", shell_complete=given.complete_scene)
+@click.option(
+    "--out",
+    required=True,
+    metavar="DIR",
+    shell_complete=given.complete_folder,
+    help="folder of the ensemble; made if missing",
+)
+@click.option(
+    "--model",
+    default="chain",
+    metavar="MODEL",
+    shell_complete=given.complete_model,
+    help="chain (the default), cable, rigid, galerkin, condensed",
+)
+@click.option(
+    "--modes",
+    metavar="FILE",
+    shell_complete=given.complete_file,
+    help="netCDF file of modes, for galerkin and condensed",
+)
+@click.option(
+    "--option",
+    "options",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="an option of the model, its value as in the scene file: step=1e-3, outputs=['tension']; may be repeated",
+)
+@click.option(
+    "--scheduler", metavar="ADDRESS", help='of a dask scheduler, or "processes" of this machine (default: threads)'
+)
+@click.option("--workers", type=int, metavar="N", help="threads or processes (default: as many as cores)")
+@click.option("--overwrite", is_flag=True, help="replace another ensemble in DIR, and damaged files")
+def ensemble_command(
+    scene: str,
+    out: str,
+    model: str,
+    modes: str | None,
+    options: tuple[str, ...],
+    scheduler: str | None,
+    workers: int | None,
+    overwrite: bool,
+) -> int:
+    """Simulate all members of a scene."""
+    folder = given.folder(out)
+    dataset = read_scene(scene_path(scene))
+    if "ensemble_json" not in dataset.attrs:
+        raise SceneError(f"ensemble: missing in {scene}; allowed: a table with members and ensemble.ranges")
+    modes_dataset = archive.read(modes) if modes else None
+    scenes = ensemble.design(dataset)
+    print(scenes.attrs["title"])
+    try:
+        with member_bar(model, scenes.sizes["member"]) as progress:
+            ensemble.run(
+                scenes,
+                folder,
+                model=model,
+                modes=modes_dataset,
+                scheduler=scheduler,
+                workers=workers,
+                overwrite=overwrite,
+                progress=progress,
+                **dict(given.model_option(text) for text in options),
+            )
+    except KeyboardInterrupt:
+        return interrupted("the same command goes on where it stopped")
+    print(describe_ensemble(folder))
+    return 0
+
+
+@commands.command("info", **_templates.texts("info"))
+@click.argument("path", metavar="PATH", shell_complete=given.complete_file)
+@click.option(
+    "--lineage",
+    "as_script",
+    is_flag=True,
+    help="list all that a file comes from, as a Python file that makes it again from its scenes",
+)
+def info_command(path: str, as_script: bool) -> None:
+    """Describe a file or a folder, or print its lineage."""
+    if as_script:
+        print(_lineage(Path(path)), end="")
+    else:
+        print(_description(Path(path)))
+
+
+def _lineage(path: Path) -> str:
+    if (path / MANIFEST).exists():
+        return lineage.script(archive.open_ensemble(path, incomplete=True))
+    if path.is_dir():
+        raise archive.ArchiveError(f"--lineage: given {path}, a folder; allowed: one file")
+    return lineage.script(archive.read(path, chunks={}))
+
+
+def _description(path: Path) -> str:
+    if not path.is_dir():
+        return archive.describe(path)
+    if (path / MANIFEST).exists():
+        return describe_ensemble(path)
+    files = sorted(path.glob("*.nc"))
+    if not files:
+        raise archive.ArchiveError(
+            f"{path}: a folder without netCDF files; allowed: a file or a folder that cablepod wrote"
+        )
+    return "\n\n".join(archive.describe(file) for file in files)
+
+
+@commands.command("new", **_templates.texts("new"))
+@click.argument("name", metavar="NAME.toml", shell_complete=given.complete_file)
+def new_command(name: str) -> None:
+    """Write a scene to start from."""
+    print(_templates.write_new(name))
+
+
+@commands.command("examples", **_templates.texts("examples"))
+@click.argument("name", metavar="[NAME]", required=False, shell_complete=given.complete_example)
+@click.option(
+    "--out",
+    metavar="FILE.toml",
+    shell_complete=given.complete_file,
+    help="where to copy it (default: NAME.toml in this folder)",
+)
+def examples_command(name: str | None, out: str | None) -> None:
+    """List the shipped scenes, or copy one."""
+    if name is not None:
+        print(_templates.copy_example(name, out))
+        return
+    if out is not None:
+        raise SceneError(f"--out: given {out} without a scene; allowed: cablepod examples NAME --out FILE.toml")
+    print(_templates.list_examples())

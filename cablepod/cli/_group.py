@@ -1,0 +1,70 @@
+"""The group of commands: errors as one line on stderr, and exit statuses."""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from typing import Any
+
+import click
+
+from cablepod.archive import ArchiveError
+from cablepod.schema import SceneError
+from cablepod.stepping import RunStopped
+
+INTERRUPTED = 130
+
+
+class Group(click.Group):
+    """Commands in the order in which they are defined, whose errors end with an exit status instead of a traceback."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of the commands as they are defined."""
+        return list(self.commands)
+
+    def invoke(self, ctx: click.Context) -> int:
+        """Run a command; return its exit status."""
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("always")
+                warnings.showwarning = _note  # restored on exit
+                return super().invoke(ctx) or 0
+        except (SceneError, ArchiveError, RunStopped) as error:
+            return fail(str(error))
+        except KeyboardInterrupt:
+            return interrupted("--overwrite begins anew")
+        except BrokenPipeError:  # the reader of the output, such as head, has ended
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 1
+        except MemoryError:
+            return fail("out of memory; try fewer links, instants or modes")
+        except OSError as error:
+            return fail(f"{error.filename or 'a file could not be written'}: {error.strerror or error}")
+
+    def status(self, arguments: list[str] | None) -> int:
+        """Parse the arguments, by default those of the process, and run the command; return its exit status."""
+        try:
+            return self.main(arguments, prog_name="cablepod", standalone_mode=False) or 0
+        except click.UsageError as error:
+            text = error.format_message().rstrip(".?")
+            path = error.ctx.command_path if error.ctx is not None else "cablepod"
+            return fail(f"{text[:1].lower()}{text[1:]}; try: {path} --help")
+        except click.Abort:  # Ctrl-C before a command runs
+            return interrupted("--overwrite begins anew")
+
+
+def fail(message: str, status: int = 2) -> int:
+    """Print an error as one line; return its exit status."""
+    print("cablepod: " + " ".join(message.split()), file=sys.stderr)
+    return status
+
+
+def interrupted(how_to_go_on: str) -> int:
+    """Print the line that follows Ctrl-C; return its exit status."""
+    return fail(f"interrupted; every file that was written is whole, {how_to_go_on}", status=INTERRUPTED)
+
+
+def _note(message: Warning | str, *_: Any, **__: Any) -> None:
+    """Print a warning as one line, without its place in the code."""
+    print("cablepod: note: " + " ".join(str(message).split()), file=sys.stderr)

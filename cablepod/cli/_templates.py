@@ -1,0 +1,140 @@
+"""Texts of the help, the scene to start from, and copies of the shipped scenes."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from cablepod.schema import refuse
+from cablepod.shipped import data_folder, scenes
+
+DESCRIPTION = "Reduced-order models of cable dynamics."
+EPILOG = """\
+begin with: cablepod new guy.toml, or cablepod examples; cablepod COMMAND --help has examples of each
+
+\b
+completion by the tab key, in bash (zsh and fish alike):
+  eval "$(_CABLEPOD_COMPLETE=bash_source cablepod)"
+"""
+
+
+class Texts(NamedTuple):
+    """The help of a command: one line, a description, its argument and examples."""
+
+    line: str
+    description: str
+    argument: str
+    examples: tuple[str, ...]
+
+
+TEXTS = {
+    "run": Texts(
+        "simulate one scene: rest, chain, modes, reduced models and their errors",
+        "Rest, snapshots of the chain, modes, reduced models, their errors and run times, figures; all archived.",
+        f"SCENE.toml: scene file, or a shipped scene: {', '.join(scenes())}",
+        (
+            "cablepod run example2 --out out/example2",
+            "cablepod run guy.toml --out out/guy --ranks 1,2,4,8 --overwrite",
+        ),
+    ),
+    "paper": Texts(
+        "set every table and figure of the paper beside our own",
+        "Table 1, Table 2, Examples 1 to 4, Figures 4 to 9, the routes to the modes and the range of validity of the chain's "
+        "basis: a netCDF file, figures and one page, paper.md.",
+        "",
+        ("cablepod paper --out out/paper", "cablepod paper --small --out out/trial"),
+    ),
+    "ensemble": Texts(
+        "simulate all members of a scene with a table [ensemble]",
+        "Every member simulated, in batches, each a netCDF file. After Ctrl-C or a crash the same command goes on.",
+        "SCENE.toml: scene file with a table [ensemble]",
+        (
+            "cablepod ensemble study.toml --out out/study",
+            "cablepod ensemble study.toml --out out/study --model condensed --modes normal_modes.nc",
+            "cablepod ensemble study.toml --out out/study --option step=2.5e-4 --scheduler processes",
+        ),
+    ),
+    "info": Texts(
+        "what a file holds and how it was made",
+        "What each netCDF file or an ensemble holds, its units, and how it was made.",
+        "PATH: a netCDF file of this package, a folder of them, or of an ensemble",
+        (
+            "cablepod info out/example2",
+            "cablepod info out/example2/chain.nc",
+            "cablepod info --lineage out/example2/galerkin_r2.nc > again.py",
+        ),
+    ),
+    "new": Texts(
+        "write a commented scene to start from",
+        "Write a scene with a comment on every key, to be run as it is and then changed. Overwrites nothing.",
+        "NAME.toml: the file to write",
+        ("cablepod new guy.toml", "cablepod run guy.toml --out out/guy"),
+    ),
+    "examples": Texts(
+        "list the shipped scenes, or copy one",
+        "Without a name list the shipped scenes and their titles; with a name copy that scene, to be changed. "
+        "Overwrites nothing.",
+        "NAME: a shipped scene",
+        (
+            "cablepod examples",
+            "cablepod examples example3",
+            "cablepod examples slack_cable --out scenes/mine.toml",
+        ),
+    ),
+}
+
+
+def texts(command: str) -> dict[str, Any]:
+    """Return the texts of a command as click takes them; the examples keep their lines."""
+    line, description, argument, examples = TEXTS[command]
+    return {
+        "short_help": line,
+        "help": f"{description}\n\n{argument}",
+        "epilog": "\n".join(["\b", "examples:", *(f"  {example}" for example in examples)]),
+    }
+
+
+def write_new(name: str) -> str:
+    """Write the scene to start from; return what to do next."""
+    path = _write("NAME.toml", name, (data_folder() / "new.toml").read_text(encoding="utf-8"))
+    return f"{path}: a scene to start from; next: cablepod run {path} --out out/{path.stem}"
+
+
+def copy_example(name: str, out: str | None) -> str:
+    """Copy a shipped scene; return what to do next."""
+    if name not in scenes():
+        raise refuse("NAME", name, f"one of the shipped scenes: {', '.join(scenes())}")
+    path = _write("--out", out or f"{name}.toml", _text(name))
+    return f"{path}: a copy of {name}; next: cablepod run {path} --out out/{path.stem}"
+
+
+def list_examples() -> str:
+    """Return names and titles of the shipped scenes, one scene a line."""
+    width = max(map(len, scenes()))
+    lines = [f"{name:<{width}}  {tomllib.loads(_text(name))['title']}" for name in scenes()]
+    lines += [
+        "",
+        "cablepod run NAME --out DIR runs one as it is (free ends only from Python: chain.simulate, rigid.simulate);",
+        "cablepod examples NAME copies it",
+    ]
+    return "\n".join(lines)
+
+
+def _text(name: str) -> str:
+    return (data_folder() / "scenes" / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def _write(key: str, given: str, text: str) -> Path:
+    """Write a new scene file; an existing file stays."""
+    path = Path(given)
+    if path.suffix != ".toml" or not path.stem:
+        raise refuse(key, given, "the name of a file that ends with .toml")
+    if not path.parent.is_dir():
+        raise refuse(key, given, f"a file in a folder that is there; {path.parent} is none")
+    try:
+        with path.open("x", encoding="utf-8") as file:  # fails if the file exists, also one made a moment ago
+            file.write(text)
+    except FileExistsError:
+        raise refuse(key, given, "the name of a file that is not there yet; nothing is overwritten") from None
+    return path
