@@ -97,8 +97,8 @@ def run(
     >>> list(study)
     ['scene', 'catenary', 'chain_rest', 'chain', 'modes', 'galerkin_r1', 'galerkin_r2', 'comparison']
     >>> study["comparison"]["error_max"].values.round(4).tolist()
-    [0.0, 0.0]
-    >>> modes = study["modes"].to_dataset()
+    [0.0146, 0.0004]
+    >>> axes = cp.plots.modes(study["modes"].to_dataset())
     """
     p = parameters(scene)
     snapshots_at = p.times()  # refuses a scene without [time]
@@ -129,9 +129,8 @@ def run(
         )
     comparisons = {}
     for r in ranks[: len(ranks) - len(too_large)]:
-        simulate = functools.partial(
-            galerkin.simulate, scene, modes, rank=r, times=report_at, tolerance=REDUCED_TOLERANCE
-        )
+        options = {"rank": r, "times": report_at, "tolerance": REDUCED_TOLERANCE}
+        simulate = functools.partial(galerkin.simulate, scene, modes, **options)
         reduced = stages.simulate(f"galerkin_r{r}", f"Galerkin r = {r}", simulate)
         comparisons[r] = compare.errors(reduced, reference)
     stages.add("comparison", _comparison(comparisons))

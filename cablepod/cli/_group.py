@@ -30,6 +30,9 @@ class Group(click.Group):
                 warnings.simplefilter("always")
                 warnings.showwarning = _note  # restored on exit
                 return super().invoke(ctx) or 0
+        except click.UsageError as error:
+            path = " ".join(filter(None, (ctx.command_path, ctx.invoked_subcommand)))
+            return fail_usage(error, path)
         except (SceneError, ArchiveError, RunStopped) as error:
             return fail(str(error))
         except KeyboardInterrupt:
@@ -47,9 +50,7 @@ class Group(click.Group):
         try:
             return self.main(arguments, prog_name="cablepod", standalone_mode=False) or 0
         except click.UsageError as error:
-            text = error.format_message().rstrip(".?")
-            path = error.ctx.command_path if error.ctx is not None else "cablepod"
-            return fail(f"{text[:1].lower()}{text[1:]}; try: {path} --help")
+            return fail_usage(error, "cablepod")
         except click.Abort:  # Ctrl-C before a command runs
             return interrupted("--overwrite begins anew")
 
@@ -58,6 +59,12 @@ def fail(message: str, status: int = 2) -> int:
     """Print an error as one line; return its exit status."""
     print("cablepod: " + " ".join(message.split()), file=sys.stderr)
     return status
+
+
+def fail_usage(error: click.UsageError, path: str) -> int:
+    """Print what is wrong with the arguments, and the command that explains them; return the exit status."""
+    text = error.format_message().rstrip(".?")
+    return fail(f"{text[:1].lower()}{text[1:]}; try: {path} --help")
 
 
 def interrupted(how_to_go_on: str) -> int:

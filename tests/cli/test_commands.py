@@ -12,7 +12,7 @@ from children import call, finish, python
 from scenes import SOFT_TOML
 
 import cablepod as cp
-from cablepod import cli, shipped
+from cablepod import cli, shipped, study
 
 
 @pytest.fixture
@@ -61,10 +61,10 @@ def test_warnings_are_notes_of_one_line(scene_file, tmp_path):
 @pytest.mark.parametrize(("duration", "interval"), [(124.0, 1.0), (4.0, 0.3), (1e-7, 2.5e-8), (1e6, 3e3), (0.3, 0.1)])
 def test_the_snapshots_are_among_the_instants_of_the_report(duration, interval):
     snapshots = interval * np.arange(int(duration / interval + 1e-9) + 1)
-    times = cli._report_times(snapshots)
+    times = study._report_times(snapshots)
     assert (np.diff(times) > 0.5e-9 * duration).all()
     np.testing.assert_array_equal(times[np.searchsorted(times, snapshots)], snapshots)
-    assert times.size <= cli.REPORT_INSTANTS + snapshots.size + 1
+    assert times.size <= study.REPORT_INSTANTS + snapshots.size + 1
 
 
 def test_info_tells_what_a_file_is(scene_file, tmp_path, capsys):
@@ -155,6 +155,100 @@ def test_other_bad_input_ends_with_one_line(scene_file, tmp_path):
         assert done.stderr.startswith("cablepod: "), arguments
         assert done.stderr.count("\n") == 1, done.stderr
         assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ([], "missing command; try: cablepod --help"),
+        (["bogus"], "try: cablepod --help"),
+        (["run"], "'SCENE.toml'; try: cablepod run --help"),
+        (["run", "example2"], "'--out'; try: cablepod run --help"),
+        (["run", "example2", "--out"], "'--out' requires an argument; try: cablepod run --help"),
+        (["run", "example2", "--out", "x", "--bogus"], "--bogus"),
+        (["ensemble", "example2", "--out", "x", "--workers", "two"], "'two' is not a valid integer"),
+        (["examples", "example2", "whip"], "try: cablepod examples --help"),
+        (["run", "example2", "--out", "x", "--ranks", "30,21"], "--ranks: given [21, 30]; allowed: one or more of at most 20"),
+    ],
+)  # fmt: skip
+def test_wrong_arguments_end_with_one_line(arguments, match, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(arguments) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("cablepod: ")
+    assert said.err.count("\n") == 1
+    assert match in said.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_help_and_version_end_with_status_0(capsys):
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"cablepod {cp.__version__}\n"
+    assert cli.main(["-h"]) == 0
+    assert "simulate one scene: rest, chain, modes" in capsys.readouterr().out
+
+
+def test_ranks_above_the_number_of_modes_are_noted(scene_file, tmp_path, capsys):
+    assert cli.main(["run", str(scene_file), "--out", str(tmp_path / "out"), "--ranks", "1,9"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert "  note: only 7 modes, r = 9 left out\n" in said.out
+    assert not (tmp_path / "out" / "galerkin_r9.nc").exists()
+
+
+def test_ctrl_c_has_a_status_of_its_own(scene_file, tmp_path, capsys, monkeypatch):
+    def press(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cp.galerkin, "simulate", press)
+    assert cli.main(["run", str(scene_file), "--out", str(tmp_path / "out")]) == 130
+    said = capsys.readouterr().err
+    assert said == "cablepod: interrupted; every file that was written is whole, --overwrite begins anew\n"
+
+
+@pytest.mark.parametrize("arguments", [["examples"], ["--help"], ["run", "--help"]])
+def test_a_closed_pipe_ends_without_a_word(arguments):
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-u", "-m", "cablepod", *arguments], stdout=writer, stderr=subprocess.PIPE, text=True
+        )
+    finally:
+        os.close(writer)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        ("cablepod e", {"plain,ensemble", "plain,examples"}),
+        ("cablepod run double", {"file,double", "plain,double_pendulum"}),
+        ("cablepod ensemble double", {"file,double", "plain,double_pendulum"}),
+        ("cablepod examples double", {"plain,double_pendulum"}),
+        ("cablepod run --ov", {"plain,--overwrite"}),
+        ("cablepod run example2 --out o", {"dir,o"}),
+        ("cablepod ensemble s.toml --model con", {"plain,condensed"}),
+        ("cablepod info out", {"file,out"}),
+    ],
+)
+def test_the_shell_completes(words, offered):
+    environment = {
+        **os.environ,
+        "_CABLEPOD_COMPLETE": "bash_complete",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(len(words.split()) - 1),
+    }
+    done = call(env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert set(done.stdout.split()) == offered
+
+
+def test_the_shell_is_told_how_to_complete():
+    done = call(env={**os.environ, "_CABLEPOD_COMPLETE": "bash_source"})
+    assert done.returncode == 0
+    assert "complete -o nosort -F _cablepod_completion cablepod" in done.stdout
 
 
 def test_a_stopped_run_keeps_what_it_had(scene_file, any_load, tmp_path, capsys):

@@ -25,8 +25,8 @@ ORDER = (
     "pod_stream", "pod", "compare", "trust", "condensed_model", "condensed_make", "condensed_output", "condensed_estimate",
     "galerkin_model", "galerkin_runs", "galerkin_estimate", "galerkin", "condensed_runs", "condensed_many", "condensed_batch",
     "condensed", "oblique",
-    "plots", "whole", "archive_files", "archive_ensemble", "archive",
-    "lineage", "ensemble_work", "ensemble_store", "ensemble_runs", "ensemble", "shipped", "first_steps", "paper", "cli",
+    "plots", "whole", "archive_files", "archive_folder", "archive_ensemble", "archive",
+    "lineage", "ensemble_work", "ensemble_store", "ensemble_runs", "ensemble", "shipped", "study", "paper", "cli",
     "__init__", "__main__",
 )  # fmt: skip
 
@@ -50,9 +50,14 @@ def imported(path):
 def test_imports_point_one_way(path):
     assert path.stem in ORDER, f"{path.stem} has no place in the order"
     allowed = set(ORDER[: ORDER.index(path.stem)])
-    if path.stem not in ("cli", "__init__", "__main__"):
+    if path.stem not in ("study", "__init__", "__main__"):
         allowed -= {"plots"} if path.stem in KEEPERS else {"plots", "archive"}
     assert imported(path) <= allowed
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "cli").glob("*.py")), ids=lambda p: p.stem)
+def test_the_command_imports_what_stands_before_it(path):
+    assert imported(path) <= set(ORDER[: ORDER.index("cli") + 1]) - {"plots"}
 
 
 @pytest.mark.parametrize("path", sorted((PACKAGE / "plots").glob("*.py")), ids=lambda p: p.stem)
@@ -75,9 +80,9 @@ def test_science_knows_no_file_clock_or_git():
             "archive",
             "archive_files",
             "archive_ensemble",
+            "archive_folder",
             *KEEPERS,
             "shipped",
-            "cli",
             "__main__",
             "scene",
             "records",
@@ -92,7 +97,7 @@ def fresh(code):
 
 
 def test_importing_is_light():
-    heavy = ["matplotlib", "netCDF4", "numba", "dask", "distributed", "scipy.linalg", "tqdm"]
+    heavy = ["matplotlib", "netCDF4", "numba", "dask", "distributed", "scipy.linalg", "tqdm", "click"]
     code = "import xarray, sys; before = set(sys.modules); import cablepod; new = set(sys.modules) - before"
     loaded = fresh(f"{code}; print([name for name in {heavy} if name in new])")
     assert loaded.strip() == "[]"

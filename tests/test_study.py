@@ -1,0 +1,171 @@
+"""The main job as a function: what it returns, what it writes, and what it refuses."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib import pyplot as plt
+
+import cablepod as cp
+from cablepod import cli, study
+
+STAGES = ["scene", "catenary", "chain_rest", "chain", "modes", "galerkin_r1", "galerkin_r2", "comparison"]
+
+
+@pytest.fixture
+def scene(soft):
+    return cp.make_scene(soft)
+
+
+@pytest.fixture
+def unstable(soft, any_load):
+    """A scene whose run of the chain diverges."""
+    load = {"uniform": [1.0, 0.0], "kind": "polynomial", "coefficients": [0.0] * 29 + [1e3]}
+    return cp.make_scene(soft | {"load": load})
+
+
+def test_it_gives_what_the_functions_give(scene):
+    result = cp.study.run(scene, ranks=(2, 1))
+    assert isinstance(result, xr.DataTree)
+    assert list(result) == STAGES
+    datasets = {name: node.to_dataset() for name, node in result.children.items()}
+    xr.testing.assert_identical(datasets["scene"], scene)
+    xr.testing.assert_identical(datasets["catenary"], cp.catenary.rest(scene))
+    xr.testing.assert_identical(datasets["chain_rest"], cp.chain.rest(scene))
+    chain = cp.chain.simulate(scene, times=datasets["chain"].time.values, outputs=("position", "tension"))
+    assert datasets["chain"].attrs.pop("wall_time_s") > 0.0
+    xr.testing.assert_identical(datasets["chain"], chain)
+    modes = cp.pod.decompose(cp.pod.at_times(chain, times=np.linspace(0.0, 4.0, 9)), rank=7)
+    xr.testing.assert_identical(datasets["modes"], modes)
+    for rank in (1, 2):
+        reduced = cp.galerkin.simulate(scene, modes, rank=rank, times=chain.time.values, tolerance=1e-5)
+        assert datasets[f"galerkin_r{rank}"].attrs.pop("wall_time_s") > 0.0
+        xr.testing.assert_identical(datasets[f"galerkin_r{rank}"], reduced)
+        error = cp.compare.errors(reduced, chain)
+        np.testing.assert_array_equal(datasets["comparison"].error.sel(rank=rank), error.error)
+    assert result.attrs == {"title": "soft"}
+
+
+def test_the_files_of_the_command_hold_the_same(scene, soft, tmp_path, monkeypatch, capsys):
+    result = cp.study.run(scene, ranks=(1, 2))
+    monkeypatch.setattr("cablepod.cli._commands.read_scene", lambda path: scene)
+    assert cli.main(["run", "example2", "--out", str(tmp_path), "--ranks", "1,2"]) == 0
+    for name, node in result.children.items():
+        written = cp.archive.read(tmp_path / f"{name}.nc")
+        assert written.attrs["id"] == node.attrs["id"]
+        assert written.equals(node.to_dataset()), name
+        assert f"  {tmp_path / name}.nc\n" in capsys.readouterr().out or name != STAGES[0]
+
+
+def test_files_appear_as_stages_are_done(scene, tmp_path):
+    told = []
+
+    def progress(label, fraction):
+        told.append((label, fraction))
+
+    def report(name, dataset):
+        assert (out / f"{name}.nc").exists()
+        assert not any((out / f"{later}.nc").exists() for later in STAGES[STAGES.index(name) + 1 :])
+        assert cp.archive.read(out / f"{name}.nc").attrs["id"] == dataset.attrs["id"]
+        told.append(name)
+
+    out = tmp_path / "deep" / "out"
+    cp.study.run(scene, out, ranks=(1, 2), progress=progress, report=report)
+    assert [item for item in told if isinstance(item, str)] == STAGES
+    assert {path.name for path in out.iterdir()} == {f"{name}.nc" for name in STAGES} | {
+        f"{name}.png" for name in study.FIGURES
+    }
+    for label, stage in (("chain", "chain"), ("Galerkin r = 1", "galerkin_r1"), ("Galerkin r = 2", "galerkin_r2")):
+        fractions = [item[1] for item in told if item[0] == label]
+        assert (fractions[0], fractions[-1]) == (0.0, 1.0)
+        assert told.index((label, 0.0)) == told.index(STAGES[STAGES.index(stage) - 1]) + 1
+        assert told.index(stage) == told.index((label, 1.0)) + fractions.count(1.0)
+
+
+def test_nothing_is_written_or_drawn_without_a_folder(soft, tmp_path):
+    code = (
+        f"import os, sys, cablepod as cp; cp.study.run(cp.make_scene({soft!r}), ranks=[1]); "
+        "print(os.listdir(), [name for name in ('matplotlib', 'tqdm', 'click') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "[] []\n", "")
+
+
+def test_figures_of_the_caller_stay_open(scene, tmp_path):
+    backend = plt.get_backend()
+    mine = plt.figure()
+    try:
+        cp.study.run(scene, tmp_path, ranks=[1])
+        assert plt.get_fignums() == [mine.number]
+        assert plt.get_backend() == backend
+    finally:
+        plt.close(mine)
+
+
+def test_a_stopped_run_keeps_its_partial_result(unstable, tmp_path):
+    told = []
+    with pytest.raises(cp.RunStopped) as stopped:
+        cp.study.run(unstable, tmp_path, report=lambda name, dataset: told.append(name))
+    assert told == ["scene", "catenary", "chain_rest", "chain_incomplete"]
+    assert {path.stem for path in tmp_path.iterdir()} == set(told)
+    kept = cp.archive.read(tmp_path / "chain_incomplete.nc")
+    assert "stopped at" in kept.attrs["incomplete"]
+    np.testing.assert_array_equal(kept.position, stopped.value.partial.position)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"ends": {"lower": [0.0, 0.0], "upper": [8.0, 6.0], "free": "lower"}}, "ends.free: given a free end"),
+        ({"damping": {"link_viscosity": 1e-4}}, "damping.link_viscosity: given 0.0001; allowed: none"),
+        ({"time": None}, "time: missing"),
+    ],
+)
+def test_scenes_are_refused_before_anything_runs(soft, change, match, tmp_path):
+    mapping = {key: value for key, value in (soft | change).items() if value is not None}
+    with pytest.raises(cp.SceneError, match=match):
+        cp.study.run(cp.make_scene(mapping), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("ranks", "match"),
+    [
+        ((), r"ranks: given \(\); allowed: whole numbers of at least 1"),
+        ((0, 1), r"ranks: given \(0, 1\); allowed: whole"),
+        ((1.5,), r"ranks: given \(1.5,\); allowed: whole"),
+        (2, "ranks: given 2; allowed: whole"),
+        ((9, 8), r"ranks: given \[8, 9\]; allowed: one or more of at most 7, the number of modes"),
+    ],
+)
+def test_ranks_are_refused_before_anything_runs(scene, ranks, match, tmp_path):
+    with pytest.raises(cp.SceneError, match=match):
+        cp.study.run(scene, tmp_path / "out", ranks=ranks)
+    assert not (tmp_path / "out").exists()
+
+
+def test_larger_ranks_are_left_out_with_a_warning(scene):
+    with pytest.warns(UserWarning, match=r"ranks: \[8, 30\] left out, only 7 modes; use smaller ranks") as caught:
+        result = cp.study.run(scene, ranks=np.array([30, 1, 8]))
+    assert caught[0].filename == __file__
+    assert result["comparison"]["rank"].values.tolist() == [1]
+    assert "galerkin_r8" not in result
+
+
+def test_results_are_not_overwritten_without_being_asked(scene, tmp_path):
+    (tmp_path / "modes.nc").write_text("an older one")
+    with pytest.raises(cp.ArchiveError, match=r"out: given .*, which has modes.nc already; .* overwrite=True"):
+        cp.study.run(scene, tmp_path, ranks=[1])
+    assert [path.name for path in tmp_path.iterdir()] == ["modes.nc"]
+    cp.study.run(scene, str(tmp_path), ranks=[1], overwrite=True)
+    assert cp.archive.read(tmp_path / "modes.nc").sizes["mode"] == 7
+
+
+def test_a_folder_that_cannot_be_is_refused(scene, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(cp.ArchiveError, match=r"out: given .*, which is or lies below a file; allowed: a folder"):
+        cp.study.run(scene, tmp_path / "file" / "below")
