@@ -129,7 +129,7 @@ def run(
         )
     comparisons = {}
     for r in ranks[: len(ranks) - len(too_large)]:
-        options = {"rank": r, "times": report_at, "tolerance": REDUCED_TOLERANCE}
+        options: dict[str, Any] = {"rank": r, "times": report_at, "tolerance": REDUCED_TOLERANCE}
         simulate = functools.partial(galerkin.simulate, scene, modes, **options)
         reduced = stages.simulate(f"galerkin_r{r}", f"Galerkin r = {r}", simulate)
         comparisons[r] = compare.errors(reduced, reference)
