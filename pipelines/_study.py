@@ -8,15 +8,14 @@ A script in a folder begins with::
 so that ``python pipelines/<study>/run.py`` finds this module and its neighbours by folder
 (``from prediction.scenes import Case``) from anywhere; for tests ``pythonpath`` of pytest names the folder ``pipelines``.
 
-Tables of a page (the README.md beside a script) stand between two comments, ``<!-- table NAME -->`` and
-``<!-- end of table NAME -->``, each on a line of its own.
+Tables of a page (the README.md beside a script) stand between two comments, ``<!-- begin: NAME -->`` and
+``<!-- end: NAME -->``, each on a line of its own.
 """
 
 from __future__ import annotations
 
 import argparse
 import pkgutil
-import re
 import statistics
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -98,18 +97,18 @@ def show_table(name: str, table: str, page: Path | None = None) -> None:
 
 
 def update_tables(page: Path, tables: Mapping[str, str]) -> None:
-    """Replace tables of a page by name; append missing ones."""
-    text = page.read_text(encoding="utf-8") if page.exists() else ""
+    """Replace tables of a page by name; name those without a place in the page."""
+    text = old = page.read_text(encoding="utf-8") if page.exists() else ""
     for name, table in tables.items():
-        first, last = f"<!-- table {name} -->", f"<!-- end of table {name} -->"
-        block = f"{first}\n{table.strip()}\n{last}"
-        pattern = re.compile(rf"{re.escape(first)}.*?{re.escape(last)}", re.DOTALL)
-        if pattern.search(text):
-            text = pattern.sub(lambda _, block=block: block, text)  # no escapes in the table
+        first, last = f"<!-- begin: {name} -->", f"<!-- end: {name} -->"
+        head, found, rest = text.partition(first)
+        _, closed, tail = rest.partition(last)
+        if found and closed:
+            text = f"{head}{first}\n{table.strip()}\n{last}{tail}"
         else:
-            text = f"{text.rstrip()}\n\n{block}\n".lstrip()
-            print(f"{page}: table {name} appended")
-    page.write_text(text, encoding="utf-8")
+            print(f"{page}: no place for table {name} between {first} and {last}")
+    if text != old:
+        page.write_text(text, encoding="utf-8")
 
 
 def publish(

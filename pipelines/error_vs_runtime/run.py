@@ -330,7 +330,7 @@ def main() -> None:
     names = options.scenes or (["example2", "guy"] if options.quick else [*EXAMPLES, *UNSEEN])
     result = study(names, quick=options.quick, repeats=options.repeats, folder=options.out)
     rows = rows_of(result)
-    tables = {"fronts": markdown(rows), "trained": markdown_trained(rows)}
+    tables = {"models": markdown(rows), "trained": markdown_trained(rows)}
     text = "\n\n".join(tables.values())
     (options.out / "error_against_run_time.md").write_text(text + "\n")
     publish(
