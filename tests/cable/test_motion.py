@@ -11,6 +11,7 @@ import xarray as xr
 from scenes import scene_with, spatial
 
 import cablepod as cp
+from cablepod import cable as cable_module
 from cablepod import cable_choice, shipped
 
 #: Ends that begin to move so smoothly (as t^6) that no wave has a corner: order can be seen.
@@ -351,7 +352,7 @@ def test_the_limit_of_the_step_is_sharp(soft):
     assert limit == pytest.approx(2.0 / omega, rel=1e-12)
     # the bound is that of the straight cable, moved along itself: what the tangent of the cable at rest has, but for its sag
     mesh = cp.elements.mesh_of(cp.parameters.parameters(scene), 4, law="green")
-    assert omega == pytest.approx(cp.cable.vibrations(mesh, 10**6)[0][-1], rel=1e-2)
+    assert omega == pytest.approx(cable_module.vibrations(mesh, 10**6)[0][-1], rel=1e-2)
 
 
 def test_a_stopped_run_keeps_what_it_had(soft, any_load):

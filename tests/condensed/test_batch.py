@@ -8,6 +8,7 @@ import xarray as xr
 from scenes import HARMONIC, full_modes, spatial
 
 import cablepod as cp
+from cablepod import condensed as condensed_module
 from cablepod import condensed_batch, condensed_many, members, training
 from cablepod.columns import Columns
 from cablepod.condensed_make import model_of
@@ -159,7 +160,7 @@ def covered(scenes, **changes):
     modes, all_members = full_modes(), Members(scenes)
     model = model_of(all_members[0], modes, rank=3, order=given["order"], law="linear")
     names = ("times", "scheme", "step", "outputs", "links")
-    options = cp.condensed.Options(tolerance=1e-6, **{name: given[name] for name in names})
+    options = condensed_module.Options(tolerance=1e-6, **{name: given[name] for name in names})
     return condensed_many.plan(modes, model, all_members, options) is not None
 
 

@@ -12,6 +12,7 @@ from references.condensed_ode import Reference
 from scenes import LENGTHS, everything, full_modes, spatial
 
 import cablepod as cp
+from cablepod import stepping
 from cablepod import shipped
 from cablepod.condensed import SCHEMES
 from cablepod.condensed_model import ORDERS
@@ -157,7 +158,7 @@ def test_blocks_change_no_bit(soft, modes, monkeypatch):
         options = {"order": order, "scheme": scheme, "step": 1 / 1000, "times": [1.0], "outputs": ("tension_extremes",)}
         whole = cp.condensed.simulate(scene, modes[2], **options)
         with monkeypatch.context() as patch:
-            patch.setattr(cp.stepping, "BLOCK", 64)
+            patch.setattr(stepping, "BLOCK", 64)
             parts = cp.condensed.simulate(scene, modes[2], progress=seen.append, **options)
         # implicit steps guess anew at the begin of a block, and end within 1e-11; tables of sines begin anew
         np.testing.assert_allclose(parts.amplitude, whole.amplitude, rtol=1e-9, atol=1e-10)

@@ -8,6 +8,7 @@ import xarray as xr
 from spectra import made_up
 
 import cablepod as cp
+from cablepod import pod as pod_module
 from cablepod import snapshots as snapshots_module
 
 
@@ -26,8 +27,8 @@ def test_a_known_spectrum_is_found(dims):
 def test_orthonormal_modes_and_the_discarded_energy(layout, weights):
     snapshots = made_up()
     full = cp.pod.decompose(snapshots, layout=layout, weights=weights)
-    fields = cp.pod.mode_fields(full)
-    sigma = cp.pod.relative_arc_length(snapshots)
+    fields = pod_module.mode_fields(full)
+    sigma = pod_module.relative_arc_length(snapshots)
     weight = np.ones(12) if weights is None else snapshots_module.shares(sigma)
     gram = np.einsum("ipc,p,kpc->ik", fields, weight, fields)
     np.testing.assert_allclose(gram, np.eye(len(fields)), atol=1e-12)

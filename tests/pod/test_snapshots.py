@@ -12,6 +12,7 @@ import xarray as xr
 from spectra import STEEP, sines, trajectory, turning
 
 import cablepod as cp
+from cablepod import pod_stream
 from cablepod import lineage
 from cablepod import snapshots as reading
 from cablepod.threads import one_blas_thread
@@ -195,13 +196,13 @@ def test_an_archive_is_read_once_and_in_small_pieces(tmp_path, monkeypatch):
 def test_two_threads_share_long_lazy_data_and_give_the_same_bits(monkeypatch):
     snapshots, _ = trajectory(samples=20000)
     lazy = snapshots.chunk({"time": 3000})
-    counted_in, seen = cp.pod_stream._count_in, []
+    counted_in, seen = pod_stream._count_in, []
 
     def counted(sums, block, how):
         seen.append((threading.current_thread().name, len(block)))
         counted_in(sums, block, how)
 
-    monkeypatch.setattr(cp.pod_stream, "_count_in", counted)
+    monkeypatch.setattr(pod_stream, "_count_in", counted)
     one, other = (cp.pod.decompose(lazy, rank=12, layout="vector") for _ in range(2))
     xr.testing.assert_identical(one.drop_attrs(deep=False), other.drop_attrs(deep=False))
     assert all(name.startswith("cablepod") for name, _ in seen)

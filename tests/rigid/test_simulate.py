@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
 import cablepod as cp
+from cablepod import rigid as rigid_module
 from cablepod.links import chain_of
 from cablepod.parameters import parameters
 from cablepod.rigid_runs import FORMULATIONS, RigidRun, _March
@@ -274,7 +275,7 @@ def test_rattle_can_be_turned_back(soft):
     scene = rigid_scene(soft, motion={}, **TERMS["line"])
     p = parameters(scene)
     chain = chain_of(p)
-    initial = cp.rigid.start(chain)
+    initial = rigid_module.start(chain)
     run = RigidRun(chain, np.array([10.0]), initial, ("position",), None, "turned")
     march = _March(run, Instants.of(run.times, 50.0))
     k = march.kernel
