@@ -18,11 +18,11 @@ from cablepod import (
     study,
 )
 from cablepod.archive import ArchiveError
-from cablepod.members import MemberFailedWarning
+from cablepod.batch._members import MemberFailedWarning
+from cablepod.integrate._stepping import NotConvergedWarning, RunStopped
+from cablepod.parameters._schema import SceneError
+from cablepod.reduced._validity import OutOfRangeWarning
 from cablepod.scene import make_scene, read_scene
-from cablepod.schema import SceneError
-from cablepod.stepping import NotConvergedWarning, RunStopped
-from cablepod.trust import OutOfRangeWarning
 
 __version__ = version("cablepod")
 

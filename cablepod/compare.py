@@ -7,9 +7,9 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import label
-from cablepod.pod import relative_arc_length
-from cablepod.schema import SceneError, refuse
-from cablepod.stepping import motion_scale
+from cablepod.integrate._stepping import motion_scale
+from cablepod.parameters._schema import SceneError, refuse
+from cablepod.pod._snapshots import relative_arc_length
 
 __all__ = ["errors"]
 

@@ -14,8 +14,7 @@ if TYPE_CHECKING:
 COORDINATES = ("x", "y", "z")
 ENDS = ("lower", "upper")
 OUTPUTS = ("position", "velocity", "tension", "tension_extremes")
-
-#: name -> (units, long name); the scene's own parameters are named in :mod:`cablepod.schema`.
+#: name -> (units, long name); the scene's own parameters are named in :mod:`cablepod.parameters._schema`.
 VARIABLES: dict[str, tuple[str, str]] = {
     # coordinates
     "time": ("s", "time since the start of the run"),
@@ -70,7 +69,6 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "error_rms": ("1", "root mean square of the error over time"),
     "displacement_scale": ("m", "length by which the error is divided"),
 }
-
 #: Units of attributes that become variables where they differ between members; "1" for others.
 ATTRIBUTE_UNITS = {
     "step": "s",
@@ -84,7 +82,6 @@ ATTRIBUTE_UNITS = {
     "first_axial_frequency": "rad s-1",
     "highest_angular_frequency": "rad s-1",
 }
-
 VARIABLES |= {
     f"{name}_out_of_plane": (VARIABLES[name][0], f"{VARIABLES[name][1]}, out of the plane of chord and vertical")
     for name in (

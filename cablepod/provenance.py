@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     import xarray as xr
 
@@ -69,6 +69,12 @@ def equidistant(way: str, first: float, last: float, count: int) -> np.ndarray:
     if way == "quotients" and span:
         return first + np.arange(count) / float(f"{(count - 1) / span:.12g}")
     return np.linspace(first, last, count)
+
+
+def public_name(function: Callable[..., Any]) -> str:
+    """Name a public function by its package, as in ``"chain.simulate"``: files of a package are private."""
+    package = [part for part in function.__module__.split(".")[1:] if not part.startswith("_")]
+    return ".".join([*package, function.__name__])
 
 
 def unset(**options: Any) -> list[str]:

@@ -16,15 +16,14 @@ import numpy as np
 import xarray as xr
 
 from cablepod import archive, catenary, chain, compare, galerkin, pod
-from cablepod.archive_folder import prepare_folder
-from cablepod.links import chain_of
-from cablepod.parameters import Parameters, parameters
-from cablepod.schema import SceneError, refuse
-from cablepod.stepping import RunStopped
-from cablepod.whole import whole_file
+from cablepod.archive._atomic import whole_file
+from cablepod.archive._folder import prepare_folder
+from cablepod.discretisation._chain import chain_of
+from cablepod.integrate._stepping import RunStopped
+from cablepod.parameters._parameters import Parameters, parameters
+from cablepod.parameters._schema import SceneError, refuse
 
 __all__ = ["run"]
-
 #: Interval between the instants of the comparison [s], and their maximum number beside the snapshots (for long runs).
 REPORT_INTERVAL, REPORT_INSTANTS = 0.1, 2000
 #: Tolerance of the time error of the Galerkin models, small beside the error of their modes.

@@ -22,8 +22,8 @@ from _study import command_line
 
 #: The package, whose page shows the modules that it imports, and public modules imported by name only.
 MODULES = (
-    "cablepod", "cablepod.shipped", "cablepod.training", "cablepod.condensed_estimate", "cablepod.galerkin_estimate",
-    "cablepod.streaming",
+    "cablepod", "cablepod.examples", "cablepod.discretisation._similarity", "cablepod.condensed._estimate", "cablepod.galerkin._estimate",
+    "cablepod.pod._incremental",
 )  # fmt: skip
 #: A reference in a docstring: a role of Sphinx and a name.
 ROLE = re.compile(r":(?:func|class|meth|data|mod|exc):`~?([\w.]+)`")

@@ -17,8 +17,8 @@ from _study import command_line
 from matplotlib import pyplot as plt
 
 import cablepod as cp
+from cablepod.examples import scene
 from cablepod.paper import examples, figures, validity
-from cablepod.shipped import scene
 
 HERE = Path(__file__).resolve().parent
 

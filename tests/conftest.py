@@ -13,7 +13,7 @@ import pytest
 from scene_files import EVERYTHING, RECORD
 from scenes import SCENES, SOFT
 
-from cablepod import scene_limits
+from cablepod.scene import _limits as scene_limits
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from cablepod.chord import Frame
-from cablepod.streaming import Accumulator
+from cablepod.discretisation._chord_frame import Frame
+from cablepod.pod._incremental import Accumulator
 
 STEEP = np.geomspace(1.0, 1e-8, 20)
 

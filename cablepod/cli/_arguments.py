@@ -11,9 +11,9 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from cablepod.archive import ArchiveError
-from cablepod.schema import SceneError
-from cablepod.shipped import scenes
+from cablepod.archive._read import ArchiveError
+from cablepod.examples import scenes
+from cablepod.parameters._schema import SceneError
 
 MODELS = ("chain", "cable", "rigid", "galerkin", "condensed")
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from cablepod.archive import ArchiveError
-from cablepod.schema import SceneError
-from cablepod.stepping import RunStopped
+from cablepod.archive._read import ArchiveError
+from cablepod.integrate._stepping import RunStopped
+from cablepod.parameters._schema import SceneError
 
 INTERRUPTED = 130
 

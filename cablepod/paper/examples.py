@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from cablepod import catenary, chain, compare, galerkin, interrupts, pod, provenance
+from cablepod import catenary, chain, compare, galerkin, pod, provenance
+from cablepod.batch import _sigint as interrupts
 from cablepod.conventions import label
-from cablepod.shipped import scene, table
-from cablepod.stepping import RunStopped
+from cablepod.examples import scene, table
+from cablepod.integrate._stepping import RunStopped
 
 #: Modes over which the paper sums its shares.
 SUMMED = 20

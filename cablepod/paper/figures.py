@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from cablepod import catenary, chain, galerkin, plots, pod
+from cablepod import catenary, chain, galerkin, plots
+from cablepod.examples import scene
 from cablepod.paper.examples import INSTANTS, STARTS, Study, study
-from cablepod.shipped import scene
+from cablepod.pod._snapshots import relative_arc_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +38,7 @@ def figure4() -> Figure:
     axes[0, 0].set_title("to different scales in x and y")
     right = axes[0, 1]
     for run, style in ((exact, {"color": plots.COLOURS[3]}), (particles, _dots())):
-        right.plot(pod.relative_arc_length(run), _sag(run), **style)
+        right.plot(relative_arc_length(run), _sag(run), **style)
     right.set(xlabel=plots.SIGMA, ylabel="deflection normal to the chord [m]", title="its sag")
     right.grid(alpha=0.3)
     return figure

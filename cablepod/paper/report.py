@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from cablepod import archive, provenance
+from cablepod.archive._atomic import whole_file
 from cablepod.paper.sections import FULL, SECTIONS, Section, Size, lines
 from cablepod.paper.summary import HEAD, summary
-from cablepod.whole import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,9 +9,11 @@ from collections.abc import Callable
 import numpy as np
 import xarray as xr
 
-from cablepod import chain, decompositions, pod, provenance
+from cablepod import chain, pod, provenance
 from cablepod.conventions import label
-from cablepod.shipped import scene
+from cablepod.examples import scene
+from cablepod.pod import _decompositions as decompositions
+from cablepod.pod._snapshots import relative_arc_length
 
 METHODS = tuple(decompositions.ROUTES)
 #: (features n, snapshots m); the first is the paper's, the last what 100 runs of it with both coordinates give.
@@ -186,12 +188,12 @@ def weights(*, ratio: float = 9.0, links: int = 40, count: int = 3) -> xr.Datase
     uneven = even.assign(chain_links=links, chain_link_lengths=("link", lengths, {"units": "1"}))
     uniform, graded = (chain.simulate(item) for item in (even.assign(chain_links=links), uneven))
     target = pod.decompose(uniform, rank=count)
-    fine = pod.relative_arc_length(uniform)
+    fine = relative_arc_length(uniform)
     kinds = (None, "length", "mass")
     gaps, values = np.empty((2, len(kinds), 2, count))
     for i, kind in enumerate(kinds):
         modes = pod.decompose(graded, rank=count, weights=kind)
-        sigma = pod.relative_arc_length(graded)
+        sigma = relative_arc_length(graded)
         values[i] = modes["singular_value"] / target["singular_value"] - 1.0
         for c in range(2):
             for m in range(count):

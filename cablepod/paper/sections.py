@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod.paper import examples, figures, routes, starts, statics, validity
+from cablepod.paper import examples, figures, routes, validity
+from cablepod.paper import initial_shape as starts
+from cablepod.paper import table1 as statics
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

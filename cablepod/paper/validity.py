@@ -8,10 +8,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import xarray as xr
 
-from cablepod import chain, compare, galerkin, interrupts, pod, provenance
+from cablepod import chain, compare, galerkin, pod, provenance
+from cablepod.batch import _sigint as interrupts
 from cablepod.conventions import label
-from cablepod.shipped import scene
-from cablepod.stepping import NotConvergedWarning
+from cablepod.examples import scene
+from cablepod.integrate._stepping import NotConvergedWarning
 
 TENSIONS = (1e3, 3e3, 8e3, 20e3, 60e3)  # N
 STIFFNESSES = (2e5, 2e6, 2e7, 2e8, 2e9)  # N
@@ -20,7 +21,6 @@ RANKS = (2, 4)
 DURATION, INTERVAL = 62.5, 0.5
 #: Time errors are at most this part of the motion: a hundredth of what the maps show.
 TOLERANCE = 1e-5
-
 PLACE = ("validity_tension", "validity_stiffness")
 VARIABLES = {
     "validity_model_error": (

@@ -5,12 +5,12 @@ dark to light, also to be read in grey.  The legend stands to the right of the a
 ``layout="constrained"``, which makes room for it.  Only :func:`animate` gives something else, an :class:`Animation`.
 """
 
-from cablepod.plots.animation import Animation, animate
-from cablepod.plots.cables import phase_portraits, rest, shapes, snapshots, tension
-from cablepod.plots.expansions import amplitudes, modes, singular_values
-from cablepod.plots.maps import parameter_map, stability
-from cablepod.plots.parts import COLOURS, LINES, MARKERS, SIGMA
-from cablepod.plots.reports import error_against_run_time, error_over_time
+from cablepod.plots._animation import Animation, animate
+from cablepod.plots._cables import phase_portraits, rest, shapes, snapshots, tension
+from cablepod.plots._maps import parameter_map, stability
+from cablepod.plots._modes import amplitudes, modes, singular_values
+from cablepod.plots._reports import error_against_run_time, error_over_time
+from cablepod.plots._style import COLOURS, LINES, MARKERS, SIGMA
 
 __all__ = [
     "COLOURS",

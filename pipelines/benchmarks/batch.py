@@ -32,8 +32,8 @@ from _study import command_line, median_time, time_inside, two_process_gain
 from threadpoolctl import threadpool_limits
 
 import cablepod as cp
-from cablepod import members
-from cablepod.shipped import scene
+from cablepod.batch import _members as members
+from cablepod.examples import scene
 
 STEP = 0.05
 TIMES = np.arange(0.0, 600.1, 0.5)
@@ -107,7 +107,7 @@ def chains(number: int, repeats: int) -> None:
         with members.threads(threads):
             took = median_time(run, repeats)
         print(f"chains, {number} of 125 s, n = 40, step 2.5e-4 s, {threads} threads: {took:.2f} s")
-    with members.threads(1), time_inside("cablepod.kernels.chain.verlet", clock=time.thread_time) as loop:
+    with members.threads(1), time_inside("cablepod.chain._kernels_explicit.verlet", clock=time.thread_time) as loop:
         run()
     print(
         f"  in one thread, inside the compiled loop {loop.seconds:.2f} s; the call took {took / loop.seconds:.3f} times as long"

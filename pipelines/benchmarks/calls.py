@@ -25,7 +25,7 @@ from types import FrameType
 from typing import Any
 
 import cablepod as cp
-from cablepod.shipped import scene
+from cablepod.examples import scene
 
 PACKAGE = Path(cp.__file__).resolve().parent
 #: Modules of the flat layout by the folder that holds their code now.

@@ -31,7 +31,7 @@ from error_vs_runtime.models import Setting, kernel_calls, seconds_of
 
 import cablepod as cp
 from benchmarks.chain import c_time, compiled_yardstick
-from cablepod.shipped import scene
+from cablepod.examples import scene
 
 HERE = Path(__file__).resolve().parent
 LINKS, C_STEP, DURATION = 40, 2.5e-4, 125.0

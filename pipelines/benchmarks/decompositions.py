@@ -43,7 +43,7 @@ from threadpoolctl import threadpool_limits
 
 import cablepod as cp
 from cablepod.paper import routes
-from cablepod.streaming import Accumulator
+from cablepod.pod._incremental import Accumulator
 
 HERE = Path(__file__).resolve().parent
 RANK = 20

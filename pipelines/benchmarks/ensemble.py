@@ -29,11 +29,11 @@ import xarray as xr
 from _study import command_line, time_inside, timed, two_process_gain
 
 import cablepod as cp
-from cablepod import members
-from cablepod.shipped import scene
+from cablepod.batch import _members as members
+from cablepod.examples import scene
 
 STEP = 2.5e-4
-LOOP = "cablepod.kernels.chain.verlet"
+LOOP = "cablepod.chain._kernels_explicit.verlet"
 #: Loops of the control, about a second.
 COUNTED = 20_000_000
 

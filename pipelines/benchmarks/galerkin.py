@@ -25,18 +25,18 @@ import xarray as xr
 from _study import command_line, in_turns, markdown_table, medians, show_table, time_inside, timed
 
 import cablepod as cp
-from cablepod import galerkin as galerkin_module
-from cablepod.links import chain_of
-from cablepod.parameters import parameters
-from cablepod.shipped import scene as shipped
+from cablepod.discretisation._chain import chain_of
+from cablepod.examples import scene as shipped
+from cablepod.galerkin import _simulate as galerkin_module
+from cablepod.parameters._parameters import parameters
 
 HERE = Path(__file__).resolve().parent
 TIMES = np.arange(1251) / 10.0
 KERNELS = (
-    "cablepod.kernels.chain.verlet",
-    "cablepod.kernels.implicit.generalized_alpha",
-    "cablepod.kernels.reduced.verlet",
-    "cablepod.kernels.reduced.implicit",
+    "cablepod.chain._kernels_explicit.verlet",
+    "cablepod.chain._kernels_implicit.generalized_alpha",
+    "cablepod.galerkin._kernels.verlet",
+    "cablepod.galerkin._kernels.implicit",
 )
 IMPLICIT = ("trapezoidal", "energy_momentum")
 STEPS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5)

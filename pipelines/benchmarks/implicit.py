@@ -24,7 +24,7 @@ from _study import command_line, in_turns, markdown_table, medians, show_table, 
 
 import cablepod as cp
 from benchmarks.chain import c_time, compiled_yardstick
-from cablepod.shipped import scene
+from cablepod.examples import scene
 
 HERE = Path(__file__).resolve().parent
 CASES = (
@@ -37,7 +37,7 @@ CASES = (
     ("energy_momentum", 40, 0.01),
 )
 TIMES = np.arange(126.0)
-KERNELS = ("cablepod.kernels.implicit.generalized_alpha", "cablepod.kernels.implicit.energy_momentum")
+KERNELS = ("cablepod.chain._kernels_implicit.generalized_alpha", "cablepod.chain._kernels_implicit.energy_momentum")
 
 
 def measured(given, links: int, **options) -> tuple[float, float, np.ndarray]:

@@ -36,9 +36,9 @@ from _study import command_line, markdown_table, medians, show_table, time_insid
 from numba import njit
 
 import cablepod as cp
-from cablepod.links import chain_of
-from cablepod.parameters import Parameters, parameters
-from cablepod.shipped import scene
+from cablepod.discretisation._chain import chain_of
+from cablepod.examples import scene
+from cablepod.parameters._parameters import Parameters, parameters
 
 HERE = Path(__file__).resolve().parent
 SCENES = ("slack_cable", "slack_line", "folded_chain")
@@ -46,7 +46,7 @@ SCENES = ("slack_cable", "slack_line", "folded_chain")
 LONGEST = {"slack_cable": 0.064, "slack_line": 0.004, "folded_chain": 0.0005}
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 WIDTH = 6  #: unknowns of a particle: x, y, vx, vy, and of the link above it lambda, mu
-KERNELS = ("cablepod.kernels.rigid.rattle", "cablepod.kernels.rigid.index1")
+KERNELS = ("cablepod.rigid._kernels.rattle", "cablepod.rigid._kernels.index1")
 BAUMGARTE = 20.0  #: rate of Baumgarte's stabilisation [1/s]
 Row = tuple[str, str, float, float, float, float]
 

@@ -25,9 +25,9 @@ if __name__ == "__main__":
 from _study import command_line, in_turns, markdown_table, show_table
 
 import cablepod as cp
-from cablepod.links import chain_of
-from cablepod.parameters import parameters
-from cablepod.shipped import scene_path
+from cablepod.discretisation._chain import chain_of
+from cablepod.examples import scene_path
+from cablepod.parameters._parameters import parameters
 
 HERE = Path(__file__).resolve().parent
 WAVE = {"kind": "harmonic", "amplitude": 1.0, "angular_frequency": 1.0}

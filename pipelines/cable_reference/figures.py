@@ -26,7 +26,7 @@ from matplotlib import pyplot as plt
 from scipy.optimize import brentq
 
 import cablepod as cp
-from cablepod.shipped import scene
+from cablepod.examples import scene
 
 HERE = Path(__file__).resolve().parent
 SLOPE = 0.02  #: weight over horizontal force

@@ -21,14 +21,14 @@ import numpy as np
 from _study import command_line
 
 import cablepod as cp
-from cablepod.cable_choice import unforced_step
-from cablepod.cable_runs import MeshVerlet
+from cablepod.cable._mesh import mesh_of, start
+from cablepod.cable._runs import MeshVerlet
+from cablepod.cable._scheme import unforced_step
 from cablepod.conventions import label
-from cablepod.elements import mesh_of, start
-from cablepod.links import LAWS
-from cablepod.parameters import parameters
-from cablepod.shipped import data_folder, scene
-from cablepod.stepping import preferred_rate
+from cablepod.discretisation._chain import LAWS
+from cablepod.examples import data_folder, scene
+from cablepod.integrate._stepping import preferred_rate
+from cablepod.parameters._parameters import parameters
 
 SCENES = ("example2", "example3", "example4", "sagging", "stiff_spatial")
 ELEMENTS = (8, 16, 24, 32)

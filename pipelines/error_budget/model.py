@@ -16,9 +16,9 @@ from numba import njit
 from scipy.interpolate import CubicSpline
 
 import cablepod as cp
-from cablepod.links import chain_of
-from cablepod.parameters import parameters
-from cablepod.pod_normal import deflections
+from cablepod.discretisation._chain import chain_of
+from cablepod.parameters._parameters import parameters
+from cablepod.pod._normal import deflections
 
 #: Whether the truncated modes are hidden from the retained ones in the tension, and in the force.
 HIDDEN = {"nothing": (False, False), "tension": (True, False), "force": (False, True), "both": (True, True)}

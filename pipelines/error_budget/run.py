@@ -50,11 +50,11 @@ from scipy.linalg import eigh, qr
 from tqdm import tqdm
 
 import cablepod as cp
-from cablepod import shipped
-from cablepod.condensed_model import ORDERS
-from cablepod.links import chain_of
-from cablepod.parameters import parameters
-from cablepod.pod_normal import deflections
+from cablepod import examples as shipped
+from cablepod.condensed._model import ORDERS
+from cablepod.discretisation._chain import chain_of
+from cablepod.parameters._parameters import parameters
+from cablepod.pod._normal import deflections
 from error_budget.model import Switched, taken_length
 
 HERE = Path(__file__).resolve().parent

@@ -17,13 +17,13 @@ from _study import wrapped
 from scipy.interpolate import CubicSpline
 
 import cablepod as cp
-from cablepod import stepping
-from cablepod.elements import mesh_of
-from cablepod.kernels import catenary as catenary_kernel
-from cablepod.links import chain_of
-from cablepod.parameters import Parameters, load_plane, parameters, solve_statics
-from cablepod.shipped import scene as shipped
-from cablepod.shipped import truth_path, truths
+from cablepod.cable._mesh import mesh_of
+from cablepod.catenary import _kernels as catenary_kernel
+from cablepod.discretisation._chain import chain_of
+from cablepod.examples import scene as shipped
+from cablepod.examples import truth_path, truths
+from cablepod.integrate import _stepping as stepping
+from cablepod.parameters._parameters import Parameters, load_plane, parameters, solve_statics
 
 EXAMPLES = ("example2", "example3", "example4")
 #: Scenes without modes of their own, cables as in Example 2: a flatter guy in side wind, and a long and almost level one.
@@ -380,24 +380,28 @@ def p_load(p: Parameters) -> float:
 # --- time of the kernel -----------------------------------------------------------------------------------------------
 
 #: Functions that march from the first state to the last.
-MARCHES = ("cablepod.stepping.march", "cablepod.implicit.March.advance", "cablepod.implicit.March.cut")
+MARCHES = (
+    "cablepod.integrate._stepping.march",
+    "cablepod.chain._implicit.March.advance",
+    "cablepod.chain._implicit.March.cut",
+)
 #: Compiled loops, and the tables of ends and loads that they need.
 COMPILED = (
-    "cablepod.kernels.chain.verlet",
-    "cablepod.kernels.implicit.generalized_alpha",
-    "cablepod.kernels.cable.verlet",
-    "cablepod.kernels.cable.trapezoidal",
-    "cablepod.kernels.reduced.verlet",
-    "cablepod.kernels.condensed.frames",
-    "cablepod.kernels.condensed.leading_verlet",
-    "cablepod.kernels.condensed.leading_implicit",
-    "cablepod.kernels.condensed.exact_verlet",
-    "cablepod.kernels.condensed.exact_implicit",
+    "cablepod.chain._kernels_explicit.verlet",
+    "cablepod.chain._kernels_implicit.generalized_alpha",
+    "cablepod.cable._kernels.verlet",
+    "cablepod.cable._kernels.trapezoidal",
+    "cablepod.galerkin._kernels.verlet",
+    "cablepod.condensed._kernels.frames",
+    "cablepod.condensed._kernels.leading_verlet",
+    "cablepod.condensed._kernels.leading_implicit",
+    "cablepod.condensed._kernels.exact_verlet",
+    "cablepod.condensed._kernels.exact_implicit",
 )
 TABLES = (
-    "cablepod.motion.TimeFunction.__call__",
-    "cablepod.motion.TimeFunction.on_steps",
-    "cablepod.motion.TimeFunction.all_on_steps",
+    "cablepod.parameters._time_functions.TimeFunction.__call__",
+    "cablepod.parameters._time_functions.TimeFunction.on_steps",
+    "cablepod.parameters._time_functions.TimeFunction.all_on_steps",
 )
 
 

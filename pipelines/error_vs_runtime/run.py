@@ -51,8 +51,8 @@ import xarray as xr
 from tqdm import tqdm
 
 import cablepod as cp
-from cablepod import stepping
 from cablepod.conventions import label
+from cablepod.integrate import _stepping as stepping
 from error_vs_runtime.figure import LEVELS, draw, markdown, markdown_trained
 from error_vs_runtime.models import (
     ELEMENTS,

@@ -20,8 +20,10 @@ from _study import command_line
 from tqdm import tqdm
 
 import cablepod as cp
-from cablepod.paper import examples, starts, wilson
-from cablepod.shipped import scene
+from cablepod.examples import scene
+from cablepod.paper import examples
+from cablepod.paper import independent_chain as wilson
+from cablepod.paper import initial_shape as starts
 
 
 def main() -> None:

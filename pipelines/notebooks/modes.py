@@ -23,7 +23,7 @@ import xarray as xr
 from matplotlib import pyplot as plt
 
 import cablepod as cp
-from cablepod import shipped
+from cablepod import examples as shipped
 
 SMALL = bool(os.environ.get("CABLEPOD_SMALL"))
 

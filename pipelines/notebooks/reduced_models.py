@@ -26,7 +26,7 @@ import numpy as np
 import xarray as xr
 
 import cablepod as cp
-from cablepod import shipped
+from cablepod import examples as shipped
 
 SMALL = bool(os.environ.get("CABLEPOD_SMALL"))
 

@@ -24,8 +24,9 @@ import os
 import xarray as xr
 
 import cablepod as cp
-from cablepod import shipped
-from cablepod.paper import examples, figures, statics
+from cablepod import examples as shipped
+from cablepod.paper import examples, figures
+from cablepod.paper import table1 as statics
 
 SMALL = bool(os.environ.get("CABLEPOD_SMALL"))
 

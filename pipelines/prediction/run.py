@@ -49,11 +49,12 @@ from scipy.stats import spearmanr
 from tqdm import tqdm
 
 import cablepod as cp
-from cablepod import pod_normal, shipped
-from cablepod.condensed_make import model_of
-from cablepod.condensed_model import ORDERS
-from cablepod.parameters import parameters
-from cablepod.stepping import motion_scale
+from cablepod import examples as shipped
+from cablepod.condensed._assembly import model_of
+from cablepod.condensed._model import ORDERS
+from cablepod.integrate._stepping import motion_scale
+from cablepod.parameters._parameters import parameters
+from cablepod.pod import _normal as pod_normal
 from prediction import figure
 from prediction.scenes import LINKS, RANGES, Case, cases, draw, scene_of
 
@@ -360,7 +361,7 @@ def _fill(case: Case, modes: dict[str, xr.Dataset], error: np.ndarray, projected
 LONG_NAMES = {
     "error": "largest error over time, over the motion of the chain",
     "error_estimate": "error as the model estimates it, without any truth",
-    "outside_training": "distance of the scene from the training scenes, see cablepod.training.outside",
+    "outside_training": "distance of the scene from the training scenes, see cablepod.discretisation._similarity.outside",
     "galerkin_error": "largest error over time of the Galerkin model, over the motion of the chain",
     "galerkin_error_estimate": "error as the Galerkin model estimates it, without any truth",
     "step_error": "error of the step before it was taken off by extrapolation",

@@ -11,8 +11,8 @@ import xarray as xr
 from scipy.stats import qmc
 
 import cablepod as cp
-from cablepod.links import chain_of
-from cablepod.parameters import parameters
+from cablepod.discretisation._chain import chain_of
+from cablepod.parameters._parameters import parameters
 
 LINKS = 40
 #: The cable of the paper's examples: Young's modulus [N/m^2], area [m^2], weight per volume [N/m^3].

@@ -29,7 +29,7 @@ from _study import command_line, markdown_table, percent, update_tables
 from tqdm import tqdm
 
 import cablepod as cp
-from cablepod import shipped
+from cablepod import examples as shipped
 from prediction.run import projection_error
 from prediction.scenes import LINKS, Case, cases
 

@@ -32,7 +32,7 @@ from matplotlib.colors import LogNorm
 from tqdm import tqdm
 
 import cablepod as cp
-from cablepod.shipped import scene
+from cablepod.examples import scene
 
 HERE = Path(__file__).resolve().parent
 RATIOS = (0.999, 0.9997, 1.0001, 1.001, 1.01, 1.03, 1.1)

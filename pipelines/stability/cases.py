@@ -15,11 +15,12 @@ import numpy as np
 import xarray as xr
 
 import cablepod as cp
-from cablepod import chain_runs, shipped
-from cablepod.links import chain_of
-from cablepod.parameters import parameters
-from cablepod.rigid_runs import FORMULATIONS, RigidRun
-from cablepod.rigid_start import start
+from cablepod import examples as shipped
+from cablepod.chain import _scheme as chain_runs
+from cablepod.discretisation._chain import chain_of
+from cablepod.parameters._parameters import parameters
+from cablepod.rigid._runs import FORMULATIONS, RigidRun
+from cablepod.rigid._start import start
 
 GUY: dict[str, Any] = {
     "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "specific_weight": 78500.0, "top_tension": 8000.0},

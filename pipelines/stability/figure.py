@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from cablepod import plots
-from cablepod.plots.maps import stability_height
+from cablepod.plots._maps import stability_height
 
 
 def matrix(result: xr.Dataset) -> Figure:

@@ -37,11 +37,11 @@ from _study import command_line, markdown_table, publish
 from tqdm import tqdm
 
 import cablepod as cp
-from cablepod import chain_start
-from cablepod.links import chain_of
-from cablepod.parameters import parameters
-from cablepod.rigid_runs import FORMULATIONS
-from cablepod.verlet import VerletRun
+from cablepod.chain import _start as chain_start
+from cablepod.chain._explicit import VerletRun
+from cablepod.discretisation._chain import chain_of
+from cablepod.parameters._parameters import parameters
+from cablepod.rigid._runs import FORMULATIONS
 from stability.cases import Case, cases
 from stability.verdict import (
     ACCURATE,

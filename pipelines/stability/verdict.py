@@ -14,10 +14,10 @@ from _study import timed
 from scipy.stats import t as student
 
 import cablepod as cp
-from cablepod import chain_runs
-from cablepod.links import Chain, chain_of
-from cablepod.parameters import parameters
-from cablepod.rigid_runs import FORMULATIONS
+from cablepod.chain import _scheme as chain_runs
+from cablepod.discretisation._chain import Chain, chain_of
+from cablepod.parameters._parameters import parameters
+from cablepod.rigid._runs import FORMULATIONS
 from stability.cases import Case, dividing, rigid_step
 
 SCHEMES = (*chain_runs.SCHEMES, *FORMULATIONS)

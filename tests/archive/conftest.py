@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from cablepod import archive
+from cablepod.archive import _write as archive
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ import xarray as xr
 from children import python, run_python
 from results import make_scene, make_trajectory
 
-from cablepod import archive
 from cablepod.archive import ArchiveError, write
+from cablepod.archive import _write as archive
 
 
 def visible(folder):

@@ -10,7 +10,8 @@ import pytest
 import xarray as xr
 
 import cablepod as cp
-from cablepod import lineage, provenance
+from cablepod import provenance
+from cablepod.archive import _lineage as lineage
 
 
 def again(dataset):

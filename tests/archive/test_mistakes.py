@@ -8,8 +8,8 @@ import pytest
 import xarray as xr
 from results import make_modes, make_scene, make_trajectory
 
-from cablepod import archive
 from cablepod.archive import ArchiveError, describe, read, write
+from cablepod.archive import _write as archive
 
 
 def test_an_existing_file_is_kept_unless_asked_otherwise(tmp_path, monkeypatch):

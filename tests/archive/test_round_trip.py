@@ -10,8 +10,9 @@ import xarray as xr
 from children import INSTALLED, run_python
 from results import KINDS, make_ensemble, make_scene, make_trajectory
 
-from cablepod import archive
 from cablepod.archive import ArchiveError, describe, read, write
+from cablepod.archive import _read as archive_read
+from cablepod.archive import _write as archive
 
 
 def dtypes(dataset):
@@ -49,7 +50,9 @@ def test_what_is_read_is_what_was_written(kind, tmp_path):
 def test_an_eager_read_closes_the_file(tmp_path, monkeypatch):
     path = write(make_trajectory(), tmp_path / "it.nc")
     opened = []
-    monkeypatch.setattr(archive, "_open", lambda *args, _open=archive._open: opened.append(_open(*args)) or opened[-1])
+    monkeypatch.setattr(
+        archive, "open_file", lambda *args, _open=archive_read.open_file: opened.append(_open(*args)) or opened[-1]
+    )
     for task in (read, describe):
         task(path)
         assert not is_open(path)

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from children import run_python
 
-from cablepod import interrupts
+from cablepod.batch import _sigint as interrupts
 
 
 def press():

@@ -10,11 +10,11 @@ import xarray as xr
 from scenes import everything, full_modes
 
 import cablepod as cp
-from cablepod import members
-from cablepod.condensed_batch import alike, sibling
-from cablepod.condensed_make import model_of
-from cablepod.parameters import parameters
-from cablepod.trust import OutOfRangeWarning
+from cablepod.batch import _members as members
+from cablepod.condensed._assembly import model_of
+from cablepod.condensed._batch import alike, sibling
+from cablepod.parameters._parameters import parameters
+from cablepod.reduced._validity import OutOfRangeWarning
 
 
 def joined(soft, **varied):

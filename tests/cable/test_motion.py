@@ -11,8 +11,9 @@ import xarray as xr
 from scenes import scene_with, spatial
 
 import cablepod as cp
-from cablepod import cable as cable_module
-from cablepod import cable_choice, shipped
+from cablepod import examples as shipped
+from cablepod.cable import _scheme as cable_choice
+from cablepod.cable import _simulate as cable_module
 
 #: Ends that begin to move so smoothly (as t^6) that no wave has a corner: order can be seen.
 SMOOTH = {
@@ -210,7 +211,7 @@ def test_what_rests_stays_at_rest(law, scheme, soft):
 def test_verlet_keeps_the_energy(law, soft):
     del soft["motion"]
     soft["initial"] = {"top_tension": 260.0}
-    from cablepod.parameters import parameters
+    from cablepod.parameters._parameters import parameters
 
     scene = scene_with(soft)
     drift = []

@@ -9,7 +9,7 @@ from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
 import cablepod as cp
-from cablepod import elements
+from cablepod.cable import _mesh as elements
 
 SAGGING = {
     "cable": {"youngs_modulus": 2.0e7, "area": 1.0e-3, "density": 1000.0, "unstretched_length": 12.0},
@@ -39,7 +39,7 @@ def test_quadrature_and_derivative_are_exact_for_polynomials(order):
 
 
 def test_point_loads_stand_between_elements(soft):
-    from cablepod.parameters import parameters
+    from cablepod.parameters._parameters import parameters
 
     soft["point_load"] = [{"arc_length": 0.1, "force": [0.0, -1.0]}, {"arc_length": 0.73, "force": [0.0, -2.0]}]
     mesh = elements.mesh_of(parameters(scene_with(soft)), 7)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from references import catenary_mpmath as reference
 
-from cablepod.kernels import catenary as kernel
+from cablepod.catenary import _kernels as kernel
 
 MP = reference.MP
 UNIT = 2.0**-53

@@ -13,9 +13,11 @@ import xarray as xr
 from scenes import spatial
 
 import cablepod as cp
-from cablepod import chain_many, interrupts, members
-from cablepod.runs import Run
-from cablepod.verlet import March, VerletRun
+from cablepod.batch import _members as members
+from cablepod.batch import _sigint as interrupts
+from cablepod.chain import _batch as chain_many
+from cablepod.chain._explicit import March, VerletRun
+from cablepod.integrate._run import Run
 
 STEP = 2e-3
 ALL = ("position", "velocity", "tension", "tension_extremes")

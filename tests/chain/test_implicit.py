@@ -9,10 +9,10 @@ import pytest
 from scenes import scene_with, spatial
 
 import cablepod as cp
-from cablepod import implicit
-from cablepod.kernels import implicit as kernel
-from cablepod.links import chain_of
-from cablepod.parameters import parameters
+from cablepod.chain import _implicit as implicit
+from cablepod.chain import _kernels_implicit as kernel
+from cablepod.discretisation._chain import chain_of
+from cablepod.parameters._parameters import parameters
 
 SCHEMES = implicit.SCHEMES
 

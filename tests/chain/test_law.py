@@ -17,8 +17,8 @@ from scenes import spatial
 from scipy.integrate import solve_ivp
 
 import cablepod as cp
-from cablepod import links
-from cablepod.parameters import parameters
+from cablepod.discretisation import _chain as links
+from cablepod.parameters._parameters import parameters
 
 TERMS = {
     **SHARED,
@@ -164,7 +164,7 @@ def test_rest_is_balanced_by_the_law_from_soft_to_stiff_and_taut_to_slack(scenes
 @pytest.mark.parametrize("law_is_green", [False, True])
 def test_gap_and_hessian_of_the_rest_are_derivatives_of_its_energy(law_is_green):
     # a wrong energy or Hessian costs Newton's method only steps, so the rest itself does not show it
-    from cablepod.kernels import chain as kernel
+    from cablepod.chain import _kernels_explicit as kernel
 
     rng = np.random.default_rng(3)
     loads, length = rng.normal(size=(4, 3)), rng.uniform(1.0, 2.0, 5)
@@ -285,7 +285,7 @@ def test_runs_in_two_threads_are_those_of_one_after_the_other(soft, name):
 
 @pytest.mark.parametrize("name", ["linear", "green"])
 def test_other_threads_go_on_during_a_run(soft, monkeypatch, name):
-    from cablepod.kernels import chain as kernel
+    from cablepod.chain import _kernels_explicit as kernel
 
     plain, inside = kernel.verlet, threading.Event()
 

@@ -12,8 +12,8 @@ from scenes import TERMS as SHARED
 from scenes import scene_with, spatial
 
 import cablepod as cp
-from cablepod import links
-from cablepod.parameters import parameters
+from cablepod.discretisation import _chain as links
+from cablepod.parameters._parameters import parameters
 
 TERMS = {
     **SHARED,

@@ -7,8 +7,8 @@ import pytest
 from scenes import scene_with
 
 import cablepod as cp
-from cablepod import links
-from cablepod.parameters import parameters
+from cablepod.discretisation import _chain as links
+from cablepod.parameters._parameters import parameters
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4])

@@ -7,10 +7,13 @@ import pytest
 from scenes import scene_with
 
 import cablepod as cp
-from cablepod import cable_runs, chain_runs, chain_start, links
-from cablepod.implicit import ImplicitRun
-from cablepod.parameters import parameters
-from cablepod.verlet import VerletRun
+from cablepod.cable import _runs as cable_runs
+from cablepod.chain import _scheme as chain_runs
+from cablepod.chain import _start as chain_start
+from cablepod.chain._explicit import VerletRun
+from cablepod.chain._implicit import ImplicitRun
+from cablepod.discretisation import _chain as links
+from cablepod.parameters._parameters import parameters
 
 
 def test_the_stability_limit_is_where_it_is_predicted(soft):

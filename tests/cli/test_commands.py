@@ -12,7 +12,8 @@ from children import call, finish, python
 from scenes import SOFT_TOML
 
 import cablepod as cp
-from cablepod import cli, shipped, study
+from cablepod import cli, study
+from cablepod import examples as shipped
 
 
 @pytest.fixture

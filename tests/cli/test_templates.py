@@ -8,7 +8,8 @@ import tomllib
 import pytest
 
 import cablepod as cp
-from cablepod import cli, shipped
+from cablepod import cli
+from cablepod import examples as shipped
 
 
 @pytest.fixture

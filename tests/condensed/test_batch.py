@@ -8,11 +8,15 @@ import xarray as xr
 from scenes import HARMONIC, full_modes, spatial
 
 import cablepod as cp
-from cablepod import condensed as condensed_module
-from cablepod import condensed_batch, condensed_many, members, training
-from cablepod.columns import Columns
-from cablepod.condensed_make import model_of
-from cablepod.parameters import Members, load_plane, parameters_of_members
+from cablepod.batch import _members as members
+from cablepod.condensed import _batch as condensed_batch
+from cablepod.condensed import _many as condensed_many
+from cablepod.condensed import _runs as condensed_module
+from cablepod.condensed import _runs as condensed_runs
+from cablepod.condensed._assembly import model_of
+from cablepod.discretisation import _similarity as training
+from cablepod.parameters._members import Columns
+from cablepod.parameters._parameters import Members, load_plane, parameters_of_members
 
 STEP = 2e-3
 TIMES = np.arange(0.0, 2.01, 0.04)  # two blocks of steps, the second not full
@@ -123,7 +127,7 @@ def test_members_that_fail_say_why_as_single_runs_do(soft, monkeypatch):
 def test_members_without_an_equilibrium_near_are_left_to_single_runs(soft, monkeypatch):
     scenes, modes = scenes_of(soft, *CASES["tension"]), full_modes()
     truth = one_by_one(monkeypatch, scenes, modes, links=[1, 5], **OPTIONS)
-    start, solve, alone = condensed_many.Batch._start, condensed_batch.solve, []
+    start, solve, alone = condensed_many.Batch._start, condensed_runs.solve, []
 
     def lost(batch):
         q, v, limit = start(batch)

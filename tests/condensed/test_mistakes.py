@@ -9,11 +9,11 @@ import pytest
 from scenes import full_modes, spatial
 
 import cablepod as cp
-from cablepod import condensed_output
-from cablepod.condensed_make import model_of
-from cablepod.condensed_model import ORDERS
-from cablepod.parameters import parameters
-from cablepod.trust import OutOfRangeWarning
+from cablepod.condensed import _output as condensed_output
+from cablepod.condensed._assembly import model_of
+from cablepod.condensed._model import ORDERS
+from cablepod.parameters._parameters import parameters
+from cablepod.reduced._validity import OutOfRangeWarning
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ from scenes import everything, full_modes, spatial
 from scipy.stats import spearmanr
 
 import cablepod as cp
-from cablepod.condensed import SCHEMES
-from cablepod.condensed_model import ORDERS
+from cablepod.condensed._model import ORDERS
+from cablepod.condensed._runs import SCHEMES
 
 
 @pytest.fixture(scope="module")

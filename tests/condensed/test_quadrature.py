@@ -7,9 +7,9 @@ import pytest
 import xarray as xr
 
 import cablepod as cp
-from cablepod import elements
-from cablepod.condensed_make import model_of
-from cablepod.parameters import parameters
+from cablepod.cable import _mesh as elements
+from cablepod.condensed._assembly import model_of
+from cablepod.parameters._parameters import parameters
 
 TIMES = np.arange(0.0, 10.1, 0.5)
 OPTIONS = {"order": "exact", "scheme": "velocity_verlet", "step": 0.01, "times": TIMES}

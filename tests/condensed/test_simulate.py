@@ -12,10 +12,10 @@ from references.condensed_ode import Reference
 from scenes import LENGTHS, everything, full_modes, spatial
 
 import cablepod as cp
-from cablepod import stepping
-from cablepod import shipped
-from cablepod.condensed import SCHEMES
-from cablepod.condensed_model import ORDERS
+from cablepod import examples as shipped
+from cablepod.condensed._model import ORDERS
+from cablepod.condensed._runs import SCHEMES
+from cablepod.integrate import _stepping as stepping
 
 
 @pytest.fixture(scope="module")

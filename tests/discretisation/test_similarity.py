@@ -7,8 +7,9 @@ import pytest
 import xarray as xr
 
 import cablepod as cp
-from cablepod import shipped, training
-from cablepod.parameters import parameters
+from cablepod import examples as shipped
+from cablepod.discretisation import _similarity as training
+from cablepod.parameters._parameters import parameters
 
 
 def guy(**changes):

@@ -16,7 +16,7 @@ from children import call, finish, python, run_python
 from scenes import SOFT_TOML
 
 import cablepod as cp
-from cablepod.archive_ensemble import describe_ensemble
+from cablepod.archive._ensemble import describe_ensemble
 
 #: Short enough to be many, so that there is time to interrupt: a member takes some hundredths of a second.
 STEP = 4e-6
@@ -136,7 +136,7 @@ def test_it_survives_killed_workers_and_a_scheduler_given_by_its_address(soft, t
         np.testing.assert_array_equal(result["position"], cp.chain.simulate(scenes_of(soft), step=STEP)["position"])
         # a folder that its workers do not see
         hidden = tmp_path / "hidden"
-        from cablepod import ensemble
+        from cablepod.ensemble import _job as ensemble
 
         real, ensemble.sees = ensemble.sees, _blind
         try:
@@ -166,7 +166,7 @@ def test_processes_of_this_machine_give_the_same_bits(soft, tmp_path):
 
 def test_a_scheduler_that_cannot_be_reached(soft, tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
-    from cablepod import ensemble_runs
+    from cablepod.ensemble import _workers as ensemble_runs
 
     monkeypatch.setattr(ensemble_runs, "PATIENCE", 0.5)
     begin = time.monotonic()
@@ -314,8 +314,8 @@ def test_two_runs_at_a_time_are_refused(soft, tmp_path):
 
 
 def test_a_member_that_diverges_stops_nobody_else(soft, tmp_path, monkeypatch):
-    from cablepod import ensemble_work
-    from cablepod.members import over_members
+    from cablepod.batch._members import over_members
+    from cablepod.ensemble import _job as ensemble_work
 
     @over_members
     def simulate(scene, *, step=None, progress=None):
@@ -324,7 +324,7 @@ def test_a_member_that_diverges_stops_nobody_else(soft, tmp_path, monkeypatch):
         return cp.chain.simulate(scene, step=step)
 
     monkeypatch.setattr(ensemble_work, "MODELS", {**ensemble_work.MODELS, "chain": simulate})
-    monkeypatch.setattr("cablepod.ensemble._try_options", lambda *given: None)
+    monkeypatch.setattr("cablepod.ensemble._run._try_options", lambda *given: None)
     scenes = scenes_of(soft, 8)
     bad = scenes["cable_top_tension"].values > 280.0
     with pytest.warns(

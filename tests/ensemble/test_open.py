@@ -12,8 +12,10 @@ from compliance import check_compliance
 from scenes import ENSEMBLE_STEP
 
 import cablepod as cp
-from cablepod import archive_ensemble, cli
-from cablepod.archive_ensemble import describe_ensemble
+from cablepod import cli
+from cablepod.archive import _ensemble as archive_ensemble
+from cablepod.archive import _read as read
+from cablepod.archive._ensemble import describe_ensemble
 
 
 def test_it_opens_lazily_with_parameters_to_choose_by(finished):
@@ -132,7 +134,7 @@ def test_an_unfinished_ensemble_opens_only_on_demand(finished, tmp_path):
 def test_ten_thousand_members_open_by_the_manifest_and_heads_alone(finished, tmp_path, monkeypatch):
     # the clock is in pipelines/benchmarks; here: that no batch but one of each kind is opened by xarray
     opened = []
-    real = archive_ensemble.opened_file
+    real = read.opened_file
     monkeypatch.setattr(archive_ensemble, "opened_file", lambda path: opened.append(path.name) or real(path))
     cp.archive.open_ensemble(finished)
     assert opened == ["scenes.nc", "batch_0000.nc"]

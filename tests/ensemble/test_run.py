@@ -10,7 +10,7 @@ import xarray as xr
 from scenes import ENSEMBLE_STEP, full_modes
 
 import cablepod as cp
-from cablepod.archive_ensemble import describe_ensemble
+from cablepod.archive._ensemble import describe_ensemble
 
 
 def test_an_ensemble_is_what_one_call_gives(finished, scenes_of):
@@ -128,7 +128,7 @@ def test_progress_counts_all_members(scenes_of, tmp_path):
 def test_other_warnings_come_once(soft, scenes_of, tmp_path, monkeypatch):
     import warnings
 
-    from cablepod import ensemble_work
+    from cablepod.ensemble import _job as ensemble_work
 
     def noisy(scenes, *, step=None, progress=None):
         for member in scenes["member"].values.tolist() if "member" in scenes.dims else []:

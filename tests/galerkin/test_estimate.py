@@ -9,10 +9,11 @@ import pytest
 from scenes import spatial
 
 import cablepod as cp
-from cablepod import galerkin_estimate, galerkin_runs
-from cablepod.galerkin_model import model_of
-from cablepod.parameters import parameters
-from cablepod.stepping import motion_scale
+from cablepod.galerkin import _estimate as galerkin_estimate
+from cablepod.galerkin import _runs as galerkin_runs
+from cablepod.galerkin._model import model_of
+from cablepod.integrate._stepping import motion_scale
+from cablepod.parameters._parameters import parameters
 
 TIMES = np.arange(0.0, 4.01, 0.1)
 

@@ -11,9 +11,10 @@ import xarray as xr
 from scenes import spatial
 
 import cablepod as cp
-from cablepod import galerkin as galerkin_module
-from cablepod import galerkin_model, galerkin_runs
-from cablepod.parameters import parameters
+from cablepod.galerkin import _model as galerkin_model
+from cablepod.galerkin import _runs as galerkin_runs
+from cablepod.galerkin import _simulate as galerkin_module
+from cablepod.parameters._parameters import parameters
 
 TERMS = {
     "plain": {},
@@ -120,7 +121,7 @@ def test_errors_against_the_chain_it_was_trained_on(scenes, number):
 
 def test_the_packed_form_has_the_gradient_of_the_energy(soft):
     # energy link by link, differentiated numerically, against the packed coefficients
-    from cablepod.kernels import reduced as kernel
+    from cablepod.galerkin import _kernels as kernel
 
     scene = cp.make_scene({**soft, **TERMS["both ends"]})
     modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3))

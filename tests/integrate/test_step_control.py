@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import cablepod as cp
-from cablepod import rigid_runs, stepping
+from cablepod.integrate import _stepping as stepping
+from cablepod.rigid import _runs as rigid_runs
 
 
 @pytest.mark.parametrize("rate", [0.3, 1.0, 1.01, 7.9, 3250.0, 4001.0, 1e6 + 1])

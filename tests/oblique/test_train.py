@@ -13,9 +13,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 import cablepod as cp
-from cablepod import oblique, pod_normal, shipped
-from cablepod.condensed import SCHEMES
-from cablepod.condensed_model import ORDERS
+from cablepod import examples as shipped
+from cablepod.condensed._model import ORDERS
+from cablepod.condensed._runs import SCHEMES
+from cablepod.oblique import _train as oblique
+from cablepod.pod import _normal as pod_normal
 
 EVEN = [1.0] * 8
 POSITION = ("position",)

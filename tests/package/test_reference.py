@@ -14,7 +14,7 @@ from types import ModuleType
 import pytest
 
 import cablepod as cp
-from cablepod import shipped
+from cablepod import examples as shipped
 
 PACKAGE = Path(cp.__file__).parent
 PUBLIC = [item for name in cp.__all__ if inspect.ismodule(item := getattr(cp, name))] + [shipped]
@@ -88,9 +88,9 @@ def test_references_lead_somewhere(path):
 
 def test_a_reference_to_nothing_is_seen():
     assert resolves("simulate", cp.chain)
-    assert resolves("cablepod.training.outside", cp.chain)
+    assert resolves("cablepod.discretisation._similarity.outside", cp.chain)
     assert not resolves("simulated", cp.chain)
-    assert not resolves("cablepod.training.outsider", cp.chain)
+    assert not resolves("cablepod.discretisation._similarity.outsider", cp.chain)
 
 
 @pytest.mark.parametrize("function", MAIN, ids=lambda f: f"{f.__module__}.{f.__qualname__}")

@@ -13,10 +13,15 @@ import pytest
 from scipy.integrate import quad
 
 import cablepod as cp
-from cablepod import cli, paper, shipped
-from cablepod.paper import examples, report, routes, sections, starts, statics, validity, wilson
-from cablepod.parameters import parameters
-from cablepod.schema import SceneError
+from cablepod import cli, paper
+from cablepod import examples as shipped
+from cablepod.paper import examples, report, routes, sections, summary, validity
+from cablepod.paper import independent_chain as wilson
+from cablepod.paper import initial_shape as starts
+from cablepod.paper import sections as paper_sections
+from cablepod.paper import table1 as statics
+from cablepod.parameters._parameters import parameters
+from cablepod.parameters._schema import SceneError
 
 PACKAGE = Path(paper.__file__).parent
 ORDER = ("wilson", "statics", "examples", "starts", "routes", "validity", "figures", "sections", "summary", "report")
@@ -436,7 +441,7 @@ def test_the_report_is_whole(folder):
 def test_the_table_of_the_readme_is_what_comes_out(folder):
     data = cp.archive.read(folder / report.DATASET)
     readme = (PACKAGE.parent.parent / "README.md").read_text()
-    for row in report.summary(data):
+    for row in summary.summary(data):
         assert f"| {' | '.join(row)} |" in readme
 
 
@@ -454,7 +459,7 @@ def test_an_interrupted_report_leaves_what_was_there(tmp_path, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(report, "SECTIONS", ((report.SECTIONS[0][0], 0.5), (stop, 0.5)))
+    monkeypatch.setattr(report, "SECTIONS", ((paper_sections.SECTIONS[0][0], 0.5), (stop, 0.5)))
     with pytest.raises(KeyboardInterrupt):
         report.write(tmp_path, size=sections.SMALL)
     assert [path.name for path in tmp_path.iterdir()] == ["paper.md"]

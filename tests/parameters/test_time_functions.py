@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from cablepod.motion import SINES, Abreast, TimeFunction
+from cablepod.parameters._time_functions import SINES, Abreast, TimeFunction
 
 SAMPLES = np.linspace(0.0, 12.0, 41)
 RECORD = 0.3 * np.sin(0.9 * SAMPLES) + 0.02 * SAMPLES**2

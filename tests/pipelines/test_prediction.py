@@ -11,8 +11,8 @@ import prediction.scenes
 import pytest
 
 import cablepod as cp
-from cablepod import shipped
-from cablepod.pod_normal import deflections
+from cablepod import examples as shipped
+from cablepod.pod._normal import deflections
 
 
 @pytest.fixture(scope="module")

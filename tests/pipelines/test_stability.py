@@ -9,8 +9,8 @@ import pytest
 from stability import cases, figure, run, verdict
 
 import cablepod as cp
-from cablepod.links import chain_of
-from cablepod.parameters import parameters
+from cablepod.discretisation._chain import chain_of
+from cablepod.parameters._parameters import parameters
 
 
 @pytest.fixture(scope="module")

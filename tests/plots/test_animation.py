@@ -21,8 +21,8 @@ from matplotlib import pyplot as plt
 from PIL import Image
 
 from cablepod import plots
-from cablepod.plots.animation import find_ffmpeg
-from cablepod.schema import SceneError
+from cablepod.parameters._schema import SceneError
+from cablepod.plots._animation import find_ffmpeg
 
 
 @pytest.fixture(autouse=True)

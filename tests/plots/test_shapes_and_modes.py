@@ -17,7 +17,7 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 
 from cablepod import plots
-from cablepod.schema import SceneError
+from cablepod.parameters._schema import SceneError
 
 
 @pytest.fixture(autouse=True)

@@ -8,8 +8,9 @@ import xarray as xr
 from spectra import made_up
 
 import cablepod as cp
-from cablepod import pod as pod_module
-from cablepod import snapshots as snapshots_module
+from cablepod.pod import _decompose as pod_module
+from cablepod.pod import _snapshots as pod_snapshots
+from cablepod.pod import _snapshots as snapshots_module
 
 
 @pytest.mark.parametrize("dims", [2, 3])
@@ -28,7 +29,7 @@ def test_orthonormal_modes_and_the_discarded_energy(layout, weights):
     snapshots = made_up()
     full = cp.pod.decompose(snapshots, layout=layout, weights=weights)
     fields = pod_module.mode_fields(full)
-    sigma = pod_module.relative_arc_length(snapshots)
+    sigma = pod_snapshots.relative_arc_length(snapshots)
     weight = np.ones(12) if weights is None else snapshots_module.shares(sigma)
     gram = np.einsum("ipc,p,kpc->ik", fields, weight, fields)
     np.testing.assert_allclose(gram, np.eye(len(fields)), atol=1e-12)

@@ -7,7 +7,7 @@ import pytest
 from spectra import made_up
 
 import cablepod as cp
-from cablepod import decompositions
+from cablepod.pod import _decompositions as decompositions
 
 SHAPES = [(12, 40), (40, 12), (20, 20), (78, 125)]
 

@@ -7,8 +7,9 @@ import pytest
 from mpmath import matrix, mp
 from spectra import STEEP, accumulated, known_rows
 
-from cablepod import decompositions, streaming
-from cablepod.threads import one_blas_thread
+from cablepod.batch._blas import one_blas_thread
+from cablepod.pod import _decompositions as decompositions
+from cablepod.pod import _incremental as streaming
 
 
 @pytest.mark.parametrize("parts", [1, 3])

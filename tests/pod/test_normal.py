@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 
 import cablepod as cp
-from cablepod import pod_normal
-from cablepod.chord import Frame, stretch_to_close
+from cablepod.discretisation._chord_frame import Frame, stretch_to_close
+from cablepod.pod import _normal as pod_normal
 
 SPECTRA = [1.0, 0.3, 0.04, 0.001], [0.2, 0.03, 0.002]
 

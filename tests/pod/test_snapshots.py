@@ -12,10 +12,10 @@ import xarray as xr
 from spectra import STEEP, sines, trajectory, turning
 
 import cablepod as cp
-from cablepod import pod_stream
-from cablepod import lineage
-from cablepod import snapshots as reading
-from cablepod.threads import one_blas_thread
+from cablepod.archive import _lineage as lineage
+from cablepod.batch._blas import one_blas_thread
+from cablepod.pod import _snapshots as reading
+from cablepod.pod import _stream as pod_stream
 
 
 @pytest.mark.parametrize("weights", [None, "length"])

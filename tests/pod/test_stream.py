@@ -10,7 +10,7 @@ import xarray as xr
 from spectra import STEEP, sines, trajectory, turning
 
 import cablepod as cp
-from cablepod.chord import Frame
+from cablepod.discretisation._chord_frame import Frame
 
 
 def test_streams_of_deflections_keep_the_first_chord_s_axis():

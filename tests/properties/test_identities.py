@@ -15,9 +15,9 @@ from random_scenes import COMMON
 from scenes import spatial
 
 import cablepod as cp
-from cablepod.chord import ALIGNED
-from cablepod.links import chain_of
-from cablepod.parameters import parameters
+from cablepod.discretisation._chain import chain_of
+from cablepod.discretisation._chord_frame import ALIGNED
+from cablepod.parameters._parameters import parameters
 
 Mapping = dict[str, Any]
 

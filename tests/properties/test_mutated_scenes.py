@@ -26,8 +26,8 @@ from random_scenes import COMMON, MANY
 from scenes import SOFT, spatial
 
 import cablepod as cp
-from cablepod.links import chain_of
-from cablepod.parameters import parameters
+from cablepod.discretisation._chain import chain_of
+from cablepod.parameters._parameters import parameters
 
 ALL_VARIANTS = bool(os.environ.get("CABLEPOD_FUZZ_VARIANTS"))
 #: A job that takes longer than this, compilation apart, counts as hanging [s of processor time: other load does not count].

@@ -13,11 +13,11 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
 import cablepod as cp
-from cablepod import rigid as rigid_module
-from cablepod.links import chain_of
-from cablepod.parameters import parameters
-from cablepod.rigid_runs import FORMULATIONS, RigidRun, _March
-from cablepod.stepping import Instants
+from cablepod.discretisation._chain import chain_of
+from cablepod.integrate._stepping import Instants
+from cablepod.parameters._parameters import parameters
+from cablepod.rigid import _start as rigid_module
+from cablepod.rigid._runs import FORMULATIONS, RigidRun, _March
 
 TERMS = {
     **SHARED,

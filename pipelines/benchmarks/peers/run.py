@@ -50,7 +50,7 @@ from threadpoolctl import threadpool_limits
 import cablepod as cp
 from benchmarks.peers.solvers import DISTRIBUTIONS, Case, cases, quiet, versions
 from benchmarks.peers.system import System, check_of, error_of, largest_displacement, system_of
-from cablepod.shipped import scene
+from cablepod.examples import scene
 
 HERE = Path(__file__).resolve().parent
 EXAMPLES = ("example2", "example3")
@@ -64,8 +64,8 @@ SETTINGS = {
     "velocity_verlet": (3.2e-4, 1e-4, 2.5e-5),
 }
 KERNELS = {
-    "velocity_verlet": "cablepod.kernels.chain.verlet",
-    "energy_momentum": "cablepod.kernels.implicit.energy_momentum",
+    "velocity_verlet": "cablepod.chain._kernels_explicit.verlet",
+    "energy_momentum": "cablepod.chain._kernels_implicit.energy_momentum",
 }
 GOAL = 1e-6  #: error at which packages are compared
 #: Maximum time of the warm-up run [s], and repeats up to it (None: as many as wanted).
@@ -87,7 +87,7 @@ class Measured:
 
 def ours(given: xr.Dataset, scheme: str, step: float) -> tuple[np.ndarray, float]:
     """Return positions and the time inside the kernels [s]."""
-    with time_inside(KERNELS.get(scheme, "cablepod.kernels.implicit.generalized_alpha")) as kernel:
+    with time_inside(KERNELS.get(scheme, "cablepod.chain._kernels_implicit.generalized_alpha")) as kernel:
         run = cp.chain.simulate(given, times=TIMES, scheme=scheme, step=step)
     return run["position"].values, kernel.seconds
 

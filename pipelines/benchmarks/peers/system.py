@@ -15,8 +15,8 @@ import xarray as xr
 from numba import njit
 
 import cablepod as cp
-from cablepod.links import Chain, chain_of
-from cablepod.parameters import parameters
+from cablepod.discretisation._chain import Chain, chain_of
+from cablepod.parameters._parameters import parameters
 
 #: Width of the Jacobian's band below and above its diagonal, with the unknowns ordered as in System
 BELOW, ABOVE = 3, 7

@@ -1,0 +1,8 @@
+"""The continuous extensible cable, eqs. (17)-(23) of the paper, by spectral elements.
+
+.. include:: README.md
+"""
+
+from cablepod.cable._simulate import frequencies, rest, simulate
+
+__all__ = ["frequencies", "rest", "simulate"]

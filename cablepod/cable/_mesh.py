@@ -1,0 +1,418 @@
+"""The cable in spectral elements: nodes, masses, loads and tensions of the continuous cable, eqs. (17)-(23) of the paper."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cablepod.catenary._rest import unstretched_length
+from cablepod.chain import _start as chain_start
+from cablepod.discretisation._chain import LAWS, Chain, square
+from cablepod.parameters import _schema as schema
+from cablepod.parameters._parameters import Parameters, check_memory
+from cablepod.parameters._schema import SceneError, refuse
+
+#: Order of the polynomials of an element.  Eight nodes fill the registers of a processor without a rest.
+ORDER = 7
+MOST_ORDER = 16
+#: Points between two nodes at which the shape at rest is integrated.
+GAUSS = 8
+#: Where that is too coarse, for a cable that turns sharply at its lowest point, the distances of nodes are cut into so many.
+FINER = (1, 4)
+#: Particles of a result where the scene has no chain.
+PARTICLES = 41
+
+
+@functools.cache
+def reference(order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """GLL nodes of an element of length 2, their weights, and the derivative at the nodes (rows) by the values there."""
+    from numpy.polynomial import legendre
+
+    coefficients = np.zeros(order + 1)
+    coefficients[-1] = 1.0
+    slope = legendre.legder(coefficients)
+    node = np.concatenate([[-1.0], np.sort(legendre.legroots(slope).real), [1.0]])
+    for _ in range(3):  # eigenvalues are not right to the last digit
+        node[1:-1] -= legendre.legval(node[1:-1], slope) / legendre.legval(node[1:-1], legendre.legder(slope))
+    node = 0.5 * (node - node[::-1])
+    value = legendre.legval(node, coefficients)
+    weight = 2.0 / (order * (order + 1) * value**2)
+    gap = node[:, None] - node + np.eye(order + 1)
+    derivative = value[:, None] / value / gap
+    np.fill_diagonal(derivative, 0.0)
+    np.fill_diagonal(derivative, -derivative.sum(axis=1))  # a rigid motion then pulls nothing, to rounding
+    for array in (node, weight, derivative):
+        array.setflags(write=False)
+    return node, weight, derivative
+
+
+def lagrange(order: int, place: np.ndarray) -> np.ndarray:
+    """Values of the polynomials of the nodes (columns) at places in [-1, 1] (rows)."""
+    node, _, _ = reference(order)
+    gap = place[:, None] - node
+    on = np.abs(gap) < 1e-14
+    barycentric = 1.0 / np.prod(node[:, None] - node + np.eye(order + 1), axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        terms = barycentric / gap
+        values = terms / terms.sum(axis=1, keepdims=True)
+    hit = on.any(axis=1)
+    values[hit] = on[hit]
+    return values
+
+
+def integrals(order: int) -> np.ndarray:
+    """Integrals from the first node to each one (rows) by the values at the nodes, of an element of length 2."""
+    from numpy.polynomial import legendre
+
+    node, _, _ = reference(order)
+    values = legendre.legvander(node, order + 1)
+    # that of the polynomial of degree k is (P(k + 1) - P(k - 1)) / (2 k + 1), and nothing at the first node but for k = 0
+    whole = np.empty((order + 1, order + 1))
+    whole[:, 0] = node + 1.0
+    degree = np.arange(1, order + 1)
+    whole[:, 1:] = (values[:, 2:] - values[:, :-2]) / (2.0 * degree + 1.0)
+    return np.linalg.solve(values[:, :-1].T, whole.T).T
+
+
+@dataclass(frozen=True)
+class Mesh(Chain):
+    """A cable in spectral elements, with all that a run wants of a chain: its particles are the nodes.
+
+    ``length`` are the unstretched lengths that the points of quadrature stand for (elements (order + 1),) [m], in the order of
+    the elements; every element has points of its own, which lie at its nodes.  ``arc_length`` is that of the nodes.  A point
+    load stands on the border of two elements, so that the kink that it makes costs no accuracy.
+    """
+
+    order: int = ORDER
+    sizes: np.ndarray = field(default_factory=lambda: np.empty(0))  #: unstretched lengths of the elements [m]
+    places: np.ndarray | None = None  #: arc lengths of the particles of the result [m]; None: the nodes
+
+    @property
+    def links(self) -> int:
+        """Number of nodes but one."""
+        return self.arc_length.size - 1
+
+    @property
+    def scale(self) -> np.ndarray:
+        """2 over the lengths of the elements [1/m]."""
+        return 2.0 / self.sizes
+
+    @property
+    def share(self) -> np.ndarray:
+        """Unstretched length that each node carries (nodes,) [m]."""
+        result = np.zeros(self.arc_length.size)
+        np.add.at(result, self._nodes, self.length.reshape(-1, self.order + 1))
+        return result
+
+    @property
+    def _nodes(self) -> np.ndarray:
+        """Numbers of the nodes of each element (elements, order + 1)."""
+        return np.arange(self.sizes.size)[:, None] * self.order + np.arange(self.order + 1)
+
+    @property
+    def point_arc_length(self) -> np.ndarray:
+        """Unstretched arc length of the points of quadrature [m]."""
+        return self.arc_length[self._nodes].ravel()
+
+    def _patterns(self) -> list[tuple[np.ndarray, Any]]:
+        patterns: list[tuple[np.ndarray, Any]] = []
+        if self.p.load is not None:
+            patterns.append((self.share[:, None] * self.p.load, self.p.load_factor))
+        for load in self.p.point_loads:
+            pattern = np.zeros((self.links + 1, self.p.dims))
+            pattern[np.argmin(np.abs(self.arc_length - load.fraction * self.total_length))] = load.force
+            patterns.append((pattern, load.factor))
+        return patterns
+
+    # --- stretch, tension, force ---
+
+    def gradient(self, position: np.ndarray) -> np.ndarray:
+        """Return derivatives by arc length at the points of quadrature (..., points, dims) of values (..., nodes, dims)."""
+        d = reference(self.order)[2]
+        parts = position[..., self._nodes, :]  # (..., elements, order + 1, dims)
+        g = np.einsum("qi,...eic->...eqc", d, parts) * self.scale[:, None, None]
+        return g.reshape(*position.shape[:-2], -1, position.shape[-1])
+
+    def stretch(self, position: np.ndarray) -> np.ndarray:
+        """Stretch xi at the points of quadrature (..., points) at positions of the nodes (..., nodes, dims) [m]."""
+        return np.sqrt(square(self.gradient(position)))
+
+    def stiffening(self, position: np.ndarray) -> np.ndarray:
+        """Tangent stiffness over K at the points (..., points); 1 by the linear law, no less than 1 by law (21)."""
+        if not self.green:
+            return np.ones(self.length.size)
+        return np.maximum(1.0, 1.5 * square(self.gradient(position)) - 0.5)
+
+    def moduli(self, stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tension over stretch, and the tangent along the cable, dT/dxi [N], where it is taut."""
+        k = self.p.stiffness
+        if self.green:
+            return 0.5 * k * (stretch - 1.0) * (stretch + 1.0), k * (1.5 * stretch**2 - 0.5)
+        return k * (stretch - 1.0) / stretch, np.full(stretch.shape, k)
+
+    def forces(self, position: np.ndarray, velocity: np.ndarray | None = None) -> np.ndarray:
+        """Compute the forces of the cable on its nodes (nodes, dims) [N]."""
+        from cablepod.cable import _kernels as kernel  # numba is imported only to compute
+
+        viscosity = self.p.link_viscosity if velocity is not None else None
+        x = np.ascontiguousarray(position.T)
+        u = x if velocity is None else np.ascontiguousarray(velocity.T)
+        return kernel.forces(x, u, *self.law_arguments, viscosity).T
+
+    @property
+    def law_arguments(self) -> tuple[Any, ...]:
+        """What the kernels take of elements and law: d, weight, scale, stiffness, green."""
+        _, weight, d = reference(self.order)
+        return np.array(d), np.array(weight), self.scale, self.p.stiffness, True if self.green else None
+
+    @property
+    def fixed(self) -> tuple[float, ...] | None:
+        """For kernels: a length known to the compiler, of elements of the usual order alone, as each costs a compilation."""
+        return (0.0,) * (ORDER + 1) if self.order == ORDER else None
+
+    def pull(self, position: np.ndarray, velocity: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Tensions (..., links) and pulls (..., links, dims) [N] at the middles of the links between particles of the result."""
+        element, rows = self.link_rows
+        nodes = self._nodes[element]
+        g = np.einsum("ji,...jic->...jc", rows, position[..., nodes, :])
+        squares = square(g)
+        if self.green:
+            s = 0.5 * self.p.stiffness * (squares - 1.0)
+            return s * np.sqrt(squares), s[..., None] * g
+        size = np.sqrt(squares)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            s = self.p.stiffness * (1.0 - 1.0 / size)
+            total = s
+            if velocity is not None and self.p.link_viscosity is not None:
+                rate = np.einsum("ji,...jic->...jc", rows, velocity[..., nodes, :])
+                total = s + self.p.link_viscosity * self.p.stiffness * np.sum(g * rate, axis=-1) / squares
+        s = np.where((s > 0.0) & (total > 0.0), total, 0.0)
+        return s * size, s[..., None] * g
+
+    # --- places of the result ---
+
+    @property
+    def particles(self) -> np.ndarray:
+        """Arc lengths of the particles of the result [m]."""
+        return self.arc_length if self.places is None else self.places
+
+    @property
+    def link_rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the links between particles of the result, at their middles: elements, and derivatives by their nodes [1/m]."""
+        particles = self.particles
+        element, values = self._at(0.5 * (particles[1:] + particles[:-1]))
+        return element, np.ascontiguousarray((values @ reference(self.order)[2]) * self.scale[element][:, None])
+
+    def _at(self, arc_length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Elements in which places lie, and the weights of their nodes there."""
+        border = self.arc_length[:: self.order]
+        element = np.clip(np.searchsorted(border, arc_length, side="right") - 1, 0, self.sizes.size - 1)
+        place = np.clip((arc_length - border[element]) * self.scale[element] - 1.0, -1.0, 1.0)
+        return element, lagrange(self.order, place)
+
+    def at(self, values: np.ndarray, arc_length: np.ndarray | None = None) -> np.ndarray:
+        """Values at the particles of the result, or at other places [m], from those at the nodes (..., nodes, dims)."""
+        if arc_length is None:
+            if self.places is None:
+                return values
+            arc_length = self.places
+        element, rows = self._at(arc_length)
+        return np.einsum("ji,...jic->...jc", rows, values[..., self._nodes[element], :])
+
+    # --- frequencies ---
+
+    def highest_frequency(self, stiffening: np.ndarray | float = 1.0) -> float:
+        """Bound of the angular frequencies [rad/s] in any shape in which the cable is nowhere stiffer than said.
+
+        No direction is stiffer than the cable's own, so no shape has a higher frequency than the straight cable moved along
+        itself.
+        """
+        from scipy.linalg import eig_banded  # takes longer to import than a short run
+
+        first, last = self.free.start, self.free.stop
+        count, order = self.links + 1, self.order
+        _, weight, d = reference(order)
+        stiff = np.broadcast_to(np.asarray(stiffening, dtype=float), self.length.shape).reshape(-1, order + 1)
+        blocks = np.einsum("eq,q,qi,qj,e->eij", stiff, weight, d, d, self.p.stiffness * self.scale)
+        mass = 1.0 / np.sqrt(self.p.mass * self.share)
+        band = np.zeros((order + 1, count))
+        for e, block in enumerate(blocks):
+            for i in range(order + 1):
+                nodes = e * order + np.arange(order + 1 - i)
+                band[i, nodes] += np.diagonal(block, -i) * mass[nodes] * mass[nodes + i]
+        band = band[:, first:last]
+        size = band.shape[1]
+        top = eig_banded(
+            band[: min(order + 1, size)], lower=True, eigvals_only=True, select="i", select_range=(size - 1, size - 1)
+        )
+        return math.sqrt(float(top[0]))
+
+
+def mesh_of(p: Parameters, elements: int, order: int | None = None, law: str = LAWS[0], points: Any = None) -> Mesh:
+    """Cut the cable of a scene into `elements` elements of `order`, with results at `points`.
+
+    Raises
+    ------
+    SceneError
+        For fewer elements than the parts between point loads, and for points that cannot be.
+    """
+    order = check_order(order)
+    total = unstretched_length(p)
+    borders = parts(p)
+    if elements < borders.size - 1:
+        raise refuse("elements", elements, f"at least {borders.size - 1}, so that every point load stands between two")
+    check_memory(1, elements * order, p.dims, key="elements")
+    length = np.diff(borders)
+    # each part has one element, and the others go where elements are longest
+    counts = np.ones(length.size, dtype=int)
+    for _ in range(elements - length.size):
+        counts[np.argmax(length / counts)] += 1
+    sizes = total * np.concatenate([np.full(n, part / n) for part, n in zip(length, counts, strict=True)])
+    node, weight, _ = reference(order)
+    starts = total * np.concatenate(
+        [start + part * np.arange(n) / n for start, part, n in zip(borders[:-1], length, counts, strict=True)]
+    )
+    arc_length = (starts[:, None] + 0.5 * sizes[:, None] * (1.0 + node[:-1])).ravel()
+    arc_length = np.append(arc_length, total)
+    quadrature = (0.5 * sizes[:, None] * weight).ravel()
+    return Mesh(p, quadrature, arc_length, law, order, sizes, places(p, points, total))
+
+
+def parts(p: Parameters) -> np.ndarray:
+    """Borders of the parts of a cable between its point loads, as fractions of its length."""
+    inner = {load.fraction for load in p.point_loads if 0.0 < load.fraction < 1.0}
+    return np.array(sorted({0.0, 1.0} | inner))
+
+
+def check_order(order: Any) -> int:
+    """Check the order of the elements; None means the usual one."""
+    return ORDER if order is None else schema.integer(least=1, most=MOST_ORDER)("order", order)
+
+
+def places(p: Parameters, points: Any, total: float) -> np.ndarray | None:
+    """Arc lengths of the particles of a result [m]: see :func:`cablepod.cable.simulate`; None for the nodes."""
+    if isinstance(points, str) and points == "nodes":
+        return None
+    if points is None:
+        if p.link_lengths is not None:
+            share = np.concatenate([[0.0], np.cumsum(p.link_lengths)])
+            return total * (share / share[-1])
+        points = PARTICLES if p.links is None else p.links + 1
+    if isinstance(points, Sequence | np.ndarray) and not isinstance(points, str) and np.ndim(points) > 0:
+        fraction = np.array(schema.numbers_list(least_length=2)("points", points))
+        if fraction[0] != 0.0 or fraction[-1] != 1.0 or (np.diff(fraction) <= 0.0).any():
+            raise refuse("points", points, "rising fractions of the unstretched length, from 0 to 1")
+        return total * fraction
+    if isinstance(points, str):
+        raise refuse("points", points, 'a number of particles, fractions of the length from 0 to 1, or "nodes"')
+    count = schema.integer(least=2)("points", points)
+    check_memory(1, count, p.dims, key="points")
+    return total * np.linspace(0.0, 1.0, count)
+
+
+@dataclass(frozen=True)
+class Hanging(Chain):
+    """The continuous cable at rest, as the chain that :func:`cablepod.chain._start.start` knows how to hang.
+
+    The force at the lower end determines all else: x(S) is the integral of F/|F| xi(|F|), with F falling by the loads.  By
+    Gauss's rule between two nodes each point stands for some length, a link, and what acts between two points is the load on a
+    particle.
+    """
+
+    def loads(self, time: float | None = None) -> np.ndarray:
+        """Return forces on the particles (n + 1, dims) at time 0 [N]; what it returns at both ends is not used."""
+        point = gauss_places(self.arc_length[::GAUSS])
+        result = np.zeros((self.links + 1, self.p.dims))
+        result[1:-1] = np.diff(point)[:, None] * self.p.load_at(0.0)
+        for load in self.p.point_loads:
+            where = int(np.searchsorted(point, load.fraction * self.total_length))
+            result[where] += load.force * (1.0 if load.factor is None else float(load.factor(0.0)))
+        return result
+
+
+def gauss_places(arc_length: np.ndarray) -> np.ndarray:
+    """Return the points of Gauss's rule between all neighbours [m]."""
+    inner = np.polynomial.legendre.leggauss(GAUSS)[0]
+    return (arc_length[:-1, None] + 0.5 * np.diff(arc_length)[:, None] * (1.0 + inner)).ravel()
+
+
+def hanging(mesh: Mesh, places: np.ndarray) -> Hanging:
+    """Return the continuous cable at rest whose particles are, every GAUSS-th, at `places` [m]."""
+    weight = np.polynomial.legendre.leggauss(GAUSS)[1]
+    length = (0.5 * np.diff(places)[:, None] * weight).ravel()
+    arc_length = np.concatenate([[0.0], np.cumsum(length)])
+    arc_length[::GAUSS] = places
+    return Hanging(mesh.p, length, arc_length, mesh.law)
+
+
+# --- positions to start from ------------------------------------------------------------------------------------------
+
+
+def hung(mesh: Mesh, places: np.ndarray | None = None) -> np.ndarray:
+    """Positions (nodes, dims) [m] of the continuous cable, at rest or in the shape of its scene's other length.
+
+    They are those of the nodes, or at `places` [m], the nodes among them.
+    """
+    wanted = mesh.arc_length if places is None else places
+    for pieces in FINER:
+        fine = np.interp(np.arange((wanted.size - 1) * pieces + 1) / pieces, np.arange(wanted.size), wanted)
+        try:
+            return chain_start.start(hanging(mesh, fine))[:: GAUSS * pieces]
+        except SceneError as error:
+            if pieces == FINER[-1]:
+                raise SceneError(str(error).replace("chain:", "cable:").replace("links taut", "places taut")) from None
+    raise AssertionError("the last try returns or raises")
+
+
+def settle(mesh: Mesh, position: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Rest of the elements (nodes, dims) [m], near that of the continuous cable, and whether Newton's method found it.
+
+    It fails where elements are too large, and where a strain is below the rounding of positions, in the inextensible limit; the
+    position is then returned as it was.
+    """
+    from cablepod.cable import _kernels as kernel  # numba is imported only to compute
+
+    x = np.ascontiguousarray(position.T)
+    loads = np.ascontiguousarray(mesh.loads(0.0)[1:-1].T)
+    scale = max(mesh.total_length, float(np.abs(position).max()))
+    small, size = kernel.equilibrium(x, 1, mesh.links - 1, *mesh.law_arguments, loads, 1e-13 * scale)
+    # corrections of a taut cable end at some rounding of positions, those of a slack one at more of it
+    found = small or size <= 1e-9 * scale
+    return (np.ascontiguousarray(x.T) if found else position), found
+
+
+def settled(mesh: Mesh) -> tuple[np.ndarray, float]:
+    """Rest of the elements (nodes, dims) and its largest distance from the continuous cable, at nodes and between them [m]."""
+    places = np.sort(np.concatenate([mesh.arc_length, 0.5 * (mesh.arc_length[1:] + mesh.arc_length[:-1])]))
+    exact = hung(mesh, places)
+    position, _ = settle(mesh, exact[::2])
+    return position, float(np.sqrt(square(mesh.at(position, places) - exact)).max())
+
+
+def start(mesh: Mesh) -> np.ndarray:
+    """Positions from which a run starts (nodes, dims) [m]: at rest, or the shape that the scene's initial table says."""
+    p = mesh.p
+    if "points" not in p.initial:
+        shape = hung(mesh)
+        return shape if p.initial else settle(mesh, shape)[0]
+    line = np.asarray(p.initial["points"], dtype=float)
+    if (
+        p.links is not None and len(line) == p.links + 1
+    ):  # one for each particle of the chain: the cable runs through them
+        relative = np.ones(p.links) if p.link_lengths is None else p.link_lengths
+        share = np.concatenate([[0.0], np.cumsum(relative)]) / relative.sum()
+        sigma = mesh.arc_length / mesh.total_length
+        position = np.stack([np.interp(sigma, share, line[:, c]) for c in range(p.dims)], axis=1)
+        ends = p.end_positions(np.zeros(1))[0]
+        for index, end in ((0, "lower"), (-1, "upper")):
+            if p.free != end:
+                position[index] = ends[index]
+        return position
+    if len(line) == mesh.links + 1:  # a line all the same, not one point for each node
+        line = np.insert(line, 1, 0.5 * (line[0] + line[1]), axis=0)
+    return chain_start.along_line(mesh, line)

@@ -1,0 +1,441 @@
+"""The exact elastic catenary: one root search in one unknown, for whatever is given.
+
+In the plane of chord and load, with span a >= 0 across the load, rise b against it, load q >= 0 per unstretched length
+and axial stiffness K, let w = q L0/2, V the middle of the two vertical end forces and T the mean of both end tensions.
+The closed form of the linear law then reads, without a cancelling difference,
+
+    z = tanh(eta) = w / T,  e = T / K,  l = L0 (1 + e),  A = eta coth(eta),  G = (e + A) / (1 + e)
+    V = T b / l,            H = a T / (l G),             l^2 = c^2 + a^2 sigma,   sigma = cosh(eta)^2 / G^2 - 1
+
+with c the chord; end tensions are T +- V z.  A straight spring is eta = 0, a cable folded on itself eta -> infinity.
+A given end tension T1 fixes T by a quadratic, (T1 - T)(K + T) = q b K / 2, a horizontal force H gives
+eta + e tanh(eta) = q a / (2 H).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+UPPER_TENSION, LOWER_TENSION, HORIZONTAL_FORCE, LENGTH = range(4)
+FOUND, BELOW_LEAST_TENSION, SLACK_WEIGHTLESS, VERTICAL_WITH_FORCE, NOT_FOUND = range(5)
+#: Columns of a solution.
+COLUMNS = ("unstretched_length", "stretched_length", "horizontal_force", "mid_force", "tension_lower", "tension_upper")
+# A Newton step so small is the last: the error left is of its square, and further steps would only wander by roundings.
+SETTLED = 1e-11
+# eta coth(eta) - 1 in powers of eta^2, highest first: 2^(2n) B_2n / (2n)!; at 0.5 the next term is 1e-16.
+SERIES = (
+    -174611 / 330 * 2**20 / math.factorial(20),
+    43867 / 798 * 2**18 / math.factorial(18),
+    -3617 / 510 * 2**16 / math.factorial(16),
+    4 / 18243225,
+    -1382 / 638512875,
+    2 / 93555,
+    -1 / 4725,
+    2 / 945,
+    -1 / 45,
+    1 / 3,
+)
+_options: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True}
+
+
+@njit(**_options)
+def _sag(eta):
+    """Return A - 1 and dA/deta for A = eta coth(eta); by its series where the closed form cancels."""
+    if eta < 0.5:
+        s = eta * eta
+        p = dp = 0.0
+        for k in range(len(SERIES)):
+            dp = dp * s + p
+            p = p * s + SERIES[k]
+        return s * p, 2.0 * eta * (p + s * dp)
+    th = math.tanh(eta)
+    sh = math.sinh(eta) if eta < 350.0 else math.inf
+    return (eta - th) / th, 1.0 / th - eta / (sh * sh)
+
+
+@njit(**_options)
+def _sigma(eta, e, de):
+    """Return sigma and its derivative; `e` is the mean strain and `de` its derivative by eta."""
+    excess, slope = _sag(eta)
+    g1 = excess / (1.0 + e)
+    g = 1.0 + g1
+    dg = (slope - g1 * de) / (1.0 + e)
+    sh = math.sinh(eta) if eta < 350.0 else math.inf
+    ch = math.sqrt(1.0 + sh * sh)
+    return (sh * sh - g1 * (1.0 + g)) / (g * g), 2.0 * ch * (sh - ch * dg / g) / (g * g)
+
+
+@njit(**_options)
+def _from_length(a, c, q, stiffness, length):
+    """Find eta from the unstretched length, for a > 0 and q > 0: Newton in log(eta), kept inside a bracket."""
+    w = 0.5 * q * length
+    # Starting value: the root of the leading terms, taut, at the crossover or slack.
+    cross = (6.0 * c * length * w / (stiffness * a * a)) ** (1.0 / 3.0)
+    if length < c:
+        eta = min(w * length / (stiffness * (c - length)), cross)
+    else:
+        eta = max(math.asinh(math.sqrt(6.0 * c * (length - c)) / a), min(cross, 300.0))
+    low, high = 0.0, math.inf
+    for _ in range(200):
+        th = math.tanh(eta)
+        e = w / th / stiffness
+        sh = math.sinh(eta) if eta < 350.0 else math.inf
+        de = -w / (stiffness * sh * sh)
+        sigma, dsigma = _sigma(eta, e, de)
+        stretch = length * e - (c - length)
+        f = stretch * (2.0 * c + stretch) - a * a * sigma
+        if f > 0.0:
+            low = eta
+        elif f < 0.0:
+            high = eta
+        else:
+            return eta, True
+        sag = a * a * sigma
+        slope = 2.0 * (c + stretch) * length * de - a * a * dsigma
+        new = math.nan  # compares false: no Newton step
+        if eta < 1.0:
+            new = eta * math.exp(max(min(-f / (slope * eta), 3.0), -3.0)) if slope < 0.0 else math.nan
+        elif stretch > 0.0 and sag < math.inf:
+            # sigma grows like exp(2 eta): Newton on the logarithms of both sides, or each step would gain half a unit
+            left = stretch * (2.0 * c + stretch)
+            new = eta - math.log(left / sag) / (2.0 * (c + stretch) * length * de / left - a * a * dsigma / sag)
+        if abs(new - eta) <= SETTLED * eta:
+            return new, True
+        if not (low < new < high):
+            # no Newton step inside the bracket: bisect it in the logarithm
+            if low == 0.0:
+                new = 1e-3 * high
+            elif high == math.inf:
+                new = 2.0 * low
+            else:
+                new = math.sqrt(low) * math.sqrt(high)
+        if new in (low, high):
+            return new, True
+        eta = new
+    return eta, high - low <= 1e-14 * high
+
+
+@njit(**_options)
+def _from_mean_tension(a, c, q, e, mean, excess):
+    """Find the smallest eta for a mean end tension, or nan where the tension is below the least possible.
+
+    h(t) = t - k^2 (c^2 + a^2 sigma(t)), t = tanh(eta)^2, is concave: Newton's steps from the left rise to the smaller
+    root.  Near the vertical t is close to 1 and the small force across hangs on u = 1 - t, so that is carried along;
+    `excess` is T (1 + e) - q c / 2, which the caller knows without cancellation.
+    """
+    k = q / (2.0 * mean * (1.0 + e))
+    floor = (k * c) ** 2
+    u_floor = excess / (mean * (1.0 + e)) * (1.0 + k * c)
+    t, u = floor, u_floor
+    for _ in range(500):
+        if u <= 0.0:
+            return math.nan
+        z = math.sqrt(t)
+        eta = math.atanh(z) if t < 0.5 else math.log((1.0 + z) / math.sqrt(u))
+        if eta == 0.0:
+            return eta
+        sigma, dsigma = _sigma(eta, e, 0.0)
+        rest = (t - floor if t < 0.5 else u_floor - u) - (k * a) ** 2 * sigma
+        slope = 1.0 - (k * a) ** 2 * dsigma / (2.0 * z * u)
+        if slope <= 0.0:
+            return eta if rest >= -1e-15 * t else math.nan
+        step = -rest / slope
+        if step <= 2e-16 * min(t, u):
+            return eta
+        t += step
+        u -= step
+    return math.nan
+
+
+@njit(**_options)
+def _mean_tension(sign, b, q, stiffness, tension):
+    """Mean of the end tensions from that at the upper (`sign` 1) or lower (-1) end; nan where there is none."""
+    reduced = tension - sign * 0.5 * q * b
+    disc = (stiffness - tension) ** 2 + 4.0 * stiffness * reduced
+    if disc < 0.0:
+        return math.nan
+    root = math.sqrt(disc)
+    # two forms of the same root: each where it adds
+    if stiffness > tension:
+        return 2.0 * stiffness * reduced / (stiffness - tension + root)
+    return 0.5 * (tension - stiffness + root)
+
+
+@njit(**_options)
+def _from_force(a, b, q, stiffness, force):
+    """Find eta and the mean strain from the force across the load: Newton in the strain, kept inside a bracket."""
+    beta = 0.5 * q * a / force
+    low = force * math.hypot(1.0, b / a) / stiffness
+    high = math.inf
+    e = low
+    eta = beta / (1.0 + e)
+    for _ in range(200):
+        # inner root: eta + e tanh(eta) = beta, monotone and concave, from below
+        for _ in range(100):
+            th = math.tanh(eta)
+            step = (beta - eta - e * th) / (1.0 + e * (1.0 - th * th))
+            eta += step
+            if abs(step) <= SETTLED * eta:
+                break
+        th = math.tanh(eta)
+        deta = -th / (1.0 + e * (1.0 - th * th))
+        left = e * stiffness / force
+        if eta > 300.0:
+            # far from any root that can be represented: the mean tension over the force is exp(eta) / 2
+            low = e
+            new = e - (math.log(2.0 * left) - eta) / (1.0 / e - deta)
+        else:
+            excess, slope = _sag(eta)
+            g1 = excess / (1.0 + e)
+            dg = (slope * deta - g1) / (1.0 + e)
+            ch = math.cosh(eta)
+            mean = math.hypot(ch, (b / a) * (1.0 + g1))
+            dmean = ch * (math.sinh(eta) / mean) * deta + (b / a) * (1.0 + g1) * ((b / a) * (dg / mean))
+            if left < mean:
+                low = e
+            else:
+                high = e
+            if eta < 1.0:
+                new = e - (left - mean) / (stiffness / force - dmean)
+            else:
+                # both sides' logarithms, or steps from the slack side would be short
+                new = e - math.log(left / mean) / (1.0 / e - dmean / mean)
+        if abs(new - e) <= SETTLED * e:
+            return eta + deta * (new - e), new, eta < 300.0
+        if not (low <= new <= high):
+            new = 0.5 * (low + high) if high < math.inf else 2.0 * low
+        # eta falls with the strain and is convex in it: both guesses are below the next inner root
+        eta = max(eta + deta * (new - e), beta / (1.0 + new))
+        e = new
+    return eta, e, eta < 300.0 and high - low <= 1e-14 * high
+
+
+@njit(**_options)
+def _end_tensions(eta, mean, force, mid, w):
+    """Tensions at the lower and the upper end.
+
+    Near the vertical |V| - w cancels where the smaller one is small; it is also (T^2 / cosh(eta)^2 - H^2 cosh(eta)^2) /
+    (|V| + w), which in its turn cancels where the forces against the load are small beside that across it.
+    """
+    total = abs(mid) + w
+    rest = abs(mid) - w
+    if eta < 300.0:
+        ch = math.cosh(eta)
+        near, far = mean / ch, force * ch
+        if max(near, far) ** 2 < 0.5 * w * total:
+            rest = (near - far) * ((near + far) / total)
+    small, large = math.hypot(force, rest), math.hypot(force, total)
+    return (small, large) if mid > 0.0 else (large, small)
+
+
+@njit(**_options)
+def _vertical(b, q, stiffness, length, out):
+    """Fill `out` for a cable of given length along the load: hanging straight, or folded at its lowest point."""
+    w = 0.5 * q * length
+    if length * (1.0 + w / stiffness) >= abs(b):
+        mean = w
+        mid = b / (length * (1.0 / stiffness + 1.0 / w)) if w > 0.0 else 0.0
+    else:
+        mean = stiffness * ((abs(b) - length) / length)
+        mid = math.copysign(mean, b)
+    low, high = abs(mid - w), abs(mid + w)
+    strain = 0.5 * mean / stiffness * (1.0 + (mid / mean) ** 2) if mean > 0.0 else 0.0
+    out[0], out[1], out[2], out[3], out[4], out[5] = length, length * (1.0 + strain), 0.0, mid, low, high
+
+
+@njit(**_options)
+def _by_length(a, c, q, stiffness, length):
+    """Status, eta, mean tension, unstretched length and that length times the mean stretch, from the length."""
+    eta = mean = 0.0
+    if not length > 0.0:
+        return NOT_FOUND, eta, mean, length, length
+    if q * length < 1e-290 * stiffness:
+        q = 0.0
+    if q == 0.0 and length > c:
+        return SLACK_WEIGHTLESS, eta, mean, length, length
+    if q == 0.0:
+        mean = stiffness * ((c - length) / length)
+    elif a > 0.0:
+        eta, good = _from_length(a, c, q, stiffness, length)
+        if not good:
+            return NOT_FOUND, eta, mean, length, length
+        mean = 0.5 * q * length / math.tanh(eta)
+    return FOUND, eta, mean, length, length * (1.0 + mean / stiffness)
+
+
+@njit(**_options)
+def _by_force(a, b, q, stiffness, force):
+    """As `_by_length`, from the force across the load."""
+    if not force > 0.0:
+        return NOT_FOUND, 0.0, 0.0, 0.0, 0.0
+    eta, e, good = _from_force(a, b, q, stiffness, force)
+    if not good:
+        return NOT_FOUND, eta, 0.0, 0.0, 0.0
+    mean = e * stiffness
+    excess, _ = _sag(eta)
+    stretched_mean = a * (mean / force) / (1.0 + excess / (1.0 + e))
+    return FOUND, eta, mean, stretched_mean / (1.0 + e), stretched_mean
+
+
+@njit(**_options)
+def _by_tension(sign, a, b, c, q, stiffness, tension):
+    """As `_by_length`, from the tension at the upper (`sign` 1) or lower (-1) end."""
+    mean = _mean_tension(sign, b, q, stiffness, tension)
+    if not mean > 0.0:
+        return BELOW_LEAST_TENSION, 0.0, 0.0, 0.0, 0.0
+    e = mean / stiffness
+    # T (1 + e) - q c / 2 from the tension given: the gap between chord and rise, without cancellation
+    rise = sign * b
+    gap = c + rise if rise > 0.0 else a * (a / (c - rise))
+    excess = tension * (1.0 + e) - 0.5 * q * gap
+    if a == 0.0:
+        return (FOUND if excess >= 0.0 else BELOW_LEAST_TENSION), math.inf, mean, c / (1.0 + e), c
+    eta = _from_mean_tension(a, c, q, e, mean, excess)
+    if math.isnan(eta):
+        return BELOW_LEAST_TENSION, eta, 0.0, 0.0, 0.0
+    sigma, _ = _sigma(eta, e, 0.0)
+    stretched_mean = math.sqrt(c * c + a * a * sigma)
+    return FOUND, eta, mean, stretched_mean / (1.0 + e), stretched_mean
+
+
+@njit(**_options)
+def solve(a, b, c, q, stiffness, kind, value, out):
+    """Solve one elastic catenary.
+
+    Parameters
+    ----------
+    a, b, c : float
+        Span across the load (>= 0), rise against it, chord [m].
+    q, stiffness : float
+        Load per unstretched length [N/m], axial stiffness [N].
+    kind, value : int, float
+        What is given, one of the constants above, and its value [N or m].
+    out : float array (6,)
+        Filled with unstretched and stretched length [m], force across the load, force against the load at the middle of
+        the unstretched length, tension at the lower and at the upper end [N].
+
+    Returns
+    -------
+    int
+        FOUND or the reason why not; `out` is then nan.
+    """
+    out[:] = math.nan
+    if not (0.0 <= a < math.inf and 0.0 < c < math.inf and abs(b) < math.inf and UPPER_TENSION <= kind <= LENGTH):
+        return NOT_FOUND
+    if not (0.0 <= q < math.inf and 0.0 < stiffness < math.inf and abs(value) < math.inf):
+        return NOT_FOUND
+    if a < 1e-100 * c:  # so near the vertical that squares of the span would underflow
+        a = 0.0
+    if a == 0.0 and kind == HORIZONTAL_FORCE:
+        return VERTICAL_WITH_FORCE
+    if kind == LENGTH:
+        status, eta, mean, length, stretched_mean = _by_length(a, c, q, stiffness, value)
+    elif kind == HORIZONTAL_FORCE:
+        status, eta, mean, length, stretched_mean = _by_force(a, b, q, stiffness, value)
+    else:
+        sign = 1.0 if kind == UPPER_TENSION else -1.0
+        status, eta, mean, length, stretched_mean = _by_tension(sign, a, b, c, q, stiffness, value)
+    if status != FOUND:
+        return status
+    if a == 0.0:
+        if kind == LENGTH:
+            _vertical(b, q, stiffness, length, out)
+        else:
+            # the shortest is straight; the given tension stays exact also where it is small beside the other end's
+            other = 2.0 * mean - value
+            out[0], out[1], out[2], out[3] = length, c, 0.0, math.copysign(mean, b)
+            out[4], out[5] = (other, value) if kind == UPPER_TENSION else (value, other)
+        return FOUND if np.isfinite(out).all() else NOT_FOUND
+    e = mean / stiffness
+    excess, _ = _sag(eta)
+    w = 0.5 * q * length
+    mid = mean * (b / stretched_mean)
+    force = a * mean / (stretched_mean * (1.0 + excess / (1.0 + e)))
+    strain = 0.0
+    if mean > 0.0:
+        strain = 0.5 * e * (1.0 + (mid / mean) ** 2 + (force / mean) ** 2 * (1.0 + excess))
+    out[0], out[1], out[2], out[3] = length, length * (1.0 + strain), force, mid
+    out[4], out[5] = _end_tensions(eta, mean, force, mid, w)
+    return FOUND if np.isfinite(out).all() else NOT_FOUND
+
+
+@njit(**_options)
+def solve_many(a, b, c, q, stiffness, kind, value, out, status):
+    """Solve one catenary for each element of the arrays; see :func:`solve`, `out` (members, 6), `status` (members,)."""
+    for i in range(a.size):
+        status[i] = solve(a[i], b[i], c[i], q[i], stiffness[i], kind, value[i], out[i])
+
+
+@njit(**_options)
+def shape(s, solution, q, stiffness, across, along, tension):
+    """Fill positions across and against the load, and tensions, at unstretched arc lengths `s` from the lower end.
+
+    `solution` is the row that :func:`solve` filled.
+    """
+    length, force, mid = solution[0], solution[2], solution[3]
+    v0 = mid - 0.5 * q * length
+    t0 = solution[4]
+    for i in range(s.size):
+        v = v0 + q * s[i]
+        t = math.hypot(force, v)
+        total = t + t0
+        tension[i] = t
+        if total == 0.0:
+            across[i] = 0.0
+            along[i] = 0.0
+            continue
+        along[i] = s[i] * ((v0 + 0.5 * q * s[i]) / stiffness + (v + v0) / total)
+        if force == 0.0:
+            across[i] = 0.0
+            continue
+        turn = math.asinh(v / force) - math.asinh(v0 / force)
+        if turn > 0.5:
+            across[i] = force * (s[i] / stiffness + turn / q)
+        else:
+            # the difference of two asinh's as one atanh, without cancellation
+            z = q * s[i] / total
+            ratio = math.atanh(z) / z if z > 1e-8 else 1.0 + z * z / 3.0
+            across[i] = force * s[i] * (1.0 / stiffness + 2.0 * ratio / total)
+
+
+@njit(**_options)
+def _mean_tension_at(eta, a, c, q, stiffness):
+    """Mean end tension of the cable whose sag parameter is `eta`: T (1 + T/K) tanh(eta) = q l / 2."""
+    mean = 0.0
+    for _ in range(100):
+        sigma, _ = _sigma(eta, mean / stiffness, 0.0)
+        p = 0.5 * q * math.sqrt(c * c + a * a * sigma) / math.tanh(eta)
+        new = 2.0 * p / (1.0 + math.sqrt(1.0 + 4.0 * p / stiffness))
+        if abs(new - mean) <= 1e-15 * new:
+            return new
+        mean = new
+    return mean
+
+
+@njit(**_options)
+def least_tension(a, b, c, q, stiffness, sign):
+    """Return the least tension [N] that the upper (`sign` 1) or lower (-1) end can have, over all lengths.
+
+    The end tension T + q b / (2 (1 + e)) rises with the mean T, because no cable has T (1 + e) < q c / 2 (so that
+    (K + T)^2 > q b K / 2); the least mean over eta is found by golden section.
+    """
+    ratio = 0.5 * (math.sqrt(5.0) - 1.0)
+    low, high = math.log(1e-4), math.log(300.0)
+    left, right = high - ratio * (high - low), low + ratio * (high - low)
+    f_left = _mean_tension_at(math.exp(left), a, c, q, stiffness)
+    f_right = _mean_tension_at(math.exp(right), a, c, q, stiffness)
+    for _ in range(80):
+        if f_left < f_right:
+            high, right, f_right = right, left, f_left
+            left = high - ratio * (high - low)
+            f_left = _mean_tension_at(math.exp(left), a, c, q, stiffness)
+        else:
+            low, left, f_left = left, right, f_right
+            right = low + ratio * (high - low)
+            f_right = _mean_tension_at(math.exp(right), a, c, q, stiffness)
+    mean = min(f_left, f_right)
+    return mean + sign * 0.5 * q * b / (1.0 + mean / stiffness)

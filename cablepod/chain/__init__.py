@@ -1,0 +1,8 @@
+"""The elastic chain of lumped masses, eqs. (1)-(3) of the paper with the signs repaired.
+
+.. include:: README.md
+"""
+
+from cablepod.chain._simulate import rest, simulate
+
+__all__ = ["rest", "simulate"]

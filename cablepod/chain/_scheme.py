@@ -1,0 +1,249 @@
+"""Runs of the chain as they are asked for: options checked, scheme and step given or chosen by a tolerance."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from cablepod.chain import _implicit as implicit
+from cablepod.chain._explicit import VerletRun
+from cablepod.chain._implicit import ImplicitRun
+from cablepod.chain._start import start
+from cablepod.discretisation._chain import LAWS, chain_of, check_law
+from cablepod.integrate import _stepping as stepping
+from cablepod.integrate._run import SUSPECT, Run, State
+from cablepod.parameters._parameters import Parameters, check_memory
+from cablepod.parameters._schema import number, refuse
+
+SCHEMES = ("velocity_verlet", *implicit.SCHEMES)
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a run is asked for, checked as far as no scene is needed for that."""
+
+    links: int | None
+    times: np.ndarray | None  #: instants [s], those of the scene by default
+    law: str
+    scheme: str | None
+    radius: float  #: spectral radius of generalized alpha
+    step: float | None  #: [s]
+    tolerance: float | None
+    outputs: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        links: int | None = None,
+        times: Any = None,
+        law: str = LAWS[0],
+        scheme: str | None = None,
+        spectral_radius: float | None = None,
+        step: float | None = None,
+        tolerance: float | None = None,
+        outputs: tuple[str, ...] = ("position",),
+    ) -> Options:
+        """Check what a caller gives."""
+        check_law(law)
+        stepping.check_scheme(scheme, SCHEMES)
+        names = stepping.check_outputs(outputs)
+        if step is not None and tolerance is not None:
+            raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
+        if tolerance is not None:
+            tolerance = stepping.check_positive("tolerance", tolerance)
+        radius = _check_radius(spectral_radius, scheme)
+        instants = None if times is None else stepping.check_times(times)
+        return cls(links, instants, law, scheme, radius, step, tolerance, names)
+
+    @property
+    def goal(self) -> float:
+        """Time error that a run without a given step keeps, as a fraction of the motion."""
+        return stepping.DEFAULT_TOLERANCE if self.tolerance is None else self.tolerance
+
+
+class Ready(NamedTuple):
+    """A scene ready to be run."""
+
+    explicit: VerletRun
+    run: Run  #: by the scheme asked for, explicit where none is
+    limit: float  #: largest stable explicit step at the start [s]
+    rate: float | None  #: steps per second, where the step is given
+
+
+class Solution(NamedTuple):
+    """A run and how it was chosen."""
+
+    run: Run
+    state: State
+    rate: float  #: steps per second
+    estimate: float | None  #: of the time error, where a tolerance chose the step
+    reason: str  #: for the scheme
+
+    @property
+    def notes(self) -> dict[str, Any]:
+        """Attributes of the result that follow those of the run."""
+        found = {} if self.estimate is None else {"time_error_estimate": self.estimate}
+        return found | {"choice_of_scheme": self.reason}
+
+    def dataset(self) -> xr.Dataset:
+        """Label what the run gave."""
+        return self.run.dataset(self.state).assign_attrs(self.notes)
+
+
+def prepare(p: Parameters, options: Options, title: str, progress: Callable[[float], None] | None = None) -> Ready:
+    """Check a scene against what is asked for, and find where it starts from.
+
+    Raises
+    ------
+    SceneError
+        For options that cannot be with this scene, a scene without rest, an output that would not fit in memory.
+    """
+    if options.law == "green" and p.link_viscosity is not None:
+        raise refuse(
+            "law and damping.link_viscosity",
+            (options.law, p.link_viscosity),
+            'viscous links with law "linear"; with "green" none, mass_proportional is possible',
+        )
+    chain = chain_of(p, options.links, options.law)
+    instants = p.times() if options.times is None else options.times
+    p.check_reach(float(instants[-1]))
+    key = "links" if options.links is not None else "chain.links and times"
+    check_memory(instants.size, chain.links, p.dims, key=key, variables=3)
+    initial = start(chain)
+    limit = chain.step_limit(chain.stiffening(initial))
+    about = (chain, instants, initial, options.outputs, progress, title)
+    explicit = VerletRun(*about)
+    run: Run = explicit
+    if options.scheme not in (None, explicit.scheme):
+        run = ImplicitRun(*about, method=options.scheme, spectral_radius=options.radius)
+    rate = None
+    if options.step is not None:
+        if run is explicit:
+            why = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
+            rate = 1.0 / stepping.check_step(options.step, limit, why)
+        else:
+            rate = stepping.implicit_rate(options.step, float(instants[-1]), p.time_scale)
+    return Ready(explicit, run, limit, rate)
+
+
+def solve(ready: Ready, options: Options, state: State | None = None) -> Solution:
+    """Run a scene with the scheme and step given, or chosen by tolerance.
+
+    Parameters
+    ----------
+    ready
+        The scene.
+    options
+        What is asked for.
+    state
+        What a run with the given step gave, where it was made already.
+
+    Raises
+    ------
+    RunStopped
+        Where the motion leaves the finite numbers, or its links hold far more energy than can be explained.
+
+    Warns
+    -----
+    NotConvergedWarning
+        Where no step meets the tolerance, and where a given step leaves more energy than can be explained.
+    """
+    explicit, run, limit, rate = ready
+    if rate is not None:
+        state = run(rate) if state is None else state
+        if state.notes["energy_excess"] > SUSPECT:
+            warnings.warn(
+                f"the links hold up to {state.notes['energy_excess']:.2g} times the energy that rest, loads and ends explain: a "
+                "resonance, or a step too long for links that slacken and snap taut; compare with half the step or with scheme "
+                "energy_momentum",
+                stepping.NotConvergedWarning,
+                stacklevel=4,
+            )
+        return Solution(run, state, rate, None, "given")
+    if options.scheme is not None:
+        return Solution(run, *_refined(run, limit, options.goal), "given")
+    trapezoidal = ImplicitRun(
+        explicit.chain, explicit.times, explicit.initial, explicit.outputs, explicit.progress, explicit.title
+    )
+    run, found, reason = _picked(explicit, trapezoidal, limit, options.goal, asked=options.tolerance is not None)
+    return Solution(run, *found, reason)
+
+
+def _check_radius(radius: float | None, scheme: str | None) -> float:
+    if radius is None:
+        return ImplicitRun.spectral_radius
+    if scheme != "generalized_alpha":
+        raise refuse("spectral_radius", radius, 'none, but for scheme "generalized_alpha"')
+    return number(least=0.0, most=1.0)("spectral_radius", radius)
+
+
+#: An implicit step costs about as much as so many explicit ones, with the iterations of Newton's method.
+IMPLICIT_COST = 25.0
+#: Below so many seconds of explicit run time, at about 2 ns per link and step, no other scheme is tried unasked.
+CHEAP, LINK_STEP = 0.3, 2e-9
+#: Steps of the first implicit run in the period of the first transverse vibration.
+STEPS_PER_PERIOD = 8.0
+
+
+def _picked(
+    explicit: VerletRun, trapezoidal: ImplicitRun, limit: float, goal: float, *, asked: bool
+) -> tuple[Run, tuple[State, float, float], str]:
+    """Pick scheme and step for a tolerance: implicit as long as its steps are so long that it is the faster one."""
+    rate = 1.0 / _first_step(explicit, limit)
+    cost = 3.0 * float(explicit.times[-1]) * rate * explicit.chain.links * LINK_STEP
+    if not asked and cost < CHEAP:
+        return explicit, _refined(explicit, limit, goal), f"explicit: all its runs take about {cost:.1g} s"
+    most = 2.0 * rate / IMPLICIT_COST
+    found = stepping.halve(
+        *_compared(trapezoidal, limit), goal, most, (float(explicit.times[-1]), explicit.chain.links)
+    )
+    if found is not None:
+        return trapezoidal, found, f"implicit: its steps may be {1.0 / (found[1] * limit):.3g} times the explicit limit"
+    return (
+        explicit,
+        _refined(explicit, limit, goal),
+        f"explicit: implicit steps would have to be shorter than {1 / most:.3g} s",
+    )
+
+
+def _refined(run: Run, limit: float, goal: float) -> tuple[State, float, float]:
+    def slackened(state: State) -> bool:
+        # law (21) pulls and pushes without a kink
+        return not run.chain.green and bool((run.chain.stretch(state.position) < 1.0).any())
+
+    return stepping.refine(*_compared(run, limit), goal, slackened, (float(run.times[-1]), run.chain.links))
+
+
+def _compared(run: Run, limit: float) -> tuple[Run, Callable[[State], np.ndarray], Callable[[State], float], float]:
+    """Return a run, how two of them are compared, and the number of steps per second to begin with."""
+    chord = float(np.linalg.norm(run.chain.p.upper - run.chain.p.lower))
+
+    def position(state: State) -> np.ndarray:
+        return state.position
+
+    def scale(state: State) -> float:
+        return stepping.motion_scale(state.position, run.initial, chord)
+
+    return run, position, scale, stepping.preferred_rate(1.0 / _first_step(run, limit))
+
+
+def _first_step(run: Run, limit: float) -> float:
+    """Choose the step to begin with [s]."""
+    return min(_unforced_step(run, limit), run.chain.p.time_scale / stepping.STEPS_PER_CHANGE)
+
+
+def _unforced_step(run: Run, limit: float) -> float:
+    chain, initial, until = run.chain, run.initial, float(run.times[-1])
+    if isinstance(run, ImplicitRun):
+        period = 2.0 * chain.total_length / np.sqrt(max(chain.pull(initial)[0].mean(), 1e-300) / chain.p.mass)
+        return float(max(min(until / 20.0, period / STEPS_PER_PERIOD), limit))
+    if not chain.green:
+        return 0.9 * limit
+    # for the stretch to come, as far as the ends enforce it, and waves on top
+    return 0.8 * chain.step_limit(np.maximum(chain.stiffening(initial), chain.enforced_stiffening(until)))

@@ -1,0 +1,83 @@
+"""The shape from which a chain starts: at rest between its ends, or on a line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cablepod.discretisation._chain import Chain, square
+from cablepod.parameters._parameters import load_plane, solve_statics
+from cablepod.parameters._schema import SceneError
+
+
+def rest_shape(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (n + 1, dims) [m] and tensions (n,) [N] of a chain at rest."""
+    from cablepod.chain import _kernels_explicit as kernel  # numba is imported only to compute
+
+    p = chain.p
+    ends = p.end_positions(np.zeros(1))[0]
+    chord = ends[1] - ends[0]
+    loads = chain.loads(0.0)[1:-1]
+    solution = chain.statics
+    _, _, _, q, across, against = load_plane(p)
+    v0 = solution[3] - 0.5 * q * (chain.total_length - chain.length[0])
+    force = solution[2] * across + v0 * against
+    if not np.isfinite(force).all() or not force.any():
+        # weightless and slack but for point loads, or just without tension: begin with any pull along the chord
+        force = chord / np.linalg.norm(chord) * max(float(np.abs(loads).sum()), 1e-6 * p.stiffness)
+    gap = kernel.equilibrium(chord, loads, chain.length, p.stiffness, chain.green, force)
+    scale = max(float(np.linalg.norm(chord)), chain.total_length)
+    forces = force - np.concatenate([np.zeros((1, p.dims)), np.cumsum(loads, axis=0)])
+    tension = np.sqrt(square(forces))
+    if not gap <= 1e-11 * scale or not tension.min() > 0.0:
+        left = f" (a gap of {gap:.2g} m is left)" if np.isfinite(gap) else ""
+        raise SceneError(
+            f"chain: no rest found with all links taut{left}; allowed: a scene whose chain does not fold on itself at rest and "
+            f"is not far softer than its loads (its stiffness is {p.stiffness:.3g} N), or a start from initial.points"
+        )
+    secant = np.empty(tension.size)
+    kernel.secant_moduli(tension, p.stiffness, chain.green, secant)
+    reach = chain.length[:, None] * (forces / tension[:, None] + forces / secant[:, None])
+    position = ends[0] + np.concatenate([np.zeros((1, p.dims)), np.cumsum(reach, axis=0)])
+    position[-1] = ends[1]
+    return position, tension
+
+
+def start(chain: Chain) -> np.ndarray:
+    """Positions from which a run starts (n + 1, dims) [m]: at rest, or the shape that the scene's initial table says."""
+    p = chain.p
+    if "points" in p.initial:
+        return along_line(chain, np.asarray(p.initial["points"], dtype=float))
+    for key in ("top_tension", "unstretched_length"):
+        if key in p.initial:
+            other = solve_statics(p, key, p.initial[key], prefix="initial")[0]
+            factor = other / chain.total_length
+            return rest_shape(replace(chain, length=factor * chain.length, arc_length=factor * chain.arc_length))[0]
+    return rest_shape(chain)[0]
+
+
+def along_line(chain: Chain, line: np.ndarray) -> np.ndarray:
+    """Lay the particles on a line: one on each point, or by unstretched length.
+
+    Between two held ends the line is shared out in proportion; a free end lies where the unstretched length ends.
+    """
+    if len(line) == chain.links + 1:
+        position = line.copy()
+    else:
+        reach = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+        place = chain.arc_length / chain.total_length * reach[-1]
+        if chain.p.free is not None:
+            spare = reach[-1] - chain.total_length
+            if spare < -1e-9 * chain.total_length:
+                raise SceneError(
+                    f"initial.points: given a line of {reach[-1]:.9g} m; allowed: at least the unstretched length, "
+                    f"{chain.total_length:.9g} m, so that the free end can lie on it"
+                )
+            place = chain.arc_length + (spare if chain.p.free == "lower" else 0.0)
+        position = np.stack([np.interp(place, reach, line[:, c]) for c in range(line.shape[1])], axis=1)
+    ends = chain.p.end_positions(np.zeros(1))[0]
+    for index, end in ((0, "lower"), (-1, "upper")):
+        if chain.p.free != end:
+            position[index] = ends[index]
+    return position

@@ -1,0 +1,97 @@
+"""What travels with the package: the paper's scenes, and its tables as printed."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from cablepod.parameters._schema import refuse
+from cablepod.scene._make import read_scene
+
+
+def data_folder() -> Path:
+    """Return the folder of shipped scenes and tables: inside an installed package, or beside it in a checkout."""
+    here = Path(__file__).resolve().parent
+    return here / "data" if (here / "data").is_dir() else here.parent / "data"
+
+
+def scenes() -> list[str]:
+    """Names of the shipped scenes."""
+    return sorted(path.stem for path in (data_folder() / "scenes").glob("*.toml"))
+
+
+def scene_path(name: str) -> Path:
+    """Return the shipped scene of a bare name such as ``example2``, otherwise the file `name`.
+
+    A path ``data/scenes/...`` that is not there means the shipped file too, so that an installed package has what a checkout has.
+
+    Raises
+    ------
+    SceneError
+        Where there is neither; it lists the shipped scenes.
+    """
+    path = Path(name)
+    if name in scenes():
+        return data_folder() / "scenes" / f"{name}.toml"
+    if (
+        not path.exists()
+        and str(path.parent) in (".", "data/scenes")
+        and path.stem in scenes()
+        and path.suffix == ".toml"
+    ):
+        return data_folder() / "scenes" / path.name
+    if not path.exists():
+        raise refuse("scene", name, f"a scene file, or one of the shipped scenes: {', '.join(scenes())}")
+    return path
+
+
+def scene(name: str) -> xr.Dataset:
+    """Read the shipped scene of that `name`."""
+    return read_scene(data_folder() / "scenes" / f"{name}.toml")
+
+
+def table(name: str) -> dict[str, np.ndarray]:
+    """Read the table `name` of the paper, digits as printed: column -> numbers, nan where the print has none, or texts."""
+    with (data_folder() / f"{name}.csv").open(newline="") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    columns = {key: np.array([row[key] or "nan" for row in rows]) for key in rows[0]}
+    for key, column in columns.items():
+        try:
+            columns[key] = column.astype(float)
+        except ValueError:  # texts stay texts
+            continue
+    return columns
+
+
+def truths() -> list[tuple[str, str]]:
+    """Scenes and laws of which the converged continuous cable is on file."""
+    parts = (path.stem.rpartition("_") for path in (data_folder() / "truth").glob("*.nc"))
+    return sorted((name, law) for name, _, law in parts)
+
+
+def truth_path(name: str, law: str = "green") -> Path:
+    """Return the file of the converged continuous cable of a shipped scene, for ``archive.read``.
+
+    Parameters
+    ----------
+    name
+        A shipped scene.
+    law
+        "green" or "linear".
+
+    Returns
+    -------
+    pathlib.Path
+        A netCDF file.
+
+    Raises
+    ------
+    SceneError
+        Where there is none; it lists those there are.
+    """
+    if (name, law) not in truths():
+        raise refuse("truth", f"{name}, {law}", "; ".join(", ".join(item) for item in truths()))
+    return data_folder() / "truth" / f"{name}_{law}.nc"

@@ -1,0 +1,275 @@
+"""A cable restricted to modes: masses, loads, energy and its derivatives in a few amplitudes, eqs. (34)-(36)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.chain._start import start
+from cablepod.conventions import COORDINATES, ENDS
+from cablepod.discretisation._chain import Chain, check_law, square
+from cablepod.parameters._parameters import Parameters, solve_statics
+from cablepod.parameters._schema import SceneError, refuse
+from cablepod.pod._decompose import mode_fields
+from cablepod.pod._snapshots import relative_arc_length
+
+
+@dataclass(frozen=True)
+class Model:
+    """A cable restricted to modes.
+
+    Coordinates y are the mass-orthonormal amplitudes q, then the displacements of the ends that move (the lifting needs no
+    code of its own).  Positions are shape + sum y_k field_k on the particles of the modes, with the links and masses of a chain
+    on those particles.
+    """
+
+    chain: Chain
+    law: str
+    mean: np.ndarray  #: (particle, dims) [m]
+    modes: np.ndarray  #: modes as given (modes, particle, dims)
+    layout: str
+
+    @cached_property
+    def sigma(self) -> np.ndarray:
+        """Relative arc length of the particles."""
+        return self.chain.arc_length / self.chain.total_length
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """Masses of the free particles (n - 1,) [kg]."""
+        return self.chain.p.mass * self.chain.share[1:-1]
+
+    @cached_property
+    def root(self) -> np.ndarray:
+        """Lower Cholesky factor of the mass matrix of the modes [kg^1/2]."""
+        inner = self.modes[:, 1:-1]
+        return np.linalg.cholesky(np.einsum("ipc,p,kpc->ik", inner, self.mass, inner))
+
+    @cached_property
+    def fields(self) -> np.ndarray:
+        """Mass-orthonormal modes (modes, particle, dims) [kg^-1/2]."""
+        from scipy.linalg import solve_triangular  # costly to import
+
+        flat = solve_triangular(self.root, self.modes.reshape(len(self.modes), -1), lower=True)
+        return flat.reshape(self.modes.shape)
+
+    @cached_property
+    def moving(self) -> tuple[tuple[str, str], ...]:
+        """The (end, axis) that move."""
+        return tuple(self.chain.p.motions)
+
+    @cached_property
+    def lifts(self) -> np.ndarray:
+        """Fields of the displacements of the ends (moving, particle, dims)."""
+        result = np.zeros((len(self.moving), self.sigma.size, self.chain.p.dims))
+        for field, (end, axis) in zip(result, self.moving, strict=True):
+            field[:, COORDINATES.index(axis)] = self.sigma if end == ENDS[1] else 1.0 - self.sigma
+        return result
+
+    @cached_property
+    def shape(self) -> np.ndarray:
+        """Mean shape between the undisplaced ends (particle, dims) [m]."""
+        s = self.sigma[:, None]
+        return (1.0 - s) * self.chain.p.lower + s * self.chain.p.upper + self.mean
+
+    @cached_property
+    def coupling(self) -> np.ndarray:
+        """What acceleration of the ends does to the amplitudes (moving, modes) [kg^1/2]."""
+        return np.einsum("fpc,p,kpc->fk", self.lifts[:, 1:-1], self.mass, self.fields[:, 1:-1])
+
+    @cached_property
+    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Differences over the links by their lengths: of the shape (n, dims), of the fields (coordinates, n, dims)."""
+        length = self.chain.length[:, None]
+        fields = np.concatenate([self.fields, self.lifts])
+        return np.diff(self.shape, axis=0) / length, np.diff(fields, axis=1) / length
+
+    @cached_property
+    def pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """The pairs of coordinates whose products the strain holds; without a common axis they have none, and cost nothing."""
+        first, second = np.triu_indices(len(self.used))
+        common = (self.used[first] & self.used[second]).any(axis=1)
+        return first[common], second[common]
+
+    @cached_property
+    def used(self) -> np.ndarray:
+        """Along which axes the coordinates move (coordinates, dims)."""
+        return np.abs(self.slopes[1]).max(axis=1) > 0.0
+
+    @cached_property
+    def strain(self) -> np.ndarray:
+        """Strain (xi^2 - 1)/2 of the links in the mean shape (n,)."""
+        length = self.chain.length
+        size = np.sqrt(np.sum(np.diff(self.shape, axis=0) ** 2, axis=1))
+        return 0.5 * (size - length) / length * (size + length) / length
+
+    @cached_property
+    def packed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Law (21) in packed form: triangular factor, offset, pairs; see ``kernels.reduced``."""
+        shape, rates = self.slopes
+        first, second = self.pairs
+        # the strain (xi^2 - 1)/2 about the mean shape, where differences of large numbers are gone
+        linear = np.einsum("jc,kjc->jk", shape, rates)
+        quadratic = np.einsum("pjc,pjc->jp", rates[first], rates[second]) * np.where(first == second, 0.5, 1.0)
+        weight = np.sqrt(self.chain.p.stiffness * self.chain.length)[:, None]
+        table = weight * np.concatenate([linear, quadratic, self.strain[:, None]], axis=1)
+        triangle: Any = np.linalg.qr(table, mode="r")
+        factor = triangle[: table.shape[1] - 1]  # a last row would only add a constant to the energy
+        return np.ascontiguousarray(factor[:, :-1]), np.ascontiguousarray(factor[:, -1]), first, second
+
+    @cached_property
+    def linked(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Energy link by link; see ``kernels.reduced``."""
+        shape, rates = self.slopes
+        k = self.chain.p.stiffness * self.chain.length
+        return np.ascontiguousarray(shape.T), self.strain, np.ascontiguousarray(np.moveaxis(rates, 1, 2)), self.used, k
+
+    @cached_property
+    def turns(self) -> np.ndarray:
+        """By how much an amplitude turns and stretches the links, in the mean (modes,) [kg^-1/2 m^-1]."""
+        return np.sqrt(np.mean(np.sum(self.slopes[1][: len(self.modes)] ** 2, axis=2), axis=1))
+
+    def loads_on_steps(self, start: int, steps: int, rate: float) -> np.ndarray:
+        """Generalised loads (steps + 1, modes) at so many steps from `start` on; one row where they stand still."""
+        total = np.einsum("pc,kpc->k", self.chain.loads(), self.fields)[None]
+        for pattern, factor in self.chain.varying():
+            total = total + factor.on_steps(start, steps, rate)[:, None] * np.einsum("pc,kpc->k", pattern, self.fields)
+        return total
+
+    def displacements_on_steps(self, start: int, steps: int, rate: float) -> np.ndarray:
+        """Displacements of the ends that move (steps + 1, moving) at so many steps from `start` on."""
+        columns = [self.chain.p.motions[key].on_steps(start, steps, rate) for key in self.moving]
+        return np.ascontiguousarray(np.stack(columns, axis=1)) if columns else np.zeros((steps + 1, 0))
+
+    def displacements(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """Displacements of the ends that move, or their rates: (time, moving)."""
+        time = np.asarray(time, dtype=float)
+        columns = [self.chain.p.motions[key](time, derivative) for key in self.moving]
+        return np.stack(columns, axis=1) if columns else np.zeros((time.size, 0))
+
+    def gradient(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient (modes,) and Hessian (modes, modes) of the potential energy by the amplitudes."""
+        shape, rates = self.slopes
+        stiffness = self.chain.p.stiffness * self.chain.length
+        reach = shape + np.tensordot(y, rates, axes=1)
+        square = np.sum(reach**2, axis=1)
+        along = np.einsum("jc,kjc->kj", reach, rates[: len(self.modes)])
+        own = rates[: len(self.modes)]
+        if self.law == "green":
+            s, ds = stiffness * 0.5 * (square - 1.0), stiffness
+        else:
+            xi = np.sqrt(square)
+            taut = xi > 1.0
+            s, ds = np.where(taut, stiffness * (1.0 - 1.0 / xi), 0.0), np.where(taut, stiffness / xi**3, 0.0)
+        hessian = (along * ds) @ along.T + np.einsum("kjc,j,ljc->kl", own, s, own)
+        return along @ s, hessian
+
+    def highest_frequency(self, q: np.ndarray, time: float) -> float:
+        """Highest angular frequency [rad/s] of small motions about the amplitudes `q`."""
+        _, hessian = self.gradient(np.concatenate([q, self.displacements(np.array([time]))[0]]))
+        return math.sqrt(max(float(np.linalg.eigvalsh(hessian)[-1]), 0.0))
+
+    def initial(self) -> np.ndarray:
+        """Amplitudes at the start: the model's own equilibrium, or the projection of the shape that the scene says."""
+        frozen = self.displacements(np.zeros(1))[0]
+        p = self.chain.p
+        offset = start(replace(self.chain, law=self.law)) - self.shape - np.tensordot(frozen, self.lifts, axes=1)
+        q = np.einsum("pc,p,kpc->k", offset[1:-1], self.mass, self.fields[:, 1:-1])
+        if p.initial:
+            return q
+        load = np.einsum("pc,kpc->k", self.chain.loads(0.0), self.fields)
+        small = 1e-6 * math.sqrt(self.mass.sum()) * self.chain.total_length
+        return _equilibrium(lambda q: self.gradient(np.concatenate([q, frozen])), load, q, small)
+
+    def tension(self, position: np.ndarray) -> np.ndarray:
+        """Tensions of the links (..., n) [N] by the law of the model."""
+        size = np.sqrt(square(np.diff(position, axis=-2)))
+        strain = (size - self.chain.length) / self.chain.length
+        if self.law == "linear":
+            return self.chain.p.stiffness * np.maximum(strain, 0.0)
+        return self.chain.p.stiffness * strain * (1.0 + 0.5 * strain) * (1.0 + strain)
+
+    def positions(self, q: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Positions (time, particle, dims) [m] from amplitudes (time, modes)."""
+        ends = self.chain.p.end_positions(time)
+        # a product of matrices would sum in an order that depends on the number of instants
+        position = np.einsum("tk,kp->tp", np.concatenate([q, ends.reshape(time.size, -1)], axis=1), self._composition)
+        position = position.reshape(time.size, *self.mean.shape)
+        position += self.mean
+        position[:, [0, -1]] = ends  # rounding in sigma must not move the ends
+        return position
+
+    @cached_property
+    def _composition(self) -> np.ndarray:
+        """Fields of the amplitudes, then of both ends along each axis: one product of matrices makes positions."""
+        dims = self.chain.p.dims
+        lines = np.zeros((2, dims, self.sigma.size, dims))
+        for c in range(dims):
+            lines[0, c, :, c], lines[1, c, :, c] = 1.0 - self.sigma, self.sigma
+        return np.concatenate([self.fields.reshape(len(self.modes), -1), lines.reshape(2 * dims, -1)])
+
+    def velocities(self, rates: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Velocities (time, particle, dims) [m/s] from the rates of the amplitudes."""
+        moving = np.tensordot(self.displacements(time, 1), self.lifts, axes=1)
+        return np.tensordot(rates, self.fields, axes=1) + moving
+
+
+def _equilibrium(
+    gradient: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], load: np.ndarray, q: np.ndarray, small: float
+) -> np.ndarray:
+    """Find the amplitudes at rest by Newton's method, beginning with the projected rest of the chain.
+
+    Corrections are measured by the amplitudes or, where those vanish, by a `small` one [kg^1/2 m].
+
+    Where the Hessian is not positive or the steps do not settle (a locked or slack model) the projection itself is the start.
+    """
+    found = q
+    last = math.inf
+    for _ in range(50):
+        slope, hessian = gradient(found)
+        try:
+            move = np.linalg.solve(hessian, load - slope)
+        except np.linalg.LinAlgError:
+            return q
+        size = float(np.abs(move).max())
+        if not size < last and last < 1e-6 * (float(np.abs(q).max()) + small):
+            return found  # rounding: the steps shrink no more
+        found = found + move
+        if size == 0.0:
+            return found
+        last = size
+    return found if last <= 1e-9 * (float(np.abs(q).max()) + small) else q
+
+
+def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) -> Model:
+    """Make the reduced model of a scene's parameters on modes.
+
+    Raises
+    ------
+    SceneError
+        For a scene that this model cannot do.
+    """
+    check_law(law)
+    if p.free is not None:
+        raise refuse(
+            "ends.free", p.free, "two held ends, because the modes vanish at both; chain.simulate does a free end"
+        )
+    if p.link_viscosity is not None:
+        raise refuse(
+            "damping.link_viscosity", p.link_viscosity, "none for a reduced model; mass_proportional is possible"
+        )
+    fields = mode_fields(modes, rank)
+    if fields.shape[2] != p.dims:
+        raise SceneError(f"modes: given {fields.shape[2]} coordinates; allowed: the {p.dims} coordinates of the scene")
+    sigma = relative_arc_length(modes)
+    total = float(solve_statics(p, p.length_key, p.length_value)[0])
+    arc_length = total * sigma
+    chain = Chain(p, np.diff(arc_length), arc_length)
+    mean = modes["mean"].transpose("particle", "coordinate").values
+    return Model(chain, law, mean, fields, modes.attrs["layout"])

@@ -1,0 +1,291 @@
+"""The paper's reduced model, eqs. (34)-(36): modes + scene -> trajectory."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import provenance
+from cablepod.batch._members import over_members
+from cablepod.conventions import OUTPUTS
+from cablepod.discretisation import _similarity as training
+from cablepod.galerkin._estimate import estimate
+from cablepod.galerkin._model import Model, model_of
+from cablepod.galerkin._runs import ImplicitRun, Run, State, VerletRun
+from cablepod.integrate import _stepping as stepping
+from cablepod.parameters._parameters import check_memory, parameters
+from cablepod.parameters._schema import refuse
+from cablepod.reduced import _validity as trust
+
+SCHEMES = ("velocity_verlet", "trapezoidal", "energy_momentum")
+#: An implicit step costs about as much as so many explicit ones, and so many more for each amplitude (40 links).
+IMPLICIT_COST, COST_OF_AMPLITUDE = 4.0, 0.45
+#: Below so many seconds of explicit run time no other scheme is tried unasked; seconds per step, and more for each amplitude.
+CHEAP, STEP_TIME, TIME_OF_AMPLITUDE = 0.3, 2e-7, 2e-8
+#: Share of the exchanged energy that a given step may make or lose.
+UNEXPLAINED = 0.1
+#: Steps of the first implicit run in the period of the first transverse vibration; and how many times as many resolve enough of
+#: what moves for runs to show an order.
+STEPS_PER_PERIOD, RESOLVING = 8.0, 16.0
+
+
+@over_members
+def simulate(
+    scene: xr.Dataset,
+    modes: xr.Dataset,
+    *,
+    rank: int | None = None,
+    times: Any = None,
+    law: str = "green",
+    scheme: str | None = None,
+    step: float | None = None,
+    tolerance: float | None = None,
+    outputs: tuple[str, ...] = ("position", "error_estimate"),
+    progress: Callable[[float], None] | None = None,
+) -> xr.Dataset:
+    """Simulate the extensible cable of a scene on Karhunen-Loeve modes.
+
+    Parameters
+    ----------
+    scene
+        A scene with both ends held, with or without ``member``; it need not be the one the modes come from.
+    modes
+        What :func:`cablepod.pod.decompose` gives; they are carried over by sigma = S / L0.
+    rank
+        Number of modes (of each coordinate where they are separate); all by default.
+    times
+        Instants of the output [s], rising from 0 on; by default those of the scene.
+    law
+        "green": eq. (21), T / xi = K (xi^2 - 1) / 2, a polynomial whose coefficients are computed once where that is faster: then
+        the cost of a step does not depend on the number of particles.  Few particles are evaluated link by link.  It resists
+        compression, where a cable goes slack.  "linear": the chain's law, always link by link.
+    scheme
+        By default picked by `tolerance`; the attribute ``choice_of_scheme`` says why.  "velocity_verlet" is explicit: its step
+        follows the fastest axial mode.  Implicit, stable at any step as far as linear theory goes, so that steps may follow the
+        transverse motion, are "trapezoidal" (average acceleration) and "energy_momentum" (Simo and Tarnow; keeps the energy, by
+        both laws).
+    step
+        Time step [s].  By default it follows from the highest frequency of the model, or of the transverse vibration where
+        implicit, and is shortened until two runs agree within `tolerance`; with a given step there is one run and no such check.
+    tolerance
+        Wanted time error as a fraction of the largest rms displacement; 1e-6 by default.
+    outputs
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "error_estimate" (of the model, see
+        :func:`cablepod.galerkin._estimate.estimate`; it takes about as long as a run); nothing else is computed.
+    progress
+        Called now and then with the part of the run that is done, from 0 to 1.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``amplitude (time, coordinate, mode)`` or ``(time, mode)`` [m], ``end_position`` [m] and the outputs asked for, on the
+        particles of the modes.  Attributes say how far to trust it: ``smallest_stretch``, the least xi met at the instants of the
+        output, ``forcing_over_axial_frequency``, ``energy_share_kept`` of the snapshots (the least over the coordinates),
+        ``outside_training``, see :mod:`cablepod.reduced`; ``error_estimate`` is the largest error to be expected over
+        time, as a fraction of the motion, not a number where there is no estimate; ``time_error_estimate`` is the part of the
+        steps in it.
+        ``energy_defect`` is the largest kinetic and strain energy, at the steps at or beside the instants of the output, that is
+        not explained by the start, the work of loads and of the ends, and damping,
+        over the largest of these terms (kinetic energy, change of strain energy, works, dissipation): some 1e-15 to 1e-12 for
+        "energy_momentum", of second order in the step for the others, and no estimate of the error of the motion.  Implicit runs
+        add ``newton_iterations`` and ``steps_cut``: a step in which Newton's method fails is cut.
+
+    Raises
+    ------
+    SceneError
+        For options that cannot be, a scene with a free end, a step above the stability limit.
+    RunStopped
+        Where the motion leaves the finite numbers, Newton's method does not converge, or the highest frequency outgrows a given
+        explicit step; its ``partial`` holds what was computed until then.
+
+    Warns
+    -----
+    NotConvergedWarning
+        Where no step meets the tolerance, and where a given step leaves much energy that nothing explains, or does not resolve
+        how the ends or the loads move.
+    OutOfRangeWarning
+        Where a link is compressed, loads or ends change nearly as fast as waves run along the cable in a scene unlike those of
+        the snapshots, or the error to be expected is as large as the motion, or nearly.
+
+    Notes
+    -----
+    Lifting by the motion of the ends, strain taken link by link as in the chain, masses of the chain, whatever layout and weights
+    the modes have.  What is stepped are mass-weighted projections of the particles themselves, not of what the lifting leaves:
+    with all modes each scheme is then that of the chain to rounding, also where an end starts with a jump of its speed.  A run
+    from equilibrium starts from the model's own.
+
+    Kinetic energy and work of the ends count that part of the lifting which the modes can represent; what is left of it moves as
+    the ends prescribe, and exchanges nothing with the modes.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import shipped
+    >>> scene = shipped.scene("example2")
+    >>> chain = cp.chain.simulate(scene)
+    >>> model = cp.galerkin.simulate(scene, cp.pod.decompose(chain), rank=2)
+    >>> round(100 * float(cp.compare.errors(model, chain).error_max), 2)  # per cent
+    0.04
+    """
+    stepping.check_scheme(scheme, SCHEMES)
+    names = stepping.check_outputs(outputs, (*OUTPUTS, "error_estimate"))
+    if step is not None and tolerance is not None:
+        raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
+    goal = stepping.DEFAULT_TOLERANCE if tolerance is None else stepping.check_positive("tolerance", tolerance)
+    p = parameters(scene)
+    model = model_of(p, modes, rank=rank, law=law)
+    instants = p.times() if times is None else stepping.check_times(times)
+    p.check_reach(float(instants[-1]))
+    check_memory(instants.size, model.chain.links, p.dims, key="times", variables=3)
+    q0 = model.initial()
+    highest = model.highest_frequency(q0, 0.0)
+    # few modes may start where nothing pulls them back; stiffer than the chain they never are
+    limit = 2.0 / highest if highest > 0.0 else model.chain.step_limit()
+    runs: dict[str, Run] = {
+        name: (VerletRun if name == SCHEMES[0] else ImplicitRun)(
+            model, instants, q0, names, progress, scene, modes, name
+        )
+        for name in SCHEMES
+    }
+    run, reason = runs[scheme or SCHEMES[0]], "given"
+    if step is not None:
+        if run.scheme == SCHEMES[0]:
+            why = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
+            rate = 1.0 / stepping.check_step(step, limit, why)
+        else:
+            rate = stepping.implicit_rate(step, float(instants[-1]), p.time_scale)
+        state, time_error = run(rate), None
+        _check_energy(state, run.scheme)
+    elif scheme is not None:
+        state, rate, time_error = _refined(run, limit, goal)
+    else:
+        run, (state, rate, time_error), reason = _picked(runs, limit, goal, asked=tolerance is not None)
+    result = run.dataset(state)
+    result.attrs.update(step_limit=limit, choice_of_scheme=reason, **_trust(model, modes, result))
+    if time_error is not None:
+        result.attrs["time_error_estimate"] = time_error
+    if "error_estimate" in names:
+        again = replace(run, outputs=(), progress=None)
+        result.attrs["error_estimate"] = (time_error or 0.0) + estimate(
+            model, lambda at, steps: replace(again, times=at)(steps), rate, float(instants[-1])
+        )
+    _warn_out_of_range(result.attrs)
+    options = {
+        "rank": len(model.modes) // (p.dims if model.layout == "separate" else 1),
+        "times": instants,
+        "law": law,
+        "scheme": run.scheme,
+        "step": 1.0 / rate,
+        "tolerance": None if step is not None else goal,
+        "outputs": list(names),
+    }
+    return provenance.record(
+        result,
+        function="galerkin.simulate",
+        parameters=options,
+        inputs=[scene, modes],
+        chosen=provenance.unset(rank=rank, times=times, scheme=scheme, step=step, tolerance=tolerance),
+    )
+
+
+def _trust(model: Model, modes: xr.Dataset, result: xr.Dataset) -> dict[str, Any]:
+    """Tell what says how far a run can be trusted."""
+    p, length = model.chain.p, model.chain.total_length
+    axial = math.pi / length * math.sqrt(p.stiffness / p.mass)
+    notes = {"first_axial_frequency": axial, "forcing_over_axial_frequency": 2.0 * math.pi / p.time_scale / axial}
+    if "energy_share" in modes:
+        share = modes["energy_share"].isel(mode=slice(result.sizes["mode"])).sum("mode")
+        notes["energy_share_kept"] = float(share.min())
+    return notes | training.outside(modes, p, length, float(result["time"].values[-1]))
+
+
+def _check_energy(state: State, scheme: str) -> None:
+    defect = state.notes["energy_defect"]
+    if defect > UNEXPLAINED:
+        warnings.warn(
+            f"{defect:.2g} of the energy that is exchanged comes from nowhere (energy_defect, {scheme}): the step is too long "
+            "for what moves; give a shorter one, scheme energy_momentum, or a tolerance instead of a step",
+            stepping.NotConvergedWarning,
+            stacklevel=4,
+        )
+
+
+def _warn_out_of_range(attrs: dict[str, Any]) -> None:
+    """Warn where the numbers of a run say that the model cannot be trusted."""
+    if attrs["smallest_stretch"] < 1.0:
+        warnings.warn(
+            f"links are compressed, to {attrs['smallest_stretch']:.6g} of their unstretched length (smallest_stretch): a cable "
+            "goes slack there, and few modes do not hold the kinks of that; compare with chain.simulate",
+            trust.OutOfRangeWarning,
+            stacklevel=4,
+        )
+    if attrs.get("outside_training", math.inf) > 0.0:
+        trust.check_forcing(attrs, "modes of slower motion lack")
+    trust.check_estimate(attrs)
+
+
+def _picked(
+    runs: dict[str, Run], limit: float, goal: float, *, asked: bool
+) -> tuple[Run, tuple[State, float, float], str]:
+    """Pick scheme and step for a tolerance: implicit as long as its steps are so long that it is the faster one."""
+    explicit, implicit = runs["velocity_verlet"], runs["trapezoidal"]
+    *_, rate = _compared(explicit, limit)
+    count = explicit.q0.size
+    cost = 3.0 * float(explicit.times[-1]) * rate * (STEP_TIME + TIME_OF_AMPLITUDE * count)
+    if not asked and cost < CHEAP:
+        return explicit, _refined(explicit, limit, goal), f"explicit: all its runs take about {cost:.1g} s"
+    # the explicit runs have this rate and twice as much, the implicit ones all up to it
+    most = 1.5 * rate / (IMPLICIT_COST + COST_OF_AMPLITUDE * count)
+    found = stepping.halve(*_compared(implicit, limit), goal, most, _size(implicit))
+    if found is not None:
+        return implicit, found, f"implicit: its steps may be {1.0 / (found[1] * limit):.3g} times the explicit limit"
+    why = f"explicit: implicit steps would have to be shorter than {1 / most:.3g} s"
+    return explicit, _refined(explicit, limit, goal), why
+
+
+def _refined(run: Run, limit: float, goal: float) -> tuple[State, float, float]:
+    model = run.model
+
+    def slackened(state: State) -> bool:
+        # law (21) pulls and pushes without a kink
+        return model.law == "linear" and bool((model.chain.stretch(model.positions(state.q, run.times)) < 1.0).any())
+
+    size = _size(run)
+    run, position, scale, rate = _compared(run, limit)
+    if isinstance(run, ImplicitRun):
+        found = stepping.halve(run, position, scale, rate, goal, RESOLVING * rate, size)
+        if found is not None:
+            return found
+        rate *= RESOLVING
+    return stepping.refine(run, position, scale, rate, goal, slackened, size)
+
+
+def _size(run: Run) -> tuple[float, int]:
+    """Until when a run lasts [s], and its number of links."""
+    return float(run.times[-1]), run.model.chain.links
+
+
+def _compared(run: Run, limit: float) -> tuple[Run, Callable[[State], np.ndarray], Callable[[State], float], float]:
+    """Return a run, how two of them are compared, and the number of steps per second to begin with."""
+    model, p = run.model, run.model.chain.p
+    chord = float(np.linalg.norm(p.upper - p.lower))
+    initial = model.positions(run.q0[None], np.zeros(1))[0]
+
+    def position(state: State) -> np.ndarray:
+        return model.positions(state.q, state.instants.times)
+
+    def scale(state: State) -> float:
+        return stepping.motion_scale(position(state), initial, chord)
+
+    first = 0.8 * limit
+    if isinstance(run, ImplicitRun):
+        tension = max(float(model.tension(initial).mean()), 1e-300)
+        period = 2.0 * model.chain.total_length / np.sqrt(tension / p.mass)
+        first = float(max(min(float(run.times[-1]) / 20.0, period / STEPS_PER_PERIOD), limit))
+    return run, position, scale, stepping.preferred_rate(1.0 / min(first, p.time_scale / stepping.STEPS_PER_CHANGE))

@@ -1,0 +1,4 @@
+"""A scene as plain numbers: keys and their checks, parameters, time functions.
+
+.. include:: README.md
+"""

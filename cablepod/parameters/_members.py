@@ -1,0 +1,144 @@
+"""Members of a scene that differ in numbers only, with a row of an array for each: what they give is computed for all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cablepod.conventions import COORDINATES, ENDS
+from cablepod.parameters import _schema as schema
+from cablepod.parameters._parameters import Members
+from cablepod.parameters._time_functions import SINES, TimeFunction
+
+#: Terms that not every scene has and that these columns lack.
+LACKING = ("ends_free", "load_kind", "point_load_1_force")
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The numbers of :class:`cablepod.parameters._parameters.Parameters`, a row for each member."""
+
+    stiffness: np.ndarray  #: (members,) [N]
+    mass: np.ndarray  #: (members,) [kg/m]
+    load: np.ndarray  #: weight and uniform load (members, dims) [N/m]
+    ends: np.ndarray  #: both ends at rest (members, end, dims) [m]
+    motions: Mapping[tuple[str, str], TimeFunction]  #: whose values are (members, 1)
+    length_key: str
+    length_value: np.ndarray  #: (members,)
+    damping: np.ndarray  #: by mass (members,) [1/s]
+
+    @classmethod
+    def of(cls, members: Members) -> Columns | None:
+        """Take the columns of members; None where they differ in more than numbers, or have terms that these columns lack."""
+        p, names = members[0], set(members.fixed) | set(members.varied)
+        numeric = all(item.dtype.kind in "fiu" for name, item in members.varied.items() if name != "member")
+        initial = any(name.startswith("initial_") for name in names)
+        if members.gapped or not numeric or initial or names & set(LACKING):
+            return None
+        if p.link_viscosity is not None or "damping_link_viscosity" in members.varied:
+            return None
+        if any(motion.kind not in SINES for motion in p.motions.values()):
+            return None
+        count = len(members)
+
+        def rows(name: str, *shape: int) -> np.ndarray:
+            values = members.varied[name] if name in members.varied else members.fixed.get(name, 0.0)
+            return np.ascontiguousarray(np.broadcast_to(np.asarray(values, dtype=float), (count, *shape)))
+
+        area, gravity = rows("cable_area"), rows("gravity")
+        if "cable_density" in names:
+            mass = rows("cable_density") * area
+            weight = mass * gravity
+        else:
+            weight = rows("cable_specific_weight") * area
+            mass = weight / gravity
+        load = rows("load_uniform", p.dims).copy()  # zeros where there is none
+        load[:, 1] -= weight
+        motions = {
+            key: TimeFunction(
+                motion.kind,
+                {name: rows(f"motion_{'_'.join(key)}_{name}")[:, None] for name in motion.values if name != "kind"},
+            )
+            for key, motion in p.motions.items()
+        }
+        return cls(
+            rows("cable_youngs_modulus") * area,
+            mass,
+            load,
+            np.stack([rows("ends_lower", p.dims), rows("ends_upper", p.dims)], axis=1),
+            motions,
+            p.length_key,
+            rows(f"cable_{p.length_key}"),
+            rows("damping_mass_proportional"),
+        )
+
+    def part(self, first: int, last: int) -> Columns:
+        """Take the members `first` ... `last - 1`."""
+        at = slice(first, last)
+        motions = {
+            key: TimeFunction(motion.kind, {name: value[at] for name, value in motion.values.items()})
+            for key, motion in self.motions.items()
+        }
+        return Columns(
+            self.stiffness[at], self.mass[at], self.load[at], self.ends[at], motions, self.length_key,
+            self.length_value[at], self.damping[at],
+        )  # fmt: skip
+
+    @property
+    def chord(self) -> np.ndarray:
+        """From the lower end to the upper one at rest (members, dims) [m]."""
+        return self.ends[:, 1] - self.ends[:, 0]
+
+    @property
+    def time_scale(self) -> np.ndarray:
+        """Shortest period (members,) [s], infinite where nothing moves."""
+        scale = np.full(self.mass.size, np.inf)
+        with np.errstate(divide="ignore"):
+            for motion in self.motions.values():
+                scale = np.minimum(scale, 2.0 * np.pi / np.abs(motion.values["angular_frequency"][:, 0]))
+        return scale
+
+    def end_positions(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """Positions of both ends, or their first or second rate: (members, time, end, dims) [m]."""
+        count, _, dims = self.ends.shape
+        result = np.zeros((count, time.size, 2, dims))
+        if derivative == 0:
+            result += self.ends[:, None]
+        for (end, axis), motion in self.motions.items():
+            result[:, :, ENDS.index(end), COORDINATES.index(axis)] += motion(time, derivative)
+        return result
+
+    def statics(self) -> tuple[np.ndarray, np.ndarray]:
+        """Solve the catenaries (members, 6), as `solve_statics` does one; which of them there are."""
+        from cablepod.catenary import _kernels as kernel  # numba is imported only to compute
+
+        a, b, c, q = self._load_planes()
+        kinds = (kernel.UPPER_TENSION, kernel.LOWER_TENSION, kernel.HORIZONTAL_FORCE, kernel.LENGTH)
+        kind = kinds[schema.LENGTH_KEYS.index(self.length_key)]
+        out, status = np.empty((a.size, 6)), np.empty(a.size, dtype=np.int64)
+        kernel.solve_many(a, b, c, q, self.stiffness, kind, self.length_value, out, status)
+        return out, status == kernel.FOUND
+
+    def _load_planes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Span across the load, rise against it, chord [m], load [N/m], as `load_plane` of one."""
+        chord, q = self.chord, _norms(self.load)
+        loaded = q > 0.0
+        up: Any = np.eye(chord.shape[1])[1]
+        against = np.where(loaded[:, None], -self.load / np.where(loaded, q, 1.0)[:, None], up)
+        axis = loaded & (np.count_nonzero(self.load, axis=1) == 1)
+        against[axis] = np.sign(against[axis])
+        b = (chord * against).sum(axis=1)
+        across = chord - b[:, None] * against
+        across -= (across * against).sum(axis=1)[
+            :, None
+        ] * against  # once more: the first difference may have cancelled
+        a, c = _norms(across), _norms(chord)
+        along = a <= 1e-15 * c
+        return np.where(along, 0.0, a), np.where(along, np.copysign(c, b), b), c, q
+
+
+def _norms(vectors: np.ndarray) -> np.ndarray:
+    return np.hypot.reduce(vectors, axis=1)

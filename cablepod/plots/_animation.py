@@ -1,0 +1,228 @@
+"""A cable in motion, as a GIF, which notebooks show, or an MP4."""
+
+from __future__ import annotations
+
+import base64
+import html
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.parameters import _schema as schema
+from cablepod.parameters._schema import refuse
+from cablepod.plots import _style as parts
+from cablepod.plots._style import COLOURS, MARKERS, MOST_DOTS, SIGMA
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FRAMES_PER_SECOND = 15
+DOTS_PER_INCH = 80
+
+
+class Animation:
+    """A figure that changes: a notebook shows it by itself, :meth:`save` writes it.
+
+    Attributes
+    ----------
+    ax : matplotlib.axes.Axes
+        What is drawn on.
+    times : numpy.ndarray
+        Instants of the frames [s].
+    """
+
+    def __init__(self, ax: Axes, times: np.ndarray, show: Callable[[int], None]) -> None:
+        self.ax, self.times, self._show = ax, times, show
+        self._page: str | None = None
+
+    @property
+    def figure(self) -> Figure:
+        """The figure of the axes."""
+        return self.ax.figure  # type: ignore[return-value]
+
+    def show_frame(self, number: int) -> Axes:
+        """Draw the frame `number`, from 0, and return the axes."""
+        self._show(schema.integer(least=0, most=self.times.size - 1)("number", number))
+        return self.ax
+
+    def save(self, path: str | os.PathLike[str], *, frames_per_second: float = FRAMES_PER_SECOND) -> Path:
+        """Write the animation; a file that is there is replaced.
+
+        Parameters
+        ----------
+        path
+            A name that ends in ``.gif``, or in ``.mp4`` where the program ffmpeg is installed, or the package imageio-ffmpeg that
+            brings it (``pip install 'cablepod[mp4]'``).
+        frames_per_second
+            How fast it plays [1/s], 50 at most.
+
+        Returns
+        -------
+        pathlib.Path
+            `path`.
+
+        Raises
+        ------
+        SceneError
+            For another ending, a folder that is not there, an MP4 without ffmpeg.
+        """
+        import matplotlib as mpl
+        from matplotlib import animation
+
+        target, ending = Path(path), Path(path).suffix.lower()
+        speed = schema.number(above=0.0, most=50.0)("frames_per_second", frames_per_second)
+        program = find_ffmpeg() if ending == ".mp4" else ""
+        if program is None:
+            raise refuse(
+                "path",
+                str(path),
+                "a name that ends in .gif; .mp4 needs the program ffmpeg, not found here; pip install 'cablepod[mp4]' brings it",
+            )
+        if ending not in (".gif", ".mp4"):
+            raise refuse("path", str(path), "a name that ends in .gif or .mp4")
+        if not target.parent.is_dir():
+            raise refuse("path", str(path), "a file in a folder that is there")
+        engine = self.figure.get_layout_engine()
+        self.figure.canvas.draw()
+        self.figure.set_layout_engine("none")  # laid out once: the axes do not tremble
+        writer = (animation.PillowWriter if ending == ".gif" else animation.FFMpegWriter)(fps=speed)
+        width, height = self.figure.get_size_inches()
+        try:
+            with mpl.rc_context():
+                mpl.rcParams["animation.ffmpeg_path"] = program
+                self._write(writer, target)
+        finally:
+            self.figure.set_layout_engine(engine)
+            self.figure.set_size_inches(width, height)  # a video has even numbers of pixels
+        return target
+
+    def _write(self, writer: Any, target: Path) -> None:
+        with writer.saving(self.figure, str(target), DOTS_PER_INCH):
+            for i in range(self.times.size):
+                self._show(i)
+                writer.grab_frame()
+
+    def _repr_html_(self) -> str:
+        if self._page is None:
+            with tempfile.TemporaryDirectory() as folder:
+                picture = self.save(Path(folder) / "animation.gif").read_bytes()
+            title = self.ax.get_title() or "a cable in motion"
+            said = html.escape(f"{title}, t = {self.times[0]:g} to {self.times[-1]:g} s", quote=True)
+            data = base64.b64encode(picture).decode("ascii")
+            self._page = f'<img alt="{said}" src="data:image/gif;base64,{data}">'
+        return self._page
+
+
+def find_ffmpeg() -> str | None:
+    """Find the program ffmpeg: the one that matplotlib is told, or finds, or that of imageio-ffmpeg; None where there is none."""
+    import matplotlib as mpl
+    from matplotlib import animation
+
+    if animation.writers.is_available("ffmpeg"):
+        return str(mpl.rcParams["animation.ffmpeg_path"])
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+
+        return str(get_ffmpeg_exe())
+    except (ImportError, RuntimeError):  # not installed; a package without the program
+        return None
+
+
+def animate(
+    chain: xr.Dataset,
+    reduced: xr.Dataset | None = None,
+    *,
+    deflection: bool = False,
+    frames: int = 60,
+    ax: Axes | None = None,
+) -> Animation:
+    """Animate the cable: the chain as dots, the reduced cable as a line.
+
+    Parameters
+    ----------
+    chain, reduced
+        Trajectories with ``position (time, particle, coordinate)`` [m].  `reduced` may be left out; it needs the instants of the
+        chain, and may have other particles.
+    deflection
+        Draw the deflection normal to the chord of the moment [m] against S / L0 instead of y against x.
+    frames
+        At most so many instants, evenly spread.
+    ax
+        Axes to draw on, of a figure of your own, which is drawn anew for each frame.
+
+    Returns
+    -------
+    Animation
+        A notebook shows it as a GIF; ``animate(...).save("guy.gif")`` or ``"guy.mp4"`` writes it.
+
+    Raises
+    ------
+    SceneError
+        For Datasets without positions or with other instants.
+
+    Notes
+    -----
+    As :func:`cablepod.plots.shapes`, of which each frame is an instant; the first shape stays as a grey line.
+    """
+    runs = {"chain": chain} if reduced is None else {"chain": chain, "reduced": reduced}
+    positions = parts.positions(runs)
+    times = positions["chain"]["time"].values
+    count = min(schema.integer(least=1)("frames", frames), times.size)
+    pick = np.unique(np.linspace(0, times.size - 1, count).round().astype(int))
+    curves: list[tuple[np.ndarray, np.ndarray]] = []
+    for key, position in positions.items():
+        rows, values = parts.instants(key, position["time"].values, times[pick]), position.values
+        if deflection:
+            up = parts.deflection(key, values)[rows]
+            curves.append((np.broadcast_to(parts.sigma(key, runs[key]), up.shape), up))
+        else:
+            curves.append((values[rows, :, 0], values[rows, :, 1]))
+    ax = _own_axes() if ax is None else ax
+    ax.plot(curves[0][0][0], curves[0][1][0], color="0.6", linewidth=0.8, zorder=0, label=f"at {times[pick[0]]:g} s")
+    lines = []
+    for key, (across, up) in zip(runs, curves, strict=True):
+        style: dict[str, Any] = {"color": COLOURS[1], "linewidth": 1.5}
+        if key == "chain":
+            every = max(1, across.shape[1] // MOST_DOTS)
+            style = {
+                "color": COLOURS[0],
+                "linestyle": "none",
+                "marker": MARKERS[0],
+                "markersize": 4,
+                "markevery": every,
+            }
+        lines += ax.plot(across[0], up[0], label=parts.name(runs[key], key), **style)
+    if deflection:
+        ax.set(xlabel=SIGMA, ylabel="deflection normal to the chord [m]")
+    else:
+        ax.set(xlabel="x [m]", ylabel="y [m]")
+    for axis, which in (("x", 0), ("y", 1)):
+        low, high = (getattr(np, f)([getattr(c[which], f)() for c in curves]) for f in ("min", "max"))
+        margin = 0.05 * (high - low) or 0.5
+        getattr(ax, f"set_{axis}lim")(low - margin, high + margin)
+    clock = ax.text(0.02, 0.97, "", transform=ax.transAxes, va="top", family="monospace")
+    parts.finish(ax)
+
+    def show(i: int) -> None:
+        for line, (across, up) in zip(lines, curves, strict=True):
+            line.set_data(across[i], up[i])
+        clock.set_text(f"t = {times[pick[i]]:.4g} s")
+
+    show(0)
+    return Animation(ax, times[pick], show)
+
+
+def _own_axes() -> Axes:
+    """Axes of a figure that pyplot does not know, so that a notebook does not show it a second time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.5, 4.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure.subplots()

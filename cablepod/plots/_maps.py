@@ -1,0 +1,256 @@
+"""Figures of tables and maps: the stability matrix, and a quantity over two parameters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.parameters._schema import SceneError, refuse
+from cablepod.plots import _style as parts
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Look = tuple[str, str, str, str]
+#: Class or state -> letter, fill, hatch, text.  Light to dark in grey too, and never red against green.
+CLASSES: dict[str, Look] = {
+    "accurate": ("A", "#cfe6f5", "", "black"),
+    "inaccurate": ("I", "#f0c64f", "", "black"),
+    "refused": ("R", "#ffffff", "////", "black"),
+    "stopped": ("S", "#b5521b", "", "white"),
+    "broken": ("BROKEN", "#000000", "", "white"),
+    "another model": ("", "#ffffff", "", "#666666"),
+}
+STATES: dict[str, Look] = {
+    "met": ("A", "#cfe6f5", "", "black"),
+    "missed with a warning": ("W", "#f0c64f", "", "black"),
+    "missed": ("MISSED", "#000000", "", "white"),
+    "truth too coarse": ("?", "#f0c64f", "", "black"),
+    "no single truth": ("-", "#ffffff", "", "#666666"),
+    "not tried": ("", "#ffffff", "", "#666666"),
+}
+SHORT = {
+    "velocity_verlet": "velocity\nVerlet",
+    "generalized_alpha": "generalized\nalpha",
+    "energy_momentum": "energy-\nmomentum",
+    "rattle": "rigid links,\nRATTLE",
+    "index1": "rigid links,\nindex 1",
+}
+INITIAL = {"velocity_verlet": "V", "trapezoidal": "T", "generalized_alpha": "G", "energy_momentum": "E", "rattle": "R"}
+OF_CASES = ("outcome", "error", "energy_drift", "kept", "group", "chaotic")
+OF_TOLERANCES = ("tolerance_state", "tolerance_error", "tolerance_scheme")
+#: Height of a row, and of head and legend [inch].
+ROW, FRAME = 0.235, 1.45
+
+
+def parameter_map(
+    result: xr.Dataset, variable: str, *, x: str, y: str, contours: bool = True, ax: Axes | None = None
+) -> Axes:
+    """Draw a quantity over two parameters.
+
+    Parameters
+    ----------
+    result
+        With `variable` over the dimensions `x` and `y`, or over ``member`` with `x` and `y` along it, as the results of
+        ensembles have them.
+    variable
+        Name of a variable of numbers.
+    x, y
+        Names of the parameters, of numbers.
+    contours
+        Draw lines of equal value with numbers on them, where the parameters make a full grid.
+    ax
+        Axes to draw on.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones, with a bar of colours: a map where the members make a full grid of three by three or more, otherwise a
+        dot for each.  Crosses are members without a result.  Labels are the variables' long names and units.
+
+    Raises
+    ------
+    SceneError
+        For names that the Dataset does not have, or other dimensions.
+    """
+    across, up, values = _three(result, variable, x, y)
+    ax = parts.axes(ax)
+    label = _label(result, variable)
+    missing = ~np.isfinite(values)
+    columns, rows = np.unique(across), np.unique(up)
+    order = np.lexsort((across, up))
+    full = [np.tile(columns, rows.size), np.repeat(rows, columns.size)]
+    is_grid = across.size == columns.size * rows.size and min(columns.size, rows.size) > 2
+    if is_grid and np.array_equal(across[order], full[0]) and np.array_equal(up[order], full[1]):
+        table = np.ma.masked_invalid(values[order].reshape(rows.size, columns.size))
+        drawn: Any = ax.pcolormesh(columns, rows, table, cmap="cividis", shading="nearest", rasterized=True)
+        if contours and table.count() > 3 and table.max() > table.min():
+            middle = 0.5 * (float(table.max()) + float(table.min()))
+            # white on what is dark and black on what is light: numbers are read on any ground
+            lines = ax.contour(columns, rows, table, levels=6, linewidths=0.8)
+            lines.set_edgecolor(["white" if level < middle else "black" for level in lines.levels])
+            ax.clabel(lines, fontsize=8, colors=["white" if level < middle else "black" for level in lines.levels])
+    else:
+        drawn = ax.scatter(across[~missing], up[~missing], c=values[~missing], cmap="cividis", edgecolors="0.4", s=36)
+    ax.figure.colorbar(drawn, ax=ax, label=label)
+    if missing.any():
+        ax.plot(across[missing], up[missing], "x", color=parts.COLOURS[1], markersize=6)
+        ax.set_title("crosses: no result", fontsize="medium")
+    ax.set(xlabel=_label(result, x), ylabel=_label(result, y))
+    return ax
+
+
+def stability(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
+    """Draw the matrix of the stability report: cases down, schemes across, classes as colours and letters.
+
+    Parameters
+    ----------
+    result
+        What ``pipelines/stability/run.py`` writes: over (case, scheme) the class ``outcome``, ``error``, ``energy_drift`` and
+        ``kept`` [1]; over (case, wanted_error) what came of a tolerance; the names of classes and states as attributes.
+    ax
+        Axes to draw on; about a quarter of an inch of height for each case keeps the texts apart.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones of fitting size; the legend below says what letters and numbers mean.
+
+    Raises
+    ------
+    SceneError
+        For another Dataset.
+    """
+    for name in (*OF_CASES, *OF_TOLERANCES):
+        if not isinstance(result, xr.Dataset) or name not in result:
+            raise SceneError(
+                f"result: given a {type(result).__name__} without {name}; allowed: what pipelines/stability/run.py writes"
+            )
+    headings, rows = _places(result)
+    bottom = float(rows[-1]) + 1.0
+    ax = parts.axes(ax, size=(12.5, stability_height(result)))
+    _frame(ax, result, headings, rows, bottom)
+    classes, states = result.attrs["classes"].split(", "), result.attrs["states"].split(", ")
+    schemes = result.sizes["scheme"]
+    for i, y in enumerate(rows):
+        for j in range(schemes):
+            look = CLASSES[classes[int(result["outcome"].values[i, j])]]
+            _cell(ax, j, y, look, _scheme_text(result, i, j, look[0]))
+        for j in range(result.sizes["wanted_error"]):
+            look = STATES[states[int(result["tolerance_state"].values[i, j])]]
+            _cell(ax, schemes + 0.25 + j, y, look, _tolerance_text(result, i, j, look[0]))
+    return ax
+
+
+def stability_height(result: xr.Dataset) -> float:
+    """Return the height that suits the stability matrix [inch]."""
+    return (float(_places(result)[1][-1]) + 1.0) * ROW + FRAME
+
+
+def _three(result: xr.Dataset, variable: str, x: str, y: str) -> tuple[np.ndarray, ...]:
+    """Take two parameters and a quantity, as three lists of numbers."""
+    if not isinstance(result, xr.Dataset):
+        raise refuse("result", type(result).__name__, "a Dataset")
+    numbers = [str(name) for name, item in result.variables.items() if item.dtype.kind in "iuf"]
+    for key, name in (("variable", variable), ("x", x), ("y", y)):
+        if name not in numbers:
+            raise refuse(key, name, "a variable of numbers: " + ", ".join(numbers))
+    array = result[variable]
+    if x != y and set(array.dims) == {x, y} and array.size:
+        array = array.transpose(y, x)
+        across, up = np.meshgrid(result[x].values, result[y].values)
+        return across.ravel(), up.ravel(), array.values.ravel().astype(float)
+    if not (array.dims == result[x].dims == result[y].dims == ("member",)) or not array.size:
+        raise SceneError(
+            f"variable: given {variable} {dict(array.sizes)}, {x} {dict(result[x].sizes)}, {y} {dict(result[y].sizes)}; "
+            "allowed: one number for each pair of x and y, or all three along member"
+        )
+    return result[x].values, result[y].values, array.values.astype(float)
+
+
+def _label(result: xr.Dataset, name: str) -> str:
+    attrs = result[name].attrs
+    return f"{attrs.get('long_name', name.replace('_', ' '))} [{attrs.get('units', '1')}]"
+
+
+def _number(value: float) -> str:
+    """Write a number with one digit as short as can be."""
+    mantissa, exponent = f"{value:.0e}".split("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def _places(result: xr.Dataset) -> tuple[list[tuple[float, str]], np.ndarray]:
+    """Return heights and texts of the headings of the groups, and heights of the rows."""
+    headings, rows, height, last = [], [], 0.0, ""
+    for group in result["group"].values:
+        if group != last:
+            headings.append((height, str(group)))
+            height, last = height + 0.8, group
+        rows.append(height)
+        height += 1.0
+    return headings, np.array(rows)
+
+
+def _cell(ax: Axes, x: float, y: float, look: Look, text: str) -> None:
+    """Draw one cell, its top left corner at (x, y)."""
+    from matplotlib.patches import Rectangle
+
+    _, fill, hatch, colour = look
+    frame: dict[str, Any] = {"facecolor": fill, "edgecolor": "#999999", "hatch": hatch, "linewidth": 0.4}
+    ax.add_patch(Rectangle((x + 0.02, y + 0.04), 0.96, 0.92, **frame))
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.8} if hatch else None
+    ax.text(x + 0.5, y + 0.52, text, ha="center", va="center", fontsize=7.5, color=colour, bbox=box)
+
+
+def _scheme_text(result: xr.Dataset, i: int, j: int, letter: str) -> str:
+    """Letter, error, drift of the energy, or what part was computed before a run was stopped."""
+    error, drift = (float(result[key].values[i, j]) for key in ("error", "energy_drift"))
+    if letter == "S":
+        return f"S  at {100 * float(result['kept'].values[i, j]):.0f} %"
+    text = letter if np.isnan(error) else f"{letter}  {_number(error)}"
+    return text if np.isnan(drift) else f"{text}  ΔE {_number(drift)}"
+
+
+def _tolerance_text(result: xr.Dataset, i: int, j: int, letter: str) -> str:
+    """Letter, error, and the initial of the scheme that was picked."""
+    error, scheme = float(result["tolerance_error"].values[i, j]), int(result["tolerance_scheme"].values[i, j])
+    if np.isnan(error):
+        return letter
+    return f"{letter}  {_number(error)}  {INITIAL[str(result['scheme'].values[scheme])]}"
+
+
+def _frame(ax: Axes, result: xr.Dataset, headings: list[tuple[float, str]], rows: np.ndarray, bottom: float) -> None:
+    """Prepare the axes of the matrix: headings, names, legend."""
+    from matplotlib.patches import Patch
+
+    schemes, tolerances = list(result["scheme"].values), list(result["wanted_error"].values)
+    width = len(schemes) + 0.25 + len(tolerances)
+    ax.set(xlim=(0, width), ylim=(bottom, 0))
+    for height, name in headings:
+        ax.text(-0.05, height + 0.5, name, ha="right", va="center", fontsize=9, fontweight="bold")
+        ax.plot([0, width], [height + 0.72] * 2, color="#cccccc", linewidth=0.6)
+    marks = result["chaotic"].values
+    names = [f"{name}{' *' if mark else ''}" for name, mark in zip(result["case"].values, marks, strict=True)]
+    ax.set_yticks(rows + 0.5, names, fontsize=8)
+    centres = [*(np.arange(len(schemes)) + 0.5), *(len(schemes) + 0.75 + np.arange(len(tolerances)))]
+    texts = [SHORT.get(name, name) for name in schemes] + [f"tolerance\n{_number(value)}" for value in tolerances]
+    ax.set_xticks(centres, texts, fontsize=8.5)
+    ax.xaxis.tick_top()
+    ax.tick_params(length=0)
+    for side in ax.spines.values():
+        side.set_visible(False)
+    patches = [
+        Patch(facecolor=fill, hatch=hatch, edgecolor="#999999", label=f"{letter[0]}  {name}")
+        for name, (letter, fill, hatch, _) in CLASSES.items()
+        if letter
+    ]
+    said = (
+        "number: error over the motion (accurate: up to 1 %);  ΔE: energy drift over kinetic and strain energy;  S at: part "
+        "computed and kept\n* chaotic: judged by statistics, as the long runs are;  right: error with that tolerance (A met, "
+        "W missed with a warning,\n- no single truth) by velocity Verlet (V) or the trapezoidal rule (T), as it picks; of rigid "
+        "links by RATTLE (R);\nrigid links in scenes of elastic ones: distance of the models"
+    )
+    ax.legend(handles=patches, ncols=5, loc="upper center", bbox_to_anchor=(0.42, 0.0), fontsize=8.5, frameon=False, title=said,
+              title_fontsize=8, alignment="left")  # fmt: skip

@@ -1,0 +1,116 @@
+"""Figures of modes and of what is expanded in them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from cablepod.parameters import _schema as schema
+from cablepod.plots import _style as parts
+from cablepod.plots._style import MARKS, MODES, SIGMA
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def modes(modes: xr.Dataset, *, count: int = 3, ax: Axes | None = None) -> Axes:
+    """Draw mode shapes against S / L0 (figure 5 of the paper).
+
+    Parameters
+    ----------
+    modes
+        What ``pod.decompose`` gives, of any layout.
+    count
+        How many modes, from the first; fewer where there are fewer.
+    ax
+        Axes to draw on.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones: a colour and marker for each mode, a line style for each coordinate
+        (solid x, dashed y, dotted z).
+
+    Raises
+    ------
+    SceneError
+        For a Dataset without modes.
+    """
+    shape = parts.take("modes", modes, "mode_shape", ("particle", "mode"), MODES, more=1)
+    ax = _by_mode(ax, parts.sigma("modes", modes), shape, count)
+    ax.set(xlabel=SIGMA, ylabel="mode shape, of unit norm [1]")
+    return parts.finish(ax)
+
+
+def singular_values(modes: xr.Dataset, *, ax: Axes | None = None) -> Axes:
+    """Draw the singular values [m] over the number of the mode, on a logarithmic axis.
+
+    Parameters
+    ----------
+    modes
+        What ``pod.decompose`` gives, of any layout.
+    ax
+        Axes to draw on.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones: a curve for each coordinate where modes are separate.  Values of zero are left out.
+
+    Raises
+    ------
+    SceneError
+        For a Dataset without singular values.
+    """
+    values = parts.take("modes", modes, "singular_value", ("mode",), MODES, more=1)
+    ax = parts.axes(ax)
+    for i, (name, part) in enumerate(parts.sets(values, 1)):
+        parts.log(
+            ax, parts.numbers(values), part, name or "all modes", parts.style(i, i, MARKS)
+        )  # every mode is marked
+    ax.locator_params(axis="x", integer=True, min_n_ticks=1)
+    ax.set(xlabel="number of the mode [1]", ylabel="singular value [m]", yscale="log")
+    return parts.finish(ax)
+
+
+def amplitudes(run: xr.Dataset, *, count: int = 3, ax: Axes | None = None) -> Axes:
+    """Draw the amplitudes of the first modes [m] over time.
+
+    Parameters
+    ----------
+    run
+        What a reduced model or ``pod.project`` gives.
+    count
+        How many modes, from the first; fewer where there are fewer.
+    ax
+        Axes to draw on.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones: a colour and marker for each mode, a line style for each coordinate where modes are separate.
+
+    Raises
+    ------
+    SceneError
+        For a Dataset without amplitudes.
+    """
+    amplitude = parts.take(
+        "run", run, "amplitude", ("time", "mode"), "what a reduced model or pod.project gives", more=1
+    )
+    ax = _by_mode(ax, amplitude["time"].values, amplitude, count)
+    ax.set(xlabel="time [s]", ylabel="amplitude [m]")
+    return parts.finish(ax)
+
+
+def _by_mode(ax: Axes | None, across: np.ndarray, array: xr.DataArray, count: int) -> Axes:
+    """Draw the first `count` modes of each set of an array (..., points, mode)."""
+    schema.integer(least=1)("count", count)
+    ax = parts.axes(ax)
+    for j, (name, part) in enumerate(parts.sets(array, 2)):
+        for i, number in enumerate(parts.numbers(array)[:count]):
+            label = f"{name}, mode {number}" if name else f"mode {number}"
+            ax.plot(across, part[:, i], label=label, **parts.style(i, j, across.size))
+    return ax

@@ -1,0 +1,156 @@
+"""Figures of errors: over time, and against run time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+
+from cablepod.parameters._schema import SceneError, refuse
+from cablepod.plots import _style as parts
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: Model and scheme -> marker, colour, label; markers and darkness tell them apart in grey too.
+MODELS = {
+    ("chain", "velocity_verlet"): ("s", "#003a5c", "chain, explicit"),
+    ("chain", "trapezoidal"): ("o", "#0072B2", "chain, implicit"),
+    ("cable", "velocity_verlet"): ("D", "#2a7f8f", "cable, explicit"),
+    ("cable", "trapezoidal"): ("d", "#56B4E9", "cable, implicit"),
+    ("Galerkin", "velocity_verlet"): ("v", "#CC79A7", "Galerkin"),
+    ("condensed", "velocity_verlet"): ("^", "#D55E00", "condensed, explicit"),
+    ("condensed", "trapezoidal"): ("<", "#E69F00", "condensed, implicit"),
+    ("trained", "velocity_verlet"): ("P", "#009E73", "condensed, trained, explicit"),
+    ("trained", "trapezoidal"): ("*", "#4cb89a", "condensed, trained, implicit"),
+    ("catenary", ""): ("x", "black", "catenaries, splines between"),
+}
+#: Family -> line style, colour, label of its front.
+FRONTS = {
+    "full": ("-", "#003a5c", "front, full"),
+    "reduced": ("--", "#a33c00", "front, reduced"),
+    "trained": ("-.", "#00664a", "front, trained"),
+    "quasi-static": (":", "black", "front, catenaries"),
+}
+OF_SETTINGS = ("error_max", "model", "scheme", "family", "measured_again", "on_front")
+
+
+def error_over_time(comparisons: Mapping[str, xr.Dataset], *, ax: Axes | None = None) -> Axes:
+    """Draw errors over time in per cent of the truth's largest displacement, on a logarithmic axis.
+
+    Parameters
+    ----------
+    comparisons
+        Label of a curve -> what ``compare.errors`` gives.
+    ax
+        Axes to draw on.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones.  Errors of zero, which a logarithmic axis cannot show, are left out.
+
+    Raises
+    ------
+    SceneError
+        For anything but comparisons, or none.
+    """
+    if isinstance(comparisons, xr.Dataset) or not isinstance(comparisons, Mapping) or not comparisons:
+        raise refuse(
+            "comparisons", type(comparisons).__name__, "a mapping, not empty, from labels to what compare.errors gives"
+        )
+    allowed = "what compare.errors gives"
+    errors = {str(key): parts.take(str(key), item, "error", ("time",), allowed) for key, item in comparisons.items()}
+    ax = parts.axes(ax)
+    for i, (name, error) in enumerate(errors.items()):
+        parts.log(ax, error["time"].values, 100.0 * error.values, name, parts.style(i, i, error.size))
+    ax.set(xlabel="time [s]", ylabel="rms error / largest displacement [%]", yscale="log")
+    return parts.finish(ax)
+
+
+def error_against_run_time(
+    result: xr.Dataset, *, scene: str | None = None, time: str = "kernel_time", ax: Axes | None = None
+) -> Axes:
+    """Draw the largest error of every setting of every model over its run time, and the fronts.
+
+    Parameters
+    ----------
+    result
+        What ``pipelines/error_vs_runtime/run.py`` writes: over (scene, setting) ``error_max`` [1], ``kernel_time`` and
+        ``call_time`` [s], ``on_front`` and ``measured_again``; over setting ``model``, ``scheme`` and ``family``; over
+        (scene, level) ``time_ratio`` and ``call_ratio``.
+    scene
+        Name of a scene in it; may be left out where there is one only.
+    time
+        "kernel_time", what is computed between first and last state, or "call_time", the whole call.
+    ax
+        Axes to draw on.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones, both axes logarithmic: a marker for each setting, small and pale where it was looked at once; lines
+        are fronts, which nothing else of the family beats in both time and error (a staircase: nothing is interpolated).  At
+        the right of each level of error: time of the best full model over that of the best reduced one.  Errors of 1 and more
+        are left out.  Fronts are those of kernel times and are drawn with these only.
+
+    Raises
+    ------
+    SceneError
+        For another Dataset, a scene that it does not have, another name of a time.
+    """
+    times = ("kernel_time", "call_time")
+    if time not in times:
+        raise refuse("time", time, "one of " + ", ".join(f'"{name}"' for name in times))
+    of = _of_scene(result, scene, (*OF_SETTINGS, time))
+    milliseconds, error = 1e3 * of[time].values, of["error_max"].values
+    ax = parts.axes(ax)
+    again = of["measured_again"].values == 1
+    for (model, scheme), (marker, colour, text) in MODELS.items():
+        rows = (of["model"].values == model) & (of["scheme"].values == scheme) & (error < 1.0)
+        if not rows.any():
+            continue
+        once, often = rows & ~again, rows & again
+        ax.plot(milliseconds[once], error[once], marker, color=colour, ms=2, alpha=0.25, mew=0.5)
+        ax.plot(milliseconds[often], error[often], marker, color=colour, ms=4.5, alpha=0.9, mew=1, label=text)
+    if time == "kernel_time":
+        _fronts(ax, of, milliseconds, error)
+    ratio = "time_ratio" if time == "kernel_time" else "call_ratio"
+    for level in of["level"].values if ratio in of else ():
+        ax.axhline(level, color="0.6", lw=0.6, zorder=0)
+        value = float(of[ratio].sel(level=level))
+        if np.isfinite(value):
+            text = f"× {value:.0f}" if value >= 10.0 else f"× {value:.1f}"
+            ax.annotate(text, (0.98, level), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=9)
+    name = "kernel time for the run [ms]" if time == "kernel_time" else "time of the call [ms]"
+    ax.set(xscale="log", yscale="log", xlabel=name, ylabel="largest error over the run [1]")
+    shown = error[(error > 0.0) & (error < 1.0)]
+    ax.set_ylim(0.3 * shown.min() if shown.size else None, 1.0)
+    return parts.finish(ax)
+
+
+def _of_scene(result: xr.Dataset, scene: str | None, needed: tuple[str, ...]) -> xr.Dataset:
+    allowed = "what pipelines/error_vs_runtime/run.py writes"
+    for name in needed:
+        if not isinstance(result, xr.Dataset) or name not in result.variables:
+            raise SceneError(f"result: given a {type(result).__name__} without {name}; allowed: {allowed}")
+    if "scene" not in result.dims:
+        return result
+    names = [str(name) for name in result["scene"].values]
+    if scene is None and len(names) == 1:
+        return result.isel(scene=0)
+    if scene not in names:
+        raise refuse("scene", scene, "one of " + ", ".join(f'"{name}"' for name in names))
+    return result.isel(scene=names.index(str(scene)))
+
+
+def _fronts(ax: Axes, of: xr.Dataset, milliseconds: np.ndarray, error: np.ndarray) -> None:
+    for family, (line, colour, text) in FRONTS.items():
+        rows = np.flatnonzero((of["on_front"].values == 1) & (of["family"].values == family) & (error < 1.0))
+        rows = rows[np.argsort(milliseconds[rows])]
+        # a front is a staircase: between two settings the error is that of the faster one
+        label = text if rows.size else None
+        x, y = milliseconds[rows], error[rows]
+        ax.plot(x, y, line, color=colour, lw=1.5, drawstyle="steps-post", label=label, zorder=1)

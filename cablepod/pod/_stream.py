@@ -1,0 +1,351 @@
+"""Modes as a labelled Dataset, and a stream of snapshots that becomes one."""
+
+from __future__ import annotations
+
+import copy
+from contextlib import nullcontext
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import provenance
+from cablepod.batch import _sigint as interrupts
+from cablepod.batch._blas import one_blas_thread
+from cablepod.conventions import label
+from cablepod.discretisation import _similarity as training
+from cablepod.discretisation._chord_frame import Frame
+from cablepod.parameters import _schema as schema
+from cablepod.parameters._schema import SceneError, refuse
+from cablepod.pod import _decompositions as decompositions
+from cablepod.pod import _normal as pod_normal
+from cablepod.pod import _snapshots as reading
+from cablepod.pod._incremental import COMPLETE, Accumulator
+from cablepod.pod._snapshots import relative_arc_length
+
+LAYOUTS = ("separate", "vector", "normal")
+METHODS = tuple(decompositions.ROUTES)
+WEIGHTS = (None, "length", "mass")
+#: Snapshots in chunks from which on two threads count them; the number is the same on every machine, and so are the bits.
+SHARED = 20_000
+
+
+def check_options(layout: str, method: str, weights: str | None, rank: int | None, energy: float | None) -> None:
+    """Refuse options of a decomposition that cannot be."""
+    for key, value, allowed in (
+        ("layout", layout, LAYOUTS),
+        ("method", method, METHODS),
+        ("weights", weights, WEIGHTS),
+    ):
+        if value not in allowed:
+            raise refuse(key, value, "one of " + ", ".join(repr(item) for item in allowed))
+    if rank is not None and energy is not None:
+        raise refuse("rank and energy", (rank, energy), "one of them")
+
+
+def labelled(
+    fields: list[np.ndarray],
+    values: np.ndarray,
+    unsure: np.ndarray,
+    lost: np.ndarray,
+    mean: np.ndarray,
+    samples: int,
+    *,
+    choice: tuple[int | None, float | None],
+    options: dict[str, Any],
+    algorithm: str,
+    like: xr.Dataset,
+    inputs: list[xr.Dataset],
+    function: str = "pod.decompose",
+    trained: np.ndarray | None = None,
+) -> xr.Dataset:
+    """Label modes (mode, inner particle, dims) of each matrix, their singular values (matrix, mode) and what was `lost` [m]."""
+    # squares of any size of snapshots stay within the range
+    unit = np.exp2(np.frexp(np.maximum(values.max(axis=1), lost))[1].astype(float))[:, None]
+    squares, outside = (values / unit) ** 2, (lost[:, None] / unit) ** 2
+    kept = _count(squares, outside, choice[0], choice[1], samples - bool(options["center"]))
+    layout = options["layout"]
+    shapes = [np.pad(_fix_sign(field[:kept]), ((0, 0), (1, 1), (0, 0))) for field in fields]
+
+    def share(part: np.ndarray, rest: np.ndarray | float = 0.0) -> np.ndarray:
+        total = part.sum(axis=1, keepdims=True) + rest
+        return np.divide(part, total, out=np.zeros_like(part), where=total > 0)
+
+    total = squares.sum(axis=1, keepdims=True) + outside
+    left_out = squares[:, kept:].sum(axis=1, keepdims=True) + outside
+    truncation = np.sqrt(np.divide(left_out, total, out=np.zeros_like(total), where=total > 0))[:, 0]
+    angle = decompositions.mode_angles(values, unsure)
+    arc_length = reading.arc_length(like)
+    with np.errstate(over="ignore", under="ignore"):
+        proper = values**2 / samples
+    tables = {
+        "singular_value": values,
+        "singular_value_uncertainty": unsure,
+        "mode_uncertainty": angle,
+        "proper_orthogonal_value": proper,
+        "energy_share": share(squares, outside),
+        "singular_value_share": share(values / unit),
+    }
+    shape = shapes[0][None] if layout == "vector" else np.stack([item[:, :, 0] for item in shapes])
+    shape_dims = ("mode", "particle", "coordinate") if layout == "vector" else ("mode", "particle")
+    variables: dict[str, Any] = {}
+    # separate modes stand along a dimension, modes in and out of the plane under names of their own
+    lead = ("coordinate",) if layout == "separate" else ()
+    for number, suffix in enumerate(pod_normal.SETS[: len(values)] if layout == "normal" else ("",)):
+        pick = slice(None) if lead else number
+        variables[f"mode_shape{suffix}"] = ((*lead, *shape_dims), shape[pick])
+        variables |= {f"{name}{suffix}": ((*lead, "mode"), table[:, :kept][pick]) for name, table in tables.items()}
+        variables[f"truncation_error{suffix}"] = (lead, truncation[pick])
+    if layout != "normal":
+        variables["mean"] = (("particle", "coordinate"), mean)
+    variables["unstretched_length"] = ((), arc_length[-1])
+    result = xr.Dataset(
+        variables,
+        coords={
+            "mode": np.arange(1, kept + 1),
+            "coordinate": like["coordinate"].values,
+            "arc_length": ("particle", arc_length),
+        },
+    )
+    label(training.gather(result, trained))
+    result.attrs.update(
+        title=f"{like.attrs.get('title', 'snapshots')}: Karhunen-Loeve modes",
+        stage="modes",
+        layout=layout,
+        method=options["method"],
+        algorithm=algorithm,
+        weights=str(options["weights"]),
+        number_of_snapshots=samples,
+    )
+    parameters: dict[str, Any] = {"rank": kept, **options, "snapshots": samples}
+    return provenance.record(result, function=function, parameters=parameters, inputs=inputs)
+
+
+class Stream:
+    """Karhunen-Loeve modes of snapshots that need not be kept: fed piece by piece, merged, asked at any time.
+
+    What is held is a few arrays of the size of the modes, whatever the number of snapshots; it can be pickled.  Workers may
+    each own one and merge them at the end.  The modes are those that :func:`cablepod.pod.decompose` gives of all snapshots
+    together, but for rounding, in whatever order they came; :mod:`cablepod.pod._incremental` says how.
+
+    Parameters
+    ----------
+    layout, weights, center
+        As in :func:`cablepod.pod.decompose`.
+    """
+
+    def __init__(self, *, layout: str = "separate", weights: str | None = None, center: bool = True) -> None:
+        check_options(layout, "svd", weights, None, None)
+        self.layout, self.weights, self.center = layout, weights, bool(center) and layout != "normal"
+        self.samples = 0
+        self._reference: int | None = None  # of the first chord, for layout "normal"
+        self._sums: list[Accumulator] = []
+        self._like: xr.Dataset | None = None
+        self._inputs: dict[str, xr.Dataset] = {}
+        self._trained: np.ndarray | None = None  # range of the training scenes
+
+    def update(self, snapshots: xr.Dataset) -> Stream:
+        """Count a trajectory or several, in memory or in chunks, and return the stream.
+
+        Parameters
+        ----------
+        snapshots
+            As in :func:`cablepod.pod.decompose`; the same particles (S / L0) and coordinates each time.
+
+        Raises
+        ------
+        SceneError
+            For other particles than before, and positions that are missing or not finite; the stream is then as it was
+            before.
+        """
+        with interrupts.between_tasks(snapshots):
+            return self._updated(snapshots)
+
+    def _updated(self, snapshots: xr.Dataset) -> Stream:
+        position = reading.position_of(snapshots)
+        sigma = relative_arc_length(snapshots)
+        dims, width = position.sizes["coordinate"], sigma.size - 2
+        features = {"separate": [width] * dims, "vector": [dims * width], "normal": [width] * (dims - 1)}[self.layout]
+        if self._like is not None:
+            self._agrees(snapshots)
+        # copies, so that a fault in the midst of many blocks leaves the stream as it was
+        sums = copy.deepcopy(self._sums) or [Accumulator(size, center=self.center) for size in features]
+        root = None if self.weights is None else reading.weight_roots(sigma, self.weights)
+        samples, reference = reading.count(position), self._reference
+        small = max(features, default=0) <= COMPLETE
+        # with small matrices BLAS has one thread, so that what comes from files is shared out between two, and their sums merged
+        shared = [sums]
+        if small and reading.is_lazy(position) and samples >= SHARED:
+            shared.append([Accumulator(size, center=self.center) for size in features])
+        try:
+            with one_blas_thread() if small else nullcontext():
+                for block in reading.blocks(position):
+                    if reference is None and self.layout == "normal" and len(block):
+                        reference = Frame.of(block[:1, -1] - block[:1, 0]).reference
+                    _share_out(shared, block, (sigma, root, self.layout, reference))
+                for part in shared[1:]:
+                    for mine, others in zip(sums, part, strict=True):
+                        mine.merge(others)
+        except FloatingPointError:
+            where = reading.broken_member(position)
+            raise SceneError(f"snapshots: position is not finite everywhere{where}; allowed: finite numbers") from None
+        self._sums, self._reference = sums, reference
+        self._trained = training.joined(self._trained, training.range_of(snapshots))
+        return self._noted(samples, snapshots, [snapshots])
+
+    def merge(self, other: Stream) -> Stream:
+        """Count all that `other` has counted, which stays as it is, and return the stream.
+
+        Parameters
+        ----------
+        other
+            A stream of the same options, particles and coordinates.
+
+        Raises
+        ------
+        SceneError
+            Where they differ.
+        """
+        own, its = ((item.layout, item.weights, item.center) for item in (self, other))
+        if own != its:
+            raise refuse("other", its, f"a stream of the same layout, weights and center, {own}")
+        if other._like is None:
+            return self
+        if self._like is not None:
+            self._agrees(other._like)
+        references = {item for item in (self._reference, other._reference) if item is not None}
+        if len(references) > 1:
+            raise SceneError(
+                "other: its first chord is so steep that another axis tells deflection in the plane from deflection out of it; "
+                "allowed: streams that began with chords alike"
+            )
+        sums = copy.deepcopy(self._sums) or [Accumulator(item.features, center=self.center) for item in other._sums]
+        with one_blas_thread():
+            for mine, others in zip(sums, other._sums, strict=True):
+                mine.merge(others)
+        self._sums, self._reference = sums, next(iter(references), None)
+        self._trained = training.joined(self._trained, other._trained)
+        return self._noted(other.samples, other._like, list(other._inputs.values()))
+
+    def modes(
+        self, *, rank: int | None = None, energy: float | None = None, function: str = "pod.Stream.modes"
+    ) -> xr.Dataset:
+        """Return the modes of all snapshots so far; the stream may be fed further.
+
+        Parameters
+        ----------
+        rank, energy
+            As in :func:`cablepod.pod.decompose`.
+        function
+            The name that goes into the history.
+        """
+        check_options(self.layout, "svd", self.weights, rank, energy)
+        if self._like is None or self.samples == 0:
+            raise SceneError("snapshots: given none; allowed: at least two instants")
+        sigma = relative_arc_length(self._like)
+        root = reading.weight_roots(sigma, self.weights)
+        width = sigma.size - 2
+        # all coordinates have as many modes as the one that has most
+        most = max(item.axes.shape[1] for item in self._sums)
+        with one_blas_thread() if most <= COMPLETE else nullcontext():
+            found = [item.decomposed(most) for item in self._sums]
+        count = min(self.samples, most)
+        values = np.stack([item.values[:count] for item in found])
+        lost = np.array([item.lost for item in found])
+        shape = (self._sums[0].features, self.samples)
+        unsure = np.stack(
+            [decompositions.uncertainty(v, shape, "blocks", lost=x) for v, x in zip(values, lost, strict=True)]
+        )
+        # the stream has its features coordinate by coordinate
+        fields = [item.left[:, :count].T.reshape(count, -1, width).transpose(0, 2, 1) / root[:, None] for item in found]
+        mean = np.stack([item.mean().reshape(-1, width) for item in self._sums]).reshape(-1, width).T / root[:, None]
+        return labelled(
+            fields,
+            values,
+            unsure,
+            lost,
+            np.pad(mean, ((1, 1), (0, 0))),
+            self.samples,
+            choice=(rank, energy),
+            options={"layout": self.layout, "method": "svd", "weights": self.weights, "center": self.center},
+            algorithm=decompositions.ALGORITHMS["blocks"],
+            like=self._like,
+            inputs=list(self._inputs.values()),
+            function=function,
+            trained=self._trained,
+        )
+
+    def _agrees(self, snapshots: xr.Dataset) -> None:
+        assert self._like is not None
+        own, its = relative_arc_length(self._like), relative_arc_length(snapshots)
+        same = own.shape == its.shape and np.abs(own - its).max() <= 1e-9
+        coordinates = snapshots["coordinate"].values.tolist()
+        if not same or coordinates != self._like["coordinate"].values.tolist():
+            members = f" in members {np.ravel(snapshots['member'])[:5].tolist()}" if "member" in snapshots else ""
+            raise SceneError(
+                f"snapshots: given {its.size} particles{members} and coordinates {coordinates}; allowed: "
+                f"the {own.size} particles, at the same S / L0, and the coordinates of those before"
+            )
+
+    def _noted(self, samples: int, like: xr.Dataset, inputs: list[xr.Dataset]) -> Stream:
+        """Note how many snapshots came, and whence."""
+        if self._like is None:
+            self._like = like[["arc_length", "coordinate"]].load().copy(deep=True)
+            self._like.attrs = dict(like.attrs)
+        self.samples += samples
+        for origin in inputs:
+            stub = xr.Dataset(attrs={key: origin.attrs[key] for key in ("id", "history_json") if key in origin.attrs})
+            self._inputs.setdefault(str(origin.attrs.get("id", "unknown")), stub)
+        return self
+
+
+def _share_out(shared: list[list[Accumulator]], block: np.ndarray, how: tuple[Any, ...]) -> None:
+    """Let a thread for each of the `shared` sums add its part of a block."""
+    if len(shared) == 1:
+        _count_in(shared[0], block, how)
+        return
+    parts = list(zip(shared, np.array_split(block, len(shared)), strict=True))
+    interrupts.over(lambda part: _count_in(part[0], part[1], how), parts, len(shared))
+
+
+def _count_in(sums: list[Accumulator], block: np.ndarray, how: tuple[Any, ...]) -> None:
+    """Add a block (samples, particle, coordinate) to sums, in rows as :func:`cablepod.pod._snapshots.rows` makes them `how`."""
+    if sums[0].count == 0 and len(block):
+        # snapshots from all over the block, a few for each feature: they know of motions that come late
+        some = block[:: max(1, len(block) // (4 * min(sums[0].features, COMPLETE)))]
+        for part in reading.rows(some[: 8 * COMPLETE], *how):
+            for own, rows in zip(sums, part, strict=True):
+                own.prepare(rows)
+    noise = decompositions.EPSILON * float(np.abs(block[:, (0, -1)]).max(initial=0.0))
+    for part in reading.rows(block, *how):
+        for own, rows in zip(sums, part, strict=True):
+            own.add(rows, noise=noise)
+
+
+def _count(squares: np.ndarray, outside: np.ndarray, rank: int | None, energy: float | None, most: int) -> int:
+    most = min(squares.shape[1], most)
+    if most < 1:
+        raise SceneError("snapshots: given one instant; allowed: at least two, because the time mean is taken off")
+    if rank is not None:
+        schema.integer(least=1)("rank", rank)
+        if rank > most:
+            raise refuse("rank", rank, f"at most {most}, as many as particles and snapshots give")
+        return int(rank)
+    if energy is None:
+        return most
+    schema.number(above=0.0, most=1.0)("energy", energy)
+    needed = 1
+    for own, rest in zip(squares, outside[:, 0], strict=True):
+        if own.sum() > 0.0:
+            gathered = np.cumsum(own) / (own.sum() + rest)
+            needed = max(needed, int(np.searchsorted(gathered, energy * (1.0 - 1e-15))) + 1)
+    return min(needed, most)
+
+
+def _fix_sign(field: np.ndarray) -> np.ndarray:
+    """Turn each mode (modes, particles, dims) so that its first entry of at least half the largest size is positive."""
+    flat = field.reshape(len(field), -1)
+    size = np.abs(flat)
+    first = np.argmax(size >= 0.5 * size.max(axis=1, keepdims=True), axis=1)
+    sign = np.where(flat[np.arange(len(flat)), first] < 0.0, -1.0, 1.0)
+    return field * sign[:, None, None]

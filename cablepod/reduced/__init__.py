@@ -1,0 +1,4 @@
+"""Range of validity of the reduced models.
+
+.. include:: README.md
+"""

@@ -1,0 +1,279 @@
+"""Where chains of rigid links start, and which starts and motions of the ends rigid links cannot follow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from cablepod.discretisation._chain import Chain, square
+from cablepod.parameters._parameters import Parameters, load_plane, solve_statics
+from cablepod.parameters._schema import SceneError, refuse
+
+#: Relative length error that a start may have: decimals of points in a file.  It is then put right to rounding.
+LENGTH_TOLERANCE = 1e-9
+#: Ends nearer to the full length than this, relatively, leave the multipliers hardly a digit.
+STRAIGHT = 1e-12
+#: A line between two held ends may be shorter than the chain by this part of it: chords cut the corners of a bent line.
+SHORTER = 1e-2
+#: Instants in the shortest time over which motions change, at which the distance of the ends is looked at, and in all.
+LOOKS_PER_CHANGE, LEAST_LOOKS = 32, 1000
+_BLOCK = 65536
+
+
+# --- rest -----------------------------------------------------------------------------------------------------------
+
+
+def rest_shape(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (n + 1, dims) [m] and tensions (n,) [N] of rigid links at rest between the ends of the scene.
+
+    The elastic chain without its elasticity: the force in the first link determines all others, and with them the directions.
+    """
+    from cablepod.chain import _kernels_explicit as kernel  # numba is imported only to compute
+
+    p, total = chain.p, chain.total_length
+    ends = p.end_positions(np.zeros(1))[0]
+    chord = ends[1] - ends[0]
+    _check_chord(chain, chord)
+    loads = chain.loads(0.0)[1:-1]
+    _, _, _, q, across, against = load_plane(p)
+    # as stiff as it takes to be a guess of the rigid one
+    solution = solve_statics(replace(p, stiffness=max(p.stiffness, 1e7 * q * total)), "unstretched_length", total)
+    force = solution[2] * across + (solution[3] - 0.5 * q * (total - chain.length[0])) * against
+    if not np.isfinite(force).all() or not force.any():
+        force = chord / np.linalg.norm(chord) * max(float(np.abs(loads).sum()), 1e-300)
+    gap = kernel.equilibrium(chord, loads, chain.length, np.inf, False, force)
+    forces = force - np.concatenate([np.zeros((1, p.dims)), np.cumsum(loads, axis=0)])
+    tension = np.sqrt(square(forces))
+    if not gap <= 1e-11 * total or not tension.min() > 0.0:
+        left = f" (a gap of {gap:.2g} m is left)" if np.isfinite(gap) else ""
+        raise SceneError(
+            f"chain: no rest of rigid links found{left}; allowed: a scene whose chain is neither straight nor folded on itself "
+            "at rest, or a start from initial.points"
+        )
+    reach = chain.length[:, None] * forces / tension[:, None]
+    return ends[0] + np.concatenate([np.zeros((1, p.dims)), np.cumsum(reach, axis=0)]), tension
+
+
+def _check_chord(chain: Chain, chord: np.ndarray) -> None:
+    """Refuse a stretched start."""
+    size, total = float(np.hypot.reduce(chord)), chain.total_length
+    if size > total * (1.0 + LENGTH_TOLERANCE) or (chain.p.free is None and size >= total * (1.0 - STRAIGHT)):
+        raise SceneError(
+            f"ends: given {size:.9g} m apart at the start, {_more(size, total)} the length of the rigid links; allowed: less "
+            f"than {total:.9g} m (cable.{chain.p.length_key} makes it so long), as rigid links do not stretch"
+        )
+
+
+def _more(size: float, total: float) -> str:
+    if abs(size - total) <= 1e-9 * total:
+        return "just"
+    return f"{abs(size - total):.3g} m ({abs(size / total - 1.0):.3g} of it) {'more' if size > total else 'less'} than"
+
+
+# --- starts ---------------------------------------------------------------------------------------------------------
+
+
+def start(chain: Chain) -> np.ndarray:
+    """Positions from which a run starts (n + 1, dims) [m], each link as long as it is to LENGTH_TOLERANCE."""
+    p = chain.p
+    for key in ("top_tension", "unstretched_length"):
+        if key in p.initial:
+            other = solve_statics(p, key, p.initial[key], prefix="initial")[0]
+            if abs(other / chain.total_length - 1.0) > LENGTH_TOLERANCE:
+                raise refuse(
+                    f"initial.{key}",
+                    p.initial[key],
+                    f"equilibrium or initial.points, as the links of that shape are {_more(other, chain.total_length)} "
+                    "these rigid ones all together",
+                )
+    if "points" in p.initial:
+        position = _laid(chain, np.asarray(p.initial["points"], dtype=float))
+    elif p.free is not None and _straight(chain):
+        position = _walk(chain, p.end_positions(np.zeros(1))[0])
+    else:
+        position = rest_shape(chain)[0]
+    _check_lengths(chain, position)
+    return position
+
+
+def _straight(chain: Chain) -> bool:
+    """Whether the ends are as far apart at the start as the links are long, all together."""
+    chord = np.diff(chain.p.end_positions(np.zeros(1))[0], axis=0)[0]
+    return abs(float(np.hypot.reduce(chord)) / chain.total_length - 1.0) <= LENGTH_TOLERANCE
+
+
+def _check_lengths(chain: Chain, position: np.ndarray) -> None:
+    relative = np.sqrt(square(np.diff(position, axis=0))) / chain.length - 1.0
+    worst = int(np.argmax(np.abs(relative)))
+    if not abs(relative[worst]) <= LENGTH_TOLERANCE:
+        size = chain.length[worst] * (1.0 + relative[worst])
+        raise SceneError(
+            f"initial.points: given points that leave link {worst + 1} a length of {size:.12g} m, "
+            f"{_more(size, float(chain.length[worst]))} its own; allowed: {chain.length[worst]:.12g} m to within a part of "
+            f"{LENGTH_TOLERANCE:g}, as rigid links do not stretch"
+        )
+
+
+def _laid(chain: Chain, line: np.ndarray) -> np.ndarray:
+    """Lay the particles on a line: one on each point, or link by link with their lengths.
+
+    Towards a free end each particle lies where the line, going on, is a link's length from the last one; where the corners that
+    the links cut leave too little of it, its last part is prolonged.  Between two held ends that does not close in general: the
+    particles are shared out by unstretched length and then moved by as little as gives the links their lengths.
+    """
+    p = chain.p
+    ends = p.end_positions(np.zeros(1))[0]
+    for index, end in ((0, "lower"), (-1, "upper")):
+        if p.free != end:
+            line[index] = ends[index]
+    if len(line) == chain.links + 1:
+        return line
+    reach = np.concatenate([[0.0], np.cumsum(np.sqrt(square(np.diff(line, axis=0))))])
+    total = chain.total_length
+    if p.free is not None:
+        if reach[-1] < total * (1.0 - LENGTH_TOLERANCE):
+            raise SceneError(
+                f"initial.points: given a line of {reach[-1]:.9g} m; allowed: at least the length of the links, {total:.9g} m, "
+                "so that the free end can lie on it"
+            )
+        return _walk(chain, line)
+    if reach[-1] > total * (1.0 + LENGTH_TOLERANCE) or reach[-1] < total * (1.0 - SHORTER):
+        raise SceneError(
+            f"initial.points: given a line of {reach[-1]:.9g} m between the held ends, {_more(float(reach[-1]), total)} the "
+            f"length of the rigid links; allowed: {total:.9g} m, or up to {SHORTER:.0%} less for the corners that links cut"
+        )
+    place = chain.arc_length / total * reach[-1]
+    position = np.stack([np.interp(place, reach, line[:, c]) for c in range(p.dims)], axis=1)
+    position[[0, -1]] = ends
+    return _closed(chain, position)
+
+
+def _walk(chain: Chain, line: np.ndarray) -> np.ndarray:
+    """Lay link after link on a line from the held end on, each with its own length."""
+    backwards = chain.p.free == "lower"
+    line, length = (line[::-1], chain.length[::-1]) if backwards else (line, chain.length)
+    line = line[np.concatenate([[True], np.any(np.diff(line, axis=0) != 0.0, axis=1)])]
+    beyond = line[-1] + (line[-1] - line[-2]) * (2.0 * chain.total_length / np.linalg.norm(line[-1] - line[-2]))
+    line = np.concatenate([line[:-1], beyond[None]])
+    position = np.empty((chain.links + 1, chain.p.dims))
+    position[0] = line[0]
+    segment = 0
+    for j, size in enumerate(length):
+        # what lies before is nearer than a link, so the line leaves the reach of the link on the first part that ends beyond it
+        while segment < len(line) - 2 and math.dist(line[segment + 1], position[j]) < size * (1.0 - 1e-12):
+            segment += 1
+        a, d = line[segment] - position[j], line[segment + 1] - line[segment]
+        # the larger t with |a + t d| = size
+        dd, ad, aa = float(d @ d), float(a @ d), float(a @ a) - float(size) ** 2
+        step = a + (-ad + math.sqrt(max(ad * ad - dd * aa, 0.0))) / dd * d
+        position[j + 1] = position[j] + step * (float(size) / float(np.sqrt(square(step))))
+    return position[::-1].copy() if backwards else position
+
+
+def _closed(chain: Chain, position: np.ndarray) -> np.ndarray:
+    """Move the inner particles as little as gives all links their lengths (Gauss and Newton)."""
+    inner = np.zeros(chain.links + 1)
+    inner[1:-1] = 1.0
+    from scipy.linalg import solveh_banded  # takes longer to import than a short run
+
+    for _ in range(50):
+        reach = np.diff(position, axis=0)
+        size = np.sqrt(square(reach))
+        wrong = size - chain.length
+        if np.abs(wrong / chain.length).max() <= 1e-13:
+            break
+        unit = reach / size[:, None]
+        band = np.zeros((2, chain.links))
+        band[1] = inner[:-1] + inner[1:]
+        band[0, 1:] = -inner[1:-1] * np.einsum("ij,ij->i", unit[:-1], unit[1:])
+        try:
+            force = solveh_banded(band, wrong)[:, None] * unit
+        except np.linalg.LinAlgError:
+            break  # straight: the check of the lengths says the rest
+        zero = np.zeros((1, chain.p.dims))
+        position = position + inner[:, None] * np.diff(np.concatenate([zero, force, zero]), axis=0)
+    return position
+
+
+# --- ends -----------------------------------------------------------------------------------------------------------
+
+
+def check_ends(chain: Chain, until: float) -> None:
+    """Refuse ends that the motion of the scene takes so far apart, or so near to each other, that rigid links cannot follow.
+
+    Raises
+    ------
+    SceneError
+        Saying by how much and when.
+    """
+    p, total = chain.p, chain.total_length
+    if p.free is not None:
+        return
+    _check_chord(chain, np.diff(p.end_positions(np.zeros(1))[0], axis=0)[0])
+    least = 2.0 * float(chain.length.max()) - total  # one long link among short ones holds the ends apart
+    far, near, when = 0.0, np.inf, {}
+    first: float | None = None
+    step = min(p.time_scale / LOOKS_PER_CHANGE, until / LEAST_LOOKS) if p.motions and until > 0.0 else np.inf
+    count = int(np.ceil(until / step)) + 1 if np.isfinite(step) else 1
+    for begin in range(0, count, _BLOCK):
+        time = np.minimum(np.arange(begin - 1, min(begin + _BLOCK, count) + 1) * (step if count > 1 else 0.0), until)
+        time = np.maximum(time, 0.0)
+        for sign in (1.0, -1.0):
+            at, value = _peaks(p, time, sign)
+            if sign > 0 and value > far:
+                far, when["far"] = value, at
+            if sign < 0 and -value < near:
+                near, when["near"] = -value, at
+        if first is None:
+            beyond = np.flatnonzero(_distance(p, time) >= total * (1.0 - STRAIGHT))
+            if beyond.size:
+                first = _crossing(p, time[max(beyond[0] - 1, 0)], time[beyond[0]], total * (1.0 - STRAIGHT))
+    if far >= total * (1.0 - STRAIGHT):
+        since = when["far"] if first is None else min(first, when["far"])
+        raise SceneError(
+            f"motion: given ends {far:.9g} m apart at {when['far']:.6g} s, {_more(far, total)} the length of the rigid links, "
+            f"and too far apart from {since:.6g} s on; allowed: always less than {total:.9g} m (cable.{p.length_key} makes it so "
+            "long)"
+        )
+    if least >= 0.0 and near <= least + STRAIGHT * total:
+        raise SceneError(
+            f"motion: given ends {near:.9g} m apart at {when['near']:.6g} s; allowed: always more than {least:.9g} m, by which "
+            "the longest link is longer than all others together"
+        )
+
+
+def _distance(p: Parameters, time: np.ndarray) -> np.ndarray:
+    ends = p.end_positions(time)
+    return np.sqrt(square(ends[:, 1] - ends[:, 0]))
+
+
+def _crossing(p: Parameters, low: float, high: float, limit: float) -> float:
+    """When the distance of the ends first exceeds `limit`, between a time before and one after [s]."""
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if _distance(p, np.array([middle]))[0] >= limit else (middle, high)
+    return float(high)
+
+
+def _peaks(p: Parameters, time: np.ndarray, sign: float) -> tuple[float, float]:
+    """Time and value of the largest distance times `sign`, with every peak on the grid looked at more closely."""
+    value = sign * _distance(p, time)
+    best = int(np.argmax(value))
+    found = float(time[best]), float(value[best])
+    peaks = np.flatnonzero((value[1:-1] >= value[:-2]) & (value[1:-1] >= value[2:])) + 1
+    if peaks.size == 0:
+        return found
+    # those that a parabola lifts by no more than their neighbours lie below cannot become the largest
+    spread = np.maximum(value[peaks] - value[peaks - 1], value[peaks] - value[peaks + 1])
+    peaks = peaks[value[peaks] + spread >= value[best]]
+    low, high = time[peaks - 1], time[peaks + 1]
+    for _ in range(60):  # thirds: the bracket shrinks by 1.5 each, to rounding
+        a, b = low + (high - low) / 3.0, high - (high - low) / 3.0
+        left = sign * _distance(p, a) > sign * _distance(p, b)
+        low, high = np.where(left, low, a), np.where(left, b, high)
+    middle = 0.5 * (low + high)
+    value = sign * _distance(p, middle)
+    best = int(np.argmax(value))
+    return (float(middle[best]), float(value[best])) if value[best] > found[1] else found

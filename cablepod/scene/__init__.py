@@ -1,0 +1,8 @@
+"""Scene file or Python values -> scene Dataset; every check of user input.
+
+.. include:: README.md
+"""
+
+from cablepod.scene._make import make_scene, read_scene
+
+__all__ = ["make_scene", "read_scene"]

@@ -1,0 +1,391 @@
+"""Scene file or Python values -> scene Dataset; every check of what a user gives.
+
+A scene is a Dataset whose variables are the keys of the scene file with ``_`` for ``.`` (``cable.area`` is the variable
+``cable_area`` [m2]); what the scene lacks is absent.  :func:`parameters` turns it into the plain numbers that the
+science modules compute with.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import tomllib
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import provenance
+from cablepod.conventions import COORDINATES, ENDS, label
+from cablepod.parameters import _schema as schema
+from cablepod.parameters._parameters import Parameters, check_memory, count_instants, parameters
+from cablepod.parameters._schema import SceneError, named, refuse
+from cablepod.scene import _ranges as ranges
+from cablepod.scene._limits import LONGEST, SHORTEST, check_limits
+from cablepod.scene._read import read_record, read_text
+
+# Far more parts than any key of a scene has; tomllib takes minutes over twenty thousand.
+DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){32}""")
+
+
+def read_scene(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Read a scene from a TOML file.
+
+    Parameters
+    ----------
+    path
+        The scene file; records that it names are looked for relative to its folder.
+
+    Returns
+    -------
+    xarray.Dataset
+        The scene, see :func:`make_scene`.
+
+    Raises
+    ------
+    SceneError
+        For a file that cannot be read or is no TOML, and for all that :func:`make_scene` refuses.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> scene = cp.read_scene("data/scenes/example2.toml")
+    >>> scene.attrs["title"], float(scene.cable_top_tension), scene.cable_top_tension.units
+    ('Example 2: slow end motion', 15000.0, 'N')
+    """
+    path = Path(path)
+    content = read_text(path, "scene file")
+    if not content.strip():
+        raise SceneError(f"{named(str(path))}: the scene file is empty; allowed: TOML with at least [cable] and [ends]")
+    try:
+        if DEEP_KEY.search(content):
+            raise RecursionError
+        mapping = tomllib.loads(content)
+    except RecursionError:
+        raise SceneError(
+            f"{named(str(path))}: not a scene: its tables or values are nested too deeply; allowed: keys of at most four parts"
+        ) from None
+    except ValueError as error:  # no TOML, or a whole number of more digits than Python reads
+        raise SceneError(
+            f"{named(str(path))}: not a TOML file: {error}; allowed: TOML, as cablepod new writes"
+        ) from None
+    try:
+        return _make(mapping, path.parent)
+    except SceneError as error:
+        raise SceneError(f"{named(str(path))}: {error}") from None
+
+
+def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
+    """Make a scene from nested Python values with the keys of the scene file.
+
+    Parameters
+    ----------
+    mapping
+        Tables as mappings, vectors as sequences, SI units.  Not modified.
+
+    Returns
+    -------
+    xarray.Dataset
+        One variable for each key, named by its path with ``_`` for ``.``, with units.
+
+    Raises
+    ------
+    SceneError
+        For unknown or missing keys, two ways to give the length, values, signs and sizes that cannot be, a tension
+        below the least possible, and an output that would not fit in memory.  The message names the key, what was
+        given and what is allowed.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> cable = {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "top_tension": 15000.0}
+    >>> ends = {"lower": [0.0, 0.0], "upper": [20.4, 57.7]}
+    >>> scene = cp.make_scene({"title": "A guy", "cable": cable, "ends": ends, "chain": {"links": 40}})
+    >>> scene.ends_upper.values.tolist(), scene.ends_upper.units
+    ([20.4, 57.7], 'm')
+    >>> cp.make_scene({"cable": {**cable, "area": -1.0}, "ends": ends})
+    Traceback (most recent call last):
+    cablepod.parameters._schema.SceneError: cable.area: given -1.0; allowed: a finite number above 0
+    """
+    return _make(mapping, Path())
+
+
+def check_numbers(p: Parameters) -> None:
+    """Refuse a scene whose numbers, each allowed by itself, do not go together: records, motions, statics, memory.
+
+    Raises
+    ------
+    SceneError
+        Naming the key, what was given and what is allowed.
+    """
+    p.check_reach(p.duration or 0.0)
+    check_limits(p)
+    instants = 1 if p.duration is None or p.interval is None else count_instants(p.duration, p.interval)
+    check_memory(instants, p.links or 1, p.dims, key="chain.links and time.interval")
+
+
+# --- checks ---------------------------------------------------------------------------------------------------------
+
+
+def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
+    tree = _check(mapping, folder)
+    scene = _to_dataset(tree)
+    scene.attrs["title"] = tree.get("title", "untitled scene")
+    scene.attrs["stage"] = "scene"
+    if "ensemble" in tree:
+        scene.attrs["ensemble_json"] = json.dumps(tree["ensemble"], sort_keys=True)
+    provenance.seal(provenance.record(scene, function="make_scene", parameters={"scene": tree}))
+    check_numbers(parameters(scene))
+    _check_bounds(mapping, tree.get("ensemble", {}).get("ranges", {}), folder)
+    return scene
+
+
+def _check(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Check all tables; returns the same tree with defaults filled in and records read."""
+    if not isinstance(mapping, Mapping):
+        raise refuse("scene", mapping, "a mapping with the tables of a scene; read_scene reads a file")
+    _check_names(mapping)
+    tree = schema.check_table("", {key: mapping[key] for key in mapping if key in schema.TOP}, schema.TOP)
+    for name, keys in schema.TABLES.items():
+        if name == "load" and name in mapping:
+            tree[name] = _check_with_factor(name, mapping[name], keys, folder)
+        elif name in mapping:
+            tree[name] = schema.check_table(name, mapping[name], keys)
+    dims = _check_ends(tree)
+    _check_cable(tree)
+    _check_chain(tree)
+    _check_initial(tree, dims)
+    _check_time(tree)
+    if "load" in tree:
+        _check_vector("load.uniform", tree["load"]["uniform"], dims)
+    if "motion" in mapping:
+        tree["motion"] = _check_motion(mapping["motion"], dims, tree["ends"].get("free"), folder)
+    if "point_load" in mapping:
+        tree["point_load"] = _check_point_loads(mapping["point_load"], dims, folder)
+    if "ensemble" in mapping:
+        tree["ensemble"] = _check_ensemble(mapping["ensemble"], tree)
+    return tree
+
+
+def _check_names(mapping: Mapping[str, Any]) -> None:
+    allowed = [*schema.TOP, *schema.TABLES, *schema.OTHER_TABLES]
+    for name in mapping:
+        if name not in allowed:
+            raise SceneError(f"{named(name)}: unknown key or table; allowed: {', '.join(allowed)}")
+    for name in ("cable", "ends"):
+        if name not in mapping:
+            raise SceneError(f"{name}: missing; allowed: a table with the keys {', '.join(schema.TABLES[name])}")
+
+
+def _check_vector(key: str, value: list[float], dims: int) -> None:
+    if len(value) != dims:
+        raise refuse(key, value, f"{dims} numbers, as many as ends.lower has")
+
+
+def _check_ends(tree: dict[str, Any]) -> int:
+    lower, upper = tree["ends"]["lower"], tree["ends"]["upper"]
+    if len(lower) != len(upper):
+        raise refuse("ends.upper", upper, f"{len(lower)} numbers, as many as ends.lower has")
+    if lower == upper:
+        raise refuse("ends.upper", upper, "a point other than ends.lower, because ends that coincide span no cable")
+    chord = math.dist(lower, upper)
+    if not SHORTEST <= chord <= LONGEST:
+        raise refuse("ends.upper", upper, f"a chord from {SHORTEST:g} m to {LONGEST:g} m (it is {chord:g} m)")
+    return len(lower)
+
+
+def _check_cable(tree: dict[str, Any]) -> None:
+    cable = tree["cable"]
+    schema.exactly_one("cable", cable, schema.LENGTH_KEYS)
+    kind = schema.exactly_one("cable", cable, schema.WEIGHT_KEYS)
+    if kind == "specific_weight" and tree["gravity"] == 0.0:
+        raise refuse("cable.specific_weight", cable[kind], "cable.density instead, as without gravity it gives no mass")
+    modulus = cable["youngs_modulus"]
+    stiffness = modulus * cable["area"]
+    if not 1e-6 <= stiffness <= 1e18:
+        raise refuse("cable.youngs_modulus", modulus, f"an axial stiffness of 1e-6 to 1e18 N (it is {stiffness:g} N)")
+    mass = cable[kind] * cable["area"] / (tree["gravity"] if kind == "specific_weight" else 1.0)
+    if not 1e-15 <= mass <= 1e15 or not mass * tree["gravity"] <= 1e15:
+        raise refuse(f"cable.{kind}", cable[kind], f"1e-15 to 1e15 kg/m and at most 1e15 N/m (it is {mass:g} kg/m)")
+
+
+def _check_chain(tree: dict[str, Any]) -> None:
+    if "chain" not in tree:
+        return
+    chain = tree["chain"]
+    if "links" not in chain and "link_lengths" not in chain:
+        raise SceneError("chain.links: missing; allowed: a whole number of at least 2, or chain.link_lengths")
+    lengths = chain.get("link_lengths")
+    if lengths is not None:
+        if chain.setdefault("links", len(lengths)) != len(lengths):
+            raise refuse("chain.link_lengths", lengths, f"{chain['links']} numbers, as many as chain.links says")
+        if max(lengths) / min(lengths) > 1e6:
+            raise refuse("chain.link_lengths", lengths, "lengths that differ by a factor of at most 1e6")
+
+
+def _check_initial(tree: dict[str, Any], dims: int) -> None:
+    if "initial" not in tree:
+        return
+    initial = tree["initial"]
+    if schema.exactly_one("initial", initial, tuple(schema.INITIAL)) != "points":
+        return
+    line = initial["points"]
+    for index, item in enumerate(line):
+        _check_vector(f"initial.points[{index}]", item, dims)
+    chord = math.dist(tree["ends"]["lower"], tree["ends"]["upper"])
+    for end, item in zip(ENDS, (line[0], line[-1]), strict=True):
+        held = tree["ends"][end]
+        if end != tree["ends"].get("free") and math.dist(item, held) > 1e-9 * chord:
+            raise refuse("initial.points", item, f"a line that begins and ends at the held ends (ends.{end} is {held})")
+    if not sum(math.dist(a, b) for a, b in pairwise(line)) > 1e-9 * chord:
+        raise refuse("initial.points", line, "a line of some length")
+
+
+def _check_time(tree: dict[str, Any]) -> None:
+    if "time" not in tree:
+        return
+    duration, interval = tree["time"]["duration"], tree["time"]["interval"]
+    if interval > duration:
+        raise refuse("time.interval", interval, f"at most time.duration, {duration:g} s")
+    if duration / interval > 1e12:
+        raise refuse("time.interval", interval, f"an interval that {duration:g} s holds at most 1e12 times")
+
+
+def _check_with_factor(prefix: str, table: Any, keys: Mapping[str, schema.Key], folder: Path) -> dict[str, Any]:
+    """Check a load's table: its own keys and those of its time factor, if it has one."""
+    if not isinstance(table, Mapping):
+        raise refuse(prefix, table, "a table with the keys " + ", ".join(keys))
+    own = {name: value for name, value in table.items() if name in keys}
+    rest = {name: value for name, value in table.items() if name not in keys}
+    factor_keys = {"kind", *(name for kind in schema.time_function_keys("1").values() for name in kind)}
+    for name in rest:
+        if name not in factor_keys:
+            allowed = ", ".join([*keys, "kind (of a time factor)"])
+            raise SceneError(f"{schema.join(prefix, name)}: unknown key; allowed: {allowed}")
+    checked = schema.check_table(prefix, own, keys)
+    return checked | _check_time_function(prefix, rest, "1", folder) if rest else checked
+
+
+def _check_time_function(prefix: str, table: Any, units: str, folder: Path) -> dict[str, Any]:
+    kinds = schema.time_function_keys(units)
+    if not isinstance(table, Mapping):
+        raise refuse(prefix, table, "a table with the key kind")
+    if "kind" not in table:
+        raise SceneError(f"{prefix}.kind: missing; allowed: one of {', '.join(kinds)}")
+    kind = schema.choice(*kinds)(f"{prefix}.kind", table["kind"])
+    values = {name: value for name, value in table.items() if name != "kind"}
+    checked = schema.check_table(prefix, values, kinds[kind])
+    if kind == "file":
+        checked.update(read_record(f"{prefix}.path", folder / checked["path"]))
+    return {"kind": kind, **checked}
+
+
+def _check_motion(table: Any, dims: int, free: str | None, folder: Path) -> dict[str, Any]:
+    if not isinstance(table, Mapping):
+        raise refuse("motion", table, "tables motion.lower.x, motion.upper.y and so on")
+    axes = COORDINATES[:dims]
+    checked: dict[str, Any] = {}
+    for end, of_end in table.items():
+        if end not in ENDS:
+            raise SceneError(f"motion.{named(end)}: unknown key; allowed: {', '.join(ENDS)}")
+        if not isinstance(of_end, Mapping):
+            raise refuse(f"motion.{end}", of_end, f"tables motion.{end}.x and so on")
+        if end == free and of_end:
+            raise refuse(f"motion.{end}", dict(of_end), f"no motion of the end that ends.free names ({free})")
+        checked[end] = {}
+        for axis, function in of_end.items():
+            if axis not in axes:
+                raise SceneError(f"motion.{end}.{named(axis)}: unknown axis; allowed: {', '.join(axes)}")
+            checked[end][axis] = _check_time_function(f"motion.{end}.{axis}", function, "m", folder)
+    return checked
+
+
+def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, Any]]:
+    if not isinstance(loads, list | tuple):
+        raise refuse("point_load", loads, "an array of tables, [[point_load]]")
+    checked = []
+    for index, table in enumerate(loads, start=1):
+        prefix = f"point_load.{index}"
+        item = _check_with_factor(prefix, table, schema.POINT_LOAD, folder)
+        _check_vector(f"{prefix}.force", item["force"], dims)
+        checked.append(item)
+    return checked
+
+
+def _check_ensemble(table: Any, tree: dict[str, Any]) -> dict[str, Any]:
+    if not isinstance(table, Mapping):
+        raise refuse("ensemble", table, "a table with the keys " + ", ".join([*schema.ENSEMBLE, "ranges"]))
+    checked = schema.check_table(
+        "ensemble", {key: value for key, value in table.items() if key != "ranges"}, schema.ENSEMBLE
+    )
+    count, sampling = checked["members"], checked["sampling"]
+    checked["ranges"] = ranges.check_ranges(table.get("ranges"), tree, members=count, sampling=sampling)
+    return checked
+
+
+def _check_bounds(mapping: Mapping[str, Any], given: Mapping[str, list[float]], folder: Path) -> None:
+    """Refuse a range of an ensemble at whose bounds there is no scene."""
+    alone = {name: table for name, table in mapping.items() if name != "ensemble"}
+    for path, values in given.items():
+        for bound in sorted({min(values), max(values)}):
+            try:
+                _make(ranges.replaced(alone, path, bound), folder)
+            except SceneError as error:
+                text = f"ensemble.ranges.{path}: given {schema.shown(values)}, at {bound:g} no scene: {error}"
+                raise SceneError(text) from None
+
+
+# --- Dataset and back -----------------------------------------------------------------------------------------------
+
+
+Variables = dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]
+
+
+def _to_dataset(tree: dict[str, Any]) -> xr.Dataset:
+    variables = {"gravity": _variable("gravity", tree["gravity"], schema.TOP["gravity"])}
+    for table, keys in schema.TABLES.items():
+        for name, value in tree.get(table, {}).items():
+            if name in keys:
+                variables[f"{table}_{name}"] = _variable(f"{table}_{name}", value, keys[name])
+    variables |= _factor_variables("load", tree.get("load", {}), "1", "factor of the uniform load")
+    for end, axes in tree.get("motion", {}).items():
+        for axis, function in axes.items():
+            what = f"displacement of the {end} end along {axis}"
+            variables |= _factor_variables(f"motion_{end}_{axis}", function, "m", what)
+    for index, item in enumerate(tree.get("point_load", []), start=1):
+        prefix = f"point_load_{index}"
+        variables |= {f"{prefix}_{name}": _variable("", item[name], key) for name, key in schema.POINT_LOAD.items()}
+        variables |= _factor_variables(prefix, item, "1", f"factor of point load {index}")
+    dims = len(tree["ends"]["lower"])
+    scene = xr.Dataset(variables, coords={"coordinate": list(COORDINATES[:dims])})
+    label(scene[["coordinate"]])
+    return scene
+
+
+def _variable(name: str, value: Any, key: schema.Key) -> tuple[tuple[str, ...], np.ndarray, dict[str, str]]:
+    attrs = {"long_name": key.long_name} | ({"units": key.units} if key.units else {})
+    array = np.asarray(value)
+    if array.ndim == 0:
+        return (), array, attrs
+    dims = ("coordinate",) if key.check is schema.point else (f"{name}_item",)
+    return (dims if array.ndim == 1 else (f"{name}_point", "coordinate")), array.astype(float), attrs
+
+
+def _factor_variables(prefix: str, table: Mapping[str, Any], units: str, what: str) -> Variables:
+    """Give the variables of a motion or of a load's time factor; none where `table` has no factor."""
+    if "kind" not in table:
+        return {}
+    variables: Variables = {f"{prefix}_kind": ((), np.asarray(table["kind"]), {"long_name": f"kind of {what}"})}
+    for name, key in schema.time_function_keys(units)[table["kind"]].items():
+        named_key = schema.Key(key.check, key.units, f"{key.long_name}, {what}")
+        variables[f"{prefix}_{name}"] = _variable(f"{prefix}_{name}", table[name], named_key)
+    if table["kind"] == "file":
+        for name, unit in (("time", "s"), ("value", units)):
+            attrs = {"units": unit, "long_name": f"{name} of the record, {what}"}
+            variables[f"{prefix}_{name}"] = ((f"{prefix}_sample",), np.array(table[name]), attrs)
+    return variables

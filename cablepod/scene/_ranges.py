@@ -1,0 +1,143 @@
+"""What an ensemble varies: key paths of numbers in a scene, and the values that each of them takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from cablepod.conventions import COORDINATES
+from cablepod.parameters import _schema as schema
+from cablepod.parameters._schema import SceneError, refuse
+
+
+def number_at(tree: Any, path: Any) -> float | None:
+    """Return the number at a key path of a checked scene, such as ``ends.upper.x``; None where there is none.
+
+    Components of vectors are named by their axis, point loads by their number from 1.
+    """
+    value = tree
+    for part in path.split(".") if isinstance(path, str) else ("",):
+        value = value.get(part) if isinstance(value, Mapping) else _item(value, part)
+    return value if isinstance(value, int | float) and not isinstance(value, bool) else None
+
+
+def _item(value: Any, part: str) -> Any:
+    """Return the part of a vector or of the list of point loads."""
+    if not isinstance(value, list | tuple):
+        return None
+    index = _index(value, part)
+    return value[index] if index is not None and index < len(value) else None
+
+
+def _index(value: Any, part: str) -> int | None:
+    if part in COORDINATES:
+        return COORDINATES.index(part) if not (len(value) and isinstance(value[0], Mapping)) else None
+    return (
+        int(part) - 1 if part.isdecimal() and int(part) > 0 and len(value) and isinstance(value[0], Mapping) else None
+    )
+
+
+def replaced(tree: Any, path: str, value: float) -> Any:
+    """Return a scene's mapping with the number at a key path replaced; tables on the way are made, nothing is modified."""
+    return _replaced(tree, path.split("."), value)
+
+
+def _replaced(tree: Any, parts: list[str], value: float) -> Any:
+    if not parts:
+        return value
+    first, *rest = parts
+    if tree is None or isinstance(tree, Mapping):
+        return {**(tree or {}), first: _replaced((tree or {}).get(first), rest, value)}
+    items = list(tree)
+    index = _index(items, first)
+    assert index is not None  # number_at found it
+    items[index] = _replaced(items[index], rest, value)
+    return items
+
+
+def check_values(key: str, given: Any, *, members: int, sampling: str) -> list[float]:
+    """Check what a range gives: [low, high], the values of a grid, or those of all members.
+
+    Raises
+    ------
+    SceneError
+        Naming `key`, what was given and what `sampling` allows.
+    """
+    if sampling == "list":
+        values = schema.numbers_list()(key, given)
+        if len(values) != members:
+            raise refuse(
+                key, given, f'{members} values for sampling "list", as many as members (they are {len(values)})'
+            )
+        return values
+    values = schema.numbers_list(least_length=2)(key, given)
+    if sampling == "grid" and len(values) > 2:
+        if len(set(values)) < len(values):
+            raise refuse(key, given, "different values, or [low, high] with low < high")
+        return values
+    if len(values) != 2 or values[0] >= values[1]:
+        raise refuse(key, given, "[low, high] with low < high")
+    return values
+
+
+def points_of_grid(ranges: Mapping[str, list[float]], members: int, *, key: str = "ensemble.members") -> int:
+    """Return on how many points of each [low, high] a full factorial of so many members is; lists keep their own.
+
+    Raises
+    ------
+    SceneError
+        Where no number of points gives so many members; it tells the nearest that do.
+    """
+    lists = [len(values) for values in ranges.values() if len(values) > 2]
+    axes = len(ranges) - len(lists)
+    fixed = math.prod(lists)
+    if not axes:
+        if fixed != members:
+            raise refuse(key, members, f"{fixed}, the product of the lengths of the lists of this grid")
+        return 0
+    least = max(2, round((members / fixed) ** (1.0 / axes)))
+    below, above = (max(2, least - 1), least + 1) if least**axes * fixed != members else (least, least)
+    if below == above:
+        return least
+    near = sorted({fixed * points**axes for points in (below, least, above)}, key=lambda item: abs(item - members))
+    raise refuse(
+        key,
+        members,
+        f"{near[0]} (or {near[1]}), because a grid has equally many points, two at least, on each of its {axes} ranges"
+        + (f", times {fixed} of its lists" if lists else ""),
+    )
+
+
+def check_ranges(
+    given: Any, tree: Any, *, members: int, sampling: str, prefix: str = "ensemble.ranges"
+) -> dict[str, list[float]]:
+    """Check a table of ranges against the scene that they vary.
+
+    Parameters
+    ----------
+    given
+        From key paths to what :func:`check_values` takes.
+    tree
+        The checked scene as nested values.
+    members, sampling
+        As of the ensemble.
+    prefix
+        The table's own name, for errors.
+
+    Raises
+    ------
+    SceneError
+        For no ranges, paths that lead to no number, values that cannot be, a grid of another number of members.
+    """
+    if not isinstance(given, Mapping) or not given:
+        raise refuse(prefix, given, "a table from key paths to [low, high]")
+    checked: dict[str, list[float]] = {}
+    for path, values in given.items():
+        key = schema.join(prefix, path)
+        if number_at(tree, path) is None:
+            raise SceneError(f"{key}: unknown key path; allowed: the path of a number that this scene has")
+        checked[path] = check_values(key, values, members=members, sampling=sampling)
+    if sampling == "grid":
+        points_of_grid(checked, members)
+    return checked
