@@ -18,10 +18,7 @@ from cablepod import (
     study,
 )
 from cablepod.archive import ArchiveError
-from cablepod.batch._members import MemberFailedWarning
-from cablepod.integrate._stepping import NotConvergedWarning, RunStopped
-from cablepod.parameters._schema import SceneError
-from cablepod.reduced._validity import OutOfRangeWarning
+from cablepod.errors import MemberFailedWarning, NotConvergedWarning, OutOfRangeWarning, RunStopped, SceneError
 from cablepod.scene import make_scene, read_scene
 
 __version__ = version("cablepod")

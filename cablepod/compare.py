@@ -7,8 +7,8 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import label
-from cablepod.integrate._stepping import motion_scale
-from cablepod.parameters._schema import SceneError, refuse
+from cablepod.errors import SceneError, refuse
+from cablepod.integrate._step_control import motion_scale
 from cablepod.pod._snapshots import relative_arc_length
 
 __all__ = ["errors"]

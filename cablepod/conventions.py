@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 COORDINATES = ("x", "y", "z")
 ENDS = ("lower", "upper")
 OUTPUTS = ("position", "velocity", "tension", "tension_extremes")
-#: name -> (units, long name); the scene's own parameters are named in :mod:`cablepod.parameters._schema`.
+#: name -> (units, long name); the scene's own parameters are named in :mod:`cablepod.parameters._keys`.
 VARIABLES: dict[str, tuple[str, str]] = {
     # coordinates
     "time": ("s", "time since the start of the run"),

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from cablepod.parameters._schema import refuse
-from cablepod.scene._make import read_scene
+from cablepod.errors import refuse
+from cablepod.scene._read import read_scene
 
 
 def data_folder() -> Path:

@@ -19,9 +19,9 @@ from cablepod import archive, catenary, chain, compare, galerkin, pod
 from cablepod.archive._atomic import whole_file
 from cablepod.archive._folder import prepare_folder
 from cablepod.discretisation._chain import chain_of
-from cablepod.integrate._stepping import RunStopped
-from cablepod.parameters._parameters import Parameters, parameters
-from cablepod.parameters._schema import SceneError, refuse
+from cablepod.errors import RunStopped, SceneError, refuse
+from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._parameters import Parameters
 
 __all__ = ["run"]
 #: Interval between the instants of the comparison [s], and their maximum number beside the snapshots (for long runs).

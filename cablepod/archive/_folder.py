@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from cablepod.archive._read import ArchiveError
+from cablepod.errors import ArchiveError
 
 
 def prepare_folder(out: Path, files: Sequence[str], *, overwrite: bool) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.parameters._schema import SceneError
+from cablepod.errors import SceneError
 
 #: What results are called in the file; others by the last part of the function's name.
 NAMES = {

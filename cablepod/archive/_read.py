@@ -1,11 +1,13 @@
-"""Files of results: how they are opened, and what is said of those that cannot be."""
+"""Read a file, and refuse truncated, foreign or newer ones by name."""
 
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import threading
 from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,8 @@ import numpy as np
 import xarray as xr
 
 from cablepod import conventions
-from cablepod.batch import _sigint as interrupts
+from cablepod.batch._sigint import defer_sigint
+from cablepod.errors import ArchiveError
 
 SCHEMA = 1  # raised when files change so that an older package would misread them
 _LIBRARY = threading.RLock()
@@ -27,12 +30,8 @@ def alone() -> Iterator[None]:
     The library crashes if two threads are in it, and xarray locks only some of its calls.  Where other threads have to get in for
     one to go on, as in writing what dask computes from files, it cannot be held.
     """
-    with interrupts.held(), _LIBRARY:
+    with defer_sigint(), _LIBRARY:
         yield
-
-
-class ArchiveError(ValueError):
-    """A dataset that cannot be written, or a file that cannot be read; the message says which, why and what to do."""
 
 
 def open_file(path: Path, chunks: Any) -> xr.Dataset:
@@ -108,3 +107,39 @@ def contents(dataset: xr.Dataset) -> Iterator[tuple[Hashable, str]]:
     for name, item in dataset.coords.items():
         if item.ndim > 1:
             yield name, "coordinate"
+
+
+def read(path: str | os.PathLike[str], *, chunks: Any = None) -> xr.Dataset:
+    """Read a file that :func:`write` wrote.
+
+    Parameters
+    ----------
+    path
+        The file.
+    chunks
+        None reads everything and closes the file.  Otherwise as in :func:`xarray.open_dataset` (``{}`` for the chunks
+        of the file): variables are dask arrays, and the file stays open until the dataset's ``close``.
+
+    Returns
+    -------
+    xarray.Dataset
+        What was written, with the attributes of the root; ``time`` stays in elapsed seconds.
+
+    Raises
+    ------
+    ArchiveError
+        If the file is missing, empty, truncated or damaged, not from this package, or from a newer one.
+    """
+    path = Path(path)
+    if chunks is not None:
+        if find_spec("dask") is None:
+            raise ArchiveError(f"{path}: reading in chunks needs dask; install it, or read without chunks")
+        opened = open_file(path, chunks)
+        lazy = restored(opened)
+        lazy.set_close(defer_sigint()(opened.close))
+        return lazy
+    with alone(), open_file(path, None) as opened:
+        try:
+            return restored(opened.load())
+        except LIBRARY_ERRORS as error:
+            raise damaged(path, error) from error

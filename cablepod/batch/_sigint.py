@@ -11,7 +11,7 @@ import concurrent.futures
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, FIRST_EXCEPTION, Future, ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
@@ -28,7 +28,7 @@ class _State:
     pressed = told = 0  #: how often in this block, and of how many of them somebody was told
 
 
-def _press(number: int, frame: Any) -> None:
+def _on_sigint(number: int, frame: Any) -> None:
     """Note Ctrl-C; whoever presses it a second time does not want to wait."""
     _State.pressed += 1
     if _State.pressed > 1 and _State.before is not None:
@@ -37,28 +37,28 @@ def _press(number: int, frame: Any) -> None:
 
 
 @contextmanager
-def held() -> Iterator[None]:
+def defer_sigint() -> Iterator[None]:
     """Hold Ctrl-C back until the block is left, or :func:`check` is called in it; pressed twice it comes at once.
 
     In other threads than the main one, within another such block, and where Ctrl-C does nothing, this does nothing.
     """
     before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before) or before is _press:
+    if threading.current_thread() is not threading.main_thread() or not callable(before) or before is _on_sigint:
         yield
         return
     _State.before, _State.pressed, _State.told = before, 0, 0
-    signal.signal(signal.SIGINT, _press)
+    signal.signal(signal.SIGINT, _on_sigint)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
         try:
-            check()
+            check_sigint()
         finally:
             _State.before = None
 
 
-def check() -> None:
+def check_sigint() -> None:
     """Let Ctrl-C through that was held back, here where no lock is taken.
 
     Raises
@@ -76,7 +76,7 @@ def check() -> None:
 
 
 @contextmanager
-def between_tasks(dataset: xr.Dataset) -> Iterator[None]:
+def defer_sigint_during_dask(dataset: xr.Dataset) -> Iterator[None]:
     """Let Ctrl-C through only between two tasks of what dask computes of a dataset that is held in chunks.
 
     On leaving, none of its tasks is under way any more, so that none writes to what is given up.  A cluster's scheduler, which
@@ -95,17 +95,17 @@ def between_tasks(dataset: xr.Dataset) -> Iterator[None]:
         yield
         return
     with ExitStack() as held_too:
-        held_too.enter_context(held())
+        held_too.enter_context(defer_sigint())
         if get in (None, threaded.get) and config.get("pool", None) is None:
             make = getattr(threaded, "ContextAwareThreadPoolExecutor", ThreadPoolExecutor)  # of late versions
             pool = make(config.get("num_workers", None) or threaded.CPU_COUNT)
             held_too.callback(pool.shutdown, cancel_futures=True)
             held_too.enter_context(config.set(pool=pool))
-        held_too.enter_context(Callback(posttask=lambda *_: check()))
+        held_too.enter_context(Callback(posttask=lambda *_: check_sigint()))
         yield
 
 
-def wait(futures: Iterable[Future[Any]]) -> set[Future[Any]]:
+def wait_for_any(futures: Iterable[Future[Any]]) -> set[Future[Any]]:
     """Wait until one at least is done, and return those that are.
 
     Raises
@@ -114,58 +114,9 @@ def wait(futures: Iterable[Future[Any]]) -> set[Future[Any]]:
         On Ctrl-C, within :data:`LOOK_EVERY`.
     """
     waiting = list(futures)
-    with held():
+    with defer_sigint():
         while True:
-            check()
+            check_sigint()
             done, _ = concurrent.futures.wait(waiting, LOOK_EVERY, FIRST_COMPLETED)
             if done or not waiting:
                 return done
-
-
-def over(
-    function: Callable[[Any], Any],
-    items: Iterable[Any],
-    workers: int,
-    *,
-    ended: Callable[[], None] = lambda: None,
-    done: Callable[[int], None] = lambda count: None,
-) -> list[Any]:
-    """Call a function for each item, in threads; after Ctrl-C or a failure what has not begun does not begin.
-
-    Parameters
-    ----------
-    function, items
-        What is called, and with what.
-    workers
-        Number of threads.
-    ended
-        Called when no more results are wanted, for those at work to end soon.
-    done
-        Told now and then how many items are done.
-
-    Returns
-    -------
-    list
-        Results, in the order of the items.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        On Ctrl-C, when what is at hand has ended.
-    Exception
-        What an item raised that failed.
-    """
-    with held(), ThreadPoolExecutor(workers, thread_name_prefix="cablepod") as pool:
-        futures = [pool.submit(function, item) for item in items]
-        try:
-            failed, ready = False, set[Future[Any]]()
-            while len(ready) < len(futures) and not failed:
-                check()
-                ready, _ = concurrent.futures.wait(futures, LOOK_EVERY, FIRST_EXCEPTION)
-                failed = any(future.exception() is not None for future in ready)
-                done(len(ready))
-        finally:
-            ended()
-            pool.shutdown(wait=False, cancel_futures=True)
-    # what others raise because they were asked to end is not why
-    return [future.result() for future in (filter(ready.__contains__, futures) if failed else futures)]

@@ -3,6 +3,7 @@
 .. include:: README.md
 """
 
-from cablepod.cable._simulate import frequencies, rest, simulate
+from cablepod.cable._frequencies import frequencies
+from cablepod.cable._simulate import rest, simulate
 
 __all__ = ["frequencies", "rest", "simulate"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,73 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.catenary._rest import unstretched_length
-from cablepod.chain import _start as chain_start
+from cablepod._resources import check_memory
+from cablepod.catenary._statics import unstretched_length
 from cablepod.discretisation._chain import LAWS, Chain, square
-from cablepod.parameters import _schema as schema
-from cablepod.parameters._parameters import Parameters, check_memory
-from cablepod.parameters._schema import SceneError, refuse
+from cablepod.discretisation._gll import gll_rule, lagrange_basis
+from cablepod.errors import refuse
+from cablepod.parameters._checks import integer, numbers_list
+from cablepod.parameters._parameters import Parameters
 
 #: Order of the polynomials of an element.  Eight nodes fill the registers of a processor without a rest.
 ORDER = 7
 MOST_ORDER = 16
-#: Points between two nodes at which the shape at rest is integrated.
-GAUSS = 8
-#: Where that is too coarse, for a cable that turns sharply at its lowest point, the distances of nodes are cut into so many.
-FINER = (1, 4)
 #: Particles of a result where the scene has no chain.
 PARTICLES = 41
-
-
-@functools.cache
-def reference(order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """GLL nodes of an element of length 2, their weights, and the derivative at the nodes (rows) by the values there."""
-    from numpy.polynomial import legendre
-
-    coefficients = np.zeros(order + 1)
-    coefficients[-1] = 1.0
-    slope = legendre.legder(coefficients)
-    node = np.concatenate([[-1.0], np.sort(legendre.legroots(slope).real), [1.0]])
-    for _ in range(3):  # eigenvalues are not right to the last digit
-        node[1:-1] -= legendre.legval(node[1:-1], slope) / legendre.legval(node[1:-1], legendre.legder(slope))
-    node = 0.5 * (node - node[::-1])
-    value = legendre.legval(node, coefficients)
-    weight = 2.0 / (order * (order + 1) * value**2)
-    gap = node[:, None] - node + np.eye(order + 1)
-    derivative = value[:, None] / value / gap
-    np.fill_diagonal(derivative, 0.0)
-    np.fill_diagonal(derivative, -derivative.sum(axis=1))  # a rigid motion then pulls nothing, to rounding
-    for array in (node, weight, derivative):
-        array.setflags(write=False)
-    return node, weight, derivative
-
-
-def lagrange(order: int, place: np.ndarray) -> np.ndarray:
-    """Values of the polynomials of the nodes (columns) at places in [-1, 1] (rows)."""
-    node, _, _ = reference(order)
-    gap = place[:, None] - node
-    on = np.abs(gap) < 1e-14
-    barycentric = 1.0 / np.prod(node[:, None] - node + np.eye(order + 1), axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        terms = barycentric / gap
-        values = terms / terms.sum(axis=1, keepdims=True)
-    hit = on.any(axis=1)
-    values[hit] = on[hit]
-    return values
-
-
-def integrals(order: int) -> np.ndarray:
-    """Integrals from the first node to each one (rows) by the values at the nodes, of an element of length 2."""
-    from numpy.polynomial import legendre
-
-    node, _, _ = reference(order)
-    values = legendre.legvander(node, order + 1)
-    # that of the polynomial of degree k is (P(k + 1) - P(k - 1)) / (2 k + 1), and nothing at the first node but for k = 0
-    whole = np.empty((order + 1, order + 1))
-    whole[:, 0] = node + 1.0
-    degree = np.arange(1, order + 1)
-    whole[:, 1:] = (values[:, 2:] - values[:, :-2]) / (2.0 * degree + 1.0)
-    return np.linalg.solve(values[:, :-1].T, whole.T).T
 
 
 @dataclass(frozen=True)
@@ -133,7 +78,7 @@ class Mesh(Chain):
 
     def gradient(self, position: np.ndarray) -> np.ndarray:
         """Return derivatives by arc length at the points of quadrature (..., points, dims) of values (..., nodes, dims)."""
-        d = reference(self.order)[2]
+        d = gll_rule(self.order)[2]
         parts = position[..., self._nodes, :]  # (..., elements, order + 1, dims)
         g = np.einsum("qi,...eic->...eqc", d, parts) * self.scale[:, None, None]
         return g.reshape(*position.shape[:-2], -1, position.shape[-1])
@@ -157,7 +102,7 @@ class Mesh(Chain):
 
     def forces(self, position: np.ndarray, velocity: np.ndarray | None = None) -> np.ndarray:
         """Compute the forces of the cable on its nodes (nodes, dims) [N]."""
-        from cablepod.cable import _kernels as kernel  # numba is imported only to compute
+        from cablepod.cable import _kernels_forces as kernel  # numba is imported only to compute
 
         viscosity = self.p.link_viscosity if velocity is not None else None
         x = np.ascontiguousarray(position.T)
@@ -167,7 +112,7 @@ class Mesh(Chain):
     @property
     def law_arguments(self) -> tuple[Any, ...]:
         """What the kernels take of elements and law: d, weight, scale, stiffness, green."""
-        _, weight, d = reference(self.order)
+        _, weight, d = gll_rule(self.order)
         return np.array(d), np.array(weight), self.scale, self.p.stiffness, True if self.green else None
 
     @property
@@ -206,14 +151,14 @@ class Mesh(Chain):
         """Of the links between particles of the result, at their middles: elements, and derivatives by their nodes [1/m]."""
         particles = self.particles
         element, values = self._at(0.5 * (particles[1:] + particles[:-1]))
-        return element, np.ascontiguousarray((values @ reference(self.order)[2]) * self.scale[element][:, None])
+        return element, np.ascontiguousarray((values @ gll_rule(self.order)[2]) * self.scale[element][:, None])
 
     def _at(self, arc_length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Elements in which places lie, and the weights of their nodes there."""
         border = self.arc_length[:: self.order]
         element = np.clip(np.searchsorted(border, arc_length, side="right") - 1, 0, self.sizes.size - 1)
         place = np.clip((arc_length - border[element]) * self.scale[element] - 1.0, -1.0, 1.0)
-        return element, lagrange(self.order, place)
+        return element, lagrange_basis(self.order, place)
 
     def at(self, values: np.ndarray, arc_length: np.ndarray | None = None) -> np.ndarray:
         """Values at the particles of the result, or at other places [m], from those at the nodes (..., nodes, dims)."""
@@ -236,7 +181,7 @@ class Mesh(Chain):
 
         first, last = self.free.start, self.free.stop
         count, order = self.links + 1, self.order
-        _, weight, d = reference(order)
+        _, weight, d = gll_rule(order)
         stiff = np.broadcast_to(np.asarray(stiffening, dtype=float), self.length.shape).reshape(-1, order + 1)
         blocks = np.einsum("eq,q,qi,qj,e->eij", stiff, weight, d, d, self.p.stiffness * self.scale)
         mass = 1.0 / np.sqrt(self.p.mass * self.share)
@@ -273,7 +218,7 @@ def mesh_of(p: Parameters, elements: int, order: int | None = None, law: str = L
     for _ in range(elements - length.size):
         counts[np.argmax(length / counts)] += 1
     sizes = total * np.concatenate([np.full(n, part / n) for part, n in zip(length, counts, strict=True)])
-    node, weight, _ = reference(order)
+    node, weight, _ = gll_rule(order)
     starts = total * np.concatenate(
         [start + part * np.arange(n) / n for start, part, n in zip(borders[:-1], length, counts, strict=True)]
     )
@@ -291,7 +236,7 @@ def parts(p: Parameters) -> np.ndarray:
 
 def check_order(order: Any) -> int:
     """Check the order of the elements; None means the usual one."""
-    return ORDER if order is None else schema.integer(least=1, most=MOST_ORDER)("order", order)
+    return ORDER if order is None else integer(least=1, most=MOST_ORDER)("order", order)
 
 
 def places(p: Parameters, points: Any, total: float) -> np.ndarray | None:
@@ -304,115 +249,12 @@ def places(p: Parameters, points: Any, total: float) -> np.ndarray | None:
             return total * (share / share[-1])
         points = PARTICLES if p.links is None else p.links + 1
     if isinstance(points, Sequence | np.ndarray) and not isinstance(points, str) and np.ndim(points) > 0:
-        fraction = np.array(schema.numbers_list(least_length=2)("points", points))
+        fraction = np.array(numbers_list(least_length=2)("points", points))
         if fraction[0] != 0.0 or fraction[-1] != 1.0 or (np.diff(fraction) <= 0.0).any():
             raise refuse("points", points, "rising fractions of the unstretched length, from 0 to 1")
         return total * fraction
     if isinstance(points, str):
         raise refuse("points", points, 'a number of particles, fractions of the length from 0 to 1, or "nodes"')
-    count = schema.integer(least=2)("points", points)
+    count = integer(least=2)("points", points)
     check_memory(1, count, p.dims, key="points")
     return total * np.linspace(0.0, 1.0, count)
-
-
-@dataclass(frozen=True)
-class Hanging(Chain):
-    """The continuous cable at rest, as the chain that :func:`cablepod.chain._start.start` knows how to hang.
-
-    The force at the lower end determines all else: x(S) is the integral of F/|F| xi(|F|), with F falling by the loads.  By
-    Gauss's rule between two nodes each point stands for some length, a link, and what acts between two points is the load on a
-    particle.
-    """
-
-    def loads(self, time: float | None = None) -> np.ndarray:
-        """Return forces on the particles (n + 1, dims) at time 0 [N]; what it returns at both ends is not used."""
-        point = gauss_places(self.arc_length[::GAUSS])
-        result = np.zeros((self.links + 1, self.p.dims))
-        result[1:-1] = np.diff(point)[:, None] * self.p.load_at(0.0)
-        for load in self.p.point_loads:
-            where = int(np.searchsorted(point, load.fraction * self.total_length))
-            result[where] += load.force * (1.0 if load.factor is None else float(load.factor(0.0)))
-        return result
-
-
-def gauss_places(arc_length: np.ndarray) -> np.ndarray:
-    """Return the points of Gauss's rule between all neighbours [m]."""
-    inner = np.polynomial.legendre.leggauss(GAUSS)[0]
-    return (arc_length[:-1, None] + 0.5 * np.diff(arc_length)[:, None] * (1.0 + inner)).ravel()
-
-
-def hanging(mesh: Mesh, places: np.ndarray) -> Hanging:
-    """Return the continuous cable at rest whose particles are, every GAUSS-th, at `places` [m]."""
-    weight = np.polynomial.legendre.leggauss(GAUSS)[1]
-    length = (0.5 * np.diff(places)[:, None] * weight).ravel()
-    arc_length = np.concatenate([[0.0], np.cumsum(length)])
-    arc_length[::GAUSS] = places
-    return Hanging(mesh.p, length, arc_length, mesh.law)
-
-
-# --- positions to start from ------------------------------------------------------------------------------------------
-
-
-def hung(mesh: Mesh, places: np.ndarray | None = None) -> np.ndarray:
-    """Positions (nodes, dims) [m] of the continuous cable, at rest or in the shape of its scene's other length.
-
-    They are those of the nodes, or at `places` [m], the nodes among them.
-    """
-    wanted = mesh.arc_length if places is None else places
-    for pieces in FINER:
-        fine = np.interp(np.arange((wanted.size - 1) * pieces + 1) / pieces, np.arange(wanted.size), wanted)
-        try:
-            return chain_start.start(hanging(mesh, fine))[:: GAUSS * pieces]
-        except SceneError as error:
-            if pieces == FINER[-1]:
-                raise SceneError(str(error).replace("chain:", "cable:").replace("links taut", "places taut")) from None
-    raise AssertionError("the last try returns or raises")
-
-
-def settle(mesh: Mesh, position: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Rest of the elements (nodes, dims) [m], near that of the continuous cable, and whether Newton's method found it.
-
-    It fails where elements are too large, and where a strain is below the rounding of positions, in the inextensible limit; the
-    position is then returned as it was.
-    """
-    from cablepod.cable import _kernels as kernel  # numba is imported only to compute
-
-    x = np.ascontiguousarray(position.T)
-    loads = np.ascontiguousarray(mesh.loads(0.0)[1:-1].T)
-    scale = max(mesh.total_length, float(np.abs(position).max()))
-    small, size = kernel.equilibrium(x, 1, mesh.links - 1, *mesh.law_arguments, loads, 1e-13 * scale)
-    # corrections of a taut cable end at some rounding of positions, those of a slack one at more of it
-    found = small or size <= 1e-9 * scale
-    return (np.ascontiguousarray(x.T) if found else position), found
-
-
-def settled(mesh: Mesh) -> tuple[np.ndarray, float]:
-    """Rest of the elements (nodes, dims) and its largest distance from the continuous cable, at nodes and between them [m]."""
-    places = np.sort(np.concatenate([mesh.arc_length, 0.5 * (mesh.arc_length[1:] + mesh.arc_length[:-1])]))
-    exact = hung(mesh, places)
-    position, _ = settle(mesh, exact[::2])
-    return position, float(np.sqrt(square(mesh.at(position, places) - exact)).max())
-
-
-def start(mesh: Mesh) -> np.ndarray:
-    """Positions from which a run starts (nodes, dims) [m]: at rest, or the shape that the scene's initial table says."""
-    p = mesh.p
-    if "points" not in p.initial:
-        shape = hung(mesh)
-        return shape if p.initial else settle(mesh, shape)[0]
-    line = np.asarray(p.initial["points"], dtype=float)
-    if (
-        p.links is not None and len(line) == p.links + 1
-    ):  # one for each particle of the chain: the cable runs through them
-        relative = np.ones(p.links) if p.link_lengths is None else p.link_lengths
-        share = np.concatenate([[0.0], np.cumsum(relative)]) / relative.sum()
-        sigma = mesh.arc_length / mesh.total_length
-        position = np.stack([np.interp(sigma, share, line[:, c]) for c in range(p.dims)], axis=1)
-        ends = p.end_positions(np.zeros(1))[0]
-        for index, end in ((0, "lower"), (-1, "upper")):
-            if p.free != end:
-                position[index] = ends[index]
-        return position
-    if len(line) == mesh.links + 1:  # a line all the same, not one point for each node
-        line = np.insert(line, 1, 0.5 * (line[0] + line[1]), axis=0)
-    return chain_start.along_line(mesh, line)

@@ -12,10 +12,11 @@ from cablepod.cable._mesh import Mesh
 from cablepod.chain._explicit import VerletRun
 from cablepod.chain._implicit import ROUNDING, ImplicitRun, March
 from cablepod.conventions import COORDINATES, ENDS, label
-from cablepod.discretisation import _similarity as training
-from cablepod.integrate import _stepping as stepping
+from cablepod.discretisation._similarity import describe
+from cablepod.integrate._march import advance_in_blocks
+from cablepod.integrate._output_times import Instants
 from cablepod.integrate._run import Run, State, suffix
-from cablepod.integrate._stepping import Instants
+from cablepod.integrate._step_control import damped_growth
 
 SCHEMES = ("velocity_verlet", "trapezoidal")
 #: A correction of the nodes as small as this part of their mean distance ends Newton's method.
@@ -94,7 +95,7 @@ class MeshRun(Run):
         coordinates = output_coordinates(mesh)
         if not {"tension", "tension_extremes"} & set(self.outputs):
             del coordinates["link_arc_length"]
-        about, names = training.describe(mesh.p, mesh.total_length, float(state.instants.times[-1]))
+        about, names = describe(mesh.p, mesh.total_length, float(state.instants.times[-1]))
         coords = {"time": state.instants.times, **coordinates, **names}
         result = xr.Dataset({**variables, **about}, coords=coords)
         label(result)
@@ -124,7 +125,7 @@ class MeshVerlet(MeshRun, VerletRun):
 
     def __call__(self, rate: float) -> State:
         """Run with so many steps per second."""
-        from cablepod.cable import _kernels as kernel  # numba is imported only to compute
+        from cablepod.cable import _kernels_explicit as kernel  # numba is imported only to compute
 
         mesh, p, free = self.chain, self.chain.p, self.chain.free
         instants = self.instants(rate)
@@ -136,7 +137,7 @@ class MeshVerlet(MeshRun, VerletRun):
             decay = math.exp(-p.mass_damping * step)
             per_mass = -math.expm1(-p.mass_damping * step) / (p.mass_damping * mass)
         x = np.ascontiguousarray(self.initial.T)
-        half = 0.5 * step if p.mass_damping is None else stepping.damped_growth(p.mass_damping, step) / p.mass_damping
+        half = 0.5 * step if p.mass_damping is None else damped_growth(p.mass_damping, step) / p.mass_damping
         v = np.ascontiguousarray((-half * self.first_force()[free] / mass[:, None]).T)
         # the prediction 1.5 v - 0.5 before then gives rest at the start
         before = None if p.link_viscosity is None else 3.0 * v
@@ -163,7 +164,7 @@ class MeshVerlet(MeshRun, VerletRun):
             return bool(np.isfinite(x).all() and np.abs(x).max() < bound)
 
         state = (x, v, slack, *(() if before is None else (before,)))
-        failed = stepping.march(advance, state, total, self.progress)
+        failed = advance_in_blocks(advance, state, total, self.progress)
         if failed is not None:
             self._stop(instants, saved, self._of_all(halves), failed, rate)
         result = self.note(self._gather(instants, saved, self._of_all(halves), extremes), slack)
@@ -216,7 +217,7 @@ class _MeshMarch(March):
     def _kernel(
         self, time: np.ndarray, step: float, start: int, steps: int, save: np.ndarray, saved: np.ndarray
     ) -> int:
-        from cablepod.cable import _kernels as kernel  # numba is imported only to compute
+        from cablepod.cable import _kernels_implicit as kernel  # numba is imported only to compute
 
         run, mesh, p = self.run, self.run.chain, self.run.chain.p
         low, high = self.extremes or (np.empty(0), np.empty(0))

@@ -9,8 +9,16 @@ import numpy as np
 
 from cablepod.cable._runs import SCHEMES, MeshImplicit, MeshRun
 from cablepod.discretisation._chain import square
-from cablepod.integrate import _stepping as stepping
+from cablepod.errors import NotConvergedWarning
 from cablepod.integrate._run import State
+from cablepod.integrate._step_control import (
+    STEPS_PER_CHANGE,
+    halve,
+    motion_scale,
+    observed_order,
+    preferred_rate,
+    refine,
+)
 
 #: Numbers of elements that are tried in turn.  The loops over elements of a run vectorise best where they are multiples of four.
 COUNTS = (4, 8, 12, 16, 24, 32, 48, 64, 96, 128)
@@ -42,7 +50,7 @@ def picked(runs: dict[str, MeshRun], goal: float) -> tuple[MeshRun, tuple[State,
     if cost < CHEAP:
         return explicit, refined(explicit, goal), f"explicit: all its runs take about {cost:.1g} s"
     most = rate / IMPLICIT_COST  # the explicit runs have this rate and twice as much, the implicit ones all up to it
-    found = stepping.halve(*compared(implicit), goal, most, size_of(implicit))
+    found = halve(*compared(implicit), goal, most, size_of(implicit))
     if found is not None:
         times = 1.0 / (found[1] * limit_of(explicit))
         return implicit, found, f"implicit: its steps may be {times:.3g} times the explicit limit"
@@ -57,7 +65,7 @@ def refined(run: MeshRun, goal: float) -> tuple[State, float, float]:
         # law (21) pulls and pushes without a kink
         return not run.chain.green and bool((run.chain.stretch(state.position) < 1.0).any())
 
-    return stepping.refine(*compared(run), goal, slackened, size_of(run))
+    return refine(*compared(run), goal, slackened, size_of(run))
 
 
 def compared(run: MeshRun) -> tuple[MeshRun, Callable[[State], np.ndarray], Callable[[State], float], float]:
@@ -69,7 +77,7 @@ def compared(run: MeshRun) -> tuple[MeshRun, Callable[[State], np.ndarray], Call
     def scale(state: State) -> float:
         return _scale(run, state)
 
-    return run, position, scale, stepping.preferred_rate(1.0 / _first_step(run))
+    return run, position, scale, preferred_rate(1.0 / _first_step(run))
 
 
 def _at_places(run: MeshRun, position: np.ndarray) -> np.ndarray:
@@ -79,12 +87,12 @@ def _at_places(run: MeshRun, position: np.ndarray) -> np.ndarray:
 
 def _scale(run: MeshRun, state: State) -> float:
     chord = float(np.linalg.norm(run.chain.p.upper - run.chain.p.lower))
-    return stepping.motion_scale(_at_places(run, state.position), _at_places(run, run.initial), chord)
+    return motion_scale(_at_places(run, state.position), _at_places(run, run.initial), chord)
 
 
 def _first_step(run: MeshRun) -> float:
     """Choose the step to begin with [s]."""
-    return min(unforced_step(run), run.chain.p.time_scale / stepping.STEPS_PER_CHANGE)
+    return min(unforced_step(run), run.chain.p.time_scale / STEPS_PER_CHANGE)
 
 
 def unforced_step(run: MeshRun) -> float:
@@ -113,13 +121,13 @@ def refined_in_space(
     for count in counts:
         finer = runs(count)[run.scheme]
         needed = 0.0 if isinstance(finer, MeshImplicit) else 1.0 / unforced_step(finer)
-        new = finer(rate if rate >= needed else stepping.preferred_rate(needed))
+        new = finer(rate if rate >= needed else preferred_rate(needed))
         gap = _at_places(finer, new.position) - _at_places(run, state.position)
         distance = float(np.sqrt(np.mean(square(gap), axis=-1)).max()) / _scale(finer, new)
         growth = count / run.chain.sizes.size
         estimate = distance
         if last < np.inf:
-            order = stepping.observed_order(distance / max(last, 1e-300), factor, growth)
+            order = observed_order(distance / max(last, 1e-300), factor, growth)
             estimate = distance / (growth**order - 1.0)
         run, state, last, factor = finer, new, distance, growth
         if estimate <= (0.5 if count < counts[-1] else 1.0) * goal:  # with a margin while there is a choice
@@ -128,7 +136,7 @@ def refined_in_space(
         f"two numbers of elements disagree: an error of {estimate:.2g} of the motion is left with {run.chain.sizes.size} "
         f"elements, more than the tolerance {goal:.2g}; the motion is chaotic, or the cable goes slack and has corners; give a "
         "number of elements, or a larger tolerance",
-        stepping.NotConvergedWarning,
+        NotConvergedWarning,
         stacklevel=4,
     )
     return run, state, estimate

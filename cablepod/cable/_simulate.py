@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -11,16 +10,28 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._resources import check_memory
 from cablepod.batch._members import over_members
-from cablepod.cable._mesh import Mesh, check_order, hung, mesh_of, parts, reference, settle, settled, start
+from cablepod.cable._mesh import check_order, mesh_of, parts
 from cablepod.cable._runs import SCHEMES, MeshImplicit, MeshRun, MeshVerlet, output_coordinates
 from cablepod.cable._scheme import COUNTS, limit_of, picked, refined, refined_in_space
+from cablepod.cable._start import settled, start
 from cablepod.conventions import label
 from cablepod.discretisation._chain import LAWS, check_law, square
-from cablepod.integrate import _stepping as stepping
+from cablepod.errors import NotConvergedWarning, refuse
+from cablepod.integrate._request import (
+    DEFAULT_TOLERANCE,
+    check_outputs,
+    check_positive,
+    check_scheme,
+    check_step,
+    check_times,
+    implicit_rate,
+)
 from cablepod.integrate._run import SUSPECT, State, suffix
-from cablepod.parameters._parameters import Parameters, check_memory, parameters
-from cablepod.parameters._schema import SceneError, integer, refuse
+from cablepod.parameters._checks import integer
+from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._parameters import Parameters
 
 LAW = LAWS[1]
 
@@ -208,11 +219,11 @@ def simulate(
     by the linear law: order is lost there.
     """
     check_law(law)
-    stepping.check_scheme(scheme, SCHEMES)
-    names = stepping.check_outputs(outputs)
+    check_scheme(scheme, SCHEMES)
+    names = check_outputs(outputs)
     if step is not None and tolerance is not None:
         raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
-    goal = stepping.DEFAULT_TOLERANCE if tolerance is None else stepping.check_positive("tolerance", tolerance)
+    goal = DEFAULT_TOLERANCE if tolerance is None else check_positive("tolerance", tolerance)
     p = parameters(scene)
     if law == "green" and p.link_viscosity is not None:
         raise refuse(
@@ -221,7 +232,7 @@ def simulate(
             'viscous links with law "linear"; with "green" none, mass_proportional is possible',
         )
     check_order(order)
-    instants = p.times() if times is None else stepping.check_times(times)
+    instants = p.times() if times is None else check_times(times)
     p.check_reach(float(instants[-1]))
     title = str(scene.attrs.get("title", "scene"))
 
@@ -276,10 +287,10 @@ def simulate(
 
 def _given_rate(run: MeshRun, step: Any) -> float:
     if isinstance(run, MeshImplicit):
-        return stepping.implicit_rate(step, float(run.times[-1]), run.chain.p.time_scale)
+        return implicit_rate(step, float(run.times[-1]), run.chain.p.time_scale)
     limit = limit_of(run)
     why = f'2 over the highest angular frequency, {2 / limit:.6g} rad/s; scheme "trapezoidal" has none'
-    return 1.0 / stepping.check_step(step, limit, why)
+    return 1.0 / check_step(step, limit, why)
 
 
 def _suspect(state: State) -> None:
@@ -288,174 +299,6 @@ def _suspect(state: State) -> None:
             f"the cable holds up to {state.notes['energy_excess']:.2g} times the energy that rest, loads and ends "
             f"explain: a resonance, "
             "or a step too long for a cable that slackens and snaps taut; compare with half the step",
-            stepping.NotConvergedWarning,
+            NotConvergedWarning,
             stacklevel=4,
         )
-
-
-# --- small vibrations -----------------------------------------------------------------------------------------------
-
-
-@over_members
-def frequencies(
-    scene: xr.Dataset,
-    *,
-    count: int = 6,
-    elements: int | None = None,
-    order: int | None = None,
-    law: str = LAW,
-    points: Any = None,
-) -> xr.Dataset:
-    """Compute the lowest frequencies of small, undamped vibrations of the continuous cable about its rest, and their shapes.
-
-    Parameters
-    ----------
-    scene
-        A scene, with or without ``member``, with both ends held; they stand where they stand at time 0, and loads act as then.
-    count
-        Number of frequencies.
-    elements
-        Number of elements; by default so many that twice as many change no frequency by more than 1e-8 of it.
-    order
-        Order of their polynomials, 7 by default.
-    law
-        "green", eq. (21), or "linear", see :func:`simulate`.
-    points
-        Where the shapes are given, see :func:`simulate`.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``angular_frequency (mode)`` [rad/s], rising, ``mode_shape (mode, particle, coordinate)`` with a mean square of 1 over the
-        unstretched length and ``unstretched_length`` [m].  A planar scene gives the in-plane ones; a spatial one both, with
-        ``out_of_plane_share (mode)``, the share of the mean square that is normal to the plane of chord and load, where these
-        span one.  The attribute ``space_error_estimate`` is the largest relative change of a frequency by the last refinement.
-
-    Raises
-    ------
-    SceneError
-        For options that cannot be, for a free end, and for a cable without a taut rest.
-
-    Notes
-    -----
-    The tangent at rest is a sum of squares, K = B^T B, so that frequencies are the singular values of B M^-1/2, with M the
-    diagonal mass: rounding leaves an error of 1e-16 of the highest frequency, not of its square, and hardly extensible cables
-    keep their digits.
-
-    Examples
-    --------
-    >>> import cablepod as cp
-    >>> from cablepod import shipped
-    >>> scene = shipped.scene("example2")
-    >>> vibrations = cp.cable.frequencies(scene, count=2)
-    >>> vibrations.angular_frequency.values.round(3).tolist(), vibrations.angular_frequency.units
-    ([6.296, 12.464], 'rad s-1')
-    """
-    check_law(law)
-    integer(least=1)("count", count)
-    check_order(order)
-    p = parameters(scene)
-    if p.free is not None:
-        raise refuse(
-            "ends.free", p.free, "ends that are held: the rest about which the cable vibrates is between two of them"
-        )
-    tried = [n for n in COUNTS if n >= _count(None, p)] if elements is None else [_count(elements, p)]
-    values, error = None, math.nan
-    for number_of_elements in tried:
-        mesh = mesh_of(p, number_of_elements, order, law, points)
-        try:
-            before, (values, vectors) = values, vibrations(mesh, count)
-        except SceneError:
-            if number_of_elements == tried[-1]:
-                raise
-            continue  # too few to turn as sharply as the cable does
-        if before is not None and before.size == values.size:
-            error = float(np.abs(values / before - 1.0).max())
-            if error <= 1e-8:
-                break
-    if values is None or values.size < count:
-        raise refuse("count", count, f"at most {p.dims * (mesh.links - 1)}, the unknowns of {mesh.sizes.size} elements")
-    shapes = np.zeros((count, mesh.links + 1, p.dims))
-    shapes[:, 1:-1] = vectors.T.reshape(count, -1, p.dims) / np.sqrt(mesh.share[1:-1, None] / mesh.total_length)
-    flat = shapes.reshape(count, -1)
-    shapes *= np.sign(flat[np.arange(count), np.abs(flat).argmax(axis=1)])[:, None, None]
-    variables: dict[str, Any] = {
-        "angular_frequency": ("mode", values),
-        "mode_shape": (("mode", "particle", "coordinate"), mesh.at(shapes)),
-        "unstretched_length": ((), mesh.total_length),
-    }
-    normal = _normal(p)
-    if normal is not None:
-        across = np.einsum("mjc,c->mj", shapes, normal) ** 2
-        variables["out_of_plane_share"] = ("mode", across @ mesh.share / mesh.total_length)
-    coordinates = output_coordinates(mesh)
-    del coordinates["link_arc_length"]
-    result = xr.Dataset(variables, coords={"mode": np.arange(1, count + 1), **coordinates})
-    label(
-        result,
-        mode=("1", "number of the mode, from 1, by rising frequency"),
-        mode_shape=("1", "shape of the vibration, its mean square over the unstretched length 1"),
-    )
-    result.attrs.update(
-        title=f"{scene.attrs.get('title', 'scene')}: small vibrations of the continuous cable{suffix(mesh)}",
-        stage="frequencies",
-        law=law,
-        elements=mesh.sizes.size,
-        element_order=mesh.order,
-        **({} if elements is not None else {"space_error_estimate": error}),
-    )
-    options = {
-        "count": count,
-        "elements": mesh.sizes.size,
-        "order": mesh.order,
-        "law": law,
-        "arc_length": mesh.particles,
-        "points": points,
-    }
-    return provenance.record(
-        result,
-        function="cable.frequencies",
-        parameters=options,
-        inputs=[scene],
-        chosen=provenance.unset(elements=elements, order=order),
-    )
-
-
-def vibrations(mesh: Mesh, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest angular frequencies (count,) [rad/s], fewer where there are fewer unknowns, and vectors in columns."""
-    from scipy.linalg import svd  # takes longer to import than a short run
-
-    p, order = mesh.p, mesh.order
-    g = mesh.gradient(settle(mesh, hung(mesh))[0])
-    stretch = np.sqrt(square(g))
-    if not stretch.min() > 1.0:
-        raise SceneError(
-            f"cable: at rest its stretch in {mesh.sizes.size} elements is {stretch.min():.9g} somewhere; allowed: a scene whose "
-            "cable is taut at rest, and enough elements"
-        )
-    secant, along = mesh.moduli(stretch)
-    t = g / stretch[:, None]
-    turn = np.eye(p.dims) - t[:, :, None] * t[:, None, :]
-    root = np.sqrt(secant)[:, None, None] * turn + np.sqrt(along)[:, None, None] * (t[:, :, None] * t[:, None, :])
-    root *= np.sqrt(mesh.length)[:, None, None]
-    d = np.array(reference(order)[2])
-    matrix = np.zeros((mesh.length.size, p.dims, mesh.links + 1, p.dims))
-    for e, scale in enumerate(mesh.scale):
-        points, nodes = slice(e * (order + 1), (e + 1) * (order + 1)), slice(e * order, (e + 1) * order + 1)
-        matrix[points, :, nodes] = np.einsum("qcd,qi->qcid", root[points], scale * d)
-    matrix /= np.sqrt(p.mass * mesh.share)[:, None]
-    inner = matrix[:, :, 1:-1].reshape(mesh.length.size * p.dims, -1)
-    _, values, vectors = svd(inner, full_matrices=False)
-    return values[::-1][:count], vectors[::-1][:count].T
-
-
-def _normal(p: Parameters) -> np.ndarray | None:
-    """Return the unit vector normal to chord and load of a spatial scene, None where there is no such plane."""
-    if p.dims == 2:
-        return None
-    chord = np.subtract(*p.end_positions(np.zeros(1))[0])
-    normal = np.cross(chord, p.load_at(0.0))
-    size = float(np.linalg.norm(normal))
-    return (
-        normal / size if size > 1e-12 * float(np.linalg.norm(chord) * np.linalg.norm(p.load_at(0.0))) and size else None
-    )

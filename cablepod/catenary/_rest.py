@@ -10,10 +10,13 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from cablepod import provenance
+from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.conventions import COORDINATES, label
-from cablepod.parameters import _schema as schema
-from cablepod.parameters._parameters import Parameters, load_plane, parameters_of_members, solve_statics
-from cablepod.parameters._schema import SceneError, refuse
+from cablepod.errors import SceneError, refuse
+from cablepod.parameters._checks import integer
+from cablepod.parameters._from_scene import parameters_of_members
+from cablepod.parameters._keys import LENGTH_KEYS, exactly_one
+from cablepod.parameters._parameters import Parameters
 
 
 def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
@@ -60,7 +63,7 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     >>> round(float(rest.unstretched_length), 3), round(float(rest.tension_lower))
     (61.156, 14434)
     """
-    schema.integer(least=2)("points", points)
+    integer(least=2)("points", points)
     members = parameters_of_members(scene)
     if any(p.point_loads for p in members):
         warnings.warn(
@@ -102,7 +105,7 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
 
 
 def _one(p: Parameters, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    from cablepod.catenary import _kernels as kernel  # numba is imported only to compute
+    from cablepod.catenary import _kernels_shape as kernel  # numba is imported only to compute
 
     solution = solve_statics(p, p.length_key, p.length_value)
     _, _, _, q, across, against = load_plane(p)
@@ -148,17 +151,15 @@ def solve(
     >>> cables["unstretched_length"].round(3).tolist()
     [61.18, 61.156]
     """
-    from cablepod.catenary import _kernels as kernel  # numba is imported only to compute
+    from cablepod.catenary import _kernels_solve as kernel  # numba is imported only to compute
 
-    key = schema.exactly_one("given", given, schema.LENGTH_KEYS)
+    key = exactly_one("given", given, LENGTH_KEYS)
     if len(given) > 1:
-        raise SceneError(f"{', '.join(given)}: unknown key; allowed: exactly one of {', '.join(schema.LENGTH_KEYS)}")
+        raise SceneError(f"{', '.join(given)}: unknown key; allowed: exactly one of {', '.join(LENGTH_KEYS)}")
     arrays = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (span, rise, load, stiffness, given[key])))
     a, b, q, k, value = (np.ascontiguousarray(x).ravel() for x in arrays)
     out, status = np.empty((a.size, 6)), np.empty(a.size, dtype=np.int64)
-    kind = (kernel.UPPER_TENSION, kernel.LOWER_TENSION, kernel.HORIZONTAL_FORCE, kernel.LENGTH)[
-        schema.LENGTH_KEYS.index(key)
-    ]
+    kind = (kernel.UPPER_TENSION, kernel.LOWER_TENSION, kernel.HORIZONTAL_FORCE, kernel.LENGTH)[LENGTH_KEYS.index(key)]
     kernel.solve_many(a, b, np.hypot(a, b), q, k, kind, value, out, status)
     if (status != kernel.FOUND).any():
         i = int(np.argmax(status != kernel.FOUND))
@@ -171,8 +172,3 @@ def solve(
             reason = "at most the chord, because a slack cable without load has no shape at rest"
         raise refuse(f"{key}[{i}]", float(value[i]), reason)
     return {name: out[:, column].reshape(arrays[0].shape) for column, name in enumerate(kernel.COLUMNS)}
-
-
-def unstretched_length(p: Parameters) -> float:
-    """Unstretched length [m] of the cable of a scene: as given, or of the cable that has the given tension at rest."""
-    return float(solve_statics(p, p.length_key, p.length_value)[0])

@@ -12,17 +12,18 @@ from typing import Any, cast
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.batch._members import Arrays, Way
+from cablepod.batch._members import Way
+from cablepod.batch._stack import Arrays
 from cablepod.chain._explicit import Begun, March, VerletRun
 from cablepod.chain._scheme import Options, Ready, Solution, prepare, solve
-from cablepod.integrate import _stepping as stepping
+from cablepod.errors import SceneError
+from cablepod.integrate import _march as march
 from cablepod.integrate._run import State
-from cablepod.parameters._parameters import Members
-from cablepod.parameters._schema import SceneError
+from cablepod.parameters._from_scene import Members
 
 #: Steps in a block, at most and at least: multiples of those after which the tables of sines begin anew, so that they are those
 #: of a single run.
-BLOCK, SHORTEST = stepping.BLOCK, 1024
+BLOCK, SHORTEST = march.BLOCK, 1024
 #: Links times steps of all members in a block, at most: some tenths of a second, in which nobody can stop them.
 WORK = 2e8
 #: Bytes that a chunk keeps of its steps before they are results, at most; members beyond go the way of single scenes.

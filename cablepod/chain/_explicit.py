@@ -9,10 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from cablepod.chain import _kernels_layout as layout
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.integrate import _stepping as stepping
+from cablepod.errors import RunStopped
+from cablepod.integrate._march import advance_in_blocks
+from cablepod.integrate._output_times import Instants
 from cablepod.integrate._run import Run, State
-from cablepod.integrate._stepping import Instants, RunStopped
+from cablepod.integrate._step_control import damped_growth
 from cablepod.parameters._time_functions import Abreast
 
 
@@ -27,7 +30,7 @@ class VerletRun(Run):
     def __call__(self, rate: float) -> State:
         """Run with so many steps per second."""
         march = March([self.begin(rate)])
-        failed = stepping.march(
+        failed = advance_in_blocks(
             lambda start, steps: bool(march.advance(start, steps)[0]), (march.states,), march.total, self.progress
         )
         if failed is not None:
@@ -46,10 +49,8 @@ class VerletRun(Run):
         RunStopped
             Where the links hold more energy than anything explains, or became too stiff for the step.
         """
-        from cablepod.chain import _kernels_explicit as kernel  # numba is imported only to compute
-
         links = slice(self.chain.links)
-        low, high = (_root(march.states[place, row, links]) for row in (kernel.LOW, kernel.HIGH))
+        low, high = (_root(march.states[place, row, links]) for row in (layout.LOW, layout.HIGH))
         result = self._gather(
             march.instants,
             march.saved[place],
@@ -68,30 +69,34 @@ class VerletRun(Run):
 
     def _first_state(self, step: float) -> tuple[np.ndarray, float | None, np.ndarray | None]:
         """State of the kernel at the start from rest, its decay, and its patterns of loads that vary in time."""
-        from cablepod.chain import _kernels_explicit as kernel
+        from cablepod.chain import _kernels_explicit as kernel_explicit
 
         chain, p, free = self.chain, self.chain.p, self.chain.free
-        state, links, particles = kernel.new_states(1, chain.links)[0], slice(chain.links), slice(chain.links + 1)
+        state, links, particles = (
+            kernel_explicit.new_states(1, chain.links)[0],
+            slice(chain.links),
+            slice(chain.links + 1),
+        )
         mass = p.mass * chain.share[free]
         decay, half = None, 0.5 * step
-        state[kernel.PER_MASS, free] = step / mass
+        state[layout.PER_MASS, free] = step / mass
         if p.mass_damping is not None:
             decay = math.exp(-p.mass_damping * step)
-            half = stepping.damped_growth(p.mass_damping, step) / p.mass_damping
-            state[kernel.PER_MASS, free] = -math.expm1(-p.mass_damping * step) / (p.mass_damping * mass)
-        per_mass = state[kernel.PER_MASS, particles]
+            half = damped_growth(p.mass_damping, step) / p.mass_damping
+            state[layout.PER_MASS, free] = -math.expm1(-p.mass_damping * step) / (p.mass_damping * mass)
+        per_mass = state[layout.PER_MASS, particles]
         varying = chain.varying()
         force, loads = self.first_force(), chain.loads()
         for c in range(p.dims):
-            state[kernel.X + c, particles] = self.initial[:, c]
-            state[kernel.VX + c, free] = -half * force[free, c] / mass
-            state[(kernel.STEADY_X if varying else kernel.DRIVE_X) + c, particles] = per_mass * loads[:, c]
+            state[layout.X + c, particles] = self.initial[:, c]
+            state[layout.VX + c, free] = -half * force[free, c] / mass
+            state[(layout.STEADY_X if varying else layout.DRIVE_X) + c, particles] = per_mass * loads[:, c]
             # with viscosity the prediction 1.5 v - 0.5 before then gives rest at the start
-            state[kernel.BX + c] = 3.0 * state[kernel.VX + c]
-        state[kernel.STIFFNESS, links], state[kernel.LENGTH, links] = chain.k, chain.length
+            state[layout.BX + c] = 3.0 * state[layout.VX + c]
+        state[layout.STIFFNESS, links], state[layout.LENGTH, links] = chain.k, chain.length
         if chain.inverse_squares is not None:
-            state[kernel.INVERSE, links] = chain.inverse_squares
-        state[kernel.LOW], state[kernel.HIGH] = np.inf, -np.inf
+            state[layout.INVERSE, links] = chain.inverse_squares
+        state[layout.LOW], state[layout.HIGH] = np.inf, -np.inf
         patterns = (
             np.array([np.ascontiguousarray((per_mass[:, None] * item).T) for item, _ in varying]) if varying else None
         )
@@ -175,20 +180,20 @@ class March:
     """Runs of equal :attr:`VerletRun.shape` and step abreast: one compiled call advances all of them."""
 
     def __init__(self, begun: Sequence[Begun]) -> None:
-        from cablepod.chain import _kernels_explicit as kernel  # numba is imported only to compute
+        from cablepod.chain import _kernels_explicit as kernel_explicit
 
         first = begun[0]
         run, chain, p = first.run, first.run.chain, first.run.chain.p
         self.instants, self.bounds = first.instants, np.array([item.run.bound for item in begun])
-        self.states = kernel.new_states(len(begun), chain.links)
+        self.states = kernel_explicit.new_states(len(begun), chain.links)
         np.stack([item.state for item in begun], out=self.states)
         count, saves = len(begun), self.instants.steps.size
         self.total = int(self.instants.steps[-1]) + 1
         self.sound = np.ones(count, dtype=bool)  #: those that are advanced
         self.saved = np.empty((count, saves, p.dims, chain.links + 1))
         self.halves = np.empty((count, saves, 2, *self.saved.shape[2:])) if run.wants_velocity(self.instants) else None
-        self._position = self.states[:, kernel.X : kernel.X + p.dims, : chain.links + 1]
-        rows = np.array([kernel.X + COORDINATES.index(axis) for _, axis in p.motions], dtype=np.int64)
+        self._position = self.states[:, layout.X : layout.X + p.dims, : chain.links + 1]
+        rows = np.array([layout.X + COORDINATES.index(axis) for _, axis in p.motions], dtype=np.int64)
         self._places = rows, np.array([chain.links * ENDS.index(end) for end, _ in p.motions], dtype=np.int64)
         ends = [_abreast(begun, end, axis) for end, axis in p.motions]
         loads = zip(*(item.run.chain.varying() for item in begun), strict=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cablepod.integrate import _stepping as stepping
+from cablepod.integrate._march import BLOCK
+from cablepod.integrate._output_times import Instants
 from cablepod.integrate._run import Run, State
-from cablepod.integrate._stepping import Instants
 
 SCHEMES = ("trapezoidal", "generalized_alpha", "energy_momentum")
 #: Newton's method ends with a correction that turns the links by so little, in the mean, that what the tangent does not know
@@ -45,7 +45,7 @@ class ImplicitRun(Run):
         march = self.march(instants)
         done = 0
         while done < total:
-            steps = min(stepping.BLOCK, total - done)
+            steps = min(BLOCK, total - done)
             reached = march.advance(done, steps)
             done += reached
             if reached < steps:

@@ -12,33 +12,41 @@ index which is only known at run time is not vectorised.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numba import njit
 
-# without the interpreter lock, so that runs in several threads go on side by side
-_options: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True}
-# Rows of the state; column j is particle j, or link j, which is between the particles j and j + 1.
-X, Y, Z = range(3)  #: positions [m]
-VX, VY, VZ = range(3, 6)  #: velocities half a step before [m/s]; 0 at held ends
-FX, FY, FZ = range(
-    6, 9
-)  #: forces of the links [N]; that of link j in column j + 1, so that a particle is between its two
-STIFFNESS, LENGTH, INVERSE = range(9, 12)  #: of the links [N/m], unstretched [m], and for law (21) 1/length^2 [1/m^2]
-PER_MASS = (
-    12  #: step over mass [s/kg], 0 at held ends; with decay (1 - decay) / (damping mass), so that damping is exact
+from cablepod._jit import compiled
+from cablepod.chain._kernels_layout import (
+    BX,
+    BY,
+    BZ,
+    DRIVE_X,
+    DRIVE_Y,
+    DRIVE_Z,
+    FX,
+    FY,
+    FZ,
+    HIGH,
+    INVERSE,
+    LENGTH,
+    LINE,
+    LOW,
+    PER_MASS,
+    ROWS,
+    STEADY_X,
+    STEADY_Y,
+    STEADY_Z,
+    STIFFNESS,
+    UX,
+    UY,
+    UZ,
+    VX,
+    VY,
+    VZ,
+    X,
+    Y,
+    Z,
 )
-DRIVE_X, DRIVE_Y, DRIVE_Z = range(13, 16)  #: what loads add to the velocity in a step [m/s]; 0 at held ends
-# only with loads that vary in time, which make the drive anew in each step
-STEADY_X, STEADY_Y, STEADY_Z = range(16, 19)  #: the part of the drive that is constant [m/s]
-# only with viscous links
-UX, UY, UZ = range(19, 22)  #: velocities predicted for the step [m/s]
-BX, BY, BZ = range(22, 25)  #: velocities a whole step before VX, VY, VZ [m/s]
-# only where extremes are wanted
-LOW, HIGH = range(25, 27)  #: of T |T| of the links [N^2], which needs no root; with law (21) compression is negative
-ROWS = 27
-LINE = 8  #: numbers in a cache line
 
 
 def new_states(chains, links):
@@ -53,7 +61,7 @@ def new_states(chains, links):
     return room[first : first + math.prod(shape)].reshape(shape)
 
 
-@njit(inline="always", **_options)
+@compiled(inline="always")
 def _pull(s, links, spatial):
     """Compute forces of the links [N]: k (1 - l/|R|) R where |R| > l, else 0."""
     for j in range(links):
@@ -71,7 +79,7 @@ def _pull(s, links, spatial):
             s[FZ, j + 1] = pull * dz
 
 
-@njit(inline="always", **_options)
+@compiled(inline="always")
 def _pull_green(s, links, spatial):
     """Compute forces of the links by law (21) [N]: k/2 (|R|^2/l^2 - 1) R."""
     for j in range(links):
@@ -88,7 +96,7 @@ def _pull_green(s, links, spatial):
             s[FZ, j + 1] = pull * dz
 
 
-@njit(inline="always", **_options)
+@compiled(inline="always")
 def _pull_viscous(s, links, viscosity, spatial):
     """Compute forces of links with viscosity from the predicted velocities.  A link that is slack carries nothing."""
     for j in range(links):
@@ -109,7 +117,7 @@ def _pull_viscous(s, links, viscosity, spatial):
             s[FZ, j + 1] = pull * dz
 
 
-@njit(inline="always", **_options)
+@compiled(inline="always")
 def _predict(s, links, spatial):
     """Velocity at the step from the last two half steps: second order, so that damping does not cost the scheme its order."""
     for j in range(links + 1):
@@ -122,7 +130,7 @@ def _predict(s, links, spatial):
             s[BZ, j] = s[VZ, j]
 
 
-@njit(inline="always", **_options)
+@compiled(inline="always")
 def _drive(s, links, patterns, factors, i, spatial):
     """Make the drive of step `i`: that of the constant loads and of those that vary in time."""
     factor = factors[0, i]
@@ -140,7 +148,7 @@ def _drive(s, links, patterns, factors, i, spatial):
                 s[DRIVE_Z, j] += factor * patterns[load, 2, j]
 
 
-@njit(inline="always", **_options)
+@compiled(inline="always")
 def _move(s, links, step, decay, spatial):
     """Kick and drift: V <- decay V + (f1 - f0) h + drive; X <- X + step V.  A decay of None means 1."""
     for j in range(links + 1):
@@ -162,7 +170,7 @@ def _move(s, links, step, decay, spatial):
             s[Z, j] += step * vz
 
 
-@njit(inline="always", **_options)
+@compiled(inline="always")
 def _extremes(s, links, green, spatial):
     """Update the extremes of the tensions; by law (21) with their sign, which the size of a force does not tell."""
     for j in range(links):
@@ -183,7 +191,7 @@ def _extremes(s, links, green, spatial):
         s[HIGH, j] = max(s[HIGH, j], size)
 
 
-@njit(**_options)
+@compiled
 def _advance(
     s, links, spatial, green, step, decay, viscosity, patterns, factors, rows, columns, ends, end_rates, begin, end, extremes,
 ):  # fmt: skip
@@ -207,7 +215,7 @@ def _advance(
             s[rows[m], columns[m]] = ends[m, i + 1]
 
 
-@njit(**_options)
+@compiled
 def _verlet(
     s, links, spatial, green, step, decay, viscosity, patterns, factors, rows, columns, ends, end_rates, extremes,
     steps, start, save_steps, saved, saved_half,
@@ -236,7 +244,7 @@ def _verlet(
             save += 1
 
 
-@njit(**_options)
+@compiled
 def verlet(
     states, sound, links, spatial, green, step, decays, viscosities, patterns, factors, rows, columns, ends, end_rates, extremes,
     steps, start, save_steps, first, last, saved, saved_half,
@@ -296,7 +304,7 @@ def verlet(
             )  # fmt: skip
 
 
-@njit(**_options)
+@compiled
 def green_strain(load):
     """Find xi - 1 of a pulled link by law (21), xi (xi^2 - 1)/2 = load, tension over stiffness.
 
@@ -312,7 +320,7 @@ def green_strain(load):
     return e
 
 
-@njit(**_options)
+@compiled
 def secant_modulus(size, stiffness, green):
     """Tension over strain [N] of a link under the tension `size` [N]: K, by law (21) K (1 + e) (1 + e/2)."""
     if not green:
@@ -321,140 +329,8 @@ def secant_modulus(size, stiffness, green):
     return stiffness * (1.0 + e) * (1.0 + 0.5 * e)
 
 
-@njit(**_options)
+@compiled
 def secant_moduli(sizes, stiffness, green, out):
     """Fill `out` (links,) with :func:`secant_modulus` of each."""
     for j in range(sizes.size):
         out[j] = secant_modulus(sizes[j], stiffness, green)
-
-
-@njit(**_options)
-def _stretch(force, loads, length, stiffness, green, gap, hessian):
-    """Gap between the end of a chain of given first link force and `gap`'s target (added in place); also its Jacobian.
-
-    Returns the complementary energy's part that depends on the force, sum l c(|F|): by the linear law c = T + T^2 / (2 K), by law
-    (21) c = T xi - K (xi^2 - 1)^2 / 8.
-    """
-    dims = force.size
-    f = force.copy()
-    hessian[:] = 0.0
-    energy = 0.0
-    for j in range(length.size):
-        if j > 0:
-            for c in range(dims):
-                f[c] -= loads[j - 1, c]
-        square = 0.0
-        for c in range(dims):
-            square += f[c] * f[c]
-        size = math.sqrt(square)
-        if green:
-            e = green_strain(size / stiffness)
-            strain = e * (1.0 + 0.5 * e)
-            energy += length[j] * (size * (1.0 + e) - 0.5 * stiffness * strain * strain)
-        else:
-            energy += length[j] * size * (1.0 + 0.5 * size / stiffness)
-        if size == 0.0:
-            continue
-        secant = secant_modulus(size, stiffness, green)
-        for c in range(dims):
-            gap[c] += length[j] * (f[c] / size + f[c] / secant)
-            for d in range(dims):
-                hessian[c, d] -= length[j] * (f[c] / size) * (f[d] / size) / size
-            hessian[c, c] += length[j] * (1.0 / size + 1.0 / secant)
-        if green:
-            # along the link the tangent counts: d xi / dT = 1 / (K (3 xi^2 - 1) / 2)
-            excess = 1.0 / (stiffness * (1.0 + 3.0 * e + 1.5 * e * e)) - 1.0 / secant
-            for c in range(dims):
-                for d in range(dims):
-                    hessian[c, d] += length[j] * (f[c] / size) * (f[d] / size) * excess
-    return energy
-
-
-@njit(**_options)
-def _solve_small(matrix, right):
-    """Solve a positive definite system of 2 or 3 unknowns in place; elementary order, so that dimensions agree bit for bit."""
-    n = right.size
-    for i in range(n):
-        for j in range(i):
-            factor = matrix[i, j] / matrix[j, j]
-            for m in range(j, n):
-                matrix[i, m] -= factor * matrix[j, m]
-            right[i] -= factor * right[j]
-    for i in range(n - 1, -1, -1):
-        for m in range(i + 1, n):
-            right[i] -= matrix[i, m] * right[m]
-        right[i] /= matrix[i, i]
-
-
-@njit(**_options)
-def equilibrium(chord, loads, length, stiffness, green, force):
-    """Find the force in the first link of a chain at rest between two points, by Newton's method.
-
-    The force minimises the complementary energy, sum l c(|F|) - F . chord with c(T) = T + T^2 / 2K or its like by law (21), which
-    is strictly convex: the steps, shortened until the energy falls, converge from anywhere where no link ends up without force.
-
-    Parameters
-    ----------
-    chord : float array (dims,)
-        From the lower to the upper end [m].
-    loads : float array (n - 1, dims)
-        Forces on the inner particles [N].
-    length : float array (n,)
-        Unstretched lengths of the links [m].
-    stiffness : float
-        Axial stiffness [N].
-    green : bool
-        Whether law (21) holds instead of the linear one.
-    force : float array (dims,)
-        A guess of the force in the first link, pointing up the chain; overwritten by the solution [N].
-
-    Returns
-    -------
-    float
-        Largest component of the closing gap that is left [m].
-    """
-    dims = chord.size
-    gap, trial_gap = -chord, np.empty(dims)
-    hessian, trial_hessian = np.empty((dims, dims)), np.empty((dims, dims))
-    energy = _stretch(force, loads, length, stiffness, green, gap, hessian)
-    energy -= _dot(force, chord)
-    for _ in range(200):
-        move = -gap
-        _solve_small(hessian.copy(), move)
-        slope = _dot(gap, move)
-        part = 1.0
-        size = _size(gap)
-        for _ in range(60):
-            trial = force + part * move
-            trial_gap[:] = -chord
-            trial_energy = _stretch(trial, loads, length, stiffness, green, trial_gap, trial_hessian)
-            trial_energy -= _dot(trial, chord)
-            if trial_energy <= energy + 1e-4 * part * slope or _size(trial_gap) < 0.5 * size:
-                break
-            part *= 0.5
-        if not _size(trial_gap) < size and _size(move) <= 1e-9 * _size(force):
-            break  # rounding: no step makes the gap smaller
-        force[:] = trial
-        gap[:] = trial_gap
-        hessian[:] = trial_hessian
-        energy = trial_energy
-        if _size(gap) == 0.0:
-            break
-    return _size(gap)
-
-
-@njit(**_options)
-def _size(vector):
-    largest = 0.0
-    for c in range(vector.size):
-        if not abs(vector[c]) <= largest:
-            largest = abs(vector[c])
-    return largest
-
-
-@njit(**_options)
-def _dot(a, b):
-    total = 0.0
-    for c in range(a.size):
-        total += a[c] * b[c]
-    return total

@@ -10,335 +10,17 @@ Arrays over links have n + 2 places: link j stands at j + 1, and the zeros at bo
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numba import njit
 
-_options: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True}
-# products and sums in one instruction, where the machine has it: the elimination is a fifth faster, and no test for numbers that
-# are not finite is weakened
-_fused: dict[str, Any] = {**_options, "fastmath": {"contract"}}
+from cablepod._jit import REORDERED, compiled
+from cablepod.chain._kernels_banded import solve_planar, solve_spatial
+from cablepod.chain._kernels_links import _pull_conserving, _pull_planar, _pull_spatial
+
 MOST_ITERATIONS = 30
 
 
-# --- block tridiagonal systems ----------------------------------------------------------------------------------------
-
-
-@njit(**_fused)
-def _eliminate(a, b, c, s, rx, ry):
-    """Eliminate a particle with the block D = [[a, b], [b, c]], the link S to the next one and the right side r.
-
-    Returns D^-1 S (four numbers), D^-1 r, and what the next one loses, S D^-1 S (three), and gains, S D^-1 r.  The products wait
-    for no division: that by the determinant, the slowest operation, goes on beside them.
-    """
-    scale = 1.0 / (a * c - b * b)
-    sxx, sxy, syy = s
-    # the adjugate of D times S, and S times that
-    mxx, mxy = c * sxx - b * sxy, c * sxy - b * syy
-    myx, myy = a * sxy - b * sxx, a * syy - b * sxy
-    lost = (sxx * mxx + sxy * myx) * scale, (sxx * mxy + sxy * myy) * scale, (sxy * mxy + syy * myy) * scale
-    tx, ty = (c * rx - b * ry) * scale, (a * ry - b * rx) * scale
-    return (
-        (mxx * scale, mxy * scale, myx * scale, myy * scale),
-        (tx, ty),
-        lost,
-        (sxx * tx + sxy * ty, sxy * tx + syy * ty),
-    )
-
-
-@njit(**_fused)
-def solve_planar(diagonal, s, b, kept, first, last):
-    """Solve the system of the chain, planar.
-
-    Row p, for the free particle p, is (diagonal_p + S_below + S_above) d_p - S_below d_(p-1) - S_above d_(p+1) = b_p; the
-    particles before `first` and from `last` on do not move.
-
-    Parameters
-    ----------
-    diagonal : float array (n + 1,)
-        What is added to the diagonal of each block, inertia over the square of the step [N/m].
-    s : tuple of 3 float arrays (n + 2,)
-        xx, xy, yy of the tangent stiffness of the links [N/m].
-    b : tuple of 2 float arrays (n + 1,)
-        Right side [N]; overwritten by the solution [m] from `first` to `last` - 1.
-    kept : tuple of 4 float arrays (n + 1,)
-        To work in.
-    first, last : int
-        The free particles.
-    """
-    sxx, sxy, syy = s
-    bx, by = b
-    mxx, mxy, myx, myy = kept
-    half = (last - first) // 2
-    up, u = (0.0, 0.0, 0.0), (0.0, 0.0)
-    down, w = up, u
-    for i in range(half):
-        # from the lower end upwards
-        p = first + i
-        above = (sxx[p + 1], sxy[p + 1], syy[p + 1])
-        matrix, t, up, u = _eliminate(
-            diagonal[p] + sxx[p] + above[0] - up[0],
-            sxy[p] + above[1] - up[1],
-            diagonal[p] + syy[p] + above[2] - up[2],
-            above, bx[p] + u[0], by[p] + u[1],
-        )  # fmt: skip
-        mxx[p], mxy[p], myx[p], myy[p] = matrix
-        bx[p], by[p] = t
-        # from the upper end downwards
-        p = last - 1 - i
-        if p > first + half:
-            below = (sxx[p], sxy[p], syy[p])
-            matrix, t, down, w = _eliminate(
-                diagonal[p] + below[0] + sxx[p + 1] - down[0],
-                below[1] + sxy[p + 1] - down[1],
-                diagonal[p] + below[2] + syy[p + 1] - down[2],
-                below, bx[p] + w[0], by[p] + w[1],
-            )  # fmt: skip
-            mxx[p], mxy[p], myx[p], myy[p] = matrix
-            bx[p], by[p] = t
-    p = first + half
-    _, t, _, _ = _eliminate(
-        diagonal[p] + sxx[p] + sxx[p + 1] - up[0] - down[0],
-        sxy[p] + sxy[p + 1] - up[1] - down[1],
-        diagonal[p] + syy[p] + syy[p + 1] - up[2] - down[2],
-        (0.0, 0.0, 0.0), bx[p] + u[0] + w[0], by[p] + u[1] + w[1],
-    )  # fmt: skip
-    tx, ty = t
-    bx[p], by[p] = tx, ty
-    qx, qy = tx, ty
-    for i in range(half):
-        p = first + half - 1 - i
-        tx, ty = mxx[p] * tx + mxy[p] * ty + bx[p], myx[p] * tx + myy[p] * ty + by[p]
-        bx[p], by[p] = tx, ty
-        p = first + half + 1 + i
-        if p < last:
-            qx, qy = mxx[p] * qx + mxy[p] * qy + bx[p], myx[p] * qx + myy[p] * qy + by[p]
-            bx[p], by[p] = qx, qy
-
-
-@njit(**_fused)
-def _inverse3(a, b, c, d, e, f):
-    """Inverse of the symmetric matrix [[a, b, c], [b, d, e], [c, e, f]], as six numbers in the same order."""
-    p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
-    scale = 1.0 / (a * p + b * q + c * r)
-    return p * scale, q * scale, r * scale, (a * f - c * c) * scale, (b * c - a * e) * scale, (a * d - b * b) * scale
-
-
-@njit(**_fused)
-def _times3(s, x, y, z):
-    """Product of a symmetric matrix and a vector."""
-    return s[0] * x + s[1] * y + s[2] * z, s[1] * x + s[3] * y + s[4] * z, s[2] * x + s[4] * y + s[5] * z
-
-
-@njit(**_fused)
-def _sandwich3(s, i):
-    """S I S of symmetric matrices, as six numbers."""
-    a = _times3(i, s[0], s[1], s[2])
-    b = _times3(i, s[1], s[3], s[4])
-    c = _times3(i, s[2], s[4], s[5])
-    xx, xy, xz = _times3(s, a[0], a[1], a[2])
-    _, yy, yz = _times3(s, b[0], b[1], b[2])
-    _, _, zz = _times3(s, c[0], c[1], c[2])
-    return xx, xy, xz, yy, yz, zz
-
-
-@njit(**_options)
-def _at3(s, p):
-    return s[0][p], s[1][p], s[2][p], s[3][p], s[4][p], s[5][p]
-
-
-@njit(**_fused)
-def _block3(diagonal, below, above, taken, also):
-    """Inverse of the block of a particle, less what elimination took off."""
-    return _inverse3(
-        diagonal + below[0] + above[0] - taken[0] - also[0],
-        below[1] + above[1] - taken[1] - also[1],
-        below[2] + above[2] - taken[2] - also[2],
-        diagonal + below[3] + above[3] - taken[3] - also[3],
-        below[4] + above[4] - taken[4] - also[4],
-        diagonal + below[5] + above[5] - taken[5] - also[5],
-    )
-
-
-@njit(**_fused)
-def solve_spatial(diagonal, s, b, kept, first, last):
-    """Solve the system of the chain, spatial; s and kept are tuples of 6 arrays (xx, xy, xz, yy, yz, zz), b one of 3."""
-    bx, by, bz = b
-    half = (last - first) // 2
-    none = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    up, down = none, none
-    u, w = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for i in range(half):
-        p = first + i
-        above = _at3(s, p + 1)
-        inverse = _block3(diagonal[p], _at3(s, p), above, up, none)
-        kept[0][p], kept[1][p], kept[2][p], kept[3][p], kept[4][p], kept[5][p] = inverse
-        bx[p] += u[0]
-        by[p] += u[1]
-        bz[p] += u[2]
-        t = _times3(inverse, bx[p], by[p], bz[p])
-        u = _times3(above, t[0], t[1], t[2])
-        up = _sandwich3(above, inverse)
-        p = last - 1 - i
-        if p > first + half:
-            below = _at3(s, p)
-            inverse = _block3(diagonal[p], below, _at3(s, p + 1), down, none)
-            kept[0][p], kept[1][p], kept[2][p], kept[3][p], kept[4][p], kept[5][p] = inverse
-            bx[p] += w[0]
-            by[p] += w[1]
-            bz[p] += w[2]
-            t = _times3(inverse, bx[p], by[p], bz[p])
-            w = _times3(below, t[0], t[1], t[2])
-            down = _sandwich3(below, inverse)
-    p = first + half
-    inverse = _block3(diagonal[p], _at3(s, p), _at3(s, p + 1), up, down)
-    t = _times3(inverse, bx[p] + u[0] + w[0], by[p] + u[1] + w[1], bz[p] + u[2] + w[2])
-    bx[p], by[p], bz[p] = t
-    q = t
-    for i in range(half):
-        p = first + half - 1 - i
-        r = _times3(_at3(s, p + 1), t[0], t[1], t[2])
-        t = _times3(_at3(kept, p), bx[p] + r[0], by[p] + r[1], bz[p] + r[2])
-        bx[p], by[p], bz[p] = t
-        p = first + half + 1 + i
-        if p < last:
-            r = _times3(_at3(s, p), q[0], q[1], q[2])
-            q = _times3(_at3(kept, p), bx[p] + r[0], by[p] + r[1], bz[p] + r[2])
-            bx[p], by[p], bz[p] = q
-
-
-# --- links ------------------------------------------------------------------------------------------------------------
-
-
-@njit(**_options)
-def _pull_planar(x, y, u, v, k, length, inverse, viscosity, rate, fx, fy, sxx, sxy, syy):
-    """Compute forces of the links [N] and tangent stiffness [N/m]; `rate` [1/s] is d velocity / d position of the step."""
-    for j in range(k.size):
-        dx, dy = x[j + 1] - x[j], y[j + 1] - y[j]
-        square = dx * dx + dy * dy
-        if inverse is None:
-            part = length[j] / math.sqrt(square)
-            s = k[j] * (1.0 - part)
-            g = k[j] * part / square
-            taut = s > 0.0
-            if viscosity is not None:
-                c = viscosity * k[j] / square
-                total = s + c * (dx * (u[j + 1] - u[j]) + dy * (v[j + 1] - v[j]))
-                taut = taut and total > 0.0
-                s, g = total, g + c * rate
-            s = s if taut else 0.0
-            g = g if taut else 0.0
-        else:
-            s = 0.5 * k[j] * (square * inverse[j] - 1.0)
-            g = k[j] * inverse[j]
-        fx[j + 1] = s * dx
-        fy[j + 1] = s * dy
-        sxx[j + 1] = s + g * dx * dx
-        sxy[j + 1] = g * dx * dy
-        syy[j + 1] = s + g * dy * dy
-
-
-@njit(**_options)
-def _pull_spatial(x, y, z, u, v, w, k, length, inverse, viscosity, rate, fx, fy, fz, s):
-    """Do the same in space; s (6, n + 2) is filled with xx, xy, xz, yy, yz, zz."""
-    for j in range(k.size):
-        dx, dy, dz = x[j + 1] - x[j], y[j + 1] - y[j], z[j + 1] - z[j]
-        square = dx * dx + dy * dy + dz * dz
-        if inverse is None:
-            part = length[j] / math.sqrt(square)
-            t = k[j] * (1.0 - part)
-            g = k[j] * part / square
-            taut = t > 0.0
-            if viscosity is not None:
-                c = viscosity * k[j] / square
-                total = t + c * (dx * (u[j + 1] - u[j]) + dy * (v[j + 1] - v[j]) + dz * (w[j + 1] - w[j]))
-                taut = taut and total > 0.0
-                t, g = total, g + c * rate
-            t = t if taut else 0.0
-            g = g if taut else 0.0
-        else:
-            t = 0.5 * k[j] * (square * inverse[j] - 1.0)
-            g = k[j] * inverse[j]
-        fx[j + 1] = t * dx
-        fy[j + 1] = t * dy
-        fz[j + 1] = t * dz
-        _fill3(s, j + 1, t, g, dx, dy, dz)
-
-
-@njit(**_options)
-def _fill3(s, p, t, g, dx, dy, dz):
-    s[0, p] = t + g * dx * dx
-    s[1, p] = g * dx * dy
-    s[2, p] = g * dx * dz
-    s[3, p] = t + g * dy * dy
-    s[4, p] = g * dy * dz
-    s[5, p] = t + g * dz * dz
-
-
-@njit(**_options)
-def _secant(square0, square1, k, length, inverse):
-    """Difference quotient of a link's energy, 2 (W1 - W0) / (|R1|^2 - |R0|^2) [N/m], and its slope by |R1|^2 / 2.
-
-    Written so that nothing cancels where both lengths are nearly the same.
-    """
-    if inverse is not None:
-        return 0.25 * k * ((square0 + square1) * inverse - 2.0), 0.5 * k * inverse
-    size0, size1 = math.sqrt(square0), math.sqrt(square1)
-    over0, over1 = size0 - length, size1 - length
-    total = size0 + size1
-    if over0 > 0.0 and over1 > 0.0:
-        return k * (1.0 - 2.0 * length / total), 2.0 * k * length / (total * total * size1)
-    if over0 <= 0.0 and over1 <= 0.0:
-        return 0.0, 0.0
-    # one end of the step is slack: only the part beyond the unstretched length counts
-    over = max(over0, over1)
-    gap = abs(size1 - size0)
-    value = k * over * over / (gap * total)
-    # by |R1|: of over^2 / (|R1|^2 - |R0|^2) where the end is taut, else of -over^2 / (...)
-    slope = (
-        (2.0 * k * over - 2.0 * value * size1) / (gap * total) if over1 > 0.0 else 2.0 * value * size1 / (gap * total)
-    )
-    return value, max(slope, 0.0) / size1
-
-
-@njit(**_options)
-def _pull_conserving(x0, x1, k, length, inverse, viscosity, per_step, f, s):
-    """Compute forces that keep the energy over a step from x0 to x1, and their tangent, exact but for the turn of the links."""
-    dims, particles = x0.shape
-    for j in range(k.size):
-        square0, square1, middle, growth = 0.0, 0.0, 0.0, 0.0
-        for c in range(dims):
-            a, b = x0[c, j + 1] - x0[c, j], x1[c, j + 1] - x1[c, j]
-            square0 += a * a
-            square1 += b * b
-            middle += 0.25 * (a + b) * (a + b)
-            growth += 0.5 * (a + b) * (b - a)
-        if inverse is None:
-            t, g = _secant(square0, square1, k[j], length[j], None)
-        else:
-            t, g = _secant(square0, square1, k[j], length[j], inverse[j])
-        if viscosity is not None and t > 0.0:
-            damper = viscosity * k[j] * per_step / middle
-            total = t + damper * growth
-            t, g = (total, g + damper) if total > 0.0 else (0.0, 0.0)
-        dx, dy = (
-            0.5 * (x0[0, j + 1] - x0[0, j] + x1[0, j + 1] - x1[0, j]),
-            0.5 * (x0[1, j + 1] - x0[1, j] + x1[1, j + 1] - x1[1, j]),
-        )
-        f[j + 1] = t * dx
-        f[particles + j + 1] = t * dy
-        if dims == 2:
-            s[0, j + 1] = 0.5 * t + g * dx * dx
-            s[1, j + 1] = g * dx * dy
-            s[2, j + 1] = 0.5 * t + g * dy * dy
-        else:
-            dz = 0.5 * (x0[2, j + 1] - x0[2, j] + x1[2, j + 1] - x1[2, j])
-            f[2 * particles + j + 1] = t * dz
-            _fill3(s, j + 1, 0.5 * t, g, dx, dy, dz)
-
-
-@njit(**_options)
+@compiled
 def _correction(f, s, held, diagonal, d, b, kept, first, last, per_length):
     """Compute the correction b of the displacements d, and by how much it turns the links.
 
@@ -364,7 +46,7 @@ def _correction(f, s, held, diagonal, d, b, kept, first, last, per_length):
     return _turn(flat, per_length)
 
 
-@njit(fastmath={"reassoc", "nsz"}, **_options)
+@compiled(fastmath=REORDERED)
 def _turn(b, per_length):
     """Root of the mean square by which a correction turns and stretches the links, in any order of addition.
 
@@ -377,7 +59,7 @@ def _turn(b, per_length):
     return math.sqrt(total / b.size)
 
 
-@njit(inline="always", **_options)
+@compiled(inline="always")
 def _correct(d, b, x, trial):
     """Add the correction b to the displacements d and put the particles there."""
     for q in range(d.size):
@@ -386,7 +68,7 @@ def _correct(d, b, x, trial):
         trial[q] = x[q] + new
 
 
-@njit(**_options)
+@compiled
 def _hold(held, patterns, factors):
     """Add loads that vary in time to what is held during a step."""
     flat = patterns.reshape((patterns.shape[0], held.size))
@@ -396,7 +78,7 @@ def _hold(held, patterns, factors):
             held[q] += factor * flat[load, q]
 
 
-@njit(**_options)
+@compiled
 def _set_ends(trial, lower, upper, i):
     last = trial.shape[1] - 1
     for c in range(trial.shape[0]):
@@ -406,7 +88,7 @@ def _set_ends(trial, lower, upper, i):
             trial[c, last] = upper[i, c]
 
 
-@njit(**_options)
+@compiled
 def _note_tension(x, low, high, inverse, k, length):
     """Update the extremes of the tensions [N] at positions x."""
     for j in range(low.size):
@@ -427,7 +109,7 @@ def _note_tension(x, low, high, inverse, k, length):
 # --- time steps -------------------------------------------------------------------------------------------------------
 
 
-@njit(**_options)
+@compiled
 def generalized_alpha(
     x, v, a, g, first, last, k, length, inverse, mass, damping, loads, patterns, factors, viscosity, lower, upper, end_rates,
     step, alpha_m, alpha_f, beta, gamma, enough, start, steps, save_steps, saved, low, high,
@@ -566,7 +248,7 @@ def generalized_alpha(
     return steps, iterations
 
 
-@njit(**_options)
+@compiled
 def energy_momentum(
     x, v, first, last, k, length, inverse, mass, damping, loads, patterns, factors, viscosity, lower, upper, step,
     enough, rounding, start, steps, save_steps, saved, low, high,
@@ -624,7 +306,7 @@ def energy_momentum(
     return steps, iterations
 
 
-@njit(**_options)
+@compiled
 def _for_each(values, dims):
     """Values at the particles once for each coordinate (dims (n + 1),)."""
     result = np.empty(dims * values.size)

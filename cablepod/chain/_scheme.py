@@ -10,15 +10,26 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from cablepod._resources import check_memory
 from cablepod.chain import _implicit as implicit
 from cablepod.chain._explicit import VerletRun
 from cablepod.chain._implicit import ImplicitRun
 from cablepod.chain._start import start
 from cablepod.discretisation._chain import LAWS, chain_of, check_law
-from cablepod.integrate import _stepping as stepping
+from cablepod.errors import NotConvergedWarning, refuse
+from cablepod.integrate._request import (
+    DEFAULT_TOLERANCE,
+    check_outputs,
+    check_positive,
+    check_scheme,
+    check_step,
+    check_times,
+    implicit_rate,
+)
 from cablepod.integrate._run import SUSPECT, Run, State
-from cablepod.parameters._parameters import Parameters, check_memory
-from cablepod.parameters._schema import number, refuse
+from cablepod.integrate._step_control import STEPS_PER_CHANGE, halve, motion_scale, preferred_rate, refine
+from cablepod.parameters._checks import number
+from cablepod.parameters._parameters import Parameters
 
 SCHEMES = ("velocity_verlet", *implicit.SCHEMES)
 
@@ -51,20 +62,20 @@ class Options:
     ) -> Options:
         """Check what a caller gives."""
         check_law(law)
-        stepping.check_scheme(scheme, SCHEMES)
-        names = stepping.check_outputs(outputs)
+        check_scheme(scheme, SCHEMES)
+        names = check_outputs(outputs)
         if step is not None and tolerance is not None:
             raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
         if tolerance is not None:
-            tolerance = stepping.check_positive("tolerance", tolerance)
+            tolerance = check_positive("tolerance", tolerance)
         radius = _check_radius(spectral_radius, scheme)
-        instants = None if times is None else stepping.check_times(times)
+        instants = None if times is None else check_times(times)
         return cls(links, instants, law, scheme, radius, step, tolerance, names)
 
     @property
     def goal(self) -> float:
         """Time error that a run without a given step keeps, as a fraction of the motion."""
-        return stepping.DEFAULT_TOLERANCE if self.tolerance is None else self.tolerance
+        return DEFAULT_TOLERANCE if self.tolerance is None else self.tolerance
 
 
 class Ready(NamedTuple):
@@ -126,9 +137,9 @@ def prepare(p: Parameters, options: Options, title: str, progress: Callable[[flo
     if options.step is not None:
         if run is explicit:
             why = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
-            rate = 1.0 / stepping.check_step(options.step, limit, why)
+            rate = 1.0 / check_step(options.step, limit, why)
         else:
-            rate = stepping.implicit_rate(options.step, float(instants[-1]), p.time_scale)
+            rate = implicit_rate(options.step, float(instants[-1]), p.time_scale)
     return Ready(explicit, run, limit, rate)
 
 
@@ -162,7 +173,7 @@ def solve(ready: Ready, options: Options, state: State | None = None) -> Solutio
                 f"the links hold up to {state.notes['energy_excess']:.2g} times the energy that rest, loads and ends explain: a "
                 "resonance, or a step too long for links that slacken and snap taut; compare with half the step or with scheme "
                 "energy_momentum",
-                stepping.NotConvergedWarning,
+                NotConvergedWarning,
                 stacklevel=4,
             )
         return Solution(run, state, rate, None, "given")
@@ -200,9 +211,7 @@ def _picked(
     if not asked and cost < CHEAP:
         return explicit, _refined(explicit, limit, goal), f"explicit: all its runs take about {cost:.1g} s"
     most = 2.0 * rate / IMPLICIT_COST
-    found = stepping.halve(
-        *_compared(trapezoidal, limit), goal, most, (float(explicit.times[-1]), explicit.chain.links)
-    )
+    found = halve(*_compared(trapezoidal, limit), goal, most, (float(explicit.times[-1]), explicit.chain.links))
     if found is not None:
         return trapezoidal, found, f"implicit: its steps may be {1.0 / (found[1] * limit):.3g} times the explicit limit"
     return (
@@ -217,7 +226,7 @@ def _refined(run: Run, limit: float, goal: float) -> tuple[State, float, float]:
         # law (21) pulls and pushes without a kink
         return not run.chain.green and bool((run.chain.stretch(state.position) < 1.0).any())
 
-    return stepping.refine(*_compared(run, limit), goal, slackened, (float(run.times[-1]), run.chain.links))
+    return refine(*_compared(run, limit), goal, slackened, (float(run.times[-1]), run.chain.links))
 
 
 def _compared(run: Run, limit: float) -> tuple[Run, Callable[[State], np.ndarray], Callable[[State], float], float]:
@@ -228,14 +237,14 @@ def _compared(run: Run, limit: float) -> tuple[Run, Callable[[State], np.ndarray
         return state.position
 
     def scale(state: State) -> float:
-        return stepping.motion_scale(state.position, run.initial, chord)
+        return motion_scale(state.position, run.initial, chord)
 
-    return run, position, scale, stepping.preferred_rate(1.0 / _first_step(run, limit))
+    return run, position, scale, preferred_rate(1.0 / _first_step(run, limit))
 
 
 def _first_step(run: Run, limit: float) -> float:
     """Choose the step to begin with [s]."""
-    return min(_unforced_step(run, limit), run.chain.p.time_scale / stepping.STEPS_PER_CHANGE)
+    return min(_unforced_step(run, limit), run.chain.p.time_scale / STEPS_PER_CHANGE)
 
 
 def _unforced_step(run: Run, limit: float) -> float:

@@ -16,7 +16,7 @@ from cablepod.chain._start import rest_shape
 from cablepod.conventions import label
 from cablepod.discretisation._chain import LAWS, chain_of, check_law, square
 from cablepod.integrate._run import coordinates, suffix
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 # --- rest -----------------------------------------------------------------------------------------------------------
 

@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.discretisation._chain import Chain, square
-from cablepod.parameters._parameters import load_plane, solve_statics
-from cablepod.parameters._schema import SceneError
+from cablepod.errors import SceneError
 
 
 def rest_shape(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     """Positions (n + 1, dims) [m] and tensions (n,) [N] of a chain at rest."""
-    from cablepod.chain import _kernels_explicit as kernel  # numba is imported only to compute
+    from cablepod.chain import _kernels_explicit as kernel_explicit
+    from cablepod.chain import _kernels_rest as kernel_rest  # numba is imported only to compute
 
     p = chain.p
     ends = p.end_positions(np.zeros(1))[0]
@@ -26,7 +27,7 @@ def rest_shape(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     if not np.isfinite(force).all() or not force.any():
         # weightless and slack but for point loads, or just without tension: begin with any pull along the chord
         force = chord / np.linalg.norm(chord) * max(float(np.abs(loads).sum()), 1e-6 * p.stiffness)
-    gap = kernel.equilibrium(chord, loads, chain.length, p.stiffness, chain.green, force)
+    gap = kernel_rest.equilibrium(chord, loads, chain.length, p.stiffness, chain.green, force)
     scale = max(float(np.linalg.norm(chord)), chain.total_length)
     forces = force - np.concatenate([np.zeros((1, p.dims)), np.cumsum(loads, axis=0)])
     tension = np.sqrt(square(forces))
@@ -37,7 +38,7 @@ def rest_shape(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
             f"is not far softer than its loads (its stiffness is {p.stiffness:.3g} N), or a start from initial.points"
         )
     secant = np.empty(tension.size)
-    kernel.secant_moduli(tension, p.stiffness, chain.green, secant)
+    kernel_explicit.secant_moduli(tension, p.stiffness, chain.green, secant)
     reach = chain.length[:, None] * (forces / tension[:, None] + forces / secant[:, None])
     position = ends[0] + np.concatenate([np.zeros((1, p.dims)), np.cumsum(reach, axis=0)])
     position[-1] = ends[1]

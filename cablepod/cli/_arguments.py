@@ -11,9 +11,8 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from cablepod.archive._read import ArchiveError
+from cablepod.errors import ArchiveError, SceneError
 from cablepod.examples import scenes
-from cablepod.parameters._schema import SceneError
 
 MODELS = ("chain", "cable", "rigid", "galerkin", "condensed")
 

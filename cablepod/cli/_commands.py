@@ -12,15 +12,15 @@ import xarray as xr
 
 from cablepod import archive, ensemble, study
 from cablepod.archive import _lineage as lineage
-from cablepod.archive._ensemble import MANIFEST, describe_ensemble
 from cablepod.archive._folder import prepare_folder
+from cablepod.archive._manifest import MANIFEST, describe_ensemble
 from cablepod.cli import _arguments as given
 from cablepod.cli import _report, _templates
 from cablepod.cli._group import Group, interrupted
 from cablepod.cli._progress import Bars, member_bar
+from cablepod.errors import SceneError
 from cablepod.examples import scene_path
-from cablepod.parameters._schema import SceneError
-from cablepod.scene._make import read_scene
+from cablepod.scene._read import read_scene
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -106,10 +106,7 @@ def paper_command(out: str, small: bool, overwrite: bool) -> None:
     import matplotlib as mpl
 
     mpl.use("Agg")
-    from cablepod.paper import (
-        report,
-        sections,  # no other command needs scipy's solvers and all of the package
-    )
+    from cablepod.paper import report, sections
 
     folder = given.folder(out)
     with given.as_options():

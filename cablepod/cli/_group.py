@@ -9,9 +9,7 @@ from typing import Any
 
 import click
 
-from cablepod.archive._read import ArchiveError
-from cablepod.integrate._stepping import RunStopped
-from cablepod.parameters._schema import SceneError
+from cablepod.errors import ArchiveError, RunStopped, SceneError
 
 INTERRUPTED = 130
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xarray as xr
 
-from cablepod.integrate._stepping import DEFAULT_TOLERANCE
+from cablepod.integrate._request import DEFAULT_TOLERANCE
 from cablepod.study import REDUCED_TOLERANCE
 
 

@@ -6,8 +6,8 @@ import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from cablepod.errors import refuse
 from cablepod.examples import data_folder, scenes
-from cablepod.parameters._schema import refuse
 
 DESCRIPTION = "Reduced-order models of cable dynamics."
 EPILOG = """\

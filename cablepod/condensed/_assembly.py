@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from cablepod.catenary._statics import solve_statics
 from cablepod.condensed._model import ORDERS, Model
 from cablepod.discretisation._chain import Chain, check_law
-from cablepod.parameters import _schema as schema
-from cablepod.parameters._parameters import Parameters, solve_statics
-from cablepod.parameters._schema import SceneError, refuse
+from cablepod.errors import SceneError, refuse
+from cablepod.parameters._checks import integer
+from cablepod.parameters._parameters import Parameters
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._snapshots import relative_arc_length
 
@@ -38,7 +39,7 @@ def model_of(
     if order == "leading" and law != "linear":
         raise refuse("law", law, '"linear" with order "leading", which knows no strain beside the first order')
     if quadrature is not None:
-        schema.integer(least=LEAST_POINTS)("quadrature", quadrature)
+        integer(least=LEAST_POINTS)("quadrature", quadrature)
         if order == "leading" or p.point_loads:
             raise refuse(
                 "quadrature",
@@ -60,7 +61,7 @@ def model_of(
         )
     most = max(len(shape) for _, shape in sets)
     if rank is not None:
-        schema.integer(least=1)("rank", rank)
+        integer(least=1)("rank", rank)
         if rank > most:
             raise refuse("rank", rank, f"at most {most}, as many modes as there are")
     sigma = relative_arc_length(modes)

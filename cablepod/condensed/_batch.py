@@ -1,42 +1,33 @@
-"""Condensed models of many scenes on one set of modes: coefficients of one serve all, runs go side by side."""
+"""Condensed models of many members: coefficients scaled from the first, runs in one compiled call."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from cablepod.batch._members import Arrays, gather, join
-from cablepod.condensed import _estimate as condensed_estimate
-from cablepod.condensed import _many as condensed_many
-from cablepod.condensed import _output as condensed_output
+from cablepod._resources import check_memory
+from cablepod.batch._members import Many, gather
+from cablepod.batch._stack import Arrays, join
+from cablepod.catenary._statics import solve_statics
+from cablepod.condensed._fields import sets
 from cablepod.condensed._model import Model
-from cablepod.condensed._runs import Options, Solution, solve
+from cablepod.condensed._output import attributes_of, coordinates_of, padded, shared_attributes, title_of, variables
+from cablepod.condensed._runs import SCHEMES, Options, solve
+from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import Chain
-from cablepod.parameters._parameters import Members, Parameters, solve_statics
-
-
-def attributes_of(solution: Solution, modes: xr.Dataset, options: Options) -> dict[str, Any]:
-    """Tell how a run was made and how far it can be trusted; with the estimate of its error, where asked for."""
-    run, state, rate, limit, time_error = solution
-    attrs = condensed_output.attributes(run.model, state, modes) | {"step_limit": limit}
-    if time_error is not None:
-        attrs["time_error_estimate"] = time_error
-    if "error_estimate" in options.outputs:
-        again = replace(run, outputs=(), progress=None)
-        attrs["error_estimate"] = (time_error or 0.0) + condensed_estimate.estimate(
-            run.model, lambda at, steps: replace(again, times=at)(steps), rate, float(run.times[-1])
-        )
-    return attrs
-
-
-def result_of(solution: Solution, modes: xr.Dataset, options: Options, title: str) -> xr.Dataset:
-    """Make the Dataset of one run."""
-    attrs = attributes_of(solution, modes, options)
-    return condensed_output.dataset(solution.run.model, solution.state, attrs, options.outputs, title, options.links)
+from cablepod.discretisation._chord_frame import ALIGNED
+from cablepod.integrate._output_times import Instants
+from cablepod.parameters._from_scene import Members
+from cablepod.parameters._members import Columns
+from cablepod.parameters._parameters import Parameters
+from cablepod.pod import _normal as pod_normal
+from cablepod.reduced._training_distance import outside_of_columns
+from cablepod.reduced._validity import warn_of_members
 
 
 def run(
@@ -65,23 +56,23 @@ def run(
     progress
         Called with the part that is done.
     """
-    many = condensed_many.plan(modes, model, members, options)
+    many = plan(modes, model, members, options)
 
     def one(i: int) -> tuple[Arrays, Mapping[str, Any]]:
         p = members[i]
         own = sibling(model, p) if alike(p, model.chain.p) else make(p)
         solution = solve(own, options)
-        made = condensed_output.variables(own, solution.state, options.outputs, options.links)
+        made = variables(own, solution.state, options.outputs, options.links)
         made["arc_length"] = (("particle",), own.chain.arc_length)
         return made, attributes_of(solution, modes, options)
 
     stack = gather(one, len(members), progress, many)
-    title = condensed_output.title_of(model, str(scene.attrs.get("title", "scene")))
+    title = title_of(model, str(scene.attrs.get("title", "scene")))
     times = members[0].times() if options.times is None else options.times
-    coords = condensed_output.coordinates_of(model, times, options.links)
+    coords = coordinates_of(model, times, options.links)
     result = join(stack, scene, coords).set_coords("arc_length")
     result.attrs = {"title": title, **result.attrs}
-    condensed_output.warn_of_members(stack.attrs)
+    warn_of_members(stack.attrs)
     return result
 
 
@@ -92,7 +83,7 @@ def sibling(model: Model, p: Parameters) -> Model:
     stretch = total / model.chain.total_length
     chain = Chain(p, model.chain.length * stretch, model.chain.arc_length * stretch, model.chain.law)
     made = Model(chain, model.order, model.modes, model.quadrature, model.tests)
-    scaled = condensed_many.scaled(model, np.array([p.mass]), np.array([total]))
+    scaled = rescaled_coefficients(model, np.array([p.mass]), np.array([total]))
     turns = [item[0] for item in scaled.turns]
     made.__dict__.update({name: item[0] for name, item in scaled.named.items()}, turned=(turns, scaled.squares[0]))
     made.__dict__["rest_tension"] = 0.5 * float(statics[4] + statics[5])
@@ -108,3 +99,253 @@ def alike(p: Parameters, other: Parameters) -> bool:
         and list(p.motions) == list(other.motions)
         and [load.fraction for load in p.point_loads] == [load.fraction for load in other.point_loads]
     )
+
+
+#: Steps in a block, whose tables of many members fit in the cache; a divisor of those after which single runs look at the state,
+#: and a multiple of those after which the tables of sines begin anew.
+BLOCK = 512
+
+
+class RescaledCoefficients(NamedTuple):
+    """Coefficients of a model for many scenes, a row for each."""
+
+    stretch: np.ndarray  #: length over that of the model
+    heavier: np.ndarray  #: what coordinates of mass one are multiplied by
+    named: dict[str, np.ndarray]  #: under the names that they have in the model
+    turns: list[np.ndarray]
+    squares: np.ndarray
+
+
+def rescaled_coefficients(model: Model, mass: np.ndarray, total: np.ndarray) -> RescaledCoefficients:
+    """Scale the coefficients of a model to scenes that differ in numbers only.
+
+    Modes live on sigma = S / L0: with length `total` [m] and mass per length [kg/m], both (members,), all change by powers.
+    """
+    own = model.chain.p
+    stretch = total / model.chain.total_length
+    heavier = 1.0 / np.sqrt(mass / own.mass * stretch)
+    bent = heavier**2 / stretch
+    # uniform and linearly growing loads grow with the length, point loads do not
+    grown = np.ones((total.size, len(model.patterns)))
+    grown[:, : 2 if own.motions else 1] = stretch[:, None]
+    pushed = np.tile(grown, own.dims - 1) * heavier[:, None]
+
+    def times(factor: np.ndarray, coefficient: np.ndarray) -> np.ndarray:
+        return factor.reshape(factor.shape + (1,) * (coefficient.ndim + 1 - factor.ndim)) * coefficient
+
+    named = {
+        "shapes": times(heavier, model.shapes),
+        "slopes": times(heavier / stretch, model.slopes),
+        "patterns": times(grown, model.patterns),
+        "taus": times(grown, model.taus),
+        "means": times(grown, model.means),
+        "knots": times(grown, model.knots),
+        "bends": times(grown * bent[:, None], model.bends),
+        "norms": times(grown * bent[:, None], model.norms),
+        "pushes": times(pushed, model.pushes),
+    }
+    turns, squares = model.turned
+    return RescaledCoefficients(stretch, heavier, named, [times(heavier, turn) for turn in turns], times(bent, squares))
+
+
+def plan(modes: xr.Dataset, model: Model, members: Members, options: Options) -> Many | None:
+    """Tell how to run many members at once; None where the compiled loops over members do not cover what is asked for."""
+    step, outputs = options.step, set(options.outputs)
+    allowed = {"tension_extremes"} if options.links is None else {"tension", "tension_extremes"}
+    if (
+        model.tests is not None
+        or step is None
+        or model.order != "leading"
+        or options.scheme not in (None, SCHEMES[0])
+        or outputs - allowed
+    ):
+        return None
+    if options.times is None and {"time_duration", "time_interval"} & set(members.varied):
+        return None
+    columns = Columns.of(members)
+    if columns is None:
+        return None
+    times = members[0].times() if options.times is None else options.times
+    check_memory(times.size, model.chain.links, model.chain.p.dims, key="times", variables=3)
+    instants = Instants.of(times, 1.0 / step)
+    if instants.dense or instants.steps.size != times.size:
+        return None
+    shared = shared_attributes(model, instants, SCHEMES[0], modes)
+    return Plan(modes, model, columns, instants, outputs, options.links, shared)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What all members have in common."""
+
+    modes: xr.Dataset
+    model: Model  #: of the first member
+    columns: Columns
+    instants: Instants
+    outputs: set[str]
+    links: np.ndarray | None  #: links whose tensions count, from 0; all by default
+    shared: dict[str, Any]  #: attributes
+
+    def __call__(self, first: int, last: int) -> tuple[np.ndarray, Arrays, dict[str, list[Any]]]:
+        """Run the members `first` ... `last - 1`."""
+        # members without a cable, or with numbers that cannot be, go on as nan: single runs say what is wrong with them
+        with np.errstate(all="ignore"):
+            return Batch(self, self.columns.part(first, last)).run()
+
+
+class Batch:
+    """Some members, set up."""
+
+    def __init__(self, plan: Plan, columns: Columns) -> None:
+        self.plan, self.columns = plan, columns
+        solutions, self.good = columns.statics()
+        self.total, self.rest_tension = solutions[:, 0].copy(), 0.5 * (solutions[:, 4] + solutions[:, 5])
+        self.scaled = rescaled_coefficients(plan.model, columns.mass, self.total)
+        named, links = self.scaled.named, plan.links
+        slopes, taus = (
+            item if links is None else np.take(item, links, axis=2) for item in (named["slopes"], named["taus"])
+        )
+        self.links = slopes, plan.model.plane, taus
+        self.about = (
+            columns.mass, columns.stiffness, self.total, self.scaled.squares, named["means"], named["bends"],
+            named["pushes"], named["norms"],
+        )  # fmt: skip
+        self.load = np.ascontiguousarray(columns.load[:, :, None])
+        self.reference = _references(columns.chord)
+
+    def run(self) -> tuple[np.ndarray, Arrays, dict[str, list[Any]]]:
+        """Tell which members ran to the end, their variables and attributes."""
+        instants, links = self.plan.instants, self.links[0].shape[2]
+        count, r = self.scaled.squares.shape
+        q, v, limit = self._start()
+        self.good &= 1.0 / instants.rate < limit
+        saved = np.empty((count, instants.steps.size, r))
+        series = np.empty((count, instants.steps.size, links if "tension" in self.plan.outputs else 0))
+        wanted = links if "tension_extremes" in self.plan.outputs else 0
+        low, high = np.full((count, wanted), np.inf), np.full((count, wanted), -np.inf)
+        watch = np.tile([np.inf, 0.0, 0.0, 4.0 * instants.rate**2, np.inf, 0.0], (count, 1))
+        self._march(q, v, saved, series, low, high, watch)
+        self.good &= watch[:, 4] == np.inf
+        made = self._amplitudes(saved)
+        made["end_position"] = ("time", "end", "coordinate"), self.columns.end_positions(instants.times)
+        made["unstretched_length"] = (), self.total
+        if "tension" in self.plan.outputs:
+            made["tension"] = ("time", "link"), series
+        if wanted:
+            made["tension_minimum"], made["tension_maximum"] = (("link",), low), (("link",), high)
+        made["arc_length"] = ("particle",), self.scaled.stretch[:, None] * self.plan.model.chain.arc_length
+        return self.good, made, self._attributes(watch, limit)
+
+    def _start(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coordinates, rates half a step before the start, limits of the step [s]."""
+        from cablepod.condensed import _kernels_leading_batch as kernel  # numba is imported only to compute
+
+        columns, model, none = self.columns, self.plan.model, np.zeros(1)
+        count, _, dims = columns.ends.shape
+        chain, s = model.chain, self.scaled
+        ends, rates, second = (
+            np.ascontiguousarray(columns.end_positions(none, k).reshape(count, 2 * dims, 1)) for k in (0, 1, 2)
+        )
+        # damping acts on the motion of the frame as on that of the deflection
+        second += columns.damping[:, None, None] * rates
+        if not columns.motions:
+            rates = second = np.zeros((count, 2 * dims, 0))
+        # the parabola whose tension is that at rest
+        sigma = chain.arc_length / chain.total_length
+        heavy = columns.mass * s.stretch * s.heavier * 0.5 * self.total**2 / self.rest_tension
+        bow = heavy[:, None] * (model.shapes @ (chain.share * sigma * (1.0 - sigma)))
+        q, v, limit = np.empty_like(bow), np.empty_like(bow), np.empty(count)
+        kernel.leading_starts(
+            ends, rates, second, self.load, self.reference, 1.0 / self.plan.instants.rate, columns.damping, *self.about,
+            model.plane, bow, q, v, limit,
+        )  # fmt: skip
+        return q, v, limit
+
+    def _march(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        saved: np.ndarray,
+        series: np.ndarray,
+        low: np.ndarray,
+        high: np.ndarray,
+        watch: np.ndarray,
+    ) -> None:
+        """Step all members, block by block."""
+        from cablepod.condensed import _kernels_leading_batch as kernel
+
+        instants, columns, damping = self.plan.instants, self.columns, self.columns.damping
+        step, total = 1.0 / instants.rate, int(instants.steps[-1]) + 1
+        decay, damped = np.exp(-damping * step), damping != 0.0
+        kick = np.where(damped, -np.expm1(-damping * step) / np.where(damped, damping, 1.0), step)
+        model = self.plan.model
+        bound = 1e6 * np.sqrt(columns.mass * self.scaled.stretch * model.chain.share.sum()) * self.total
+        fill, ends, second = self._tables()
+        blocks = range(0, total, BLOCK)
+        bounds = np.searchsorted(instants.steps, [*blocks, total]).tolist()
+        for begin, first, last in zip(blocks, bounds[:-1], bounds[1:], strict=True):
+            fill(begin)
+            kernel.leading_members(
+                q, v, step, decay, kick, ends, second, self.load, self.reference, *self.about, self.scaled.named["knots"],
+                *self.links, begin, min(BLOCK, total - begin), instants.steps, first, last, saved, low, high, watch, series,
+                bound, self.good,
+            )  # fmt: skip
+
+    def _tables(self) -> tuple[Callable[[int], None], np.ndarray, np.ndarray]:
+        """Make tables of places and second rates of the ends (members, 2 dims, BLOCK); what fills them from a step on."""
+        from cablepod.parameters import _kernels_sines as kernel
+
+        columns, rate = self.columns, self.plan.instants.rate
+        count, _, dims = columns.ends.shape
+        still = columns.ends.reshape(count, 2 * dims)
+        ends = np.repeat(still[:, :, None], BLOCK, axis=2)
+        second = np.zeros((count, 2 * dims, BLOCK if columns.motions else 0))
+        damping = columns.damping if columns.damping.any() else None
+        moving = []
+        for (end, axis), motion in columns.motions.items():
+            row = dims * ENDS.index(end) + COORDINATES.index(axis)
+            values = {name: np.ascontiguousarray(value[:, 0]) for name, value in motion.values.items()}
+            phase = values.get("phase", np.full(count, -0.5 * math.pi))  # of one minus a cosine
+            origin = np.ascontiguousarray(still[:, row])
+            moving.append((values["angular_frequency"], phase, values["amplitude"], origin, damping, row))
+
+        def fill(begin: int) -> None:
+            for motion in moving:
+                kernel.ends_of_members(begin, rate, *motion, ends, second)
+
+        return fill, ends, second
+
+    def _amplitudes(self, saved: np.ndarray) -> Arrays:
+        model = self.plan.model
+        return {
+            f"amplitude{suffix}": (
+                ("time", "mode"),
+                padded(saved[:, :, at] @ turn.transpose(0, 2, 1), model.rank),
+            )
+            for suffix, at, turn in zip(pod_normal.SETS, sets(model), self.scaled.turns, strict=False)
+        }
+
+    def _attributes(self, watch: np.ndarray, limit: np.ndarray) -> dict[str, list[Any]]:
+        """Attributes that differ from member to member, and those that do not, a list for each."""
+        columns, instants = self.columns, self.plan.instants
+        axial = math.pi / self.total * np.sqrt(columns.stiffness / columns.mass)
+        own = {
+            "smallest_chordwise_force": watch[:, 0],
+            "time_of_smallest_force": watch[:, 1] / instants.rate,
+            "first_axial_frequency": axial,
+            "forcing_over_axial_frequency": 2.0 * math.pi / columns.time_scale / axial,
+            "step_limit": limit,
+        }
+        return (
+            {name: [value] * limit.size for name, value in self.plan.shared.items()}
+            | {name: values.tolist() for name, values in own.items()}
+            | outside_of_columns(self.plan.modes, columns, self.total, float(instants.times[-1]), self.rest_tension)
+        )
+
+
+def _references(chord: np.ndarray) -> np.ndarray:
+    """Axes that tell the normals apart (members,), as :attr:`Model.reference`."""
+    if chord.shape[1] == 2:
+        return np.ones(len(chord), dtype=np.int64)
+    along = np.abs(chord) / np.sqrt((chord * chord).sum(axis=1, keepdims=True))
+    return np.where(along[:, 1] < ALIGNED, 1, np.argmin(along, axis=1))

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from cablepod.condensed._fields import State, positions
 from cablepod.condensed._model import Model
-from cablepod.condensed._output import State, positions
 from cablepod.discretisation._chain import Chain
-from cablepod.integrate._stepping import motion_scale
+from cablepod.integrate._step_control import motion_scale
 
 #: The richer model has so many coordinates of each deflection, but no more than the particles allow.
 RICH = 16
@@ -68,7 +68,7 @@ def grown(
     first
         Error at the start (r,).
     """
-    from cablepod.condensed import _kernels as kernel  # numba is imported only to compute
+    from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
 
     chain, p, q = rich.chain, rich.chain.p, motion[0]
     rows = rich.rows_at(steps / rate)

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.cable import _mesh as elements
+from cablepod.catenary._statics import solve_statics
 from cablepod.chain._start import start
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import Chain
 from cablepod.discretisation._chord_frame import Frame
-from cablepod.parameters._parameters import solve_statics
-from cablepod.parameters._schema import SceneError
+from cablepod.discretisation._gll import gll_rule, integration_matrix
+from cablepod.errors import SceneError
 
 #: "leading": closure and force to the first order in slope squared and strain; "exact": the chordwise stretch as it is;
 #: "inertial": exact, with the inertia of the motion along the chord that the deflection brings with it.
@@ -187,7 +187,7 @@ class Model:
             return self.slopes, self.taus, chain.length
         from scipy.interpolate import CubicSpline  # costly to import
 
-        nodes, weights, _ = elements.reference(self.quadrature - 1)
+        nodes, weights, _ = gll_rule(self.quadrature - 1)
         place = 0.5 * chain.total_length * (nodes + 1.0)
         middles = 0.5 * (chain.arc_length[1:] + chain.arc_length[:-1])
         taus = CubicSpline(middles, self.taus, axis=1)(place)
@@ -204,7 +204,7 @@ class Model:
         """Slopes of smooth shapes (r, particle) at the points of the rule (r, m)."""
         from scipy.interpolate import CubicSpline  # costly to import
 
-        chain, points = self.chain, elements.reference((self.quadrature or 0) - 1)[0]
+        chain, points = self.chain, gll_rule((self.quadrature or 0) - 1)[0]
         return np.ascontiguousarray(
             CubicSpline(chain.arc_length, shapes, axis=1)(0.5 * chain.total_length * (points + 1.0), 1)
         )
@@ -239,9 +239,9 @@ class Model:
         chain = self.chain
         if self.quadrature is None:
             return np.stack([self.mass[1:], chain.arc_length[1:] / chain.total_length])
-        nodes, weights, _ = elements.reference(self.quadrature - 1)
+        nodes, weights, _ = gll_rule(self.quadrature - 1)
         half = 0.5 * chain.total_length
-        moved = half * (elements.integrals(self.quadrature - 1) - np.outer(0.5 * (nodes + 1.0), weights))
+        moved = half * (integration_matrix(self.quadrature - 1) - np.outer(0.5 * (nodes + 1.0), weights))
         return np.ascontiguousarray(chain.p.mass * half * (moved.T * weights) @ moved)
 
     @cached_property
@@ -277,7 +277,7 @@ class Model:
         return self._filled(places, pushed, times, 0, 0.0)
 
     def _filled(self, ends: np.ndarray, second: np.ndarray, begin: Any, steps: int, rate: float) -> np.ndarray:
-        from cablepod.condensed import _kernels as kernel  # numba is imported only to compute
+        from cablepod.condensed import _kernels_frame as kernel  # numba is imported only to compute
 
         p = self.chain.p
 
@@ -342,7 +342,7 @@ class Model:
         # rest knows no acceleration: its forces are those of the loads alone
         still = self.still_row
         if self.order == "leading":
-            from cablepod.condensed import _kernels as kernel
+            from cablepod.condensed import _kernels_leading as kernel
 
             chain, q = self.chain, q.copy()
             about = (
@@ -397,18 +397,19 @@ class Model:
         self, q: np.ndarray, v: np.ndarray, row: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """Return forces on the coordinates, their tangent, masses, H [N]."""
-        from cablepod.condensed import _kernels as kernel
+        from cablepod.condensed import _kernels_exact as kernel_exact
+        from cablepod.condensed import _kernels_leading as kernel_leading
 
         chain, r = self.chain, q.size
         f, tangent, mass, k = np.empty(r), np.empty((r, r)), np.eye(r), chain.p.stiffness
         if self.order == "leading":
             about = k, chain.total_length, self.turned[1], self.grips, self.means, self.bends, self.pushes
-            h = kernel.leading_force(q, row[None], 0, *about, f, tangent)
+            h = kernel_leading.leading_force(q, row[None], 0, *about, f, tangent)
             return f, tangent, mass, h
         slopes, taus, weights = self.rule
         n = weights.size
         work = np.empty((6, n)), np.empty((2, n)), np.empty((2, n)), np.empty((2 * r, n))
-        h = kernel.exact_force(
+        h = kernel_exact.exact_force(
             q, v, row[None], 0, slopes, self.felt, self.plane, taus, weights, k, self.green, self.pushes, self.inertia,
             self.guess(row, q), np.full(n, self.first_stretch(row)), *work, f, tangent, mass,
         )  # fmt: skip

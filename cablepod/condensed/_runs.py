@@ -10,12 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from cablepod.condensed import _output as condensed_output
+from cablepod._resources import check_memory
+from cablepod.condensed._fields import State, positions
 from cablepod.condensed._model import Model
-from cablepod.condensed._output import State
-from cablepod.integrate import _stepping as stepping
-from cablepod.integrate._stepping import Instants, RunStopped
-from cablepod.parameters._parameters import check_memory
+from cablepod.condensed._output import attributes, dataset
+from cablepod.errors import RunStopped
+from cablepod.integrate._march import advance_in_blocks
+from cablepod.integrate._output_times import Instants
+from cablepod.integrate._request import check_resolved, check_step
+from cablepod.integrate._step_control import STEPS_PER_CHANGE, damped_growth, motion_scale, preferred_rate, refine
 
 SCHEMES = ("velocity_verlet", "trapezoidal")
 #: Where the stretching of the sag takes the explicit limit below this share of what the tension alone would allow, steps are
@@ -73,21 +76,21 @@ def solve(model: Model, options: Options, progress: Callable[[float], None] | No
     run = Run(model, instants, Start(q0, v0, push, h), options.outputs, options.links, progress, scheme)
     if step is not None:
         if scheme == SCHEMES[0]:
-            stepping.check_step(step, limit, f"2 over the highest angular frequency, {2 / limit:.6g} rad/s")
-        stepping.check_resolved(step, p.time_scale)
+            check_step(step, limit, f"2 over the highest angular frequency, {2 / limit:.6g} rad/s")
+        check_resolved(step, p.time_scale)
         return Solution(run, run(1.0 / step), 1.0 / step, limit, None)
-    first = min(_unforced_step(run, fastest), p.time_scale / stepping.STEPS_PER_CHANGE)
+    first = min(_unforced_step(run, fastest), p.time_scale / STEPS_PER_CHANGE)
     chord = float(np.linalg.norm(p.upper - p.lower))
-    initial = condensed_output.positions(model, q0[None], np.zeros(1))[0]
+    initial = positions(model, q0[None], np.zeros(1))[0]
 
     def position(state: State) -> np.ndarray:
-        return condensed_output.positions(model, state.q, state.instants.times)
+        return positions(model, state.q, state.instants.times)
 
-    state, rate, estimate = stepping.refine(
+    state, rate, estimate = refine(
         run,
         position,
-        lambda s: stepping.motion_scale(position(s), initial, chord),
-        stepping.preferred_rate(1.0 / first),
+        lambda s: motion_scale(position(s), initial, chord),
+        preferred_rate(1.0 / first),
         options.tolerance,
         size=(float(instants[-1]), model.chain.links),
     )
@@ -126,7 +129,8 @@ class Run:
 
     def __call__(self, rate: float) -> State:
         """Run with so many steps per second."""
-        from cablepod.condensed import _kernels as kernel  # numba is imported only to compute
+        from cablepod.condensed import _kernels_exact as kernel_exact
+        from cablepod.condensed import _kernels_leading as kernel_leading  # numba is imported only to compute
 
         model, step = self.model, 1.0 / rate
         chain, p, r = model.chain, model.chain.p, len(model.shapes)
@@ -174,20 +178,20 @@ class Run:
                     *((series[first:last],) if explicit else ()),
                 )
                 if explicit:
-                    kernel.leading_verlet(q, v, step, decay, kick, rows, *rest)
+                    kernel_leading.leading_verlet(q, v, step, decay, kick, rows, *rest)
                 else:
-                    done = kernel.leading_implicit(q, v, acc, step, damping, rows, *rest)
+                    done = kernel_leading.leading_implicit(q, v, acc, step, damping, rows, *rest)
             else:
                 slopes, taus, weights = model.rule
                 along = (slopes, model.felt, model.plane, taus, weights)
                 rest = (*about, model.pushes, norms, *along, model.green, model.inertia, z, *kept)
                 if explicit:
-                    kernel.exact_verlet(q, v, acc, step, decay, kick, rows, *rest)
+                    kernel_exact.exact_verlet(q, v, acc, step, decay, kick, rows, *rest)
                 else:
-                    done = kernel.exact_implicit(q, v, acc, step, damping, rows, *rest)
+                    done = kernel_exact.exact_implicit(q, v, acc, step, damping, rows, *rest)
             return done == steps and bool(np.isfinite(q).all()) and float(np.abs(q).max()) < bound
 
-        failed = stepping.march(advance, (q, v, acc, z, watch), max(total, 1) if explicit else total, self.progress)
+        failed = advance_in_blocks(advance, (q, v, acc, z, watch), max(total, 1) if explicit else total, self.progress)
         if total == 0:  # an implicit run of no length has only its start
             advance(0, 0)
         if wanted and self.wanted is not None and not leading:
@@ -213,7 +217,7 @@ class Run:
         z = np.full((2, model.rule[2].size if model.order != "leading" else 0), model.first_stretch(model.first_row))
         if not explicit:
             return q.copy(), rates.copy(), push - damping * rates, z
-        grow = stepping.damped_growth(damping, step)
+        grow = damped_growth(damping, step)
         back = 0.5 * step if not damping else grow / damping
         return q.copy(), rates * (1.0 + grow) - back * push, push - damping * rates, z
 
@@ -243,8 +247,6 @@ class Run:
         few = Instants.of(state.instants.times[:count], rate)
         saved, halves = state.saved[: few.steps.size], state.halves[: few.steps.size]
         part = State(few, saved, halves, None, state.watch, self.scheme)
-        result = condensed_output.dataset(
-            self.model, part, condensed_output.attributes(self.model, part, None), ("position",), "stopped"
-        )
+        result = dataset(self.model, part, attributes(self.model, part, None), ("position",), "stopped")
         result.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {state.instants.times[-1]:.6g} s"
         return result

@@ -10,15 +10,15 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.batch._members import unnamed_values
-from cablepod.condensed import _batch as condensed_batch
-from cablepod.condensed import _output as condensed_output
 from cablepod.condensed._assembly import model_of
-from cablepod.condensed._batch import result_of
+from cablepod.condensed._batch import run
+from cablepod.condensed._output import result_of
 from cablepod.condensed._runs import SCHEMES, Options, solve
 from cablepod.conventions import OUTPUTS
-from cablepod.integrate import _stepping as stepping
-from cablepod.parameters._parameters import Members
-from cablepod.parameters._schema import refuse
+from cablepod.errors import refuse
+from cablepod.integrate._request import DEFAULT_TOLERANCE, check_outputs, check_positive, check_scheme, check_times
+from cablepod.parameters._from_scene import Members
+from cablepod.reduced._validity import warn_out_of_range
 
 
 def simulate(
@@ -121,16 +121,16 @@ def simulate(
     >>> round(100 * model.attrs["error_estimate"], 2)  # per cent, without knowing the truth
     0.02
     """
-    names = stepping.check_outputs(outputs, (*OUTPUTS, "error_estimate"))
+    names = check_outputs(outputs, (*OUTPUTS, "error_estimate"))
     if step is not None and tolerance is not None:
         raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
     if scheme is not None:
-        stepping.check_scheme(scheme, SCHEMES)
+        check_scheme(scheme, SCHEMES)
     options = Options(
-        None if times is None else stepping.check_times(times),
+        None if times is None else check_times(times),
         scheme,
-        None if step is None else stepping.check_positive("step", step),
-        stepping.DEFAULT_TOLERANCE if tolerance is None else stepping.check_positive("tolerance", tolerance),
+        None if step is None else check_positive("step", step),
+        DEFAULT_TOLERANCE if tolerance is None else check_positive("tolerance", tolerance),
         names,
         None if links is None else check_links(links, modes),
     )
@@ -140,7 +140,7 @@ def simulate(
     p = members[0]
     model = model_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature)
     if "member" in scene.dims:
-        result = condensed_batch.run(
+        result = run(
             scene,
             modes,
             model,
@@ -152,7 +152,7 @@ def simulate(
     else:
         title = str(scene.attrs.get("title", "scene"))
         result = result_of(solve(model, options, progress), modes, options, title)
-        condensed_output.warn_out_of_range(result.attrs)
+        warn_out_of_range(result.attrs)
     record = {
         "rank": model.rank,
         "times": p.times() if options.times is None else options.times,

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.catenary._rest import unstretched_length
-from cablepod.parameters import _schema as schema
-from cablepod.parameters._parameters import Parameters, check_memory, solve_statics
-from cablepod.parameters._schema import SceneError, refuse
+from cablepod._resources import check_memory
+from cablepod.catenary._statics import solve_statics, unstretched_length
+from cablepod.errors import SceneError, refuse
+from cablepod.parameters._checks import integer
+from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
 
 #: T = K (xi - 1) where that is positive; eq. (21) of the paper, T / xi = K (xi^2 - 1) / 2
@@ -212,7 +213,7 @@ def check_law(law: str) -> None:
 def chain_of(p: Parameters, links: int | None = None, law: str = LAWS[0], *, least: int = 2) -> Chain:
     """Make the chain of a scene's parameters, with `links` links in place of the scene's, at least `least`, by one of LAWS."""
     if links is not None:
-        schema.integer(least=least)("links", links)
+        integer(least=least)("links", links)
     count = p.links if links is None else int(links)
     if count is None:
         raise SceneError(

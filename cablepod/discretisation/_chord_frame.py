@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cablepod.discretisation._chain import square
-from cablepod.parameters._schema import SceneError
+from cablepod.errors import SceneError
 
 #: Cosine to the chord above which an axis does not serve to say which normal lies "in the plane".
 ALIGNED = 0.98

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod.catenary._statics import solve_statics
 from cablepod.parameters._members import Columns
-from cablepod.parameters._parameters import Parameters, solve_statics
+from cablepod.parameters._parameters import Parameters
 
 #: What is compared, all at rest or as the largest over time; T is the mean tension of the ends at rest, L the unstretched length:
 #: "irvine_parameter": (q_n L / T)^2 K / T, q_n the load per length normal to the chord: how much the sag softens the cable;
@@ -31,13 +32,8 @@ INSTANTS = 201
 
 # to make the index of a coordinate takes as long as a thousand steps
 @lru_cache
-def _names() -> xr.IndexVariable:
+def feature_index() -> xr.IndexVariable:
     return xr.IndexVariable("feature", list(FEATURES))
-
-
-@lru_cache
-def _bounds() -> xr.IndexVariable:
-    return xr.IndexVariable("bound", ["least", "largest"])
 
 
 def features(p: Parameters, length: float, until: float, tension: float | None = None) -> np.ndarray:
@@ -124,67 +120,4 @@ def describe(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the variable ``scene_feature (feature)`` of a trajectory and its coordinate; see :func:`features`."""
     # given to the Dataset as it is made: to add them later takes as long as a short run
-    return {"scene_feature": ("feature", features(p, length, until, tension))}, {"feature": _names()}
-
-
-def range_of(snapshots: xr.Dataset) -> np.ndarray:
-    """Return the least and largest of FEATURES over the scenes of snapshots (2, features); nan where they are not known."""
-    unknown = np.full((2, len(FEATURES)), np.nan)
-    if "scene_feature" not in snapshots or list(snapshots["feature"].values) != list(FEATURES):
-        return unknown
-    values = snapshots["scene_feature"].transpose(..., "feature").values.reshape(-1, len(FEATURES))
-    return np.stack([values.min(axis=0), values.max(axis=0)])
-
-
-def joined(one: np.ndarray | None, other: np.ndarray | None) -> np.ndarray | None:
-    """Return the range of two sets of scenes; not known where that of one is not."""
-    if one is None or other is None:
-        return other if one is None else one
-    return np.stack([np.minimum(one[0], other[0]), np.maximum(one[1], other[1])])
-
-
-def gather(modes: xr.Dataset, trained: np.ndarray | None) -> xr.Dataset:
-    """Add to modes ``training_range (bound, feature)`` where it is known; in place, returned for chaining."""
-    if trained is not None and np.isfinite(trained).all():
-        modes["training_range"] = (("bound", "feature"), trained)
-        modes.coords["feature"], modes.coords["bound"] = _names(), _bounds()
-    return modes
-
-
-def outside(
-    modes: xr.Dataset | None, p: Parameters, length: float, until: float, tension: float | None = None
-) -> dict[str, Any]:
-    """Tell how far a scene lies outside the training scenes of modes; parameters as those of :func:`features`.
-
-    Returns
-    -------
-    dict
-        ``outside_training``: largest distance of log(1 + feature) to its range over the training scenes, 0 inside: 0.7 is a
-        factor of two where the feature is above 1, and what is far below 1 counts as none; ``outside_training_feature``: of which
-        feature, "none" inside.  Empty where the modes do not know their training scenes.
-    """
-    if modes is None or "training_range" not in modes:
-        return {}
-    excess, worst = _excess(modes, features(p, length, until, tension)[None])
-    return {"outside_training": float(excess[0]), "outside_training_feature": worst[0]}
-
-
-def outside_of_columns(
-    modes: xr.Dataset, columns: Columns, length: np.ndarray, until: float, tension: np.ndarray
-) -> dict[str, list[Any]]:
-    """Tell the same of many scenes, a list for each name."""
-    if "training_range" not in modes:
-        return {}
-    excess, worst = _excess(modes, features_of_columns(columns, length, until, tension))
-    return {"outside_training": excess.tolist(), "outside_training_feature": worst}
-
-
-def _excess(modes: xr.Dataset, values: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """How far FEATURES (members, features) are outside, and which is worst."""
-    low, high = np.log1p(modes.variables["training_range"].values)
-    place = np.log1p(values)
-    excess = np.maximum(low - place, place - high)
-    worst, largest = np.argmax(excess, axis=1), excess.max(axis=1)
-    # rounding of the training scene itself is not outside
-    out = largest > 1e-9
-    return np.where(out, largest, 0.0), [FEATURES[k] if far else "none" for k, far in zip(worst, out, strict=True)]
+    return {"scene_feature": ("feature", features(p, length, until, tension))}, {"feature": feature_index()}

@@ -12,9 +12,9 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import COORDINATES, VARIABLES
-from cablepod.parameters import _schema as schema
-from cablepod.parameters._parameters import parameters
-from cablepod.parameters._schema import SceneError, refuse
+from cablepod.errors import SceneError, refuse, shown
+from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._keys import ENSEMBLE, POINT_LOAD, TABLES, TOP, Key, join, time_function_keys
 from cablepod.scene._make import check_numbers
 from cablepod.scene._ranges import check_values, points_of_grid
 
@@ -70,8 +70,7 @@ def design(
         ranges, prefix = table["ranges"], "ensemble.ranges"
         options |= {name: table[name] for name, value in options.items() if value is None}
     options = {
-        name: key.default if options[name] is None else key.check(name, options[name])
-        for name, key in schema.ENSEMBLE.items()
+        name: key.default if options[name] is None else key.check(name, options[name]) for name, key in ENSEMBLE.items()
     }
     if options["members"] is None:
         raise SceneError("members: missing; allowed: a whole number of at least 1")
@@ -86,7 +85,7 @@ def design(
     return provenance.seal(provenance.record(scenes, function="ensemble.design", parameters=record, inputs=[scene]))
 
 
-def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, schema.Key] | None:
+def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, Key] | None:
     """Find the variable of a scene that a key path names, the place in it, and its key; None where there is none."""
     parts = path.split(".") if isinstance(path, str) else []
     for place, own in (
@@ -102,19 +101,19 @@ def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, schema.K
     return None
 
 
-def _key_of(scene: xr.Dataset, parts: list[str]) -> schema.Key | None:
+def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:
     """Return the key of the vocabulary at a path."""
     *tables, name = parts or [""]
     if not tables:
-        return schema.TOP.get(name)
-    keys: dict[str, schema.Key] = {}
+        return TOP.get(name)
+    keys: dict[str, Key] = {}
     if len(tables) == 1:
-        keys |= schema.TABLES.get(tables[0], {})
+        keys |= TABLES.get(tables[0], {})
     elif len(tables) == 2 and tables[0] == "point_load":
-        keys |= schema.POINT_LOAD
+        keys |= POINT_LOAD
     kind = "_".join(tables) + "_kind"
     if tables[0] in ("motion", "load", "point_load") and kind in scene and not scene[kind].dims:
-        keys |= schema.time_function_keys("m" if tables[0] == "motion" else "1")[str(scene[kind].values)]
+        keys |= time_function_keys("m" if tables[0] == "motion" else "1")[str(scene[kind].values)]
     return keys.get(name)
 
 
@@ -124,7 +123,7 @@ def _checked(scene: xr.Dataset, given: Any, prefix: str, options: Mapping[str, A
         raise refuse(prefix, given, "a mapping from key paths to [low, high]")
     checked: dict[str, list[float]] = {}
     for path, item in given.items():
-        key, found = schema.join(prefix, path), variable_of(scene, path)
+        key, found = join(prefix, path), variable_of(scene, path)
         if found is None:
             raise SceneError(f"{key}: unknown key path; allowed: the path of a number that this scene has")
         values = check_values(key, item, members=options["members"], sampling=options["sampling"])
@@ -139,7 +138,7 @@ def _checked(scene: xr.Dataset, given: Any, prefix: str, options: Mapping[str, A
                 one = _joined(scene, {path: np.array([value])}).isel(member=0, drop=True)
                 check_numbers(parameters(one))
             except SceneError as error:
-                raise SceneError(f"{key}: given {schema.shown(values)}, at {value:g} no scene: {error}") from None
+                raise SceneError(f"{key}: given {shown(values)}, at {value:g} no scene: {error}") from None
         checked[path] = values
     if options["sampling"] == "grid":
         points_of_grid(checked, options["members"], key="members")

@@ -3,103 +3,34 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import json
-import threading
 import time
-import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod import archive, cable, chain, condensed, galerkin, rigid
-from cablepod.archive import _ensemble as archive_ensemble
-from cablepod.archive._ensemble import FAILURE, batch_id, file_of
-from cablepod.archive._read import ArchiveError
+from cablepod import archive
+from cablepod.archive._manifest import (
+    FAILURE,
+    MODES,
+    SCENES,
+    batch_id,
+    check_batch,
+    entry_of,
+    file_of,
+    noted,
+    read_manifest,
+)
 from cablepod.archive._write import check_target
-from cablepod.batch import _members as members
+from cablepod.batch._members import stop_when, thread_limit
 from cablepod.conventions import ATTRIBUTE_UNITS
-from cablepod.integrate._stepping import RunStopped
-from cablepod.parameters._schema import refuse
-
-MODELS: Mapping[str, Callable[..., xr.Dataset]] = {
-    "chain": chain.simulate,
-    "cable": cable.simulate,
-    "rigid": rigid.simulate,
-    "galerkin": galerkin.simulate,
-    "condensed": condensed.simulate,
-}
-REDUCED = ("galerkin", "condensed")
-Note = tuple[type[Warning], str]
-
-
-def options_of(model: str) -> dict[str, Any]:
-    """Return the options of a model's ``simulate`` that an ensemble may have, with their defaults."""
-    own = inspect.signature(MODELS[model]).parameters.values()
-    return {item.name: item.default for item in own if item.kind is item.KEYWORD_ONLY and item.name != "progress"}
-
-
-# --- warnings -----------------------------------------------------------------------------------------------------------
-
-
-class _Listener:
-    """Notes the warnings of each thread; the interpreter has one place for all of them."""
-
-    def __init__(self) -> None:
-        self.lock = threading.Lock()
-        self.open = 0
-        self.log: list[tuple[int, Note]] = []
-        self.held = ExitStack()
-
-    def begin(self) -> None:
-        with self.lock:
-            if not self.open:
-                self.held.enter_context(warnings.catch_warnings())
-                warnings.simplefilter("always")
-                warnings.showwarning = self._note
-            self.open += 1
-
-    def _note(self, message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-        self.log.append((threading.get_ident(), (category, str(message))))
-
-    def end(self) -> list[Note]:
-        """Return the notes of this thread; the last one to go takes those of threads that nobody waits for too."""
-        with self.lock:
-            self.open -= 1
-            own = [note for thread, note in self.log if thread == threading.get_ident() or not self.open]
-            self.log = [item for item in self.log if item[0] != threading.get_ident() and self.open]
-            if not self.open:
-                self.held.close()
-            return own
-
-
-_LISTENER = _Listener()
-
-
-@contextmanager
-def listening() -> Iterator[list[Note]]:
-    """Keep the warnings that come up to be told later; the list is filled on leaving."""
-    notes: list[Note] = []
-    _LISTENER.begin()
-    try:
-        yield notes
-    finally:
-        notes += _LISTENER.end()
-
-
-def tell(notes: list[Note], count: int) -> None:
-    """Warn once of each category: how often it came up, and what was said first; of failures from their number."""
-    for category in dict.fromkeys(category for category, _ in notes):
-        texts = [text for own, text in notes if own is category]
-        if category is members.MemberFailedWarning:
-            continue
-        often = f" (and {len(texts) - 1} more such warnings in {count} members)" if len(texts) > 1 else ""
-        warnings.warn(texts[0] + often, category, stacklevel=4)
-
+from cablepod.ensemble._collect_warnings import Note, listening
+from cablepod.ensemble._models import MODELS
+from cablepod.errors import AllFailedError, ArchiveError, RunStopped
 
 # --- computing ----------------------------------------------------------------------------------------------------------
 
@@ -139,7 +70,7 @@ def compute(
         try:
             result = simulate(rest, *given, **options, progress=progress)
         except (RunStopped, ValueError, ArithmeticError) as error:
-            if isinstance(error.__cause__, members.AllFailedError):
+            if isinstance(error.__cause__, AllFailedError):
                 reasons += error.__cause__.reasons
                 break
             # models that share their coefficients make them from the first member; is it this one that fails?
@@ -193,13 +124,13 @@ def _longer(item: xr.Variable, lost: int) -> xr.Variable:
 def _inputs(folder: Path, ensemble: str) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset | None]:
     """Read what all batches share, once in each process."""
     manifest = _own_manifest(folder, ensemble)
-    scenes = archive.read(folder / archive_ensemble.SCENES)
-    modes = archive.read(folder / archive_ensemble.MODES) if manifest["modes"] else None
+    scenes = archive.read(folder / SCENES)
+    modes = archive.read(folder / MODES) if manifest["modes"] else None
     return manifest, scenes, modes
 
 
 def _own_manifest(folder: Path, ensemble: str) -> dict[str, Any]:
-    found = archive_ensemble.read_manifest(folder)
+    found = read_manifest(folder)
     if found["id"] != ensemble:
         raise ArchiveError(
             f"{folder}: holds the ensemble {found['id']} and not {ensemble}, so it was changed during the run; give another path"
@@ -261,14 +192,14 @@ def work(
     path = folder / file_of(number)
     manifest, scenes, modes = _inputs(folder, ensemble)
     if path.exists():  # of a worker that was thought dead
-        archive_ensemble.check_batch(folder, manifest | {"done": {}}, number)
-        return archive_ensemble.entry_of(path), []
+        check_batch(folder, manifest | {"done": {}}, number)
+        return entry_of(path), []
     size = manifest["batch"]
     begin = time.perf_counter()
     with ExitStack() as held:
         notes = held.enter_context(listening())
-        held.enter_context(members.threads(threads))
-        held.enter_context(members.until(stop) if stop is not None else nullcontext())
+        held.enter_context(thread_limit(threads))
+        held.enter_context(stop_when(stop) if stop is not None else nullcontext())
         if alone:
             held.enter_context(threadpool_limits(1))
             held.enter_context(unscheduled())
@@ -294,38 +225,5 @@ def work(
         except ArchiveError:
             if not path.exists():
                 raise
-            archive_ensemble.check_batch(folder, manifest | {"done": {}}, number)
-    return archive_ensemble.noted(batch, path), notes
-
-
-def check_model(model: Any, modes: Any, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Check the names of a model and of its options; returns the options, defaults filled in, as a file holds them.
-
-    Raises
-    ------
-    SceneError
-        Naming what was given and what is allowed.
-    """
-    if not isinstance(model, str) or model not in MODELS:
-        raise refuse("model", model, "one of " + ", ".join(f'"{name}"' for name in MODELS))
-    if model in REDUCED and not isinstance(modes, xr.Dataset):
-        raise refuse("modes", modes, f'the Dataset of modes that model "{model}" runs on, as pod.decompose gives it')
-    if model not in REDUCED and modes is not None:
-        raise refuse("modes", "a value", f'none for model "{model}"; they are for {" and ".join(REDUCED)}')
-    known = options_of(model)
-    for name in options:
-        if name not in known:
-            raise refuse(f"option {name}", options[name], f'an option of model "{model}": {", ".join(known)}')
-    return {name: _plain(name, options.get(name, default)) for name, default in known.items()}
-
-
-def _plain(name: str, value: Any) -> Any:
-    if isinstance(value, xr.DataArray | np.ndarray):
-        value = np.asarray(value).tolist()
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, list | tuple):
-        return [_plain(name, item) for item in value]
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    raise refuse(name, value, "a number, a text or a list of them")
+            check_batch(folder, manifest | {"done": {}}, number)
+    return noted(batch, path), notes

@@ -20,17 +20,19 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.archive._ensemble import MODES, SCENES, open_ensemble
-from cablepod.archive._read import ArchiveError
-from cablepod.batch import _members as members
-from cablepod.batch import _sigint as interrupts
+from cablepod.archive._manifest import MODES, SCENES
+from cablepod.archive._open_ensemble import open_ensemble
+from cablepod.batch._members import stop_when, thread_limit
+from cablepod.batch._sigint import defer_sigint
 from cablepod.ensemble import _store as ensemble_store
-from cablepod.ensemble._job import MODELS, REDUCED, Note, check_model, compute, listening, sees, tell, unscheduled, work
+from cablepod.ensemble._collect_warnings import Note, listening, tell
+from cablepod.ensemble._job import compute, sees, unscheduled, work
+from cablepod.ensemble._models import MODELS, REDUCED, check_model
 from cablepod.ensemble._workers import Crew, Progress, Under, crew
-from cablepod.integrate import _stepping as stepping
-from cablepod.integrate._stepping import RunStopped
-from cablepod.parameters._parameters import parameters
-from cablepod.parameters._schema import SceneError, integer, refuse, shown
+from cablepod.errors import ArchiveError, MemberFailedWarning, RunStopped, SceneError, refuse, shown
+from cablepod.integrate._request import check_times
+from cablepod.parameters._checks import integer
+from cablepod.parameters._from_scene import parameters
 
 #: Members on which options are tried before anything runs.
 TRIED = 5
@@ -99,7 +101,7 @@ def run(
         Where members failed.  Other warnings of the members are gathered too, one of each kind.
     """
     plan, inputs = _planned(scenes, model, modes, options, batch)
-    with interrupts.held(), ensemble_store.opened(path, plan, inputs, overwrite=overwrite) as store:
+    with defer_sigint(), ensemble_store.opened(path, plan, inputs, overwrite=overwrite) as store:
         waiting = store.waiting()
         notes: list[Note] = []
         counted = Progress(progress, store.sizes, set(range(len(store.sizes))) - set(waiting))
@@ -203,7 +205,7 @@ def _computed(
     progress: Callable[[float], None] | None = None,
 ) -> tuple[xr.Dataset, list[Note]]:
     """Compute a batch in a worker."""
-    with listening() as notes, members.threads(threads), members.until(stop):
+    with listening() as notes, thread_limit(threads), stop_when(stop):
         result = compute(scenes, model, modes, options, progress)
     return result, notes
 
@@ -250,7 +252,7 @@ def _try_options(
     """Refuse options that no member can run with; some are tried, over a run of no duration."""
     given = () if modes is None else (modes,)
     if options.get("times") is not None:
-        stepping.check_times(options["times"])
+        check_times(options["times"])
     errors = []
     for i in dict.fromkeys(np.linspace(0, scenes.sizes["member"] - 1, TRIED).astype(int).tolist()):
         one = scenes.isel(member=i, drop=True)
@@ -314,6 +316,6 @@ def _warn_of_failures(result: xr.Dataset) -> None:
         warnings.warn(
             f"{failed.size} of {result.sizes['member']} members failed and hold nan, the first of them member "
             f"{int(result['member'][failed[0]])}: {result['failure'].values[failed[0]]}; see failure for each",
-            members.MemberFailedWarning,
+            MemberFailedWarning,
             stacklevel=3,
         )

@@ -14,13 +14,23 @@ import numpy as np
 import xarray as xr
 
 from cablepod import archive, provenance
-from cablepod.archive import _ensemble as archive_ensemble
 from cablepod.archive._atomic import whole_file
-from cablepod.archive._ensemble import MANIFEST, MODES, SCENES, file_of
-from cablepod.archive._read import SCHEMA, ArchiveError, version
-from cablepod.archive._write import check_target, reason, root_attributes
-from cablepod.batch import _sigint as interrupts
-from cablepod.parameters._schema import shown
+from cablepod.archive._attributes import root_attributes
+from cablepod.archive._manifest import (
+    KIND,
+    MANIFEST,
+    MODES,
+    SCENES,
+    check_batch,
+    entry_of,
+    file_of,
+    read_manifest,
+    sizes_of,
+)
+from cablepod.archive._read import SCHEMA, version
+from cablepod.archive._write import check_target, reason
+from cablepod.batch._sigint import check_sigint
+from cablepod.errors import ArchiveError, shown
 
 LOCK = ".cablepod-lock"
 #: The manifest is written at most once in so many seconds; what a killed run did not note is found by its files.
@@ -39,7 +49,7 @@ class Store:
     @property
     def sizes(self) -> list[int]:
         """Number of members in each batch."""
-        return archive_ensemble.sizes_of(self.manifest)
+        return sizes_of(self.manifest)
 
     def waiting(self) -> list[int]:
         """Return the numbers of the batches that are not done."""
@@ -78,15 +88,15 @@ class Store:
         faults = []
         done = self.manifest["done"]
         for number in range(len(self.sizes)):
-            interrupts.check()
+            check_sigint()
             path = self.folder / file_of(number)
             if not path.exists():
                 done.pop(str(number), None)
                 continue
             try:
-                archive_ensemble.check_batch(self.folder, self.manifest, number)
+                check_batch(self.folder, self.manifest, number)
                 if str(number) not in done:
-                    done[str(number)] = archive_ensemble.entry_of(path)
+                    done[str(number)] = entry_of(path)
             except ArchiveError as error:
                 done.pop(str(number), None)
                 if overwrite:
@@ -205,7 +215,7 @@ def _found(folder: Path, plan: Mapping[str, Any], *, overwrite: bool) -> dict[st
     own = [*folder.glob("batch_*.nc"), *(folder / name for name in (SCENES, MODES) if (folder / name).exists())]
     if (folder / MANIFEST).exists():
         try:
-            manifest = archive_ensemble.read_manifest(folder)
+            manifest = read_manifest(folder)
         except ArchiveError:
             if not overwrite:
                 raise
@@ -290,7 +300,7 @@ def _begun(folder: Path, plan: Mapping[str, Any], inputs: Mapping[str, xr.Datase
     head["history_json"] = json.dumps([*stages.values(), own], sort_keys=True)
     attributes = root_attributes(xr.Dataset(attrs=head))
     return {
-        "kind": archive_ensemble.KIND,
+        "kind": KIND,
         "schema": SCHEMA,
         "version": version(),
         **{name: plan[name] for name in ("id", "model", "modes", "members", "batch", "options", "scenes", "varied")},
@@ -298,6 +308,6 @@ def _begun(folder: Path, plan: Mapping[str, Any], inputs: Mapping[str, xr.Datase
             name: value.item() if isinstance(value, np.generic) else value for name, value in attributes.items()
         },
         "inputs_history": history,
-        "files": [file_of(number) for number in range(len(archive_ensemble.sizes_of(plan)))],
+        "files": [file_of(number) for number in range(len(sizes_of(plan)))],
         "done": {},
     }

@@ -14,10 +14,10 @@ from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecu
 from dataclasses import dataclass
 from typing import Any
 
-from cablepod.batch import _members as members
-from cablepod.batch import _sigint as interrupts
-from cablepod.integrate._stepping import RunStopped
-from cablepod.parameters._schema import integer, refuse, shown
+from cablepod._resources import cores
+from cablepod.batch._sigint import defer_sigint, wait_for_any
+from cablepod.errors import RunStopped, refuse, shown
+from cablepod.parameters._checks import integer
 
 #: Seconds in which a scheduler must answer and have a worker.
 PATIENCE = 10.0
@@ -48,18 +48,18 @@ def crew(scheduler: Any, workers: int | None, batches: int) -> Iterator[Crew]:
         For a scheduler that is none, or does not answer in time, or has no worker.
     """
     with contextlib.ExitStack() as held:
-        with interrupts.held():
+        with defer_sigint():
             own = _crew(held, scheduler, workers, batches)
         try:
             yield own
         finally:
-            with interrupts.held():
+            with defer_sigint():
                 held.close()
 
 
 def _crew(held: contextlib.ExitStack, scheduler: Any, workers: int | None, batches: int) -> Crew:
     """Get workers that leave when `held` is closed."""
-    count = members.cores() if workers is None else integer(least=1, most=4096)("workers", workers)
+    count = cores() if workers is None else integer(least=1, most=4096)("workers", workers)
     if scheduler is None:
         return held.enter_context(_threads(count, batches))
     if isinstance(scheduler, str) and scheduler == "processes":
@@ -148,7 +148,7 @@ class Under:
         self._fill()
 
     def _fill(self, held: int = 0) -> None:
-        with interrupts.held():
+        with defer_sigint():
             while self.rest and len(self.open) + held < self.limit:
                 number = self.rest.popleft()
                 self.open[self.submit(number)] = number
@@ -163,7 +163,7 @@ class Under:
         """
         try:
             while self.open:
-                for future in interrupts.wait(self.open):
+                for future in wait_for_any(self.open):
                     yield self.open.pop(future), self.result(future)
                     self._fill()
         finally:
@@ -176,7 +176,7 @@ class Under:
         try:
             while order:
                 while order[0] not in ready:
-                    ready |= {self.open.pop(future): self.result(future) for future in interrupts.wait(self.open)}
+                    ready |= {self.open.pop(future): self.result(future) for future in wait_for_any(self.open)}
                     self._fill(len(ready))
                 yield ready.pop(order.popleft())
                 self._fill(len(ready))
@@ -195,7 +195,7 @@ class Under:
 
     def cancel(self) -> None:
         """Begin nothing more."""
-        with interrupts.held():
+        with defer_sigint():
             for future in self.open:
                 future.cancel()
             self.open = {}

@@ -8,14 +8,14 @@ from collections.abc import Callable
 import numpy as np
 
 from cablepod.condensed._estimate import WORST, grown, richer, samples
+from cablepod.condensed._fields import positions
 from cablepod.condensed._model import Model as Condensed
-from cablepod.condensed._output import positions
 from cablepod.discretisation._chain import Chain, square
 from cablepod.discretisation._chord_frame import Frame
+from cablepod.errors import SceneError
 from cablepod.galerkin._model import Model
 from cablepod.galerkin._runs import State
-from cablepod.integrate._stepping import motion_scale
-from cablepod.parameters._schema import SceneError
+from cablepod.integrate._step_control import motion_scale
 
 #: Combinations of the modes whose deflection is smaller than this share of that of others move along the chord only.
 ALONG = 1e-6

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod.catenary._statics import solve_statics
 from cablepod.chain._start import start
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import Chain, check_law, square
-from cablepod.parameters._parameters import Parameters, solve_statics
-from cablepod.parameters._schema import SceneError, refuse
-from cablepod.pod._decompose import mode_fields
+from cablepod.errors import SceneError, refuse
+from cablepod.parameters._parameters import Parameters
+from cablepod.pod._project import mode_fields
 from cablepod.pod._snapshots import relative_arc_length
 
 

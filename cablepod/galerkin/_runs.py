@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.chain._implicit import LARGEST, MOST_CUTS, SMALLEST, TENSION_LEFT
 from cablepod.conventions import ENDS, label
+from cablepod.errors import RunStopped
 from cablepod.galerkin._model import Model
-from cablepod.integrate import _stepping as stepping
+from cablepod.integrate._march import advance_in_blocks
+from cablepod.integrate._output_times import Instants
 from cablepod.integrate._run import coordinates
-from cablepod.integrate._stepping import Instants, RunStopped
 
 #: Packed coefficients cost about (monomials x rows), links (coordinates x axes x links): explicit steps take what is less.
 #: Implicit ones, whose tangent costs (modes^2 x rows), take packed ones if they have so many times fewer rows than links.  Both
@@ -90,7 +90,7 @@ class Run:
         instants = Instants.of(self.times, rate)
         record = Record(self, instants)
         advance, state, total = self._begin(record)
-        failed = stepping.march(advance, state, total, self.progress)
+        failed = advance_in_blocks(advance, state, total, self.progress)
         notes = self._notes()
         if failed is not None:
             self._stop(record, failed, notes)
@@ -124,7 +124,7 @@ class Run:
     @cached_property
     def law(self) -> int:
         """How the kernel evaluates the energy."""
-        from cablepod.galerkin import _kernels as kernel  # numba is imported only to compute
+        from cablepod.galerkin import _kernels_energy as kernel  # numba is imported only to compute
 
         if self.model.law == "linear":
             return kernel.LINEAR_LINKS
@@ -176,7 +176,7 @@ class Run:
     @cached_property
     def start_energy(self) -> float:
         """Strain energy at the start [J]."""
-        from cablepod.galerkin import _kernels as kernel
+        from cablepod.galerkin import _kernels_energy as kernel
 
         model, packed, linked = self.model, *self.tables
         y = np.concatenate([self.q0, model.displacements(np.zeros(1))[0]])
@@ -271,155 +271,3 @@ def _energy_defect(rates: np.ndarray, energy: np.ndarray, start: float) -> float
     # of nothing exchanged, rounding of the energy itself is no defect
     exchanged = max(float(np.abs(terms).max()), 1e-6 * start)
     return float(np.abs(terms.sum(axis=0)).max() / exchanged) if exchanged > 0.0 else 0.0
-
-
-class VerletRun(Run):
-    """Velocity Verlet: second order, its energy swings and does not drift; stable below 2 over the highest frequency."""
-
-    @property
-    def packs(self) -> bool:
-        """Whether packed coefficients are the faster way."""
-        monomials = len(self.model.used) + self.model.pairs[0].size
-        rows = min(monomials, self.model.chain.links)
-        return monomials * rows <= PACKED_COST * self.model.used.sum() * self.model.chain.links
-
-    def _begin(self, record: Record) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
-        from cablepod.galerkin import _kernels as kernel  # numba is imported only to compute
-
-        model, damping, rate = self.model, self.damping, record.instants.rate
-        step = 1.0 / rate
-        decay = math.exp(-damping * step)
-        kick = -math.expm1(-damping * step) / damping if damping else step
-        law, (packed, linked) = self.law, self.tables
-        p, account = self.p0.copy(), np.zeros(3)
-        slope, _ = model.gradient(np.concatenate([self.q0, model.displacements(np.zeros(1))[0]]))
-        half = stepping.damped_growth(damping, step) / damping if damping else 0.5 * step
-        velocity = -half * (
-            model.loads_on_steps(0, 0, rate)[0] - slope
-        )  # half a step before the start, which is from rest
-
-        def advance(begin: int, steps: int) -> bool:
-            marks, saved, energy = record.rows(begin, begin + steps)
-            ends = model.displacements_on_steps(max(begin - 1, 0), steps + (begin > 0), rate)
-            if begin == 0:
-                ends = np.concatenate([ends[:1], ends])
-            kernel.verlet(
-                p, velocity, account, step, decay, kick, damping, model.coupling, model.loads_on_steps(begin, steps, rate),
-                ends, law, packed, linked, begin, steps, marks, saved, energy,
-            )  # fmt: skip
-            if not self.sound(p):
-                return False
-            record.take(begin, begin + steps, saved, energy)
-            return True
-
-        return advance, (p, velocity, account), int(record.instants.steps[-1]) + 1
-
-    def _check(self, state: State) -> State:
-        """Stop where the highest frequency on the way is too high for the step."""
-        rate = state.instants.rate
-        picked = np.unique(np.linspace(0, len(state.q) - 1, 50).astype(int))
-        for i in picked:
-            time = float(state.instants.times[i])
-            omega = self.model.highest_frequency(state.q[i], time)
-            if omega >= 2.0 * rate:
-                raise RunStopped(
-                    f"the reduced model stiffened: at {time:.6g} s its stability limit is {2 / omega:.6g} s, below the step "
-                    f"{1 / rate:.6g} s ({self.scheme}); try a shorter step, or scheme energy_momentum",
-                    self.dataset(state),
-                )
-        return state
-
-
-@dataclass(frozen=True)
-class ImplicitRun(Run):
-    """Trapezoidal rule or energy-momentum method: second order, stable at any step as far as linear theory goes."""
-
-    counts: list[int] = field(default_factory=lambda: [0, 0])  #: of the last run: iterations, steps cut
-
-    @property
-    def fault(self) -> str:
-        """What a stopped run says."""
-        return f"Newton's method did not converge, with the step cut into {MOST_CUTS},"
-
-    other = "scheme velocity_verlet"
-
-    @property
-    def packs(self) -> bool:
-        """Whether packed coefficients are the faster way."""
-        return FEWER_ROWS * (len(self.model.used) + self.model.pairs[0].size) <= self.model.chain.links
-
-    def _begin(self, record: Record) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
-        model, total = self.model, int(record.instants.steps[-1])
-        p = self.p0.copy()
-        state = (
-            p,
-            np.zeros_like(p),
-            np.zeros((3, p.size)),
-            np.zeros(3),
-        )  # with rates, mean accelerations, energy account
-        tension = float(np.abs(model.tension(model.positions(self.q0[None], np.zeros(1)))).mean())
-        enough = min(max(math.sqrt(2.0 * TENSION_LEFT * tension / model.chain.p.stiffness), SMALLEST), LARGEST)
-        rate = record.instants.rate
-        self.counts[:] = [0, 0]
-
-        def advance(begin: int, steps: int) -> bool:
-            end = begin + steps + (begin + steps == total)  # a last step is saved when it is done
-            rows = record.rows(begin, end)
-            done = 0
-            while True:
-                first = int(np.searchsorted(rows[0], begin + done))
-                done += self._kernel(state, enough, rate, begin + done, steps - done, *(item[first:] for item in rows))
-                if done == steps:
-                    break
-                if not self._cut(state, enough, rate, begin + done):
-                    return False
-                done += 1
-            if not self.sound(p):
-                return False
-            record.take(begin, end, *rows[1:])
-            return True
-
-        if total == 0:
-            advance(0, 0)
-        return advance, state, total
-
-    def _cut(self, state: tuple[np.ndarray, ...], enough: float, rate: float, number: int) -> bool:
-        """Take one step in pieces, so short that Newton's method converges; returns whether it did."""
-        keep, pieces, nothing = [item.copy() for item in state], 2, np.zeros(0, dtype=np.int64)
-        while pieces <= MOST_CUTS:
-            saved = np.empty((0, 3, self.q0.size)), np.empty((0, 4))
-            if self._kernel(state, enough, pieces * rate, pieces * number, pieces, nothing, *saved) == pieces:
-                self.counts[1] += 1
-                return True
-            for target, source in zip(state, keep, strict=True):
-                target[:] = source
-            pieces *= 4
-        return False
-
-    def _kernel(
-        self,
-        state: tuple[np.ndarray, ...],
-        enough: float,
-        rate: float,
-        start: int,
-        steps: int,
-        marks: np.ndarray,
-        saved: np.ndarray,
-        energy: np.ndarray,
-    ) -> int:
-        """Take steps of 1 / rate; returns how many were done."""
-        from cablepod.galerkin import _kernels as kernel  # numba is imported only to compute
-
-        model, law, (packed, linked) = self.model, self.law, self.tables
-        stiffness = np.ones(packed[1].size) if law == kernel.PACKED else linked[4]
-        done, iterations = kernel.implicit(
-            *state, 1.0 / rate, self.scheme == "energy_momentum", self.damping, model.coupling,
-            model.loads_on_steps(start, steps, rate), model.displacements_on_steps(start, steps, rate), law,
-            np.ascontiguousarray(packed[0].T), packed[1:], linked, stiffness, model.turns, enough, ROUNDING, start, steps,
-            marks, saved, energy,
-        )  # fmt: skip
-        self.counts[0] += iterations
-        return done
-
-    def _notes(self) -> dict[str, Any]:
-        return {"newton_iterations": self.counts[0], "steps_cut": self.counts[1]}

@@ -8,31 +8,34 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._resources import check_memory
 from cablepod.batch._members import over_members
 from cablepod.conventions import OUTPUTS
-from cablepod.discretisation import _similarity as training
+from cablepod.errors import NotConvergedWarning, OutOfRangeWarning, refuse
 from cablepod.galerkin._estimate import estimate
+from cablepod.galerkin._explicit import VerletRun
+from cablepod.galerkin._implicit import ImplicitRun
 from cablepod.galerkin._model import Model, model_of
-from cablepod.galerkin._runs import ImplicitRun, Run, State, VerletRun
-from cablepod.integrate import _stepping as stepping
-from cablepod.parameters._parameters import check_memory, parameters
-from cablepod.parameters._schema import refuse
-from cablepod.reduced import _validity as trust
+from cablepod.galerkin._runs import Run, State
+from cablepod.galerkin._scheme import SCHEMES, _picked, _refined
+from cablepod.integrate._request import (
+    DEFAULT_TOLERANCE,
+    check_outputs,
+    check_positive,
+    check_scheme,
+    check_step,
+    check_times,
+    implicit_rate,
+)
+from cablepod.parameters._from_scene import parameters
+from cablepod.reduced._training_distance import outside
+from cablepod.reduced._validity import check_estimate, check_forcing
 
-SCHEMES = ("velocity_verlet", "trapezoidal", "energy_momentum")
-#: An implicit step costs about as much as so many explicit ones, and so many more for each amplitude (40 links).
-IMPLICIT_COST, COST_OF_AMPLITUDE = 4.0, 0.45
-#: Below so many seconds of explicit run time no other scheme is tried unasked; seconds per step, and more for each amplitude.
-CHEAP, STEP_TIME, TIME_OF_AMPLITUDE = 0.3, 2e-7, 2e-8
 #: Share of the exchanged energy that a given step may make or lose.
 UNEXPLAINED = 0.1
-#: Steps of the first implicit run in the period of the first transverse vibration; and how many times as many resolve enough of
-#: what moves for runs to show an order.
-STEPS_PER_PERIOD, RESOLVING = 8.0, 16.0
 
 
 @over_members
@@ -133,14 +136,14 @@ def simulate(
     >>> round(100 * float(cp.compare.errors(model, chain).error_max), 2)  # per cent
     0.04
     """
-    stepping.check_scheme(scheme, SCHEMES)
-    names = stepping.check_outputs(outputs, (*OUTPUTS, "error_estimate"))
+    check_scheme(scheme, SCHEMES)
+    names = check_outputs(outputs, (*OUTPUTS, "error_estimate"))
     if step is not None and tolerance is not None:
         raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
-    goal = stepping.DEFAULT_TOLERANCE if tolerance is None else stepping.check_positive("tolerance", tolerance)
+    goal = DEFAULT_TOLERANCE if tolerance is None else check_positive("tolerance", tolerance)
     p = parameters(scene)
     model = model_of(p, modes, rank=rank, law=law)
-    instants = p.times() if times is None else stepping.check_times(times)
+    instants = p.times() if times is None else check_times(times)
     p.check_reach(float(instants[-1]))
     check_memory(instants.size, model.chain.links, p.dims, key="times", variables=3)
     q0 = model.initial()
@@ -157,9 +160,9 @@ def simulate(
     if step is not None:
         if run.scheme == SCHEMES[0]:
             why = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
-            rate = 1.0 / stepping.check_step(step, limit, why)
+            rate = 1.0 / check_step(step, limit, why)
         else:
-            rate = stepping.implicit_rate(step, float(instants[-1]), p.time_scale)
+            rate = implicit_rate(step, float(instants[-1]), p.time_scale)
         state, time_error = run(rate), None
         _check_energy(state, run.scheme)
     elif scheme is not None:
@@ -202,7 +205,7 @@ def _trust(model: Model, modes: xr.Dataset, result: xr.Dataset) -> dict[str, Any
     if "energy_share" in modes:
         share = modes["energy_share"].isel(mode=slice(result.sizes["mode"])).sum("mode")
         notes["energy_share_kept"] = float(share.min())
-    return notes | training.outside(modes, p, length, float(result["time"].values[-1]))
+    return notes | outside(modes, p, length, float(result["time"].values[-1]))
 
 
 def _check_energy(state: State, scheme: str) -> None:
@@ -211,7 +214,7 @@ def _check_energy(state: State, scheme: str) -> None:
         warnings.warn(
             f"{defect:.2g} of the energy that is exchanged comes from nowhere (energy_defect, {scheme}): the step is too long "
             "for what moves; give a shorter one, scheme energy_momentum, or a tolerance instead of a step",
-            stepping.NotConvergedWarning,
+            NotConvergedWarning,
             stacklevel=4,
         )
 
@@ -222,70 +225,9 @@ def _warn_out_of_range(attrs: dict[str, Any]) -> None:
         warnings.warn(
             f"links are compressed, to {attrs['smallest_stretch']:.6g} of their unstretched length (smallest_stretch): a cable "
             "goes slack there, and few modes do not hold the kinks of that; compare with chain.simulate",
-            trust.OutOfRangeWarning,
+            OutOfRangeWarning,
             stacklevel=4,
         )
     if attrs.get("outside_training", math.inf) > 0.0:
-        trust.check_forcing(attrs, "modes of slower motion lack")
-    trust.check_estimate(attrs)
-
-
-def _picked(
-    runs: dict[str, Run], limit: float, goal: float, *, asked: bool
-) -> tuple[Run, tuple[State, float, float], str]:
-    """Pick scheme and step for a tolerance: implicit as long as its steps are so long that it is the faster one."""
-    explicit, implicit = runs["velocity_verlet"], runs["trapezoidal"]
-    *_, rate = _compared(explicit, limit)
-    count = explicit.q0.size
-    cost = 3.0 * float(explicit.times[-1]) * rate * (STEP_TIME + TIME_OF_AMPLITUDE * count)
-    if not asked and cost < CHEAP:
-        return explicit, _refined(explicit, limit, goal), f"explicit: all its runs take about {cost:.1g} s"
-    # the explicit runs have this rate and twice as much, the implicit ones all up to it
-    most = 1.5 * rate / (IMPLICIT_COST + COST_OF_AMPLITUDE * count)
-    found = stepping.halve(*_compared(implicit, limit), goal, most, _size(implicit))
-    if found is not None:
-        return implicit, found, f"implicit: its steps may be {1.0 / (found[1] * limit):.3g} times the explicit limit"
-    why = f"explicit: implicit steps would have to be shorter than {1 / most:.3g} s"
-    return explicit, _refined(explicit, limit, goal), why
-
-
-def _refined(run: Run, limit: float, goal: float) -> tuple[State, float, float]:
-    model = run.model
-
-    def slackened(state: State) -> bool:
-        # law (21) pulls and pushes without a kink
-        return model.law == "linear" and bool((model.chain.stretch(model.positions(state.q, run.times)) < 1.0).any())
-
-    size = _size(run)
-    run, position, scale, rate = _compared(run, limit)
-    if isinstance(run, ImplicitRun):
-        found = stepping.halve(run, position, scale, rate, goal, RESOLVING * rate, size)
-        if found is not None:
-            return found
-        rate *= RESOLVING
-    return stepping.refine(run, position, scale, rate, goal, slackened, size)
-
-
-def _size(run: Run) -> tuple[float, int]:
-    """Until when a run lasts [s], and its number of links."""
-    return float(run.times[-1]), run.model.chain.links
-
-
-def _compared(run: Run, limit: float) -> tuple[Run, Callable[[State], np.ndarray], Callable[[State], float], float]:
-    """Return a run, how two of them are compared, and the number of steps per second to begin with."""
-    model, p = run.model, run.model.chain.p
-    chord = float(np.linalg.norm(p.upper - p.lower))
-    initial = model.positions(run.q0[None], np.zeros(1))[0]
-
-    def position(state: State) -> np.ndarray:
-        return model.positions(state.q, state.instants.times)
-
-    def scale(state: State) -> float:
-        return stepping.motion_scale(position(state), initial, chord)
-
-    first = 0.8 * limit
-    if isinstance(run, ImplicitRun):
-        tension = max(float(model.tension(initial).mean()), 1e-300)
-        period = 2.0 * model.chain.total_length / np.sqrt(tension / p.mass)
-        first = float(max(min(float(run.times[-1]) / 20.0, period / STEPS_PER_PERIOD), limit))
-    return run, position, scale, stepping.preferred_rate(1.0 / min(first, p.time_scale / stepping.STEPS_PER_CHANGE))
+        check_forcing(attrs, "modes of slower motion lack")
+    check_estimate(attrs)

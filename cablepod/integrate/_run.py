@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod._resources import check_memory
 from cablepod.conventions import COORDINATES, label
-from cablepod.discretisation import _similarity as training
 from cablepod.discretisation._chain import Chain, square
-from cablepod.integrate._stepping import Instants, RunStopped
-from cablepod.parameters._parameters import check_memory
+from cablepod.discretisation._similarity import describe
+from cablepod.errors import RunStopped
+from cablepod.integrate._output_times import Instants
 
 #: Strain energy over what rest, loads and ends can explain: a run above the second number has broken down, one above the first is
 #: suspect (resonance, or a step too long for links that slacken and snap taut).  Sound runs of hard cases stay below 1.
@@ -296,7 +297,7 @@ class Run:
         if state.extremes is not None:
             variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
         variables["unstretched_length"] = ((), chain.total_length)
-        about, names = training.describe(
+        about, names = describe(
             chain.p,
             chain.total_length,
             float(state.instants.times[-1]),

@@ -20,24 +20,22 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.batch import _sigint as interrupts
-from cablepod.batch._members import cores
+from cablepod._resources import cores
+from cablepod.batch._pool import map_threads
 from cablepod.condensed._assembly import TEST, model_of
 from cablepod.condensed._model import Model
 from cablepod.condensed._runs import Options, solve
 from cablepod.conventions import label
-from cablepod.discretisation import _similarity as training
-from cablepod.integrate import _stepping as stepping
-from cablepod.integrate._stepping import RunStopped, motion_scale
-from cablepod.parameters import _schema as schema
-from cablepod.parameters._parameters import parameters
-from cablepod.parameters._schema import SceneError, refuse
+from cablepod.errors import RunStopped, SceneError, refuse
+from cablepod.integrate._request import check_positive, check_times
+from cablepod.integrate._step_control import motion_scale
+from cablepod.oblique._search import Search, searches
+from cablepod.parameters._checks import integer
+from cablepod.parameters._from_scene import parameters
 from cablepod.pod import _normal as pod_normal
-from cablepod.pod import _snapshots as snapshots
-from cablepod.pod._snapshots import relative_arc_length
+from cablepod.pod._snapshots import positions, relative_arc_length
+from cablepod.pod._training_range import add_training_range, range_of, union_of_ranges
 
-#: Each test function is a sum of so many vibration modes for every mode of the model, and of some more.
-WIDTH, MORE = 2, 4
 #: Parts of the runs over which one after the other is trained: over all of them at once, a model that is out of step late tells
 #: little of why, and the search ends in one of many minima.
 WINDOWS = (0.125, 0.25, 0.5, 0.75, 1.0)
@@ -110,59 +108,6 @@ class Lesson:
         except (RunStopped, SceneError):
             return np.full((self.times.size, coordinates.shape[1] + 1), FAILED)
         return np.column_stack([q @ turns.T - coordinates, left]) / self.size
-
-
-def vibrations(model: Model) -> np.ndarray:
-    """Vibration modes (mode, particle) of the cable, taut and straight as at rest, mass-orthonormal, by rising frequency."""
-    from scipy.linalg import eigh  # costly to import
-
-    chain, loads = model.chain, model.still_row[1 : 1 + len(model.taus)]
-    tension = np.maximum(model.rest_tension + loads @ (model.taus - model.means[:, None]), 0.1 * model.rest_tension)
-    slope = np.diff(np.eye(chain.links + 1), axis=0) / chain.length[:, None]
-    stiffness = (slope.T * (chain.length * tension)) @ slope
-    vectors = eigh(stiffness[1:-1, 1:-1], np.diag(model.mass[1:-1]))[1]
-    return np.pad(vectors.T, ((0, 0), (1, 1)))
-
-
-@dataclass(frozen=True)
-class Search:
-    """Test functions by numbers: some to begin with, and sums of vibration modes that these do not stand for."""
-
-    first: tuple[np.ndarray, ...]  #: of each set (mode, particle)
-    free: tuple[np.ndarray, ...]  #: what is added to each (more, particle)
-
-    @property
-    def count(self) -> int:
-        """How many numbers there are."""
-        return sum(len(psi) * len(part) for psi, part in zip(self.first, self.free, strict=True))
-
-    def tests(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Test functions (mode, particle) of each set; 0 are the first."""
-        result, at = [], 0
-        for psi, part in zip(self.first, self.free, strict=True):
-            size = len(psi) * len(part)
-            result.append(psi + x[at : at + size].reshape(len(psi), -1) @ part if size else psi)
-            at += size
-        return tuple(result)
-
-
-def searches(model: Model) -> tuple[Search, Search]:
-    """Where to begin: from the modes themselves, and from as many vibration modes, those that tell the modes apart best.
-
-    These feel no force of the others as long as the tension is that at rest.
-    """
-    from scipy.linalg import qr  # costly to import
-
-    base = vibrations(model)
-    taken, free = [], []
-    for psi in model.modes:
-        width = min(WIDTH * len(psi) + MORE, len(base)) if len(psi) else 0
-        order = qr((psi * model.mass) @ base[:width].T, mode="r", pivoting=True)[1] if width else []
-        size = math.sqrt(np.mean(((psi * model.mass) * psi).sum(axis=1))) if width else 1.0
-        # to add these to test functions, in whatever size, changes nothing: the model knows only what they span
-        taken.append(size * base[sorted(order[: len(psi)])])
-        free.append(size * base[sorted(order[len(psi) :])])
-    return Search(model.modes, tuple(free)), Search(tuple(taken), tuple(free))
 
 
 def train(
@@ -247,8 +192,8 @@ def train(
         for item in items:
             if not isinstance(item, xr.Dataset):
                 raise refuse(key, type(item).__name__, "a Dataset or several")
-    stepping.check_positive("tolerance", tolerance)
-    schema.integer(least=1)("iterations", iterations)
+    check_positive("tolerance", tolerance)
+    integer(least=1)("iterations", iterations)
     given = modes
     if TEST in modes:
         modes = modes.drop_vars([f"{TEST}{suffix}" for suffix in pod_normal.SETS if f"{TEST}{suffix}" in modes])
@@ -265,8 +210,8 @@ def train(
         result[f"{TEST}{suffix}"] = (("mode", "particle"), np.pad(part, ((0, count - len(part)), (0, 0))))
     known: np.ndarray | None = None
     for run in runs:
-        known = training.joined(known, training.range_of(run))
-    training.gather(result, known)  # what counts is where test functions were trained
+        known = union_of_ranges(known, range_of(run))
+    add_training_range(result, known)  # what counts is where test functions were trained
     label(result)
     result.attrs |= {
         "title": f"{modes.attrs.get('title', 'modes')}, with trained test functions",
@@ -305,7 +250,7 @@ def _lesson(
             f"{own.size} particles in number {number}",
             f"the {sigma.size} particles of the modes, at the same S / L0",
         )
-    position, times = snapshots.positions(run), stepping.check_times(run["time"].values)
+    position, times = positions(run), check_times(run["time"].values)
     if len(position) != times.size:
         raise refuse(
             "trajectories", f"{len(position)} shapes in number {number}", f"one for each of its {times.size} instants"
@@ -374,7 +319,7 @@ def _fitted(
     def slope(x: np.ndarray) -> np.ndarray:
         base = measure(x)
         # compiled loops let others run beside them
-        shifted = interrupts.over(lambda unit: (measure(x + SHIFT * unit) - base) / SHIFT, np.eye(x.size), cores())
+        shifted = map_threads(lambda unit: (measure(x + SHIFT * unit) - base) / SHIFT, np.eye(x.size), cores())
         return np.stack(shifted, axis=1)
 
     return np.asarray(least_squares(measure, x, jac=slope, max_nfev=iterations, **STOP).x)

@@ -10,10 +10,10 @@ import numpy as np
 import xarray as xr
 
 from cablepod import catenary, chain, compare, galerkin, pod, provenance
-from cablepod.batch import _sigint as interrupts
+from cablepod.batch._pool import map_threads
 from cablepod.conventions import label
+from cablepod.errors import RunStopped
 from cablepod.examples import scene, table
-from cablepod.integrate._stepping import RunStopped
 
 #: Modes over which the paper sums its shares.
 SUMMED = 20
@@ -78,7 +78,7 @@ def table2(*, starts: Sequence[str] = tuple(STARTS), workers: int = 2) -> xr.Dat
     printed = np.stack([rows[f"singular_value_{axis}_m"] for axis in "xy"])
     printed_share = np.stack([rows[f"cumulative_share_{axis}_percent"] for axis in "xy"]) / 100.0
     count = printed.shape[1]
-    studies = interrupts.over(study, starts, workers)
+    studies = map_threads(study, starts, workers)
     values = np.stack([item.modes["singular_value"].values for item in studies])
     squares = values**2
     samples = studies[0].modes.attrs["number_of_snapshots"]
@@ -154,7 +154,7 @@ def example3_share(*, steps: Sequence[float] = SWAPPED_STEPS, workers: int = 2) 
         except RunStopped:  # too long a step for links that snap taut
             return np.full(2, np.nan)
 
-    shares = interrupts.over(of_step, steps, workers)
+    shares = map_threads(of_step, steps, workers)
     result = xr.Dataset(
         {
             "example3_share_equilibrium": ("coordinate", share(study("example3").modes)),
@@ -238,11 +238,11 @@ def errors(
         if progress is not None:
             progress(done / len(places))
 
-    studies = interrupts.over(study, scenes, workers)
+    studies = map_threads(study, scenes, workers)
     # the largest models take longest: they begin
     places = [(i, j) for j in reversed(range(len(ranks))) for i in range(len(scenes))]
     worst, at45, six, projected = np.empty((4, len(scenes), len(ranks)))
-    for place, found in zip(places, interrupts.over(one, places, workers, done=tell), strict=True):
+    for place, found in zip(places, map_threads(one, places, workers, done=tell), strict=True):
         worst[place], at45[place], six[place], projected[place] = found
     result = xr.Dataset(
         {

@@ -7,7 +7,7 @@ import xarray as xr
 
 from cablepod import chain
 from cablepod.discretisation._chain import chain_of
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 
 def simulate(

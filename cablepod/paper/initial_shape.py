@@ -11,12 +11,11 @@ import xarray as xr
 
 from cablepod import chain, pod, provenance
 from cablepod.conventions import label
+from cablepod.errors import RunStopped, SceneError
 from cablepod.examples import scene, table
-from cablepod.integrate._stepping import RunStopped
 from cablepod.paper.examples import SUMMED, misfit
 from cablepod.paper.table1 import inextensible
-from cablepod.parameters._parameters import parameters
-from cablepod.parameters._schema import SceneError
+from cablepod.parameters._from_scene import parameters
 
 #: Time step of the runs [s]; half of it moves none of the ten values by more than 3e-4 of itself where no link slackens.
 STEP = 2.5e-4

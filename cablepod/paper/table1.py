@@ -10,10 +10,11 @@ import xarray as xr
 
 from cablepod import catenary, chain, provenance
 from cablepod.conventions import label
+from cablepod.errors import SceneError
 from cablepod.examples import scene, table
 from cablepod.paper import independent_chain as wilson
-from cablepod.parameters._parameters import Parameters, parameters
-from cablepod.parameters._schema import SceneError
+from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._parameters import Parameters
 
 #: The stiffness of the data, and the one with which rows 2 to 4 of Table 1 are computed, over that of the data.
 STIFFNESS_FACTORS = (1.0, 0.01)

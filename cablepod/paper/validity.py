@@ -9,10 +9,10 @@ import numpy as np
 import xarray as xr
 
 from cablepod import chain, compare, galerkin, pod, provenance
-from cablepod.batch import _sigint as interrupts
+from cablepod.batch._pool import map_threads
 from cablepod.conventions import label
+from cablepod.errors import NotConvergedWarning
 from cablepod.examples import scene
-from cablepod.integrate._stepping import NotConvergedWarning
 
 TENSIONS = (1e3, 3e3, 8e3, 20e3, 60e3)  # N
 STIFFNESSES = (2e5, 2e6, 2e7, 2e8, 2e9)  # N
@@ -94,7 +94,7 @@ def maps(
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotConvergedWarning)  # the cells that warn are marked
-        for cell, found in zip(cells, interrupts.over(one, cells, workers, done=tell), strict=True):
+        for cell, found in zip(cells, map_threads(one, cells, workers, done=tell), strict=True):
             for name, value in found.items():
                 values[name][cell] = value
     result = xr.Dataset(

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from cablepod._jit import compiled
 
 #: A rotation is begun anew after so many steps, so that rounding grows to some ten times that of one number at most.
 ANEW = 64
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled
 def sines(start, rate, omega, phase, size, constant, table):
     """Fill `table` (steps,) with size sin(omega i / rate + phase) + constant, i = start, start + 1, ...
 
@@ -46,7 +47,7 @@ def sines(start, rate, omega, phase, size, constant, table):
             table[i] = y[i - full] + constant
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled
 def harmonic(start, rate, omega, phase, amplitude, origin, derivatives, tables):
     """Fill `tables` (derivatives, steps) with derivatives of amplitude (sin(omega t + phase) - sin(phase)) + origin.
 
@@ -70,7 +71,7 @@ def harmonic(start, rate, omega, phase, amplitude, origin, derivatives, tables):
         sines(start, rate, omega, phase + 0.5 * math.pi * derivatives[k], size, constant, tables[k])
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled
 def harmonic_of_members(start, rate, omega, phase, amplitude, origin, derivative, row, tables):
     """Fill one row of the tables of many scenes, (members, rows, steps), as :func:`harmonic` does one table.
 
@@ -91,7 +92,7 @@ def harmonic_of_members(start, rate, omega, phase, amplitude, origin, derivative
         harmonic(start, rate, omega[m], phase[m], amplitude[m], origin[m], (derivative,), tables[m, row : row + 1])
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@compiled
 def ends_of_members(start, rate, omega, phase, amplitude, origin, damping, row, ends, second):
     """Fill one coordinate of the ends of many scenes, (members, coordinates, steps), from their harmonic motions.
 

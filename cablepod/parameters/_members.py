@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.parameters import _schema as schema
-from cablepod.parameters._parameters import Members
+from cablepod.parameters._from_scene import Members
+from cablepod.parameters._keys import LENGTH_KEYS
 from cablepod.parameters._time_functions import SINES, TimeFunction
 
 #: Terms that not every scene has and that these columns lack.
@@ -113,11 +113,11 @@ class Columns:
 
     def statics(self) -> tuple[np.ndarray, np.ndarray]:
         """Solve the catenaries (members, 6), as `solve_statics` does one; which of them there are."""
-        from cablepod.catenary import _kernels as kernel  # numba is imported only to compute
+        from cablepod.catenary import _kernels_solve as kernel  # numba is imported only to compute
 
         a, b, c, q = self._load_planes()
         kinds = (kernel.UPPER_TENSION, kernel.LOWER_TENSION, kernel.HORIZONTAL_FORCE, kernel.LENGTH)
-        kind = kinds[schema.LENGTH_KEYS.index(self.length_key)]
+        kind = kinds[LENGTH_KEYS.index(self.length_key)]
         out, status = np.empty((a.size, 6)), np.empty(a.size, dtype=np.int64)
         kernel.solve_many(a, b, c, q, self.stiffness, kind, self.length_value, out, status)
         return out, status == kernel.FOUND

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod.parameters import _schema as schema
-from cablepod.parameters._schema import refuse
+from cablepod.errors import refuse
+from cablepod.parameters import _checks as checks
+from cablepod.parameters._checks import integer
 from cablepod.plots import _style as parts
 from cablepod.plots._style import COLOURS, MARKERS, MOST_DOTS, SIGMA
 
@@ -48,7 +49,7 @@ class Animation:
 
     def show_frame(self, number: int) -> Axes:
         """Draw the frame `number`, from 0, and return the axes."""
-        self._show(schema.integer(least=0, most=self.times.size - 1)("number", number))
+        self._show(integer(least=0, most=self.times.size - 1)("number", number))
         return self.ax
 
     def save(self, path: str | os.PathLike[str], *, frames_per_second: float = FRAMES_PER_SECOND) -> Path:
@@ -76,7 +77,7 @@ class Animation:
         from matplotlib import animation
 
         target, ending = Path(path), Path(path).suffix.lower()
-        speed = schema.number(above=0.0, most=50.0)("frames_per_second", frames_per_second)
+        speed = checks.number(above=0.0, most=50.0)("frames_per_second", frames_per_second)
         program = find_ffmpeg() if ending == ".mp4" else ""
         if program is None:
             raise refuse(
@@ -173,7 +174,7 @@ def animate(
     runs = {"chain": chain} if reduced is None else {"chain": chain, "reduced": reduced}
     positions = parts.positions(runs)
     times = positions["chain"]["time"].values
-    count = min(schema.integer(least=1)("frames", frames), times.size)
+    count = min(integer(least=1)("frames", frames), times.size)
     pick = np.unique(np.linspace(0, times.size - 1, count).round().astype(int))
     curves: list[tuple[np.ndarray, np.ndarray]] = []
     for key, position in positions.items():

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod.parameters import _schema as schema
-from cablepod.parameters._schema import refuse
+from cablepod.errors import refuse
+from cablepod.parameters._checks import choice, number, numbers_list
 from cablepod.plots import _style as parts
 from cablepod.plots._style import COLOURS, DEFAULT_INSTANTS, LINES, MARKERS, MOST_DOTS, MOST_INSTANTS, PLACE, SIGMA
 
@@ -120,9 +120,7 @@ def snapshots(
     wanted = _wanted(positions["chain"], times)
     picks = [parts.instants(key, position["time"].values, wanted) for key, position in positions.items()]
     values = [position.values for position in positions.values()]
-    factor = (
-        _factor(values[0][picks[0]], values[0][0]) if magnify is None else schema.number(above=0.0)("magnify", magnify)
-    )
+    factor = _factor(values[0][picks[0]], values[0][0]) if magnify is None else number(above=0.0)("magnify", magnify)
     ax = parts.axes(ax)
     first = values[1][0]
     ax.plot(first[:, 0], first[:, 1], color="0.6", linewidth=0.8, zorder=0)
@@ -239,8 +237,8 @@ def phase_portraits(
     allowed = 'a trajectory, from a simulate with outputs=("position", "velocity")'
     x, v = (parts.take("run", run, name, ("time", *PLACE), allowed) for name in ("position", "velocity"))
     names = [str(name) for name in x["coordinate"].values]
-    schema.choice(*names)("coordinate", coordinate)
-    places = schema.numbers_list()("at", np.atleast_1d(at))
+    choice(*names)("coordinate", coordinate)
+    places = numbers_list()("at", np.atleast_1d(at))
     if len(places) > MOST_INSTANTS or not all(0.0 <= item <= 1.0 for item in places):
         raise refuse("at", places, f"one to {MOST_INSTANTS} places from 0 to 1")
     sigma = parts.sigma("run", run)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod.parameters._schema import SceneError, refuse
+from cablepod.errors import SceneError, refuse
 from cablepod.plots import _style as parts
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from cablepod.parameters import _schema as schema
+from cablepod.parameters._checks import integer
 from cablepod.plots import _style as parts
 from cablepod.plots._style import MARKS, MODES, SIGMA
 
@@ -107,7 +107,7 @@ def amplitudes(run: xr.Dataset, *, count: int = 3, ax: Axes | None = None) -> Ax
 
 def _by_mode(ax: Axes | None, across: np.ndarray, array: xr.DataArray, count: int) -> Axes:
     """Draw the first `count` modes of each set of an array (..., points, mode)."""
-    schema.integer(least=1)("count", count)
+    integer(least=1)("count", count)
     ax = parts.axes(ax)
     for j, (name, part) in enumerate(parts.sets(array, 2)):
         for i, number in enumerate(parts.numbers(array)[:count]):

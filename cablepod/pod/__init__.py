@@ -3,7 +3,8 @@
 .. include:: README.md
 """
 
-from cablepod.pod._decompose import at_times, decompose, project, reconstruct
+from cablepod.pod._decompose import decompose
+from cablepod.pod._project import at_times, project, reconstruct
 from cablepod.pod._stream import Stream
 
 __all__ = ["Stream", "at_times", "decompose", "project", "reconstruct"]

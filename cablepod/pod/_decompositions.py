@@ -55,7 +55,6 @@ ROUTES: dict[str, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
     "covariance": by_covariance,
     "snapshots": by_snapshots,
 }
-
 #: name of the route -> what stands in the result; "blocks" is cablepod.pod._incremental
 ALGORITHMS = {
     "svd": "singular value decomposition of the data matrix (LAPACK gesdd)",

@@ -13,7 +13,7 @@ import xarray as xr
 
 from cablepod.conventions import ENDS, label
 from cablepod.discretisation._chord_frame import Frame, stretch_to_close
-from cablepod.parameters._schema import SceneError
+from cablepod.errors import SceneError
 
 #: Suffixes of the variables in and out of the plane of chord and vertical.
 SETS = ("", "_out_of_plane")

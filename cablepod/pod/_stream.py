@@ -9,116 +9,18 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import provenance
-from cablepod.batch import _sigint as interrupts
 from cablepod.batch._blas import one_blas_thread
-from cablepod.conventions import label
-from cablepod.discretisation import _similarity as training
+from cablepod.batch._pool import map_threads
+from cablepod.batch._sigint import defer_sigint_during_dask
 from cablepod.discretisation._chord_frame import Frame
-from cablepod.parameters import _schema as schema
-from cablepod.parameters._schema import SceneError, refuse
+from cablepod.errors import SceneError, refuse
 from cablepod.pod import _decompositions as decompositions
-from cablepod.pod import _normal as pod_normal
-from cablepod.pod import _snapshots as reading
-from cablepod.pod._incremental import COMPLETE, Accumulator
-from cablepod.pod._snapshots import relative_arc_length
-
-LAYOUTS = ("separate", "vector", "normal")
-METHODS = tuple(decompositions.ROUTES)
-WEIGHTS = (None, "length", "mass")
-#: Snapshots in chunks from which on two threads count them; the number is the same on every machine, and so are the bits.
-SHARED = 20_000
-
-
-def check_options(layout: str, method: str, weights: str | None, rank: int | None, energy: float | None) -> None:
-    """Refuse options of a decomposition that cannot be."""
-    for key, value, allowed in (
-        ("layout", layout, LAYOUTS),
-        ("method", method, METHODS),
-        ("weights", weights, WEIGHTS),
-    ):
-        if value not in allowed:
-            raise refuse(key, value, "one of " + ", ".join(repr(item) for item in allowed))
-    if rank is not None and energy is not None:
-        raise refuse("rank and energy", (rank, energy), "one of them")
-
-
-def labelled(
-    fields: list[np.ndarray],
-    values: np.ndarray,
-    unsure: np.ndarray,
-    lost: np.ndarray,
-    mean: np.ndarray,
-    samples: int,
-    *,
-    choice: tuple[int | None, float | None],
-    options: dict[str, Any],
-    algorithm: str,
-    like: xr.Dataset,
-    inputs: list[xr.Dataset],
-    function: str = "pod.decompose",
-    trained: np.ndarray | None = None,
-) -> xr.Dataset:
-    """Label modes (mode, inner particle, dims) of each matrix, their singular values (matrix, mode) and what was `lost` [m]."""
-    # squares of any size of snapshots stay within the range
-    unit = np.exp2(np.frexp(np.maximum(values.max(axis=1), lost))[1].astype(float))[:, None]
-    squares, outside = (values / unit) ** 2, (lost[:, None] / unit) ** 2
-    kept = _count(squares, outside, choice[0], choice[1], samples - bool(options["center"]))
-    layout = options["layout"]
-    shapes = [np.pad(_fix_sign(field[:kept]), ((0, 0), (1, 1), (0, 0))) for field in fields]
-
-    def share(part: np.ndarray, rest: np.ndarray | float = 0.0) -> np.ndarray:
-        total = part.sum(axis=1, keepdims=True) + rest
-        return np.divide(part, total, out=np.zeros_like(part), where=total > 0)
-
-    total = squares.sum(axis=1, keepdims=True) + outside
-    left_out = squares[:, kept:].sum(axis=1, keepdims=True) + outside
-    truncation = np.sqrt(np.divide(left_out, total, out=np.zeros_like(total), where=total > 0))[:, 0]
-    angle = decompositions.mode_angles(values, unsure)
-    arc_length = reading.arc_length(like)
-    with np.errstate(over="ignore", under="ignore"):
-        proper = values**2 / samples
-    tables = {
-        "singular_value": values,
-        "singular_value_uncertainty": unsure,
-        "mode_uncertainty": angle,
-        "proper_orthogonal_value": proper,
-        "energy_share": share(squares, outside),
-        "singular_value_share": share(values / unit),
-    }
-    shape = shapes[0][None] if layout == "vector" else np.stack([item[:, :, 0] for item in shapes])
-    shape_dims = ("mode", "particle", "coordinate") if layout == "vector" else ("mode", "particle")
-    variables: dict[str, Any] = {}
-    # separate modes stand along a dimension, modes in and out of the plane under names of their own
-    lead = ("coordinate",) if layout == "separate" else ()
-    for number, suffix in enumerate(pod_normal.SETS[: len(values)] if layout == "normal" else ("",)):
-        pick = slice(None) if lead else number
-        variables[f"mode_shape{suffix}"] = ((*lead, *shape_dims), shape[pick])
-        variables |= {f"{name}{suffix}": ((*lead, "mode"), table[:, :kept][pick]) for name, table in tables.items()}
-        variables[f"truncation_error{suffix}"] = (lead, truncation[pick])
-    if layout != "normal":
-        variables["mean"] = (("particle", "coordinate"), mean)
-    variables["unstretched_length"] = ((), arc_length[-1])
-    result = xr.Dataset(
-        variables,
-        coords={
-            "mode": np.arange(1, kept + 1),
-            "coordinate": like["coordinate"].values,
-            "arc_length": ("particle", arc_length),
-        },
-    )
-    label(training.gather(result, trained))
-    result.attrs.update(
-        title=f"{like.attrs.get('title', 'snapshots')}: Karhunen-Loeve modes",
-        stage="modes",
-        layout=layout,
-        method=options["method"],
-        algorithm=algorithm,
-        weights=str(options["weights"]),
-        number_of_snapshots=samples,
-    )
-    parameters: dict[str, Any] = {"rank": kept, **options, "snapshots": samples}
-    return provenance.record(result, function=function, parameters=parameters, inputs=inputs)
+from cablepod.pod._blocks import count_snapshots, is_lazy, read_blocks, read_rows
+from cablepod.pod._gram import COMPLETE
+from cablepod.pod._incremental import Accumulator
+from cablepod.pod._label import SHARED, check_options, labelled
+from cablepod.pod._snapshots import broken_member, position_of, relative_arc_length, weight_roots
+from cablepod.pod._training_range import range_of, union_of_ranges
 
 
 class Stream:
@@ -158,11 +60,11 @@ class Stream:
             For other particles than before, and positions that are missing or not finite; the stream is then as it was
             before.
         """
-        with interrupts.between_tasks(snapshots):
+        with defer_sigint_during_dask(snapshots):
             return self._updated(snapshots)
 
     def _updated(self, snapshots: xr.Dataset) -> Stream:
-        position = reading.position_of(snapshots)
+        position = position_of(snapshots)
         sigma = relative_arc_length(snapshots)
         dims, width = position.sizes["coordinate"], sigma.size - 2
         features = {"separate": [width] * dims, "vector": [dims * width], "normal": [width] * (dims - 1)}[self.layout]
@@ -170,16 +72,16 @@ class Stream:
             self._agrees(snapshots)
         # copies, so that a fault in the midst of many blocks leaves the stream as it was
         sums = copy.deepcopy(self._sums) or [Accumulator(size, center=self.center) for size in features]
-        root = None if self.weights is None else reading.weight_roots(sigma, self.weights)
-        samples, reference = reading.count(position), self._reference
+        root = None if self.weights is None else weight_roots(sigma, self.weights)
+        samples, reference = count_snapshots(position), self._reference
         small = max(features, default=0) <= COMPLETE
         # with small matrices BLAS has one thread, so that what comes from files is shared out between two, and their sums merged
         shared = [sums]
-        if small and reading.is_lazy(position) and samples >= SHARED:
+        if small and is_lazy(position) and samples >= SHARED:
             shared.append([Accumulator(size, center=self.center) for size in features])
         try:
             with one_blas_thread() if small else nullcontext():
-                for block in reading.blocks(position):
+                for block in read_blocks(position):
                     if reference is None and self.layout == "normal" and len(block):
                         reference = Frame.of(block[:1, -1] - block[:1, 0]).reference
                     _share_out(shared, block, (sigma, root, self.layout, reference))
@@ -187,10 +89,10 @@ class Stream:
                     for mine, others in zip(sums, part, strict=True):
                         mine.merge(others)
         except FloatingPointError:
-            where = reading.broken_member(position)
+            where = broken_member(position)
             raise SceneError(f"snapshots: position is not finite everywhere{where}; allowed: finite numbers") from None
         self._sums, self._reference = sums, reference
-        self._trained = training.joined(self._trained, training.range_of(snapshots))
+        self._trained = union_of_ranges(self._trained, range_of(snapshots))
         return self._noted(samples, snapshots, [snapshots])
 
     def merge(self, other: Stream) -> Stream:
@@ -224,7 +126,7 @@ class Stream:
             for mine, others in zip(sums, other._sums, strict=True):
                 mine.merge(others)
         self._sums, self._reference = sums, next(iter(references), None)
-        self._trained = training.joined(self._trained, other._trained)
+        self._trained = union_of_ranges(self._trained, other._trained)
         return self._noted(other.samples, other._like, list(other._inputs.values()))
 
     def modes(
@@ -243,7 +145,7 @@ class Stream:
         if self._like is None or self.samples == 0:
             raise SceneError("snapshots: given none; allowed: at least two instants")
         sigma = relative_arc_length(self._like)
-        root = reading.weight_roots(sigma, self.weights)
+        root = weight_roots(sigma, self.weights)
         width = sigma.size - 2
         # all coordinates have as many modes as the one that has most
         most = max(item.axes.shape[1] for item in self._sums)
@@ -305,7 +207,7 @@ def _share_out(shared: list[list[Accumulator]], block: np.ndarray, how: tuple[An
         _count_in(shared[0], block, how)
         return
     parts = list(zip(shared, np.array_split(block, len(shared)), strict=True))
-    interrupts.over(lambda part: _count_in(part[0], part[1], how), parts, len(shared))
+    map_threads(lambda part: _count_in(part[0], part[1], how), parts, len(shared))
 
 
 def _count_in(sums: list[Accumulator], block: np.ndarray, how: tuple[Any, ...]) -> None:
@@ -313,39 +215,10 @@ def _count_in(sums: list[Accumulator], block: np.ndarray, how: tuple[Any, ...]) 
     if sums[0].count == 0 and len(block):
         # snapshots from all over the block, a few for each feature: they know of motions that come late
         some = block[:: max(1, len(block) // (4 * min(sums[0].features, COMPLETE)))]
-        for part in reading.rows(some[: 8 * COMPLETE], *how):
+        for part in read_rows(some[: 8 * COMPLETE], *how):
             for own, rows in zip(sums, part, strict=True):
                 own.prepare(rows)
     noise = decompositions.EPSILON * float(np.abs(block[:, (0, -1)]).max(initial=0.0))
-    for part in reading.rows(block, *how):
+    for part in read_rows(block, *how):
         for own, rows in zip(sums, part, strict=True):
             own.add(rows, noise=noise)
-
-
-def _count(squares: np.ndarray, outside: np.ndarray, rank: int | None, energy: float | None, most: int) -> int:
-    most = min(squares.shape[1], most)
-    if most < 1:
-        raise SceneError("snapshots: given one instant; allowed: at least two, because the time mean is taken off")
-    if rank is not None:
-        schema.integer(least=1)("rank", rank)
-        if rank > most:
-            raise refuse("rank", rank, f"at most {most}, as many as particles and snapshots give")
-        return int(rank)
-    if energy is None:
-        return most
-    schema.number(above=0.0, most=1.0)("energy", energy)
-    needed = 1
-    for own, rest in zip(squares, outside[:, 0], strict=True):
-        if own.sum() > 0.0:
-            gathered = np.cumsum(own) / (own.sum() + rest)
-            needed = max(needed, int(np.searchsorted(gathered, energy * (1.0 - 1e-15))) + 1)
-    return min(needed, most)
-
-
-def _fix_sign(field: np.ndarray) -> np.ndarray:
-    """Turn each mode (modes, particles, dims) so that its first entry of at least half the largest size is positive."""
-    flat = field.reshape(len(field), -1)
-    size = np.abs(flat)
-    first = np.argmax(size >= 0.5 * size.max(axis=1, keepdims=True), axis=1)
-    sign = np.where(flat[np.arange(len(flat)), first] < 0.0, -1.0, 1.0)
-    return field * sign[:, None, None]

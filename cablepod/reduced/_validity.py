@@ -1,4 +1,4 @@
-"""When a reduced model is outside its range: warnings with the number that decides, for single runs and members alike."""
+"""Range of validity of the reduced models: warnings with the number that decides."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import warnings
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
+from cablepod.errors import OutOfRangeWarning
+
 #: Motion of the ends with a frequency above this share of the first axial one makes waves along the cable, which the condensed
 #: model lacks, and modes of slower motion.
 FAST = 0.2
 #: An estimate of the error above this share of the motion says that the modes do not hold it.
 HALF = 0.5
-
-
-class OutOfRangeWarning(UserWarning):
-    """A reduced model was used where it cannot be trusted; the message says which number decides."""
 
 
 def check_forcing(attrs: Mapping[str, Any], what: str, which: str = "") -> None:
@@ -39,3 +39,57 @@ def check_estimate(attrs: Mapping[str, Any], which: str = "") -> None:
             OutOfRangeWarning,
             stacklevel=5,
         )
+
+
+def _check_slack(attrs: Mapping[str, Any], which: str = "") -> None:
+    if attrs["smallest_chordwise_force"] < 0.0:
+        implicit = attrs["scheme"] != "velocity_verlet"
+        long = f" (or the step of {attrs['step']:g} s is too long for what moves)" if implicit else ""
+        warnings.warn(
+            f"{which}the chordwise force falls to {attrs['smallest_chordwise_force']:.3g} N at "
+            f"{attrs['time_of_smallest_force']:.4g} s, below zero: the cable goes slack there, and the condensed "
+            f"model is ill-posed{long}; compare with chain.simulate",
+            OutOfRangeWarning,
+            stacklevel=5,
+        )
+
+
+def _check_forcing(attrs: Mapping[str, Any], which: str = "") -> None:
+    check_forcing(attrs, "the condensed model lacks", which)
+
+
+def _check_growth(attrs: Mapping[str, Any], which: str = "") -> None:
+    if attrs.get("growth_over_run", 0.0) > 1.0:
+        warnings.warn(
+            f"{which}with these test functions small vibrations about rest grow, over the run by a factor of e to "
+            f"{attrs['growth_over_run']:.3g} (growth_over_run, above 1): the scene is too far from those that they were "
+            "trained on; train them nearer to it, or take the modes without them",
+            OutOfRangeWarning,
+            stacklevel=5,
+        )
+
+
+#: The number that decides -> what it is multiplied by, above what it is too much, what warns of it.
+CHECKS = {
+    "smallest_chordwise_force": (-1.0, 0.0, _check_slack),
+    "forcing_over_axial_frequency": (1.0, FAST, _check_forcing),
+    "growth_over_run": (1.0, 1.0, _check_growth),
+    "error_estimate": (1.0, HALF, check_estimate),
+}
+
+
+def warn_out_of_range(attrs: Mapping[str, Any]) -> None:
+    """Warn where the numbers of a run say that the model cannot be trusted."""
+    for *_, check in CHECKS.values():
+        check(attrs)
+
+
+def warn_of_members(attrs: Mapping[str, list[Any]]) -> None:
+    """Warn once for all members, by the worst of each kind."""
+    for name, (sign, limit, check) in CHECKS.items():
+        values = sign * np.array(attrs.get(name, []), dtype=float)
+        bad = values > limit
+        if bad.any():
+            i = int(np.nanargmax(values))
+            worst = {key: of_all[i] for key, of_all in attrs.items()}
+            check(worst, f"{int(bad.sum())} of {bad.size} members, of these number {i} the worst: ")

@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod._resources import check_memory
 from cablepod.conventions import label
 from cablepod.discretisation._chain import square
-from cablepod.integrate import _stepping as stepping
+from cablepod.errors import SceneError
+from cablepod.integrate._march import BLOCK
+from cablepod.integrate._output_times import Instants
 from cablepod.integrate._run import Run, State, coordinates
-from cablepod.integrate._stepping import Instants
-from cablepod.parameters._parameters import check_memory
-from cablepod.parameters._schema import SceneError
+from cablepod.integrate._step_control import STEPS_PER_CHANGE
+from cablepod.rigid import _kernels_layout as layout
 
 FORMULATIONS = ("rattle", "index1")
 #: Error of the energies, as a part of what was exchanged, and angle by which a link turns in a step [rad], from which a given
@@ -50,17 +52,15 @@ class RigidRun(Run):
 
     def first_step(self) -> float:
         """Choose the step to begin with [s]: about a third of what the fastest vibration of the start allows."""
-        from cablepod.rigid import _kernels as kernel
-
         march = _March(self, Instants.of(self.times, 1.0))
         chain, p = self.chain, self.chain.p
-        pull = np.abs(march.s[kernel.T, : chain.links]).max() + np.abs(chain.loads(0.0)).sum(axis=0).max()
+        pull = np.abs(march.s[layout.T, : chain.links]).max() + np.abs(chain.loads(0.0)).sum(axis=0).max()
         # links under a tension T hold their particles across with T / l at most
         per_length = np.concatenate([[0.0], 1.0 / chain.length, [0.0]])
-        inverse = march.s[kernel.INVERSE_MASS, : chain.links + 1]
+        inverse = march.s[layout.INVERSE_MASS, : chain.links + 1]
         omega = math.sqrt(2.0 * pull * float(((per_length[:-1] + per_length[1:]) * inverse).max()))
         until = float(self.times[-1]) or 1.0
-        return min(0.7 / max(omega, 1e-300), until / 20.0, p.time_scale / stepping.STEPS_PER_CHANGE)
+        return min(0.7 / max(omega, 1e-300), until / 20.0, p.time_scale / STEPS_PER_CHANGE)
 
     def __call__(self, rate: float) -> State:
         """Run with so many steps per second."""
@@ -69,10 +69,10 @@ class RigidRun(Run):
         march = _March(self, instants)
         done = 0
         while done < total:
-            steps = min(stepping.BLOCK, total - done)
+            steps = min(BLOCK, total - done)
             reached = march.advance(done, steps)
             done += reached
-            if march.status == march.BROKEN:
+            if march.status == layout.BROKEN:
                 self._stop(march, done, "the energies are far out of balance")
             if reached < steps:
                 if not march.cut(done):
@@ -187,49 +187,49 @@ class _March:
     """The state of a run, advanced in place by the kernels."""
 
     def __init__(self, run: RigidRun, instants: Instants) -> None:
-        from cablepod.rigid import _kernels as kernel  # numba is imported only to compute
+        from cablepod.rigid import _kernels_steps as kernel_steps  # numba is imported only to compute
 
-        self.kernel, self.BROKEN = kernel, kernel.BROKEN
+        self.kernel = kernel_steps
         chain, p = run.chain, run.chain.p
         self.run, self.instants = run, instants
         self.links, self.spatial = chain.links, True if p.dims == 3 else None
-        self.s, self.counts = kernel.new_state(self.links), np.zeros(kernel.COUNTS)
+        self.s, self.counts = kernel_steps.new_state(self.links), np.zeros(layout.COUNTS)
         self.damping = p.mass_damping or 0.0
         self.stabilise = -1.0 if run.baumgarte is None else float(run.baumgarte)  # below 0: projection
-        self.cuts, self.status = 0, kernel.DONE
+        self.cuts, self.status = 0, layout.DONE
         self.moving = bool(run.moving)
         s, particles, free = self.s, slice(self.links + 1), chain.free
         mass = p.mass * chain.share[free]
-        s[kernel.MASS, free], s[kernel.INVERSE_MASS, free] = mass, 1.0 / mass
-        s[kernel.LENGTH, : self.links], s[kernel.INVERSE_LENGTH, : self.links] = chain.length, 1.0 / chain.length
-        per_mass = s[kernel.INVERSE_MASS, particles, None]
-        s[kernel.X : kernel.X + p.dims, particles] = run.initial.T
-        s[kernel.STEADY : kernel.STEADY + p.dims, particles] = (per_mass * chain.loads()).T
-        s[kernel.DRIVE : kernel.DRIVE + p.dims, particles] = (per_mass * chain.loads(0.0)).T
-        s[kernel.LOW], s[kernel.HIGH] = np.inf, -np.inf
+        s[layout.MASS, free], s[layout.INVERSE_MASS, free] = mass, 1.0 / mass
+        s[layout.LENGTH, : self.links], s[layout.INVERSE_LENGTH, : self.links] = chain.length, 1.0 / chain.length
+        per_mass = s[layout.INVERSE_MASS, particles, None]
+        s[layout.X : layout.X + p.dims, particles] = run.initial.T
+        s[layout.STEADY : layout.STEADY + p.dims, particles] = (per_mass * chain.loads()).T
+        s[layout.DRIVE : layout.DRIVE + p.dims, particles] = (per_mass * chain.loads(0.0)).T
+        s[layout.LOW], s[layout.HIGH] = np.inf, -np.inf
         self.varying = chain.varying()
         self.patterns = np.zeros((len(self.varying), p.dims, self.links + 1))
         for target, (pattern, _) in zip(self.patterns, self.varying, strict=True):
             target[:] = (per_mass * pattern).T
-        self.counts[kernel.FLOOR] = FLOOR * float(np.abs(chain.loads(0.0)).sum()) * chain.total_length
+        self.counts[layout.FLOOR] = FLOOR * float(np.abs(chain.loads(0.0)).sum()) * chain.total_length
         self.saved = np.zeros((instants.steps.size, 2, p.dims, self.links + 1))
         self.wants_extremes = "tension_extremes" in run.outputs
         self._start()
 
     def _start(self) -> None:
         """Make the state consistent: lengths to rounding, velocities that stretch no link, link vectors, multipliers."""
-        k, s = self.kernel, self.s
+        s = self.s
         x = np.ascontiguousarray(self.run.initial.T)[None]
         tension = self._states(s, np.zeros(1), x, np.zeros_like(x), np.ones(1, dtype=bool))[1]
-        if self.status != k.DONE:
+        if self.status != layout.DONE:
             raise SceneError(
                 f"initial.points: at the start {self.why(0)}; allowed: a shape from which the links can move"
             )
-        s[[k.T, k.T_BEFORE], : self.links] = tension[0]
+        s[[layout.T, layout.T_BEFORE], : self.links] = tension[0]
         self.pull = float(np.abs(self.run.chain.loads(0.0)).sum() + np.abs(tension).max())
-        velocity = s[k.V : k.V + x.shape[1], : self.links + 1]
-        self.counts[[k.FIRST_KINETIC, k.KINETIC, k.MOST_KINETIC]] = 0.5 * float(
-            (s[k.MASS, : self.links + 1] * square(velocity.T)).sum()
+        velocity = s[layout.V : layout.V + x.shape[1], : self.links + 1]
+        self.counts[[layout.FIRST_KINETIC, layout.KINETIC, layout.MOST_KINETIC]] = 0.5 * float(
+            (s[layout.MASS, : self.links + 1] * square(velocity.T)).sum()
         )
 
     def _ends(self, time: np.ndarray) -> np.ndarray:
@@ -238,8 +238,8 @@ class _March:
 
     def _tolerance(self, time: np.ndarray) -> float:
         """Relative length error that rounding of the positions leaves."""
-        p, kernel = self.run.chain.p, self.kernel
-        reach = float(np.abs(self.s[kernel.X : kernel.X + 3]).max())
+        p = self.run.chain.p
+        reach = float(np.abs(self.s[layout.X : layout.X + 3]).max())
         if self.moving:
             reach = max(reach, float(np.abs(p.end_positions(time)).max()))
         return 4.0 * _EPS * (1.0 + reach / float(self.run.chain.length.min()))
@@ -297,29 +297,29 @@ class _March:
 
     def why(self, cuts: int = MOST_CUTS) -> str:
         """Say what went wrong."""
-        if self.status == self.kernel.SINGULAR:
+        if self.status == layout.SINGULAR:
             return "the multipliers are singular (all links lie on a line between held ends)"
         return "Newton's method did not converge" + (f", with the step cut into {cuts}," if cuts else "")
 
     def save_last(self) -> None:
         """Save the state after the last step, which no step begins with."""
         dims = self.saved.shape[2]
-        for i, row in enumerate((self.kernel.X, self.kernel.V)):
+        for i, row in enumerate((layout.X, layout.V)):
             self.saved[-1, i] = self.s[row : row + dims, : self.links + 1]
 
     def extremes(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Extremes of the tensions at all steps, the last one included."""
         if not self.wants_extremes:
             return None
-        kernel, last = self.kernel, self.instants.steps[-1:] / self.instants.rate
+        last = self.instants.steps[-1:] / self.instants.rate
         tension = self.states(last, self.saved[-1:, 0].copy(), self.saved[-1:, 1].copy(), np.zeros(1, dtype=bool))[1][0]
-        low, high = (self.s[row, : self.links] for row in (kernel.LOW, kernel.HIGH))
+        low, high = (self.s[row, : self.links] for row in (layout.LOW, layout.HIGH))
         return np.minimum(low, tension), np.maximum(high, tension)
 
     def states(self, time: np.ndarray, x: np.ndarray, v: np.ndarray, onto: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Accelerations (times, dims, n + 1) and tensions (times, n); x and v are projected where asked for, in place."""
         a, tension, done = self._states(self.s.copy(), time, x, v, onto)
-        if self.status != self.kernel.DONE:
+        if self.status != layout.DONE:
             why = f"{self.why(0)} at {time[done]:.6g} s, an instant of the output; try a shorter step, or other times"
             self.run.stop(None, 0, self.instants.rate, why)
         return a, tension
@@ -336,25 +336,25 @@ class _March:
 
     def sound(self) -> bool:
         """Whether all positions are finite and near."""
-        position = self.s[self.kernel.X : self.kernel.X + 3]
+        position = self.s[layout.X : layout.X + 3]
         return bool(np.isfinite(position).all() and np.abs(position).max() < self.run.bound)
 
     def notes(self) -> dict[str, Any]:
         """Return what is said of the run in attributes."""
-        k, counts = self.kernel, self.counts
-        exchanged = max(counts[k.MOST_KINETIC], counts[k.MOST_LOADS], counts[k.MOST_ENDS])
+        counts = self.counts
+        exchanged = max(counts[layout.MOST_KINETIC], counts[layout.MOST_LOADS], counts[layout.MOST_ENDS])
         # below this rounding alone is left
         rounding = 1e3 * _EPS * self.pull * self.run.chain.total_length
         notes = {
-            "length_error": float(counts[k.LENGTH_ERROR]),
-            "energy_drift": float(counts[k.BALANCE] / max(exchanged, rounding, 1e-300)),
+            "length_error": float(counts[layout.LENGTH_ERROR]),
+            "energy_drift": float(counts[layout.BALANCE] / max(exchanged, rounding, 1e-300)),
             "energy_exchanged": float(exchanged),
-            "largest_turn_rate": math.sqrt(counts[k.TURN]),
-            "newton_iterations": int(counts[k.ITERATIONS]),
+            "largest_turn_rate": math.sqrt(counts[layout.TURN]),
+            "newton_iterations": int(counts[layout.ITERATIONS]),
             "steps_cut": self.cuts,
         }
-        if counts[k.FIRST_KINETIC] > 0.0:
-            notes["start_jolt_energy"] = float(counts[k.FIRST_KINETIC])
+        if counts[layout.FIRST_KINETIC] > 0.0:
+            notes["start_jolt_energy"] = float(counts[layout.FIRST_KINETIC])
         if self.run.baumgarte is not None:
             notes["baumgarte"] = self.run.baumgarte
         return notes

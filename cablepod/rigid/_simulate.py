@@ -11,15 +11,20 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._resources import check_memory
 from cablepod.batch._members import over_members
 from cablepod.conventions import label
 from cablepod.discretisation._chain import Chain, chain_of, square
-from cablepod.integrate import _stepping as stepping
+from cablepod.errors import NotConvergedWarning, RunStopped, refuse
+from cablepod.integrate._request import DEFAULT_TOLERANCE, check_outputs, check_positive, check_times, implicit_rate
 from cablepod.integrate._run import State, coordinates
-from cablepod.parameters._parameters import Parameters, check_memory, parameters
-from cablepod.parameters._schema import number, refuse
+from cablepod.integrate._step_control import check_work, motion_scale, preferred_rate, refine
+from cablepod.parameters._checks import number
+from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._parameters import Parameters
+from cablepod.rigid._ends import check_ends
 from cablepod.rigid._runs import FORMULATIONS, SUSPECT, SUSPECT_TURN, RigidRun
-from cablepod.rigid._start import check_ends, rest_shape, start
+from cablepod.rigid._start import rest_shape, start
 
 #: No link turns by more than about this [rad] in a step of the first of the runs that are compared.
 TURN_OF_A_STEP = 0.1
@@ -155,14 +160,14 @@ def simulate(
     """
     if formulation not in FORMULATIONS:
         raise refuse("formulation", formulation, "one of " + ", ".join(f'"{name}"' for name in FORMULATIONS))
-    names = stepping.check_outputs(outputs)
+    names = check_outputs(outputs)
     if step is not None and tolerance is not None:
         raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
-    goal = stepping.DEFAULT_TOLERANCE if tolerance is None else stepping.check_positive("tolerance", tolerance)
+    goal = DEFAULT_TOLERANCE if tolerance is None else check_positive("tolerance", tolerance)
     rate_of_drift = _check_baumgarte(baumgarte, formulation)
     p = parameters(scene)
     chain = _chain(p, links)
-    instants = p.times() if times is None else stepping.check_times(times)
+    instants = p.times() if times is None else check_times(times)
     until = float(instants[-1])
     p.check_reach(until)
     check_memory(
@@ -172,7 +177,7 @@ def simulate(
     title = str(scene.attrs.get("title", "scene"))
     run = RigidRun(chain, instants, start(chain), names, progress, title, formulation, rate_of_drift)
     if step is not None:
-        rate = stepping.implicit_rate(step, until, p.time_scale)
+        rate = implicit_rate(step, until, p.time_scale)
         state, estimate = run(rate), None
         turn = state.notes["largest_turn_rate"] / rate
         if state.notes["energy_drift"] > SUSPECT or turn > SUSPECT_TURN or state.notes["steps_cut"]:
@@ -181,7 +186,7 @@ def simulate(
                 f"{state.notes['steps_cut']} steps had to be cut, and the energies are out of balance by "
                 f"{state.notes['energy_drift']:.2g} of what was exchanged; "
                 "compare with half of it",
-                stepping.NotConvergedWarning,
+                NotConvergedWarning,
                 stacklevel=3,
             )
     else:
@@ -232,13 +237,13 @@ def _refined(run: RigidRun, goal: float) -> tuple[State, float, float]:
         return state.position
 
     def scale(state: State) -> float:
-        return stepping.motion_scale(state.position, run.initial, chord)
+        return motion_scale(state.position, run.initial, chord)
 
-    rate, size = stepping.preferred_rate(1.0 / run.first_step()), (float(run.times[-1]), run.chain.links)
-    stepping.check_work(rate, *size)
+    rate, size = preferred_rate(1.0 / run.first_step()), (float(run.times[-1]), run.chain.links)
+    check_work(rate, *size)
     try:  # the start does not tell how fast links will turn, as where a chain whips round
         turn = replace(run, progress=None)(rate).notes["largest_turn_rate"]
-    except stepping.RunStopped:
+    except RunStopped:
         turn = 0.0
-    rate = max(rate, stepping.preferred_rate(max(turn, 1e-300) / TURN_OF_A_STEP))
-    return stepping.refine(run, position, scale, rate, goal, size=size)
+    rate = max(rate, preferred_rate(max(turn, 1e-300) / TURN_OF_A_STEP))
+    return refine(run, position, scale, rate, goal, size=size)

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.discretisation._chain import Chain, square
-from cablepod.parameters._parameters import Parameters, load_plane, solve_statics
-from cablepod.parameters._schema import SceneError, refuse
+from cablepod.errors import SceneError, refuse
 
 #: Relative length error that a start may have: decimals of points in a file.  It is then put right to rounding.
 LENGTH_TOLERANCE = 1e-9
@@ -17,9 +17,6 @@ LENGTH_TOLERANCE = 1e-9
 STRAIGHT = 1e-12
 #: A line between two held ends may be shorter than the chain by this part of it: chords cut the corners of a bent line.
 SHORTER = 1e-2
-#: Instants in the shortest time over which motions change, at which the distance of the ends is looked at, and in all.
-LOOKS_PER_CHANGE, LEAST_LOOKS = 32, 1000
-_BLOCK = 65536
 
 
 # --- rest -----------------------------------------------------------------------------------------------------------
@@ -30,7 +27,7 @@ def rest_shape(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
 
     The elastic chain without its elasticity: the force in the first link determines all others, and with them the directions.
     """
-    from cablepod.chain import _kernels_explicit as kernel  # numba is imported only to compute
+    from cablepod.chain import _kernels_rest as kernel  # numba is imported only to compute
 
     p, total = chain.p, chain.total_length
     ends = p.end_positions(np.zeros(1))[0]
@@ -195,85 +192,3 @@ def _closed(chain: Chain, position: np.ndarray) -> np.ndarray:
         zero = np.zeros((1, chain.p.dims))
         position = position + inner[:, None] * np.diff(np.concatenate([zero, force, zero]), axis=0)
     return position
-
-
-# --- ends -----------------------------------------------------------------------------------------------------------
-
-
-def check_ends(chain: Chain, until: float) -> None:
-    """Refuse ends that the motion of the scene takes so far apart, or so near to each other, that rigid links cannot follow.
-
-    Raises
-    ------
-    SceneError
-        Saying by how much and when.
-    """
-    p, total = chain.p, chain.total_length
-    if p.free is not None:
-        return
-    _check_chord(chain, np.diff(p.end_positions(np.zeros(1))[0], axis=0)[0])
-    least = 2.0 * float(chain.length.max()) - total  # one long link among short ones holds the ends apart
-    far, near, when = 0.0, np.inf, {}
-    first: float | None = None
-    step = min(p.time_scale / LOOKS_PER_CHANGE, until / LEAST_LOOKS) if p.motions and until > 0.0 else np.inf
-    count = int(np.ceil(until / step)) + 1 if np.isfinite(step) else 1
-    for begin in range(0, count, _BLOCK):
-        time = np.minimum(np.arange(begin - 1, min(begin + _BLOCK, count) + 1) * (step if count > 1 else 0.0), until)
-        time = np.maximum(time, 0.0)
-        for sign in (1.0, -1.0):
-            at, value = _peaks(p, time, sign)
-            if sign > 0 and value > far:
-                far, when["far"] = value, at
-            if sign < 0 and -value < near:
-                near, when["near"] = -value, at
-        if first is None:
-            beyond = np.flatnonzero(_distance(p, time) >= total * (1.0 - STRAIGHT))
-            if beyond.size:
-                first = _crossing(p, time[max(beyond[0] - 1, 0)], time[beyond[0]], total * (1.0 - STRAIGHT))
-    if far >= total * (1.0 - STRAIGHT):
-        since = when["far"] if first is None else min(first, when["far"])
-        raise SceneError(
-            f"motion: given ends {far:.9g} m apart at {when['far']:.6g} s, {_more(far, total)} the length of the rigid links, "
-            f"and too far apart from {since:.6g} s on; allowed: always less than {total:.9g} m (cable.{p.length_key} makes it so "
-            "long)"
-        )
-    if least >= 0.0 and near <= least + STRAIGHT * total:
-        raise SceneError(
-            f"motion: given ends {near:.9g} m apart at {when['near']:.6g} s; allowed: always more than {least:.9g} m, by which "
-            "the longest link is longer than all others together"
-        )
-
-
-def _distance(p: Parameters, time: np.ndarray) -> np.ndarray:
-    ends = p.end_positions(time)
-    return np.sqrt(square(ends[:, 1] - ends[:, 0]))
-
-
-def _crossing(p: Parameters, low: float, high: float, limit: float) -> float:
-    """When the distance of the ends first exceeds `limit`, between a time before and one after [s]."""
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if _distance(p, np.array([middle]))[0] >= limit else (middle, high)
-    return float(high)
-
-
-def _peaks(p: Parameters, time: np.ndarray, sign: float) -> tuple[float, float]:
-    """Time and value of the largest distance times `sign`, with every peak on the grid looked at more closely."""
-    value = sign * _distance(p, time)
-    best = int(np.argmax(value))
-    found = float(time[best]), float(value[best])
-    peaks = np.flatnonzero((value[1:-1] >= value[:-2]) & (value[1:-1] >= value[2:])) + 1
-    if peaks.size == 0:
-        return found
-    # those that a parabola lifts by no more than their neighbours lie below cannot become the largest
-    spread = np.maximum(value[peaks] - value[peaks - 1], value[peaks] - value[peaks + 1])
-    peaks = peaks[value[peaks] + spread >= value[best]]
-    low, high = time[peaks - 1], time[peaks + 1]
-    for _ in range(60):  # thirds: the bracket shrinks by 1.5 each, to rounding
-        a, b = low + (high - low) / 3.0, high - (high - low) / 3.0
-        left = sign * _distance(p, a) > sign * _distance(p, b)
-        low, high = np.where(left, low, a), np.where(left, b, high)
-    middle = 0.5 * (low + high)
-    value = sign * _distance(p, middle)
-    best = int(np.argmax(value))
-    return (float(middle[best]), float(value[best])) if value[best] > found[1] else found

@@ -3,6 +3,7 @@
 .. include:: README.md
 """
 
-from cablepod.scene._make import make_scene, read_scene
+from cablepod.scene._make import make_scene
+from cablepod.scene._read import read_scene
 
 __all__ = ["make_scene", "read_scene"]

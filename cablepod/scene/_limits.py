@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.parameters._parameters import Parameters, solve_statics
-from cablepod.parameters._schema import SceneError, refuse
+from cablepod.catenary._statics import solve_statics
+from cablepod.errors import SceneError, refuse
+from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
 
 SHORTEST, LONGEST = 1e-6, 1e9  # m; the chord

@@ -9,9 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import re
-import tomllib
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
@@ -21,63 +18,30 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._resources import check_memory
 from cablepod.conventions import COORDINATES, ENDS, label
-from cablepod.parameters import _schema as schema
-from cablepod.parameters._parameters import Parameters, check_memory, count_instants, parameters
-from cablepod.parameters._schema import SceneError, named, refuse
+from cablepod.errors import SceneError, named, refuse, shown
+from cablepod.parameters._checks import choice, point
+from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._keys import (
+    ENSEMBLE,
+    INITIAL,
+    LENGTH_KEYS,
+    OTHER_TABLES,
+    POINT_LOAD,
+    TABLES,
+    TOP,
+    WEIGHT_KEYS,
+    Key,
+    check_table,
+    exactly_one,
+    join,
+    time_function_keys,
+)
+from cablepod.parameters._parameters import Parameters, count_instants
 from cablepod.scene import _ranges as ranges
+from cablepod.scene._files import read_record
 from cablepod.scene._limits import LONGEST, SHORTEST, check_limits
-from cablepod.scene._read import read_record, read_text
-
-# Far more parts than any key of a scene has; tomllib takes minutes over twenty thousand.
-DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){32}""")
-
-
-def read_scene(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Read a scene from a TOML file.
-
-    Parameters
-    ----------
-    path
-        The scene file; records that it names are looked for relative to its folder.
-
-    Returns
-    -------
-    xarray.Dataset
-        The scene, see :func:`make_scene`.
-
-    Raises
-    ------
-    SceneError
-        For a file that cannot be read or is no TOML, and for all that :func:`make_scene` refuses.
-
-    Examples
-    --------
-    >>> import cablepod as cp
-    >>> scene = cp.read_scene("data/scenes/example2.toml")
-    >>> scene.attrs["title"], float(scene.cable_top_tension), scene.cable_top_tension.units
-    ('Example 2: slow end motion', 15000.0, 'N')
-    """
-    path = Path(path)
-    content = read_text(path, "scene file")
-    if not content.strip():
-        raise SceneError(f"{named(str(path))}: the scene file is empty; allowed: TOML with at least [cable] and [ends]")
-    try:
-        if DEEP_KEY.search(content):
-            raise RecursionError
-        mapping = tomllib.loads(content)
-    except RecursionError:
-        raise SceneError(
-            f"{named(str(path))}: not a scene: its tables or values are nested too deeply; allowed: keys of at most four parts"
-        ) from None
-    except ValueError as error:  # no TOML, or a whole number of more digits than Python reads
-        raise SceneError(
-            f"{named(str(path))}: not a TOML file: {error}; allowed: TOML, as cablepod new writes"
-        ) from None
-    try:
-        return _make(mapping, path.parent)
-    except SceneError as error:
-        raise SceneError(f"{named(str(path))}: {error}") from None
 
 
 def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
@@ -110,7 +74,7 @@ def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
     ([20.4, 57.7], 'm')
     >>> cp.make_scene({"cable": {**cable, "area": -1.0}, "ends": ends})
     Traceback (most recent call last):
-    cablepod.parameters._schema.SceneError: cable.area: given -1.0; allowed: a finite number above 0
+    cablepod.errors.SceneError: cable.area: given -1.0; allowed: a finite number above 0
     """
     return _make(mapping, Path())
 
@@ -150,12 +114,12 @@ def _check(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     if not isinstance(mapping, Mapping):
         raise refuse("scene", mapping, "a mapping with the tables of a scene; read_scene reads a file")
     _check_names(mapping)
-    tree = schema.check_table("", {key: mapping[key] for key in mapping if key in schema.TOP}, schema.TOP)
-    for name, keys in schema.TABLES.items():
+    tree = check_table("", {key: mapping[key] for key in mapping if key in TOP}, TOP)
+    for name, keys in TABLES.items():
         if name == "load" and name in mapping:
             tree[name] = _check_with_factor(name, mapping[name], keys, folder)
         elif name in mapping:
-            tree[name] = schema.check_table(name, mapping[name], keys)
+            tree[name] = check_table(name, mapping[name], keys)
     dims = _check_ends(tree)
     _check_cable(tree)
     _check_chain(tree)
@@ -173,13 +137,13 @@ def _check(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _check_names(mapping: Mapping[str, Any]) -> None:
-    allowed = [*schema.TOP, *schema.TABLES, *schema.OTHER_TABLES]
+    allowed = [*TOP, *TABLES, *OTHER_TABLES]
     for name in mapping:
         if name not in allowed:
             raise SceneError(f"{named(name)}: unknown key or table; allowed: {', '.join(allowed)}")
     for name in ("cable", "ends"):
         if name not in mapping:
-            raise SceneError(f"{name}: missing; allowed: a table with the keys {', '.join(schema.TABLES[name])}")
+            raise SceneError(f"{name}: missing; allowed: a table with the keys {', '.join(TABLES[name])}")
 
 
 def _check_vector(key: str, value: list[float], dims: int) -> None:
@@ -201,8 +165,8 @@ def _check_ends(tree: dict[str, Any]) -> int:
 
 def _check_cable(tree: dict[str, Any]) -> None:
     cable = tree["cable"]
-    schema.exactly_one("cable", cable, schema.LENGTH_KEYS)
-    kind = schema.exactly_one("cable", cable, schema.WEIGHT_KEYS)
+    exactly_one("cable", cable, LENGTH_KEYS)
+    kind = exactly_one("cable", cable, WEIGHT_KEYS)
     if kind == "specific_weight" and tree["gravity"] == 0.0:
         raise refuse("cable.specific_weight", cable[kind], "cable.density instead, as without gravity it gives no mass")
     modulus = cable["youngs_modulus"]
@@ -232,7 +196,7 @@ def _check_initial(tree: dict[str, Any], dims: int) -> None:
     if "initial" not in tree:
         return
     initial = tree["initial"]
-    if schema.exactly_one("initial", initial, tuple(schema.INITIAL)) != "points":
+    if exactly_one("initial", initial, tuple(INITIAL)) != "points":
         return
     line = initial["points"]
     for index, item in enumerate(line):
@@ -256,30 +220,30 @@ def _check_time(tree: dict[str, Any]) -> None:
         raise refuse("time.interval", interval, f"an interval that {duration:g} s holds at most 1e12 times")
 
 
-def _check_with_factor(prefix: str, table: Any, keys: Mapping[str, schema.Key], folder: Path) -> dict[str, Any]:
+def _check_with_factor(prefix: str, table: Any, keys: Mapping[str, Key], folder: Path) -> dict[str, Any]:
     """Check a load's table: its own keys and those of its time factor, if it has one."""
     if not isinstance(table, Mapping):
         raise refuse(prefix, table, "a table with the keys " + ", ".join(keys))
     own = {name: value for name, value in table.items() if name in keys}
     rest = {name: value for name, value in table.items() if name not in keys}
-    factor_keys = {"kind", *(name for kind in schema.time_function_keys("1").values() for name in kind)}
+    factor_keys = {"kind", *(name for kind in time_function_keys("1").values() for name in kind)}
     for name in rest:
         if name not in factor_keys:
             allowed = ", ".join([*keys, "kind (of a time factor)"])
-            raise SceneError(f"{schema.join(prefix, name)}: unknown key; allowed: {allowed}")
-    checked = schema.check_table(prefix, own, keys)
+            raise SceneError(f"{join(prefix, name)}: unknown key; allowed: {allowed}")
+    checked = check_table(prefix, own, keys)
     return checked | _check_time_function(prefix, rest, "1", folder) if rest else checked
 
 
 def _check_time_function(prefix: str, table: Any, units: str, folder: Path) -> dict[str, Any]:
-    kinds = schema.time_function_keys(units)
+    kinds = time_function_keys(units)
     if not isinstance(table, Mapping):
         raise refuse(prefix, table, "a table with the key kind")
     if "kind" not in table:
         raise SceneError(f"{prefix}.kind: missing; allowed: one of {', '.join(kinds)}")
-    kind = schema.choice(*kinds)(f"{prefix}.kind", table["kind"])
+    kind = choice(*kinds)(f"{prefix}.kind", table["kind"])
     values = {name: value for name, value in table.items() if name != "kind"}
-    checked = schema.check_table(prefix, values, kinds[kind])
+    checked = check_table(prefix, values, kinds[kind])
     if kind == "file":
         checked.update(read_record(f"{prefix}.path", folder / checked["path"]))
     return {"kind": kind, **checked}
@@ -311,7 +275,7 @@ def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, An
     checked = []
     for index, table in enumerate(loads, start=1):
         prefix = f"point_load.{index}"
-        item = _check_with_factor(prefix, table, schema.POINT_LOAD, folder)
+        item = _check_with_factor(prefix, table, POINT_LOAD, folder)
         _check_vector(f"{prefix}.force", item["force"], dims)
         checked.append(item)
     return checked
@@ -319,10 +283,8 @@ def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, An
 
 def _check_ensemble(table: Any, tree: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(table, Mapping):
-        raise refuse("ensemble", table, "a table with the keys " + ", ".join([*schema.ENSEMBLE, "ranges"]))
-    checked = schema.check_table(
-        "ensemble", {key: value for key, value in table.items() if key != "ranges"}, schema.ENSEMBLE
-    )
+        raise refuse("ensemble", table, "a table with the keys " + ", ".join([*ENSEMBLE, "ranges"]))
+    checked = check_table("ensemble", {key: value for key, value in table.items() if key != "ranges"}, ENSEMBLE)
     count, sampling = checked["members"], checked["sampling"]
     checked["ranges"] = ranges.check_ranges(table.get("ranges"), tree, members=count, sampling=sampling)
     return checked
@@ -336,7 +298,7 @@ def _check_bounds(mapping: Mapping[str, Any], given: Mapping[str, list[float]], 
             try:
                 _make(ranges.replaced(alone, path, bound), folder)
             except SceneError as error:
-                text = f"ensemble.ranges.{path}: given {schema.shown(values)}, at {bound:g} no scene: {error}"
+                text = f"ensemble.ranges.{path}: given {shown(values)}, at {bound:g} no scene: {error}"
                 raise SceneError(text) from None
 
 
@@ -347,8 +309,8 @@ Variables = dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]
 
 
 def _to_dataset(tree: dict[str, Any]) -> xr.Dataset:
-    variables = {"gravity": _variable("gravity", tree["gravity"], schema.TOP["gravity"])}
-    for table, keys in schema.TABLES.items():
+    variables = {"gravity": _variable("gravity", tree["gravity"], TOP["gravity"])}
+    for table, keys in TABLES.items():
         for name, value in tree.get(table, {}).items():
             if name in keys:
                 variables[f"{table}_{name}"] = _variable(f"{table}_{name}", value, keys[name])
@@ -359,7 +321,7 @@ def _to_dataset(tree: dict[str, Any]) -> xr.Dataset:
             variables |= _factor_variables(f"motion_{end}_{axis}", function, "m", what)
     for index, item in enumerate(tree.get("point_load", []), start=1):
         prefix = f"point_load_{index}"
-        variables |= {f"{prefix}_{name}": _variable("", item[name], key) for name, key in schema.POINT_LOAD.items()}
+        variables |= {f"{prefix}_{name}": _variable("", item[name], key) for name, key in POINT_LOAD.items()}
         variables |= _factor_variables(prefix, item, "1", f"factor of point load {index}")
     dims = len(tree["ends"]["lower"])
     scene = xr.Dataset(variables, coords={"coordinate": list(COORDINATES[:dims])})
@@ -367,12 +329,12 @@ def _to_dataset(tree: dict[str, Any]) -> xr.Dataset:
     return scene
 
 
-def _variable(name: str, value: Any, key: schema.Key) -> tuple[tuple[str, ...], np.ndarray, dict[str, str]]:
+def _variable(name: str, value: Any, key: Key) -> tuple[tuple[str, ...], np.ndarray, dict[str, str]]:
     attrs = {"long_name": key.long_name} | ({"units": key.units} if key.units else {})
     array = np.asarray(value)
     if array.ndim == 0:
         return (), array, attrs
-    dims = ("coordinate",) if key.check is schema.point else (f"{name}_item",)
+    dims = ("coordinate",) if key.check is point else (f"{name}_item",)
     return (dims if array.ndim == 1 else (f"{name}_point", "coordinate")), array.astype(float), attrs
 
 
@@ -381,8 +343,8 @@ def _factor_variables(prefix: str, table: Mapping[str, Any], units: str, what: s
     if "kind" not in table:
         return {}
     variables: Variables = {f"{prefix}_kind": ((), np.asarray(table["kind"]), {"long_name": f"kind of {what}"})}
-    for name, key in schema.time_function_keys(units)[table["kind"]].items():
-        named_key = schema.Key(key.check, key.units, f"{key.long_name}, {what}")
+    for name, key in time_function_keys(units)[table["kind"]].items():
+        named_key = Key(key.check, key.units, f"{key.long_name}, {what}")
         variables[f"{prefix}_{name}"] = _variable(f"{prefix}_{name}", table[name], named_key)
     if table["kind"] == "file":
         for name, unit in (("time", "s"), ("value", units)):

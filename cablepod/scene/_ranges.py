@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from cablepod.conventions import COORDINATES
-from cablepod.parameters import _schema as schema
-from cablepod.parameters._schema import SceneError, refuse
+from cablepod.errors import SceneError, refuse
+from cablepod.parameters._checks import numbers_list
+from cablepod.parameters._keys import join
 
 
 def number_at(tree: Any, path: Any) -> float | None:
@@ -65,13 +66,13 @@ def check_values(key: str, given: Any, *, members: int, sampling: str) -> list[f
         Naming `key`, what was given and what `sampling` allows.
     """
     if sampling == "list":
-        values = schema.numbers_list()(key, given)
+        values = numbers_list()(key, given)
         if len(values) != members:
             raise refuse(
                 key, given, f'{members} values for sampling "list", as many as members (they are {len(values)})'
             )
         return values
-    values = schema.numbers_list(least_length=2)(key, given)
+    values = numbers_list(least_length=2)(key, given)
     if sampling == "grid" and len(values) > 2:
         if len(set(values)) < len(values):
             raise refuse(key, given, "different values, or [low, high] with low < high")
@@ -134,7 +135,7 @@ def check_ranges(
         raise refuse(prefix, given, "a table from key paths to [low, high]")
     checked: dict[str, list[float]] = {}
     for path, values in given.items():
-        key = schema.join(prefix, path)
+        key = join(prefix, path)
         if number_at(tree, path) is None:
             raise SceneError(f"{key}: unknown key path; allowed: the path of a number that this scene has")
         checked[path] = check_values(key, values, members=members, sampling=sampling)

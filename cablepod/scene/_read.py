@@ -1,76 +1,64 @@
-"""Text files that a user gives: scene files and records of motions or loads, read with every fault named."""
+"""Read a scene from a TOML file."""
 
 from __future__ import annotations
 
+import os
+import re
+import tomllib
 from pathlib import Path
 
-import numpy as np
+import xarray as xr
 
-from cablepod.parameters import _schema as schema
-from cablepod.parameters._schema import SceneError, named
+from cablepod.errors import SceneError, named
+from cablepod.scene._files import read_text
+from cablepod.scene._make import _make
 
-LARGEST_FILE = 64 * 2**20  # bytes; a scene or record beyond this is a mistake
+# Far more parts than any key of a scene has; tomllib takes minutes over twenty thousand.
+DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){32}""")
 
 
-def read_text(path: Path, what: str) -> str:
-    """Read a text file that should be a `what`; every failure is a SceneError that names the file and the reason."""
-    name = named(str(path))
+def read_scene(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Read a scene from a TOML file.
+
+    Parameters
+    ----------
+    path
+        The scene file; records that it names are looked for relative to its folder.
+
+    Returns
+    -------
+    xarray.Dataset
+        The scene, see :func:`make_scene`.
+
+    Raises
+    ------
+    SceneError
+        For a file that cannot be read or is no TOML, and for all that :func:`make_scene` refuses.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> scene = cp.read_scene("data/scenes/example2.toml")
+    >>> scene.attrs["title"], float(scene.cable_top_tension), scene.cable_top_tension.units
+    ('Example 2: slow end motion', 15000.0, 'N')
+    """
+    path = Path(path)
+    content = read_text(path, "scene file")
+    if not content.strip():
+        raise SceneError(f"{named(str(path))}: the scene file is empty; allowed: TOML with at least [cable] and [ends]")
     try:
-        if path.is_dir():
-            raise SceneError(f"{name}: is a folder; allowed: a {what}")
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise SceneError(f"{name}: larger than {LARGEST_FILE // 2**20} MiB; allowed: a {what}")
-        return content.decode("utf-8-sig")
-    except SceneError:
-        raise
-    except UnicodeDecodeError:
-        raise SceneError(f"{name}: binary or not UTF-8; allowed: a {what} in text form") from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise SceneError(f"{name}: cannot be read: {reason}; allowed: a {what}") from None
-
-
-def read_record(key: str, path: Path) -> dict[str, list[float]]:
-    """Read the CSV file of a record: a column `time` [s] and one value column."""
+        if DEEP_KEY.search(content):
+            raise RecursionError
+        mapping = tomllib.loads(content)
+    except RecursionError:
+        raise SceneError(
+            f"{named(str(path))}: not a scene: its tables or values are nested too deeply; allowed: keys of at most four parts"
+        ) from None
+    except ValueError as error:  # no TOML, or a whole number of more digits than Python reads
+        raise SceneError(
+            f"{named(str(path))}: not a TOML file: {error}; allowed: TOML, as cablepod new writes"
+        ) from None
     try:
-        content = read_text(path, "record, a CSV file with the columns time and one value")
+        return _make(mapping, path.parent)
     except SceneError as error:
-        raise SceneError(f"{key}: {error}") from None
-    name = named(str(path))
-    rows = [line.split(",") for line in content.splitlines() if line.strip() and not line.lstrip().startswith("#")]
-    allowed = "a CSV file with a header (time and one value column) and at least 4 rows of numbers"
-    if not rows:
-        raise SceneError(f"{key}: {name} is empty; allowed: {allowed}")
-    header = [item.strip() for item in rows[0]]
-    if len(header) != 2 or header.count("time") != 1:
-        raise SceneError(f"{key}: {name} has the columns {schema.shown(', '.join(header))}; allowed: {allowed}")
-    table = []
-    for number, row in enumerate(rows[1:], start=1):
-        try:
-            values = [float(item) for item in row]
-        except ValueError:
-            values = []
-        if len(values) != 2 or not all(abs(value) <= schema.LARGEST for value in values):
-            given = schema.shown(",".join(row))
-            raise SceneError(f"{key}: {name} has a gap: row {number} holds {given}; allowed: two finite numbers")
-        table.append(values)
-    if len(table) < 4:
-        raise SceneError(f"{key}: {name} is too short: {len(table)} rows; allowed: {allowed}")
-    column = np.array(table)
-    time, value = column[:, header.index("time")], column[:, 1 - header.index("time")]
-    step = np.diff(time)
-    least = max(1e-9 * float(np.median(step)), schema.SMALLEST)
-    if step.min() < least:
-        where = int(np.argmax(step < least))
-        raise SceneError(
-            f"{key}: {name} is unsorted: time {time[where + 1]:g} s follows {time[where]:g} s; allowed: rising times"
-        )
-    if step.max() > 10.0 * np.median(step):
-        where = int(np.argmax(step))
-        raise SceneError(
-            f"{key}: {name} has a gap of {step.max():g} s after {time[where]:g} s; "
-            f"allowed: at most ten times the median spacing, {np.median(step):g} s"
-        )
-    return {"time": time.tolist(), "value": value.tolist()}
+        raise SceneError(f"{named(str(path))}: {error}") from None

@@ -71,7 +71,7 @@ def condensed(cases: int, repeats: int) -> None:
     run(scenes.isel(member=slice(0, 64)))
     result = run(scenes)
     for threads in (2, 1):
-        with members.threads(threads):
+        with members.thread_limit(threads):
             took = median_time(lambda: run(scenes), repeats)
         print(f"condensed, {cases} cases of 600 s, step {STEP} s, {threads} threads: {took:.2f} s")
     print(
@@ -104,10 +104,13 @@ def chains(number: int, repeats: int) -> None:
 
     run()
     for threads in (2, 1):
-        with members.threads(threads):
+        with members.thread_limit(threads):
             took = median_time(run, repeats)
         print(f"chains, {number} of 125 s, n = 40, step 2.5e-4 s, {threads} threads: {took:.2f} s")
-    with members.threads(1), time_inside("cablepod.chain._kernels_explicit.verlet", clock=time.thread_time) as loop:
+    with (
+        members.thread_limit(1),
+        time_inside("cablepod.chain._kernels_explicit.verlet", clock=time.thread_time) as loop,
+    ):
         run()
     print(
         f"  in one thread, inside the compiled loop {loop.seconds:.2f} s; the call took {took / loop.seconds:.3f} times as long"

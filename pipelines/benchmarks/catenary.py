@@ -26,7 +26,7 @@ import numpy as np
 from _study import command_line, markdown_table, median_time, show_table
 from scipy.optimize import root
 
-from cablepod.catenary import _kernels as kernel
+from cablepod.catenary import _kernels_solve as kernel
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 from references import catenary_mpmath as reference

@@ -26,7 +26,7 @@ from _study import command_line, in_turns, markdown_table, medians, show_table, 
 import cablepod as cp
 from cablepod.discretisation._chain import chain_of
 from cablepod.examples import scene
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 HERE = Path(__file__).resolve().parent
 WORK = 12_000_000  #: links times steps in one measurement
@@ -56,7 +56,7 @@ def our_time(links: int) -> tuple[float, float]:
     given = scene("example2")
     step = 0.5 * chain_of(parameters(given), links).step_limit()
     steps = WORK // links
-    with time_inside("cablepod.integrate._stepping.march") as stepping:
+    with time_inside("cablepod.integrate._march.advance_in_blocks") as stepping:
         _, whole = timed(lambda: cp.chain.simulate(given, links=links, step=step, times=[0.0, steps * step]))
     return 1e9 * stepping.seconds / (steps * links), 1e9 * whole / (steps * links)
 

@@ -46,7 +46,7 @@ def study(number: int) -> xr.Dataset:
 def overhead(scenes: xr.Dataset, folder: Path) -> None:
     """Measure a run in one thread against the time inside its kernel."""
     cp.ensemble.run(scenes.isel(member=slice(0, 2)), folder / "first", step=STEP, workers=1)  # compiles
-    with time_inside(LOOP, clock=time.thread_time) as loop, members.threads(1):
+    with time_inside(LOOP, clock=time.thread_time) as loop, members.thread_limit(1):
         begin = time.process_time()
         for first in range(0, scenes.sizes["member"], 64):
             cp.chain.simulate(scenes.isel(member=slice(first, first + 64)), step=STEP)

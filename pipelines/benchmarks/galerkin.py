@@ -27,16 +27,16 @@ from _study import command_line, in_turns, markdown_table, medians, show_table, 
 import cablepod as cp
 from cablepod.discretisation._chain import chain_of
 from cablepod.examples import scene as shipped
-from cablepod.galerkin import _simulate as galerkin_module
-from cablepod.parameters._parameters import parameters
+from cablepod.galerkin import _scheme as galerkin_module
+from cablepod.parameters._from_scene import parameters
 
 HERE = Path(__file__).resolve().parent
 TIMES = np.arange(1251) / 10.0
 KERNELS = (
     "cablepod.chain._kernels_explicit.verlet",
     "cablepod.chain._kernels_implicit.generalized_alpha",
-    "cablepod.galerkin._kernels.verlet",
-    "cablepod.galerkin._kernels.implicit",
+    "cablepod.galerkin._kernels_explicit.verlet",
+    "cablepod.galerkin._kernels_implicit.implicit",
 )
 IMPLICIT = ("trapezoidal", "energy_momentum")
 STEPS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5)

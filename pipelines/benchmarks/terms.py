@@ -27,7 +27,7 @@ from _study import command_line, in_turns, markdown_table, show_table
 import cablepod as cp
 from cablepod.discretisation._chain import chain_of
 from cablepod.examples import scene_path
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 HERE = Path(__file__).resolve().parent
 WAVE = {"kind": "harmonic", "amplitude": 1.0, "angular_frequency": 1.0}

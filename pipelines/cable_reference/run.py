@@ -21,14 +21,15 @@ import numpy as np
 from _study import command_line
 
 import cablepod as cp
-from cablepod.cable._mesh import mesh_of, start
+from cablepod.cable._mesh import mesh_of
 from cablepod.cable._runs import MeshVerlet
 from cablepod.cable._scheme import unforced_step
+from cablepod.cable._start import start
 from cablepod.conventions import label
 from cablepod.discretisation._chain import LAWS
 from cablepod.examples import data_folder, scene
-from cablepod.integrate._stepping import preferred_rate
-from cablepod.parameters._parameters import parameters
+from cablepod.integrate._step_control import preferred_rate
+from cablepod.parameters._from_scene import parameters
 
 SCENES = ("example2", "example3", "example4", "sagging", "stiff_spatial")
 ELEMENTS = (8, 16, 24, 32)

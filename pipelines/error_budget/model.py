@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 import cablepod as cp
 from cablepod.discretisation._chain import chain_of
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 from cablepod.pod._normal import deflections
 
 #: Whether the truncated modes are hidden from the retained ones in the tension, and in the force.

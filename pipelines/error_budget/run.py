@@ -53,7 +53,7 @@ import cablepod as cp
 from cablepod import examples as shipped
 from cablepod.condensed._model import ORDERS
 from cablepod.discretisation._chain import chain_of
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 from cablepod.pod._normal import deflections
 from error_budget.model import Switched, taken_length
 

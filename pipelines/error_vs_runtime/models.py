@@ -18,12 +18,15 @@ from scipy.interpolate import CubicSpline
 
 import cablepod as cp
 from cablepod.cable._mesh import mesh_of
-from cablepod.catenary import _kernels as catenary_kernel
+from cablepod.catenary import _kernels_shape as kernels_shape
+from cablepod.catenary import _kernels_solve as catenary_kernel
+from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.discretisation._chain import chain_of
 from cablepod.examples import scene as shipped
 from cablepod.examples import truth_path, truths
-from cablepod.integrate import _stepping as stepping
-from cablepod.parameters._parameters import Parameters, load_plane, parameters, solve_statics
+from cablepod.integrate import _step_control as stepping
+from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._parameters import Parameters
 
 EXAMPLES = ("example2", "example3", "example4")
 #: Scenes without modes of their own, cables as in Example 2: a flatter guy in side wind, and a long and almost level one.
@@ -364,7 +367,7 @@ def sequence(
     shapes = np.empty((at.size, PLACES, p.dims))
     for shape, base, solution in zip(shapes, lower, solutions, strict=True):
         s = solution[0] * np.linspace(0.0, 1.0, PLACES)
-        catenary_kernel.shape(s, solution, p_load(p), p.stiffness, x, y, tension)
+        kernels_shape.shape(s, solution, p_load(p), p.stiffness, x, y, tension)
         shape[:] = base + x[:, None] * across + y[:, None] * against
     position = CubicSpline(at, shapes, axis=0)(times)
     return xr.Dataset(
@@ -381,7 +384,7 @@ def p_load(p: Parameters) -> float:
 
 #: Functions that march from the first state to the last.
 MARCHES = (
-    "cablepod.integrate._stepping.march",
+    "cablepod.integrate._march.advance_in_blocks",
     "cablepod.chain._implicit.March.advance",
     "cablepod.chain._implicit.March.cut",
 )
@@ -389,14 +392,14 @@ MARCHES = (
 COMPILED = (
     "cablepod.chain._kernels_explicit.verlet",
     "cablepod.chain._kernels_implicit.generalized_alpha",
-    "cablepod.cable._kernels.verlet",
-    "cablepod.cable._kernels.trapezoidal",
-    "cablepod.galerkin._kernels.verlet",
-    "cablepod.condensed._kernels.frames",
-    "cablepod.condensed._kernels.leading_verlet",
-    "cablepod.condensed._kernels.leading_implicit",
-    "cablepod.condensed._kernels.exact_verlet",
-    "cablepod.condensed._kernels.exact_implicit",
+    "cablepod.cable._kernels_explicit.verlet",
+    "cablepod.cable._kernels_implicit.trapezoidal",
+    "cablepod.galerkin._kernels_explicit.verlet",
+    "cablepod.condensed._kernels_frame.frames",
+    "cablepod.condensed._kernels_leading.leading_verlet",
+    "cablepod.condensed._kernels_leading.leading_implicit",
+    "cablepod.condensed._kernels_exact.exact_verlet",
+    "cablepod.condensed._kernels_exact.exact_implicit",
 )
 TABLES = (
     "cablepod.parameters._time_functions.TimeFunction.__call__",

@@ -52,7 +52,7 @@ from tqdm import tqdm
 
 import cablepod as cp
 from cablepod.conventions import label
-from cablepod.integrate import _stepping as stepping
+from cablepod.integrate import _step_control as stepping
 from error_vs_runtime.figure import LEVELS, draw, markdown, markdown_trained
 from error_vs_runtime.models import (
     ELEMENTS,

@@ -52,8 +52,8 @@ import cablepod as cp
 from cablepod import examples as shipped
 from cablepod.condensed._assembly import model_of
 from cablepod.condensed._model import ORDERS
-from cablepod.integrate._stepping import motion_scale
-from cablepod.parameters._parameters import parameters
+from cablepod.integrate._step_control import motion_scale
+from cablepod.parameters._from_scene import parameters
 from cablepod.pod import _normal as pod_normal
 from prediction import figure
 from prediction.scenes import LINKS, RANGES, Case, cases, draw, scene_of

@@ -12,7 +12,7 @@ from scipy.stats import qmc
 
 import cablepod as cp
 from cablepod.discretisation._chain import chain_of
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 LINKS = 40
 #: The cable of the paper's examples: Young's modulus [N/m^2], area [m^2], weight per volume [N/m^3].

@@ -18,7 +18,7 @@ import cablepod as cp
 from cablepod import examples as shipped
 from cablepod.chain import _scheme as chain_runs
 from cablepod.discretisation._chain import chain_of
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 from cablepod.rigid._runs import FORMULATIONS, RigidRun
 from cablepod.rigid._start import start
 

@@ -40,7 +40,7 @@ import cablepod as cp
 from cablepod.chain import _start as chain_start
 from cablepod.chain._explicit import VerletRun
 from cablepod.discretisation._chain import chain_of
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 from cablepod.rigid._runs import FORMULATIONS
 from stability.cases import Case, cases
 from stability.verdict import (

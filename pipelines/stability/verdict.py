@@ -16,7 +16,7 @@ from scipy.stats import t as student
 import cablepod as cp
 from cablepod.chain import _scheme as chain_runs
 from cablepod.discretisation._chain import Chain, chain_of
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 from cablepod.rigid._runs import FORMULATIONS
 from stability.cases import Case, dividing, rigid_step
 

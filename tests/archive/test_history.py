@@ -11,6 +11,7 @@ from results import make_scene, make_trajectory
 
 from cablepod import provenance
 from cablepod.archive import ArchiveError, describe, read, write
+from cablepod.archive import _attributes as attributes
 from cablepod.archive import _write as archive
 
 
@@ -49,7 +50,7 @@ def test_a_cut_in_time_tells_its_own_length_and_content(tmp_path):
     some = read(write(whole.isel(time=[0, 1, 5]), tmp_path / "some.nc"))
     assert some.attrs["time_coverage_duration"] == "PT0.5S"
     assert "time_coverage_resolution" not in some.attrs
-    assert archive._stages(some)[-1]["sha256"] == archive._content_hash(some) != archive._content_hash(whole)
+    assert attributes._stages(some)[-1]["sha256"] == attributes._content_hash(some) != attributes._content_hash(whole)
     none = read(write(whole.isel(time=0), tmp_path / "none.nc"))
     assert "time_coverage_duration" not in none.attrs
 
@@ -70,34 +71,34 @@ def test_id_and_content_hash_depend_on_neither_clock_nor_machine(tmp_path, monke
     first = read(write(plain, tmp_path / "first.nc"))
     stop_clock("2040-01-01T00:00:00Z")
     monkeypatch.setattr(archive.platform, "platform", lambda: "elsewhere")
-    archive._program.cache_clear()
+    attributes._program.cache_clear()
     try:
         second = read(write(plain, tmp_path / "second.nc"))
     finally:
-        archive._program.cache_clear()
+        attributes._program.cache_clear()
     assert first.attrs["history_json"] != second.attrs["history_json"]
     assert first.attrs["id"] == second.attrs["id"]
-    assert archive._stages(first)[-1]["sha256"] == archive._stages(second)[-1]["sha256"]
+    assert attributes._stages(first)[-1]["sha256"] == attributes._stages(second)[-1]["sha256"]
     swapped = plain.assign(mean=("particle", np.array([0.0, 1.0, 2.0]).astype(">f8")))
-    assert archive._content_hash(swapped) == archive._content_hash(plain)
+    assert attributes._content_hash(swapped) == attributes._content_hash(plain)
     other = plain.assign(mean=("particle", [0.0, 1.0, np.nextafter(2.0, 3.0)]))
     assert read(write(other, tmp_path / "other.nc")).attrs["id"] != first.attrs["id"]
 
 
 def test_commit_is_that_of_the_checkout_and_absent_without_one(tmp_path, monkeypatch):
-    assert archive._commit(tmp_path) is None
+    assert attributes._commit(tmp_path) is None
     (tmp_path / "file").write_text("1")
     who = ["-c", "user.name=n", "-c", "user.email=e@example.org", "-c", "commit.gpgsign=false"]
     for command in (["init", "-q"], ["add", "."], [*who, "commit", "-qm", "one"]):
         assert subprocess.run(["git", *command], cwd=tmp_path, capture_output=True).returncode == 0
-    commit = archive._commit(tmp_path)
+    commit = attributes._commit(tmp_path)
     assert re.fullmatch("[0-9a-f]{40}", commit)
     (tmp_path / "inner").mkdir()
-    assert archive._commit(tmp_path / "inner") is None
+    assert attributes._commit(tmp_path / "inner") is None
     (tmp_path / "file").write_text("22")
-    assert archive._commit(tmp_path) == f"{commit}-dirty"
+    assert attributes._commit(tmp_path) == f"{commit}-dirty"
     monkeypatch.setenv("PATH", str(tmp_path))  # where no git is
-    assert archive._commit(tmp_path) is None
+    assert attributes._commit(tmp_path) is None
 
 
 def test_a_history_that_cannot_be_read_is_refused(tmp_path):
@@ -129,7 +130,7 @@ def test_long_parameters_are_cut_where_people_read_them_but_not_in_the_record(tm
     parameters = {"times": list(range(1000)), "title": "two\nlines"}
     scene = provenance.record(make_scene(), function="chain.simulate", parameters=parameters)
     back = read(write(scene, tmp_path / "it.nc"))
-    assert archive._stages(back)[-1]["parameters"] == provenance.plain(parameters)
+    assert attributes._stages(back)[-1]["parameters"] == provenance.plain(parameters)
     assert back.attrs["history"].count("\n") == 0
     assert 200 < len(back.attrs["history"]) < 300
     assert max(map(len, describe(back).split("\n"))) < 300

@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from children import run_python
 
+from cablepod.batch import _pool as batch_pool
 from cablepod.batch import _sigint as interrupts
 
 
@@ -53,24 +54,24 @@ def test_when_it_comes(steps, done):
     def fail():
         raise ValueError("of the block")
 
-    @interrupts.held()
+    @interrupts.defer_sigint()
     def inner():
         press()
 
     def caught():
         with pytest.raises(KeyboardInterrupt):
-            interrupts.check()
+            interrupts.check_sigint()
 
     does = {
         "press": press,
-        "check": interrupts.check,
+        "check": interrupts.check_sigint,
         "inner": inner,
         "fail": fail,
         "caught": caught,
         "work": lambda: did.append("work"),
     }
 
-    @interrupts.held()
+    @interrupts.defer_sigint()
     def block():
         for step in steps.split():
             does[step]()
@@ -79,23 +80,23 @@ def test_when_it_comes(steps, done):
         block()
     assert " ".join(did) == done
     assert ("of the block" in str(error.value.__context__)) == ("fail" in steps)
-    with interrupts.held():  # and is forgotten then
-        interrupts.check()
+    with interrupts.defer_sigint():  # and is forgotten then
+        interrupts.check_sigint()
 
 
 def test_whoever_else_is_told_of_it_still_is():
     told = []
     before = signal.signal(signal.SIGINT, lambda number, frame: told.append(number))
     try:
-        with interrupts.held():
+        with interrupts.defer_sigint():
             press()
             assert not told
-            interrupts.check()
+            interrupts.check_sigint()
             assert told == [signal.SIGINT]
             press()
         assert told == [signal.SIGINT] * 2
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # as of nohup
-        with interrupts.held():
+        with interrupts.defer_sigint():
             press()
         assert len(told) == 2
     finally:
@@ -104,8 +105,8 @@ def test_whoever_else_is_told_of_it_still_is():
 
 def test_other_threads_hold_nothing():
     def inside():
-        with interrupts.held():
-            interrupts.check()
+        with interrupts.defer_sigint():
+            interrupts.check_sigint()
             return signal.getsignal(signal.SIGINT)
 
     before = signal.getsignal(signal.SIGINT)
@@ -120,17 +121,17 @@ def test_waiting_ends_with_it():
         press_later()
         begin = time.monotonic()
         with pytest.raises(KeyboardInterrupt):
-            interrupts.wait([never])
+            interrupts.wait_for_any([never])
         assert time.monotonic() - begin < 0.5 * PATIENCE
         end.set()
-    assert interrupts.wait([never]) == {never}
+    assert interrupts.wait_for_any([never]) == {never}
 
 
 def test_items_in_threads():
     counts = []
-    assert interrupts.over(lambda x: x**2, range(20), 2, done=counts.append) == [x**2 for x in range(20)]
+    assert batch_pool.map_threads(lambda x: x**2, range(20), 2, done=counts.append) == [x**2 for x in range(20)]
     assert counts[-1] == 20
-    assert interrupts.over(abs, [], 2) == []
+    assert batch_pool.map_threads(abs, [], 2) == []
 
 
 def test_what_has_not_begun_does_not_begin():
@@ -142,7 +143,7 @@ def test_what_has_not_begun_does_not_begin():
 
     press_later()
     with pytest.raises(KeyboardInterrupt):
-        interrupts.over(work, range(50), 2, ended=end.set)
+        batch_pool.map_threads(work, range(50), 2, ended=end.set)
     assert sorted(begun) == [0, 1]
 
 
@@ -156,7 +157,7 @@ def test_the_failure_that_ended_it_is_told():
             raise RuntimeError("asked to end")
 
     with pytest.raises(ValueError, match="why"):
-        interrupts.over(work, range(50), 2, ended=end.set)
+        batch_pool.map_threads(work, range(50), 2, ended=end.set)
 
 
 # --- at the worst places --------------------------------------------------------------------------------------------------

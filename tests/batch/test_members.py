@@ -10,11 +10,12 @@ import xarray as xr
 from scenes import everything, full_modes
 
 import cablepod as cp
+from cablepod import errors
 from cablepod.batch import _members as members
 from cablepod.condensed._assembly import model_of
 from cablepod.condensed._batch import alike, sibling
-from cablepod.parameters._parameters import parameters
-from cablepod.reduced._validity import OutOfRangeWarning
+from cablepod.errors import OutOfRangeWarning
+from cablepod.parameters._from_scene import parameters
 
 
 def joined(soft, **varied):
@@ -30,7 +31,7 @@ def test_any_number_of_threads_gives_the_same_bits(soft):
     scenes = joined(soft, cable_top_tension=np.linspace(200.0, 300.0, 7))
     runs = []
     for count in (1, 2, 5):
-        with members.threads(count):
+        with members.thread_limit(count):
             runs.append(cp.chain.simulate(scenes, step=1e-3))
     xr.testing.assert_identical(runs[0], runs[1])
     xr.testing.assert_identical(runs[0], runs[2])
@@ -55,7 +56,7 @@ def test_what_differs_between_members_is_not_an_attribute(soft):
 
 def test_failing_members_stop_nobody_else(soft):
     tensions = np.array([200.0, 1.0, 240.0])  # no cable of this weight hangs with 1 N
-    with pytest.warns(members.MemberFailedWarning, match=r"1 of 3 members .* member 1: cable\.top_tension: given 1\.0"):
+    with pytest.warns(errors.MemberFailedWarning, match=r"1 of 3 members .* member 1: cable\.top_tension: given 1\.0"):
         run = cp.chain.simulate(joined(soft, cable_top_tension=tensions), step=1e-3)
     assert np.isnan(run.position[1]).all()
     assert "cable.top_tension: given 1.0; allowed: at least" in run.failure.values[1]

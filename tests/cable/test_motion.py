@@ -12,8 +12,8 @@ from scenes import scene_with, spatial
 
 import cablepod as cp
 from cablepod import examples as shipped
+from cablepod.cable import _frequencies as cable_module
 from cablepod.cable import _scheme as cable_choice
-from cablepod.cable import _simulate as cable_module
 
 #: Ends that begin to move so smoothly (as t^6) that no wave has a corner: order can be seen.
 SMOOTH = {
@@ -211,7 +211,7 @@ def test_what_rests_stays_at_rest(law, scheme, soft):
 def test_verlet_keeps_the_energy(law, soft):
     del soft["motion"]
     soft["initial"] = {"top_tension": 260.0}
-    from cablepod.parameters._parameters import parameters
+    from cablepod.parameters._from_scene import parameters
 
     scene = scene_with(soft)
     drift = []

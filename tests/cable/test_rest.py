@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 
 import cablepod as cp
 from cablepod.cable import _mesh as elements
+from cablepod.discretisation import _gll as gll
 
 SAGGING = {
     "cable": {"youngs_modulus": 2.0e7, "area": 1.0e-3, "density": 1000.0, "unstretched_length": 12.0},
@@ -26,7 +27,7 @@ def orders(errors, numbers):
 
 @pytest.mark.parametrize("order", [1, 2, 3, 7, 8, 16])
 def test_quadrature_and_derivative_are_exact_for_polynomials(order):
-    node, weight, d = elements.reference(order)
+    node, weight, d = gll.gll_rule(order)
     for power in range(2 * order):
         exact = 2.0 / (power + 1) if power % 2 == 0 else 0.0
         assert weight @ node**power == pytest.approx(exact, abs=1e-14)  # sums of numbers of size 1
@@ -35,11 +36,11 @@ def test_quadrature_and_derivative_are_exact_for_polynomials(order):
             # the entries of d grow with the square of the order: rounding times 16^2 times a few
             assert np.allclose(d @ node**power, slope, atol=1e-12)
     place = np.linspace(-1.0, 1.0, 9)
-    assert np.allclose(elements.lagrange(order, place) @ node**order, place**order, atol=1e-14)
+    assert np.allclose(gll.lagrange_basis(order, place) @ node**order, place**order, atol=1e-14)
 
 
 def test_point_loads_stand_between_elements(soft):
-    from cablepod.parameters._parameters import parameters
+    from cablepod.parameters._from_scene import parameters
 
     soft["point_load"] = [{"arc_length": 0.1, "force": [0.0, -1.0]}, {"arc_length": 0.73, "force": [0.0, -2.0]}]
     mesh = elements.mesh_of(parameters(scene_with(soft)), 7)

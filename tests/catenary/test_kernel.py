@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from references import catenary_mpmath as reference
 
-from cablepod.catenary import _kernels as kernel
+from cablepod.catenary import _kernels_shape as kernels_shape
+from cablepod.catenary import _kernels_solve as kernel
 
 MP = reference.MP
 UNIT = 2.0**-53
@@ -37,7 +38,7 @@ def shape_errors(out, cable, count=9):
     """Return the largest errors of positions relative to the chord and of tensions relative to the largest."""
     s = np.linspace(0.0, out[0], count)
     across, along, tension = np.empty(count), np.empty(count), np.empty(count)
-    kernel.shape(s, out, float(cable.q), float(cable.stiffness), across, along, tension)
+    kernels_shape.shape(s, out, float(cable.q), float(cable.stiffness), across, along, tension)
     chord, most = MP.hypot(cable.a, cable.b), max(cable.tension(0), cable.tension(cable.length))
     position, force = 0.0, 0.0
     for i in range(count):

@@ -13,6 +13,7 @@ import xarray as xr
 from scenes import spatial
 
 import cablepod as cp
+from cablepod import errors
 from cablepod.batch import _members as members
 from cablepod.batch import _sigint as interrupts
 from cablepod.chain import _batch as chain_many
@@ -91,7 +92,7 @@ def scenes_of(soft, tables, varied, dims=2):
 def abreast(scenes, options):
     """Run members four times over, so that a chunk has all of them; return the last of the four."""
     count = scenes.sizes["member"]
-    with members.threads(1):
+    with members.thread_limit(1):
         run = cp.chain.simulate(scenes.isel(member=np.tile(np.arange(count), 4)), **options)
     return run.isel(member=slice(3 * count, None))
 
@@ -143,7 +144,7 @@ def test_what_does_not_go_abreast_is_single_runs_too(soft, monkeypatch, case):
     with monkeypatch.context() as patch:
         plain = Run.dataset
         patch.setattr(Run, "dataset", lambda *args: made.append(0) or plain(*args))
-        with members.threads(1):
+        with members.thread_limit(1):
             run = cp.chain.simulate(scenes, **options)
     assert len(made) == 1
     assert_same_bits(run, scenes, options)
@@ -218,7 +219,7 @@ class Counted:
 )
 def test_how_they_are_cut_changes_no_bit(soft, monkeypatch, name, value, longest, left):
     scenes = scenes_of(soft, BOTH | LOADED, {"cable_top_tension": np.linspace(200.0, 300.0, 12)})
-    with members.threads(1):
+    with members.thread_limit(1):
         run = cp.chain.simulate(scenes, step=5e-4, outputs=ALL)  # 8000 steps
         lengths, alone = [], []
         monkeypatch.setattr(chain_many, name, value)
@@ -242,7 +243,7 @@ def test_members_that_fail_say_why_as_single_runs_do(soft):
     scenes = scenes_of(soft, tables, {"cable_top_tension": [230.0, 1.0, 5e5, 230.0, 300.0]})
     dims = ("member", *scenes["motion_upper_x_coefficients"].dims)
     scenes = scenes.assign(motion_upper_x_coefficients=(dims, coefficients))
-    with pytest.warns(members.MemberFailedWarning, match="12 of 20 members failed"):
+    with pytest.warns(errors.MemberFailedWarning, match="12 of 20 members failed"):
         run = abreast(scenes, options)
     for i, (kind, why) in {
         1: (cp.SceneError, r"cable.top_tension: given 1.0"),
@@ -262,7 +263,7 @@ def test_options_that_cannot_be_fail_as_before(soft):
     scenes = scenes_of(soft, ONE, TENSIONS)
     with pytest.raises(cp.SceneError, match="step and tolerance") as refused:
         cp.chain.simulate(scenes, step=STEP, tolerance=1e-3)
-    assert isinstance(refused.value.__cause__, members.AllFailedError)
+    assert isinstance(refused.value.__cause__, errors.AllFailedError)
 
 
 # --- stopping ---------------------------------------------------------------------------------------------------------------
@@ -274,7 +275,7 @@ def test_they_stop_between_blocks(soft, monkeypatch):
     done = []
     advance = March.advance
     monkeypatch.setattr(March, "advance", lambda self, i, n: done.append(i) or advance(self, i, n))
-    with members.threads(1), members.until(lambda: len(done) == 3), pytest.raises(members.StoppedError):
+    with members.thread_limit(1), members.stop_when(lambda: len(done) == 3), pytest.raises(errors.StoppedError):
         cp.chain.simulate(scenes, step=5e-4)
     assert done == [0, 1024, 2048]  # of eight blocks
 
@@ -298,7 +299,7 @@ def test_ctrl_c_ends_the_blocks_of_other_threads(soft, ctrl_c, monkeypatch):
 
     monkeypatch.setattr(March, "advance", advance)
     threading.Thread(target=press).start()
-    with members.threads(2), pytest.raises(KeyboardInterrupt):
+    with members.thread_limit(2), pytest.raises(KeyboardInterrupt):
         cp.chain.simulate(scenes, step=5e-4)
     assert done in ([0], [0, 0])  # the blocks that were under way
 
@@ -315,5 +316,5 @@ def test_the_error_of_one_is_told_not_that_others_were_stopped():
             check()
             time.sleep(1e-3)
 
-    with members.threads(2), pytest.raises(TypeError, match="a fault of the program"):
+    with members.thread_limit(2), pytest.raises(TypeError, match="a fault of the program"):
         members.gather(lambda i: ({}, {}), 2, None, ahead=ahead)

@@ -10,9 +10,11 @@ from scenes import scene_with, spatial
 
 import cablepod as cp
 from cablepod.chain import _implicit as implicit
+from cablepod.chain import _kernels_banded as kernels_banded
 from cablepod.chain import _kernels_implicit as kernel
+from cablepod.chain import _kernels_links as kernels_links
 from cablepod.discretisation._chain import chain_of
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 SCHEMES = implicit.SCHEMES
 
@@ -58,7 +60,7 @@ def test_block_elimination_against_a_dense_solution(dims, m, first):
     inertia[free] = diagonal
     for row, values in zip(b, right, strict=True):
         row[free] = values
-    (kernel.solve_planar if dims == 2 else kernel.solve_spatial)(inertia, s, b, kept, first, first + m)
+    (kernels_banded.solve_planar if dims == 2 else kernels_banded.solve_spatial)(inertia, s, b, kept, first, first + m)
     np.testing.assert_allclose(np.array(b)[:, free], exact, rtol=1e-9, atol=1e-11)
     assert np.isnan(b[0][:first]).all()
     assert np.isnan(b[0][first + m :]).all()
@@ -72,7 +74,7 @@ def test_the_secant_keeps_the_energy_in_every_case():
     # taut, slack, slackening, tightening, hardly changing
     for size0, size1 in [(2.5, 3.0), (1.0, 1.5), (2.5, 1.0), (1.0, 2.5), (2.3, 2.3 + 1e-9), (2.0 - 1e-9, 2.0 + 1e-9)]:
         for inverse in (None, 0.25):
-            value, _ = kernel._secant(size0**2, size1**2, 3.0, 2.0, inverse)
+            value, _ = kernels_links._secant(size0**2, size1**2, 3.0, 2.0, inverse)
             gained = 0.5 * value * (size1**2 - size0**2)
             assert gained == pytest.approx(energy(size1**2, inverse) - energy(size0**2, inverse), rel=1e-9, abs=1e-16)
 

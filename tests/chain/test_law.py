@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 
 import cablepod as cp
 from cablepod.discretisation import _chain as links
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 TERMS = {
     **SHARED,
@@ -164,7 +164,7 @@ def test_rest_is_balanced_by_the_law_from_soft_to_stiff_and_taut_to_slack(scenes
 @pytest.mark.parametrize("law_is_green", [False, True])
 def test_gap_and_hessian_of_the_rest_are_derivatives_of_its_energy(law_is_green):
     # a wrong energy or Hessian costs Newton's method only steps, so the rest itself does not show it
-    from cablepod.chain import _kernels_explicit as kernel
+    from cablepod.chain import _kernels_rest as kernels_rest
 
     rng = np.random.default_rng(3)
     loads, length = rng.normal(size=(4, 3)), rng.uniform(1.0, 2.0, 5)
@@ -172,7 +172,7 @@ def test_gap_and_hessian_of_the_rest_are_derivatives_of_its_energy(law_is_green)
 
     def at(force):
         gap, hessian = np.zeros(3), np.empty((3, 3))
-        energy = kernel._stretch(force, loads, length, 9.0, law_is_green, gap, hessian)  # strains of some 0.5
+        energy = kernels_rest._stretch(force, loads, length, 9.0, law_is_green, gap, hessian)  # strains of some 0.5
         return energy, gap, hessian
 
     h = 1e-5
@@ -285,6 +285,7 @@ def test_runs_in_two_threads_are_those_of_one_after_the_other(soft, name):
 
 @pytest.mark.parametrize("name", ["linear", "green"])
 def test_other_threads_go_on_during_a_run(soft, monkeypatch, name):
+    from cablepod.chain import _explicit as explicit
     from cablepod.chain import _kernels_explicit as kernel
 
     plain, inside = kernel.verlet, threading.Event()
@@ -297,7 +298,7 @@ def test_other_threads_go_on_during_a_run(soft, monkeypatch, name):
     scene = cp.make_scene(soft)
     options = {"links": 8000, "law": name, "step": 1e-6, "times": [0.012]}  # one call of a few tenths of a second
     cp.chain.simulate(scene, **{**options, "times": [0.0]})
-    monkeypatch.setattr(kernel, "verlet", watched)
+    monkeypatch.setattr(explicit, "verlet", watched)
     run = threading.Thread(target=cp.chain.simulate, args=(scene,), kwargs=options)
     run.start()
     inside.wait()

@@ -13,7 +13,7 @@ from scenes import scene_with, spatial
 
 import cablepod as cp
 from cablepod.discretisation import _chain as links
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 TERMS = {
     **SHARED,

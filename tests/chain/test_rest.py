@@ -8,7 +8,7 @@ from scenes import scene_with
 
 import cablepod as cp
 from cablepod.discretisation import _chain as links
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4])

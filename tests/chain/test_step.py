@@ -13,7 +13,7 @@ from cablepod.chain import _start as chain_start
 from cablepod.chain._explicit import VerletRun
 from cablepod.chain._implicit import ImplicitRun
 from cablepod.discretisation import _chain as links
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 
 def test_the_stability_limit_is_where_it_is_predicted(soft):

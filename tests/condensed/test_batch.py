@@ -8,15 +8,17 @@ import xarray as xr
 from scenes import HARMONIC, full_modes, spatial
 
 import cablepod as cp
+from cablepod import errors
 from cablepod.batch import _members as members
+from cablepod.catenary._statics import load_plane
 from cablepod.condensed import _batch as condensed_batch
-from cablepod.condensed import _many as condensed_many
+from cablepod.condensed import _batch as condensed_many
 from cablepod.condensed import _runs as condensed_module
 from cablepod.condensed import _runs as condensed_runs
 from cablepod.condensed._assembly import model_of
 from cablepod.discretisation import _similarity as training
+from cablepod.parameters._from_scene import Members, parameters_of_members
 from cablepod.parameters._members import Columns
-from cablepod.parameters._parameters import Members, load_plane, parameters_of_members
 
 STEP = 2e-3
 TIMES = np.arange(0.0, 2.01, 0.04)  # two blocks of steps, the second not full
@@ -111,9 +113,9 @@ def test_members_that_fail_say_why_as_single_runs_do(soft, monkeypatch):
     }
     scenes, modes = scenes_of(soft, ONE, varied), full_modes()
     options = {**OPTIONS, "step": 0.02, "links": [1]}
-    with pytest.warns(members.MemberFailedWarning, match="3 of 5 members"):
+    with pytest.warns(errors.MemberFailedWarning, match="3 of 5 members"):
         truth = one_by_one(monkeypatch, scenes, modes, **options)
-    with pytest.warns(members.MemberFailedWarning, match="3 of 5 members"):
+    with pytest.warns(errors.MemberFailedWarning, match="3 of 5 members"):
         run = cp.condensed.simulate(scenes, modes, **options)
     assert_close(run, truth)
     for i, why in ((1, "cable.top_tension: given 1.0"), (2, "step: given"), (3, "stiffened")):
@@ -149,7 +151,7 @@ def test_any_number_of_threads_gives_the_same_bits_and_progress(soft):
     runs = []
     for count in (1, 2, 5):
         seen = []
-        with members.threads(count):
+        with members.thread_limit(count):
             runs.append(cp.condensed.simulate(scenes, modes, links=[5], progress=seen.append, **OPTIONS))
         assert seen == sorted(seen)
         assert seen[-1] == 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cablepod.condensed import _kernels as kernel
+from cablepod.condensed import _kernels_closure as kernel
 
 
 @pytest.mark.parametrize("green", [False, True])

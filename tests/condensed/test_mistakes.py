@@ -9,11 +9,11 @@ import pytest
 from scenes import full_modes, spatial
 
 import cablepod as cp
-from cablepod.condensed import _output as condensed_output
+from cablepod.condensed import _fields as condensed_output
 from cablepod.condensed._assembly import model_of
 from cablepod.condensed._model import ORDERS
-from cablepod.parameters._parameters import parameters
-from cablepod.reduced._validity import OutOfRangeWarning
+from cablepod.errors import OutOfRangeWarning
+from cablepod.parameters._from_scene import parameters
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ import pytest
 import xarray as xr
 
 import cablepod as cp
-from cablepod.cable import _mesh as elements
 from cablepod.condensed._assembly import model_of
-from cablepod.parameters._parameters import parameters
+from cablepod.discretisation import _gll as elements
+from cablepod.parameters._from_scene import parameters
 
 TIMES = np.arange(0.0, 10.1, 0.5)
 OPTIONS = {"order": "exact", "scheme": "velocity_verlet", "step": 0.01, "times": TIMES}
@@ -69,10 +69,10 @@ def test_inertia_along_the_chord_at_points_nears_that_of_links(soft):
 
 
 def test_integrals_of_polynomials():
-    node = elements.reference(6)[0]
+    node = elements.gll_rule(6)[0]
     for k in range(7):
         expected = (node ** (k + 1) - (-1.0) ** (k + 1)) / (k + 1)
-        np.testing.assert_allclose(elements.integrals(6) @ node**k, expected, atol=1e-14)
+        np.testing.assert_allclose(elements.integration_matrix(6) @ node**k, expected, atol=1e-14)
 
 
 def test_more_points_change_nothing_that_few_have_right():

@@ -15,7 +15,7 @@ import cablepod as cp
 from cablepod import examples as shipped
 from cablepod.condensed._model import ORDERS
 from cablepod.condensed._runs import SCHEMES
-from cablepod.integrate import _stepping as stepping
+from cablepod.integrate import _march as stepping
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import xarray as xr
 import cablepod as cp
 from cablepod import examples as shipped
 from cablepod.discretisation import _similarity as training
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 
 def guy(**changes):

@@ -16,7 +16,7 @@ from children import call, finish, python, run_python
 from scenes import SOFT_TOML
 
 import cablepod as cp
-from cablepod.archive._ensemble import describe_ensemble
+from cablepod.archive._manifest import describe_ensemble
 
 #: Short enough to be many, so that there is time to interrupt: a member takes some hundredths of a second.
 STEP = 4e-6
@@ -316,6 +316,7 @@ def test_two_runs_at_a_time_are_refused(soft, tmp_path):
 def test_a_member_that_diverges_stops_nobody_else(soft, tmp_path, monkeypatch):
     from cablepod.batch._members import over_members
     from cablepod.ensemble import _job as ensemble_work
+    from cablepod.ensemble import _models as models
 
     @over_members
     def simulate(scene, *, step=None, progress=None):
@@ -323,7 +324,7 @@ def test_a_member_that_diverges_stops_nobody_else(soft, tmp_path, monkeypatch):
             raise cp.RunStopped("chain.simulate left the finite numbers at 2 s")
         return cp.chain.simulate(scene, step=step)
 
-    monkeypatch.setattr(ensemble_work, "MODELS", {**ensemble_work.MODELS, "chain": simulate})
+    monkeypatch.setattr(ensemble_work, "MODELS", {**models.MODELS, "chain": simulate})
     monkeypatch.setattr("cablepod.ensemble._run._try_options", lambda *given: None)
     scenes = scenes_of(soft, 8)
     bad = scenes["cable_top_tension"].values > 280.0

@@ -9,7 +9,7 @@ import pytest
 from scenes import full_modes
 
 import cablepod as cp
-from cablepod.archive import _ensemble as archive_ensemble
+from cablepod.archive import _manifest as archive_ensemble
 
 RANGES = {"cable.top_tension": [200.0, 300.0], "motion.upper.x.amplitude": [-0.05, -0.02]}
 #: Rigid links do not move along a straight line between their ends: a slack cable whose length is given.

@@ -13,9 +13,9 @@ from scenes import ENSEMBLE_STEP
 
 import cablepod as cp
 from cablepod import cli
-from cablepod.archive import _ensemble as archive_ensemble
+from cablepod.archive import _manifest as archive_ensemble
 from cablepod.archive import _read as read
-from cablepod.archive._ensemble import describe_ensemble
+from cablepod.archive._manifest import describe_ensemble
 
 
 def test_it_opens_lazily_with_parameters_to_choose_by(finished):

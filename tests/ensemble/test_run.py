@@ -10,7 +10,7 @@ import xarray as xr
 from scenes import ENSEMBLE_STEP, full_modes
 
 import cablepod as cp
-from cablepod.archive._ensemble import describe_ensemble
+from cablepod.archive._manifest import describe_ensemble
 
 
 def test_an_ensemble_is_what_one_call_gives(finished, scenes_of):
@@ -129,13 +129,14 @@ def test_other_warnings_come_once(soft, scenes_of, tmp_path, monkeypatch):
     import warnings
 
     from cablepod.ensemble import _job as ensemble_work
+    from cablepod.ensemble import _models as models
 
     def noisy(scenes, *, step=None, progress=None):
         for member in scenes["member"].values.tolist() if "member" in scenes.dims else []:
             warnings.warn(f"member {member} is odd", RuntimeWarning, stacklevel=1)
         return cp.chain.simulate(scenes, step=step)
 
-    monkeypatch.setattr(ensemble_work, "MODELS", {**ensemble_work.MODELS, "chain": noisy})
+    monkeypatch.setattr(ensemble_work, "MODELS", {**models.MODELS, "chain": noisy})
     with pytest.warns(RuntimeWarning, match=r"member \d is odd \(and 9 more such warnings in 10 members\)") as caught:
         list(cp.ensemble.batches(scenes_of(), batch=4, step=ENSEMBLE_STEP))
     assert len(caught) == 1

@@ -10,10 +10,10 @@ from scenes import spatial
 
 import cablepod as cp
 from cablepod.galerkin import _estimate as galerkin_estimate
-from cablepod.galerkin import _runs as galerkin_runs
+from cablepod.galerkin import _explicit as galerkin_runs
 from cablepod.galerkin._model import model_of
-from cablepod.integrate._stepping import motion_scale
-from cablepod.parameters._parameters import parameters
+from cablepod.integrate._step_control import motion_scale
+from cablepod.parameters._from_scene import parameters
 
 TIMES = np.arange(0.0, 4.01, 0.1)
 

@@ -11,10 +11,11 @@ import xarray as xr
 from scenes import spatial
 
 import cablepod as cp
+from cablepod.galerkin import _explicit as explicit
+from cablepod.galerkin import _implicit as implicit
 from cablepod.galerkin import _model as galerkin_model
-from cablepod.galerkin import _runs as galerkin_runs
-from cablepod.galerkin import _simulate as galerkin_module
-from cablepod.parameters._parameters import parameters
+from cablepod.galerkin import _scheme as galerkin_module
+from cablepod.parameters._from_scene import parameters
 
 TERMS = {
     "plain": {},
@@ -121,7 +122,7 @@ def test_errors_against_the_chain_it_was_trained_on(scenes, number):
 
 def test_the_packed_form_has_the_gradient_of_the_energy(soft):
     # energy link by link, differentiated numerically, against the packed coefficients
-    from cablepod.galerkin import _kernels as kernel
+    from cablepod.galerkin import _kernels_energy as kernel
 
     scene = cp.make_scene({**soft, **TERMS["both ends"]})
     modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3))
@@ -236,8 +237,8 @@ def test_packed_coefficients_and_links_are_one_model(soft, monkeypatch, layout, 
     modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3), layout=layout)
     runs = []
     for cost, fewer in ((0.0, np.inf), (np.inf, 0.0)):
-        monkeypatch.setattr(galerkin_runs, "PACKED_COST", cost)
-        monkeypatch.setattr(galerkin_runs, "FEWER_ROWS", fewer)
+        monkeypatch.setattr(explicit, "PACKED_COST", cost)
+        monkeypatch.setattr(implicit, "FEWER_ROWS", fewer)
         runs.append(cp.galerkin.simulate(scene, modes, rank=3, scheme=scheme, step=0.005))
     assert float(cp.compare.errors(*runs).error_max) < 1e-10
     assert runs[0].attrs["energy_defect"] == pytest.approx(runs[1].attrs["energy_defect"], rel=1e-3, abs=1e-12)
@@ -353,7 +354,7 @@ def test_where_newton_fails_the_step_is_cut_or_the_run_stops_and_keeps_what_it_h
     whole = cp.galerkin.simulate(scene, modes, scheme=scheme, step=0.5)
     assert whole.attrs["steps_cut"] > 0
     assert np.isfinite(whole.position).all()
-    monkeypatch.setattr(galerkin_runs, "MOST_CUTS", 1)
+    monkeypatch.setattr(implicit, "MOST_CUTS", 1)
     said = rf"Newton's method did not converge, with the step cut into 1, at .* s \({scheme}, step 0\.5 s, step number \d\); try"
     with pytest.raises(cp.RunStopped, match=said) as stopped:
         cp.galerkin.simulate(scene, modes, scheme=scheme, step=0.5)

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import cablepod as cp
-from cablepod.integrate import _stepping as stepping
+from cablepod.cable import _runs as cable_runs
+from cablepod.integrate import _output_times as output_times
+from cablepod.integrate import _step_control as stepping
 from cablepod.rigid import _runs as rigid_runs
 
 
@@ -22,14 +24,14 @@ def test_preferred_rates_are_round_and_never_lower(rate):
 
 
 def test_instants_on_steps_need_no_interpolation():
-    instants = stepping.Instants.of(np.arange(1251) / 10, 4000.0)
+    instants = output_times.Instants.of(np.arange(1251) / 10, 4000.0)
     assert not instants.dense
     np.testing.assert_array_equal(instants.steps, 400 * np.arange(1251))
 
 
 def test_dense_output_is_exact_for_quintics():
     rate = 3.0
-    instants = stepping.Instants.of(np.array([0.0, 0.1, 0.7, 1.0, 1.9]), rate)
+    instants = output_times.Instants.of(np.array([0.0, 0.1, 0.7, 1.0, 1.9]), rate)
     p = np.polynomial.Polynomial([1.0, -2.0, 0.5, 3.0, -1.0, 0.2])
     t = instants.steps / rate
     values = instants.at_times(*(f(t)[:, None, None] for f in (p, p.deriv(), p.deriv(2))))
@@ -144,7 +146,7 @@ def test_a_run_that_nobody_means_is_refused_before_it_begins(soft, model, monkey
     simulate = getattr(cp, model).simulate
     monkeypatch.setattr(stepping, "MOST_WORK", 1000)
     monkeypatch.setattr(stepping, "MOST_TRIED", 1)
-    monkeypatch.setattr(stepping, "march", None)  # nothing is run
+    monkeypatch.setattr(cable_runs, "advance_in_blocks", None)  # nothing is run
     monkeypatch.setattr(rigid_runs.RigidRun, "__call__", None)
     with pytest.raises(
         cp.SceneError, match=r"time\.duration: given 4 s, which \d+ links take .* steps of .*; allowed: 1000 .* step="

@@ -7,7 +7,7 @@ import pytest
 from scenes import DATA
 
 import cablepod as cp
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 
 def table(name: str) -> dict[str, np.ndarray]:

@@ -15,13 +15,13 @@ from scipy.integrate import quad
 import cablepod as cp
 from cablepod import cli, paper
 from cablepod import examples as shipped
+from cablepod.errors import SceneError
 from cablepod.paper import examples, report, routes, sections, summary, validity
 from cablepod.paper import independent_chain as wilson
 from cablepod.paper import initial_shape as starts
 from cablepod.paper import sections as paper_sections
 from cablepod.paper import table1 as statics
-from cablepod.parameters._parameters import parameters
-from cablepod.parameters._schema import SceneError
+from cablepod.parameters._from_scene import parameters
 
 PACKAGE = Path(paper.__file__).parent
 ORDER = ("wilson", "statics", "examples", "starts", "routes", "validity", "figures", "sections", "summary", "report")

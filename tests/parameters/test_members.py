@@ -8,7 +8,7 @@ import xarray as xr
 from scene_files import everything
 
 import cablepod as cp
-from cablepod.parameters._parameters import parameters, parameters_of_members
+from cablepod.parameters._from_scene import parameters, parameters_of_members
 
 
 def concatenated(*scenes):

@@ -10,7 +10,7 @@ from stability import cases, figure, run, verdict
 
 import cablepod as cp
 from cablepod.discretisation._chain import chain_of
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from matplotlib import pyplot as plt
 from PIL import Image
 
 from cablepod import plots
-from cablepod.parameters._schema import SceneError
+from cablepod.errors import SceneError
 from cablepod.plots._animation import find_ffmpeg
 
 

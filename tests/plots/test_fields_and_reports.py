@@ -16,7 +16,7 @@ from matplotlib import pyplot as plt
 from matplotlib.testing.compare import compare_images
 
 from cablepod import plots
-from cablepod.parameters._schema import SceneError
+from cablepod.errors import SceneError
 
 BASELINE = Path(__file__).resolve().parent / "baseline"
 

@@ -17,7 +17,7 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 
 from cablepod import plots
-from cablepod.parameters._schema import SceneError
+from cablepod.errors import SceneError
 
 
 @pytest.fixture(autouse=True)

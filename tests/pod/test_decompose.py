@@ -8,7 +8,7 @@ import xarray as xr
 from spectra import made_up
 
 import cablepod as cp
-from cablepod.pod import _decompose as pod_module
+from cablepod.pod import _project as pod_module
 from cablepod.pod import _snapshots as pod_snapshots
 from cablepod.pod import _snapshots as snapshots_module
 

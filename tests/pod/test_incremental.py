@@ -9,6 +9,7 @@ from spectra import STEEP, accumulated, known_rows
 
 from cablepod.batch._blas import one_blas_thread
 from cablepod.pod import _decompositions as decompositions
+from cablepod.pod import _gram as pod_gram
 from cablepod.pod import _incremental as streaming
 
 
@@ -43,14 +44,14 @@ def test_turned_sums_keep_the_digits_of_small_columns():
     def worst(found):
         return (np.linalg.norm(found - exact, axis=0) / np.linalg.norm(exact, axis=0)).max()
 
-    assert worst(streaming.turned_factor(factor, axes, other)) < 1e-15
+    assert worst(pod_gram.turned_factor(factor, axes, other)) < 1e-15
     assert worst(factor @ (axes.T @ other)) > 1e-9  # a plain product loses 2^-53 of the largest column
 
 
 def test_a_product_in_twice_the_precision():
     rng = np.random.default_rng(3)
     left, right = rng.normal(size=(6, 30)) * np.geomspace(1, 1e-9, 30), rng.normal(size=(30, 5))
-    high, low = streaming.accurate_product(left, right)
+    high, low = pod_gram.accurate_product(left, right)
     with mp.workdps(50):
         exact = matrix(left.tolist()) * matrix(right.tolist())
         worst = max(abs(exact[i, j] - mp.mpf(high[i, j]) - mp.mpf(low[i, j])) for i in range(6) for j in range(5))

@@ -14,7 +14,7 @@ from spectra import STEEP, sines, trajectory, turning
 import cablepod as cp
 from cablepod.archive import _lineage as lineage
 from cablepod.batch._blas import one_blas_thread
-from cablepod.pod import _snapshots as reading
+from cablepod.pod import _blocks as reading
 from cablepod.pod import _stream as pod_stream
 
 

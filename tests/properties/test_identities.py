@@ -17,7 +17,7 @@ from scenes import spatial
 import cablepod as cp
 from cablepod.discretisation._chain import chain_of
 from cablepod.discretisation._chord_frame import ALIGNED
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 Mapping = dict[str, Any]
 

@@ -27,7 +27,7 @@ from scenes import SOFT, spatial
 
 import cablepod as cp
 from cablepod.discretisation._chain import chain_of
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 ALL_VARIANTS = bool(os.environ.get("CABLEPOD_FUZZ_VARIANTS"))
 #: A job that takes longer than this, compilation apart, counts as hanging [s of processor time: other load does not count].

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-from cablepod.catenary._rest import unstretched_length
-from cablepod.parameters._parameters import parameters
+from cablepod.catenary._statics import unstretched_length
+from cablepod.parameters._from_scene import parameters
 
 
 class Reference:

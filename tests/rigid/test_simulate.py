@@ -14,8 +14,8 @@ from scipy.special import ellipj, ellipk
 
 import cablepod as cp
 from cablepod.discretisation._chain import chain_of
-from cablepod.integrate._stepping import Instants
-from cablepod.parameters._parameters import parameters
+from cablepod.integrate._output_times import Instants
+from cablepod.parameters._from_scene import parameters
 from cablepod.rigid import _start as rigid_module
 from cablepod.rigid._runs import FORMULATIONS, RigidRun, _March
 

@@ -10,7 +10,7 @@ import pytest
 from scene_files import put, refused
 
 import cablepod as cp
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 
 def test_defaults(soft):

@@ -12,8 +12,8 @@ import xarray as xr
 from scene_files import EVERYTHING, RECORD, ROWS, csv, everything, put, write
 
 import cablepod as cp
-from cablepod.parameters import _schema as schema
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters import _keys as schema
+from cablepod.parameters._from_scene import parameters
 
 
 def test_file_and_values_give_the_same_scene(scene_folder):

@@ -9,7 +9,7 @@ import pytest
 from scene_files import LOAD, ROWS, csv, put, refused, write
 
 import cablepod as cp
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 RECORDS = {
     "missing": (None, r"cannot be read: No such file or directory; allowed: a record, a CSV file"),

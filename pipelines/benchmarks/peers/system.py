@@ -16,7 +16,7 @@ from numba import njit
 
 import cablepod as cp
 from cablepod.discretisation._chain import Chain, chain_of
-from cablepod.parameters._parameters import parameters
+from cablepod.parameters._from_scene import parameters
 
 #: Width of the Jacobian's band below and above its diagonal, with the unknowns ordered as in System
 BELOW, ABOVE = 3, 7

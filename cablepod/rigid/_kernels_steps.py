@@ -1,56 +1,62 @@
-"""The chain of rigid links: RATTLE on the manifold, and the index-1 form by a Runge-Kutta scheme of fourth order.
-
-Floats and arrays only; ends that stand still and loads that do not vary are tables without rows (a branch in a step costs nothing
-beside its loops, and is cheaper than one more function to compile).  No fastmath; a planar and a spatial run give the same bits.
-All systems for the multipliers are tridiagonal: n links cost O(n) in each step.
-
-As in the kernel of the elastic chain the state of a run is one array with a row for each quantity, and held ends take part in the
-loops; their inverse mass is 0, so that nothing moves them but what the caller says.  The constraint of link j with the vector R
-is (|R|^2 / l - l) / 2 = 0 [m], its gradient the vector e = R / l, and its multiplier the tension T [N] of either sign: particle j
-feels the force T_j e_j - T_(j-1) e_(j-1).
-"""
+"""Compiled RATTLE and index-1 steps of the chain of rigid links."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import njit
 
-# without the interpreter lock, so that runs in several threads go on side by side
-_options: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True}
-# Rows of the state; column j is particle j, or link j, which is between the particles j and j + 1.  Vectors take three rows.
-X, V = 0, 3  #: positions [m], velocities [m/s]
-E = 6  #: link vectors over their lengths at X
-NX, N = 9, 12  #: positions that are looked for [m], and their link vectors over lengths
-BASE = 15  #: positions before the constraint acts [m]
-HALF = 18  #: velocities between two steps, or at a stage [m/s]
-FORCE = 21  #: T e of link j in column j + 1, so that a particle is between its two; columns 0 and n + 1 are 0
-DRIVE = 24  #: accelerations by the loads [m/s2], 0 at held ends
-STEADY = 27  #: the part of the drive that is constant [m/s2]; only with loads that vary in time
-ACCELERATION = 30  #: [m/s2]
-SUM_X, SUM_V = 33, 36  #: sums over the stages of the Runge-Kutta scheme
-INVERSE_MASS, MASS = 39, 40  #: [1/kg], 0 at held ends, where the mass is 0 too, as it takes no part in the energy
-LENGTH, INVERSE_LENGTH = 41, 42  #: of the links [m], [1/m]
-T, T_BEFORE = 43, 44  #: multipliers of the last step and of the one before [N]
-RIGHT, CORRECTION, PIVOT = 45, 46, 47  #: of the tridiagonal systems
-LOW, HIGH = 48, 49  #: extremes of the tensions [N]
-ROWS = 50
-# What a run keeps count of [J] but where it says otherwise.
-KINETIC, LOADS, ENDS, LOST = range(4)  #: energy of the particles; work of the loads, of the ends; taken by damping
-BALANCE, MOST_KINETIC, MOST_LOADS, MOST_ENDS = range(4, 8)  #: largest sizes so far; the balance should be 0
-LENGTH_ERROR, ITERATIONS = 8, 9  #: largest relative one; number of Newton's method
-FIRST_KINETIC, FLOOR = 10, 11  #: energy at the start; an imbalance that nobody need mind
-TURN = 12  #: square of the largest rate at which a link has turned [1/s2]
-COUNTS = 13
-DONE, NOT_CONVERGED, SINGULAR, BROKEN = range(4)  #: how a step went
+from cablepod._jit import compiled
+from cablepod.rigid._kernels_constraints import (
+    _accelerations,
+    _dims,
+    _directions,
+    _dot,
+    _length_error,
+    _onto_manifold,
+    _onto_velocities,
+)
+from cablepod.rigid._kernels_layout import (
+    ACCELERATION,
+    BALANCE,
+    BASE,
+    BROKEN,
+    CORRECTION,
+    DONE,
+    DRIVE,
+    ENDS,
+    FIRST_KINETIC,
+    FLOOR,
+    FORCE,
+    HALF,
+    HIGH,
+    INVERSE_LENGTH,
+    INVERSE_MASS,
+    KINETIC,
+    LENGTH_ERROR,
+    LOADS,
+    LOST,
+    LOW,
+    MASS,
+    MOST_ENDS,
+    MOST_KINETIC,
+    MOST_LOADS,
+    NOT_CONVERGED,
+    NX,
+    ROWS,
+    SINGULAR,
+    STEADY,
+    SUM_V,
+    SUM_X,
+    T_BEFORE,
+    TURN,
+    E,
+    N,
+    T,
+    V,
+    X,
+)
+
 #: A run whose energies are out of balance by more than so many times what the start, loads and ends have given has broken down.
 MOST_IMBALANCE = 10.0
-#: A pivot below this part of its diagonal leaves a multiplier with hardly a digit: all links lie on a line between held ends.
-SMALLEST_PIVOT = 1e-13
-MOST_ITERATIONS = 25
-#: Where rounding lets no correction do better, a relative length error below this is accepted.
-STAGNATED = 1e-11
 
 
 def new_state(links):
@@ -58,169 +64,7 @@ def new_state(links):
     return np.zeros((ROWS, 8 * ((links + 9) // 8 | 1)))
 
 
-@njit(**_options)
-def _dot(s, a, i, b, j, spatial):
-    """Product of the vectors in rows `a`, column `i` and rows `b`, column `j`."""
-    total = s[a, i] * s[b, j] + s[a + 1, i] * s[b + 1, j]
-    if spatial is not None:
-        total += s[a + 2, i] * s[b + 2, j]
-    return total
-
-
-@njit(**_options)
-def _dims(spatial):
-    return 2 if spatial is None else 3
-
-
-@njit(**_options)
-def _directions(s, links, spatial, position, unit):
-    """Link vectors over lengths, from the rows `position` to the rows `unit`."""
-    for c in range(_dims(spatial)):
-        for j in range(links):
-            s[unit + c, j] = (s[position + c, j + 1] - s[position + c, j]) * s[INVERSE_LENGTH, j]
-
-
-@njit(**_options)
-def _forces(s, links, spatial, multiplier, unit):
-    """Compute forces of the links from the multipliers in a row."""
-    for c in range(_dims(spatial)):
-        for j in range(links):
-            s[FORCE + c, j + 1] = s[multiplier, j] * s[unit + c, j]
-
-
-@njit(**_options)
-def _length_error(s, links, spatial, unit):
-    """Fill RIGHT with the constraints [m]; returns the largest relative length error."""
-    worst = 0.0
-    for j in range(links):
-        g = 0.5 * (_dot(s, unit, j, unit, j, spatial) - 1.0)
-        s[RIGHT, j] = g * s[LENGTH, j]
-        if not abs(g) <= worst:  # nan too
-            worst = abs(g)
-    return worst
-
-
-@njit(**_options)
-def _solve(s, links, spatial, left, right):
-    """Solve the tridiagonal system of the gradients `left` and the directions of the forces `right` for RIGHT.
-
-    Row j has (1/m_j + 1/m_(j+1)) l_j.r_j on the diagonal, -l_j.r_(j+1) / m_(j+1) and -l_j.r_(j-1) / m_j beside it.  Elimination
-    without exchanges: the diagonal is no smaller than the sum of the others as long as left and right are hardly different.  The
-    solution is put into CORRECTION; returns whether there is one.
-    """
-    beside, before = 0.0, 0.0  # upper neighbour over the pivot, and right side over the pivot, of the row before
-    for j in range(links):
-        diagonal = (s[INVERSE_MASS, j] + s[INVERSE_MASS, j + 1]) * _dot(s, left, j, right, j, spatial)
-        pivot = diagonal
-        value = s[RIGHT, j]
-        if j > 0:
-            lower = -s[INVERSE_MASS, j] * _dot(s, left, j, right, j - 1, spatial)
-            pivot -= lower * beside
-            value -= lower * before
-        if not pivot > SMALLEST_PIVOT * diagonal:
-            return False
-        inverse = 1.0 / pivot
-        if j < links - 1:
-            beside = -s[INVERSE_MASS, j + 1] * _dot(s, left, j, right, j + 1, spatial) * inverse
-        before = value * inverse
-        s[PIVOT, j] = beside
-        s[CORRECTION, j] = before
-    for j in range(links - 2, -1, -1):
-        s[CORRECTION, j] -= s[PIVOT, j] * s[CORRECTION, j + 1]
-    return True
-
-
-@njit(**_options)
-def _onto_manifold(s, links, spatial, factor, tolerance, counts):
-    """Find NX = BASE + factor (forces T e) / m whose links have their lengths, by Newton's method for T from what is there.
-
-    Returns DONE, NOT_CONVERGED or SINGULAR.  A root with a link turned by more than a right angle is none that a motion can
-    have led to.
-    """
-    last = np.inf
-    for iteration in range(MOST_ITERATIONS):
-        _forces(s, links, spatial, T, E)
-        for c in range(_dims(spatial)):
-            for j in range(links + 1):
-                force = s[FORCE + c, j + 1] - s[FORCE + c, j]
-                s[NX + c, j] = s[BASE + c, j] + factor * s[INVERSE_MASS, j] * force
-        _directions(s, links, spatial, NX, N)
-        worst = _length_error(s, links, spatial, N)
-        if worst <= tolerance or (iteration > 0 and 0.5 * last <= worst <= STAGNATED):
-            for j in range(links):
-                if not _dot(s, N, j, E, j, spatial) > 0.0:
-                    return NOT_CONVERGED
-            counts[LENGTH_ERROR] = max(counts[LENGTH_ERROR], worst)
-            return DONE
-        if not worst < 1e3:
-            return NOT_CONVERGED
-        last = worst
-        if not _solve(s, links, spatial, N, E):
-            # with the first guess the lines may have been turned too far; at rest it is the chain that is straight
-            return SINGULAR if iteration == 0 else NOT_CONVERGED
-        for j in range(links):
-            s[T, j] += s[CORRECTION, j] / factor
-        counts[ITERATIONS] += 1.0
-    return NOT_CONVERGED
-
-
-@njit(**_options)
-def _onto_velocities(s, links, spatial, velocity, unit):
-    """Change the velocities in the rows `velocity` by impulses along the links until no link is stretched.
-
-    The impulses [N s] stay in CORRECTION; returns whether there are any.
-    """
-    for j in range(links):
-        total = (s[velocity, j + 1] - s[velocity, j]) * s[unit, j]
-        total += (s[velocity + 1, j + 1] - s[velocity + 1, j]) * s[unit + 1, j]
-        if spatial is not None:
-            total += (s[velocity + 2, j + 1] - s[velocity + 2, j]) * s[unit + 2, j]
-        s[RIGHT, j] = total
-    if not _solve(s, links, spatial, unit, unit):
-        return False
-    _forces(s, links, spatial, CORRECTION, unit)
-    for c in range(_dims(spatial)):
-        for j in range(links + 1):
-            s[velocity + c, j] += s[INVERSE_MASS, j] * (s[FORCE + c, j + 1] - s[FORCE + c, j])
-    return True
-
-
-@njit(**_options)
-def _accelerations(s, links, spatial, velocity, unit, damping, stabilise):
-    """Accelerations by the index-1 form at the velocities in the rows `velocity` and link vectors in `unit`.
-
-    ACCELERATION of held ends must have been set.  The constraint differentiated twice, e.(a_(j+1) - a_j) + |v_(j+1) - v_j|^2 / l
-    = 0, gives the multipliers, left in CORRECTION; with a rate `stabilise` [1/s] of at least 0 Baumgarte's terms, 2 rate g' +
-    rate^2 g, are added, which draw a drift back.
-    """
-    for c in range(_dims(spatial)):
-        for j in range(links + 1):
-            if s[INVERSE_MASS, j] > 0.0:
-                s[ACCELERATION + c, j] = s[DRIVE + c, j] - damping * s[velocity + c, j]
-    for j in range(links):
-        square, along = 0.0, 0.0
-        for c in range(_dims(spatial)):
-            dv = s[velocity + c, j + 1] - s[velocity + c, j]
-            square += dv * dv
-            along += s[unit + c, j] * (s[ACCELERATION + c, j + 1] - s[ACCELERATION + c, j])
-        s[RIGHT, j] = square * s[INVERSE_LENGTH, j] + along
-    if stabilise >= 0.0:
-        for j in range(links):
-            g = 0.5 * (_dot(s, unit, j, unit, j, spatial) - 1.0) * s[LENGTH, j]
-            rate = 0.0
-            for c in range(_dims(spatial)):
-                rate += s[unit + c, j] * (s[velocity + c, j + 1] - s[velocity + c, j])
-            s[RIGHT, j] += stabilise * (2.0 * rate + stabilise * g)
-    if not _solve(s, links, spatial, unit, unit):
-        return False
-    _forces(s, links, spatial, CORRECTION, unit)
-    for c in range(_dims(spatial)):
-        for j in range(links + 1):
-            s[ACCELERATION + c, j] += s[INVERSE_MASS, j] * (s[FORCE + c, j + 1] - s[FORCE + c, j])
-    return True
-
-
-@njit(**_options)
+@compiled
 def _drive(s, links, spatial, patterns, factors):
     """Make the accelerations by the loads: the constant ones and those that vary in time."""
     for c in range(_dims(spatial)):
@@ -232,7 +76,7 @@ def _drive(s, links, spatial, patterns, factors):
                 s[DRIVE + c, j] += factor * patterns[load, c, j]
 
 
-@njit(**_options)
+@compiled
 def _set_ends(s, links, spatial, row, ends):
     """Put values (end, dims) of the held ends into the rows from `row` on."""
     for c in range(_dims(spatial)):
@@ -242,7 +86,7 @@ def _set_ends(s, links, spatial, row, ends):
             s[row + c, links] = ends[1, c]
 
 
-@njit(**_options)
+@compiled
 def _pulled(s, links, spatial, multiplier, unit, row):
     """Force of the held ends on the chain times their vectors in the rows from `row` on: power, or work."""
     total = 0.0
@@ -254,7 +98,7 @@ def _pulled(s, links, spatial, multiplier, unit, row):
     return total
 
 
-@njit(**_options)
+@compiled
 def _kinetic(s, links, spatial, velocity):
     """Kinetic energy [J] of the velocities in the rows `velocity`."""
     total = 0.0
@@ -263,7 +107,7 @@ def _kinetic(s, links, spatial, velocity):
     return 0.5 * total
 
 
-@njit(**_options)
+@compiled
 def _turn(s, links, spatial):
     """Square of the largest rate at which a link turns [1/s2]."""
     largest = 0.0
@@ -275,7 +119,7 @@ def _turn(s, links, spatial):
     return largest
 
 
-@njit(**_options)
+@compiled
 def _weigh(counts):
     """Update the balance of the energies and their largest sizes; returns whether the run is sound."""
     balance = counts[KINETIC] - counts[FIRST_KINETIC] - counts[LOADS] - counts[ENDS] + counts[LOST]
@@ -288,28 +132,28 @@ def _weigh(counts):
     return counts[BALANCE] <= MOST_IMBALANCE * given + counts[FLOOR]
 
 
-@njit(**_options)
+@compiled
 def _extremes(s, links):
     for j in range(links):
         s[LOW, j] = min(s[LOW, j], s[CORRECTION, j])
         s[HIGH, j] = max(s[HIGH, j], s[CORRECTION, j])
 
 
-@njit(**_options)
+@compiled
 def _copy(s, links, spatial, source, target):
     for c in range(_dims(spatial)):
         for j in range(links + 1):
             s[target + c, j] = s[source + c, j]
 
 
-@njit(**_options)
+@compiled
 def _keep(s, links, save, saved):
     dims = saved.shape[2]
     saved[save, 0] = s[X : X + dims, : links + 1]
     saved[save, 1] = s[V : V + dims, : links + 1]
 
 
-@njit(**_options)
+@compiled
 def rattle(
     s, links, spatial, ends, patterns, factors, step, half, decay, damping, tolerance, extremes,
     steps, number, save_steps, saved, counts,
@@ -417,7 +261,7 @@ def rattle(
     return steps, DONE
 
 
-@njit(**_options)
+@compiled
 def _stage(s, links, spatial, velocity, unit, ends, patterns, factors, i, damping, stabilise, weight, powers):
     """Accelerations at stage `i` of the tables, with what its powers [W] add to the sums."""
     moving = ends.shape[0] > 0
@@ -438,7 +282,7 @@ def _stage(s, links, spatial, velocity, unit, ends, patterns, factors, i, dampin
     return True
 
 
-@njit(**_options)
+@compiled
 def index1(
     s, links, spatial, ends, patterns, factors, step, damping, stabilise, tolerance, extremes,
     steps, number, save_steps, saved, counts,
@@ -527,7 +371,7 @@ def index1(
     return steps, DONE
 
 
-@njit(**_options)
+@compiled
 def states(s, links, spatial, ends, patterns, factors, damping, onto, tolerance, x, v, a, tension, counts):
     """Accelerations and tensions at given states, and the states themselves put on the manifold.
 

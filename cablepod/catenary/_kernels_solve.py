@@ -15,10 +15,10 @@ eta + e tanh(eta) = q a / (2 H).
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numba import njit
+
+from cablepod._jit import compiled
 
 UPPER_TENSION, LOWER_TENSION, HORIZONTAL_FORCE, LENGTH = range(4)
 FOUND, BELOW_LEAST_TENSION, SLACK_WEIGHTLESS, VERTICAL_WITH_FORCE, NOT_FOUND = range(5)
@@ -39,10 +39,9 @@ SERIES = (
     -1 / 45,
     1 / 3,
 )
-_options: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True}
 
 
-@njit(**_options)
+@compiled
 def _sag(eta):
     """Return A - 1 and dA/deta for A = eta coth(eta); by its series where the closed form cancels."""
     if eta < 0.5:
@@ -57,7 +56,7 @@ def _sag(eta):
     return (eta - th) / th, 1.0 / th - eta / (sh * sh)
 
 
-@njit(**_options)
+@compiled
 def _sigma(eta, e, de):
     """Return sigma and its derivative; `e` is the mean strain and `de` its derivative by eta."""
     excess, slope = _sag(eta)
@@ -69,7 +68,7 @@ def _sigma(eta, e, de):
     return (sh * sh - g1 * (1.0 + g)) / (g * g), 2.0 * ch * (sh - ch * dg / g) / (g * g)
 
 
-@njit(**_options)
+@compiled
 def _from_length(a, c, q, stiffness, length):
     """Find eta from the unstretched length, for a > 0 and q > 0: Newton in log(eta), kept inside a bracket."""
     w = 0.5 * q * length
@@ -119,7 +118,7 @@ def _from_length(a, c, q, stiffness, length):
     return eta, high - low <= 1e-14 * high
 
 
-@njit(**_options)
+@compiled
 def _from_mean_tension(a, c, q, e, mean, excess):
     """Find the smallest eta for a mean end tension, or nan where the tension is below the least possible.
 
@@ -151,7 +150,7 @@ def _from_mean_tension(a, c, q, e, mean, excess):
     return math.nan
 
 
-@njit(**_options)
+@compiled
 def _mean_tension(sign, b, q, stiffness, tension):
     """Mean of the end tensions from that at the upper (`sign` 1) or lower (-1) end; nan where there is none."""
     reduced = tension - sign * 0.5 * q * b
@@ -165,7 +164,7 @@ def _mean_tension(sign, b, q, stiffness, tension):
     return 0.5 * (tension - stiffness + root)
 
 
-@njit(**_options)
+@compiled
 def _from_force(a, b, q, stiffness, force):
     """Find eta and the mean strain from the force across the load: Newton in the strain, kept inside a bracket."""
     beta = 0.5 * q * a / force
@@ -214,7 +213,7 @@ def _from_force(a, b, q, stiffness, force):
     return eta, e, eta < 300.0 and high - low <= 1e-14 * high
 
 
-@njit(**_options)
+@compiled
 def _end_tensions(eta, mean, force, mid, w):
     """Tensions at the lower and the upper end.
 
@@ -232,7 +231,7 @@ def _end_tensions(eta, mean, force, mid, w):
     return (small, large) if mid > 0.0 else (large, small)
 
 
-@njit(**_options)
+@compiled
 def _vertical(b, q, stiffness, length, out):
     """Fill `out` for a cable of given length along the load: hanging straight, or folded at its lowest point."""
     w = 0.5 * q * length
@@ -247,7 +246,7 @@ def _vertical(b, q, stiffness, length, out):
     out[0], out[1], out[2], out[3], out[4], out[5] = length, length * (1.0 + strain), 0.0, mid, low, high
 
 
-@njit(**_options)
+@compiled
 def _by_length(a, c, q, stiffness, length):
     """Status, eta, mean tension, unstretched length and that length times the mean stretch, from the length."""
     eta = mean = 0.0
@@ -267,7 +266,7 @@ def _by_length(a, c, q, stiffness, length):
     return FOUND, eta, mean, length, length * (1.0 + mean / stiffness)
 
 
-@njit(**_options)
+@compiled
 def _by_force(a, b, q, stiffness, force):
     """As `_by_length`, from the force across the load."""
     if not force > 0.0:
@@ -281,7 +280,7 @@ def _by_force(a, b, q, stiffness, force):
     return FOUND, eta, mean, stretched_mean / (1.0 + e), stretched_mean
 
 
-@njit(**_options)
+@compiled
 def _by_tension(sign, a, b, c, q, stiffness, tension):
     """As `_by_length`, from the tension at the upper (`sign` 1) or lower (-1) end."""
     mean = _mean_tension(sign, b, q, stiffness, tension)
@@ -302,7 +301,7 @@ def _by_tension(sign, a, b, c, q, stiffness, tension):
     return FOUND, eta, mean, stretched_mean / (1.0 + e), stretched_mean
 
 
-@njit(**_options)
+@compiled
 def solve(a, b, c, q, stiffness, kind, value, out):
     """Solve one elastic catenary.
 
@@ -363,46 +362,14 @@ def solve(a, b, c, q, stiffness, kind, value, out):
     return FOUND if np.isfinite(out).all() else NOT_FOUND
 
 
-@njit(**_options)
+@compiled
 def solve_many(a, b, c, q, stiffness, kind, value, out, status):
     """Solve one catenary for each element of the arrays; see :func:`solve`, `out` (members, 6), `status` (members,)."""
     for i in range(a.size):
         status[i] = solve(a[i], b[i], c[i], q[i], stiffness[i], kind, value[i], out[i])
 
 
-@njit(**_options)
-def shape(s, solution, q, stiffness, across, along, tension):
-    """Fill positions across and against the load, and tensions, at unstretched arc lengths `s` from the lower end.
-
-    `solution` is the row that :func:`solve` filled.
-    """
-    length, force, mid = solution[0], solution[2], solution[3]
-    v0 = mid - 0.5 * q * length
-    t0 = solution[4]
-    for i in range(s.size):
-        v = v0 + q * s[i]
-        t = math.hypot(force, v)
-        total = t + t0
-        tension[i] = t
-        if total == 0.0:
-            across[i] = 0.0
-            along[i] = 0.0
-            continue
-        along[i] = s[i] * ((v0 + 0.5 * q * s[i]) / stiffness + (v + v0) / total)
-        if force == 0.0:
-            across[i] = 0.0
-            continue
-        turn = math.asinh(v / force) - math.asinh(v0 / force)
-        if turn > 0.5:
-            across[i] = force * (s[i] / stiffness + turn / q)
-        else:
-            # the difference of two asinh's as one atanh, without cancellation
-            z = q * s[i] / total
-            ratio = math.atanh(z) / z if z > 1e-8 else 1.0 + z * z / 3.0
-            across[i] = force * s[i] * (1.0 / stiffness + 2.0 * ratio / total)
-
-
-@njit(**_options)
+@compiled
 def _mean_tension_at(eta, a, c, q, stiffness):
     """Mean end tension of the cable whose sag parameter is `eta`: T (1 + T/K) tanh(eta) = q l / 2."""
     mean = 0.0
@@ -416,7 +383,7 @@ def _mean_tension_at(eta, a, c, q, stiffness):
     return mean
 
 
-@njit(**_options)
+@compiled
 def least_tension(a, b, c, q, stiffness, sign):
     """Return the least tension [N] that the upper (`sign` 1) or lower (-1) end can have, over all lengths.
 

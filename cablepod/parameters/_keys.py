@@ -1,138 +1,14 @@
-"""The keys of a scene: names, units, what is allowed.  The one place that knows the scene file's vocabulary."""
+"""Keys of a scene: names, units, allowed values."""
 
 from __future__ import annotations
 
-import math
-import numbers
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
-
-#: Positive numbers of the scene are at least so large, and all at most: their squares and ratios stay finite.
-SMALLEST, LARGEST = 1e-30, 1e30
-
-
-class SceneError(ValueError):
-    """What a user gave cannot be a scene; the message names the key, what was given and what is allowed."""
-
-
-def refuse(key: str, given: Any, allowed: str) -> SceneError:
-    """Make the error for `key`: what was `given` and what is `allowed`."""
-    return SceneError(f"{key}: given {shown(given)}; allowed: {allowed}")
-
-
-def shown(given: Any) -> str:
-    """Write what was given in at most 120 characters, whatever it is."""
-    try:
-        text = repr(given.item() if isinstance(given, np.generic) else given)
-    except Exception:  # too deep, a number too long to write, an object that cannot say what it is
-        text = f"something of type {type(given).__name__} that cannot be shown"
-    return text if len(text) <= 120 else text[:117] + "..."
-
-
-def named(name: Any) -> str:
-    """Write the name of a key or file: as it is where that makes one short line, otherwise as :func:`shown` does."""
-    return name if isinstance(name, str) and name.isprintable() and 0 < len(name) <= 300 else shown(name)
-
-
-Check = Callable[[str, Any], Any]
-
-
-def number(*, above: float = -math.inf, least: float = -math.inf, most: float = math.inf) -> Check:
-    """Make a check for a finite number within bounds."""
-    bounds = [
-        f"above {above:g}" if above > -math.inf else "",
-        f"of at least {least:g}" if least > -math.inf else "",
-        f"of at most {most:g}" if most < math.inf else "",
-    ]
-    allowed = " ".join(["a finite number", " and ".join(text for text in bounds if text)]).strip()
-
-    def check(key: str, value: Any) -> float:
-        value = _scalar(value)
-        if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
-            raise refuse(key, value, allowed)
-        try:
-            result = float(value)
-        except OverflowError:
-            raise refuse(key, value, allowed) from None
-        if not math.isfinite(result) or result <= above or result < least or result > most:
-            raise refuse(key, value, allowed)
-        if abs(result) > LARGEST or (above >= 0.0 and result < SMALLEST):
-            raise refuse(key, value, f"{allowed}, of a size from {SMALLEST:g} to {LARGEST:g}")
-        return result
-
-    return check
-
-
-def _scalar(value: Any) -> Any:
-    return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
-
-
-def integer(*, least: int, most: int = 2**62) -> Check:
-    """Make a check for a whole number of at least `least` and at most `most`."""
-    allowed = f"a whole number of at least {least}"
-
-    def check(key: str, value: Any) -> int:
-        value = _scalar(value)
-        if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral) or int(value) < least:
-            raise refuse(key, value, allowed)
-        if int(value) > most:
-            raise refuse(key, value, f"{allowed} and at most {most}")
-        return int(value)
-
-    return check
-
-
-def _is_list(value: Any) -> bool:
-    return isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
-
-
-def numbers_list(*, least_length: int = 1, above: float = -math.inf) -> Check:
-    """Make a check for a list of finite numbers."""
-    one = number(above=above)
-
-    def check(key: str, value: Any) -> list[float]:
-        if not _is_list(value) or len(value) < least_length:
-            raise refuse(key, value, f"a list of at least {least_length} finite numbers")
-        return [one(f"{key}[{index}]", item) for index, item in enumerate(value)]
-
-    return check
-
-
-def point(key: str, value: Any) -> list[float]:
-    """Check a vector of two or three finite numbers."""
-    if not _is_list(value) or len(value) not in (2, 3):
-        raise refuse(key, value, "a list of two or three finite numbers")
-    one = number()
-    return [one(f"{key}[{index}]", item) for index, item in enumerate(value)]
-
-
-def points(key: str, value: Any) -> list[list[float]]:
-    """Check a list of at least two points."""
-    if not _is_list(value) or len(value) < 2:
-        raise refuse(key, value, "a list of at least two points")
-    return [point(f"{key}[{index}]", item) for index, item in enumerate(value)]
-
-
-def text(key: str, value: Any) -> str:
-    """Check a text that is not empty."""
-    if not isinstance(value, str) or not value.strip():
-        raise refuse(key, value, "a text that is not empty")
-    return value
-
-
-def choice(*allowed: str) -> Check:
-    """Make a check for one of a few words."""
-
-    def check(key: str, value: Any) -> str:
-        if not isinstance(value, str) or value not in allowed:
-            raise refuse(key, value, "one of " + ", ".join(f'"{word}"' for word in allowed))
-        return value
-
-    return check
+from cablepod.errors import SceneError, named, refuse, shown
+from cablepod.parameters._checks import Check, choice, integer, number, numbers_list, point, points, text
 
 
 @dataclass(frozen=True)

@@ -1,230 +1,23 @@
-"""The Galerkin model: velocity Verlet and two implicit schemes in mass-orthonormal amplitudes.
-
-Coordinates y are the amplitudes q, then the displacements d of the ends.  What is stepped is p = q + C d, the projection of the
-particles themselves (C couples the lifting to the modes): p'' = loads - dV/dq - damping p', without the acceleration of the ends,
-so that with all modes each scheme is that of the chain to rounding.
-
-The energy is a sum over rows, V = sum_i W_i(E_i(y)), whose strains E are quadratic in y.  Rows are links, with E the strain
-(xi^2 - 1)/2 and W = K l E^2/2 by law (21) or K l (xi - 1)^2/2 where taut by the linear law.  Or, for law (21), packed: with the
-monomials m(y) = [y, y_j y_k], E = R m + r and W = E^2/2, where R is the triangular factor of the Gram matrix of all links, found
-once, so that the cost does not depend on their number; energy is never negative and no digit is squared away.
-
-Every function has one signature, whatever is absent: arrays of size zero cost nothing, and each other signature would be compiled
-for seconds.
-"""
+"""Compiled implicit steps of the Galerkin model."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numba import njit
 
-# Sums may be reordered here, which lets them vectorise; non-finite numbers keep their meaning.
-# Without the interpreter lock, so that runs in several threads go on side by side.
-_options: dict[str, Any] = {
-    "cache": True,
-    "error_model": "numpy",
-    "nogil": True,
-    "fastmath": {"contract", "reassoc", "arcp", "nsz"},
-}
-#: How the energy is evaluated.
-PACKED, GREEN_LINKS, LINEAR_LINKS = 0, 1, 2
+from cablepod._jit import FAST_DIVISION, compiled
+from cablepod.galerkin._kernels_energy import LINEAR_LINKS, PACKED, _strains, _stresses
+from cablepod.galerkin._kernels_explicit import _work_of_ends
+
 #: A step in which Newton's method needs more has failed.
 MOST_ITERATIONS = 25
-
-
-@njit(**_options)
-def packed_gradient(y, factor, offset, first, second, monomials, slopes, gradient):
-    """Gradient of the energy of law (21) by the coordinates y, from packed coefficients; returns the energy."""
-    count = y.size
-    for j in range(count):
-        monomials[j] = y[j]
-    for pair in range(first.size):
-        monomials[count + pair] = y[first[pair]] * y[second[pair]]
-    rows, total = factor.shape
-    for c in range(total):
-        slopes[c] = 0.0
-    energy = 0.0
-    # whole rows, though the factor is zero below the diagonal: a loop that begins at i is not vectorised, a slice costs more
-    for i in range(rows):
-        s = offset[i]
-        for c in range(total):
-            s += factor[i, c] * monomials[c]
-        energy += 0.5 * s * s
-        for c in range(total):
-            slopes[c] += s * factor[i, c]
-    for j in range(count):
-        gradient[j] = slopes[j]
-    for pair in range(first.size):
-        slope = slopes[count + pair]
-        gradient[first[pair]] += slope * y[second[pair]]
-        gradient[second[pair]] += slope * y[first[pair]]
-    return energy
-
-
-@njit(**_options)
-def _strains(y, shape, strain, rates, used, reach, e):
-    """Slopes of the links `reach` (dims, n) and their strains (xi^2 - 1)/2, about the mean shape."""
-    dims, n = shape.shape
-    for j in range(n):
-        e[j] = strain[j]
-    for c in range(dims):
-        for j in range(n):
-            reach[c, j] = 0.0
-        for k in range(y.size):
-            if used[k, c]:
-                yk = y[k]
-                for j in range(n):
-                    reach[c, j] += yk * rates[k, c, j]
-        for j in range(n):
-            e[j] += (shape[c, j] + 0.5 * reach[c, j]) * reach[c, j]
-            reach[c, j] += shape[c, j]
-
-
-@njit(**_options)
-def _stresses(law, e, stiffness, s):
-    """Fill s with the derivatives of the energies of the rows by their strains e; returns the energy.
-
-    A slack link carries nothing.
-    """
-    energy = 0.0
-    if law == LINEAR_LINKS:
-        for j in range(e.size):
-            xi = math.sqrt(1.0 + 2.0 * e[j])
-            longer = 2.0 * e[j] / (1.0 + xi)
-            longer = longer if longer > 0.0 else 0.0 * xi  # not a number stays so
-            s[j] = stiffness[j] * longer / xi
-            energy += 0.5 * stiffness[j] * longer * longer
-    else:
-        for j in range(e.size):
-            s[j] = stiffness[j] * e[j]
-            energy += 0.5 * s[j] * e[j]
-    return energy
-
-
-@njit(**_options)
-def link_gradient(y, law, shape, strain, rates, used, stiffness, reach, e, s, gradient):
-    """Gradient of the energy by the coordinates y, link by link; returns the energy."""
-    dims, n = shape.shape
-    _strains(y, shape, strain, rates, used, reach, e)
-    energy = _stresses(law, e, stiffness, s)
-    for c in range(dims):
-        for j in range(n):
-            reach[c, j] *= s[j]
-    for k in range(y.size):
-        total = 0.0
-        for c in range(dims):
-            if used[k, c]:
-                for j in range(n):
-                    total += reach[c, j] * rates[k, c, j]
-        gradient[k] = total
-    return energy
-
-
-@njit(**_options)
-def verlet(
-    p, velocity, account, step, decay, kick, damping, coupling, loads, ends, law, packed, linked,
-    start, steps, save_steps, saved, saved_energy,
-):  # fmt: skip
-    """Advance the amplitudes by `steps` steps of velocity Verlet in leapfrog form.
-
-    Parameters
-    ----------
-    p, velocity : float arrays (modes,)
-        Amplitudes of the particles at step `start` [kg^1/2 m] and their rates half a step before; advanced in place.
-    account : float array (3,)
-        Work of the loads, work of the ends, energy dissipated [J] until step `start` or half a step before; advanced in place.
-    step, decay, kick, damping : float
-        [s], exp(-damping step), (1 - decay) / damping or the step [s], [1/s].
-    coupling : float array (displacements, modes)
-        C, what displacements of the ends do to the amplitudes [kg^1/2].
-    loads : float array (steps or 1, modes)
-        Generalised loads at the steps from `start` on; one row if they stand still.
-    ends : float array (steps + 2, displacements)
-        Displacements of the ends at the steps from the one before `start` on (at step 0 that of step 0 again) [m].
-    law : int
-        PACKED, GREEN_LINKS or LINEAR_LINKS.
-    packed : tuple (factor, offset, first, second)
-        R (rows, monomials), r (rows,), and the pairs of coordinates in the quadratic monomials; of size 0 where not used.
-    linked : tuple (shape, strain, rates, used, stiffness)
-        Differences over the links by their lengths, of the mean shape (dims, n) and the coordinates (coordinates, dims, n);
-        strains of the mean shape (n,), which coordinates move along which axes, K l (n,) [N m].
-    start, steps : int
-        Number of the first step, number of steps.
-    save_steps : int array (saves,)
-        Rising numbers of the steps to save, start <= number < start + steps.
-    saved : float array (saves, 3, modes)
-        Filled with amplitudes, rates and second rates.
-    saved_energy : float array (saves, 4)
-        Filled with the strain energy and the account.
-    """
-    modes, moving = p.size, ends.shape[1]
-    factor, offset, first, second = packed
-    shape, strain, rates, used, stiffness = linked
-    y, gradient = np.zeros(modes + moving), np.zeros(modes + moving)
-    monomials, slopes = np.zeros(factor.shape[1]), np.zeros(factor.shape[1])
-    reach, e, s = np.empty(shape.shape), np.empty(strain.size), np.empty(strain.size)
-    save = 0
-    varying = loads.shape[0] > 1
-    for i in range(steps):
-        for k in range(modes):
-            y[k] = p[k]
-        for f in range(moving):
-            here = ends[i + 1, f]
-            y[modes + f] = here
-            for k in range(modes):
-                y[k] -= here * coupling[f, k]
-        if law == PACKED:
-            energy = packed_gradient(y, factor, offset, first, second, monomials, slopes, gradient)
-        else:
-            energy = link_gradient(y, law, shape, strain, rates, used, stiffness, reach, e, s, gradient)
-        saving = save < save_steps.size and save_steps[save] == start + i
-        row = i if varying else 0
-        if start + i > 0:  # the second half of what was done since the step before
-            for k in range(modes):
-                account[0] += 0.5 * step * loads[row, k] * velocity[k]
-                account[2] += step * damping * velocity[k] * velocity[k]
-        if moving:
-            _work_of_ends(account, 0.5, gradient, coupling, ends[i], ends[i + 1])
-        if saving:
-            saved_energy[save, 0] = energy
-            for part in range(3):
-                saved_energy[save, 1 + part] = account[part]
-            for k in range(modes):
-                saved[save, 0, k] = p[k]
-                saved[save, 1, k] = velocity[k]
-        for k in range(modes):
-            velocity[k] = decay * velocity[k] + kick * (loads[row, k] - gradient[k])
-            account[0] += 0.5 * step * loads[row, k] * velocity[k]
-        if moving:
-            _work_of_ends(account, 0.5, gradient, coupling, ends[i + 1], ends[i + 2])
-        if saving:
-            for k in range(modes):
-                before = saved[save, 1, k]
-                saved[save, 1, k] = 0.5 * (before + velocity[k])
-                saved[save, 2, k] = (velocity[k] - before) / step
-            save += 1
-        for k in range(modes):
-            p[k] += step * velocity[k]
-
-
-@njit(**_options)
-def _work_of_ends(account, weight, gradient, coupling, before, after):
-    """Add the work of the ends on their way from `before` to `after`: their force is dV/dd - C dV/dq."""
-    moving, modes = coupling.shape
-    for f in range(moving):
-        force = gradient[modes + f]
-        for k in range(modes):
-            force -= coupling[f, k] * gradient[k]
-        account[1] += weight * force * (after[f] - before[f])
 
 
 # --- implicit ---------------------------------------------------------------------------------------------------------
 
 
-@njit(**_options)
+@compiled(fastmath=FAST_DIVISION)
 def _rows(y, law, table, offset, first, second, linked, reach, e, jacobian):
     """Strains e of the rows and their derivatives by the coordinates (coordinates, rows), which are linear in y."""
     count = y.size
@@ -254,7 +47,7 @@ def _rows(y, law, table, offset, first, second, linked, reach, e, jacobian):
                     jacobian[k, j] += reach[c, j] * rates[k, c, j]
 
 
-@njit(**_options)
+@compiled(fastmath=FAST_DIVISION)
 def _tangent_stresses(law, conserving, stiffness, e0, e, s, ds):
     """Stresses s of the rows over a step, and their derivatives by the strains e at its end.
 
@@ -283,14 +76,14 @@ def _tangent_stresses(law, conserving, stiffness, e0, e, s, ds):
             ds[j] = (stiffness[j] * longer / xi - s[j]) / between if between != 0.0 else 0.0
 
 
-@njit(**_options)
+@compiled(fastmath=FAST_DIVISION)
 def _mean(a, b, result):
     for k in range(a.shape[0]):
         for j in range(a.shape[1]):
             result[k, j] = 0.5 * (a[k, j] + b[k, j])
 
 
-@njit(**_options)
+@compiled(fastmath=FAST_DIVISION)
 def _gradient(jacobian, s, gradient):
     for k in range(jacobian.shape[0]):
         total = 0.0
@@ -299,7 +92,7 @@ def _gradient(jacobian, s, gradient):
         gradient[k] = total
 
 
-@njit(**_options)
+@compiled(fastmath=FAST_DIVISION)
 def _tangent(law, share, middle, jacobian, s, ds, table, first, second, rates, used, scaled, weighted, tangent):
     """Differentiate the gradient, middle s, by the amplitudes at the end of the step, whose share of the middle is `share`."""
     modes, rows = tangent.shape[0], s.size
@@ -344,7 +137,7 @@ def _tangent(law, share, middle, jacobian, s, ds, table, first, second, rates, u
                 tangent[m, k] = tangent[k, m]
 
 
-@njit(**_options)
+@compiled(fastmath=FAST_DIVISION)
 def solve(a, b):
     """Solve a x = b by elimination with rows exchanged; b becomes x, a is destroyed."""
     n = b.size
@@ -371,7 +164,7 @@ def solve(a, b):
         b[k] = total * a[k, k]
 
 
-@njit(**_options)
+@compiled(fastmath=FAST_DIVISION)
 def _place(y, p, d, ends, coupling):
     """Coordinates y where the particles have moved by d from p and the ends are displaced by `ends`."""
     moving, modes = coupling.shape
@@ -384,7 +177,7 @@ def _place(y, p, d, ends, coupling):
             y[k] -= here * coupling[f, k]
 
 
-@njit(**_options)
+@compiled(fastmath=FAST_DIVISION)
 def _save(saved, saved_energy, p, velocity, load, gradient, damping, energy, account):
     for k in range(p.size):
         saved[0, k] = p[k]
@@ -394,7 +187,7 @@ def _save(saved, saved_energy, p, velocity, load, gradient, damping, energy, acc
     saved_energy[1:] = account
 
 
-@njit(**_options)
+@compiled(fastmath=FAST_DIVISION)
 def implicit(
     p, velocity, history, account, step, conserving, damping, coupling, loads, ends, law, table, packed, linked, stiffness,
     turns, enough, rounding, start, steps, save_steps, saved, saved_energy,

@@ -1,0 +1,190 @@
+"""Compiled block-tridiagonal solvers for planar and spatial chains."""
+
+from __future__ import annotations
+
+from cablepod._jit import FUSED, compiled
+
+# --- block tridiagonal systems ----------------------------------------------------------------------------------------
+
+
+@compiled(fastmath=FUSED)
+def _eliminate(a, b, c, s, rx, ry):
+    """Eliminate a particle with the block D = [[a, b], [b, c]], the link S to the next one and the right side r.
+
+    Returns D^-1 S (four numbers), D^-1 r, and what the next one loses, S D^-1 S (three), and gains, S D^-1 r.  The products wait
+    for no division: that by the determinant, the slowest operation, goes on beside them.
+    """
+    scale = 1.0 / (a * c - b * b)
+    sxx, sxy, syy = s
+    # the adjugate of D times S, and S times that
+    mxx, mxy = c * sxx - b * sxy, c * sxy - b * syy
+    myx, myy = a * sxy - b * sxx, a * syy - b * sxy
+    lost = (sxx * mxx + sxy * myx) * scale, (sxx * mxy + sxy * myy) * scale, (sxy * mxy + syy * myy) * scale
+    tx, ty = (c * rx - b * ry) * scale, (a * ry - b * rx) * scale
+    return (
+        (mxx * scale, mxy * scale, myx * scale, myy * scale),
+        (tx, ty),
+        lost,
+        (sxx * tx + sxy * ty, sxy * tx + syy * ty),
+    )
+
+
+@compiled(fastmath=FUSED)
+def solve_planar(diagonal, s, b, kept, first, last):
+    """Solve the system of the chain, planar.
+
+    Row p, for the free particle p, is (diagonal_p + S_below + S_above) d_p - S_below d_(p-1) - S_above d_(p+1) = b_p; the
+    particles before `first` and from `last` on do not move.
+
+    Parameters
+    ----------
+    diagonal : float array (n + 1,)
+        What is added to the diagonal of each block, inertia over the square of the step [N/m].
+    s : tuple of 3 float arrays (n + 2,)
+        xx, xy, yy of the tangent stiffness of the links [N/m].
+    b : tuple of 2 float arrays (n + 1,)
+        Right side [N]; overwritten by the solution [m] from `first` to `last` - 1.
+    kept : tuple of 4 float arrays (n + 1,)
+        To work in.
+    first, last : int
+        The free particles.
+    """
+    sxx, sxy, syy = s
+    bx, by = b
+    mxx, mxy, myx, myy = kept
+    half = (last - first) // 2
+    up, u = (0.0, 0.0, 0.0), (0.0, 0.0)
+    down, w = up, u
+    for i in range(half):
+        # from the lower end upwards
+        p = first + i
+        above = (sxx[p + 1], sxy[p + 1], syy[p + 1])
+        matrix, t, up, u = _eliminate(
+            diagonal[p] + sxx[p] + above[0] - up[0],
+            sxy[p] + above[1] - up[1],
+            diagonal[p] + syy[p] + above[2] - up[2],
+            above, bx[p] + u[0], by[p] + u[1],
+        )  # fmt: skip
+        mxx[p], mxy[p], myx[p], myy[p] = matrix
+        bx[p], by[p] = t
+        # from the upper end downwards
+        p = last - 1 - i
+        if p > first + half:
+            below = (sxx[p], sxy[p], syy[p])
+            matrix, t, down, w = _eliminate(
+                diagonal[p] + below[0] + sxx[p + 1] - down[0],
+                below[1] + sxy[p + 1] - down[1],
+                diagonal[p] + below[2] + syy[p + 1] - down[2],
+                below, bx[p] + w[0], by[p] + w[1],
+            )  # fmt: skip
+            mxx[p], mxy[p], myx[p], myy[p] = matrix
+            bx[p], by[p] = t
+    p = first + half
+    _, t, _, _ = _eliminate(
+        diagonal[p] + sxx[p] + sxx[p + 1] - up[0] - down[0],
+        sxy[p] + sxy[p + 1] - up[1] - down[1],
+        diagonal[p] + syy[p] + syy[p + 1] - up[2] - down[2],
+        (0.0, 0.0, 0.0), bx[p] + u[0] + w[0], by[p] + u[1] + w[1],
+    )  # fmt: skip
+    tx, ty = t
+    bx[p], by[p] = tx, ty
+    qx, qy = tx, ty
+    for i in range(half):
+        p = first + half - 1 - i
+        tx, ty = mxx[p] * tx + mxy[p] * ty + bx[p], myx[p] * tx + myy[p] * ty + by[p]
+        bx[p], by[p] = tx, ty
+        p = first + half + 1 + i
+        if p < last:
+            qx, qy = mxx[p] * qx + mxy[p] * qy + bx[p], myx[p] * qx + myy[p] * qy + by[p]
+            bx[p], by[p] = qx, qy
+
+
+@compiled(fastmath=FUSED)
+def _inverse3(a, b, c, d, e, f):
+    """Inverse of the symmetric matrix [[a, b, c], [b, d, e], [c, e, f]], as six numbers in the same order."""
+    p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
+    scale = 1.0 / (a * p + b * q + c * r)
+    return p * scale, q * scale, r * scale, (a * f - c * c) * scale, (b * c - a * e) * scale, (a * d - b * b) * scale
+
+
+@compiled(fastmath=FUSED)
+def _times3(s, x, y, z):
+    """Product of a symmetric matrix and a vector."""
+    return s[0] * x + s[1] * y + s[2] * z, s[1] * x + s[3] * y + s[4] * z, s[2] * x + s[4] * y + s[5] * z
+
+
+@compiled(fastmath=FUSED)
+def _sandwich3(s, i):
+    """S I S of symmetric matrices, as six numbers."""
+    a = _times3(i, s[0], s[1], s[2])
+    b = _times3(i, s[1], s[3], s[4])
+    c = _times3(i, s[2], s[4], s[5])
+    xx, xy, xz = _times3(s, a[0], a[1], a[2])
+    _, yy, yz = _times3(s, b[0], b[1], b[2])
+    _, _, zz = _times3(s, c[0], c[1], c[2])
+    return xx, xy, xz, yy, yz, zz
+
+
+@compiled
+def _at3(s, p):
+    return s[0][p], s[1][p], s[2][p], s[3][p], s[4][p], s[5][p]
+
+
+@compiled(fastmath=FUSED)
+def _block3(diagonal, below, above, taken, also):
+    """Inverse of the block of a particle, less what elimination took off."""
+    return _inverse3(
+        diagonal + below[0] + above[0] - taken[0] - also[0],
+        below[1] + above[1] - taken[1] - also[1],
+        below[2] + above[2] - taken[2] - also[2],
+        diagonal + below[3] + above[3] - taken[3] - also[3],
+        below[4] + above[4] - taken[4] - also[4],
+        diagonal + below[5] + above[5] - taken[5] - also[5],
+    )
+
+
+@compiled(fastmath=FUSED)
+def solve_spatial(diagonal, s, b, kept, first, last):
+    """Solve the system of the chain, spatial; s and kept are tuples of 6 arrays (xx, xy, xz, yy, yz, zz), b one of 3."""
+    bx, by, bz = b
+    half = (last - first) // 2
+    none = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    up, down = none, none
+    u, w = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(half):
+        p = first + i
+        above = _at3(s, p + 1)
+        inverse = _block3(diagonal[p], _at3(s, p), above, up, none)
+        kept[0][p], kept[1][p], kept[2][p], kept[3][p], kept[4][p], kept[5][p] = inverse
+        bx[p] += u[0]
+        by[p] += u[1]
+        bz[p] += u[2]
+        t = _times3(inverse, bx[p], by[p], bz[p])
+        u = _times3(above, t[0], t[1], t[2])
+        up = _sandwich3(above, inverse)
+        p = last - 1 - i
+        if p > first + half:
+            below = _at3(s, p)
+            inverse = _block3(diagonal[p], below, _at3(s, p + 1), down, none)
+            kept[0][p], kept[1][p], kept[2][p], kept[3][p], kept[4][p], kept[5][p] = inverse
+            bx[p] += w[0]
+            by[p] += w[1]
+            bz[p] += w[2]
+            t = _times3(inverse, bx[p], by[p], bz[p])
+            w = _times3(below, t[0], t[1], t[2])
+            down = _sandwich3(below, inverse)
+    p = first + half
+    inverse = _block3(diagonal[p], _at3(s, p), _at3(s, p + 1), up, down)
+    t = _times3(inverse, bx[p] + u[0] + w[0], by[p] + u[1] + w[1], bz[p] + u[2] + w[2])
+    bx[p], by[p], bz[p] = t
+    q = t
+    for i in range(half):
+        p = first + half - 1 - i
+        r = _times3(_at3(s, p + 1), t[0], t[1], t[2])
+        t = _times3(_at3(kept, p), bx[p] + r[0], by[p] + r[1], bz[p] + r[2])
+        bx[p], by[p], bz[p] = t
+        p = first + half + 1 + i
+        if p < last:
+            r = _times3(_at3(s, p), q[0], q[1], q[2])
+            q = _times3(_at3(kept, p), bx[p] + r[0], by[p] + r[1], bz[p] + r[2])
+            bx[p], by[p], bz[p] = q

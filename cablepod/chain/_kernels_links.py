@@ -1,0 +1,136 @@
+"""Compiled link forces and tangent stiffness of the implicit schemes."""
+
+from __future__ import annotations
+
+import math
+
+from cablepod._jit import compiled
+
+# --- links ------------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def _pull_planar(x, y, u, v, k, length, inverse, viscosity, rate, fx, fy, sxx, sxy, syy):
+    """Compute forces of the links [N] and tangent stiffness [N/m]; `rate` [1/s] is d velocity / d position of the step."""
+    for j in range(k.size):
+        dx, dy = x[j + 1] - x[j], y[j + 1] - y[j]
+        square = dx * dx + dy * dy
+        if inverse is None:
+            part = length[j] / math.sqrt(square)
+            s = k[j] * (1.0 - part)
+            g = k[j] * part / square
+            taut = s > 0.0
+            if viscosity is not None:
+                c = viscosity * k[j] / square
+                total = s + c * (dx * (u[j + 1] - u[j]) + dy * (v[j + 1] - v[j]))
+                taut = taut and total > 0.0
+                s, g = total, g + c * rate
+            s = s if taut else 0.0
+            g = g if taut else 0.0
+        else:
+            s = 0.5 * k[j] * (square * inverse[j] - 1.0)
+            g = k[j] * inverse[j]
+        fx[j + 1] = s * dx
+        fy[j + 1] = s * dy
+        sxx[j + 1] = s + g * dx * dx
+        sxy[j + 1] = g * dx * dy
+        syy[j + 1] = s + g * dy * dy
+
+
+@compiled
+def _pull_spatial(x, y, z, u, v, w, k, length, inverse, viscosity, rate, fx, fy, fz, s):
+    """Do the same in space; s (6, n + 2) is filled with xx, xy, xz, yy, yz, zz."""
+    for j in range(k.size):
+        dx, dy, dz = x[j + 1] - x[j], y[j + 1] - y[j], z[j + 1] - z[j]
+        square = dx * dx + dy * dy + dz * dz
+        if inverse is None:
+            part = length[j] / math.sqrt(square)
+            t = k[j] * (1.0 - part)
+            g = k[j] * part / square
+            taut = t > 0.0
+            if viscosity is not None:
+                c = viscosity * k[j] / square
+                total = t + c * (dx * (u[j + 1] - u[j]) + dy * (v[j + 1] - v[j]) + dz * (w[j + 1] - w[j]))
+                taut = taut and total > 0.0
+                t, g = total, g + c * rate
+            t = t if taut else 0.0
+            g = g if taut else 0.0
+        else:
+            t = 0.5 * k[j] * (square * inverse[j] - 1.0)
+            g = k[j] * inverse[j]
+        fx[j + 1] = t * dx
+        fy[j + 1] = t * dy
+        fz[j + 1] = t * dz
+        _fill3(s, j + 1, t, g, dx, dy, dz)
+
+
+@compiled
+def _fill3(s, p, t, g, dx, dy, dz):
+    s[0, p] = t + g * dx * dx
+    s[1, p] = g * dx * dy
+    s[2, p] = g * dx * dz
+    s[3, p] = t + g * dy * dy
+    s[4, p] = g * dy * dz
+    s[5, p] = t + g * dz * dz
+
+
+@compiled
+def _secant(square0, square1, k, length, inverse):
+    """Difference quotient of a link's energy, 2 (W1 - W0) / (|R1|^2 - |R0|^2) [N/m], and its slope by |R1|^2 / 2.
+
+    Written so that nothing cancels where both lengths are nearly the same.
+    """
+    if inverse is not None:
+        return 0.25 * k * ((square0 + square1) * inverse - 2.0), 0.5 * k * inverse
+    size0, size1 = math.sqrt(square0), math.sqrt(square1)
+    over0, over1 = size0 - length, size1 - length
+    total = size0 + size1
+    if over0 > 0.0 and over1 > 0.0:
+        return k * (1.0 - 2.0 * length / total), 2.0 * k * length / (total * total * size1)
+    if over0 <= 0.0 and over1 <= 0.0:
+        return 0.0, 0.0
+    # one end of the step is slack: only the part beyond the unstretched length counts
+    over = max(over0, over1)
+    gap = abs(size1 - size0)
+    value = k * over * over / (gap * total)
+    # by |R1|: of over^2 / (|R1|^2 - |R0|^2) where the end is taut, else of -over^2 / (...)
+    slope = (
+        (2.0 * k * over - 2.0 * value * size1) / (gap * total) if over1 > 0.0 else 2.0 * value * size1 / (gap * total)
+    )
+    return value, max(slope, 0.0) / size1
+
+
+@compiled
+def _pull_conserving(x0, x1, k, length, inverse, viscosity, per_step, f, s):
+    """Compute forces that keep the energy over a step from x0 to x1, and their tangent, exact but for the turn of the links."""
+    dims, particles = x0.shape
+    for j in range(k.size):
+        square0, square1, middle, growth = 0.0, 0.0, 0.0, 0.0
+        for c in range(dims):
+            a, b = x0[c, j + 1] - x0[c, j], x1[c, j + 1] - x1[c, j]
+            square0 += a * a
+            square1 += b * b
+            middle += 0.25 * (a + b) * (a + b)
+            growth += 0.5 * (a + b) * (b - a)
+        if inverse is None:
+            t, g = _secant(square0, square1, k[j], length[j], None)
+        else:
+            t, g = _secant(square0, square1, k[j], length[j], inverse[j])
+        if viscosity is not None and t > 0.0:
+            damper = viscosity * k[j] * per_step / middle
+            total = t + damper * growth
+            t, g = (total, g + damper) if total > 0.0 else (0.0, 0.0)
+        dx, dy = (
+            0.5 * (x0[0, j + 1] - x0[0, j] + x1[0, j + 1] - x1[0, j]),
+            0.5 * (x0[1, j + 1] - x0[1, j] + x1[1, j + 1] - x1[1, j]),
+        )
+        f[j + 1] = t * dx
+        f[particles + j + 1] = t * dy
+        if dims == 2:
+            s[0, j + 1] = 0.5 * t + g * dx * dx
+            s[1, j + 1] = g * dx * dy
+            s[2, j + 1] = 0.5 * t + g * dy * dy
+        else:
+            dz = 0.5 * (x0[2, j + 1] - x0[2, j] + x1[2, j + 1] - x1[2, j])
+            f[2 * particles + j + 1] = t * dz
+            _fill3(s, j + 1, 0.5 * t, g, dx, dy, dz)

@@ -1,0 +1,68 @@
+"""Output times between the steps of a run, and dense output there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cablepod.errors import refuse
+
+#: Steps are counted in doubles.
+MOST_STEPS = 2.0**53
+
+
+@dataclass(frozen=True)
+class Instants:
+    """Which steps to save for the instants asked for, and how to get from the former to the latter."""
+
+    times: np.ndarray  #: (times,) [s]
+    rate: float  #: steps per second
+    steps: np.ndarray  #: numbers of the steps to save, rising
+    left: np.ndarray  #: for each instant the index in `steps` of the step at or before it
+    fraction: np.ndarray  #: how far it lies beyond, in steps; 0 where it is a step
+
+    @classmethod
+    def of(cls, times: np.ndarray, rate: float) -> Instants:
+        """Place `times` [s] on the grid of `rate` steps per second."""
+        place = times * rate
+        if not place[-1] <= MOST_STEPS:
+            raise refuse("step", 1.0 / rate, f"at least {times[-1] / MOST_STEPS:.3g} s, for {times[-1]:g} s of time")
+        nearest = np.rint(place)
+        on = np.abs(place - nearest) <= 1e-9 * np.maximum(1.0, 1e-3 * nearest)
+        if on.all():  # the common case, in a third of the time
+            steps = nearest.astype(np.int64)
+            if (steps[1:] > steps[:-1]).all():
+                return cls(times, rate, steps, np.arange(steps.size), np.zeros(steps.size))
+        floor = np.where(on, nearest, np.floor(place)).astype(np.int64)
+        fraction = np.where(on, 0.0, place - floor)
+        steps = np.unique(np.concatenate([floor, floor[~on] + 1]))
+        return cls(times, rate, steps, np.searchsorted(steps, floor), fraction)
+
+    @property
+    def dense(self) -> bool:
+        """Whether any instant lies between two steps."""
+        return bool((self.fraction > 0).any())
+
+    def at_times(self, x: np.ndarray, v: np.ndarray | None, a: np.ndarray | None) -> np.ndarray:
+        """Values at the instants from those at the saved steps, by the quintic with values, rates, second rates."""
+        result = x[self.left]
+        between = np.flatnonzero(self.fraction)
+        if between.size == 0:
+            return result
+        if v is None or a is None:
+            raise ValueError("dense output needs rates")
+        i = self.left[between]
+        s = self.fraction[between].reshape(-1, *[1] * (x.ndim - 1))
+        h = 1.0 / self.rate
+        b = [
+            1 - 10 * s**3 + 15 * s**4 - 6 * s**5,
+            h * (s - 6 * s**3 + 8 * s**4 - 3 * s**5),
+            h * h * (s**2 - 3 * s**3 + 3 * s**4 - s**5) / 2,
+            10 * s**3 - 15 * s**4 + 6 * s**5,
+            h * (-4 * s**3 + 7 * s**4 - 3 * s**5),
+            h * h * (s**3 - 2 * s**4 + s**5) / 2,
+        ]
+        values = (x[i], v[i], a[i], x[i + 1], v[i + 1], a[i + 1])
+        result[between] = sum(weight * value for weight, value in zip(b, values, strict=True))
+        return result

@@ -1,0 +1,76 @@
+"""Read text files and CSV records, with every fault named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from cablepod.errors import SceneError, named, shown
+from cablepod.parameters._checks import LARGEST, SMALLEST
+
+LARGEST_FILE = 64 * 2**20  # bytes; a scene or record beyond this is a mistake
+
+
+def read_text(path: Path, what: str) -> str:
+    """Read a text file that should be a `what`; every failure is a SceneError that names the file and the reason."""
+    name = named(str(path))
+    try:
+        if path.is_dir():
+            raise SceneError(f"{name}: is a folder; allowed: a {what}")
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise SceneError(f"{name}: larger than {LARGEST_FILE // 2**20} MiB; allowed: a {what}")
+        return content.decode("utf-8-sig")
+    except SceneError:
+        raise
+    except UnicodeDecodeError:
+        raise SceneError(f"{name}: binary or not UTF-8; allowed: a {what} in text form") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise SceneError(f"{name}: cannot be read: {reason}; allowed: a {what}") from None
+
+
+def read_record(key: str, path: Path) -> dict[str, list[float]]:
+    """Read the CSV file of a record: a column `time` [s] and one value column."""
+    try:
+        content = read_text(path, "record, a CSV file with the columns time and one value")
+    except SceneError as error:
+        raise SceneError(f"{key}: {error}") from None
+    name = named(str(path))
+    rows = [line.split(",") for line in content.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    allowed = "a CSV file with a header (time and one value column) and at least 4 rows of numbers"
+    if not rows:
+        raise SceneError(f"{key}: {name} is empty; allowed: {allowed}")
+    header = [item.strip() for item in rows[0]]
+    if len(header) != 2 or header.count("time") != 1:
+        raise SceneError(f"{key}: {name} has the columns {shown(', '.join(header))}; allowed: {allowed}")
+    table = []
+    for number, row in enumerate(rows[1:], start=1):
+        try:
+            values = [float(item) for item in row]
+        except ValueError:
+            values = []
+        if len(values) != 2 or not all(abs(value) <= LARGEST for value in values):
+            given = shown(",".join(row))
+            raise SceneError(f"{key}: {name} has a gap: row {number} holds {given}; allowed: two finite numbers")
+        table.append(values)
+    if len(table) < 4:
+        raise SceneError(f"{key}: {name} is too short: {len(table)} rows; allowed: {allowed}")
+    column = np.array(table)
+    time, value = column[:, header.index("time")], column[:, 1 - header.index("time")]
+    step = np.diff(time)
+    least = max(1e-9 * float(np.median(step)), SMALLEST)
+    if step.min() < least:
+        where = int(np.argmax(step < least))
+        raise SceneError(
+            f"{key}: {name} is unsorted: time {time[where + 1]:g} s follows {time[where]:g} s; allowed: rising times"
+        )
+    if step.max() > 10.0 * np.median(step):
+        where = int(np.argmax(step))
+        raise SceneError(
+            f"{key}: {name} has a gap of {step.max():g} s after {time[where]:g} s; "
+            f"allowed: at most ten times the median spacing, {np.median(step):g} s"
+        )
+    return {"time": time.tolist(), "value": value.tolist()}
