@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -37,29 +38,29 @@ class Mesh(Chain):
     sizes: np.ndarray = field(default_factory=lambda: np.empty(0))  #: unstretched lengths of the elements [m]
     places: np.ndarray | None = None  #: arc lengths of the particles of the result [m]; None: the nodes
 
-    @property
+    @cached_property
     def links(self) -> int:
         """Number of nodes but one."""
         return self.arc_length.size - 1
 
-    @property
+    @cached_property
     def scale(self) -> np.ndarray:
         """2 over the lengths of the elements [1/m]."""
         return 2.0 / self.sizes
 
-    @property
+    @cached_property
     def share(self) -> np.ndarray:
         """Unstretched length that each node carries (nodes,) [m]."""
         result = np.zeros(self.arc_length.size)
         np.add.at(result, self._nodes, self.length.reshape(-1, self.order + 1))
         return result
 
-    @property
+    @cached_property
     def _nodes(self) -> np.ndarray:
         """Numbers of the nodes of each element (elements, order + 1)."""
         return np.arange(self.sizes.size)[:, None] * self.order + np.arange(self.order + 1)
 
-    @property
+    @cached_property
     def point_arc_length(self) -> np.ndarray:
         """Unstretched arc length of the points of quadrature [m]."""
         return self.arc_length[self._nodes].ravel()
@@ -109,13 +110,13 @@ class Mesh(Chain):
         u = x if velocity is None else np.ascontiguousarray(velocity.T)
         return kernel.forces(x, u, *self.law_arguments, viscosity).T
 
-    @property
+    @cached_property
     def law_arguments(self) -> tuple[Any, ...]:
         """What the kernels take of elements and law: d, weight, scale, stiffness, green."""
         _, weight, d = gll_rule(self.order)
         return np.array(d), np.array(weight), self.scale, self.p.stiffness, True if self.green else None
 
-    @property
+    @cached_property
     def fixed(self) -> tuple[float, ...] | None:
         """For kernels: a length known to the compiler, of elements of the usual order alone, as each costs a compilation."""
         return (0.0,) * (ORDER + 1) if self.order == ORDER else None
@@ -141,12 +142,12 @@ class Mesh(Chain):
 
     # --- places of the result ---
 
-    @property
+    @cached_property
     def particles(self) -> np.ndarray:
         """Arc lengths of the particles of the result [m]."""
         return self.arc_length if self.places is None else self.places
 
-    @property
+    @cached_property
     def link_rows(self) -> tuple[np.ndarray, np.ndarray]:
         """Of the links between particles of the result, at their middles: elements, and derivatives by their nodes [1/m]."""
         particles = self.particles

@@ -43,17 +43,17 @@ class Model:
     #: Test functions of each set (mode, particle); None for the modes themselves (Galerkin)
     tests: tuple[np.ndarray, ...] | None = None
 
-    @property
+    @cached_property
     def green(self) -> bool:
         """Whether law (21) holds."""
         return self.chain.green
 
-    @property
+    @cached_property
     def plane(self) -> int:
         """Number of coordinates in the plane."""
         return len(self.modes[0])
 
-    @property
+    @cached_property
     def rank(self) -> int:
         """Number of modes of the larger set."""
         return max(self.ranks)
@@ -458,7 +458,7 @@ class Model:
         squares = np.linalg.eigvals(np.linalg.solve(mass, tangent) if self.inertia.size else tangent)
         return float(np.abs(np.sqrt(squares.astype(complex)).imag).max()) - 0.5 * (self.chain.p.mass_damping or 0.0)
 
-    @property
+    @cached_property
     def first_axial_frequency(self) -> float:
         """First angular frequency of waves along the cable [rad/s]."""
         p = self.chain.p

@@ -33,32 +33,32 @@ class Chain:
     arc_length: np.ndarray  #: unstretched arc length of the particles (n + 1,) [m]
     law: str = LAWS[0]  #: one of LAWS
 
-    @property
+    @cached_property
     def green(self) -> bool:
         """Whether law (21) holds."""
         return self.law == "green"
 
-    @property
+    @cached_property
     def links(self) -> int:
         """Number of links."""
         return self.length.size
 
-    @property
+    @cached_property
     def total_length(self) -> float:
         """Unstretched length [m]."""
         return float(self.arc_length[-1])
 
-    @property
+    @cached_property
     def k(self) -> np.ndarray:
         """Stiffness of the links (n,) [N/m]."""
         return self.p.stiffness / self.length
 
-    @property
+    @cached_property
     def inverse_squares(self) -> np.ndarray | None:
         """One over the squares of the unstretched lengths (n,) [1/m^2] for law (21), None for the linear one."""
         return 1.0 / (self.length * self.length) if self.green else None
 
-    @property
+    @cached_property
     def share(self) -> np.ndarray:
         """Unstretched length that each particle carries (n + 1,) [m]."""
         half = 0.5 * self.length
@@ -69,7 +69,7 @@ class Chain:
         """The elastic catenary of this length at rest, as :func:`cablepod.parameters._parameters.solve_statics` gives it."""
         return solve_statics(self.p, "unstretched_length", self.total_length)
 
-    @property
+    @cached_property
     def free(self) -> slice:
         """The particles that move freely."""
         n = self.links
@@ -78,7 +78,7 @@ class Chain:
     def loads(self, time: float | None = None) -> np.ndarray:
         """Return forces on the particles (n + 1, dims) [N]: the constant ones, or all at `time` [s]."""
         total = self.share[:, None] * self.p.weight
-        for pattern, factor in self._patterns():
+        for pattern, factor in self._patterns:
             if factor is None:
                 total = total + pattern
             elif time is not None:
@@ -87,8 +87,9 @@ class Chain:
 
     def varying(self) -> list[tuple[np.ndarray, TimeFunction]]:
         """Return loads that vary in time: patterns (n + 1, dims) [N] and their factors."""
-        return [(pattern, factor) for pattern, factor in self._patterns() if factor is not None]
+        return [(pattern, factor) for pattern, factor in self._patterns if factor is not None]
 
+    @cached_property
     def _patterns(self) -> list[tuple[np.ndarray, Any]]:
         patterns: list[tuple[np.ndarray, Any]] = []
         if self.p.load is not None:

@@ -17,6 +17,7 @@ from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import Chain, check_law, square
 from cablepod.errors import SceneError, refuse
 from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._time_functions import TimeFunction
 from cablepod.pod._project import mode_fields
 from cablepod.pod._snapshots import relative_arc_length
 
@@ -138,10 +139,16 @@ class Model:
 
     def loads_on_steps(self, start: int, steps: int, rate: float) -> np.ndarray:
         """Generalised loads (steps + 1, modes) at so many steps from `start` on; one row where they stand still."""
-        total = np.einsum("pc,kpc->k", self.chain.loads(), self.fields)[None]
-        for pattern, factor in self.chain.varying():
-            total = total + factor.on_steps(start, steps, rate)[:, None] * np.einsum("pc,kpc->k", pattern, self.fields)
+        total, varying = self._generalised_loads
+        for pattern, factor in varying:
+            total = total + factor.on_steps(start, steps, rate)[:, None] * pattern
         return total
+
+    @cached_property
+    def _generalised_loads(self) -> tuple[np.ndarray, list[tuple[np.ndarray, TimeFunction]]]:
+        """Constant loads on the modes (1, modes) [N], and those that vary in time (modes,) with their factors."""
+        varying = [(np.einsum("pc,kpc->k", pattern, self.fields), factor) for pattern, factor in self.chain.varying()]
+        return np.einsum("pc,kpc->k", self.chain.loads(), self.fields)[None], varying
 
     def displacements_on_steps(self, start: int, steps: int, rate: float) -> np.ndarray:
         """Displacements of the ends that move (steps + 1, moving) at so many steps from `start` on."""

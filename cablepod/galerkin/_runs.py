@@ -141,7 +141,7 @@ class Run:
             return model.packed, unused
         return (np.zeros((0, 0)), np.zeros(0), none, none), model.linked
 
-    @property
+    @cached_property
     def bound(self) -> float:
         """Amplitude that no sound run reaches [kg^1/2 m]."""
         model = self.model

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -39,7 +40,7 @@ class Instants:
         steps = np.unique(np.concatenate([floor, floor[~on] + 1]))
         return cls(times, rate, steps, np.searchsorted(steps, floor), fraction)
 
-    @property
+    @cached_property
     def dense(self) -> bool:
         """Whether any instant lies between two steps."""
         return bool((self.fraction > 0).any())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -81,12 +81,12 @@ class Run:
         """Run with so many steps per second."""
         raise NotImplementedError
 
-    @property
+    @cached_property
     def moving(self) -> set[str]:
         """The ends that move as the scene says."""
         return {end for end, _ in self.chain.p.motions}
 
-    @property
+    @cached_property
     def bound(self) -> float:
         """A distance that no sound run reaches [m]."""
         return 1e6 * (self.chain.total_length + float(np.abs(self.initial).max()))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,7 @@ class Parameters:
     mass_damping: float | None  #: [1/s]
     link_viscosity: float | None  #: [s]
 
-    @property
+    @cached_property
     def dims(self) -> int:
         """Two for a planar scene, three for a spatial one."""
         return self.lower.size
@@ -96,7 +97,7 @@ class Parameters:
         functions |= {load.key: load.factor for load in self.point_loads}
         return {key: function for key, function in functions.items() if function is not None}
 
-    @property
+    @cached_property
     def time_scale(self) -> float:
         """Shortest time over which a motion or load changes [s]; infinite where none does."""
         return min((function.time_scale for function in self.time_functions().values()), default=np.inf)
