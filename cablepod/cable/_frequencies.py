@@ -16,8 +16,9 @@ from cablepod.cable._scheme import COUNTS
 from cablepod.cable._simulate import LAW, _count
 from cablepod.cable._start import hung, settle
 from cablepod.conventions import label
-from cablepod.discretisation._chain import check_law, square
+from cablepod.discretisation._chain import square
 from cablepod.discretisation._gll import gll_rule
+from cablepod.discretisation._laws import check_law
 from cablepod.errors import SceneError, refuse
 from cablepod.integrate._run import suffix
 from cablepod.parameters._checks import integer

@@ -12,8 +12,9 @@ import numpy as np
 
 from cablepod._resources import check_memory
 from cablepod.catenary._statics import unstretched_length
-from cablepod.discretisation._chain import LAWS, Chain, square
+from cablepod.discretisation._chain import Chain, square
 from cablepod.discretisation._gll import gll_rule, lagrange_basis
+from cablepod.discretisation._laws import LAWS, green_secant, tangent_stiffness_ratio
 from cablepod.errors import refuse
 from cablepod.parameters._checks import integer, numbers_list
 from cablepod.parameters._parameters import Parameters
@@ -65,6 +66,7 @@ class Mesh(Chain):
         """Unstretched arc length of the points of quadrature [m]."""
         return self.arc_length[self._nodes].ravel()
 
+    @cached_property
     def _patterns(self) -> list[tuple[np.ndarray, Any]]:
         patterns: list[tuple[np.ndarray, Any]] = []
         if self.p.load is not None:
@@ -92,7 +94,7 @@ class Mesh(Chain):
         """Tangent stiffness over K at the points (..., points); 1 by the linear law, no less than 1 by law (21)."""
         if not self.green:
             return np.ones(self.length.size)
-        return np.maximum(1.0, 1.5 * square(self.gradient(position)) - 0.5)
+        return tangent_stiffness_ratio(square(self.gradient(position)))
 
     def moduli(self, stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tension over stretch, and the tangent along the cable, dT/dxi [N], where it is taut."""
@@ -128,7 +130,7 @@ class Mesh(Chain):
         g = np.einsum("ji,...jic->...jc", rows, position[..., nodes, :])
         squares = square(g)
         if self.green:
-            s = 0.5 * self.p.stiffness * (squares - 1.0)
+            s = green_secant(squares, self.p.stiffness)
             return s * np.sqrt(squares), s[..., None] * g
         size = np.sqrt(squares)
         with np.errstate(divide="ignore", invalid="ignore"):

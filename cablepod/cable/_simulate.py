@@ -17,7 +17,8 @@ from cablepod.cable._runs import SCHEMES, MeshImplicit, MeshRun, MeshVerlet, out
 from cablepod.cable._scheme import COUNTS, limit_of, picked, refined, refined_in_space
 from cablepod.cable._start import settled, start
 from cablepod.conventions import label
-from cablepod.discretisation._chain import LAWS, check_law, square
+from cablepod.discretisation._chain import square
+from cablepod.discretisation._laws import LAWS, check_law, law_tension
 from cablepod.errors import NotConvergedWarning, refuse
 from cablepod.integrate._request import (
     DEFAULT_TOLERANCE,
@@ -88,8 +89,7 @@ def rest(
             break
     stretch = mesh.stretch(position)
     ends = stretch[[0, -1]]
-    k = p.stiffness
-    tension = 0.5 * k * ends * (ends**2 - 1.0) if mesh.green else k * (ends - 1.0)
+    tension = law_tension(ends, p.stiffness, green=mesh.green)
     unbalanced = (mesh.forces(position) + mesh.loads(0.0))[1:-1]
     scalars = {
         "unstretched_length": mesh.total_length,

@@ -15,7 +15,8 @@ from cablepod.chain import _implicit as implicit
 from cablepod.chain._explicit import VerletRun
 from cablepod.chain._implicit import ImplicitRun
 from cablepod.chain._start import start
-from cablepod.discretisation._chain import LAWS, chain_of, check_law
+from cablepod.discretisation._chain import chain_of
+from cablepod.discretisation._laws import LAWS, check_law
 from cablepod.errors import NotConvergedWarning, refuse
 from cablepod.integrate._request import (
     DEFAULT_TOLERANCE,

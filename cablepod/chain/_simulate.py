@@ -14,7 +14,8 @@ from cablepod.chain import _batch as chain_many
 from cablepod.chain._scheme import Options, prepare, solve
 from cablepod.chain._start import rest_shape
 from cablepod.conventions import label
-from cablepod.discretisation._chain import LAWS, chain_of, check_law, square
+from cablepod.discretisation._chain import chain_of, square
+from cablepod.discretisation._laws import LAWS, check_law
 from cablepod.integrate._run import coordinates, suffix
 from cablepod.parameters._from_scene import parameters
 

@@ -7,7 +7,8 @@ import xarray as xr
 
 from cablepod.catenary._statics import solve_statics
 from cablepod.condensed._model import ORDERS, Model
-from cablepod.discretisation._chain import Chain, check_law
+from cablepod.discretisation._chain import Chain
+from cablepod.discretisation._laws import check_law
 from cablepod.errors import SceneError, refuse
 from cablepod.parameters._checks import integer
 from cablepod.parameters._parameters import Parameters

@@ -82,7 +82,7 @@ def grown(
     return np.nan_to_num(sizes, nan=np.inf)
 
 
-def estimate(model: Model, run: Callable[[np.ndarray, float], State], rate: float, until: float) -> float:
+def estimate(model: Model, sample: Callable[[np.ndarray, float], State], rate: float, until: float) -> float:
     """Estimate the largest error over time as a fraction of the motion.
 
     The motion of the model is put into the equations of a richer one (more modes, the chordwise stretch as it is, inertia along
@@ -94,8 +94,8 @@ def estimate(model: Model, run: Callable[[np.ndarray, float], State], rate: floa
     ----------
     model
         What was run.
-    run
-        Runs it with output at given instants and so many steps per second.
+    sample
+        Returns its trajectory at given instants [s], for so many steps per second.
     rate
         Steps per second of the run.
     until
@@ -107,7 +107,7 @@ def estimate(model: Model, run: Callable[[np.ndarray, float], State], rate: floa
     p = rich.chain.p
     steps = samples(max(model.taut_square(until), model.highest_square(*_start(model))), model.plane, rate, until)
     times = steps / rate
-    state = run(times, rate)
+    state = sample(times, rate)
     rates, second = 0.5 * (state.halves[:, 0] + state.halves[:, 1]), (state.halves[:, 1] - state.halves[:, 0]) * rate
     change = (rich.shapes * rich.mass) @ model.shapes.T
     change[: rich.plane, model.plane :] = change[rich.plane :, : model.plane] = 0.0

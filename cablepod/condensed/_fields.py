@@ -8,6 +8,7 @@ import numpy as np
 
 from cablepod.condensed._model import Model
 from cablepod.discretisation._chord_frame import Frame
+from cablepod.discretisation._laws import law_tension
 from cablepod.integrate._output_times import Instants
 
 
@@ -126,8 +127,7 @@ def _tension(model: Model, z: np.ndarray, force: np.ndarray, squared: np.ndarray
     """Tensions of the links (times, n) [N]."""
     if model.order == "leading":
         return force * np.sqrt(1.0 + squared)
-    k, xi = model.chain.p.stiffness, np.sqrt(z * z + squared)
-    return 0.5 * k * xi * (xi * xi - 1.0) if model.green else k * (xi - 1.0)
+    return law_tension(np.sqrt(z * z + squared), model.chain.p.stiffness, green=model.green)
 
 
 def _tensions(model: Model, q: np.ndarray, times: np.ndarray, links: np.ndarray | None) -> np.ndarray:

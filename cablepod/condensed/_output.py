@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -145,10 +144,8 @@ def attributes_of(solution: Solution, modes: xr.Dataset, options: Options) -> di
     if time_error is not None:
         attrs["time_error_estimate"] = time_error
     if "error_estimate" in options.outputs:
-        again = replace(run, outputs=(), progress=None)
-        attrs["error_estimate"] = (time_error or 0.0) + condensed_estimate.estimate(
-            run.model, lambda at, steps: replace(again, times=at)(steps), rate, float(run.times[-1])
-        )
+        estimate = condensed_estimate.estimate(run.model, run.sample, rate, float(run.times[-1]))
+        attrs["error_estimate"] = (time_error or 0.0) + estimate
     return attrs
 
 

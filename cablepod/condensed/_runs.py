@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -209,6 +209,10 @@ class Run:
         if failed is not None:
             self._stop(state, failed, rate)
         return state
+
+    def sample(self, times: np.ndarray, rate: float) -> State:
+        """Return the trajectory at other instants [s]: the run with so many steps per second, saved there."""
+        return replace(self, times=times, outputs=(), progress=None)(rate)
 
     def _first_state(self, step: float, explicit: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates, rates (half a step before the start for explicit steps), accelerations, chordwise stretch."""

@@ -11,13 +11,11 @@ import numpy as np
 
 from cablepod._resources import check_memory
 from cablepod.catenary._statics import solve_statics, unstretched_length
+from cablepod.discretisation._laws import LAWS, green_secant, tangent_stiffness_ratio
 from cablepod.errors import SceneError, refuse
 from cablepod.parameters._checks import integer
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
-
-#: T = K (xi - 1) where that is positive; eq. (21) of the paper, T / xi = K (xi^2 - 1) / 2
-LAWS = ("linear", "green")
 
 
 @dataclass(frozen=True)
@@ -113,7 +111,7 @@ class Chain:
         inverse = self.inverse_squares
         if inverse is not None:
             squares = square(reach)
-            s = 0.5 * self.k * (squares * inverse - 1.0)
+            s = green_secant(squares * inverse, self.k)
             return s * np.sqrt(squares), s[..., None] * reach
         size = np.sqrt(square(reach))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -134,7 +132,7 @@ class Chain:
 
         By law (21) it is (3 xi^2 - 1) / 2, but no less than 1 is returned: a compressed link comes back through xi = 1.
         """
-        return np.maximum(1.0, 1.5 * self.stretch(position) ** 2 - 0.5) if self.green else np.ones(self.links)
+        return tangent_stiffness_ratio(self.stretch(position) ** 2) if self.green else np.ones(self.links)
 
     def enforced_stiffening(self, until: float) -> float:
         """Tangent stiffness over `k` at the stretch that the distance of the ends enforces at some time until then [s].
@@ -143,7 +141,7 @@ class Chain:
         """
         ends = self.p.end_positions(np.linspace(0.0, until, 1001))
         stretch = np.sqrt(square(ends[:, 1] - ends[:, 0])).max() / self.total_length
-        return max(1.0, 1.5 * float(stretch) ** 2 - 0.5) if self.green else 1.0
+        return float(tangent_stiffness_ratio(float(stretch) ** 2)) if self.green else 1.0
 
     def highest_frequency(self, stiffening: np.ndarray | float = 1.0) -> float:
         """Bound of the angular frequencies [rad/s] of the chain in any shape in which its links are no stiffer than said.
@@ -203,12 +201,6 @@ def _viscous_limit(omega: float, viscosity: float) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if radius(middle) <= 1.0 + 1e-12 else (low, middle)
     return low / omega
-
-
-def check_law(law: str) -> None:
-    """Check the name of a law."""
-    if law not in LAWS:
-        raise refuse("law", law, "one of " + ", ".join(f'"{name}"' for name in LAWS))
 
 
 def chain_of(p: Parameters, links: int | None = None, law: str = LAWS[0], *, least: int = 2) -> Chain:

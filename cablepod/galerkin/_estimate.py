@@ -23,7 +23,7 @@ ALONG = 1e-6
 BLOCK = 1024
 
 
-def estimate(model: Model, run: Callable[[np.ndarray, float], State], rate: float, until: float) -> float:
+def estimate(model: Model, sample: Callable[[np.ndarray, float], State], rate: float, until: float) -> float:
     """Estimate the largest error over time as a fraction of the motion.
 
     What the particles of the model do normal to the chord is put into the equations of a richer model of the same links: many
@@ -35,8 +35,8 @@ def estimate(model: Model, run: Callable[[np.ndarray, float], State], rate: floa
     ----------
     model
         What was run.
-    run
-        Runs it with output at given instants and so many steps per second.
+    sample
+        Returns its trajectory at given instants [s], for so many steps per second.
     rate
         Steps per second of the run.
     until
@@ -56,7 +56,7 @@ def estimate(model: Model, run: Callable[[np.ndarray, float], State], rate: floa
         rich = _richer(model, frame)
         steps = samples(_square(model, rich, until), _count(model), rate, until)
         times = steps / rate
-        state = run(times, rate)
+        state = sample(times, rate)
         motion, off, moved = _motion(model, rich, state, times)
     except SceneError:
         return math.nan

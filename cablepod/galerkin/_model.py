@@ -14,7 +14,8 @@ import xarray as xr
 from cablepod.catenary._statics import solve_statics
 from cablepod.chain._start import start
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.discretisation._chain import Chain, check_law, square
+from cablepod.discretisation._chain import Chain, square
+from cablepod.discretisation._laws import check_law, green_secant
 from cablepod.errors import SceneError, refuse
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
@@ -170,7 +171,7 @@ class Model:
         along = np.einsum("jc,kjc->kj", reach, rates[: len(self.modes)])
         own = rates[: len(self.modes)]
         if self.law == "green":
-            s, ds = stiffness * 0.5 * (square - 1.0), stiffness
+            s, ds = green_secant(square, stiffness), stiffness
         else:
             xi = np.sqrt(square)
             taut = xi > 1.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -96,6 +96,10 @@ class Run:
             self._stop(record, failed, notes)
         return self._check(self._gather(record, instants, notes))
 
+    def sample(self, times: np.ndarray, rate: float) -> State:
+        """Return the trajectory at other instants [s]: the run with so many steps per second, saved there."""
+        return replace(self, times=times, outputs=(), progress=None)(rate)
+
     def _begin(self, record: Record) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
         """Return what advances the state, the state, the number of steps."""
         raise NotImplementedError
@@ -157,18 +161,7 @@ class Run:
         p, v, a = (record.saved[:keep, i] for i in range(3))
         model, time = self.model, instants.times
         q = instants.at_times(p, v, a) - model.displacements(time) @ model.coupling
-        rates = v[instants.left]
-        between = np.flatnonzero(instants.fraction)
-        if between.size:
-            i, s, h = instants.left[between], instants.fraction[between][:, None], 1.0 / instants.rate
-            # the cubic with values and rates
-            rates[between] = (
-                (1 + 2 * s) * (1 - s) ** 2 * v[i]
-                + s * (1 - s) ** 2 * h * a[i]
-                + s**2 * (3 - 2 * s) * v[i + 1]
-                - s**2 * (1 - s) * h * a[i + 1]
-            )
-        rates -= model.displacements(time, 1) @ model.coupling
+        rates = instants.rates_at_times(v, a) - model.displacements(time, 1) @ model.coupling
         defect = {"energy_defect": _energy_defect(v, record.energy[:keep], float(self.start_energy))}
         second = a[instants.left] - model.displacements(time, 2) @ model.coupling
         return State(instants, q, rates, second, record.extremes, {**defect, **notes})

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import xarray as xr
@@ -174,10 +173,8 @@ def simulate(
     if time_error is not None:
         result.attrs["time_error_estimate"] = time_error
     if "error_estimate" in names:
-        again = replace(run, outputs=(), progress=None)
-        result.attrs["error_estimate"] = (time_error or 0.0) + estimate(
-            model, lambda at, steps: replace(again, times=at)(steps), rate, float(instants[-1])
-        )
+        expected = estimate(model, run.sample, rate, float(instants[-1]))
+        result.attrs["error_estimate"] = (time_error or 0.0) + expected
     _warn_out_of_range(result.attrs)
     options = {
         "rank": len(model.modes) // (p.dims if model.layout == "separate" else 1),

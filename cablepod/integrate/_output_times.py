@@ -67,3 +67,20 @@ class Instants:
         values = (x[i], v[i], a[i], x[i + 1], v[i + 1], a[i + 1])
         result[between] = sum(weight * value for weight, value in zip(b, values, strict=True))
         return result
+
+    def rates_at_times(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Rates at the instants from those at the saved steps and their rates, by the cubic Hermite polynomial."""
+        result = v[self.left]
+        between = np.flatnonzero(self.fraction)
+        if between.size == 0:
+            return result
+        i = self.left[between]
+        after = np.minimum(i + 1, len(v) - 1)
+        s = self.fraction[between].reshape(-1, *[1] * (v.ndim - 1))
+        result[between] = (
+            (1 + 2 * s) * (1 - s) ** 2 * v[i]
+            + s * (1 - s) ** 2 / self.rate * a[i]
+            + s**2 * (3 - 2 * s) * v[after]
+            - s**2 * (1 - s) / self.rate * a[after]
+        )
+        return result

@@ -14,6 +14,7 @@ import xarray as xr
 from cablepod._resources import check_memory
 from cablepod.conventions import COORDINATES, label
 from cablepod.discretisation._chain import Chain, square
+from cablepod.discretisation._laws import strain_energy_density
 from cablepod.discretisation._similarity import describe
 from cablepod.errors import RunStopped
 from cablepod.integrate._output_times import Instants
@@ -149,16 +150,7 @@ class Run:
             target[:, held] = p.end_positions(time, order)[:, held]
         velocity = None
         if "velocity" in self.outputs or "tension" in self.outputs:
-            velocity = v[instants.left]
-            between = instants.fraction > 0
-            i, s = instants.left[between], instants.fraction[between].reshape(-1, 1, 1)
-            # the cubic with values and rates
-            velocity[between] = (
-                (1 + 2 * s) * (1 - s) ** 2 * v[i]
-                + s * (1 - s) ** 2 / rate * a[i]
-                + s**2 * (3 - 2 * s) * v[np.minimum(i + 1, len(v) - 1)]
-                - s**2 * (1 - s) / rate * a[np.minimum(i + 1, len(v) - 1)]
-            )
+            velocity = instants.rates_at_times(v, a)
         return State(instants, instants.at_times(x, v, a), velocity, extremes)
 
     def jolt(self) -> dict[str, float]:
@@ -218,8 +210,7 @@ class Run:
         """Strain energy of all links (times,) [J]."""
         chain = self.chain
         stretch = chain.stretch(position)
-        strain = np.maximum(stretch - 1.0, 0.0)
-        per_length = (stretch**2 - 1.0) ** 2 / 8.0 if chain.green else 0.5 * strain**2
+        per_length = strain_energy_density(stretch, green=chain.green)
         return chain.p.stiffness * (per_length * chain.length).sum(axis=-1)
 
     def _energy_at_hand(self) -> float:

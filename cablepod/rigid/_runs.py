@@ -91,7 +91,7 @@ class RigidRun(Run):
         tension = None
         if instants.dense:
             a, tension = march.states(instants.steps / instants.rate, x, v, np.zeros(keep, dtype=bool))
-            x, v = instants.at_times(x, v, a), _between(instants, v, a)
+            x, v = instants.at_times(x, v, a), instants.rates_at_times(v, a)
             onto = (instants.fraction > 0) & (self.baumgarte is None)
             tension = march.states(instants.times, x, v, onto)[1]
         elif "tension" in self.outputs:
@@ -167,20 +167,6 @@ def _compression(tension: np.ndarray, times: np.ndarray) -> dict[str, Any]:
     if negative.any():
         notes["first_compression"] = float(times[negative.any(axis=1)][0])
     return notes
-
-
-def _between(instants: Instants, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Velocities at the instants from values and rates at the saved steps, by the cubic."""
-    result = v[instants.left]
-    between = np.flatnonzero(instants.fraction)
-    i, s = instants.left[between], instants.fraction[between].reshape(-1, 1, 1)
-    result[between] = (
-        (1 + 2 * s) * (1 - s) ** 2 * v[i]
-        + s * (1 - s) ** 2 / instants.rate * a[i]
-        + s**2 * (3 - 2 * s) * v[i + 1]
-        - s**2 * (1 - s) / instants.rate * a[i + 1]
-    )
-    return result
 
 
 class _March:
