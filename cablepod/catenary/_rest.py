@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from cablepod import provenance
-from cablepod.catenary._statics import load_plane, solve_statics
+from cablepod.catenary._statics import kind_of, load_plane, solve_statics
 from cablepod.conventions import COORDINATES, label
 from cablepod.errors import SceneError, refuse
 from cablepod.parameters._checks import integer
@@ -159,7 +159,7 @@ def solve(
     arrays = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (span, rise, load, stiffness, given[key])))
     a, b, q, k, value = (np.ascontiguousarray(x).ravel() for x in arrays)
     out, status = np.empty((a.size, 6)), np.empty(a.size, dtype=np.int64)
-    kind = (kernel.UPPER_TENSION, kernel.LOWER_TENSION, kernel.HORIZONTAL_FORCE, kernel.LENGTH)[LENGTH_KEYS.index(key)]
+    kind = kind_of(key)
     kernel.solve_many(a, b, np.hypot(a, b), q, k, kind, value, out, status)
     if (status != kernel.FOUND).any():
         i = int(np.argmax(status != kernel.FOUND))

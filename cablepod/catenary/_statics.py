@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from cablepod.errors import refuse
 from cablepod.parameters._keys import LENGTH_KEYS
+from cablepod.parameters._members import Columns
 from cablepod.parameters._parameters import Parameters
+
+
+def kind_of(key: str) -> int:
+    """Return the kernels' number of the quantity that a scene gives, one of LENGTH_KEYS."""
+    return LENGTH_KEYS.index(key)  # the kernels count them in the same order
 
 
 def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable") -> np.ndarray:
@@ -36,7 +44,7 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
 
     a, b, c, q, _, _ = load_plane(p)
     out = np.empty(6)
-    kind = (kernel.UPPER_TENSION, kernel.LOWER_TENSION, kernel.HORIZONTAL_FORCE, kernel.LENGTH)[LENGTH_KEYS.index(key)]
+    kind = kind_of(key)
     status = kernel.solve(a, b, c, q, p.stiffness, kind, value, out)
     if status == kernel.FOUND:
         return out
@@ -83,3 +91,34 @@ def _norm(vector: np.ndarray) -> float:
 def unstretched_length(p: Parameters) -> float:
     """Unstretched length [m] of the cable of a scene: as given, or of the cable that has the given tension at rest."""
     return float(solve_statics(p, p.length_key, p.length_value)[0])
+
+
+def member_statics(columns: Columns) -> tuple[np.ndarray, np.ndarray]:
+    """Solve the catenaries of many members (members, 6), as :func:`solve_statics` does one; tell which of them exist."""
+    from cablepod.catenary import _kernels_solve as kernel  # numba is imported only to compute
+
+    a, b, c, q = _load_planes(columns.chord, columns.load)
+    out, status = np.empty((a.size, 6)), np.empty(a.size, dtype=np.int64)
+    kernel.solve_many(a, b, c, q, columns.stiffness, kind_of(columns.length_key), columns.length_value, out, status)
+    return out, status == kernel.FOUND
+
+
+def _load_planes(chord: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Span across the load, rise against it, chord [m], load [N/m] of each member, as :func:`load_plane` of one."""
+    q = _norms(load)
+    loaded = q > 0.0
+    up: Any = np.eye(chord.shape[1])[1]
+    against = np.where(loaded[:, None], -load / np.where(loaded, q, 1.0)[:, None], up)
+    axis = loaded & (np.count_nonzero(load, axis=1) == 1)
+    against[axis] = np.sign(against[axis])
+    b = (chord * against).sum(axis=1)
+    across = chord - b[:, None] * against
+    again = (across * against).sum(axis=1)  # once more: the first difference may have cancelled
+    across -= again[:, None] * against
+    a, c = _norms(across), _norms(chord)
+    along = a <= 1e-15 * c
+    return np.where(along, 0.0, a), np.where(along, np.copysign(c, b), b), c, q
+
+
+def _norms(vectors: np.ndarray) -> np.ndarray:
+    return np.hypot.reduce(vectors, axis=1)

@@ -13,7 +13,7 @@ import xarray as xr
 from cablepod._resources import check_memory
 from cablepod.batch._members import Many, gather
 from cablepod.batch._stack import Arrays, join
-from cablepod.catenary._statics import solve_statics
+from cablepod.catenary._statics import member_statics, solve_statics
 from cablepod.condensed._fields import sets
 from cablepod.condensed._model import Model
 from cablepod.condensed._output import attributes_of, coordinates_of, padded, shared_attributes, title_of, variables
@@ -27,7 +27,7 @@ from cablepod.parameters._members import Columns
 from cablepod.parameters._parameters import Parameters
 from cablepod.pod import _normal as pod_normal
 from cablepod.reduced._training_distance import outside_of_columns
-from cablepod.reduced._validity import warn_of_members
+from cablepod.reduced._validity import forcing_attributes, warn_condensed_members
 
 
 def run(
@@ -72,7 +72,7 @@ def run(
     coords = coordinates_of(model, times, options.links)
     result = join(stack, scene, coords).set_coords("arc_length")
     result.attrs = {"title": title, **result.attrs}
-    warn_of_members(stack.attrs)
+    warn_condensed_members(stack.attrs)
     return result
 
 
@@ -198,7 +198,7 @@ class Batch:
 
     def __init__(self, plan: Plan, columns: Columns) -> None:
         self.plan, self.columns = plan, columns
-        solutions, self.good = columns.statics()
+        solutions, self.good = member_statics(columns)
         self.total, self.rest_tension = solutions[:, 0].copy(), 0.5 * (solutions[:, 4] + solutions[:, 5])
         self.scaled = rescaled_coefficients(plan.model, columns.mass, self.total)
         named, links = self.scaled.named, plan.links
@@ -328,12 +328,10 @@ class Batch:
     def _attributes(self, watch: np.ndarray, limit: np.ndarray) -> dict[str, list[Any]]:
         """Attributes that differ from member to member, and those that do not, a list for each."""
         columns, instants = self.columns, self.plan.instants
-        axial = math.pi / self.total * np.sqrt(columns.stiffness / columns.mass)
         own = {
             "smallest_chordwise_force": watch[:, 0],
             "time_of_smallest_force": watch[:, 1] / instants.rate,
-            "first_axial_frequency": axial,
-            "forcing_over_axial_frequency": 2.0 * math.pi / columns.time_scale / axial,
+            **forcing_attributes(columns, self.total),
             "step_limit": limit,
         }
         return (

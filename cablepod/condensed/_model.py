@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -458,18 +457,10 @@ class Model:
         squares = np.linalg.eigvals(np.linalg.solve(mass, tangent) if self.inertia.size else tangent)
         return float(np.abs(np.sqrt(squares.astype(complex)).imag).max()) - 0.5 * (self.chain.p.mass_damping or 0.0)
 
-    @cached_property
-    def first_axial_frequency(self) -> float:
-        """First angular frequency of waves along the cable [rad/s]."""
-        p = self.chain.p
-        return math.pi / self.chain.total_length * math.sqrt(p.stiffness / p.mass)
-
 
 def _lever(chain: Chain, fraction: float) -> np.ndarray:
     """Shares of the particles (n + 1,) in a point load, as in the chain."""
-    s = fraction * chain.total_length
-    j = min(int(np.searchsorted(chain.arc_length, s, side="right")) - 1, chain.links - 1)
-    right = (s - chain.arc_length[j]) / chain.length[j]
+    j, right = chain.lever(fraction)
     shares = np.zeros(chain.links + 1)
     shares[j], shares[j + 1] = 1.0 - right, right
     return shares

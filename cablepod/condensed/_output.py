@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,7 @@ from cablepod.conventions import COORDINATES, ENDS, label
 from cablepod.integrate._output_times import Instants
 from cablepod.pod import _normal as pod_normal
 from cablepod.reduced._training_distance import outside
+from cablepod.reduced._validity import forcing_attributes
 
 if TYPE_CHECKING:
     from cablepod.condensed._runs import Options, Solution
@@ -79,13 +79,12 @@ def variables(
 
 def attributes(model: Model, state: State, modes: xr.Dataset | None) -> dict[str, Any]:
     """Tell how a run was made and how far it can be trusted."""
-    axial, slowest = model.first_axial_frequency, model.chain.p.time_scale
+    forcing = forcing_attributes(model.chain.p, model.chain.total_length)
     return {
         **shared_attributes(model, state.instants, state.scheme, modes),
         "smallest_chordwise_force": float(state.watch[0]),
         "time_of_smallest_force": float(state.watch[1]) / state.instants.rate,
-        "first_axial_frequency": axial,
-        "forcing_over_axial_frequency": 2.0 * math.pi / slowest / axial if slowest < math.inf else 0.0,
+        **{name: float(value) for name, value in forcing.items()},
         **({} if model.tests is None else {"growth_over_run": model.growth * float(state.instants.times[-1])}),
         **outside(modes, model.chain.p, model.chain.total_length, float(state.instants.times[-1]), model.rest_tension),
     }

@@ -18,7 +18,7 @@ from cablepod.conventions import OUTPUTS
 from cablepod.errors import refuse
 from cablepod.integrate._request import DEFAULT_TOLERANCE, check_outputs, check_positive, check_scheme, check_times
 from cablepod.parameters._from_scene import Members
-from cablepod.reduced._validity import warn_out_of_range
+from cablepod.reduced._validity import warn_condensed_out_of_range
 
 
 def simulate(
@@ -152,7 +152,7 @@ def simulate(
     else:
         title = str(scene.attrs.get("title", "scene"))
         result = result_of(solve(model, options, progress), modes, options, title)
-        warn_out_of_range(result.attrs)
+        warn_condensed_out_of_range(result.attrs)
     record = {
         "rank": model.rank,
         "times": p.times() if options.times is None else options.times,

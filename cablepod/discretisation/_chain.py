@@ -87,15 +87,19 @@ class Chain:
         """Return loads that vary in time: patterns (n + 1, dims) [N] and their factors."""
         return [(pattern, factor) for pattern, factor in self._patterns if factor is not None]
 
+    def lever(self, fraction: float) -> tuple[int, float]:
+        """Find the link of a place, given as a fraction of the length: its left particle, and the share of the right one."""
+        s = fraction * self.total_length
+        j = min(int(np.searchsorted(self.arc_length, s, side="right")) - 1, self.links - 1)
+        return j, (s - self.arc_length[j]) / self.length[j]
+
     @cached_property
     def _patterns(self) -> list[tuple[np.ndarray, Any]]:
         patterns: list[tuple[np.ndarray, Any]] = []
         if self.p.load is not None:
             patterns.append((self.share[:, None] * self.p.load, self.p.load_factor))
         for load in self.p.point_loads:
-            s = load.fraction * self.total_length
-            j = min(int(np.searchsorted(self.arc_length, s, side="right")) - 1, self.links - 1)
-            right = (s - self.arc_length[j]) / self.length[j]
+            j, right = self.lever(load.fraction)
             pattern = np.zeros((self.links + 1, self.p.dims))
             pattern[j] = (1.0 - right) * load.force
             pattern[j + 1] = right * load.force

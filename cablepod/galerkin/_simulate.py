@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +12,7 @@ from cablepod import provenance
 from cablepod._resources import check_memory
 from cablepod.batch._members import over_members
 from cablepod.conventions import OUTPUTS
-from cablepod.errors import NotConvergedWarning, OutOfRangeWarning, refuse
+from cablepod.errors import NotConvergedWarning, refuse
 from cablepod.galerkin._estimate import estimate
 from cablepod.galerkin._explicit import VerletRun
 from cablepod.galerkin._implicit import ImplicitRun
@@ -31,7 +30,7 @@ from cablepod.integrate._request import (
 )
 from cablepod.parameters._from_scene import parameters
 from cablepod.reduced._training_distance import outside
-from cablepod.reduced._validity import check_estimate, check_forcing
+from cablepod.reduced._validity import forcing_attributes, warn_galerkin_out_of_range
 
 #: Share of the exchanged energy that a given step may make or lose.
 UNEXPLAINED = 0.1
@@ -175,7 +174,7 @@ def simulate(
     if "error_estimate" in names:
         expected = estimate(model, run.sample, rate, float(instants[-1]))
         result.attrs["error_estimate"] = (time_error or 0.0) + expected
-    _warn_out_of_range(result.attrs)
+    warn_galerkin_out_of_range(result.attrs)
     options = {
         "rank": len(model.modes) // (p.dims if model.layout == "separate" else 1),
         "times": instants,
@@ -197,8 +196,7 @@ def simulate(
 def _trust(model: Model, modes: xr.Dataset, result: xr.Dataset) -> dict[str, Any]:
     """Tell what says how far a run can be trusted."""
     p, length = model.chain.p, model.chain.total_length
-    axial = math.pi / length * math.sqrt(p.stiffness / p.mass)
-    notes = {"first_axial_frequency": axial, "forcing_over_axial_frequency": 2.0 * math.pi / p.time_scale / axial}
+    notes = {name: float(value) for name, value in forcing_attributes(p, length).items()}
     if "energy_share" in modes:
         share = modes["energy_share"].isel(mode=slice(result.sizes["mode"])).sum("mode")
         notes["energy_share_kept"] = float(share.min())
@@ -214,17 +212,3 @@ def _check_energy(state: State, scheme: str) -> None:
             NotConvergedWarning,
             stacklevel=4,
         )
-
-
-def _warn_out_of_range(attrs: dict[str, Any]) -> None:
-    """Warn where the numbers of a run say that the model cannot be trusted."""
-    if attrs["smallest_stretch"] < 1.0:
-        warnings.warn(
-            f"links are compressed, to {attrs['smallest_stretch']:.6g} of their unstretched length (smallest_stretch): a cable "
-            "goes slack there, and few modes do not hold the kinks of that; compare with chain.simulate",
-            OutOfRangeWarning,
-            stacklevel=4,
-        )
-    if attrs.get("outside_training", math.inf) > 0.0:
-        check_forcing(attrs, "modes of slower motion lack")
-    check_estimate(attrs)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.parameters._from_scene import Members
-from cablepod.parameters._keys import LENGTH_KEYS
 from cablepod.parameters._time_functions import SINES, TimeFunction
 
 #: Terms that not every scene has and that these columns lack.
@@ -110,35 +108,3 @@ class Columns:
         for (end, axis), motion in self.motions.items():
             result[:, :, ENDS.index(end), COORDINATES.index(axis)] += motion(time, derivative)
         return result
-
-    def statics(self) -> tuple[np.ndarray, np.ndarray]:
-        """Solve the catenaries (members, 6), as `solve_statics` does one; which of them there are."""
-        from cablepod.catenary import _kernels_solve as kernel  # numba is imported only to compute
-
-        a, b, c, q = self._load_planes()
-        kinds = (kernel.UPPER_TENSION, kernel.LOWER_TENSION, kernel.HORIZONTAL_FORCE, kernel.LENGTH)
-        kind = kinds[LENGTH_KEYS.index(self.length_key)]
-        out, status = np.empty((a.size, 6)), np.empty(a.size, dtype=np.int64)
-        kernel.solve_many(a, b, c, q, self.stiffness, kind, self.length_value, out, status)
-        return out, status == kernel.FOUND
-
-    def _load_planes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Span across the load, rise against it, chord [m], load [N/m], as `load_plane` of one."""
-        chord, q = self.chord, _norms(self.load)
-        loaded = q > 0.0
-        up: Any = np.eye(chord.shape[1])[1]
-        against = np.where(loaded[:, None], -self.load / np.where(loaded, q, 1.0)[:, None], up)
-        axis = loaded & (np.count_nonzero(self.load, axis=1) == 1)
-        against[axis] = np.sign(against[axis])
-        b = (chord * against).sum(axis=1)
-        across = chord - b[:, None] * against
-        across -= (across * against).sum(axis=1)[
-            :, None
-        ] * against  # once more: the first difference may have cancelled
-        a, c = _norms(across), _norms(chord)
-        along = a <= 1e-15 * c
-        return np.where(along, 0.0, a), np.where(along, np.copysign(c, b), b), c, q
-
-
-def _norms(vectors: np.ndarray) -> np.ndarray:
-    return np.hypot.reduce(vectors, axis=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping
 from typing import Any
@@ -9,12 +10,24 @@ from typing import Any
 import numpy as np
 
 from cablepod.errors import OutOfRangeWarning
+from cablepod.parameters._members import Columns
+from cablepod.parameters._parameters import Parameters
 
 #: Motion of the ends with a frequency above this share of the first axial one makes waves along the cable, which the condensed
 #: model lacks, and modes of slower motion.
 FAST = 0.2
 #: An estimate of the error above this share of the motion says that the modes do not hold it.
 HALF = 0.5
+
+
+def forcing_attributes(p: Parameters | Columns, length: Any) -> dict[str, Any]:
+    """Compare how fast ends and loads change with the first axial frequency of a cable of some unstretched length [m].
+
+    Numbers for one scene, arrays for many members: ``first_axial_frequency`` pi/L sqrt(K/mu) [rad/s] and
+    ``forcing_over_axial_frequency``, 0 where nothing changes.
+    """
+    axial = math.pi / length * np.sqrt(p.stiffness / p.mass)
+    return {"first_axial_frequency": axial, "forcing_over_axial_frequency": 2.0 * math.pi / p.time_scale / axial}
 
 
 def check_forcing(attrs: Mapping[str, Any], what: str, which: str = "") -> None:
@@ -78,13 +91,13 @@ CHECKS = {
 }
 
 
-def warn_out_of_range(attrs: Mapping[str, Any]) -> None:
-    """Warn where the numbers of a run say that the model cannot be trusted."""
+def warn_condensed_out_of_range(attrs: Mapping[str, Any]) -> None:
+    """Warn where the numbers of a run say that the condensed model cannot be trusted."""
     for *_, check in CHECKS.values():
         check(attrs)
 
 
-def warn_of_members(attrs: Mapping[str, list[Any]]) -> None:
+def warn_condensed_members(attrs: Mapping[str, list[Any]]) -> None:
     """Warn once for all members, by the worst of each kind."""
     for name, (sign, limit, check) in CHECKS.items():
         values = sign * np.array(attrs.get(name, []), dtype=float)
@@ -93,3 +106,17 @@ def warn_of_members(attrs: Mapping[str, list[Any]]) -> None:
             i = int(np.nanargmax(values))
             worst = {key: of_all[i] for key, of_all in attrs.items()}
             check(worst, f"{int(bad.sum())} of {bad.size} members, of these number {i} the worst: ")
+
+
+def warn_galerkin_out_of_range(attrs: Mapping[str, Any]) -> None:
+    """Warn where the numbers of a run say that the Galerkin model cannot be trusted."""
+    if attrs["smallest_stretch"] < 1.0:
+        warnings.warn(
+            f"links are compressed, to {attrs['smallest_stretch']:.6g} of their unstretched length (smallest_stretch): a cable "
+            "goes slack there, and few modes do not hold the kinks of that; compare with chain.simulate",
+            OutOfRangeWarning,
+            stacklevel=4,
+        )
+    if attrs.get("outside_training", math.inf) > 0.0:
+        check_forcing(attrs, "modes of slower motion lack")
+    check_estimate(attrs)
