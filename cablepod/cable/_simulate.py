@@ -20,6 +20,7 @@ from cablepod.conventions import label
 from cablepod.discretisation._chain import square
 from cablepod.discretisation._laws import LAWS, check_law, law_tension
 from cablepod.errors import NotConvergedWarning, refuse
+from cablepod.integrate._energy_check import SUSPECT
 from cablepod.integrate._request import (
     DEFAULT_TOLERANCE,
     check_outputs,
@@ -29,7 +30,7 @@ from cablepod.integrate._request import (
     check_times,
     implicit_rate,
 )
-from cablepod.integrate._run import SUSPECT, State, suffix
+from cablepod.integrate._run import State, suffix
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters

@@ -18,6 +18,7 @@ from cablepod.chain._start import start
 from cablepod.discretisation._chain import chain_of
 from cablepod.discretisation._laws import LAWS, check_law
 from cablepod.errors import NotConvergedWarning, refuse
+from cablepod.integrate._energy_check import SUSPECT
 from cablepod.integrate._request import (
     DEFAULT_TOLERANCE,
     check_outputs,
@@ -27,7 +28,7 @@ from cablepod.integrate._request import (
     check_times,
     implicit_rate,
 )
-from cablepod.integrate._run import SUSPECT, Run, State
+from cablepod.integrate._run import Run, State
 from cablepod.integrate._step_control import STEPS_PER_CHANGE, halve, motion_scale, preferred_rate, refine
 from cablepod.parameters._checks import number
 from cablepod.parameters._parameters import Parameters

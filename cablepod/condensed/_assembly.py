@@ -6,7 +6,8 @@ import numpy as np
 import xarray as xr
 
 from cablepod.catenary._statics import solve_statics
-from cablepod.condensed._model import ORDERS, Model
+from cablepod.condensed._coefficients import ORDERS
+from cablepod.condensed._model import Model
 from cablepod.discretisation._chain import Chain
 from cablepod.discretisation._laws import check_law
 from cablepod.errors import SceneError, refuse

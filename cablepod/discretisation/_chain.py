@@ -11,7 +11,7 @@ import numpy as np
 
 from cablepod._resources import check_memory
 from cablepod.catenary._statics import solve_statics, unstretched_length
-from cablepod.discretisation._laws import LAWS, green_secant, tangent_stiffness_ratio
+from cablepod.discretisation._laws import LAWS, green_secant, strain_energy_density, tangent_stiffness_ratio
 from cablepod.errors import SceneError, refuse
 from cablepod.parameters._checks import integer
 from cablepod.parameters._parameters import Parameters
@@ -130,6 +130,11 @@ class Chain:
     def stretch(self, position: np.ndarray) -> np.ndarray:
         """Stretch xi = |R| / l of the links (..., n) at positions (..., n + 1, dims) [m]."""
         return np.sqrt(square(np.diff(position, axis=-2))) / self.length
+
+    def strain_energy(self, position: np.ndarray) -> np.ndarray:
+        """Strain energy of all links (...) at positions (..., n + 1, dims) [J]."""
+        per_length = strain_energy_density(self.stretch(position), green=self.green)
+        return self.p.stiffness * (per_length * self.length).sum(axis=-1)
 
     def stiffening(self, position: np.ndarray) -> np.ndarray:
         """Tangent stiffness of the links over `k` (..., n) at positions (..., n + 1, dims) [m]; 1 by the linear law.

@@ -14,20 +14,10 @@ import xarray as xr
 from cablepod._resources import check_memory
 from cablepod.conventions import COORDINATES, label
 from cablepod.discretisation._chain import Chain, square
-from cablepod.discretisation._laws import strain_energy_density
 from cablepod.discretisation._similarity import describe
 from cablepod.errors import RunStopped
+from cablepod.integrate._energy_check import check_energy
 from cablepod.integrate._output_times import Instants
-
-#: Strain energy over what rest, loads and ends can explain: a run above the second number has broken down, one above the first is
-#: suspect (resonance, or a step too long for links that slacken and snap taut).  Sound runs of hard cases stay below 1.
-SUSPECT, BROKEN = 10.0, 1e3
-#: Strain energy over what start, loads and ends have put in until then, for which positions and tensions of the run count: never
-#: above 1 but for what happens between two instants and the error of the scheme; garbage of the hardest scenes has 12 and more.
-#: Not looked at below the second number times what can be put in at all, where rounding and small errors decide.
-UNEXPLAINED, NOTICED = 10.0, 1e-2
-#: Instants at which the way of the ends and the variation of the loads are added up: in a period or ramp, and at most.
-PER_CHANGE, MOST_INSTANTS = 16.0, 1_000_000
 
 
 @dataclass
@@ -173,20 +163,11 @@ class Run:
         }
 
     def watch(self, state: State) -> State:
-        """Stop a run whose links hold more energy than anything can explain: finite numbers may be garbage too.
-
-        The stability limit of the step holds for taut links; where links slacken and snap taut, explicit runs well below it may
-        gain energy in every snap, and stay finite because slack links do not pull.
-        """
-        energy = self._strain_energy(state.position)
-        at_hand = self._energy_at_hand()
-        excess = energy / at_hand
+        """Stop a run whose links hold more energy than anything can explain, see :mod:`cablepod.integrate._energy_check`."""
+        energy, excess, broken = check_energy(
+            self.chain, self.initial, self.times, state.instants.times, state.position
+        )
         state.notes["energy_excess"] = float(excess.max(initial=0.0))
-        broken = excess > BROKEN
-        if state.notes["energy_excess"] > NOTICED:
-            put_in = self._energy_put_in(state) + NOTICED / UNEXPLAINED * at_hand
-            broken |= energy > UNEXPLAINED * put_in
-            excess = np.maximum(excess, energy / put_in)
         if not broken.any():
             return state
         first, rate = int(np.argmax(broken)), state.instants.rate
@@ -201,64 +182,10 @@ class Run:
             )
             kept.attrs["incomplete"] = f"stopped at {when:.6g} s of {self.times[-1]:.6g} s"
         raise RunStopped(
-            f"the run broke down: at {when:.6g} s the links hold {energy[first]:.3g} J, {excess[first]:.1g} times what rest, "
+            f"the run broke down: at {when:.6g} s the links hold {energy[first]:.3g} J, {broken[first]:.1g} times what rest, "
             f"loads and ends explain ({self.scheme}, step {1 / rate:.4g} s{limit}); try {self.cure}",
             kept,
         )
-
-    def _strain_energy(self, position: np.ndarray) -> np.ndarray:
-        """Strain energy of all links (times,) [J]."""
-        chain = self.chain
-        stretch = chain.stretch(position)
-        per_length = strain_energy_density(stretch, green=chain.green)
-        return chain.p.stiffness * (per_length * chain.length).sum(axis=-1)
-
-    def _energy_at_hand(self) -> float:
-        """Energy that the start, the loads over the length of the cable, and the distance of the ends can put into links [J]."""
-        chain, p = self.chain, self.chain.p
-        loads = np.abs(chain.loads()).sum() + sum(
-            float(np.abs(factor(self.times)).max() * np.abs(pattern).sum()) for pattern, factor in chain.varying()
-        )
-        reach = chain.total_length + float(np.abs(np.diff(self.initial[[0, -1]], axis=0)).sum())
-        grid = np.linspace(0.0, float(self.times[-1]), 1001)
-        ends, speed = p.end_positions(grid), math.sqrt(square(p.end_positions(grid, 1)).max())
-        drawn = 0.0
-        if p.free is None:
-            drawn = max(math.sqrt(square(ends[:, 1] - ends[:, 0]).max()) / chain.total_length - 1.0, 0.0)
-        enforced = 0.5 * p.stiffness * chain.total_length * (drawn + 1.5 * drawn**2) ** 2
-        pushed = 0.5 * p.mass * chain.total_length * speed**2
-        return float(self._strain_energy(self.initial[None])[0]) + float(loads) * reach + enforced + pushed + 1e-300
-
-    def _energy_put_in(self, state: State) -> np.ndarray:
-        """Most energy that the start, the loads, and the ends on their way can have put in until each instant (times,) [J].
-
-        Constant loads have done the work that the positions show.  A load that varies does no more, by partial integration, than
-        its variation times the reach, and an end no more than its way times the largest tension beside it.
-        """
-        chain, p, times = self.chain, self.chain.p, state.instants.times
-        total = float(self._strain_energy(self.initial[None])[0]) + np.maximum(
-            np.sum((state.position - self.initial) * chain.loads(), axis=(1, 2)), 0.0
-        )
-        until = float(times[-1])
-        count = int(min(max(1000.0, math.ceil(PER_CHANGE * until / p.time_scale)), MOST_INSTANTS))
-        grid = np.linspace(0.0, until, count + 1)
-
-        def added_up(steps: np.ndarray) -> np.ndarray:
-            return np.interp(times, grid, np.concatenate([[0.0], np.cumsum(steps)]))
-
-        if self.moving:
-            way = np.sqrt(square(np.diff(p.end_positions(grid), axis=0))).sum(axis=1)
-            tension = np.abs(chain.pull(state.position)[0])
-            # the mean of all, as at few instants that of the end may be missed
-            beside = np.maximum(tension[:, [0, -1]].max(axis=1), tension.mean(axis=1))
-            total = total + added_up(way) * np.maximum.accumulate(beside)
-        reach = chain.total_length + float(np.abs(np.diff(self.initial[[0, -1]], axis=0)).sum())
-        for pattern, factor in chain.varying():
-            total = (
-                total
-                + (np.abs(factor(times)) + added_up(np.abs(np.diff(factor(grid))))) * np.abs(pattern).sum() * reach
-            )
-        return total
 
     def stop(self, partial: State | None, done: int, rate: float, why: str) -> None:
         """Raise :class:`RunStopped`, with what was computed before step `done`."""

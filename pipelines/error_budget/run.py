@@ -51,7 +51,7 @@ from tqdm import tqdm
 
 import cablepod as cp
 from cablepod import examples as shipped
-from cablepod.condensed._model import ORDERS
+from cablepod.condensed._coefficients import ORDERS
 from cablepod.discretisation._chain import chain_of
 from cablepod.parameters._from_scene import parameters
 from cablepod.pod._normal import deflections

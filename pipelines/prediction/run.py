@@ -51,7 +51,7 @@ from tqdm import tqdm
 import cablepod as cp
 from cablepod import examples as shipped
 from cablepod.condensed._assembly import model_of
-from cablepod.condensed._model import ORDERS
+from cablepod.condensed._coefficients import ORDERS
 from cablepod.integrate._step_control import motion_scale
 from cablepod.parameters._from_scene import parameters
 from cablepod.pod import _normal as pod_normal

@@ -11,7 +11,7 @@ from scenes import full_modes, spatial
 import cablepod as cp
 from cablepod.condensed import _fields as condensed_output
 from cablepod.condensed._assembly import model_of
-from cablepod.condensed._model import ORDERS
+from cablepod.condensed._coefficients import ORDERS
 from cablepod.errors import OutOfRangeWarning
 from cablepod.parameters._from_scene import parameters
 

@@ -11,7 +11,7 @@ from scenes import everything, full_modes, spatial
 from scipy.stats import spearmanr
 
 import cablepod as cp
-from cablepod.condensed._model import ORDERS
+from cablepod.condensed._coefficients import ORDERS
 from cablepod.condensed._runs import SCHEMES
 
 

@@ -13,7 +13,7 @@ from scenes import LENGTHS, everything, full_modes, spatial
 
 import cablepod as cp
 from cablepod import examples as shipped
-from cablepod.condensed._model import ORDERS
+from cablepod.condensed._coefficients import ORDERS
 from cablepod.condensed._runs import SCHEMES
 from cablepod.integrate import _march as stepping
 

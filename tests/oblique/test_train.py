@@ -14,7 +14,7 @@ from scipy.optimize import root
 
 import cablepod as cp
 from cablepod import examples as shipped
-from cablepod.condensed._model import ORDERS
+from cablepod.condensed._coefficients import ORDERS
 from cablepod.condensed._runs import SCHEMES
 from cablepod.oblique import _train as oblique
 from cablepod.pod import _normal as pod_normal
