@@ -22,12 +22,8 @@ from cablepod.discretisation._laws import LAWS, check_law, law_tension
 from cablepod.errors import NotConvergedWarning, refuse
 from cablepod.integrate._energy_check import SUSPECT
 from cablepod.integrate._request import (
-    DEFAULT_TOLERANCE,
-    check_outputs,
-    check_positive,
-    check_scheme,
+    Request,
     check_step,
-    check_times,
     implicit_rate,
 )
 from cablepod.integrate._run import State, suffix
@@ -220,11 +216,7 @@ def simulate(
     by the linear law: order is lost there.
     """
     check_law(law)
-    check_scheme(scheme, SCHEMES)
-    names = check_outputs(outputs)
-    if step is not None and tolerance is not None:
-        raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
-    goal = DEFAULT_TOLERANCE if tolerance is None else check_positive("tolerance", tolerance)
+    request = Request.of(times=times, scheme=scheme, schemes=SCHEMES, step=step, tolerance=tolerance, outputs=outputs)
     p = parameters(scene)
     if law == "green" and p.link_viscosity is not None:
         raise refuse(
@@ -233,14 +225,13 @@ def simulate(
             'viscous links with law "linear"; with "green" none, mass_proportional is possible',
         )
     check_order(order)
-    instants = p.times() if times is None else check_times(times)
-    p.check_reach(float(instants[-1]))
+    instants = request.instants(p)
     title = str(scene.attrs.get("title", "scene"))
 
     def runs(count: int) -> dict[str, MeshRun]:
         mesh = mesh_of(p, count, order, law, points)
         check_memory(instants.size, max(mesh.links, mesh.particles.size), p.dims, key="elements and times", variables=3)
-        about = (mesh, instants, start(mesh), names, progress, title)
+        about = (mesh, instants, start(mesh), request.outputs, progress, title)
         return {name: kind(*about) for name, kind in zip(SCHEMES, (MeshVerlet, MeshImplicit), strict=True)}
 
     at_hand = runs(_count(elements, p))
@@ -251,11 +242,11 @@ def simulate(
         _suspect(state)
     elif scheme is not None:
         run = at_hand[scheme]
-        state, rate, estimate = refined(run, goal)
+        state, rate, estimate = refined(run, request.tolerance)
     else:
-        run, (state, rate, estimate), reason = picked(at_hand, goal)
+        run, (state, rate, estimate), reason = picked(at_hand, request.tolerance)
     if elements is None:
-        run, state, space = refined_in_space(runs, run, state, rate, goal)
+        run, state, space = refined_in_space(runs, run, state, rate, request.tolerance)
         rate = state.instants.rate
     result = run.dataset(state)
     if estimate is not None:
@@ -270,10 +261,10 @@ def simulate(
         "law": law,
         "scheme": run.scheme,
         "step": 1.0 / rate,
-        "tolerance": None if step is not None else goal,
+        "tolerance": request.recorded_tolerance,
         "arc_length": run.chain.particles,
         "points": points,
-        "outputs": list(names),
+        "outputs": list(request.outputs),
     }
     return provenance.record(
         result,

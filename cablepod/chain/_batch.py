@@ -15,7 +15,7 @@ from cablepod import provenance
 from cablepod.batch._members import Way
 from cablepod.batch._stack import Arrays
 from cablepod.chain._explicit import Begun, March, VerletRun
-from cablepod.chain._scheme import Options, Ready, Solution, prepare, solve
+from cablepod.chain._scheme import ChainRequest, Ready, Solution, prepare, solve
 from cablepod.errors import SceneError
 from cablepod.integrate import _march as march
 from cablepod.integrate._run import State
@@ -33,18 +33,18 @@ ROOM = 2**27
 def plan(scene: xr.Dataset, **given: Any) -> Way | None:
     """Tell how to run many members; None where what is asked for cannot be, which single runs say for each of them."""
     try:
-        members, options = Members(scene), Options.of(**given)
+        members, request = Members(scene), ChainRequest.of(**given)
     except SceneError:
         return None
-    batch = Batch(members, options, str(scene.attrs.get("title", "scene")))
+    batch = Batch(members, request, str(scene.attrs.get("title", "scene")))
     return Way(batch.one, lambda: batch.first[0], batch.ahead)
 
 
 class Batch:
     """Members and what is asked for."""
 
-    def __init__(self, members: Members, options: Options, title: str) -> None:
-        self.members, self.options, self.title = members, options, title
+    def __init__(self, members: Members, request: ChainRequest, title: str) -> None:
+        self.members, self.request, self.title = members, request, title
         self.first: list[xr.Dataset] = []
         self._names: dict[str, tuple[tuple[str, ...], Any]] = {}  # coordinates that are the same in all
         self._ready: dict[int, Ready] = {}
@@ -71,7 +71,7 @@ class Batch:
     def _begin(self, i: int) -> Begun | None:
         """Make a member ready; None where it cannot go abreast, or not at all, which is said when its turn comes."""
         try:
-            ready = self._ready[i] = prepare(self.members[i], self.options, self.title)
+            ready = self._ready[i] = prepare(self.members[i], self.request, self.title)
             return ready.run.begin(ready.rate) if isinstance(ready.run, VerletRun) and ready.rate is not None else None
         except (ValueError, ArithmeticError):
             return None
@@ -87,11 +87,11 @@ class Batch:
 
     def one(self, i: int) -> tuple[Arrays, Mapping[str, Any]]:
         """Return variables and attributes of a member."""
-        ready = self._ready.pop(i, None) or prepare(self.members[i], self.options, self.title)
+        ready = self._ready.pop(i, None) or prepare(self.members[i], self.request, self.title)
         state: State | None = None
         if i in self._marched:
             state = ready.explicit.finish(*self._marched.pop(i))
-        return self._parts(solve(ready, self.options, state))
+        return self._parts(solve(ready, self.request, state))
 
     def _parts(self, solution: Solution) -> tuple[Arrays, Mapping[str, Any]]:
         run, state = solution.run, solution.state

@@ -1,11 +1,11 @@
-"""Runs of the chain as they are asked for: options checked, scheme and step given or chosen by a tolerance."""
+"""Runs of the chain as they are asked for: request checked, scheme and step given or chosen by a tolerance."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import xarray as xr
@@ -20,12 +20,9 @@ from cablepod.discretisation._laws import LAWS, check_law
 from cablepod.errors import NotConvergedWarning, refuse
 from cablepod.integrate._energy_check import SUSPECT
 from cablepod.integrate._request import (
-    DEFAULT_TOLERANCE,
-    check_outputs,
-    check_positive,
+    Request,
     check_scheme,
     check_step,
-    check_times,
     implicit_rate,
 )
 from cablepod.integrate._run import Run, State
@@ -36,48 +33,23 @@ from cablepod.parameters._parameters import Parameters
 SCHEMES = ("velocity_verlet", *implicit.SCHEMES)
 
 
-@dataclass(frozen=True)
-class Options:
-    """What a run is asked for, checked as far as no scene is needed for that."""
+@dataclass(frozen=True, kw_only=True)
+class ChainRequest(Request):
+    """What is asked of a run of the chain, checked as far as no scene is needed for that."""
 
-    links: int | None
-    times: np.ndarray | None  #: instants [s], those of the scene by default
-    law: str
-    scheme: str | None
-    radius: float  #: spectral radius of generalized alpha
-    step: float | None  #: [s]
-    tolerance: float | None
-    outputs: tuple[str, ...]
+    links: int | None = None
+    law: str = LAWS[0]
+    radius: float = ImplicitRun.spectral_radius  #: spectral radius of generalized alpha
 
     @classmethod
     def of(
-        cls,
-        *,
-        links: int | None = None,
-        times: Any = None,
-        law: str = LAWS[0],
-        scheme: str | None = None,
-        spectral_radius: float | None = None,
-        step: float | None = None,
-        tolerance: float | None = None,
-        outputs: tuple[str, ...] = ("position",),
-    ) -> Options:
-        """Check what a caller gives."""
+        cls, *, scheme: str | None = None, law: str = LAWS[0], spectral_radius: float | None = None, **given: Any
+    ) -> Self:
+        """Check what a caller gives; options as those of :func:`cablepod.chain.simulate`."""
         check_law(law)
         check_scheme(scheme, SCHEMES)
-        names = check_outputs(outputs)
-        if step is not None and tolerance is not None:
-            raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
-        if tolerance is not None:
-            tolerance = check_positive("tolerance", tolerance)
         radius = _check_radius(spectral_radius, scheme)
-        instants = None if times is None else check_times(times)
-        return cls(links, instants, law, scheme, radius, step, tolerance, names)
-
-    @property
-    def goal(self) -> float:
-        """Time error that a run without a given step keeps, as a fraction of the motion."""
-        return DEFAULT_TOLERANCE if self.tolerance is None else self.tolerance
+        return super().of(scheme=scheme, law=law, radius=radius, **given)
 
 
 class Ready(NamedTuple):
@@ -109,7 +81,7 @@ class Solution(NamedTuple):
         return self.run.dataset(self.state).assign_attrs(self.notes)
 
 
-def prepare(p: Parameters, options: Options, title: str, progress: Callable[[float], None] | None = None) -> Ready:
+def prepare(p: Parameters, request: ChainRequest, title: str, progress: Callable[[float], None] | None = None) -> Ready:
     """Check a scene against what is asked for, and find where it starts from.
 
     Raises
@@ -117,42 +89,41 @@ def prepare(p: Parameters, options: Options, title: str, progress: Callable[[flo
     SceneError
         For options that cannot be with this scene, a scene without rest, an output that would not fit in memory.
     """
-    if options.law == "green" and p.link_viscosity is not None:
+    if request.law == "green" and p.link_viscosity is not None:
         raise refuse(
             "law and damping.link_viscosity",
-            (options.law, p.link_viscosity),
+            (request.law, p.link_viscosity),
             'viscous links with law "linear"; with "green" none, mass_proportional is possible',
         )
-    chain = chain_of(p, options.links, options.law)
-    instants = p.times() if options.times is None else options.times
-    p.check_reach(float(instants[-1]))
-    key = "links" if options.links is not None else "chain.links and times"
+    chain = chain_of(p, request.links, request.law)
+    instants = request.instants(p)
+    key = "links" if request.links is not None else "chain.links and times"
     check_memory(instants.size, chain.links, p.dims, key=key, variables=3)
     initial = start(chain)
     limit = chain.step_limit(chain.stiffening(initial))
-    about = (chain, instants, initial, options.outputs, progress, title)
+    about = (chain, instants, initial, request.outputs, progress, title)
     explicit = VerletRun(*about)
     run: Run = explicit
-    if options.scheme not in (None, explicit.scheme):
-        run = ImplicitRun(*about, method=options.scheme, spectral_radius=options.radius)
+    if request.scheme not in (None, explicit.scheme):
+        run = ImplicitRun(*about, method=request.scheme, spectral_radius=request.radius)
     rate = None
-    if options.step is not None:
+    if request.step is not None:
         if run is explicit:
             why = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
-            rate = 1.0 / check_step(options.step, limit, why)
+            rate = 1.0 / check_step(request.step, limit, why)
         else:
-            rate = implicit_rate(options.step, float(instants[-1]), p.time_scale)
+            rate = implicit_rate(request.step, float(instants[-1]), p.time_scale)
     return Ready(explicit, run, limit, rate)
 
 
-def solve(ready: Ready, options: Options, state: State | None = None) -> Solution:
+def solve(ready: Ready, request: ChainRequest, state: State | None = None) -> Solution:
     """Run a scene with the scheme and step given, or chosen by tolerance.
 
     Parameters
     ----------
     ready
         The scene.
-    options
+    request
         What is asked for.
     state
         What a run with the given step gave, where it was made already.
@@ -179,12 +150,14 @@ def solve(ready: Ready, options: Options, state: State | None = None) -> Solutio
                 stacklevel=4,
             )
         return Solution(run, state, rate, None, "given")
-    if options.scheme is not None:
-        return Solution(run, *_refined(run, limit, options.goal), "given")
+    if request.scheme is not None:
+        return Solution(run, *_refined(run, limit, request.tolerance), "given")
     trapezoidal = ImplicitRun(
         explicit.chain, explicit.times, explicit.initial, explicit.outputs, explicit.progress, explicit.title
     )
-    run, found, reason = _picked(explicit, trapezoidal, limit, options.goal, asked=options.tolerance is not None)
+    run, found, reason = _picked(
+        explicit, trapezoidal, limit, request.tolerance, asked=request.given_tolerance is not None
+    )
     return Solution(run, *found, reason)
 
 

@@ -11,7 +11,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.batch._members import in_one_go, over_members
 from cablepod.chain import _batch as chain_many
-from cablepod.chain._scheme import Options, prepare, solve
+from cablepod.chain._scheme import ChainRequest, prepare, solve
 from cablepod.chain._start import rest_shape
 from cablepod.conventions import label
 from cablepod.discretisation._chain import chain_of, square
@@ -198,7 +198,7 @@ def simulate(
     >>> run.position.dims, run.attrs["scheme"], run.attrs["time_error_estimate"] < 1e-6
     (('time', 'particle', 'coordinate'), 'velocity_verlet', True)
     """
-    options = Options.of(
+    request = ChainRequest.of(
         links=links,
         times=times,
         law=law,
@@ -208,18 +208,18 @@ def simulate(
         tolerance=tolerance,
         outputs=outputs,
     )
-    ready = prepare(parameters(scene), options, str(scene.attrs.get("title", "scene")), progress)
-    solution = solve(ready, options)
+    ready = prepare(parameters(scene), request, str(scene.attrs.get("title", "scene")), progress)
+    solution = solve(ready, request)
     run = solution.run
     resolved = {
         "links": run.chain.links,
         "times": run.times,
         "law": law,
         "scheme": run.scheme,
-        "spectral_radius": options.radius if run.scheme == "generalized_alpha" else None,
+        "spectral_radius": request.radius if run.scheme == "generalized_alpha" else None,
         "step": 1.0 / solution.rate,
-        "tolerance": None if step is not None else options.goal,
-        "outputs": list(options.outputs),
+        "tolerance": request.recorded_tolerance,
+        "outputs": list(request.outputs),
     }
     return provenance.record(
         solution.dataset(),

@@ -17,7 +17,7 @@ from cablepod.catenary._statics import member_statics, solve_statics
 from cablepod.condensed._fields import sets
 from cablepod.condensed._model import Model
 from cablepod.condensed._output import attributes_of, coordinates_of, padded, shared_attributes, title_of, variables
-from cablepod.condensed._runs import SCHEMES, Options, solve
+from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import Chain
 from cablepod.discretisation._chord_frame import ALIGNED
@@ -35,7 +35,7 @@ def run(
     modes: xr.Dataset,
     model: Model,
     members: Members,
-    options: Options,
+    request: CondensedRequest,
     make: Callable[[Parameters], Model],
     progress: Callable[[float], None] | None,
 ) -> xr.Dataset:
@@ -49,27 +49,27 @@ def run(
         Of the first member.
     members
         Their parameters.
-    options
+    request
         What each run is asked for.
     make
         Makes the model of a member that differs from the first in more than numbers.
     progress
         Called with the part that is done.
     """
-    many = plan(modes, model, members, options)
+    many = plan(modes, model, members, request)
 
     def one(i: int) -> tuple[Arrays, Mapping[str, Any]]:
         p = members[i]
         own = sibling(model, p) if alike(p, model.chain.p) else make(p)
-        solution = solve(own, options)
-        made = variables(own, solution.state, options.outputs, options.links)
+        solution = solve(own, request)
+        made = variables(own, solution.state, request.outputs, request.links)
         made["arc_length"] = (("particle",), own.chain.arc_length)
-        return made, attributes_of(solution, modes, options)
+        return made, attributes_of(solution, modes, request)
 
     stack = gather(one, len(members), progress, many)
     title = title_of(model, str(scene.attrs.get("title", "scene")))
-    times = members[0].times() if options.times is None else options.times
-    coords = coordinates_of(model, times, options.links)
+    times = members[0].times() if request.times is None else request.times
+    coords = coordinates_of(model, times, request.links)
     result = join(stack, scene, coords).set_coords("arc_length")
     result.attrs = {"title": title, **result.attrs}
     warn_condensed_members(stack.attrs)
@@ -148,30 +148,30 @@ def rescaled_coefficients(model: Model, mass: np.ndarray, total: np.ndarray) -> 
     return RescaledCoefficients(stretch, heavier, named, [times(heavier, turn) for turn in turns], times(bent, squares))
 
 
-def plan(modes: xr.Dataset, model: Model, members: Members, options: Options) -> Many | None:
+def plan(modes: xr.Dataset, model: Model, members: Members, request: CondensedRequest) -> Many | None:
     """Tell how to run many members at once; None where the compiled loops over members do not cover what is asked for."""
-    step, outputs = options.step, set(options.outputs)
-    allowed = {"tension_extremes"} if options.links is None else {"tension", "tension_extremes"}
+    step, outputs = request.step, set(request.outputs)
+    allowed = {"tension_extremes"} if request.links is None else {"tension", "tension_extremes"}
     if (
         model.tests is not None
         or step is None
         or model.order != "leading"
-        or options.scheme not in (None, SCHEMES[0])
+        or request.scheme not in (None, SCHEMES[0])
         or outputs - allowed
     ):
         return None
-    if options.times is None and {"time_duration", "time_interval"} & set(members.varied):
+    if request.times is None and {"time_duration", "time_interval"} & set(members.varied):
         return None
     columns = Columns.of(members)
     if columns is None:
         return None
-    times = members[0].times() if options.times is None else options.times
+    times = members[0].times() if request.times is None else request.times
     check_memory(times.size, model.chain.links, model.chain.p.dims, key="times", variables=3)
     instants = Instants.of(times, 1.0 / step)
     if instants.dense or instants.steps.size != times.size:
         return None
     shared = shared_attributes(model, instants, SCHEMES[0], modes)
-    return Plan(modes, model, columns, instants, outputs, options.links, shared)
+    return Plan(modes, model, columns, instants, outputs, request.links, shared)
 
 
 @dataclass(frozen=True)

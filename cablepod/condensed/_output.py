@@ -20,7 +20,7 @@ from cablepod.reduced._training_distance import outside
 from cablepod.reduced._validity import forcing_attributes
 
 if TYPE_CHECKING:
-    from cablepod.condensed._runs import Options, Solution
+    from cablepod.condensed._runs import CondensedRequest, Solution
 
 
 @lru_cache
@@ -136,19 +136,19 @@ def padded(amplitude: np.ndarray, rank: int) -> np.ndarray:
     return np.pad(amplitude, [(0, 0)] * (amplitude.ndim - 1) + [(0, missing)]) if missing else amplitude
 
 
-def attributes_of(solution: Solution, modes: xr.Dataset, options: Options) -> dict[str, Any]:
+def attributes_of(solution: Solution, modes: xr.Dataset, request: CondensedRequest) -> dict[str, Any]:
     """Tell how a run was made and how far it can be trusted; with the estimate of its error, where asked for."""
     run, state, rate, limit, time_error = solution
     attrs = attributes(run.model, state, modes) | {"step_limit": limit}
     if time_error is not None:
         attrs["time_error_estimate"] = time_error
-    if "error_estimate" in options.outputs:
+    if "error_estimate" in request.outputs:
         estimate = condensed_estimate.estimate(run.model, run.sample, rate, float(run.times[-1]))
         attrs["error_estimate"] = (time_error or 0.0) + estimate
     return attrs
 
 
-def result_of(solution: Solution, modes: xr.Dataset, options: Options, title: str) -> xr.Dataset:
+def result_of(solution: Solution, modes: xr.Dataset, request: CondensedRequest, title: str) -> xr.Dataset:
     """Make the Dataset of one run."""
-    attrs = attributes_of(solution, modes, options)
-    return dataset(solution.run.model, solution.state, attrs, options.outputs, title, options.links)
+    attrs = attributes_of(solution, modes, request)
+    return dataset(solution.run.model, solution.state, attrs, request.outputs, title, request.links)

@@ -17,7 +17,7 @@ from cablepod.condensed._output import attributes, dataset
 from cablepod.errors import RunStopped
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output_times import Instants
-from cablepod.integrate._request import check_resolved, check_step
+from cablepod.integrate._request import Request, check_resolved, check_step
 from cablepod.integrate._step_control import STEPS_PER_CHANGE, damped_growth, motion_scale, preferred_rate, refine
 
 SCHEMES = ("velocity_verlet", "trapezoidal")
@@ -29,16 +29,11 @@ STIFF = 0.3
 RESOLVING = 0.4
 
 
-@dataclass(frozen=True)
-class Options:
-    """What a run is asked for, checked."""
+@dataclass(frozen=True, kw_only=True)
+class CondensedRequest(Request):
+    """What is asked of a run of the condensed model, checked."""
 
-    times: np.ndarray | None  #: instants [s], those of the scene by default
-    scheme: str | None
-    step: float | None  #: [s]
-    tolerance: float
-    outputs: tuple[str, ...]
-    links: np.ndarray | None  #: links whose tensions count, from 0; all by default
+    links: np.ndarray | None = None  #: links whose tensions count, from 0; all by default
 
 
 class Solution(NamedTuple):
@@ -51,7 +46,7 @@ class Solution(NamedTuple):
     time_error: float | None  #: estimate of the error of the step, where a tolerance chose it
 
 
-def solve(model: Model, options: Options, progress: Callable[[float], None] | None = None) -> Solution:
+def solve(model: Model, request: CondensedRequest, progress: Callable[[float], None] | None = None) -> Solution:
     """Run a model with the scheme and step given, or chosen by tolerance.
 
     Raises
@@ -62,18 +57,17 @@ def solve(model: Model, options: Options, progress: Callable[[float], None] | No
         Where the motion leaves the finite numbers, its frequencies outgrow a given step, or Newton's method fails.
     """
     p = model.chain.p
-    instants = p.times() if options.times is None else options.times
-    p.check_reach(float(instants[-1]))
+    instants = request.instants(p)
     check_memory(instants.size, model.chain.links, p.dims, key="times", variables=3)
     q0, v0 = model.initial()
     push, _, h = model.force(q0, v0, model.first_row)
     fastest = model.highest_square(q0, model.first_row, h)
     limit = 2.0 / math.sqrt(fastest)
-    scheme, step = options.scheme, options.step
+    scheme, step = request.scheme, request.step
     if scheme is None:
         explicit = limit >= STIFF * 2.0 / math.sqrt(max(abs(h) * model.turned[1].max(), 1e-300))
         scheme = SCHEMES[0] if explicit or (step is not None and step < limit) else SCHEMES[1]
-    run = Run(model, instants, Start(q0, v0, push, h), options.outputs, options.links, progress, scheme)
+    run = Run(model, instants, Start(q0, v0, push, h), request.outputs, request.links, progress, scheme)
     if step is not None:
         if scheme == SCHEMES[0]:
             check_step(step, limit, f"2 over the highest angular frequency, {2 / limit:.6g} rad/s")
@@ -91,7 +85,7 @@ def solve(model: Model, options: Options, progress: Callable[[float], None] | No
         position,
         lambda s: motion_scale(position(s), initial, chord),
         preferred_rate(1.0 / first),
-        options.tolerance,
+        request.tolerance,
         size=(float(instants[-1]), model.chain.links),
     )
     return Solution(run, state, rate, limit, estimate)

@@ -13,10 +13,9 @@ from cablepod.batch._members import unnamed_values
 from cablepod.condensed._assembly import model_of
 from cablepod.condensed._batch import run
 from cablepod.condensed._output import result_of
-from cablepod.condensed._runs import SCHEMES, Options, solve
+from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import refuse
-from cablepod.integrate._request import DEFAULT_TOLERANCE, check_outputs, check_positive, check_scheme, check_times
 from cablepod.parameters._from_scene import Members
 from cablepod.reduced._validity import warn_condensed_out_of_range
 
@@ -121,20 +120,17 @@ def simulate(
     >>> round(100 * model.attrs["error_estimate"], 2)  # per cent, without knowing the truth
     0.02
     """
-    names = check_outputs(outputs, (*OUTPUTS, "error_estimate"))
-    if step is not None and tolerance is not None:
-        raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
-    if scheme is not None:
-        check_scheme(scheme, SCHEMES)
-    options = Options(
-        None if times is None else check_times(times),
-        scheme,
-        None if step is None else check_positive("step", step),
-        DEFAULT_TOLERANCE if tolerance is None else check_positive("tolerance", tolerance),
-        names,
-        None if links is None else check_links(links, modes),
+    request = CondensedRequest.of(
+        times=times,
+        scheme=scheme,
+        schemes=SCHEMES,
+        step=step,
+        tolerance=tolerance,
+        outputs=outputs,
+        allowed=(*OUTPUTS, "error_estimate"),
+        links=None if links is None else check_links(links, modes),
     )
-    if quadrature is not None and "tension_extremes" in names:
+    if quadrature is not None and "tension_extremes" in request.outputs:
         raise refuse("outputs", "tension_extremes", "without quadrature, as they are those of links")
     members = Members(scene)
     p = members[0]
@@ -145,24 +141,24 @@ def simulate(
             modes,
             model,
             members,
-            options,
+            request,
             lambda other: model_of(other, modes, rank=rank, order=order, law=law, quadrature=quadrature),
             progress,
         )
     else:
         title = str(scene.attrs.get("title", "scene"))
-        result = result_of(solve(model, options, progress), modes, options, title)
+        result = result_of(solve(model, request, progress), modes, request, title)
         warn_condensed_out_of_range(result.attrs)
     record = {
         "rank": model.rank,
-        "times": p.times() if options.times is None else options.times,
+        "times": p.times() if request.times is None else request.times,
         "order": order,
         "law": law,
         **({} if quadrature is None else {"quadrature": quadrature}),
         "scheme": result.attrs.get("scheme", scheme),
         "step": result.attrs.get("step", step),
-        "tolerance": None if step is not None else options.tolerance,
-        "outputs": list(names),
+        "tolerance": request.recorded_tolerance,
+        "outputs": list(request.outputs),
         **({} if links is None else {"links": [int(item) for item in links]}),
         **(unnamed_values(scene) if "member" in scene.dims else {}),
     }

@@ -12,7 +12,7 @@ from cablepod import provenance
 from cablepod._resources import check_memory
 from cablepod.batch._members import over_members
 from cablepod.conventions import OUTPUTS
-from cablepod.errors import NotConvergedWarning, refuse
+from cablepod.errors import NotConvergedWarning
 from cablepod.galerkin._estimate import estimate
 from cablepod.galerkin._explicit import VerletRun
 from cablepod.galerkin._implicit import ImplicitRun
@@ -20,12 +20,8 @@ from cablepod.galerkin._model import Model, model_of
 from cablepod.galerkin._runs import Run, State
 from cablepod.galerkin._scheme import SCHEMES, _picked, _refined
 from cablepod.integrate._request import (
-    DEFAULT_TOLERANCE,
-    check_outputs,
-    check_positive,
-    check_scheme,
+    Request,
     check_step,
-    check_times,
     implicit_rate,
 )
 from cablepod.parameters._from_scene import parameters
@@ -134,15 +130,18 @@ def simulate(
     >>> round(100 * float(cp.compare.errors(model, chain).error_max), 2)  # per cent
     0.04
     """
-    check_scheme(scheme, SCHEMES)
-    names = check_outputs(outputs, (*OUTPUTS, "error_estimate"))
-    if step is not None and tolerance is not None:
-        raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
-    goal = DEFAULT_TOLERANCE if tolerance is None else check_positive("tolerance", tolerance)
+    request = Request.of(
+        times=times,
+        scheme=scheme,
+        schemes=SCHEMES,
+        step=step,
+        tolerance=tolerance,
+        outputs=outputs,
+        allowed=(*OUTPUTS, "error_estimate"),
+    )
     p = parameters(scene)
     model = model_of(p, modes, rank=rank, law=law)
-    instants = p.times() if times is None else check_times(times)
-    p.check_reach(float(instants[-1]))
+    instants = request.instants(p)
     check_memory(instants.size, model.chain.links, p.dims, key="times", variables=3)
     q0 = model.initial()
     highest = model.highest_frequency(q0, 0.0)
@@ -150,7 +149,7 @@ def simulate(
     limit = 2.0 / highest if highest > 0.0 else model.chain.step_limit()
     runs: dict[str, Run] = {
         name: (VerletRun if name == SCHEMES[0] else ImplicitRun)(
-            model, instants, q0, names, progress, scene, modes, name
+            model, instants, q0, request.outputs, progress, scene, modes, name
         )
         for name in SCHEMES
     }
@@ -164,14 +163,14 @@ def simulate(
         state, time_error = run(rate), None
         _check_energy(state, run.scheme)
     elif scheme is not None:
-        state, rate, time_error = _refined(run, limit, goal)
+        state, rate, time_error = _refined(run, limit, request.tolerance)
     else:
-        run, (state, rate, time_error), reason = _picked(runs, limit, goal, asked=tolerance is not None)
+        run, (state, rate, time_error), reason = _picked(runs, limit, request.tolerance, asked=tolerance is not None)
     result = run.dataset(state)
     result.attrs.update(step_limit=limit, choice_of_scheme=reason, **_trust(model, modes, result))
     if time_error is not None:
         result.attrs["time_error_estimate"] = time_error
-    if "error_estimate" in names:
+    if "error_estimate" in request.outputs:
         expected = estimate(model, run.sample, rate, float(instants[-1]))
         result.attrs["error_estimate"] = (time_error or 0.0) + expected
     warn_galerkin_out_of_range(result.attrs)
@@ -181,8 +180,8 @@ def simulate(
         "law": law,
         "scheme": run.scheme,
         "step": 1.0 / rate,
-        "tolerance": None if step is not None else goal,
-        "outputs": list(names),
+        "tolerance": request.recorded_tolerance,
+        "outputs": list(request.outputs),
     }
     return provenance.record(
         result,

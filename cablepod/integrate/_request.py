@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import warnings
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import NotConvergedWarning, SceneError, refuse
 from cablepod.parameters._checks import number
+from cablepod.parameters._parameters import Parameters
 
 #: Time error that a run without scheme, step or tolerance keeps, as a fraction of the motion.
 DEFAULT_TOLERANCE = 1e-6
@@ -95,3 +97,80 @@ def check_step(step: Any, limit: float, what: str) -> float:
     if value >= limit:
         raise SceneError(f"step: given {value:.6g} s; allowed: below the stability limit, {limit:.6g} s, {what}")
     return value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """What a caller asks of a run, checked as far as no scene is needed for that."""
+
+    times: np.ndarray | None = None  #: instants of the output [s], those of the scene by default
+    scheme: str | None = None  #: by default the model chooses
+    step: float | None = None  #: [s], by default chosen by the tolerance
+    given_tolerance: float | None = None  #: of the time error, as a fraction of the motion
+    outputs: tuple[str, ...] = ("position",)
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        times: Any = None,
+        scheme: str | None = None,
+        schemes: tuple[str, ...] = (),
+        step: Any = None,
+        tolerance: Any = None,
+        outputs: Any = ("position",),
+        allowed: tuple[str, ...] = OUTPUTS,
+        **others: Any,
+    ) -> Self:
+        """Check what a caller gives.
+
+        Parameters
+        ----------
+        times, scheme, step, tolerance, outputs
+            As the caller gives them; None for those left to the model.
+        schemes, allowed
+            Names of the schemes and outputs that the model has.
+        **others
+            Further fields of a model's own request.
+
+        Raises
+        ------
+        SceneError
+            For names that the model does not have, instants that do not rise, a step beside a tolerance, and numbers that are
+            not positive.
+        """
+        if schemes:
+            check_scheme(scheme, schemes)
+        names = check_outputs(outputs, allowed)
+        if step is not None and tolerance is not None:
+            raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
+        return cls(
+            times=None if times is None else check_times(times),
+            scheme=scheme,
+            step=None if step is None else check_positive("step", step),
+            given_tolerance=None if tolerance is None else check_positive("tolerance", tolerance),
+            outputs=names,
+            **others,
+        )
+
+    @property
+    def tolerance(self) -> float:
+        """Time error that a run without a given step keeps, as a fraction of the motion."""
+        return DEFAULT_TOLERANCE if self.given_tolerance is None else self.given_tolerance
+
+    @property
+    def recorded_tolerance(self) -> float | None:
+        """Tolerance as the history of a result tells it: none where the step is given."""
+        return None if self.step is not None else self.tolerance
+
+    def instants(self, p: Parameters) -> np.ndarray:
+        """Return the instants of the output [s], which records of motions and loads must cover.
+
+        Raises
+        ------
+        SceneError
+            For a record that is too short, and a scene without instants where none are asked for.
+        """
+        instants = p.times() if self.times is None else self.times
+        p.check_reach(float(instants[-1]))
+        return instants

@@ -24,7 +24,7 @@ from cablepod._resources import cores
 from cablepod.batch._pool import map_threads
 from cablepod.condensed._assembly import TEST, model_of
 from cablepod.condensed._model import Model
-from cablepod.condensed._runs import Options, solve
+from cablepod.condensed._runs import CondensedRequest, solve
 from cablepod.conventions import label
 from cablepod.errors import RunStopped, SceneError, refuse
 from cablepod.integrate._request import check_positive, check_times
@@ -62,7 +62,7 @@ class Lesson:
     @cached_property
     def how(self) -> tuple[str, float]:
         """Scheme and step [s] that meet the tolerance with the modes as test functions; kept, so that errors are smooth."""
-        solution = solve(self.model, Options(self.times, None, None, self.tolerance, (), None))
+        solution = solve(self.model, CondensedRequest(times=self.times, given_tolerance=self.tolerance, outputs=()))
         return solution.run.scheme, 1.0 / solution.rate
 
     @cached_property
@@ -104,7 +104,7 @@ class Lesson:
         coordinates, turns, left = self.seen
         scheme, step = self.how
         try:
-            q = solve(model, Options(self.times, scheme, step, self.tolerance, (), None)).state.q
+            q = solve(model, CondensedRequest(times=self.times, scheme=scheme, step=step, outputs=())).state.q
         except (RunStopped, SceneError):
             return np.full((self.times.size, coordinates.shape[1] + 1), FAILED)
         return np.column_stack([q @ turns.T - coordinates, left]) / self.size

@@ -16,7 +16,10 @@ from cablepod.batch._members import over_members
 from cablepod.conventions import label
 from cablepod.discretisation._chain import Chain, chain_of, square
 from cablepod.errors import NotConvergedWarning, RunStopped, refuse
-from cablepod.integrate._request import DEFAULT_TOLERANCE, check_outputs, check_positive, check_times, implicit_rate
+from cablepod.integrate._request import (
+    Request,
+    implicit_rate,
+)
 from cablepod.integrate._run import State, coordinates
 from cablepod.integrate._step_control import check_work, motion_scale, preferred_rate, refine
 from cablepod.parameters._checks import number
@@ -160,22 +163,18 @@ def simulate(
     """
     if formulation not in FORMULATIONS:
         raise refuse("formulation", formulation, "one of " + ", ".join(f'"{name}"' for name in FORMULATIONS))
-    names = check_outputs(outputs)
-    if step is not None and tolerance is not None:
-        raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
-    goal = DEFAULT_TOLERANCE if tolerance is None else check_positive("tolerance", tolerance)
+    request = Request.of(times=times, step=step, tolerance=tolerance, outputs=outputs)
     rate_of_drift = _check_baumgarte(baumgarte, formulation)
     p = parameters(scene)
     chain = _chain(p, links)
-    instants = p.times() if times is None else check_times(times)
+    instants = request.instants(p)
     until = float(instants[-1])
-    p.check_reach(until)
     check_memory(
         instants.size, chain.links, p.dims, key="links" if links is not None else "chain.links and times", variables=3
     )
     check_ends(chain, until)
     title = str(scene.attrs.get("title", "scene"))
-    run = RigidRun(chain, instants, start(chain), names, progress, title, formulation, rate_of_drift)
+    run = RigidRun(chain, instants, start(chain), request.outputs, progress, title, formulation, rate_of_drift)
     if step is not None:
         rate = implicit_rate(step, until, p.time_scale)
         state, estimate = run(rate), None
@@ -190,7 +189,7 @@ def simulate(
                 stacklevel=3,
             )
     else:
-        state, rate, estimate = _refined(run, goal)
+        state, rate, estimate = _refined(run, request.tolerance)
     result = run.dataset(state)
     if estimate is not None:
         result.attrs["time_error_estimate"] = estimate
@@ -200,8 +199,8 @@ def simulate(
         "formulation": formulation,
         "baumgarte": rate_of_drift,
         "step": 1.0 / rate,
-        "tolerance": None if step is not None else goal,
-        "outputs": list(names),
+        "tolerance": request.recorded_tolerance,
+        "outputs": list(request.outputs),
     }
     return provenance.record(
         result,
