@@ -14,6 +14,10 @@ from typing import NamedTuple
 
 import pytest
 
+import cablepod
+
+PACKAGE = Path(cablepod.__file__).parent
+
 #: Sub-packages and modules by level.  Each may import from lower levels, and within itself.
 LAYERS = (
     ("conventions", "errors", "provenance", "_jit"),
@@ -381,3 +385,8 @@ def f():
     return y
 """
     assert code_lines(text) == 7  # three of x, one of def, two of y, one of return
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_the_package_keeps_the_rules(check):
+    assert check(PACKAGE) == []
