@@ -7,7 +7,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import label
-from cablepod.errors import SceneError, refuse
+from cablepod.errors import SceneError, scene_error
 from cablepod.integrate._step_control import motion_scale
 from cablepod.pod._snapshots import relative_arc_length
 
@@ -55,7 +55,7 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
         return _of_members(run, truth)
     _check_instants(run["time"].values, truth["time"].values)
     if list(run["coordinate"].values) != list(truth["coordinate"].values):
-        raise refuse(
+        raise scene_error(
             "run", list(run["coordinate"].values), f"the coordinates of the truth, {list(truth['coordinate'].values)}"
         )
     order = ("time", "particle", "coordinate")

@@ -12,7 +12,7 @@ class SceneError(ValueError):
     """What a user gave cannot be a scene; the message names the key, what was given and what is allowed."""
 
 
-def refuse(key: str, given: Any, allowed: str) -> SceneError:
+def scene_error(key: str, given: Any, allowed: str) -> SceneError:
     """Make the error for `key`: what was `given` and what is `allowed`."""
     return SceneError(f"{key}: given {shown(given)}; allowed: {allowed}")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from cablepod.errors import refuse
+from cablepod.errors import scene_error
 from cablepod.scene._read import read_scene
 
 
@@ -44,7 +44,7 @@ def scene_path(name: str) -> Path:
     ):
         return data_folder() / "scenes" / path.name
     if not path.exists():
-        raise refuse("scene", name, f"a scene file, or one of the shipped scenes: {', '.join(scenes())}")
+        raise scene_error("scene", name, f"a scene file, or one of the shipped scenes: {', '.join(scenes())}")
     return path
 
 
@@ -93,5 +93,5 @@ def truth_path(name: str, law: str = "green") -> Path:
         Where there is none; it lists those there are.
     """
     if (name, law) not in truths():
-        raise refuse("truth", f"{name}, {law}", "; ".join(", ".join(item) for item in truths()))
+        raise scene_error("truth", f"{name}, {law}", "; ".join(", ".join(item) for item in truths()))
     return data_folder() / "truth" / f"{name}_{law}.nc"

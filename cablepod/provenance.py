@@ -19,34 +19,34 @@ if TYPE_CHECKING:
     import xarray as xr
 
 #: Attributes that say what a result is; they lead wherever it is printed (xarray shows the first six).
-LEADING = (
+ATTRS_FIRST = (
     "title", "stage", "incomplete", "scheme", "formulation", "step", "error_estimate", "time_error_estimate",
     "space_error_estimate", "model", "number_of_steps",
 )  # fmt: skip
 #: Longer arrays are not kept in a history.
-KEPT = 64
+MAX_HISTORY_ITEMS = 64
 #: But uneven instants, without which nothing could be made again, up to so many.
-KEPT_NUMBERS = 4096
+MAX_HISTORY_FLOATS = 4096
 #: Ways to make equidistant numbers, see :func:`equidistant`.
 EQUIDISTANT = ("multiples", "quotients", "linspace")
 
 
-def plain(value: Any) -> Any:
+def to_json(value: Any) -> Any:
     """Turn `value` into what JSON can hold; of long arrays first, last and count if equidistant, or a digest of their bytes."""
     if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): to_json(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        if len(value) > KEPT and isinstance(value[0], float):
-            return plain(np.array(value))
-        return [plain(item) for item in value]
+        if len(value) > MAX_HISTORY_ITEMS and isinstance(value[0], float):
+            return to_json(np.array(value))
+        return [to_json(item) for item in value]
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):
-        if value.size > KEPT:
+        if value.size > MAX_HISTORY_ITEMS:
             for way, made in _equidistant(value):
                 if np.array_equal(made, value):
                     return {"equidistant": way, "first": float(value[0]), "last": float(value[-1]), "count": value.size}
-            if value.ndim == 1 and value.dtype.kind == "f" and value.size <= KEPT_NUMBERS:
+            if value.ndim == 1 and value.dtype.kind == "f" and value.size <= MAX_HISTORY_FLOATS:
                 return value.tolist()  # uneven instants
             digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()[:16]
             return {"shape": list(value.shape), "dtype": str(value.dtype), "sha256": digest}
@@ -77,7 +77,7 @@ def public_name(function: Callable[..., Any]) -> str:
     return ".".join([*package, function.__name__])
 
 
-def unset(**options: Any) -> list[str]:
+def defaulted_options(**options: Any) -> list[str]:
     """Names of the options that were left to the function, which are None."""
     return [name for name, value in options.items() if value is None]
 
@@ -106,8 +106,8 @@ def record(
         Names of parameters that the function chose itself, see :func:`unset`: who makes the result again leaves them out.  They
         stand outside the ``id``.
     """
-    resolved = {key: plain(value) for key, value in parameters.items()}
-    inputs = [as_it_is(item) for item in inputs]
+    resolved = {key: to_json(value) for key, value in parameters.items()}
+    inputs = [with_manual_change(item) for item in inputs]
     parents = [str(item.attrs.get("id", "unknown")) for item in inputs]
     key = json.dumps([function, resolved, parents], sort_keys=True, separators=(",", ":"))
     identifier = hashlib.sha256(key.encode()).hexdigest()[:20]
@@ -126,11 +126,11 @@ def record(
 
 def in_order(attrs: Mapping[str, Any]) -> dict[str, Any]:
     """Put attributes in the order in which a result has them."""
-    first = [name for name in LEADING if name in attrs]
+    first = [name for name in ATTRS_FIRST if name in attrs]
     return {name: attrs[name] for name in (*first, *(name for name in attrs if name not in first))}
 
 
-def seal(scene: xr.Dataset) -> xr.Dataset:
+def stamp_values(scene: xr.Dataset) -> xr.Dataset:
     """Note the values of a scene in its attribute ``values_sha256``, in place, so that a later change of them shows."""
     scene.attrs["values_sha256"] = digest(scene)
     return scene
@@ -146,7 +146,7 @@ def digest(dataset: xr.Dataset) -> str:
     return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
 
 
-def as_it_is(item: xr.Dataset) -> xr.Dataset:
+def with_manual_change(item: xr.Dataset) -> xr.Dataset:
     """Give a scene that was changed by hand, as with ``assign``, an id and a stage of its own; other datasets as they are."""
     if item.attrs.get("stage") != "scene" or "values_sha256" not in item.attrs:
         return item
@@ -157,13 +157,17 @@ def as_it_is(item: xr.Dataset) -> xr.Dataset:
     original.attrs = {key: value for key, value in item.attrs.items() if key != "values_sha256"}
     changed = item[[]]
     changed.attrs = {}
-    values = {str(name): _with_dims(variable) for name, variable in item.variables.items() if variable.size <= KEPT}
+    values = {
+        str(name): _with_dims(variable)
+        for name, variable in item.variables.items()
+        if variable.size <= MAX_HISTORY_ITEMS
+    }
     parameters = {"values_sha256": found, "values": values}
     return record(changed, function="changed by hand", parameters=parameters, inputs=[original])
 
 
 def _with_dims(variable: xr.Variable) -> Any:
-    value = plain(np.asarray(variable.values)) if variable.dims else plain(variable.values[()])
+    value = to_json(np.asarray(variable.values)) if variable.dims else to_json(variable.values[()])
     return [list(variable.dims), value, dict(variable.attrs)] if variable.dims else value
 
 

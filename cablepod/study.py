@@ -16,10 +16,10 @@ import numpy as np
 import xarray as xr
 
 from cablepod import archive, catenary, chain, compare, galerkin, pod
-from cablepod.archive._atomic import whole_file
+from cablepod.archive._atomic import atomic_file
 from cablepod.archive._folder import prepare_folder
 from cablepod.discretisation._chain import chain_of
-from cablepod.errors import RunStopped, SceneError, refuse
+from cablepod.errors import RunStopped, SceneError, scene_error
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 
@@ -179,7 +179,7 @@ class _Stages:
 
 def _check_scene(p: Parameters) -> None:
     """Refuse scenes of which there is no Galerkin model."""
-    if p.free is not None:
+    if p.free_end is not None:
         raise SceneError("ends.free: given a free end; allowed: two held ends, because the reduced model lifts by both")
     if p.link_viscosity is not None:
         raise SceneError(
@@ -195,9 +195,9 @@ def _checked_ranks(ranks: Iterable[int], available: int) -> list[int]:
     except TypeError:
         rising = []
     if not rising or rising[0] < 1:
-        raise refuse("ranks", ranks, "whole numbers of at least 1")
+        raise scene_error("ranks", ranks, "whole numbers of at least 1")
     if rising[0] > available:
-        raise refuse("ranks", rising, f"one or more of at most {available}, the number of modes of this scene")
+        raise scene_error("ranks", rising, f"one or more of at most {available}, the number of modes of this scene")
     return rising
 
 
@@ -245,5 +245,5 @@ def _write_figures(
     for name, draw in zip(FIGURES, drawings, strict=True):
         figure = Figure(figsize=(7.5, 4.2), layout="constrained")
         draw(ax=figure.subplots())
-        with whole_file(folder / f"{name}.png") as unfinished:
+        with atomic_file(folder / f"{name}.png") as unfinished:
             figure.savefig(unfinished, dpi=150, format="png")

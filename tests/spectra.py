@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from cablepod.discretisation._chord_frame import Frame
-from cablepod.pod._incremental import Accumulator
+from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.pod._incremental import IncrementalSVD
 
 STEEP = np.geomspace(1.0, 1e-8, 20)
 
@@ -82,7 +82,7 @@ def turning(samples=3000, particles=22, dims=3, steep=False):
     reach = np.stack([8.0 + time, 0.5 * time**2, 2.0 * np.sin(3.0 * time)], axis=1)[
         :, [1, 0, 2] if steep else [0, 1, 2]
     ]
-    frame = Frame.of(reach[:, :dims])
+    frame = ChordFrame.of(reach[:, :dims])
     deflection = np.zeros((dims - 1, samples, particles))
     deflection[:, :, 1:-1] = [item[0] for item in known]
     along = frame.chord[:, None] * np.linspace(0.0, 1.0, particles) ** 1.1
@@ -106,7 +106,7 @@ def sines(modes, left):
 
 
 def accumulated(rows, *, parts=1, block=500, center=True):
-    sums = [Accumulator(rows.shape[1], center=center) for _ in range(parts)]
+    sums = [IncrementalSVD(rows.shape[1], center=center) for _ in range(parts)]
     for own, part in zip(sums, np.array_split(rows, parts), strict=True):
         for begin in range(0, len(part), block):
             own.add(part[begin : begin + block].copy())

@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 @contextlib.contextmanager
-def whole_file(path: Path, *, check: Callable[[], None] | None = None) -> Iterator[Path]:
+def atomic_file(path: Path, *, check: Callable[[], None] | None = None) -> Iterator[Path]:
     """Give a path beside `path` to write to; on leaving it is flushed to the disk and renamed, or on any error removed.
 
     `check` is called just before the renaming, for a long write leaves time for somebody else's file.

@@ -210,5 +210,5 @@ def changed(scene: xr.Dataset, *, values: Mapping[str, Any]) -> xr.Dataset:
         else:
             made[name] = scene[name].copy(data=value) if name in scene and not scene[name].dims else value
     return scene.drop_vars(
-        [name for name in scene.variables if name not in made and scene[name].size <= provenance.KEPT]
+        [name for name in scene.variables if name not in made and scene[name].size <= provenance.MAX_HISTORY_ITEMS]
     ).assign(made)

@@ -19,7 +19,7 @@ from cablepod.errors import ArchiveError
 
 
 @dataclass(frozen=True)
-class _Reader:
+class _ChunkReader:
     """Reads one variable of one batch file, called for each chunk of a dask array."""
 
     files: tuple[str, ...]
@@ -98,7 +98,9 @@ def open_ensemble(path: str | os.PathLike[str], *, incomplete: bool = False) -> 
         scenes = restored(opened.load())
     first = np.cumsum([0, *sizes])
     rows = np.concatenate([np.arange(first[number], first[number + 1]) for number in there])
-    return _Opening(folder, manifest, entries, [sizes[number] for number in there], scenes.isel(member=rows)).dataset()
+    return _EnsembleAssembler(
+        folder, manifest, entries, [sizes[number] for number in there], scenes.isel(member=rows)
+    ).dataset()
 
 
 def _check_complete(folder: Path, manifest: Mapping[str, Any], sizes: Sequence[int]) -> None:
@@ -127,7 +129,7 @@ def _check_files(folder: Path, manifest: Mapping[str, Any], numbers: Sequence[in
 
 
 @dataclass(frozen=True)
-class _Opening:
+class _EnsembleAssembler:
     """What an ensemble is put together from."""
 
     folder: Path
@@ -208,7 +210,7 @@ class _Opening:
         if time is not None:
             chunks[time] = cuts
         files = tuple(str(self.folder.resolve() / file_of(number)) for number in self.entries)
-        reader = _Reader(files, tuple(self.sizes), name, shape, dtype, time, cuts)
+        reader = _ChunkReader(files, tuple(self.sizes), name, shape, dtype, time, cuts)
         stamp = hashlib.sha256(repr((files, self.sizes, self.manifest["id"])).encode()).hexdigest()[:16]
         return dask.array.map_blocks(
             reader, chunks=tuple(chunks), dtype=dtype, meta=np.empty((0,) * len(chunks), dtype), name=f"{name}-{stamp}"

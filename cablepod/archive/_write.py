@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod.archive._atomic import whole_file
+from cablepod.archive._atomic import atomic_file
 from cablepod.archive._attributes import _stamped
 from cablepod.archive._read import LIBRARY_ERRORS, alone
 from cablepod.batch._sigint import defer_sigint_during_dask
@@ -74,7 +74,7 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
     # what is computed on the way may need other threads to read
     library = defer_sigint_during_dask(dataset) if is_lazy else alone()
     try:
-        with whole_file(path, check=lambda: check_target(path, overwrite=overwrite)) as part, library:
+        with atomic_file(path, check=lambda: check_target(path, overwrite=overwrite)) as part, library:
             stamped.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding_of(stamped))
     except ArchiveError:
         raise

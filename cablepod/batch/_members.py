@@ -20,25 +20,25 @@ import xarray as xr
 from cablepod import provenance
 from cablepod._resources import cores
 from cablepod.batch._pool import map_threads
-from cablepod.batch._stack import Arrays, Stack, arrays_of, labelled
+from cablepod.batch._stack import MemberResults, Variables, arrays_of, labelled_like
 from cablepod.errors import AllFailedError, MemberFailedWarning, RunStopped, StoppedError
 
 F = TypeVar("F", bound=Callable[..., xr.Dataset])
 #: Does the members from one number up to another at once: which of them it did, their variables and attributes, row by row.
-Many = Callable[[int, int], tuple[np.ndarray, Arrays, Mapping[str, list[Any]]]]
+RunChunk = Callable[[int, int], tuple[np.ndarray, Variables, Mapping[str, list[Any]]]]
 #: Gives variables and attributes of a member.
-One = Callable[[int], tuple[Arrays, Mapping[str, Any]]]
+RunMember = Callable[[int], tuple[Variables, Mapping[str, Any]]]
 #: Makes the members from one number up to another ready, where that is faster together; calls what is given now and then, which
 #: raises where the members are to stop.
-Ahead = Callable[[int, int, Callable[[], None]], None]
+PrepareChunk = Callable[[int, int, Callable[[], None]], None]
 
 
-class Way(NamedTuple):
+class BatchPlan(NamedTuple):
     """A faster way to run members than one Dataset after the other."""
 
-    one: One
+    one: RunMember
     first: Callable[[], xr.Dataset]  #: the Dataset of one of the members that were run, as a single run gives it
-    ahead: Ahead = lambda *_: None
+    ahead: PrepareChunk = lambda *_: None
 
 
 #: Members that a thread takes at once.
@@ -67,13 +67,13 @@ def stop_when(stop: Callable[[], bool]) -> Iterator[None]:
         _STOP.reset(token)
 
 
-def gather(
-    one: One,
+def run_members(
+    one: RunMember,
     count: int,
     progress: Callable[[float], None] | None,
-    many: Many | None = None,
-    ahead: Ahead = lambda *_: None,
-) -> Stack:
+    many: RunChunk | None = None,
+    ahead: PrepareChunk = lambda *_: None,
+) -> MemberResults:
     """Run all members and stack what they give.
 
     Parameters
@@ -101,7 +101,7 @@ def gather(
     MemberFailedWarning
         Where some fail.
     """
-    stack, lock, stop, halted = Stack(count), threading.Lock(), _STOP.get(), threading.Event()
+    stack, lock, stop, halted = MemberResults(count), threading.Lock(), _STOP.get(), threading.Event()
 
     def check() -> None:
         if halted.is_set() or (stop is not None and stop()):
@@ -113,7 +113,7 @@ def gather(
         if many is not None:
             check()
             did, variables, attrs = many(first, last)
-            stack.put_many(first, did, variables, attrs)
+            stack.store_chunk(first, did, variables, attrs)
             left = left[~did]
         ahead(first, last, check)
         for i in left.tolist():
@@ -123,7 +123,7 @@ def gather(
             except (RunStopped, ValueError, ArithmeticError) as error:
                 stack.failures[i] = error
             else:
-                stack.put(i, *result)
+                stack.store(i, *result)
         with lock:
             stack.done += last - first
             if progress is not None:
@@ -137,7 +137,7 @@ def gather(
         raise failed[0][1] from AllFailedError([str(error) for _, error in failed])
     stack.check_shapes()
     for i, _ in failed:
-        stack.blank(i)
+        stack.fill_failed(i)
     if failed:
         warnings.warn(
             f"{len(failed)} of {count} members failed and hold nan, the first of them member {failed[0][0]}: "
@@ -158,10 +158,10 @@ def _side_by_side(chunk: Callable[[int], None], starts: range, workers: int, hal
 
 def over_members(function: F) -> F:
     """Let a function of a scene take scenes with a dimension ``member``; the varied parameters become coordinates along it."""
-    return in_one_go(lambda *_, **__: None)(function)
+    return over_members_by(lambda *_, **__: None)(function)
 
 
-def in_one_go(plan: Callable[..., Way | None]) -> Callable[[F], F]:
+def over_members_by(plan: Callable[..., BatchPlan | None]) -> Callable[[F], F]:
     """Do the same as :func:`over_members` for a function of which `plan` knows a faster way.
 
     `plan` takes what the function takes but for its progress, and returns None where it does not cover what is asked for.
@@ -173,12 +173,12 @@ def in_one_go(plan: Callable[..., Way | None]) -> Callable[[F], F]:
             if not isinstance(scene, xr.Dataset) or "member" not in scene.dims:
                 return function(scene, *args, **options)
             given = {name: value for name, value in options.items() if name != "progress"}
-            one, first, ahead = plan(scene, *args, **given) or _one_by_one(function, scene, args, options)
-            stack = gather(one, scene.sizes["member"], options.get("progress"), ahead=ahead)
+            one, first, ahead = plan(scene, *args, **given) or _member_by_member(function, scene, args, options)
+            stack = run_members(one, scene.sizes["member"], options.get("progress"), ahead=ahead)
             return provenance.record(
-                labelled(stack, scene, first()),
+                labelled_like(stack, scene, first()),
                 function=provenance.public_name(function),
-                parameters=given | unnamed_values(scene),
+                parameters=given | values_of_members(scene),
                 inputs=[scene, *(item for item in args if isinstance(item, xr.Dataset))],
             )
 
@@ -187,20 +187,20 @@ def in_one_go(plan: Callable[..., Way | None]) -> Callable[[F], F]:
     return decorator
 
 
-def _one_by_one(function: F, scene: xr.Dataset, args: tuple[Any, ...], options: Mapping[str, Any]) -> Way:
+def _member_by_member(function: F, scene: xr.Dataset, args: tuple[Any, ...], options: Mapping[str, Any]) -> BatchPlan:
     """Run each member as a scene of its own."""
     first: list[xr.Dataset] = []
     own = {**options, "progress": None} if "progress" in options else options
 
-    def one(i: int) -> tuple[Arrays, Mapping[str, Any]]:
+    def one(i: int) -> tuple[Variables, Mapping[str, Any]]:
         result = function(scene.isel(member=i, drop=True), *args, **own)
         first[:] = [result]
         return arrays_of(result), result.attrs
 
-    return Way(one, lambda: first[0])
+    return BatchPlan(one, lambda: first[0])
 
 
-def unnamed_values(scene: xr.Dataset) -> dict[str, Any]:
+def values_of_members(scene: xr.Dataset) -> dict[str, Any]:
     """Values of all that differs between members of a scene that has no id, which make the identity of what comes of them."""
     if "values_sha256" in scene.attrs:
         return {}

@@ -14,22 +14,22 @@ from cablepod.conventions import ATTRIBUTE_UNITS, label
 from cablepod.errors import SceneError
 
 #: Dimensions and values of a variable.
-Arrays = dict[str, tuple[tuple[str, ...], Any]]
+Variables = dict[str, tuple[tuple[str, ...], Any]]
 
 
-class Stack:
+class MemberResults:
     """Arrays with a row for each member, made from the first that arrives."""
 
     def __init__(self, count: int) -> None:
         self.count = count
-        self.variables: Arrays = {}
+        self.variables: Variables = {}
         self.attrs: dict[str, list[Any]] = {}
         self.failures: list[Exception | None] = [None] * count
         self.shapes: list[dict[str, tuple[int, ...]]] = [{}] * count
         self.done = 0
         self._lock = threading.Lock()
 
-    def put(self, i: int, variables: Arrays, attrs: Mapping[str, Any]) -> None:
+    def store(self, i: int, variables: Variables, attrs: Mapping[str, Any]) -> None:
         """Keep what member `i` gave."""
         if not self.variables:
             with self._lock:
@@ -43,13 +43,13 @@ class Stack:
             with self._lock:
                 self.attrs.setdefault(name, [None] * self.count)[i] = value
 
-    def put_many(self, first: int, did: np.ndarray, variables: Arrays, attrs: Mapping[str, list[Any]]) -> None:
+    def store_chunk(self, first: int, did: np.ndarray, variables: Variables, attrs: Mapping[str, list[Any]]) -> None:
         """Keep what members from `first` on gave, those that `did`."""
         rows = np.flatnonzero(did)
         if not rows.size:
             return
         i = int(rows[0])
-        self.put(
+        self.store(
             first + i,
             {name: (dims, values[i]) for name, (dims, values) in variables.items()},
             {name: values[i] for name, values in attrs.items()},
@@ -82,23 +82,23 @@ class Stack:
         good = next(i for i, error in enumerate(self.failures) if error is None)
         return {name: values[good] for name, values in self.attrs.items() if values[good] is not None}
 
-    def _empty(self, variables: Arrays) -> Arrays:
+    def _empty(self, variables: Variables) -> Variables:
         needed = float(self.count * sum(np.asarray(values).nbytes for _, values in variables.values()))
         check_bytes(needed, "member and times", f"{self.count} members, {needed / 1e9:.3g} GB of output")
-        made: Arrays = {}
+        made: Variables = {}
         for name, (dims, values) in variables.items():
             first = np.asarray(values)
             kind = object if first.dtype.kind in "UO" else first.dtype
             made[name] = ("member", *dims), np.empty((self.count, *first.shape), kind)
         return made
 
-    def blank(self, i: int) -> None:
+    def fill_failed(self, i: int) -> None:
         """Fill the row of a member that failed."""
         for _, values in self.variables.values():
             values[i] = np.nan if values.dtype.kind == "f" else "" if values.dtype.kind == "O" else 0
 
 
-def join(stack: Stack, scene: xr.Dataset, coords: Any) -> xr.Dataset:
+def to_dataset(stack: MemberResults, scene: xr.Dataset, coords: Any) -> xr.Dataset:
     """Make a Dataset of stacked members, with the varied parameters of the scene as coordinates along ``member``.
 
     Numbers among the attributes that differ become variables; `coords` are shared by all.
@@ -134,21 +134,21 @@ def _same(a: Any, b: Any) -> bool:
     return bool(np.array_equal(a, b)) if isinstance(a, np.ndarray) else a == b
 
 
-def arrays_of(result: xr.Dataset) -> Arrays:
+def arrays_of(result: xr.Dataset) -> Variables:
     """Take the arrays of all variables out of a Dataset."""
     return {str(name): (cast(Any, item.dims), item.values) for name, item in result.variables.items()}
 
 
-def labelled(stack: Stack, scene: xr.Dataset, first: xr.Dataset) -> xr.Dataset:
+def labelled_like(stack: MemberResults, scene: xr.Dataset, first: xr.Dataset) -> xr.Dataset:
     """Join members as the Dataset of one of them tells coordinates from variables, and their attributes."""
-    joined = join(stack, scene, _shared(stack, first))
+    joined = to_dataset(stack, scene, _shared(stack, first))
     for name, variable in joined.variables.items():
         if name in first.variables:
             variable.attrs = dict(first.variables[name].attrs)
     return joined.set_coords([name for name in first.coords if name in joined.data_vars])
 
 
-def _shared(stack: Stack, first: xr.Dataset) -> dict[str, Any]:
+def _shared(stack: MemberResults, first: xr.Dataset) -> dict[str, Any]:
     """Take coordinates that all members have alike out of the stack."""
     rows = [i for i, error in enumerate(stack.failures) if error is None]
     shared = {}

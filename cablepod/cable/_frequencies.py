@@ -10,17 +10,17 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.batch._members import over_members
-from cablepod.cable._mesh import Mesh, check_order, mesh_of
+from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of
 from cablepod.cable._runs import output_coordinates
-from cablepod.cable._scheme import COUNTS
+from cablepod.cable._scheme import ELEMENT_COUNTS
 from cablepod.cable._simulate import LAW, _count
-from cablepod.cable._start import hung, settle
+from cablepod.cable._start import catenary_nodes, solve_equilibrium
 from cablepod.conventions import label
 from cablepod.discretisation._chain import square
 from cablepod.discretisation._gll import gll_rule
 from cablepod.discretisation._laws import check_law
-from cablepod.errors import SceneError, refuse
-from cablepod.integrate._run import suffix
+from cablepod.errors import SceneError, scene_error
+from cablepod.integrate._run import law_suffix
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
@@ -87,11 +87,13 @@ def frequencies(
     integer(least=1)("count", count)
     check_order(order)
     p = parameters(scene)
-    if p.free is not None:
-        raise refuse(
-            "ends.free", p.free, "ends that are held: the rest about which the cable vibrates is between two of them"
+    if p.free_end is not None:
+        raise scene_error(
+            "ends.free",
+            p.free_end,
+            "ends that are held: the rest about which the cable vibrates is between two of them",
         )
-    tried = [n for n in COUNTS if n >= _count(None, p)] if elements is None else [_count(elements, p)]
+    tried = [n for n in ELEMENT_COUNTS if n >= _count(None, p)] if elements is None else [_count(elements, p)]
     values, error = None, math.nan
     for number_of_elements in tried:
         mesh = mesh_of(p, number_of_elements, order, law, points)
@@ -106,20 +108,24 @@ def frequencies(
             if error <= 1e-8:
                 break
     if values is None or values.size < count:
-        raise refuse("count", count, f"at most {p.dims * (mesh.links - 1)}, the unknowns of {mesh.sizes.size} elements")
+        raise scene_error(
+            "count", count, f"at most {p.dims * (mesh.links - 1)}, the unknowns of {mesh.sizes.size} elements"
+        )
     shapes = np.zeros((count, mesh.links + 1, p.dims))
-    shapes[:, 1:-1] = vectors.T.reshape(count, -1, p.dims) / np.sqrt(mesh.share[1:-1, None] / mesh.total_length)
+    shapes[:, 1:-1] = vectors.T.reshape(count, -1, p.dims) / np.sqrt(
+        mesh.tributary_length[1:-1, None] / mesh.total_length
+    )
     flat = shapes.reshape(count, -1)
     shapes *= np.sign(flat[np.arange(count), np.abs(flat).argmax(axis=1)])[:, None, None]
     variables: dict[str, Any] = {
         "angular_frequency": ("mode", values),
-        "mode_shape": (("mode", "particle", "coordinate"), mesh.at(shapes)),
+        "mode_shape": (("mode", "particle", "coordinate"), mesh.interpolate(shapes)),
         "unstretched_length": ((), mesh.total_length),
     }
     normal = _normal(p)
     if normal is not None:
         across = np.einsum("mjc,c->mj", shapes, normal) ** 2
-        variables["out_of_plane_share"] = ("mode", across @ mesh.share / mesh.total_length)
+        variables["out_of_plane_share"] = ("mode", across @ mesh.tributary_length / mesh.total_length)
     coordinates = output_coordinates(mesh)
     del coordinates["link_arc_length"]
     result = xr.Dataset(variables, coords={"mode": np.arange(1, count + 1), **coordinates})
@@ -129,7 +135,7 @@ def frequencies(
         mode_shape=("1", "shape of the vibration, its mean square over the unstretched length 1"),
     )
     result.attrs.update(
-        title=f"{scene.attrs.get('title', 'scene')}: small vibrations of the continuous cable{suffix(mesh)}",
+        title=f"{scene.attrs.get('title', 'scene')}: small vibrations of the continuous cable{law_suffix(mesh)}",
         stage="frequencies",
         law=law,
         elements=mesh.sizes.size,
@@ -149,16 +155,16 @@ def frequencies(
         function="cable.frequencies",
         parameters=options,
         inputs=[scene],
-        chosen=provenance.unset(elements=elements, order=order),
+        chosen=provenance.defaulted_options(elements=elements, order=order),
     )
 
 
-def vibrations(mesh: Mesh, count: int) -> tuple[np.ndarray, np.ndarray]:
+def vibrations(mesh: SpectralMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Lowest angular frequencies (count,) [rad/s], fewer where there are fewer unknowns, and vectors in columns."""
     from scipy.linalg import svd  # takes longer to import than a short run
 
     p, order = mesh.p, mesh.order
-    g = mesh.gradient(settle(mesh, hung(mesh))[0])
+    g = mesh.gradient(solve_equilibrium(mesh, catenary_nodes(mesh))[0])
     stretch = np.sqrt(square(g))
     if not stretch.min() > 1.0:
         raise SceneError(
@@ -175,7 +181,7 @@ def vibrations(mesh: Mesh, count: int) -> tuple[np.ndarray, np.ndarray]:
     for e, scale in enumerate(mesh.scale):
         points, nodes = slice(e * (order + 1), (e + 1) * (order + 1)), slice(e * order, (e + 1) * order + 1)
         matrix[points, :, nodes] = np.einsum("qcd,qi->qcid", root[points], scale * d)
-    matrix /= np.sqrt(p.mass * mesh.share)[:, None]
+    matrix /= np.sqrt(p.mass * mesh.tributary_length)[:, None]
     inner = matrix[:, :, 1:-1].reshape(mesh.length.size * p.dims, -1)
     _, values, vectors = svd(inner, full_matrices=False)
     return values[::-1][:count], vectors[::-1][:count].T

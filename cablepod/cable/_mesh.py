@@ -12,22 +12,22 @@ import numpy as np
 
 from cablepod._resources import check_memory
 from cablepod.catenary._statics import unstretched_length
-from cablepod.discretisation._chain import Chain, square
+from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._gll import gll_rule, lagrange_basis
 from cablepod.discretisation._laws import LAWS, green_secant, tangent_stiffness_ratio
-from cablepod.errors import refuse
+from cablepod.errors import scene_error
 from cablepod.parameters._checks import integer, numbers_list
 from cablepod.parameters._parameters import Parameters
 
 #: Order of the polynomials of an element.  Eight nodes fill the registers of a processor without a rest.
 ORDER = 7
-MOST_ORDER = 16
+MAX_ORDER = 16
 #: Particles of a result where the scene has no chain.
-PARTICLES = 41
+DEFAULT_PARTICLES = 41
 
 
 @dataclass(frozen=True)
-class Mesh(Chain):
+class SpectralMesh(LumpedChain):
     """A cable in spectral elements, with all that a run wants of a chain: its particles are the nodes.
 
     ``length`` are the unstretched lengths that the points of quadrature stand for (elements (order + 1),) [m], in the order of
@@ -50,7 +50,7 @@ class Mesh(Chain):
         return 2.0 / self.sizes
 
     @cached_property
-    def share(self) -> np.ndarray:
+    def tributary_length(self) -> np.ndarray:
         """Unstretched length that each node carries (nodes,) [m]."""
         result = np.zeros(self.arc_length.size)
         np.add.at(result, self._nodes, self.length.reshape(-1, self.order + 1))
@@ -70,7 +70,7 @@ class Mesh(Chain):
     def _patterns(self) -> list[tuple[np.ndarray, Any]]:
         patterns: list[tuple[np.ndarray, Any]] = []
         if self.p.load is not None:
-            patterns.append((self.share[:, None] * self.p.load, self.p.load_factor))
+            patterns.append((self.tributary_length[:, None] * self.p.load, self.p.load_factor))
         for load in self.p.point_loads:
             pattern = np.zeros((self.links + 1, self.p.dims))
             pattern[np.argmin(np.abs(self.arc_length - load.fraction * self.total_length))] = load.force
@@ -90,7 +90,7 @@ class Mesh(Chain):
         """Stretch xi at the points of quadrature (..., points) at positions of the nodes (..., nodes, dims) [m]."""
         return np.sqrt(square(self.gradient(position)))
 
-    def stiffening(self, position: np.ndarray) -> np.ndarray:
+    def tangent_stiffness_ratio(self, position: np.ndarray) -> np.ndarray:
         """Tangent stiffness over K at the points (..., points); 1 by the linear law, no less than 1 by law (21)."""
         if not self.green:
             return np.ones(self.length.size)
@@ -123,7 +123,9 @@ class Mesh(Chain):
         """For kernels: a length known to the compiler, of elements of the usual order alone, as each costs a compilation."""
         return (0.0,) * (ORDER + 1) if self.order == ORDER else None
 
-    def pull(self, position: np.ndarray, velocity: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def tensions_and_forces(
+        self, position: np.ndarray, velocity: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Tensions (..., links) and pulls (..., links, dims) [N] at the middles of the links between particles of the result."""
         element, rows = self.link_rows
         nodes = self._nodes[element]
@@ -163,7 +165,7 @@ class Mesh(Chain):
         place = np.clip((arc_length - border[element]) * self.scale[element] - 1.0, -1.0, 1.0)
         return element, lagrange_basis(self.order, place)
 
-    def at(self, values: np.ndarray, arc_length: np.ndarray | None = None) -> np.ndarray:
+    def interpolate(self, values: np.ndarray, arc_length: np.ndarray | None = None) -> np.ndarray:
         """Values at the particles of the result, or at other places [m], from those at the nodes (..., nodes, dims)."""
         if arc_length is None:
             if self.places is None:
@@ -182,12 +184,12 @@ class Mesh(Chain):
         """
         from scipy.linalg import eig_banded  # takes longer to import than a short run
 
-        first, last = self.free.start, self.free.stop
+        first, last = self.free_particles.start, self.free_particles.stop
         count, order = self.links + 1, self.order
         _, weight, d = gll_rule(order)
         stiff = np.broadcast_to(np.asarray(stiffening, dtype=float), self.length.shape).reshape(-1, order + 1)
         blocks = np.einsum("eq,q,qi,qj,e->eij", stiff, weight, d, d, self.p.stiffness * self.scale)
-        mass = 1.0 / np.sqrt(self.p.mass * self.share)
+        mass = 1.0 / np.sqrt(self.p.mass * self.tributary_length)
         band = np.zeros((order + 1, count))
         for e, block in enumerate(blocks):
             for i in range(order + 1):
@@ -201,7 +203,9 @@ class Mesh(Chain):
         return math.sqrt(float(top[0]))
 
 
-def mesh_of(p: Parameters, elements: int, order: int | None = None, law: str = LAWS[0], points: Any = None) -> Mesh:
+def mesh_of(
+    p: Parameters, elements: int, order: int | None = None, law: str = LAWS[0], points: Any = None
+) -> SpectralMesh:
     """Cut the cable of a scene into `elements` elements of `order`, with results at `points`.
 
     Raises
@@ -211,9 +215,11 @@ def mesh_of(p: Parameters, elements: int, order: int | None = None, law: str = L
     """
     order = check_order(order)
     total = unstretched_length(p)
-    borders = parts(p)
+    borders = part_borders(p)
     if elements < borders.size - 1:
-        raise refuse("elements", elements, f"at least {borders.size - 1}, so that every point load stands between two")
+        raise scene_error(
+            "elements", elements, f"at least {borders.size - 1}, so that every point load stands between two"
+        )
     check_memory(1, elements * order, p.dims, key="elements")
     length = np.diff(borders)
     # each part has one element, and the others go where elements are longest
@@ -228,10 +234,10 @@ def mesh_of(p: Parameters, elements: int, order: int | None = None, law: str = L
     arc_length = (starts[:, None] + 0.5 * sizes[:, None] * (1.0 + node[:-1])).ravel()
     arc_length = np.append(arc_length, total)
     quadrature = (0.5 * sizes[:, None] * weight).ravel()
-    return Mesh(p, quadrature, arc_length, law, order, sizes, places(p, points, total))
+    return SpectralMesh(p, quadrature, arc_length, law, order, sizes, places(p, points, total))
 
 
-def parts(p: Parameters) -> np.ndarray:
+def part_borders(p: Parameters) -> np.ndarray:
     """Borders of the parts of a cable between its point loads, as fractions of its length."""
     inner = {load.fraction for load in p.point_loads if 0.0 < load.fraction < 1.0}
     return np.array(sorted({0.0, 1.0} | inner))
@@ -239,7 +245,7 @@ def parts(p: Parameters) -> np.ndarray:
 
 def check_order(order: Any) -> int:
     """Check the order of the elements; None means the usual one."""
-    return ORDER if order is None else integer(least=1, most=MOST_ORDER)("order", order)
+    return ORDER if order is None else integer(least=1, most=MAX_ORDER)("order", order)
 
 
 def places(p: Parameters, points: Any, total: float) -> np.ndarray | None:
@@ -250,14 +256,14 @@ def places(p: Parameters, points: Any, total: float) -> np.ndarray | None:
         if p.link_lengths is not None:
             share = np.concatenate([[0.0], np.cumsum(p.link_lengths)])
             return total * (share / share[-1])
-        points = PARTICLES if p.links is None else p.links + 1
+        points = DEFAULT_PARTICLES if p.links is None else p.links + 1
     if isinstance(points, Sequence | np.ndarray) and not isinstance(points, str) and np.ndim(points) > 0:
         fraction = np.array(numbers_list(least_length=2)("points", points))
         if fraction[0] != 0.0 or fraction[-1] != 1.0 or (np.diff(fraction) <= 0.0).any():
-            raise refuse("points", points, "rising fractions of the unstretched length, from 0 to 1")
+            raise scene_error("points", points, "rising fractions of the unstretched length, from 0 to 1")
         return total * fraction
     if isinstance(points, str):
-        raise refuse("points", points, 'a number of particles, fractions of the length from 0 to 1, or "nodes"')
+        raise scene_error("points", points, 'a number of particles, fractions of the length from 0 to 1, or "nodes"')
     count = integer(least=2)("points", points)
     check_memory(1, count, p.dims, key="points")
     return total * np.linspace(0.0, 1.0, count)

@@ -8,24 +8,24 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.cable._mesh import Mesh
-from cablepod.chain._explicit import VerletRun
-from cablepod.chain._implicit import ROUNDING, ImplicitRun, March
+from cablepod.cable._mesh import SpectralMesh
+from cablepod.chain._explicit import ExplicitChainRun
+from cablepod.chain._implicit import ROUNDING, ImplicitChainRun, ImplicitStepper
 from cablepod.conventions import COORDINATES, ENDS, label
 from cablepod.discretisation._similarity import describe
 from cablepod.integrate._march import advance_in_blocks
-from cablepod.integrate._output_times import Instants
-from cablepod.integrate._run import Run, State, suffix
+from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._run import ChainRun, Trajectory, law_suffix
 from cablepod.integrate._step_control import damped_growth
 
 SCHEMES = ("velocity_verlet", "trapezoidal")
 #: A correction of the nodes as small as this part of their mean distance ends Newton's method.
-ENOUGH = 1e-9
+NEWTON_RTOL = 1e-9
 #: Where no stretch is below 1: first step, its place, step of the least stretch, its place, least square.
 NO_SLACK = (-1.0, -1.0, -1.0, -1.0, 1.0)
 
 
-def output_coordinates(mesh: Mesh) -> dict[str, Any]:
+def output_coordinates(mesh: SpectralMesh) -> dict[str, Any]:
     """Coordinates of a result on the particles of a mesh."""
     particles = mesh.particles
     return {
@@ -35,10 +35,10 @@ def output_coordinates(mesh: Mesh) -> dict[str, Any]:
     }
 
 
-class MeshRun(Run):
+class CableRun(ChainRun):
     """What both schemes share."""
 
-    chain: Mesh
+    chain: SpectralMesh
 
     def extremes(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Extremes of the tensions before the run, where they are asked for."""
@@ -49,14 +49,14 @@ class MeshRun(Run):
 
     def first_force(self) -> np.ndarray:
         """Total forces on all nodes (nodes, dims) at the start, which is from rest [N]."""
-        p, free = self.chain.p, self.chain.free
+        p, free = self.chain.p, self.chain.free_particles
         rates = np.zeros_like(self.initial)
         rates[0], rates[-1] = p.end_positions(np.zeros(1), 1)[0]
         rates[free] = 0.0
         return self.chain.forces(self.initial, rates) + self.chain.loads(0.0)
 
     @property
-    def cure(self) -> str:
+    def remedy(self) -> str:
         """What to try where a run gains energy from nothing."""
         return "a step half as long, or other elements"
 
@@ -66,11 +66,11 @@ class MeshRun(Run):
         rows = np.array([COORDINATES.index(axis) for _, axis in motions], dtype=np.int64)
         return rows, np.array([self.chain.links * ENDS.index(end) for end, _ in motions], dtype=np.int64)
 
-    def note(self, state: State, slack: np.ndarray) -> State:
+    def note(self, state: Trajectory, slack: np.ndarray) -> Trajectory:
         """Say where and when the stretch fell below 1, at any step."""
-        where, rate = self.chain.point_arc_length, state.instants.rate
+        where, rate = self.chain.point_arc_length, state.instants.steps_per_second
         if slack[0] >= 0.0:
-            state.notes |= {
+            state.diagnostics |= {
                 "first_slack_time": float(slack[0]) / rate,
                 "first_slack_arc_length": float(where[int(slack[1])]),
                 "smallest_stretch": math.sqrt(float(slack[4])),
@@ -79,16 +79,16 @@ class MeshRun(Run):
             }
         return state
 
-    def dataset(self, state: State) -> xr.Dataset:
+    def dataset(self, state: Trajectory) -> xr.Dataset:
         """Label what a run gave."""
-        mesh, rate = self.chain, state.instants.rate
+        mesh, rate = self.chain, state.instants.steps_per_second
         variables: dict[str, Any] = {}
         if "position" in self.outputs:
-            variables["position"] = (("time", "particle", "coordinate"), mesh.at(state.position))
+            variables["position"] = (("time", "particle", "coordinate"), mesh.interpolate(state.position))
         if "velocity" in self.outputs and state.velocity is not None:
-            variables["velocity"] = (("time", "particle", "coordinate"), mesh.at(state.velocity))
+            variables["velocity"] = (("time", "particle", "coordinate"), mesh.interpolate(state.velocity))
         if "tension" in self.outputs:
-            variables["tension"] = (("time", "link"), mesh.pull(state.position, state.velocity)[0])
+            variables["tension"] = (("time", "link"), mesh.tensions_and_forces(state.position, state.velocity)[0])
         if state.extremes is not None:
             variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
         variables["unstretched_length"] = ((), mesh.total_length)
@@ -102,7 +102,7 @@ class MeshRun(Run):
         stretch = mesh.stretch(state.position)
         when, where = np.unravel_index(int(stretch.argmin()), stretch.shape)
         result.attrs.update(
-            title=f"{self.title}: continuous cable{suffix(mesh)}",
+            title=f"{self.title}: continuous cable{law_suffix(mesh)}",
             stage="trajectory",
             model="continuous cable",
             law=mesh.law,
@@ -111,27 +111,27 @@ class MeshRun(Run):
             number_of_steps=int(state.instants.steps[-1]),
             elements=mesh.sizes.size,
             element_order=mesh.order,
-            highest_angular_frequency=mesh.highest_frequency(mesh.stiffening(self.initial)),
+            highest_angular_frequency=mesh.highest_frequency(mesh.tangent_stiffness_ratio(self.initial)),
             smallest_stretch=float(stretch[when, where]),
             smallest_stretch_time=float(state.instants.times[when]),
             smallest_stretch_arc_length=float(mesh.point_arc_length[where]),
         )
-        result.attrs.update(state.notes)
+        result.attrs.update(state.diagnostics)
         return result
 
 
-class MeshVerlet(MeshRun, VerletRun):
+class ExplicitCableRun(CableRun, ExplicitChainRun):
     """Velocity Verlet: second order, symplectic without damping, stable below 2 over the highest angular frequency."""
 
-    def __call__(self, rate: float) -> State:
+    def __call__(self, rate: float) -> Trajectory:
         """Run with so many steps per second."""
         from cablepod.cable import _kernels_explicit as kernel  # numba is imported only to compute
 
-        mesh, p, free = self.chain, self.chain.p, self.chain.free
+        mesh, p, free = self.chain, self.chain.p, self.chain.free_particles
         instants = self.instants(rate)
         total = int(instants.steps[-1]) + 1
         step = 1.0 / rate
-        mass = p.mass * mesh.share[free]
+        mass = p.mass * mesh.tributary_length[free]
         decay, per_mass = 1.0, step / mass
         if p.mass_damping is not None:
             decay = math.exp(-p.mass_damping * step)
@@ -142,7 +142,7 @@ class MeshVerlet(MeshRun, VerletRun):
         # the prediction 1.5 v - 0.5 before then gives rest at the start
         before = None if p.link_viscosity is None else 3.0 * v
         drive = np.ascontiguousarray((per_mass[:, None] * mesh.loads()[free]).T)
-        varying = mesh.varying()
+        varying = mesh.time_dependent_loads()
         patterns = np.array([item[0][free].T for item in varying]).reshape(len(varying), *v.shape)
         saved = np.empty((instants.steps.size, p.dims, mesh.links + 1))
         halves = np.empty((instants.steps.size if self.wants_velocity(instants) else 0, 2, *v.shape))
@@ -150,14 +150,14 @@ class MeshVerlet(MeshRun, VerletRun):
         low, high = extremes or (np.empty(0), np.empty(0))
         d, weight, scale, stiffness, green = mesh.law_arguments
         element, rows = mesh.link_rows
-        slack, bound, places = np.array(NO_SLACK), self.bound, self.end_places()
+        slack, bound, places = np.array(NO_SLACK), self.divergence_bound, self.end_places()
 
         def advance(start: int, steps: int) -> bool:
             first, last = np.searchsorted(instants.steps, (start, start + steps))
             time = np.arange(start, start + steps + 1) / rate
             kernel.verlet(
                 x, v, free.start, d, weight, scale, mesh.fixed, stiffness, green, per_mass, drive, step, decay,
-                *places, p.end_tables(start, steps, rate), patterns, _factors(varying, time), p.link_viscosity, before,
+                *places, p.end_coordinates_at_steps(start, steps, rate), patterns, _factors(varying, time), p.link_viscosity, before,
                 p.end_positions(time, 1) if before is not None else None,
                 steps, start, instants.steps[first:last], saved[first:last], halves[first:last], element, rows, low, high, slack,
             )  # fmt: skip
@@ -176,38 +176,38 @@ class MeshVerlet(MeshRun, VerletRun):
         if len(halves) == 0:
             return None
         result = np.zeros((*halves.shape[:3], self.chain.links + 1))
-        result[..., self.chain.free] = halves
+        result[..., self.chain.free_particles] = halves
         return result
 
 
-class MeshImplicit(MeshRun, ImplicitRun):
+class ImplicitCableRun(CableRun, ImplicitChainRun):
     """The trapezoidal rule: second order, stable at any step as far as linear theory goes."""
 
-    def march(self, instants: Instants) -> March:
+    def march(self, instants: OutputTimes) -> ImplicitStepper:
         """Return the state of a run."""
-        return _MeshMarch(self, instants)
+        return _CableStepper(self, instants)
 
     def _gather(
-        self, march: March, instants: Instants, keep: int, extremes: tuple[np.ndarray, np.ndarray] | None
-    ) -> State:
-        assert isinstance(march, _MeshMarch)
+        self, march: ImplicitStepper, instants: OutputTimes, keep: int, extremes: tuple[np.ndarray, np.ndarray] | None
+    ) -> Trajectory:
+        assert isinstance(march, _CableStepper)
         return self.note(super()._gather(march, instants, keep, extremes), march.slack)
 
 
-class _MeshMarch(March):
+class _CableStepper(ImplicitStepper):
     """The state of an implicit run, advanced in place by the kernel."""
 
-    run: MeshImplicit
+    run: ImplicitCableRun
 
-    def __init__(self, run: MeshImplicit, instants: Instants) -> None:
+    def __init__(self, run: ImplicitCableRun, instants: OutputTimes) -> None:
         super().__init__(run, instants)
         self.slack = np.array(NO_SLACK)
         self.element, self.rows = run.chain.link_rows
 
-    def cut(self, number: int) -> bool:
+    def substep(self, number: int) -> bool:
         """Take one step in pieces; what is noted of them counts as of the step, whose pieces have numbers of their own."""
         before = self.slack.copy()
-        done = super().cut(number)
+        done = super().substep(number)
         if before[0] < 0.0 <= self.slack[0]:
             self.slack[0] = number + 1
         if self.slack[4] < before[4]:
@@ -228,7 +228,7 @@ class _MeshMarch(March):
         # where the cable is now and where its ends go: it may have been moved far from where it began
         rounding = ROUNDING * max(float(np.abs(self.x).max()), float(np.abs(table).max(initial=0.0)))
         # the kernel knows the free nodes only
-        free = mesh.free
+        free = mesh.free_particles
         v, a, loads = (np.ascontiguousarray(item[:, free]) for item in (self.v, self.a, self.loads))
         patterns = np.zeros((0, *self.x.shape)) if self.patterns is None else self.patterns
         done, iterations = kernel.trapezoidal(
@@ -236,7 +236,7 @@ class _MeshMarch(March):
             self.mass[free], p.mass_damping or 0.0, loads, np.ascontiguousarray(patterns[..., free]),
             _factors(self.varying, time), p.link_viscosity, rows, columns, table.reshape(rows.size, time.size),
             p.end_positions(time, 1) if p.link_viscosity is not None else None,
-            step, max(ENOUGH * mesh.total_length / mesh.links, rounding), start, steps, save, saved,
+            step, max(NEWTON_RTOL * mesh.total_length / mesh.links, rounding), start, steps, save, saved,
             self.element, self.rows, low, high, self.slack,
         )  # fmt: skip
         self.v[:, free], self.a[:, free] = v, a

@@ -12,21 +12,17 @@ import xarray as xr
 from cablepod import provenance
 from cablepod._resources import check_memory
 from cablepod.batch._members import over_members
-from cablepod.cable._mesh import check_order, mesh_of, parts
-from cablepod.cable._runs import SCHEMES, MeshImplicit, MeshRun, MeshVerlet, output_coordinates
-from cablepod.cable._scheme import COUNTS, limit_of, picked, refined, refined_in_space
-from cablepod.cable._start import settled, start
+from cablepod.cable._mesh import check_order, mesh_of, part_borders
+from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun, output_coordinates
+from cablepod.cable._scheme import ELEMENT_COUNTS, choose_scheme, refine_in_space, refine_in_time, step_limit_of
+from cablepod.cable._start import equilibrium_with_error, start
 from cablepod.conventions import label
 from cablepod.discretisation._chain import square
 from cablepod.discretisation._laws import LAWS, check_law, law_tension
-from cablepod.errors import NotConvergedWarning, refuse
-from cablepod.integrate._energy_check import SUSPECT
-from cablepod.integrate._request import (
-    Request,
-    check_step,
-    implicit_rate,
-)
-from cablepod.integrate._run import State, suffix
+from cablepod.errors import NotConvergedWarning, scene_error
+from cablepod.integrate._energy_check import ENERGY_WARN
+from cablepod.integrate._request import Request, check_step, implicit_steps_per_second
+from cablepod.integrate._run import Trajectory, law_suffix
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
@@ -78,9 +74,9 @@ def rest(
     check_law(law)
     p = parameters(scene)
     least = _count(elements, p)
-    for count in (least,) if elements is not None else [n for n in COUNTS if n >= least]:
+    for count in (least,) if elements is not None else [n for n in ELEMENT_COUNTS if n >= least]:
         mesh = mesh_of(p, count, order, law, points)
-        position, distance = settled(mesh)
+        position, distance = equilibrium_with_error(mesh)
         error = distance / mesh.total_length
         if error <= 1e-10:
             break
@@ -97,15 +93,15 @@ def rest(
     }
     result = xr.Dataset(
         {
-            "position": (("particle", "coordinate"), mesh.at(position)),
-            "tension": ("link", mesh.pull(position)[0]),
+            "position": (("particle", "coordinate"), mesh.interpolate(position)),
+            "tension": ("link", mesh.tensions_and_forces(position)[0]),
             **{name: ((), value) for name, value in scalars.items()},
         },
         coords=output_coordinates(mesh),
     )
     label(result)
     result.attrs.update(
-        title=f"{scene.attrs.get('title', 'scene')}: continuous cable at rest in {count} elements{suffix(mesh)}",
+        title=f"{scene.attrs.get('title', 'scene')}: continuous cable at rest in {count} elements{law_suffix(mesh)}",
         stage="rest",
         law=law,
         elements=count,
@@ -124,14 +120,14 @@ def rest(
         function="cable.rest",
         parameters=options,
         inputs=[scene],
-        chosen=provenance.unset(elements=elements, order=order),
+        chosen=provenance.defaulted_options(elements=elements, order=order),
     )
 
 
 def _count(elements: int | None, p: Parameters) -> int:
     """Check the number of elements; the least one to begin with where none is given."""
     if elements is None:
-        return max(COUNTS[0], parts(p).size - 1)
+        return max(ELEMENT_COUNTS[0], part_borders(p).size - 1)
     return integer(least=1)("elements", elements)
 
 
@@ -219,7 +215,7 @@ def simulate(
     request = Request.of(times=times, scheme=scheme, schemes=SCHEMES, step=step, tolerance=tolerance, outputs=outputs)
     p = parameters(scene)
     if law == "green" and p.link_viscosity is not None:
-        raise refuse(
+        raise scene_error(
             "law and damping.link_viscosity",
             (law, p.link_viscosity),
             'viscous links with law "linear"; with "green" none, mass_proportional is possible',
@@ -228,11 +224,11 @@ def simulate(
     instants = request.instants(p)
     title = str(scene.attrs.get("title", "scene"))
 
-    def runs(count: int) -> dict[str, MeshRun]:
+    def runs(count: int) -> dict[str, CableRun]:
         mesh = mesh_of(p, count, order, law, points)
         check_memory(instants.size, max(mesh.links, mesh.particles.size), p.dims, key="elements and times", variables=3)
         about = (mesh, instants, start(mesh), request.outputs, progress, title)
-        return {name: kind(*about) for name, kind in zip(SCHEMES, (MeshVerlet, MeshImplicit), strict=True)}
+        return {name: kind(*about) for name, kind in zip(SCHEMES, (ExplicitCableRun, ImplicitCableRun), strict=True)}
 
     at_hand = runs(_count(elements, p))
     reason, estimate, space = "given", None, None
@@ -242,12 +238,12 @@ def simulate(
         _suspect(state)
     elif scheme is not None:
         run = at_hand[scheme]
-        state, rate, estimate = refined(run, request.tolerance)
+        state, rate, estimate = refine_in_time(run, request.tolerance)
     else:
-        run, (state, rate, estimate), reason = picked(at_hand, request.tolerance)
+        run, (state, rate, estimate), reason = choose_scheme(at_hand, request.tolerance)
     if elements is None:
-        run, state, space = refined_in_space(runs, run, state, rate, request.tolerance)
-        rate = state.instants.rate
+        run, state, space = refine_in_space(runs, run, state, rate, request.tolerance)
+        rate = state.instants.steps_per_second
     result = run.dataset(state)
     if estimate is not None:
         result.attrs["time_error_estimate"] = estimate
@@ -271,24 +267,24 @@ def simulate(
         function="cable.simulate",
         parameters=options,
         inputs=[scene],
-        chosen=provenance.unset(
+        chosen=provenance.defaulted_options(
             elements=elements, order=order, times=times, scheme=scheme, step=step, tolerance=tolerance
         ),
     )
 
 
-def _given_rate(run: MeshRun, step: Any) -> float:
-    if isinstance(run, MeshImplicit):
-        return implicit_rate(step, float(run.times[-1]), run.chain.p.time_scale)
-    limit = limit_of(run)
+def _given_rate(run: CableRun, step: Any) -> float:
+    if isinstance(run, ImplicitCableRun):
+        return implicit_steps_per_second(step, float(run.times[-1]), run.chain.p.shortest_time_scale)
+    limit = step_limit_of(run)
     why = f'2 over the highest angular frequency, {2 / limit:.6g} rad/s; scheme "trapezoidal" has none'
     return 1.0 / check_step(step, limit, why)
 
 
-def _suspect(state: State) -> None:
-    if state.notes["energy_excess"] > SUSPECT:
+def _suspect(state: Trajectory) -> None:
+    if state.diagnostics["energy_excess"] > ENERGY_WARN:
         warnings.warn(
-            f"the cable holds up to {state.notes['energy_excess']:.2g} times the energy that rest, loads and ends "
+            f"the cable holds up to {state.diagnostics['energy_excess']:.2g} times the energy that rest, loads and ends "
             f"explain: a resonance, "
             "or a step too long for a cable that slackens and snaps taut; compare with half the step",
             NotConvergedWarning,

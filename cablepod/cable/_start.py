@@ -6,19 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cablepod.cable._mesh import Mesh
+from cablepod.cable._mesh import SpectralMesh
 from cablepod.chain import _start as chain_start
-from cablepod.discretisation._chain import Chain, square
+from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.errors import SceneError
 
 #: Points between two nodes at which the shape at rest is integrated.
-GAUSS = 8
+GAUSS_POINTS = 8
 #: Where that is too coarse, for a cable that turns sharply at its lowest point, the distances of nodes are cut into so many.
-FINER = (1, 4)
+REFINEMENTS = (1, 4)
 
 
 @dataclass(frozen=True)
-class Hanging(Chain):
+class CatenaryChain(LumpedChain):
     """The continuous cable at rest, as the chain that :func:`cablepod.chain._start.start` knows how to hang.
 
     The force at the lower end determines all else: x(S) is the integral of F/|F| xi(|F|), with F falling by the loads.  By
@@ -28,7 +28,7 @@ class Hanging(Chain):
 
     def loads(self, time: float | None = None) -> np.ndarray:
         """Return forces on the particles (n + 1, dims) at time 0 [N]; what it returns at both ends is not used."""
-        point = gauss_places(self.arc_length[::GAUSS])
+        point = gauss_points(self.arc_length[::GAUSS_POINTS])
         result = np.zeros((self.links + 1, self.p.dims))
         result[1:-1] = np.diff(point)[:, None] * self.p.load_at(0.0)
         for load in self.p.point_loads:
@@ -37,41 +37,41 @@ class Hanging(Chain):
         return result
 
 
-def gauss_places(arc_length: np.ndarray) -> np.ndarray:
+def gauss_points(arc_length: np.ndarray) -> np.ndarray:
     """Return the points of Gauss's rule between all neighbours [m]."""
-    inner = np.polynomial.legendre.leggauss(GAUSS)[0]
+    inner = np.polynomial.legendre.leggauss(GAUSS_POINTS)[0]
     return (arc_length[:-1, None] + 0.5 * np.diff(arc_length)[:, None] * (1.0 + inner)).ravel()
 
 
-def hanging(mesh: Mesh, places: np.ndarray) -> Hanging:
+def catenary_chain(mesh: SpectralMesh, places: np.ndarray) -> CatenaryChain:
     """Return the continuous cable at rest whose particles are, every GAUSS-th, at `places` [m]."""
-    weight = np.polynomial.legendre.leggauss(GAUSS)[1]
+    weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)[1]
     length = (0.5 * np.diff(places)[:, None] * weight).ravel()
     arc_length = np.concatenate([[0.0], np.cumsum(length)])
-    arc_length[::GAUSS] = places
-    return Hanging(mesh.p, length, arc_length, mesh.law)
+    arc_length[::GAUSS_POINTS] = places
+    return CatenaryChain(mesh.p, length, arc_length, mesh.law)
 
 
 # --- positions to start from ------------------------------------------------------------------------------------------
 
 
-def hung(mesh: Mesh, places: np.ndarray | None = None) -> np.ndarray:
+def catenary_nodes(mesh: SpectralMesh, places: np.ndarray | None = None) -> np.ndarray:
     """Positions (nodes, dims) [m] of the continuous cable, at rest or in the shape of its scene's other length.
 
     They are those of the nodes, or at `places` [m], the nodes among them.
     """
     wanted = mesh.arc_length if places is None else places
-    for pieces in FINER:
+    for pieces in REFINEMENTS:
         fine = np.interp(np.arange((wanted.size - 1) * pieces + 1) / pieces, np.arange(wanted.size), wanted)
         try:
-            return chain_start.start(hanging(mesh, fine))[:: GAUSS * pieces]
+            return chain_start.start(catenary_chain(mesh, fine))[:: GAUSS_POINTS * pieces]
         except SceneError as error:
-            if pieces == FINER[-1]:
+            if pieces == REFINEMENTS[-1]:
                 raise SceneError(str(error).replace("chain:", "cable:").replace("links taut", "places taut")) from None
     raise AssertionError("the last try returns or raises")
 
 
-def settle(mesh: Mesh, position: np.ndarray) -> tuple[np.ndarray, bool]:
+def solve_equilibrium(mesh: SpectralMesh, position: np.ndarray) -> tuple[np.ndarray, bool]:
     """Rest of the elements (nodes, dims) [m], near that of the continuous cable, and whether Newton's method found it.
 
     It fails where elements are too large, and where a strain is below the rounding of positions, in the inextensible limit; the
@@ -88,20 +88,20 @@ def settle(mesh: Mesh, position: np.ndarray) -> tuple[np.ndarray, bool]:
     return (np.ascontiguousarray(x.T) if found else position), found
 
 
-def settled(mesh: Mesh) -> tuple[np.ndarray, float]:
+def equilibrium_with_error(mesh: SpectralMesh) -> tuple[np.ndarray, float]:
     """Rest of the elements (nodes, dims) and its largest distance from the continuous cable, at nodes and between them [m]."""
     places = np.sort(np.concatenate([mesh.arc_length, 0.5 * (mesh.arc_length[1:] + mesh.arc_length[:-1])]))
-    exact = hung(mesh, places)
-    position, _ = settle(mesh, exact[::2])
-    return position, float(np.sqrt(square(mesh.at(position, places) - exact)).max())
+    exact = catenary_nodes(mesh, places)
+    position, _ = solve_equilibrium(mesh, exact[::2])
+    return position, float(np.sqrt(square(mesh.interpolate(position, places) - exact)).max())
 
 
-def start(mesh: Mesh) -> np.ndarray:
+def start(mesh: SpectralMesh) -> np.ndarray:
     """Positions from which a run starts (nodes, dims) [m]: at rest, or the shape that the scene's initial table says."""
     p = mesh.p
     if "points" not in p.initial:
-        shape = hung(mesh)
-        return shape if p.initial else settle(mesh, shape)[0]
+        shape = catenary_nodes(mesh)
+        return shape if p.initial else solve_equilibrium(mesh, shape)[0]
     line = np.asarray(p.initial["points"], dtype=float)
     if (
         p.links is not None and len(line) == p.links + 1
@@ -112,9 +112,9 @@ def start(mesh: Mesh) -> np.ndarray:
         position = np.stack([np.interp(sigma, share, line[:, c]) for c in range(p.dims)], axis=1)
         ends = p.end_positions(np.zeros(1))[0]
         for index, end in ((0, "lower"), (-1, "upper")):
-            if p.free != end:
+            if p.free_end != end:
                 position[index] = ends[index]
         return position
     if len(line) == mesh.links + 1:  # a line all the same, not one point for each node
         line = np.insert(line, 1, 0.5 * (line[0] + line[1]), axis=0)
-    return chain_start.along_line(mesh, line)
+    return chain_start.particles_on_line(mesh, line)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from cablepod import provenance
 from cablepod.catenary._statics import kind_of, load_plane, solve_statics
 from cablepod.conventions import COORDINATES, label
-from cablepod.errors import SceneError, refuse
+from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters_of_members
 from cablepod.parameters._keys import LENGTH_KEYS, exactly_one
@@ -170,5 +170,5 @@ def solve(
             reason = f"at least {max(least, 0.0):.6g} N"
         elif status[i] == kernel.SLACK_WEIGHTLESS:
             reason = "at most the chord, because a slack cable without load has no shape at rest"
-        raise refuse(f"{key}[{i}]", float(value[i]), reason)
+        raise scene_error(f"{key}[{i}]", float(value[i]), reason)
     return {name: out[:, column].reshape(arrays[0].shape) for column, name in enumerate(kernel.COLUMNS)}

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.errors import refuse
+from cablepod.errors import scene_error
 from cablepod.parameters._keys import LENGTH_KEYS
-from cablepod.parameters._members import Columns
+from cablepod.parameters._members import MemberParameters
 from cablepod.parameters._parameters import Parameters
 
 
@@ -51,17 +51,21 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     name = f"{prefix}.{key}"
     if status == kernel.BELOW_LEAST_TENSION:
         least = kernel.least_tension(a, b, c, q, p.stiffness, 1.0 if kind == kernel.UPPER_TENSION else -1.0)
-        raise refuse(
+        raise scene_error(
             name, value, f"at least {max(least, 0.0):.6g} N, the least that a cable between these ends can have"
         )
     if status == kernel.SLACK_WEIGHTLESS:
         if "points" in p.initial and prefix == "cable":
             out[0] = value
             return out
-        raise refuse(name, value, f"at most the chord, {c:.12g} m, as a slack cable without load has no shape at rest")
+        raise scene_error(
+            name, value, f"at most the chord, {c:.12g} m, as a slack cable without load has no shape at rest"
+        )
     if status == kernel.VERTICAL_WITH_FORCE:
-        raise refuse(name, value, "another way to give the length, as a cable along the load has no force across it")
-    raise refuse(name, value, "a value for which the catenary can be computed in double precision")
+        raise scene_error(
+            name, value, "another way to give the length, as a cable along the load has no force across it"
+        )
+    raise scene_error(name, value, "a value for which the catenary can be computed in double precision")
 
 
 def load_plane(p: Parameters) -> tuple[float, float, float, float, np.ndarray, np.ndarray]:
@@ -93,7 +97,7 @@ def unstretched_length(p: Parameters) -> float:
     return float(solve_statics(p, p.length_key, p.length_value)[0])
 
 
-def member_statics(columns: Columns) -> tuple[np.ndarray, np.ndarray]:
+def member_statics(columns: MemberParameters) -> tuple[np.ndarray, np.ndarray]:
     """Solve the catenaries of many members (members, 6), as :func:`solve_statics` does one; tell which of them exist."""
     from cablepod.catenary import _kernels_solve as kernel  # numba is imported only to compute
 

@@ -13,13 +13,13 @@ from cablepod.chain import _kernels_layout as layout
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import RunStopped
 from cablepod.integrate._march import advance_in_blocks
-from cablepod.integrate._output_times import Instants
-from cablepod.integrate._run import Run, State
+from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import damped_growth
-from cablepod.parameters._time_functions import Abreast
+from cablepod.parameters._time_functions import BatchedTimeFunction
 
 
-class VerletRun(Run):
+class ExplicitChainRun(ChainRun):
     """Velocity Verlet: second order, symplectic without damping, stable below 2 over the highest angular frequency."""
 
     @property
@@ -27,9 +27,9 @@ class VerletRun(Run):
         """Name of the scheme."""
         return "velocity_verlet"
 
-    def __call__(self, rate: float) -> State:
+    def __call__(self, rate: float) -> Trajectory:
         """Run with so many steps per second."""
-        march = March([self.begin(rate)])
+        march = ExplicitStepper([self.begin(rate)])
         failed = advance_in_blocks(
             lambda start, steps: bool(march.advance(start, steps)[0]), (march.states,), march.total, self.progress
         )
@@ -37,11 +37,11 @@ class VerletRun(Run):
             self._stop(march.instants, march.saved[0], None if march.halves is None else march.halves[0], failed, rate)
         return self.finish(march, 0)
 
-    def begin(self, rate: float) -> Begun:
+    def begin(self, rate: float) -> PreparedRun:
         """Make ready to run with so many steps per second."""
-        return Begun(self, self.instants(rate), *self._first_state(1.0 / rate))
+        return PreparedRun(self, self.instants(rate), *self._first_state(1.0 / rate))
 
-    def finish(self, march: March, place: int) -> State:
+    def finish(self, march: ExplicitStepper, place: int) -> Trajectory:
         """Return what this run gave, which was the one at some place among those of a march.
 
         Raises
@@ -64,20 +64,20 @@ class VerletRun(Run):
     def shape(self) -> tuple[Any, ...]:
         """What runs must have alike to go abreast, see :class:`March`."""
         chain, p = self.chain, self.chain.p
-        terms = (p.mass_damping is None, p.link_viscosity is None, len(chain.varying()), tuple(p.motions))
+        terms = (p.mass_damping is None, p.link_viscosity is None, len(chain.time_dependent_loads()), tuple(p.motions))
         return chain.links, p.dims, chain.law, terms, self.outputs, self.times.tobytes()
 
     def _first_state(self, step: float) -> tuple[np.ndarray, float | None, np.ndarray | None]:
         """State of the kernel at the start from rest, its decay, and its patterns of loads that vary in time."""
         from cablepod.chain import _kernels_explicit as kernel_explicit
 
-        chain, p, free = self.chain, self.chain.p, self.chain.free
+        chain, p, free = self.chain, self.chain.p, self.chain.free_particles
         state, links, particles = (
             kernel_explicit.new_states(1, chain.links)[0],
             slice(chain.links),
             slice(chain.links + 1),
         )
-        mass = p.mass * chain.share[free]
+        mass = p.mass * chain.tributary_length[free]
         decay, half = None, 0.5 * step
         state[layout.PER_MASS, free] = step / mass
         if p.mass_damping is not None:
@@ -85,7 +85,7 @@ class VerletRun(Run):
             half = damped_growth(p.mass_damping, step) / p.mass_damping
             state[layout.PER_MASS, free] = -math.expm1(-p.mass_damping * step) / (p.mass_damping * mass)
         per_mass = state[layout.PER_MASS, particles]
-        varying = chain.varying()
+        varying = chain.time_dependent_loads()
         force, loads = self.first_force(), chain.loads()
         for c in range(p.dims):
             state[layout.X + c, particles] = self.initial[:, c]
@@ -104,26 +104,26 @@ class VerletRun(Run):
 
     def _gather(
         self,
-        instants: Instants,
+        instants: OutputTimes,
         saved: np.ndarray,
         halves: np.ndarray | None,
         extremes: tuple[np.ndarray, np.ndarray] | None,
-    ) -> State:
+    ) -> Trajectory:
         x = np.ascontiguousarray(np.moveaxis(saved, 1, 2))
         v = a = None
         if halves is not None:
             v = np.ascontiguousarray(np.moveaxis(0.5 * (halves[:, 0] + halves[:, 1]), 1, 2))
-            a = np.ascontiguousarray(np.moveaxis((halves[:, 1] - halves[:, 0]) * instants.rate, 1, 2))
+            a = np.ascontiguousarray(np.moveaxis((halves[:, 1] - halves[:, 0]) * instants.steps_per_second, 1, 2))
         state = self.state(instants, x, v, a, extremes)
-        state.notes = {"step_limit": self._limit()}
+        state.diagnostics = {"step_limit": self._limit()}
         return state
 
-    def _check_limit(self, state: State, *, incomplete: int | None = None) -> None:
+    def _check_limit(self, state: Trajectory, *, incomplete: int | None = None) -> None:
         """Raise :class:`RunStopped` where the links became too stiff for the step, which only law (21) lets them."""
-        chain, rate = self.chain, state.instants.rate
+        chain, rate = self.chain, state.instants.steps_per_second
         if not chain.green:
             return
-        stiffening = chain.stiffening(state.position)
+        stiffening = chain.tangent_stiffness_ratio(state.position)
         if chain.step_limit(stiffening.max(axis=0)) > 1.0 / rate:
             return  # not even all links at their stiffest
         for time, now in zip(state.instants.times, stiffening, strict=True):
@@ -139,14 +139,16 @@ class VerletRun(Run):
 
     def _limit(self) -> float:
         """Stability limit of the step at the start [s]."""
-        return self.chain.step_limit(self.chain.stiffening(self.initial))
+        return self.chain.step_limit(self.chain.tangent_stiffness_ratio(self.initial))
 
-    def _stop(self, instants: Instants, saved: np.ndarray, halves: np.ndarray | None, done: int, rate: float) -> None:
+    def _stop(
+        self, instants: OutputTimes, saved: np.ndarray, halves: np.ndarray | None, done: int, rate: float
+    ) -> None:
         """Raise :class:`RunStopped` with what was computed before step `done`."""
         count = int(np.searchsorted(instants.times, done / rate * (1.0 - 1e-12)))
         partial = None
         if count:
-            few = Instants.of(instants.times[:count], rate)
+            few = OutputTimes.of(instants.times[:count], rate)
             keep = few.steps.size
             partial = self._gather(few, saved[:keep], None if halves is None else halves[:keep], None)
             self._check_limit(partial, incomplete=done)  # why it broke down, if that shows at an instant of the output
@@ -160,11 +162,11 @@ class VerletRun(Run):
 
 
 @dataclass(frozen=True)
-class Begun:
+class PreparedRun:
     """A run that is ready to step."""
 
-    run: VerletRun
-    instants: Instants
+    run: ExplicitChainRun
+    instants: OutputTimes
     state: np.ndarray  #: as the kernel has it
     decay: float | None
     patterns: np.ndarray | None
@@ -176,31 +178,31 @@ class Begun:
         return 8 * parts * self.instants.steps.size * self.run.initial.size
 
 
-class March:
+class ExplicitStepper:
     """Runs of equal :attr:`VerletRun.shape` and step abreast: one compiled call advances all of them."""
 
-    def __init__(self, begun: Sequence[Begun]) -> None:
+    def __init__(self, begun: Sequence[PreparedRun]) -> None:
         from cablepod.chain import _kernels_explicit as kernel_explicit
 
         first = begun[0]
         run, chain, p = first.run, first.run.chain, first.run.chain.p
-        self.instants, self.bounds = first.instants, np.array([item.run.bound for item in begun])
+        self.instants, self.bounds = first.instants, np.array([item.run.divergence_bound for item in begun])
         self.states = kernel_explicit.new_states(len(begun), chain.links)
         np.stack([item.state for item in begun], out=self.states)
         count, saves = len(begun), self.instants.steps.size
         self.total = int(self.instants.steps[-1]) + 1
-        self.sound = np.ones(count, dtype=bool)  #: those that are advanced
+        self.is_finite = np.ones(count, dtype=bool)  #: those that are advanced
         self.saved = np.empty((count, saves, p.dims, chain.links + 1))
         self.halves = np.empty((count, saves, 2, *self.saved.shape[2:])) if run.wants_velocity(self.instants) else None
         self._position = self.states[:, layout.X : layout.X + p.dims, : chain.links + 1]
         rows = np.array([layout.X + COORDINATES.index(axis) for _, axis in p.motions], dtype=np.int64)
         self._places = rows, np.array([chain.links * ENDS.index(end) for end, _ in p.motions], dtype=np.int64)
-        ends = [_abreast(begun, end, axis) for end, axis in p.motions]
-        loads = zip(*(item.run.chain.varying() for item in begun), strict=True)
+        ends = [_batched_motion(begun, end, axis) for end, axis in p.motions]
+        loads = zip(*(item.run.chain.time_dependent_loads() for item in begun), strict=True)
         self._functions = {
             "ends": ends,
             "rates": ends,
-            "factors": [Abreast([own[1] for own in load]) for load in loads],
+            "factors": [BatchedTimeFunction([own[1] for own in load]) for load in loads],
         }
         self._tables: dict[str, np.ndarray] = {}
         self._patterns = _stacked([item.patterns for item in begun])
@@ -213,10 +215,10 @@ class March:
         """Take steps from the one number `start` on; tells which runs have not left the finite numbers (runs,)."""
         from cablepod.chain import _kernels_explicit as kernel  # numba is imported only to compute
 
-        rate, viscous = self.instants.rate, self._viscosities is not None
+        rate, viscous = self.instants.steps_per_second, self._viscosities is not None
         first, last = np.searchsorted(self.instants.steps, (start, start + steps))
         kernel.verlet(
-            self.states, self.sound, *self._kind, 1.0 / rate, self._decays, self._viscosities, self._patterns,
+            self.states, self.is_finite, *self._kind, 1.0 / rate, self._decays, self._viscosities, self._patterns,
             self._table("factors", start, steps) if self._functions["factors"] else None,
             *self._places, self._table("ends", start, steps), self._table("rates", start, steps) if viscous else None,
             self._extremes, steps, start, self.instants.steps, first, last, self.saved, self.halves,
@@ -235,15 +237,15 @@ class March:
         ):  # to have new memory cleared for each block costs as much as to fill it
             table = self._tables[name] = np.empty(shape)
         for row, function in enumerate(functions):
-            function.fill(start, self.instants.rate, int(name == "rates"), row, table)
+            function.fill(start, self.instants.steps_per_second, int(name == "rates"), row, table)
         return table
 
 
-def _abreast(begun: Sequence[Begun], end: str, axis: str) -> Abreast:
+def _batched_motion(begun: Sequence[PreparedRun], end: str, axis: str) -> BatchedTimeFunction:
     """Gather the motion of one coordinate of an end in several runs."""
     own = [item.run.chain.p for item in begun]
     origins = [(p.lower if end == "lower" else p.upper)[COORDINATES.index(axis)] for p in own]
-    return Abreast([p.motions[end, axis] for p in own], origins)
+    return BatchedTimeFunction([p.motions[end, axis] for p in own], origins)
 
 
 def _stacked(items: list[Any]) -> np.ndarray | None:

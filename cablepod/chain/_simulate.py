@@ -9,14 +9,14 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.batch._members import in_one_go, over_members
+from cablepod.batch._members import over_members, over_members_by
 from cablepod.chain import _batch as chain_many
 from cablepod.chain._scheme import ChainRequest, prepare, solve
 from cablepod.chain._start import rest_shape
 from cablepod.conventions import label
 from cablepod.discretisation._chain import chain_of, square
 from cablepod.discretisation._laws import LAWS, check_law
-from cablepod.integrate._run import coordinates, suffix
+from cablepod.integrate._run import chain_coordinates, law_suffix
 from cablepod.parameters._from_scene import parameters
 
 # --- rest -----------------------------------------------------------------------------------------------------------
@@ -85,22 +85,26 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
             "tension": ("link", tension),
             **{name: ((), value) for name, value in scalars.items()},
         },
-        coords=coordinates(chain),
+        coords=chain_coordinates(chain),
     )
     label(result)
     result.attrs.update(
-        title=f"{scene.attrs.get('title', 'scene')}: chain at rest{suffix(chain)}", stage="rest", law=chain.law
+        title=f"{scene.attrs.get('title', 'scene')}: chain at rest{law_suffix(chain)}", stage="rest", law=chain.law
     )
     options = {"links": chain.links, "law": chain.law}
     return provenance.record(
-        result, function="chain.rest", parameters=options, inputs=[scene], chosen=provenance.unset(links=links)
+        result,
+        function="chain.rest",
+        parameters=options,
+        inputs=[scene],
+        chosen=provenance.defaulted_options(links=links),
     )
 
 
 # --- motion ---------------------------------------------------------------------------------------------------------
 
 
-@in_one_go(chain_many.plan)
+@over_members_by(chain_many.plan)
 def simulate(
     scene: xr.Dataset,
     *,
@@ -217,7 +221,7 @@ def simulate(
         "law": law,
         "scheme": run.scheme,
         "spectral_radius": request.radius if run.scheme == "generalized_alpha" else None,
-        "step": 1.0 / solution.rate,
+        "step": 1.0 / solution.steps_per_second,
         "tolerance": request.recorded_tolerance,
         "outputs": list(request.outputs),
     }
@@ -226,7 +230,7 @@ def simulate(
         function="chain.simulate",
         parameters=resolved,
         inputs=[scene],
-        chosen=provenance.unset(
+        chosen=provenance.defaulted_options(
             links=links, times=times, scheme=scheme, spectral_radius=spectral_radius, step=step, tolerance=tolerance
         ),
     )

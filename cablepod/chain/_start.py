@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from cablepod.catenary._statics import load_plane, solve_statics
-from cablepod.discretisation._chain import Chain, square
+from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.errors import SceneError
 
 
-def rest_shape(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
     """Positions (n + 1, dims) [m] and tensions (n,) [N] of a chain at rest."""
     from cablepod.chain import _kernels_explicit as kernel_explicit
     from cablepod.chain import _kernels_rest as kernel_rest  # numba is imported only to compute
@@ -45,11 +45,11 @@ def rest_shape(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     return position, tension
 
 
-def start(chain: Chain) -> np.ndarray:
+def start(chain: LumpedChain) -> np.ndarray:
     """Positions from which a run starts (n + 1, dims) [m]: at rest, or the shape that the scene's initial table says."""
     p = chain.p
     if "points" in p.initial:
-        return along_line(chain, np.asarray(p.initial["points"], dtype=float))
+        return particles_on_line(chain, np.asarray(p.initial["points"], dtype=float))
     for key in ("top_tension", "unstretched_length"):
         if key in p.initial:
             other = solve_statics(p, key, p.initial[key], prefix="initial")[0]
@@ -58,7 +58,7 @@ def start(chain: Chain) -> np.ndarray:
     return rest_shape(chain)[0]
 
 
-def along_line(chain: Chain, line: np.ndarray) -> np.ndarray:
+def particles_on_line(chain: LumpedChain, line: np.ndarray) -> np.ndarray:
     """Lay the particles on a line: one on each point, or by unstretched length.
 
     Between two held ends the line is shared out in proportion; a free end lies where the unstretched length ends.
@@ -68,17 +68,17 @@ def along_line(chain: Chain, line: np.ndarray) -> np.ndarray:
     else:
         reach = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
         place = chain.arc_length / chain.total_length * reach[-1]
-        if chain.p.free is not None:
+        if chain.p.free_end is not None:
             spare = reach[-1] - chain.total_length
             if spare < -1e-9 * chain.total_length:
                 raise SceneError(
                     f"initial.points: given a line of {reach[-1]:.9g} m; allowed: at least the unstretched length, "
                     f"{chain.total_length:.9g} m, so that the free end can lie on it"
                 )
-            place = chain.arc_length + (spare if chain.p.free == "lower" else 0.0)
+            place = chain.arc_length + (spare if chain.p.free_end == "lower" else 0.0)
         position = np.stack([np.interp(place, reach, line[:, c]) for c in range(line.shape[1])], axis=1)
     ends = chain.p.end_positions(np.zeros(1))[0]
     for index, end in ((0, "lower"), (-1, "upper")):
-        if chain.p.free != end:
+        if chain.p.free_end != end:
             position[index] = ends[index]
     return position

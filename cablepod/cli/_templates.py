@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cablepod.errors import refuse
+from cablepod.errors import scene_error
 from cablepod.examples import data_folder, scenes
 
 DESCRIPTION = "Reduced-order models of cable dynamics."
@@ -104,7 +104,7 @@ def write_new(name: str) -> str:
 def copy_example(name: str, out: str | None) -> str:
     """Copy a shipped scene; return what to do next."""
     if name not in scenes():
-        raise refuse("NAME", name, f"one of the shipped scenes: {', '.join(scenes())}")
+        raise scene_error("NAME", name, f"one of the shipped scenes: {', '.join(scenes())}")
     path = _write("--out", out or f"{name}.toml", _text(name))
     return f"{path}: a copy of {name}; next: cablepod run {path} --out out/{path.stem}"
 
@@ -129,12 +129,12 @@ def _write(key: str, given: str, text: str) -> Path:
     """Write a new scene file; an existing file stays."""
     path = Path(given)
     if path.suffix != ".toml" or not path.stem:
-        raise refuse(key, given, "the name of a file that ends with .toml")
+        raise scene_error(key, given, "the name of a file that ends with .toml")
     if not path.parent.is_dir():
-        raise refuse(key, given, f"a file in a folder that is there; {path.parent} is none")
+        raise scene_error(key, given, f"a file in a folder that is there; {path.parent} is none")
     try:
         with path.open("x", encoding="utf-8") as file:  # fails if the file exists, also one made a moment ago
             file.write(text)
     except FileExistsError:
-        raise refuse(key, given, "the name of a file that is not there yet; nothing is overwritten") from None
+        raise scene_error(key, given, "the name of a file that is not there yet; nothing is overwritten") from None
     return path

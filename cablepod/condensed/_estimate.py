@@ -7,35 +7,35 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from cablepod.condensed._fields import State, positions
-from cablepod.condensed._model import Model
-from cablepod.discretisation._chain import Chain
+from cablepod.condensed._fields import CondensedTrajectory, positions
+from cablepod.condensed._model import CondensedModel
+from cablepod.discretisation._chain import LumpedChain
 from cablepod.integrate._step_control import motion_scale
 
 #: The richer model has so many coordinates of each deflection, but no more than the particles allow.
-RICH = 16
+MIN_ENRICHED_MODES = 16
 #: Distance of the samples times the frequency of the first mode left out: what is retained is resolved, what drives it sampled.
-SAMPLING = 0.7
+SAMPLING_PHASE = 0.7
 #: No more samples than this: then they lie further apart, and the estimate is coarser.
-MOST_SAMPLES = 20_000
+MAX_SAMPLES = 20_000
 #: An error above twice the motion says that nothing is right: the linear equation may grow beyond.
-WORST = 2.0
+MAX_ERROR = 2.0
 
 
-def richer(chain: Chain, sets: Sequence[np.ndarray]) -> Model:
+def enriched_model(chain: LumpedChain, sets: Sequence[np.ndarray]) -> CondensedModel:
     """Make the model of order "inertial" on the links of a chain with modes as given (mode, particle) and sines besides."""
     sigma = chain.arc_length / chain.total_length
     modes = []
     for psi in sets:
-        count = min(max(RICH, len(psi) + 6), sigma.size - 2)
+        count = min(max(MIN_ENRICHED_MODES, len(psi) + 6), sigma.size - 2)
         sines = np.sin(math.pi * np.outer(np.arange(1, count + 1), sigma))
         basis = np.linalg.qr(np.concatenate([psi, sines]).T)[0].T[:count]
         basis[:, [0, -1]] = 0.0
         modes.append(basis)
-    return Model(chain, "inertial", tuple(modes))
+    return CondensedModel(chain, "inertial", tuple(modes))
 
 
-def samples(square: float, modes: int, rate: float, until: float) -> np.ndarray:
+def sample_steps(square: float, modes: int, rate: float, until: float) -> np.ndarray:
     """Choose the steps at which the residual is taken.
 
     Parameters
@@ -48,12 +48,16 @@ def samples(square: float, modes: int, rate: float, until: float) -> np.ndarray:
         Steps per second, end [s].
     """
     left_out = math.sqrt(square) * (modes + 1.0) / max(modes, 1)
-    every = max(1, round(SAMPLING / left_out * rate), math.ceil(until * rate / MOST_SAMPLES))
+    every = max(1, round(SAMPLING_PHASE / left_out * rate), math.ceil(until * rate / MAX_SAMPLES))
     return np.arange(int(until * rate) // every + 1) * every
 
 
-def grown(
-    rich: Model, motion: tuple[np.ndarray, np.ndarray, np.ndarray], steps: np.ndarray, rate: float, first: np.ndarray
+def integrate_error(
+    rich: CondensedModel,
+    motion: tuple[np.ndarray, np.ndarray, np.ndarray],
+    steps: np.ndarray,
+    rate: float,
+    first: np.ndarray,
 ) -> np.ndarray:
     """Mean square of the error over the particles [m^2] at sampled steps, as the residual of a richer model drives it.
 
@@ -71,18 +75,20 @@ def grown(
     from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
 
     chain, p, q = rich.chain, rich.chain.p, motion[0]
-    rows = rich.rows_at(steps / rate)
+    rows = rich.boundary_data_at(steps / rate)
     sizes = np.empty(steps.size)
     every = float(steps[1] - steps[0]) if steps.size > 1 else 1.0
     kernel.error_growth(
-        *motion, rows, every / rate, p.mass_damping or 0.0, p.stiffness, rich.slopes, rich.plane, rich.taus, chain.length,
-        rich.green, rich.pushes, rich.inertia, first, rich.guess(rows[0], q[0]),
+        *motion, rows, every / rate, p.mass_damping or 0.0, p.stiffness, rich.slopes, rich.n_in_plane, rich.chordwise_force_patterns, chain.length,
+        rich.green, rich.load_projection, rich.inertia, first, rich.guess(rows[0], q[0]),
         np.full(chain.links, rich.first_stretch(rows[0])), chain.arc_length / chain.total_length, sizes,
     )  # fmt: skip
     return np.nan_to_num(sizes, nan=np.inf)
 
 
-def estimate(model: Model, sample: Callable[[np.ndarray, float], State], rate: float, until: float) -> float:
+def estimate(
+    model: CondensedModel, sample: Callable[[np.ndarray, float], CondensedTrajectory], rate: float, until: float
+) -> float:
     """Estimate the largest error over time as a fraction of the motion.
 
     The motion of the model is put into the equations of a richer one (more modes, the chordwise stretch as it is, inertia along
@@ -103,22 +109,24 @@ def estimate(model: Model, sample: Callable[[np.ndarray, float], State], rate: f
     """
     if until == 0.0:
         return 0.0
-    rich = richer(model.chain, model.modes)
+    rich = enriched_model(model.chain, model.modes)
     p = rich.chain.p
-    steps = samples(max(model.taut_square(until), model.highest_square(*_start(model))), model.plane, rate, until)
+    steps = sample_steps(
+        max(model.omega_taut_squared(until), model.omega_max_squared(*_start(model))), model.n_in_plane, rate, until
+    )
     times = steps / rate
     state = sample(times, rate)
     rates, second = 0.5 * (state.halves[:, 0] + state.halves[:, 1]), (state.halves[:, 1] - state.halves[:, 0]) * rate
     change = (rich.shapes * rich.mass) @ model.shapes.T
-    change[: rich.plane, model.plane :] = change[rich.plane :, : model.plane] = 0.0
+    change[: rich.n_in_plane, model.n_in_plane :] = change[rich.n_in_plane :, : model.n_in_plane] = 0.0
     q = state.saved @ change.T
-    sizes = grown(rich, (q, rates @ change.T, second @ change.T), steps, rate, rich.initial()[0] - q[0])
+    sizes = integrate_error(rich, (q, rates @ change.T, second @ change.T), steps, rate, rich.initial()[0] - q[0])
     some = np.unique(np.linspace(0, times.size - 1, 200).astype(int))
     shapes = positions(model, state.saved[some], times[some])
     motion = motion_scale(shapes, shapes[0], float(np.linalg.norm(p.upper - p.lower)))
-    return min(math.sqrt(sizes.max()) / motion, WORST)
+    return min(math.sqrt(sizes.max()) / motion, MAX_ERROR)
 
 
-def _start(model: Model) -> tuple[np.ndarray, np.ndarray, float]:
+def _start(model: CondensedModel) -> tuple[np.ndarray, np.ndarray, float]:
     q, v = model.initial()
-    return q, model.first_row, model.force(q, v, model.first_row)[2]
+    return q, model.initial_boundary_data, model.force(q, v, model.initial_boundary_data)[2]

@@ -6,17 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cablepod.condensed._model import Model
-from cablepod.discretisation._chord_frame import Frame
+from cablepod.condensed._model import CondensedModel
+from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._laws import law_tension
-from cablepod.integrate._output_times import Instants
+from cablepod.integrate._output_times import OutputTimes
 
 
 @dataclass
-class State:
+class CondensedTrajectory:
     """What one run gives."""
 
-    instants: Instants
+    instants: OutputTimes
     saved: np.ndarray  #: coordinates at the saved steps (steps, r)
     halves: np.ndarray  #: rates half a step before and after (steps, 2, r)
     extremes: tuple[np.ndarray, np.ndarray] | None  #: of the tensions (n,) [N]
@@ -29,10 +29,12 @@ class State:
     @property
     def q(self) -> np.ndarray:
         """Coordinates at the instants of the output (times, r)."""
-        if not self.instants.dense:
+        if not self.instants.needs_interpolation:
             return self.saved[self.instants.left]
         rates = 0.5 * (self.halves[:, 0] + self.halves[:, 1])
-        return self.instants.at_times(self.saved, rates, (self.halves[:, 1] - self.halves[:, 0]) * self.instants.rate)
+        return self.instants.at_times(
+            self.saved, rates, (self.halves[:, 1] - self.halves[:, 0]) * self.instants.steps_per_second
+        )
 
     @property
     def rates(self) -> np.ndarray:
@@ -43,20 +45,22 @@ class State:
         return np.where(s > 0, (1 - s) * v[i] + s * v[after], v[i])
 
 
-def sets(model: Model) -> tuple[slice, ...]:
+def sets(model: CondensedModel) -> tuple[slice, ...]:
     """Which coordinates are deflections in the plane, and out of it."""
-    return (slice(0, model.plane), slice(model.plane, None))[: model.chain.p.dims - 1]
+    return (slice(0, model.n_in_plane), slice(model.n_in_plane, None))[: model.chain.p.dims - 1]
 
 
-def _closed(model: Model, q: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _closed(
+    model: CondensedModel, q: np.ndarray, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Chordwise stretch, chordwise force, slopes squared (times, n) of the links, and deflections (normals, times, particle)."""
     from cablepod.condensed import _kernels_closure as kernel
 
     chain, k = model.chain, model.chain.p.stiffness
-    rows = model.rows_at(times)
+    rows = model.boundary_data_at(times)
     deflection = np.stack([q[:, at] @ model.shapes[at] for at in sets(model)])
     squared = ((np.diff(deflection, axis=2) / chain.length) ** 2).sum(axis=0)
-    tau = rows[:, 1 : 1 + len(model.taus)] @ model.taus
+    tau = rows[:, 1 : 1 + len(model.chordwise_force_patterns)] @ model.chordwise_force_patterns
     if model.order == "leading":
         mean = (tau @ chain.length)[:, None] / chain.total_length
         h = (
@@ -71,15 +75,15 @@ def _closed(model: Model, q: np.ndarray, times: np.ndarray) -> tuple[np.ndarray,
     return z, h[:, None] + tau, squared, deflection
 
 
-def positions(model: Model, q: np.ndarray, times: np.ndarray) -> np.ndarray:
+def positions(model: CondensedModel, q: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Positions of the particles (times, particle, dims) [m] for coordinates (times, r)."""
     z, _, _, deflection = _closed(model, q, times)
     return _joined(model, z, deflection, times)
 
 
-def _joined(model: Model, z: np.ndarray, deflection: np.ndarray, times: np.ndarray) -> np.ndarray:
+def _joined(model: CondensedModel, z: np.ndarray, deflection: np.ndarray, times: np.ndarray) -> np.ndarray:
     ends = model.chain.p.end_positions(times)
-    frame = Frame.of(ends[:, 1] - ends[:, 0], model.reference)
+    frame = ChordFrame.of(ends[:, 1] - ends[:, 0], model.reference)
     position = frame.join(ends[:, 0], _summed(z * model.chain.length), deflection)
     position[:, -1] = ends[:, 1]  # but for rounding, and for modes that are not quite zero there
     return position
@@ -89,7 +93,7 @@ def _summed(parts: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros((len(parts), 1)), np.cumsum(parts, axis=1)], axis=1)
 
 
-def _rates_of_stretch(model: Model, z: np.ndarray, squared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rates_of_stretch(model: CondensedModel, z: np.ndarray, squared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Differentiate the chordwise stretch (times, n) by N / K, and by half the slope squared with the sign turned."""
     if model.order == "leading":
         return np.ones_like(z), np.ones_like(z)
@@ -101,13 +105,13 @@ def _rates_of_stretch(model: Model, z: np.ndarray, squared: np.ndarray) -> tuple
 
 
 def _velocities(
-    model: Model, z: np.ndarray, deflection: np.ndarray, rates: np.ndarray, times: np.ndarray
+    model: CondensedModel, z: np.ndarray, deflection: np.ndarray, rates: np.ndarray, times: np.ndarray
 ) -> np.ndarray:
     """Velocities (times, particle, dims) [m/s], but for what loads that change in time stretch along the chord."""
     chain, p = model.chain, model.chain.p
     ends, speeds = p.end_positions(times), p.end_positions(times, 1)
     reach, speed = ends[:, 1] - ends[:, 0], speeds[:, 1] - speeds[:, 0]
-    frame = Frame.of(reach, model.reference)
+    frame = ChordFrame.of(reach, model.reference)
     grow, turn, swing = frame.rates(reach, speed)
     moving = np.stack([rates[:, at] @ model.shapes[at] for at in sets(model)])
     slope, slope_rate = (np.diff(item, axis=2) / chain.length for item in (deflection, moving))
@@ -123,23 +127,25 @@ def _velocities(
     return velocity
 
 
-def _tension(model: Model, z: np.ndarray, force: np.ndarray, squared: np.ndarray) -> np.ndarray:
+def _tension(model: CondensedModel, z: np.ndarray, force: np.ndarray, squared: np.ndarray) -> np.ndarray:
     """Tensions of the links (times, n) [N]."""
     if model.order == "leading":
         return force * np.sqrt(1.0 + squared)
     return law_tension(np.sqrt(z * z + squared), model.chain.p.stiffness, green=model.green)
 
 
-def _tensions(model: Model, q: np.ndarray, times: np.ndarray, links: np.ndarray | None) -> np.ndarray:
+def _tensions(model: CondensedModel, q: np.ndarray, times: np.ndarray, links: np.ndarray | None) -> np.ndarray:
     """Tensions (times, n or some links) [N] alone; to leading order a link needs no other."""
     if links is None or model.order != "leading":
         z, force, squared, _ = _closed(model, q, times)
         tension = _tension(model, z, force, squared)
         return tension if links is None else tension[:, links]
-    rows = model.rows_at(times)
-    loads = rows[:, 1 : 1 + len(model.taus)]
+    rows = model.boundary_data_at(times)
+    loads = rows[:, 1 : 1 + len(model.chordwise_force_patterns)]
     k, length = model.chain.p.stiffness, model.chain.total_length
-    sag = 0.5 * (q * q) @ model.turned[1]
-    force = k * ((rows[:, 0] + sag) / length - 1.0) - loads @ model.means
+    sag = 0.5 * (q * q) @ model.spectral_basis[1]
+    force = k * ((rows[:, 0] + sag) / length - 1.0) - loads @ model.mean_chordwise_forces
     slopes = (q[:, at] @ model.slopes[at][:, links] for at in sets(model))
-    return (force[:, None] + loads @ model.taus[:, links]) * np.sqrt(1.0 + sum(item * item for item in slopes))
+    return (force[:, None] + loads @ model.chordwise_force_patterns[:, links]) * np.sqrt(
+        1.0 + sum(item * item for item in slopes)
+    )

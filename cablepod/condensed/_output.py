@@ -11,16 +11,16 @@ import xarray as xr
 from xarray.indexes import PandasIndex
 
 from cablepod.condensed import _estimate as condensed_estimate
-from cablepod.condensed._fields import State, _closed, _joined, _tension, _tensions, _velocities, sets
-from cablepod.condensed._model import Model
+from cablepod.condensed._fields import CondensedTrajectory, _closed, _joined, _tension, _tensions, _velocities, sets
+from cablepod.condensed._model import CondensedModel
 from cablepod.conventions import COORDINATES, ENDS, label
-from cablepod.integrate._output_times import Instants
+from cablepod.integrate._output_times import OutputTimes
 from cablepod.pod import _normal as pod_normal
-from cablepod.reduced._training_distance import outside
+from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes
 
 if TYPE_CHECKING:
-    from cablepod.condensed._runs import CondensedRequest, Solution
+    from cablepod.condensed._runs import CondensedRequest, CondensedResult
 
 
 @lru_cache
@@ -32,7 +32,7 @@ def _fixed(dims: int, rank: int) -> tuple[dict[Any, PandasIndex], dict[Any, xr.V
 
 
 def coordinates_of(
-    model: Model, times: np.ndarray, links: np.ndarray | None, *, with_arc_length: bool = False
+    model: CondensedModel, times: np.ndarray, links: np.ndarray | None, *, with_arc_length: bool = False
 ) -> xr.Coordinates:
     """Coordinates of a result, with the indexes that xarray would make of them."""
     fixed, made = _fixed(model.chain.p.dims, model.rank)
@@ -48,14 +48,14 @@ def coordinates_of(
 
 
 def variables(
-    model: Model, state: State, outputs: tuple[str, ...], links: np.ndarray | None = None
+    model: CondensedModel, state: CondensedTrajectory, outputs: tuple[str, ...], links: np.ndarray | None = None
 ) -> dict[str, tuple[tuple[str, ...], Any]]:
     """Dimensions and values of what a run gave and of the outputs asked for; tensions of some `links` only, where given."""
     chain, p = model.chain, model.chain.p
     times, q = state.instants.times, state.q
     made: dict[str, tuple[tuple[str, ...], Any]] = {
         f"amplitude{suffix}": (("time", "mode"), padded(q[:, at] @ turn.T, model.rank))
-        for suffix, at, turn in zip(pod_normal.SETS, sets(model), model.turned[0], strict=False)
+        for suffix, at, turn in zip(pod_normal.SETS, sets(model), model.spectral_basis[0], strict=False)
     }
     made["end_position"] = (("time", "end", "coordinate"), p.end_positions(times))
     made["unstretched_length"] = ((), chain.total_length)
@@ -77,24 +77,32 @@ def variables(
     return made
 
 
-def attributes(model: Model, state: State, modes: xr.Dataset | None) -> dict[str, Any]:
+def attributes(model: CondensedModel, state: CondensedTrajectory, modes: xr.Dataset | None) -> dict[str, Any]:
     """Tell how a run was made and how far it can be trusted."""
     forcing = forcing_attributes(model.chain.p, model.chain.total_length)
     return {
         **shared_attributes(model, state.instants, state.scheme, modes),
         "smallest_chordwise_force": float(state.watch[0]),
-        "time_of_smallest_force": float(state.watch[1]) / state.instants.rate,
+        "time_of_smallest_force": float(state.watch[1]) / state.instants.steps_per_second,
         **{name: float(value) for name, value in forcing.items()},
-        **({} if model.tests is None else {"growth_over_run": model.growth * float(state.instants.times[-1])}),
-        **outside(modes, model.chain.p, model.chain.total_length, float(state.instants.times[-1]), model.rest_tension),
+        **(
+            {}
+            if model.tests is None
+            else {"growth_over_run": model.unstable_growth_rate * float(state.instants.times[-1])}
+        ),
+        **distance_outside_training(
+            modes, model.chain.p, model.chain.total_length, float(state.instants.times[-1]), model.rest_tension
+        ),
     }
 
 
-def shared_attributes(model: Model, instants: Instants, scheme: str, modes: xr.Dataset | None) -> dict[str, Any]:
+def shared_attributes(
+    model: CondensedModel, instants: OutputTimes, scheme: str, modes: xr.Dataset | None
+) -> dict[str, Any]:
     """Tell what runs of scenes on the same modes, with the same scheme and step, have alike."""
     kept = {}
     if modes is not None and "energy_share" in modes:
-        kept["energy_share_kept"] = float(modes.variables["energy_share"].values[: model.plane].sum())
+        kept["energy_share_kept"] = float(modes.variables["energy_share"].values[: model.n_in_plane].sum())
     return {
         "stage": "trajectory",
         "model": "condensed",
@@ -102,15 +110,15 @@ def shared_attributes(model: Model, instants: Instants, scheme: str, modes: xr.D
         "law": model.chain.law,
         "rank": model.rank,
         "scheme": scheme,
-        "step": 1.0 / instants.rate,
+        "step": 1.0 / instants.steps_per_second,
         "number_of_steps": int(instants.steps[-1]),
         **kept,
     }
 
 
 def dataset(
-    model: Model,
-    state: State,
+    model: CondensedModel,
+    state: CondensedTrajectory,
     attrs: Mapping[str, Any],
     outputs: tuple[str, ...],
     title: str,
@@ -123,7 +131,7 @@ def dataset(
     return result
 
 
-def title_of(model: Model, title: str) -> str:
+def title_of(model: CondensedModel, title: str) -> str:
     """Title of a result from that of the scene."""
     return f"{title}: condensed model, r = {model.rank}, order {model.order}" + (
         f", {model.chain.law} law" if model.green else ""
@@ -136,7 +144,7 @@ def padded(amplitude: np.ndarray, rank: int) -> np.ndarray:
     return np.pad(amplitude, [(0, 0)] * (amplitude.ndim - 1) + [(0, missing)]) if missing else amplitude
 
 
-def attributes_of(solution: Solution, modes: xr.Dataset, request: CondensedRequest) -> dict[str, Any]:
+def attributes_of(solution: CondensedResult, modes: xr.Dataset, request: CondensedRequest) -> dict[str, Any]:
     """Tell how a run was made and how far it can be trusted; with the estimate of its error, where asked for."""
     run, state, rate, limit, time_error = solution
     attrs = attributes(run.model, state, modes) | {"step_limit": limit}
@@ -148,7 +156,7 @@ def attributes_of(solution: Solution, modes: xr.Dataset, request: CondensedReque
     return attrs
 
 
-def result_of(solution: Solution, modes: xr.Dataset, request: CondensedRequest, title: str) -> xr.Dataset:
+def result_of(solution: CondensedResult, modes: xr.Dataset, request: CondensedRequest, title: str) -> xr.Dataset:
     """Make the Dataset of one run."""
     attrs = attributes_of(solution, modes, request)
     return dataset(solution.run.model, solution.state, attrs, request.outputs, title, request.links)

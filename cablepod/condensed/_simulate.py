@@ -9,13 +9,13 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.batch._members import unnamed_values
+from cablepod.batch._members import values_of_members
 from cablepod.condensed._assembly import model_of
 from cablepod.condensed._batch import run
 from cablepod.condensed._output import result_of
 from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.conventions import OUTPUTS
-from cablepod.errors import refuse
+from cablepod.errors import scene_error
 from cablepod.parameters._from_scene import Members
 from cablepod.reduced._validity import warn_condensed_out_of_range
 
@@ -131,7 +131,7 @@ def simulate(
         links=None if links is None else check_links(links, modes),
     )
     if quadrature is not None and "tension_extremes" in request.outputs:
-        raise refuse("outputs", "tension_extremes", "without quadrature, as they are those of links")
+        raise scene_error("outputs", "tension_extremes", "without quadrature, as they are those of links")
     members = Members(scene)
     p = members[0]
     model = model_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature)
@@ -160,14 +160,14 @@ def simulate(
         "tolerance": request.recorded_tolerance,
         "outputs": list(request.outputs),
         **({} if links is None else {"links": [int(item) for item in links]}),
-        **(unnamed_values(scene) if "member" in scene.dims else {}),
+        **(values_of_members(scene) if "member" in scene.dims else {}),
     }
     return provenance.record(
         result,
         function="condensed.simulate",
         parameters=record,
         inputs=[scene, modes],
-        chosen=provenance.unset(rank=rank, times=times, scheme=scheme, step=step, tolerance=tolerance),
+        chosen=provenance.defaulted_options(rank=rank, times=times, scheme=scheme, step=step, tolerance=tolerance),
     )
 
 
@@ -181,7 +181,7 @@ def check_links(links: Any, modes: xr.Dataset) -> np.ndarray:
         or not numbers.size
         or np.unique(numbers).size < numbers.size
     ):
-        raise refuse("links", links, f"different whole numbers from 1 to {most}")
+        raise scene_error("links", links, f"different whole numbers from 1 to {most}")
     if numbers.min() < 1 or numbers.max() > most:
-        raise refuse("links", links, f"from 1, at the lower end, to {most}")
+        raise scene_error("links", links, f"from 1, at the lower end, to {most}")
     return numbers - 1

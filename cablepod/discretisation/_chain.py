@@ -12,14 +12,14 @@ import numpy as np
 from cablepod._resources import check_memory
 from cablepod.catenary._statics import solve_statics, unstretched_length
 from cablepod.discretisation._laws import LAWS, green_secant, strain_energy_density, tangent_stiffness_ratio
-from cablepod.errors import SceneError, refuse
+from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
 
 
 @dataclass(frozen=True)
-class Chain:
+class LumpedChain:
     """Links and masses of the chain of a scene.
 
     A particle carries half the mass and load of the links beside it.  A point load is shared by the two particles of the
@@ -57,7 +57,7 @@ class Chain:
         return 1.0 / (self.length * self.length) if self.green else None
 
     @cached_property
-    def share(self) -> np.ndarray:
+    def tributary_length(self) -> np.ndarray:
         """Unstretched length that each particle carries (n + 1,) [m]."""
         half = 0.5 * self.length
         return np.concatenate([half[:1], half[:-1] + half[1:], half[-1:]])
@@ -68,14 +68,14 @@ class Chain:
         return solve_statics(self.p, "unstretched_length", self.total_length)
 
     @cached_property
-    def free(self) -> slice:
+    def free_particles(self) -> slice:
         """The particles that move freely."""
         n = self.links
-        return slice(0 if self.p.free == "lower" else 1, n + 1 if self.p.free == "upper" else n)
+        return slice(0 if self.p.free_end == "lower" else 1, n + 1 if self.p.free_end == "upper" else n)
 
     def loads(self, time: float | None = None) -> np.ndarray:
         """Return forces on the particles (n + 1, dims) [N]: the constant ones, or all at `time` [s]."""
-        total = self.share[:, None] * self.p.weight
+        total = self.tributary_length[:, None] * self.p.weight
         for pattern, factor in self._patterns:
             if factor is None:
                 total = total + pattern
@@ -83,7 +83,7 @@ class Chain:
                 total = total + float(factor(time)) * pattern
         return total
 
-    def varying(self) -> list[tuple[np.ndarray, TimeFunction]]:
+    def time_dependent_loads(self) -> list[tuple[np.ndarray, TimeFunction]]:
         """Return loads that vary in time: patterns (n + 1, dims) [N] and their factors."""
         return [(pattern, factor) for pattern, factor in self._patterns if factor is not None]
 
@@ -97,7 +97,7 @@ class Chain:
     def _patterns(self) -> list[tuple[np.ndarray, Any]]:
         patterns: list[tuple[np.ndarray, Any]] = []
         if self.p.load is not None:
-            patterns.append((self.share[:, None] * self.p.load, self.p.load_factor))
+            patterns.append((self.tributary_length[:, None] * self.p.load, self.p.load_factor))
         for load in self.p.point_loads:
             j, right = self.lever(load.fraction)
             pattern = np.zeros((self.links + 1, self.p.dims))
@@ -106,7 +106,9 @@ class Chain:
             patterns.append((pattern, load.factor))
         return patterns
 
-    def pull(self, position: np.ndarray, velocity: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def tensions_and_forces(
+        self, position: np.ndarray, velocity: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Tensions (..., n) [N] and forces of the links (..., n, dims) [N] at positions (..., n + 1, dims) [m].
 
         By law (21) a compressed link pushes: its tension is negative.
@@ -136,14 +138,14 @@ class Chain:
         per_length = strain_energy_density(self.stretch(position), green=self.green)
         return self.p.stiffness * (per_length * self.length).sum(axis=-1)
 
-    def stiffening(self, position: np.ndarray) -> np.ndarray:
+    def tangent_stiffness_ratio(self, position: np.ndarray) -> np.ndarray:
         """Tangent stiffness of the links over `k` (..., n) at positions (..., n + 1, dims) [m]; 1 by the linear law.
 
         By law (21) it is (3 xi^2 - 1) / 2, but no less than 1 is returned: a compressed link comes back through xi = 1.
         """
         return tangent_stiffness_ratio(self.stretch(position) ** 2) if self.green else np.ones(self.links)
 
-    def enforced_stiffening(self, until: float) -> float:
+    def largest_enforced_ratio(self, until: float) -> float:
         """Tangent stiffness over `k` at the stretch that the distance of the ends enforces at some time until then [s].
 
         It is looked for at times of its own, so that it does not depend on the instants of an output.
@@ -170,8 +172,8 @@ class Chain:
     def _highest(self, stiffening: np.ndarray | float) -> float:
         from scipy.linalg import eigvalsh_tridiagonal  # takes longer to import than a short run
 
-        first, last = self.free.start, self.free.stop
-        m = self.p.mass * self.share[first:last]
+        first, last = self.free_particles.start, self.free_particles.stop
+        m = self.p.mass * self.tributary_length[first:last]
         k = np.concatenate([[0.0], stiffening * self.k, [0.0]])
         diagonal = (k[first:last] + k[first + 1 : last + 1]) / m
         if diagonal.size == 1:
@@ -212,7 +214,7 @@ def _viscous_limit(omega: float, viscosity: float) -> float:
     return low / omega
 
 
-def chain_of(p: Parameters, links: int | None = None, law: str = LAWS[0], *, least: int = 2) -> Chain:
+def chain_of(p: Parameters, links: int | None = None, law: str = LAWS[0], *, least: int = 2) -> LumpedChain:
     """Make the chain of a scene's parameters, with `links` links in place of the scene's, at least `least`, by one of LAWS."""
     if links is not None:
         integer(least=least)("links", links)
@@ -224,9 +226,11 @@ def chain_of(p: Parameters, links: int | None = None, law: str = LAWS[0], *, lea
     check_memory(1, count, p.dims, key="links" if links is not None else "chain.links")
     relative = np.ones(count) if p.link_lengths is None else p.link_lengths
     if relative.size != count:
-        raise refuse("links", links, f"{relative.size}, as many as chain.link_lengths has, or a scene without those")
+        raise scene_error(
+            "links", links, f"{relative.size}, as many as chain.link_lengths has, or a scene without those"
+        )
     total = unstretched_length(p)
     length = total * (relative / relative.sum())
     arc_length = np.concatenate([[0.0], np.cumsum(length)])
     arc_length[-1] = total
-    return Chain(p, length, arc_length, law)
+    return LumpedChain(p, length, arc_length, law)

@@ -14,7 +14,7 @@ ALIGNED = 0.98
 
 
 @dataclass(frozen=True)
-class Frame:
+class ChordFrame:
     """Unit vectors along and across the chord at some instants.
 
     In the plane the one normal is the chord direction turned by a right angle.  In space the first normal is as close to
@@ -27,7 +27,7 @@ class Frame:
     reference: int  #: axis that tells the normals apart, in space
 
     @classmethod
-    def of(cls, reach: np.ndarray, reference: int | None = None) -> Frame:
+    def of(cls, reach: np.ndarray, reference: int | None = None) -> ChordFrame:
         """Make the frames of chords (times, dims) [m], from the lower end to the upper one.
 
         Raises

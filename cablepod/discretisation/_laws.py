@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.errors import refuse
+from cablepod.errors import scene_error
 
 LAWS = ("linear", "green")
 
@@ -19,7 +19,7 @@ LAWS = ("linear", "green")
 def check_law(law: str) -> None:
     """Check the name of a law."""
     if law not in LAWS:
-        raise refuse("law", law, "one of " + ", ".join(f'"{name}"' for name in LAWS))
+        raise scene_error("law", law, "one of " + ", ".join(f'"{name}"' for name in LAWS))
 
 
 def law_tension(stretch: Any, stiffness: float, *, green: bool) -> Any:

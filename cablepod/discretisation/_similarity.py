@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.catenary._statics import solve_statics
-from cablepod.parameters._members import Columns
+from cablepod.parameters._members import MemberParameters
 from cablepod.parameters._parameters import Parameters
 
 #: What is compared, all at rest or as the largest over time; T is the mean tension of the ends at rest, L the unstretched length:
@@ -62,7 +62,7 @@ def features(p: Parameters, length: float, until: float, tension: float | None =
         second = p.end_positions(times, 2).reshape(-1, p.dims)
         second -= np.outer(second @ along, along)
         pushed = math.sqrt(float(np.einsum("td,td->t", second, second).max()))
-    slowest, other = p.time_scale, 0.0
+    slowest, other = p.shortest_time_scale, 0.0
     for item in p.point_loads:
         other += float(np.linalg.norm(item.force)) * _largest(item.factor, times)
     if p.load is not None and p.load_factor is not None:
@@ -90,7 +90,7 @@ def _without_dimension(
     )
 
 
-def features_of_columns(columns: Columns, length: np.ndarray, until: float, tension: np.ndarray) -> np.ndarray:
+def features_of_columns(columns: MemberParameters, length: np.ndarray, until: float, tension: np.ndarray) -> np.ndarray:
     """Compute FEATURES of many scenes at once (members, features), as :func:`features` does of one."""
     tension = np.where(tension > 0.0, tension, 1e-12 * columns.stiffness)
     chord, load = columns.chord, columns.load
@@ -108,7 +108,7 @@ def features_of_columns(columns: Columns, length: np.ndarray, until: float, tens
         second -= np.einsum("mtd,md->mt", second, along)[:, :, None] * along[:, None]
         pushed = np.sqrt(np.einsum("mtd,mtd->mt", second, second).max(axis=1))
     size_of = (columns.stiffness, columns.mass, length, tension)
-    return _without_dimension(*size_of, across, pull, moved, pushed, columns.time_scale, np.zeros(size.size))
+    return _without_dimension(*size_of, across, pull, moved, pushed, columns.shortest_time_scale, np.zeros(size.size))
 
 
 def _largest(factor: Callable[[np.ndarray], np.ndarray] | None, times: np.ndarray) -> float:

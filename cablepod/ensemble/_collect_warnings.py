@@ -51,7 +51,7 @@ _LISTENER = _Listener()
 
 
 @contextmanager
-def listening() -> Iterator[list[Note]]:
+def collect_warnings() -> Iterator[list[Note]]:
     """Keep the warnings that come up to be told later; the list is filled on leaving."""
     notes: list[Note] = []
     _LISTENER.begin()
@@ -61,7 +61,7 @@ def listening() -> Iterator[list[Note]]:
         notes += _LISTENER.end()
 
 
-def tell(notes: list[Note], count: int) -> None:
+def emit_warnings(notes: list[Note], count: int) -> None:
     """Warn once of each category: how often it came up, and what was said first; of failures from their number."""
     for category in dict.fromkeys(category for category, _ in notes):
         texts = [text for own, text in notes if own is category]

@@ -12,7 +12,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import COORDINATES, VARIABLES
-from cablepod.errors import SceneError, refuse, shown
+from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._keys import ENSEMBLE, POINT_LOAD, TABLES, TOP, Key, join, time_function_keys
 from cablepod.scene._make import check_numbers
@@ -82,7 +82,9 @@ def design(
     }
     scenes.attrs |= {"title": f"{scene.attrs.get('title', 'scene')}: {options['members']} members"}
     record = {**options, "ranges": checked}
-    return provenance.seal(provenance.record(scenes, function="ensemble.design", parameters=record, inputs=[scene]))
+    return provenance.stamp_values(
+        provenance.record(scenes, function="ensemble.design", parameters=record, inputs=[scene])
+    )
 
 
 def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, Key] | None:
@@ -120,7 +122,7 @@ def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:
 def _checked(scene: xr.Dataset, given: Any, prefix: str, options: Mapping[str, Any]) -> dict[str, list[float]]:
     """Check the ranges, each value by its key and, at the bounds, the scene that it makes."""
     if not isinstance(given, Mapping) or not given:
-        raise refuse(prefix, given, "a mapping from key paths to [low, high]")
+        raise scene_error(prefix, given, "a mapping from key paths to [low, high]")
     checked: dict[str, list[float]] = {}
     for path, item in given.items():
         key, found = join(prefix, path), variable_of(scene, path)
@@ -130,7 +132,7 @@ def _checked(scene: xr.Dataset, given: Any, prefix: str, options: Mapping[str, A
         is_whole = scene[found[0]].dtype.kind == "i"
         listed = options["sampling"] == "list" or (options["sampling"] == "grid" and len(values) > 2)
         if is_whole and not (listed and all(value.is_integer() for value in values)):
-            raise refuse(key, item, 'a list of whole numbers, by sampling "list" or "grid"')
+            raise scene_error(key, item, 'a list of whole numbers, by sampling "list" or "grid"')
         for value in sorted({min(values), max(values)}):
             try:
                 if found[1] is None:

@@ -28,7 +28,7 @@ from cablepod.archive._manifest import (
 from cablepod.archive._write import check_target
 from cablepod.batch._members import stop_when, thread_limit
 from cablepod.conventions import ATTRIBUTE_UNITS
-from cablepod.ensemble._collect_warnings import Note, listening
+from cablepod.ensemble._collect_warnings import Note, collect_warnings
 from cablepod.ensemble._models import MODELS
 from cablepod.errors import AllFailedError, ArchiveError, RunStopped
 
@@ -138,7 +138,7 @@ def _own_manifest(folder: Path, ensemble: str) -> dict[str, Any]:
     return found
 
 
-def sees(folder: Path, ensemble: str) -> str:
+def check_access(folder: Path, ensemble: str) -> str:
     """Tell what keeps this process from working on an ensemble; an empty text where nothing does."""
     try:
         _own_manifest(folder, ensemble)
@@ -155,7 +155,7 @@ def unscheduled() -> AbstractContextManager[Any]:
     return dask.config.set(scheduler="synchronous")
 
 
-def work(
+def run_batch(
     folder: Path,
     ensemble: str,
     number: int,
@@ -197,7 +197,7 @@ def work(
     size = manifest["batch"]
     begin = time.perf_counter()
     with ExitStack() as held:
-        notes = held.enter_context(listening())
+        notes = held.enter_context(collect_warnings())
         held.enter_context(thread_limit(threads))
         held.enter_context(stop_when(stop) if stop is not None else nullcontext())
         if alone:

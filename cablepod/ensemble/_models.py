@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import cable, chain, condensed, galerkin, rigid
-from cablepod.errors import refuse
+from cablepod.errors import scene_error
 
 MODELS: Mapping[str, Callable[..., xr.Dataset]] = {
     "chain": chain.simulate,
@@ -37,15 +37,17 @@ def check_model(model: Any, modes: Any, options: Mapping[str, Any]) -> dict[str,
         Naming what was given and what is allowed.
     """
     if not isinstance(model, str) or model not in MODELS:
-        raise refuse("model", model, "one of " + ", ".join(f'"{name}"' for name in MODELS))
+        raise scene_error("model", model, "one of " + ", ".join(f'"{name}"' for name in MODELS))
     if model in REDUCED and not isinstance(modes, xr.Dataset):
-        raise refuse("modes", modes, f'the Dataset of modes that model "{model}" runs on, as pod.decompose gives it')
+        raise scene_error(
+            "modes", modes, f'the Dataset of modes that model "{model}" runs on, as pod.decompose gives it'
+        )
     if model not in REDUCED and modes is not None:
-        raise refuse("modes", "a value", f'none for model "{model}"; they are for {" and ".join(REDUCED)}')
+        raise scene_error("modes", "a value", f'none for model "{model}"; they are for {" and ".join(REDUCED)}')
     known = options_of(model)
     for name in options:
         if name not in known:
-            raise refuse(f"option {name}", options[name], f'an option of model "{model}": {", ".join(known)}')
+            raise scene_error(f"option {name}", options[name], f'an option of model "{model}": {", ".join(known)}')
     return {name: _plain(name, options.get(name, default)) for name, default in known.items()}
 
 
@@ -58,4 +60,4 @@ def _plain(name: str, value: Any) -> Any:
         return [_plain(name, item) for item in value]
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    raise refuse(name, value, "a number, a text or a list of them")
+    raise scene_error(name, value, "a number, a text or a list of them")

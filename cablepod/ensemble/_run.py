@@ -25,17 +25,17 @@ from cablepod.archive._open_ensemble import open_ensemble
 from cablepod.batch._members import stop_when, thread_limit
 from cablepod.batch._sigint import defer_sigint
 from cablepod.ensemble import _store as ensemble_store
-from cablepod.ensemble._collect_warnings import Note, listening, tell
-from cablepod.ensemble._job import compute, sees, unscheduled, work
+from cablepod.ensemble._collect_warnings import Note, collect_warnings, emit_warnings
+from cablepod.ensemble._job import check_access, compute, run_batch, unscheduled
 from cablepod.ensemble._models import MODELS, REDUCED, check_model
-from cablepod.ensemble._workers import Crew, Progress, Under, crew
-from cablepod.errors import ArchiveError, MemberFailedWarning, RunStopped, SceneError, refuse, shown
+from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, worker_pool
+from cablepod.errors import ArchiveError, MemberFailedWarning, RunStopped, SceneError, scene_error, shown
 from cablepod.integrate._request import check_times
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 
 #: Members on which options are tried before anything runs.
-TRIED = 5
+N_PROBED = 5
 
 
 def run(
@@ -106,7 +106,7 @@ def run(
         notes: list[Note] = []
         counted = Progress(progress, store.sizes, set(range(len(store.sizes))) - set(waiting))
         if waiting:
-            with crew(scheduler, workers, len(waiting)) as own:
+            with worker_pool(scheduler, workers, len(waiting)) as own:
                 _check_workers(own, store.folder, plan["id"])
                 try:
                     with closing(_done(own, store.folder, plan["id"], waiting, counted)) as results:
@@ -118,7 +118,7 @@ def run(
                     with suppress(ArchiveError):  # the files tell what is done
                         store.save()
         store.save()
-        tell(notes, scenes.sizes["member"])
+        emit_warnings(notes, scenes.sizes["member"])
     result = open_ensemble(path)
     _warn_of_failures(result)
     return result
@@ -170,7 +170,7 @@ def _batches(
     sizes = [min(size, plan["members"] - first) for first in range(0, plan["members"], size)]
     counted = Progress(progress, sizes, ())
     stop = threading.Event()
-    with crew(scheduler, workers, len(sizes)) as own:
+    with worker_pool(scheduler, workers, len(sizes)) as own:
 
         def submit(number: int) -> Future[Any]:
             some = scenes.isel(member=slice(number * size, (number + 1) * size))
@@ -179,7 +179,7 @@ def _batches(
                 job = functools.partial(job, stop=stop.is_set, progress=counted.of(number))
             return own.executor.submit(job)
 
-        under = Under(own, submit, range(len(sizes)), ahead=1)
+        under = JobQueue(own, submit, range(len(sizes)), ahead=1)
         notes: list[Note] = []
         try:
             for number, (result, told) in enumerate(under.in_order()):
@@ -191,7 +191,7 @@ def _batches(
                 )
         finally:
             stop.set()
-    tell(notes, plan["members"])
+    emit_warnings(notes, plan["members"])
 
 
 def _computed(
@@ -205,7 +205,7 @@ def _computed(
     progress: Callable[[float], None] | None = None,
 ) -> tuple[xr.Dataset, list[Note]]:
     """Compute a batch in a worker."""
-    with listening() as notes, thread_limit(threads), stop_when(stop):
+    with collect_warnings() as notes, thread_limit(threads), stop_when(stop):
         result = compute(scenes, model, modes, options, progress)
     return result, notes
 
@@ -227,7 +227,7 @@ def _planned(
     made = scenes
     if "member" not in made.coords:
         made = made.assign_coords(member=np.arange(made.sizes["member"]))
-    made = made.assign_attrs(provenance.as_it_is(made).attrs, stage="scenes")
+    made = made.assign_attrs(provenance.with_manual_change(made).attrs, stage="scenes")
     made.attrs.pop("values_sha256", None)
     _try_options(made, model, modes, resolved, {*options, "modes", "layout", "times", "time"})
     inputs = {SCENES: made} | ({} if modes is None else {MODES: modes})
@@ -243,7 +243,7 @@ def _check_shapes(scenes: xr.Dataset, model: str, options: dict[str, Any]) -> No
         varies = name in scenes and "member" in scenes[name].dims and np.unique(scenes[name].values).size > 1
         if varies and options[option] is None:
             allowed = f"one value for all members, whose results lie in one array, or the option {option}"
-            raise refuse(name.replace("_", ".", 1), "different values", allowed)
+            raise scene_error(name.replace("_", ".", 1), "different values", allowed)
 
 
 def _try_options(
@@ -254,7 +254,7 @@ def _try_options(
     if options.get("times") is not None:
         check_times(options["times"])
     errors = []
-    for i in dict.fromkeys(np.linspace(0, scenes.sizes["member"] - 1, TRIED).astype(int).tolist()):
+    for i in dict.fromkeys(np.linspace(0, scenes.sizes["member"] - 1, N_PROBED).astype(int).tolist()):
         one = scenes.isel(member=i, drop=True)
         try:
             if options.get("times") is None:
@@ -271,13 +271,15 @@ def _try_options(
     raise errors[0]
 
 
-def _check_workers(own: Crew, folder: Path, ensemble: str) -> None:
+def _check_workers(own: WorkerPool, folder: Path, ensemble: str) -> None:
     """Refuse workers that do not see the folder."""
     if own.here:
         return
-    for worker, answer in own.everywhere(sees, folder, ensemble).items():
+    for worker, answer in own.everywhere(check_access, folder, ensemble).items():
         if isinstance(answer, BaseException):
-            raise refuse("scheduler", worker, f"workers that can import cablepod (this one says {shown(str(answer))})")
+            raise scene_error(
+                "scheduler", worker, f"workers that can import cablepod (this one says {shown(str(answer))})"
+            )
         if answer:
             raise ArchiveError(
                 f"{folder}: the worker {worker} cannot write there ({answer}); give a folder that all workers share"
@@ -288,7 +290,7 @@ def _check_workers(own: Crew, folder: Path, ensemble: str) -> None:
 
 
 def _done(
-    own: Crew, folder: Path, ensemble: str, waiting: list[int], counted: Progress
+    own: WorkerPool, folder: Path, ensemble: str, waiting: list[int], counted: Progress
 ) -> Generator[tuple[int, tuple[dict[str, Any], list[Note]]], None, None]:
     """Yield what each batch gave, as they come."""
     from threadpoolctl import threadpool_limits
@@ -296,14 +298,14 @@ def _done(
     stop = threading.Event()
 
     def submit(number: int) -> Future[Any]:
-        job = functools.partial(work, folder, ensemble, number, threads=own.threads)
+        job = functools.partial(run_batch, folder, ensemble, number, threads=own.threads)
         if own.here:
             job = functools.partial(job, alone=False, stop=stop.is_set, progress=counted.of(number))
         return own.executor.submit(job)
 
     with threadpool_limits(1), unscheduled() if own.here else nullcontext():
         try:
-            yield from Under(own, submit, waiting, ahead=own.workers).results()
+            yield from JobQueue(own, submit, waiting, ahead=own.workers).results()
         finally:  # threads end with the member at hand
             stop.set()
             if own.here:

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import archive, provenance
-from cablepod.archive._atomic import whole_file
+from cablepod.archive._atomic import atomic_file
 from cablepod.archive._attributes import root_attributes
 from cablepod.archive._manifest import (
     KIND,
@@ -71,7 +71,7 @@ class Store:
         """
         path = self.folder / MANIFEST
         try:
-            with whole_file(path) as part:
+            with atomic_file(path) as part:
                 part.write_text(json.dumps(self.manifest, sort_keys=True), encoding="utf-8")
         except OSError as error:
             raise ArchiveError(f"{path}: not written: {reason(error, self.folder)}") from error
@@ -288,7 +288,7 @@ def _begun(folder: Path, plan: Mapping[str, Any], inputs: Mapping[str, xr.Datase
         for stage in provenance.stages_of(dataset):
             stages.setdefault(stage["id"], stage)
     # options as they are, for the manifest has them at length
-    parameters = {name: provenance.plain(plan[name]) for name in ("model", "members", "batch", "options")}
+    parameters = {name: provenance.to_json(plan[name]) for name in ("model", "members", "batch", "options")}
     own = {
         "id": plan["id"],
         "function": "ensemble.run",

@@ -16,18 +16,18 @@ from typing import Any
 
 from cablepod._resources import cores
 from cablepod.batch._sigint import defer_sigint, wait_for_any
-from cablepod.errors import RunStopped, refuse, shown
+from cablepod.errors import RunStopped, scene_error, shown
 from cablepod.parameters._checks import integer
 
 #: Seconds in which a scheduler must answer and have a worker.
-PATIENCE = 10.0
+CONNECT_TIMEOUT = 10.0
 ALLOWED = (
     'None (threads), "processes", the address of a dask scheduler such as "tcp://host:8786", or a distributed.Client'
 )
 
 
 @dataclass
-class Crew:
+class WorkerPool:
     """Workers that batches can be handed to."""
 
     executor: Executor
@@ -39,7 +39,7 @@ class Crew:
 
 
 @contextlib.contextmanager
-def crew(scheduler: Any, workers: int | None, batches: int) -> Iterator[Crew]:
+def worker_pool(scheduler: Any, workers: int | None, batches: int) -> Iterator[WorkerPool]:
     """Get workers for so many batches, and let them go on leaving.
 
     Raises
@@ -57,7 +57,7 @@ def crew(scheduler: Any, workers: int | None, batches: int) -> Iterator[Crew]:
                 held.close()
 
 
-def _crew(held: contextlib.ExitStack, scheduler: Any, workers: int | None, batches: int) -> Crew:
+def _crew(held: contextlib.ExitStack, scheduler: Any, workers: int | None, batches: int) -> WorkerPool:
     """Get workers that leave when `held` is closed."""
     count = cores() if workers is None else integer(least=1, most=4096)("workers", workers)
     if scheduler is None:
@@ -65,20 +65,20 @@ def _crew(held: contextlib.ExitStack, scheduler: Any, workers: int | None, batch
     if isinstance(scheduler, str) and scheduler == "processes":
         return held.enter_context(_processes(min(count, max(batches, 1))))
     if workers is not None:
-        raise refuse("workers", workers, "none with a scheduler of your own, which has its workers")
+        raise scene_error("workers", workers, "none with a scheduler of your own, which has its workers")
     if isinstance(scheduler, str) and "://" in scheduler:
         return _of(held.enter_context(_reached(scheduler)), scheduler)
     if hasattr(scheduler, "get_executor") and hasattr(scheduler, "scheduler_info"):
         return _of(scheduler, scheduler)
-    raise refuse("scheduler", scheduler, ALLOWED)
+    raise scene_error("scheduler", scheduler, ALLOWED)
 
 
 @contextlib.contextmanager
-def _threads(count: int, batches: int) -> Iterator[Crew]:
+def _threads(count: int, batches: int) -> Iterator[WorkerPool]:
     side_by_side = max(1, min(count, batches))
     executor = ThreadPoolExecutor(side_by_side, thread_name_prefix="cablepod")
     try:
-        yield Crew(
+        yield WorkerPool(
             executor,
             side_by_side,
             True,
@@ -90,7 +90,7 @@ def _threads(count: int, batches: int) -> Iterator[Crew]:
 
 
 @contextlib.contextmanager
-def _processes(count: int) -> Iterator[Crew]:
+def _processes(count: int) -> Iterator[WorkerPool]:
     from distributed import Client, LocalCluster
 
     # one thread each, for BLAS too: nannies start workers with OMP_NUM_THREADS=1 and the like
@@ -98,7 +98,7 @@ def _processes(count: int) -> Iterator[Crew]:
         LocalCluster(
             n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
         ) as cluster,
-        Client(cluster, timeout=PATIENCE, set_as_default=False) as client,
+        Client(cluster, timeout=CONNECT_TIMEOUT, set_as_default=False) as client,
     ):
         yield _of(client, "processes")
 
@@ -109,37 +109,39 @@ def _reached(address: str) -> Iterator[Any]:
 
     try:
         # as a default it would take over what others compute, and if it fails would stay there
-        client = Client(address, timeout=PATIENCE, set_as_default=False)
+        client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TimeoutError, ImportError) as error:
-        text = f"an address at which a dask scheduler answers within {PATIENCE:g} s ({shown(str(error))})"
-        raise refuse("scheduler", address, text) from error
+        text = f"an address at which a dask scheduler answers within {CONNECT_TIMEOUT:g} s ({shown(str(error))})"
+        raise scene_error("scheduler", address, text) from error
     with client:
         yield client
 
 
-def _of(client: Any, name: Any) -> Crew:
+def _of(client: Any, name: Any) -> WorkerPool:
     """Make a crew of a client's workers."""
     from distributed import CancelledError as DaskCancelledError
     from distributed.comm import CommClosedError
     from distributed.scheduler import KilledWorker
 
     try:
-        client.wait_for_workers(1, timeout=PATIENCE)
+        client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
     except (TimeoutError, OSError) as error:
-        raise refuse("scheduler", name, f"a scheduler that has a worker within {PATIENCE:g} s") from error
+        raise scene_error("scheduler", name, f"a scheduler that has a worker within {CONNECT_TIMEOUT:g} s") from error
     slots = sum(client.nthreads().values())
 
     def everywhere(function: Callable[..., Any], *given: Any) -> dict[str, Any]:
         return client.run(function, *given, on_error="return")
 
     lost = (KilledWorker, CommClosedError, DaskCancelledError, CancelledError)
-    return Crew(client.get_executor(pure=False), slots, False, everywhere, 1, lost)
+    return WorkerPool(client.get_executor(pure=False), slots, False, everywhere, 1, lost)
 
 
-class Under:
+class JobQueue:
     """Jobs that are under way, a bounded number of them at a time."""
 
-    def __init__(self, own: Crew, submit: Callable[[int], Future[Any]], numbers: Iterable[int], *, ahead: int) -> None:
+    def __init__(
+        self, own: WorkerPool, submit: Callable[[int], Future[Any]], numbers: Iterable[int], *, ahead: int
+    ) -> None:
         self.own = own
         self.submit = submit
         self.rest = deque(numbers)

@@ -7,23 +7,25 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cablepod.condensed._estimate import WORST, grown, richer, samples
+from cablepod.condensed._estimate import MAX_ERROR, enriched_model, integrate_error, sample_steps
 from cablepod.condensed._fields import positions
-from cablepod.condensed._model import Model as Condensed
-from cablepod.discretisation._chain import Chain, square
-from cablepod.discretisation._chord_frame import Frame
+from cablepod.condensed._model import CondensedModel as Condensed
+from cablepod.discretisation._chain import LumpedChain, square
+from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import SceneError
-from cablepod.galerkin._model import Model
-from cablepod.galerkin._runs import State
+from cablepod.galerkin._model import GalerkinModel
+from cablepod.galerkin._runs import GalerkinTrajectory
 from cablepod.integrate._step_control import motion_scale
 
 #: Combinations of the modes whose deflection is smaller than this share of that of others move along the chord only.
-ALONG = 1e-6
+CHORDWISE_SHARE = 1e-6
 #: Samples taken to positions at once, which bounds the memory.
 BLOCK = 1024
 
 
-def estimate(model: Model, sample: Callable[[np.ndarray, float], State], rate: float, until: float) -> float:
+def estimate(
+    model: GalerkinModel, sample: Callable[[np.ndarray, float], GalerkinTrajectory], rate: float, until: float
+) -> float:
     """Estimate the largest error over time as a fraction of the motion.
 
     What the particles of the model do normal to the chord is put into the equations of a richer model of the same links: many
@@ -54,7 +56,7 @@ def estimate(model: Model, sample: Callable[[np.ndarray, float], State], rate: f
     try:
         frame = _frame(model, np.zeros(1), None)
         rich = _richer(model, frame)
-        steps = samples(_square(model, rich, until), _count(model), rate, until)
+        steps = sample_steps(_square(model, rich, until), _count(model), rate, until)
         times = steps / rate
         state = sample(times, rate)
         motion, off, moved = _motion(model, rich, state, times)
@@ -64,20 +66,20 @@ def estimate(model: Model, sample: Callable[[np.ndarray, float], State], rate: f
         return math.nan
     rest = rich.initial()[0] if p.initial else rich.equilibrium(motion[0][0])
     first = np.zeros(motion[0].shape[1]) if rest is None else rest - motion[0][0]
-    return min(math.sqrt((grown(rich, motion, steps, rate, first) + off).max()) / moved, WORST)
+    return min(math.sqrt((integrate_error(rich, motion, steps, rate, first) + off).max()) / moved, MAX_ERROR)
 
 
-def _count(model: Model) -> int:
+def _count(model: GalerkinModel) -> int:
     """Modes of each coordinate."""
     return len(model.modes) // (model.chain.p.dims if model.layout == "separate" else 1)
 
 
-def _frame(model: Model, times: np.ndarray, reference: int | None) -> Frame:
+def _frame(model: GalerkinModel, times: np.ndarray, reference: int | None) -> ChordFrame:
     ends = model.chain.p.end_positions(times)
-    return Frame.of(ends[:, 1] - ends[:, 0], reference)
+    return ChordFrame.of(ends[:, 1] - ends[:, 0], reference)
 
 
-def _richer(model: Model, frame: Frame) -> Condensed:
+def _richer(model: GalerkinModel, frame: ChordFrame) -> Condensed:
     """Make the richer model, whose modes hold the deflection of the mean shape and of all modes."""
     fields = np.concatenate([model.mean[None], model.fields])
     fields[:, [0, -1]] = 0.0
@@ -85,17 +87,17 @@ def _richer(model: Model, frame: Frame) -> Condensed:
     for normal in frame.normals[0]:
         deflection = fields @ normal
         size = np.sqrt(np.sum(deflection**2, axis=1))
-        some = size > ALONG * size.max()
+        some = size > CHORDWISE_SHARE * size.max()
         kept = np.zeros((0, fields.shape[1]))
         if some.any():
             _, values, rows = np.linalg.svd(deflection[some] / size[some, None], full_matrices=False)
-            kept = rows[values > ALONG * values[0]]
+            kept = rows[values > CHORDWISE_SHARE * values[0]]
         sets.append(kept)
-    chain = Chain(model.chain.p, model.chain.length, model.chain.arc_length, model.law)
-    return richer(chain, sets)
+    chain = LumpedChain(model.chain.p, model.chain.length, model.chain.arc_length, model.law)
+    return enriched_model(chain, sets)
 
 
-def _square(model: Model, rich: Condensed, until: float) -> float:
+def _square(model: GalerkinModel, rich: Condensed, until: float) -> float:
     """Square of the frequency of the last mode, taken for a sine of a taut string [1/s^2]."""
     p, length = model.chain.p, model.chain.total_length
     ends = p.end_positions(np.linspace(0.0, until, 1001))
@@ -105,7 +107,7 @@ def _square(model: Model, rich: Condensed, until: float) -> float:
 
 
 def _motion(
-    model: Model, rich: Condensed, state: State, times: np.ndarray
+    model: GalerkinModel, rich: Condensed, state: GalerkinTrajectory, times: np.ndarray
 ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray, float]:
     """Deflection with its rates and second rates in the richer coordinates, what is off along the chord, the motion.
 

@@ -8,11 +8,11 @@ from collections.abc import Callable
 import numpy as np
 
 from cablepod.errors import RunStopped
-from cablepod.galerkin._runs import PACKED_COST, Record, Run, State
+from cablepod.galerkin._runs import PACKED_COST, GalerkinRun, GalerkinTrajectory, RunRecord
 from cablepod.integrate._step_control import damped_growth
 
 
-class VerletRun(Run):
+class ExplicitGalerkinRun(GalerkinRun):
     """Velocity Verlet: second order, its energy swings and does not drift; stable below 2 over the highest frequency."""
 
     @property
@@ -22,10 +22,10 @@ class VerletRun(Run):
         rows = min(monomials, self.model.chain.links)
         return monomials * rows <= PACKED_COST * self.model.used.sum() * self.model.chain.links
 
-    def _begin(self, record: Record) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
+    def _begin(self, record: RunRecord) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
         from cablepod.galerkin import _kernels_explicit as kernel  # numba is imported only to compute
 
-        model, damping, rate = self.model, self.damping, record.instants.rate
+        model, damping, rate = self.model, self.damping, record.instants.steps_per_second
         step = 1.0 / rate
         decay = math.exp(-damping * step)
         kick = -math.expm1(-damping * step) / damping if damping else step
@@ -46,16 +46,16 @@ class VerletRun(Run):
                 p, velocity, account, step, decay, kick, damping, model.coupling, model.loads_on_steps(begin, steps, rate),
                 ends, law, packed, linked, begin, steps, marks, saved, energy,
             )  # fmt: skip
-            if not self.sound(p):
+            if not self.is_finite(p):
                 return False
             record.take(begin, begin + steps, saved, energy)
             return True
 
         return advance, (p, velocity, account), int(record.instants.steps[-1]) + 1
 
-    def _check(self, state: State) -> State:
+    def _check(self, state: GalerkinTrajectory) -> GalerkinTrajectory:
         """Stop where the highest frequency on the way is too high for the step."""
-        rate = state.instants.rate
+        rate = state.instants.steps_per_second
         picked = np.unique(np.linspace(0, len(state.q) - 1, 50).astype(int))
         for i in picked:
             time = float(state.instants.times[i])

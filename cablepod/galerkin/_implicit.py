@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.chain._implicit import LARGEST, MOST_CUTS, SMALLEST, TENSION_LEFT
-from cablepod.galerkin._runs import FEWER_ROWS, ROUNDING, Record, Run
+from cablepod.chain._implicit import MAX_ROTATION, MAX_SUBSTEPS, MIN_ROTATION, TENSION_RTOL
+from cablepod.galerkin._runs import FEWER_ROWS, ROUNDING, GalerkinRun, RunRecord
 
 
 @dataclass(frozen=True)
-class ImplicitRun(Run):
+class ImplicitGalerkinRun(GalerkinRun):
     """Trapezoidal rule or energy-momentum method: second order, stable at any step as far as linear theory goes."""
 
     counts: list[int] = field(default_factory=lambda: [0, 0])  #: of the last run: iterations, steps cut
@@ -22,7 +22,7 @@ class ImplicitRun(Run):
     @property
     def fault(self) -> str:
         """What a stopped run says."""
-        return f"Newton's method did not converge, with the step cut into {MOST_CUTS},"
+        return f"Newton's method did not converge, with the step cut into {MAX_SUBSTEPS},"
 
     other = "scheme velocity_verlet"
 
@@ -31,7 +31,7 @@ class ImplicitRun(Run):
         """Whether packed coefficients are the faster way."""
         return FEWER_ROWS * (len(self.model.used) + self.model.pairs[0].size) <= self.model.chain.links
 
-    def _begin(self, record: Record) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
+    def _begin(self, record: RunRecord) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
         model, total = self.model, int(record.instants.steps[-1])
         p = self.p0.copy()
         state = (
@@ -41,8 +41,8 @@ class ImplicitRun(Run):
             np.zeros(3),
         )  # with rates, mean accelerations, energy account
         tension = float(np.abs(model.tension(model.positions(self.q0[None], np.zeros(1)))).mean())
-        enough = min(max(math.sqrt(2.0 * TENSION_LEFT * tension / model.chain.p.stiffness), SMALLEST), LARGEST)
-        rate = record.instants.rate
+        enough = min(max(math.sqrt(2.0 * TENSION_RTOL * tension / model.chain.p.stiffness), MIN_ROTATION), MAX_ROTATION)
+        rate = record.instants.steps_per_second
         self.counts[:] = [0, 0]
 
         def advance(begin: int, steps: int) -> bool:
@@ -57,7 +57,7 @@ class ImplicitRun(Run):
                 if not self._cut(state, enough, rate, begin + done):
                     return False
                 done += 1
-            if not self.sound(p):
+            if not self.is_finite(p):
                 return False
             record.take(begin, end, *rows[1:])
             return True
@@ -69,7 +69,7 @@ class ImplicitRun(Run):
     def _cut(self, state: tuple[np.ndarray, ...], enough: float, rate: float, number: int) -> bool:
         """Take one step in pieces, so short that Newton's method converges; returns whether it did."""
         keep, pieces, nothing = [item.copy() for item in state], 2, np.zeros(0, dtype=np.int64)
-        while pieces <= MOST_CUTS:
+        while pieces <= MAX_SUBSTEPS:
             saved = np.empty((0, 3, self.q0.size)), np.empty((0, 4))
             if self._kernel(state, enough, pieces * rate, pieces * number, pieces, nothing, *saved) == pieces:
                 self.counts[1] += 1

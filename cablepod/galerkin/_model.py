@@ -14,9 +14,9 @@ import xarray as xr
 from cablepod.catenary._statics import solve_statics
 from cablepod.chain._start import start
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.discretisation._chain import Chain, square
+from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._laws import check_law, green_secant
-from cablepod.errors import SceneError, refuse
+from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
 from cablepod.pod._project import mode_fields
@@ -24,7 +24,7 @@ from cablepod.pod._snapshots import relative_arc_length
 
 
 @dataclass(frozen=True)
-class Model:
+class GalerkinModel:
     """A cable restricted to modes.
 
     Coordinates y are the mass-orthonormal amplitudes q, then the displacements of the ends that move (the lifting needs no
@@ -32,7 +32,7 @@ class Model:
     on those particles.
     """
 
-    chain: Chain
+    chain: LumpedChain
     law: str
     mean: np.ndarray  #: (particle, dims) [m]
     modes: np.ndarray  #: modes as given (modes, particle, dims)
@@ -46,7 +46,7 @@ class Model:
     @cached_property
     def mass(self) -> np.ndarray:
         """Masses of the free particles (n - 1,) [kg]."""
-        return self.chain.p.mass * self.chain.share[1:-1]
+        return self.chain.p.mass * self.chain.tributary_length[1:-1]
 
     @cached_property
     def root(self) -> np.ndarray:
@@ -142,18 +142,21 @@ class Model:
         """Generalised loads (steps + 1, modes) at so many steps from `start` on; one row where they stand still."""
         total, varying = self._generalised_loads
         for pattern, factor in varying:
-            total = total + factor.on_steps(start, steps, rate)[:, None] * pattern
+            total = total + factor.at_steps(start, steps, rate)[:, None] * pattern
         return total
 
     @cached_property
     def _generalised_loads(self) -> tuple[np.ndarray, list[tuple[np.ndarray, TimeFunction]]]:
         """Constant loads on the modes (1, modes) [N], and those that vary in time (modes,) with their factors."""
-        varying = [(np.einsum("pc,kpc->k", pattern, self.fields), factor) for pattern, factor in self.chain.varying()]
+        varying = [
+            (np.einsum("pc,kpc->k", pattern, self.fields), factor)
+            for pattern, factor in self.chain.time_dependent_loads()
+        ]
         return np.einsum("pc,kpc->k", self.chain.loads(), self.fields)[None], varying
 
     def displacements_on_steps(self, start: int, steps: int, rate: float) -> np.ndarray:
         """Displacements of the ends that move (steps + 1, moving) at so many steps from `start` on."""
-        columns = [self.chain.p.motions[key].on_steps(start, steps, rate) for key in self.moving]
+        columns = [self.chain.p.motions[key].at_steps(start, steps, rate) for key in self.moving]
         return np.ascontiguousarray(np.stack(columns, axis=1)) if columns else np.zeros((steps + 1, 0))
 
     def displacements(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
@@ -256,7 +259,7 @@ def _equilibrium(
     return found if last <= 1e-9 * (float(np.abs(q).max()) + small) else q
 
 
-def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) -> Model:
+def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) -> GalerkinModel:
     """Make the reduced model of a scene's parameters on modes.
 
     Raises
@@ -265,12 +268,12 @@ def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) ->
         For a scene that this model cannot do.
     """
     check_law(law)
-    if p.free is not None:
-        raise refuse(
-            "ends.free", p.free, "two held ends, because the modes vanish at both; chain.simulate does a free end"
+    if p.free_end is not None:
+        raise scene_error(
+            "ends.free", p.free_end, "two held ends, because the modes vanish at both; chain.simulate does a free end"
         )
     if p.link_viscosity is not None:
-        raise refuse(
+        raise scene_error(
             "damping.link_viscosity", p.link_viscosity, "none for a reduced model; mass_proportional is possible"
         )
     fields = mode_fields(modes, rank)
@@ -279,6 +282,6 @@ def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) ->
     sigma = relative_arc_length(modes)
     total = float(solve_statics(p, p.length_key, p.length_value)[0])
     arc_length = total * sigma
-    chain = Chain(p, np.diff(arc_length), arc_length)
+    chain = LumpedChain(p, np.diff(arc_length), arc_length)
     mean = modes["mean"].transpose("particle", "coordinate").values
-    return Model(chain, law, mean, fields, modes.attrs["layout"])
+    return GalerkinModel(chain, law, mean, fields, modes.attrs["layout"])

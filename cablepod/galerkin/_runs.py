@@ -13,10 +13,10 @@ import xarray as xr
 
 from cablepod.conventions import ENDS, label
 from cablepod.errors import RunStopped
-from cablepod.galerkin._model import Model
+from cablepod.galerkin._model import GalerkinModel
 from cablepod.integrate._march import advance_in_blocks
-from cablepod.integrate._output_times import Instants
-from cablepod.integrate._run import coordinates
+from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._run import chain_coordinates
 
 #: Packed coefficients cost about (monomials x rows), links (coordinates x axes x links): explicit steps take what is less.
 #: Implicit ones, whose tangent costs (modes^2 x rows), take packed ones if they have so many times fewer rows than links.  Both
@@ -27,21 +27,21 @@ ROUNDING = 32.0 * float(np.finfo(float).eps)
 
 
 @dataclass
-class State:
+class GalerkinTrajectory:
     """What one run gives."""
 
-    instants: Instants
+    instants: OutputTimes
     q: np.ndarray  #: mass-orthonormal amplitudes at the instants (times, modes) [kg^1/2 m]
     rates: np.ndarray  #: their rates [kg^1/2 m/s]
     second: np.ndarray  #: their second rates [kg^1/2 m/s^2]; only with each instant on a step
     extremes: tuple[np.ndarray, np.ndarray] | None  #: of the tensions (n,) [N]
-    notes: dict[str, Any] = field(default_factory=dict)  #: attributes of the result that this run alone knows
+    diagnostics: dict[str, Any] = field(default_factory=dict)  #: attributes of the result that this run alone knows
 
 
-class Record:
+class RunRecord:
     """What is kept of the steps of a run."""
 
-    def __init__(self, run: Run, instants: Instants) -> None:
+    def __init__(self, run: GalerkinRun, instants: OutputTimes) -> None:
         self.run, self.instants = run, instants
         modes, count = run.q0.size, instants.steps.size
         self.saved = np.zeros((count, 3, modes))  # amplitudes of the particles, rates, second rates
@@ -64,7 +64,7 @@ class Record:
         picked = self.instants.steps[first:last] - begin
         self.saved[first:last], self.energy[first:last] = saved[picked], energy[picked]
         model, (low, high) = self.run.model, self.extremes
-        time = np.arange(begin, end) / self.instants.rate
+        time = np.arange(begin, end) / self.instants.steps_per_second
         for some in np.array_split(np.arange(end - begin), max(1, (end - begin) // 1024)):
             q = saved[some, 0] - model.displacements(time[some]) @ model.coupling
             tension = model.tension(model.positions(q, time[some]))
@@ -73,10 +73,10 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Run:
+class GalerkinRun:
     """One scene on one set of modes, ready to be run with any step by one scheme."""
 
-    model: Model
+    model: GalerkinModel
     times: np.ndarray
     q0: np.ndarray
     outputs: tuple[str, ...]
@@ -85,10 +85,10 @@ class Run:
     modes: xr.Dataset
     scheme: str
 
-    def __call__(self, rate: float) -> State:
+    def __call__(self, rate: float) -> GalerkinTrajectory:
         """Run with so many steps per second."""
-        instants = Instants.of(self.times, rate)
-        record = Record(self, instants)
+        instants = OutputTimes.of(self.times, rate)
+        record = RunRecord(self, instants)
         advance, state, total = self._begin(record)
         failed = advance_in_blocks(advance, state, total, self.progress)
         notes = self._notes()
@@ -96,18 +96,18 @@ class Run:
             self._stop(record, failed, notes)
         return self._check(self._gather(record, instants, notes))
 
-    def sample(self, times: np.ndarray, rate: float) -> State:
+    def sample(self, times: np.ndarray, rate: float) -> GalerkinTrajectory:
         """Return the trajectory at other instants [s]: the run with so many steps per second, saved there."""
         return replace(self, times=times, outputs=(), progress=None)(rate)
 
-    def _begin(self, record: Record) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
+    def _begin(self, record: RunRecord) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
         """Return what advances the state, the state, the number of steps."""
         raise NotImplementedError
 
     def _notes(self) -> dict[str, Any]:
         return {}
 
-    def _check(self, state: State) -> State:
+    def _check(self, state: GalerkinTrajectory) -> GalerkinTrajectory:
         return state
 
     @cached_property
@@ -146,16 +146,16 @@ class Run:
         return (np.zeros((0, 0)), np.zeros(0), none, none), model.linked
 
     @cached_property
-    def bound(self) -> float:
+    def divergence_bound(self) -> float:
         """Amplitude that no sound run reaches [kg^1/2 m]."""
         model = self.model
         return 1e6 * math.sqrt(model.mass.sum()) * (model.chain.total_length + float(np.abs(model.shape).max()))
 
-    def sound(self, p: np.ndarray) -> bool:
+    def is_finite(self, p: np.ndarray) -> bool:
         """Whether amplitudes are finite and not absurd."""
-        return bool(np.isfinite(p).all() and np.abs(p).max() < self.bound)
+        return bool(np.isfinite(p).all() and np.abs(p).max() < self.divergence_bound)
 
-    def _gather(self, record: Record, instants: Instants, notes: dict[str, Any]) -> State:
+    def _gather(self, record: RunRecord, instants: OutputTimes, notes: dict[str, Any]) -> GalerkinTrajectory:
         """Take what was saved at steps to the instants of the output; the lifting is known between steps too."""
         keep = instants.steps.size
         p, v, a = (record.saved[:keep, i] for i in range(3))
@@ -164,7 +164,7 @@ class Run:
         rates = instants.rates_at_times(v, a) - model.displacements(time, 1) @ model.coupling
         defect = {"energy_defect": _energy_defect(v, record.energy[:keep], float(self.start_energy))}
         second = a[instants.left] - model.displacements(time, 2) @ model.coupling
-        return State(instants, q, rates, second, record.extremes, {**defect, **notes})
+        return GalerkinTrajectory(instants, q, rates, second, record.extremes, {**defect, **notes})
 
     @cached_property
     def start_energy(self) -> float:
@@ -180,13 +180,13 @@ class Run:
         reach, e, s = np.zeros_like(linked[0]), np.zeros(links), np.zeros(links)
         return kernel.link_gradient(y, self.law, *linked, reach, e, s, gradient)
 
-    def _stop(self, record: Record, done: int, notes: dict[str, Any]) -> None:
-        instants, rate = record.instants, record.instants.rate
+    def _stop(self, record: RunRecord, done: int, notes: dict[str, Any]) -> None:
+        instants, rate = record.instants, record.instants.steps_per_second
         # the state at the failing step itself is sound, but for explicit steps its second rate may not be
         count = int(np.searchsorted(instants.times, (done - 1) / rate * (1.0 + 1e-12), side="right")) if done else 0
         partial = None
         if count:
-            few = Instants.of(instants.times[:count], rate)
+            few = OutputTimes.of(instants.times[:count], rate)
             record.extremes = None
             partial = self.dataset(self._gather(record, few, notes))
             partial.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {instants.times[-1]:.6g} s"
@@ -203,7 +203,7 @@ class Run:
 
     other = "scheme energy_momentum"
 
-    def dataset(self, state: State) -> xr.Dataset:
+    def dataset(self, state: GalerkinTrajectory) -> xr.Dataset:
         """Label what a run gave."""
         from scipy.linalg import solve_triangular  # costly to import
 
@@ -235,7 +235,7 @@ class Run:
             "time": time,
             "mode": self.modes["mode"].values[:count],
             "end": list(ENDS),
-            **coordinates(model.chain),
+            **chain_coordinates(model.chain),
         }
         result = xr.Dataset(variables, coords=coords, attrs=attrs)
         label(result)
@@ -246,9 +246,9 @@ class Run:
             law=model.law,
             rank=count,
             scheme=self.scheme,
-            step=1.0 / state.instants.rate,
+            step=1.0 / state.instants.steps_per_second,
             number_of_steps=int(state.instants.steps[-1]),
-            **state.notes,
+            **state.diagnostics,
         )
         return result
 

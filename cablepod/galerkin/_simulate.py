@@ -14,18 +14,14 @@ from cablepod.batch._members import over_members
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import NotConvergedWarning
 from cablepod.galerkin._estimate import estimate
-from cablepod.galerkin._explicit import VerletRun
-from cablepod.galerkin._implicit import ImplicitRun
-from cablepod.galerkin._model import Model, model_of
-from cablepod.galerkin._runs import Run, State
-from cablepod.galerkin._scheme import SCHEMES, _picked, _refined
-from cablepod.integrate._request import (
-    Request,
-    check_step,
-    implicit_rate,
-)
+from cablepod.galerkin._explicit import ExplicitGalerkinRun
+from cablepod.galerkin._implicit import ImplicitGalerkinRun
+from cablepod.galerkin._model import GalerkinModel, model_of
+from cablepod.galerkin._runs import GalerkinRun, GalerkinTrajectory
+from cablepod.galerkin._scheme import SCHEMES, choose_scheme, refine_in_time
+from cablepod.integrate._request import Request, check_step, implicit_steps_per_second
 from cablepod.parameters._from_scene import parameters
-from cablepod.reduced._training_distance import outside
+from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes, warn_galerkin_out_of_range
 
 #: Share of the exchanged energy that a given step may make or lose.
@@ -147,8 +143,8 @@ def simulate(
     highest = model.highest_frequency(q0, 0.0)
     # few modes may start where nothing pulls them back; stiffer than the chain they never are
     limit = 2.0 / highest if highest > 0.0 else model.chain.step_limit()
-    runs: dict[str, Run] = {
-        name: (VerletRun if name == SCHEMES[0] else ImplicitRun)(
+    runs: dict[str, GalerkinRun] = {
+        name: (ExplicitGalerkinRun if name == SCHEMES[0] else ImplicitGalerkinRun)(
             model, instants, q0, request.outputs, progress, scene, modes, name
         )
         for name in SCHEMES
@@ -159,13 +155,15 @@ def simulate(
             why = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
             rate = 1.0 / check_step(step, limit, why)
         else:
-            rate = implicit_rate(step, float(instants[-1]), p.time_scale)
+            rate = implicit_steps_per_second(step, float(instants[-1]), p.shortest_time_scale)
         state, time_error = run(rate), None
         _check_energy(state, run.scheme)
     elif scheme is not None:
-        state, rate, time_error = _refined(run, limit, request.tolerance)
+        state, rate, time_error = refine_in_time(run, limit, request.tolerance)
     else:
-        run, (state, rate, time_error), reason = _picked(runs, limit, request.tolerance, asked=tolerance is not None)
+        run, (state, rate, time_error), reason = choose_scheme(
+            runs, limit, request.tolerance, asked=tolerance is not None
+        )
     result = run.dataset(state)
     result.attrs.update(step_limit=limit, choice_of_scheme=reason, **_trust(model, modes, result))
     if time_error is not None:
@@ -188,22 +186,22 @@ def simulate(
         function="galerkin.simulate",
         parameters=options,
         inputs=[scene, modes],
-        chosen=provenance.unset(rank=rank, times=times, scheme=scheme, step=step, tolerance=tolerance),
+        chosen=provenance.defaulted_options(rank=rank, times=times, scheme=scheme, step=step, tolerance=tolerance),
     )
 
 
-def _trust(model: Model, modes: xr.Dataset, result: xr.Dataset) -> dict[str, Any]:
+def _trust(model: GalerkinModel, modes: xr.Dataset, result: xr.Dataset) -> dict[str, Any]:
     """Tell what says how far a run can be trusted."""
     p, length = model.chain.p, model.chain.total_length
     notes = {name: float(value) for name, value in forcing_attributes(p, length).items()}
     if "energy_share" in modes:
         share = modes["energy_share"].isel(mode=slice(result.sizes["mode"])).sum("mode")
         notes["energy_share_kept"] = float(share.min())
-    return notes | outside(modes, p, length, float(result["time"].values[-1]))
+    return notes | distance_outside_training(modes, p, length, float(result["time"].values[-1]))
 
 
-def _check_energy(state: State, scheme: str) -> None:
-    defect = state.notes["energy_defect"]
+def _check_energy(state: GalerkinTrajectory, scheme: str) -> None:
+    defect = state.diagnostics["energy_defect"]
     if defect > UNEXPLAINED:
         warnings.warn(
             f"{defect:.2g} of the energy that is exchanged comes from nowhere (energy_defect, {scheme}): the step is too long "

@@ -7,28 +7,30 @@ from functools import cached_property
 
 import numpy as np
 
-from cablepod.errors import refuse
+from cablepod.errors import scene_error
 
 #: Steps are counted in doubles.
-MOST_STEPS = 2.0**53
+MAX_STEPS = 2.0**53
 
 
 @dataclass(frozen=True)
-class Instants:
+class OutputTimes:
     """Which steps to save for the instants asked for, and how to get from the former to the latter."""
 
     times: np.ndarray  #: (times,) [s]
-    rate: float  #: steps per second
+    steps_per_second: float  #: steps per second
     steps: np.ndarray  #: numbers of the steps to save, rising
     left: np.ndarray  #: for each instant the index in `steps` of the step at or before it
     fraction: np.ndarray  #: how far it lies beyond, in steps; 0 where it is a step
 
     @classmethod
-    def of(cls, times: np.ndarray, rate: float) -> Instants:
+    def of(cls, times: np.ndarray, rate: float) -> OutputTimes:
         """Place `times` [s] on the grid of `rate` steps per second."""
         place = times * rate
-        if not place[-1] <= MOST_STEPS:
-            raise refuse("step", 1.0 / rate, f"at least {times[-1] / MOST_STEPS:.3g} s, for {times[-1]:g} s of time")
+        if not place[-1] <= MAX_STEPS:
+            raise scene_error(
+                "step", 1.0 / rate, f"at least {times[-1] / MAX_STEPS:.3g} s, for {times[-1]:g} s of time"
+            )
         nearest = np.rint(place)
         on = np.abs(place - nearest) <= 1e-9 * np.maximum(1.0, 1e-3 * nearest)
         if on.all():  # the common case, in a third of the time
@@ -41,7 +43,7 @@ class Instants:
         return cls(times, rate, steps, np.searchsorted(steps, floor), fraction)
 
     @cached_property
-    def dense(self) -> bool:
+    def needs_interpolation(self) -> bool:
         """Whether any instant lies between two steps."""
         return bool((self.fraction > 0).any())
 
@@ -55,7 +57,7 @@ class Instants:
             raise ValueError("dense output needs rates")
         i = self.left[between]
         s = self.fraction[between].reshape(-1, *[1] * (x.ndim - 1))
-        h = 1.0 / self.rate
+        h = 1.0 / self.steps_per_second
         b = [
             1 - 10 * s**3 + 15 * s**4 - 6 * s**5,
             h * (s - 6 * s**3 + 8 * s**4 - 3 * s**5),
@@ -79,8 +81,8 @@ class Instants:
         s = self.fraction[between].reshape(-1, *[1] * (v.ndim - 1))
         result[between] = (
             (1 + 2 * s) * (1 - s) ** 2 * v[i]
-            + s * (1 - s) ** 2 / self.rate * a[i]
+            + s * (1 - s) ** 2 / self.steps_per_second * a[i]
             + s**2 * (3 - 2 * s) * v[after]
-            - s**2 * (1 - s) / self.rate * a[after]
+            - s**2 * (1 - s) / self.steps_per_second * a[after]
         )
         return result

@@ -10,14 +10,14 @@ from typing import Any, Self
 import numpy as np
 
 from cablepod.conventions import OUTPUTS
-from cablepod.errors import NotConvergedWarning, SceneError, refuse
+from cablepod.errors import NotConvergedWarning, SceneError, scene_error
 from cablepod.parameters._checks import number
 from cablepod.parameters._parameters import Parameters
 
 #: Time error that a run without scheme, step or tolerance keeps, as a fraction of the motion.
 DEFAULT_TOLERANCE = 1e-6
 #: A given step longer than this part of that time is warned of.
-LONGEST_PART = 0.25
+MAX_STEP_SHARE = 0.25
 
 
 def check_times(times: Any) -> np.ndarray:
@@ -25,7 +25,7 @@ def check_times(times: Any) -> np.ndarray:
     try:
         result = np.atleast_1d(np.asarray(times, dtype=float))
     except (TypeError, ValueError):
-        raise refuse("times", times, "finite, rising instants from 0 on [s]") from None
+        raise scene_error("times", times, "finite, rising instants from 0 on [s]") from None
     if (
         result.ndim != 1
         or result.size == 0
@@ -33,7 +33,7 @@ def check_times(times: Any) -> np.ndarray:
         or result[0] < 0
         or (np.diff(result) <= 0).any()
     ):
-        raise refuse("times", times, "finite, rising instants from 0 on [s]")
+        raise scene_error("times", times, "finite, rising instants from 0 on [s]")
     return result
 
 
@@ -42,7 +42,7 @@ def check_outputs(outputs: Any, allowed: tuple[str, ...] = OUTPUTS) -> tuple[str
     names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
     for name in names:
         if name not in allowed:
-            raise refuse("outputs", name, "some of " + ", ".join(allowed))
+            raise scene_error("outputs", name, "some of " + ", ".join(allowed))
     return names
 
 
@@ -56,11 +56,11 @@ def check_scheme(scheme: str | None, allowed: tuple[str, ...]) -> str:
     if scheme is None:
         return allowed[0]
     if scheme not in allowed:
-        raise refuse("scheme", scheme, "one of " + ", ".join(f'"{name}"' for name in allowed))
+        raise scene_error("scheme", scheme, "one of " + ", ".join(f'"{name}"' for name in allowed))
     return scheme
 
 
-def implicit_rate(step: Any, until: float, time_scale: float) -> float:
+def implicit_steps_per_second(step: Any, until: float, time_scale: float) -> float:
     """Return the steps per second of an implicit run to a time [s], whose step a caller gives; see :func:`check_resolved`."""
     value = number(above=0.0, most=until or math.inf)("step", step)
     check_resolved(value, time_scale, stacklevel=5)
@@ -75,11 +75,11 @@ def check_resolved(step: float, time_scale: float, *, stacklevel: int = 4) -> No
     NotConvergedWarning
         With both numbers; no limit of stability forbids such steps.
     """
-    if step > LONGEST_PART * time_scale:
+    if step > MAX_STEP_SHARE * time_scale:
         warnings.warn(
             f"step: given {step:.6g} s, of which only {time_scale / step:.2g} fit into the shortest time over which motions and "
             f"loads change, {time_scale:.4g} s: they are not resolved, though the run is stable; give a step below "
-            f"{LONGEST_PART * time_scale:.3g} s, or a tolerance instead",
+            f"{MAX_STEP_SHARE * time_scale:.3g} s, or a tolerance instead",
             NotConvergedWarning,
             stacklevel=stacklevel,
         )
@@ -143,7 +143,7 @@ class Request:
             check_scheme(scheme, schemes)
         names = check_outputs(outputs, allowed)
         if step is not None and tolerance is not None:
-            raise refuse("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
+            raise scene_error("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
         return cls(
             times=None if times is None else check_times(times),
             scheme=scheme,

@@ -13,40 +13,40 @@ from cablepod.errors import NotConvergedWarning, RunStopped, SceneError
 
 #: A scheme that twice shows less than this order is not converging: runs that differ whatever their steps seem to have 0.1 to
 #: 0.7.  One that converges may take so many runs after the first, each at most so many times finer than the last.
-LEAST_ORDER, FIRST_ORDER, SECOND_ORDER, MOST_REFINEMENTS, LARGEST_FACTOR = 0.8, 1.0, 2.0, 6, 4.0
+MIN_ORDER, FIRST_ORDER, SECOND_ORDER, MAX_REFINEMENTS, MAX_FACTOR = 0.8, 1.0, 2.0, 6, 4.0
 #: A run with more than so many times the steps of the first is not begun: the user would wait long for a motion that is hardly
 #: resolved.
-MOST_GROWTH = 512.0
+MAX_GROWTH = 512.0
 #: A run whose step is not given begins with at most so many steps times links, half an hour (chain) to some hours; one that only
 #: looks whether long implicit steps will do has at most so many, a minute or two.  A given step runs however long it takes.
-MOST_WORK, MOST_TRIED = 1e12, 1e9
+MAX_WORK, MAX_TRIAL_WORK = 1e12, 1e9
 #: No run that chooses its step has fewer steps in the shortest time over which motions and loads change.  Steps that are
 #: multiples of a period all see the same phase: two runs would agree, and both be wrong.
 STEPS_PER_CHANGE = 8.0
 #: Two implicit runs must agree by so much better than the tolerance: their steps need not resolve all that moves.
-CAUTION = 4.0
+HALVING_MARGIN = 4.0
 #: Damping times an explicit step, at most: velocities half a step before the start, exp(c h / 2) times larger, and their squares
 #: stay finite.
-MOST_DAMPED = 600.0
+MAX_DAMPING_EXPONENT = 600.0
 # Steps per second are rounded up to one of these times a power of ten: a step then hits round instants, and neither it nor
 # any bit of the result depends on the instants asked for.
-_PREFERRED = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0)
+_PREFERRED_MANTISSAS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0)
 
 
 def damped_growth(damping: float, step: float) -> float:
     """Return exp(c h / 2) - 1, by which a velocity grows that is followed back over half a step against damping c [1/s]."""
-    if damping * step > MOST_DAMPED:
+    if damping * step > MAX_DAMPING_EXPONENT:
         raise SceneError(
-            f"damping.mass_proportional: given {damping:g}; allowed: at most {MOST_DAMPED / step:.4g} 1/s with explicit steps of "
+            f"damping.mass_proportional: given {damping:g}; allowed: at most {MAX_DAMPING_EXPONENT / step:.4g} 1/s with explicit steps of "
             f"{step:.4g} s; an implicit scheme, or a shorter step, takes more"
         )
     return math.expm1(0.5 * damping * step)
 
 
-def preferred_rate(rate: float) -> float:
+def preferred_steps_per_second(rate: float) -> float:
     """Round a number of steps per second up to the next preferred one."""
     power = 10.0 ** math.floor(math.log10(rate))
-    return next(p for p in _PREFERRED if p * power >= rate * (1.0 - 1e-12)) * power
+    return next(p for p in _PREFERRED_MANTISSAS if p * power >= rate * (1.0 - 1e-12)) * power
 
 
 def motion_scale(position: np.ndarray, initial: np.ndarray, chord: float) -> float:
@@ -63,15 +63,15 @@ def check_work(rate: float, until: float, links: int) -> None:
     SceneError
         With the number of steps, and what to do about it.
     """
-    if rate * until * links > MOST_WORK:
+    if rate * until * links > MAX_WORK:
         raise SceneError(
             f"time.duration: given {until:g} s, which {links} links take {rate * until:.3g} steps of {1.0 / rate:.3g} s for; "
-            f"allowed: {MOST_WORK:g} steps times links where no step is given; take a shorter duration or times, fewer links, "
+            f"allowed: {MAX_WORK:g} steps times links where no step is given; take a shorter duration or times, fewer links, "
             f"another scheme, or step={1.0 / rate:.3g}, which is run however long it takes"
         )
 
 
-def refine(
+def refine_step(
     run: Callable[[float], Any],
     position: Callable[[Any], np.ndarray],
     scale: Callable[[Any], float],
@@ -119,12 +119,12 @@ def refine(
         Where shorter steps do not bring the runs together, or only too slowly.
     """
     check_work(rate, *size)
-    coarse, rate = _first_sound_run(run, rate)
-    most = min(MOST_GROWTH * rate, _most_rate(MOST_WORK, size))
+    coarse, rate = _first_finite_run(run, rate)
+    most = min(MAX_GROWTH * rate, _max_steps_per_second(MAX_WORK, size))
     factor, last, last_factor, slow = 2.0, math.inf, math.inf, 0
-    for _ in range(MOST_REFINEMENTS):
+    for _ in range(MAX_REFINEMENTS):
         # the first doubling is exact, so that its runs share their instants; later rates are preferred ones again
-        new = 2.0 * rate if last == math.inf else preferred_rate(rate * factor)
+        new = 2.0 * rate if last == math.inf else preferred_steps_per_second(rate * factor)
         factor, rate = new / rate, new
         fine = run(rate)
         distance = _distance(position(fine), position(coarse)) / scale(fine)
@@ -140,12 +140,12 @@ def refine(
             accepted = estimate <= margin * tolerance
         if accepted:
             return fine, rate, estimate
-        slow = slow + 1 if order < LEAST_ORDER else 0
+        slow = slow + 1 if order < MIN_ORDER else 0
         if slow == 2 or rate >= (1.0 - 1e-9) * most:  # once may be a wave that the steps only begin to resolve
             break
         coarse, last, last_factor = fine, distance, factor
         expected = distance / (factor**order - 1.0)
-        factor = min(LARGEST_FACTOR, most / rate, max(1.25, (4.0 * expected / tolerance) ** (1.0 / order)))
+        factor = min(MAX_FACTOR, most / rate, max(1.25, (4.0 * expected / tolerance) ** (1.0 / order)))
     warnings.warn(
         f"two steps disagree: an error of {estimate:.2g} of the motion is left at step {1 / rate:.3g} s, more than the tolerance "
         f"{tolerance:.2g}; the motion is chaotic (judge it by statistics) or too abrupt for this scheme; give a shorter "
@@ -156,7 +156,7 @@ def refine(
     return fine, rate, estimate
 
 
-def halve(
+def halve_step_while_cheaper(
     run: Callable[[float], Any],
     position: Callable[[Any], np.ndarray],
     scale: Callable[[Any], float],
@@ -176,7 +176,7 @@ def halve(
     tuple or None
         The finer of the two runs, its steps per second, their distance; None where none met the tolerance.
     """
-    coarse, most_rate = None, min(most_rate, _most_rate(MOST_TRIED, size))
+    coarse, most_rate = None, min(most_rate, _max_steps_per_second(MAX_TRIAL_WORK, size))
     while rate <= most_rate:
         try:
             fine = run(rate)
@@ -184,19 +184,19 @@ def halve(
             fine = None
         if fine is not None and coarse is not None:
             distance = _distance(position(fine), position(coarse)) / scale(fine)
-            if distance <= tolerance / CAUTION:
+            if distance <= tolerance / HALVING_MARGIN:
                 return fine, rate, distance
         coarse, rate = fine, 2.0 * rate
     return None
 
 
-def _most_rate(work: float, size: tuple[float, int]) -> float:
+def _max_steps_per_second(work: float, size: tuple[float, int]) -> float:
     """Return the most steps per second that a run of some size may have for so many steps times links."""
     until, links = size
     return work / max(until * links, 1e-300)
 
 
-def _first_sound_run(run: Callable[[float], Any], rate: float) -> tuple[Any, float]:
+def _first_finite_run(run: Callable[[float], Any], rate: float) -> tuple[Any, float]:
     """Run with `rate`, or twice or four times as many steps where that breaks down."""
     for _ in range(2):
         try:

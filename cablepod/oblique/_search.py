@@ -7,18 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cablepod.condensed._model import Model
+from cablepod.condensed._model import CondensedModel
 
 #: Each test function is a sum of so many vibration modes for every mode of the model, and of some more.
 WIDTH, MORE = 2, 4
 
 
-def vibrations(model: Model) -> np.ndarray:
+def vibrations(model: CondensedModel) -> np.ndarray:
     """Vibration modes (mode, particle) of the cable, taut and straight as at rest, mass-orthonormal, by rising frequency."""
     from scipy.linalg import eigh  # costly to import
 
-    chain, loads = model.chain, model.still_row[1 : 1 + len(model.taus)]
-    tension = np.maximum(model.rest_tension + loads @ (model.taus - model.means[:, None]), 0.1 * model.rest_tension)
+    chain, loads = model.chain, model.static_boundary_data[1 : 1 + len(model.chordwise_force_patterns)]
+    tension = np.maximum(
+        model.rest_tension + loads @ (model.chordwise_force_patterns - model.mean_chordwise_forces[:, None]),
+        0.1 * model.rest_tension,
+    )
     slope = np.diff(np.eye(chain.links + 1), axis=0) / chain.length[:, None]
     stiffness = (slope.T * (chain.length * tension)) @ slope
     vectors = eigh(stiffness[1:-1, 1:-1], np.diag(model.mass[1:-1]))[1]
@@ -26,7 +29,7 @@ def vibrations(model: Model) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Search:
+class TestFunctionBasis:
     """Test functions by numbers: some to begin with, and sums of vibration modes that these do not stand for."""
 
     first: tuple[np.ndarray, ...]  #: of each set (mode, particle)
@@ -47,7 +50,7 @@ class Search:
         return tuple(result)
 
 
-def searches(model: Model) -> tuple[Search, Search]:
+def test_function_bases(model: CondensedModel) -> tuple[TestFunctionBasis, TestFunctionBasis]:
     """Where to begin: from the modes themselves, and from as many vibration modes, those that tell the modes apart best.
 
     These feel no force of the others as long as the tension is that at rest.
@@ -63,4 +66,4 @@ def searches(model: Model) -> tuple[Search, Search]:
         # to add these to test functions, in whatever size, changes nothing: the model knows only what they span
         taken.append(size * base[sorted(order[: len(psi)])])
         free.append(size * base[sorted(order[len(psi) :])])
-    return Search(model.modes, tuple(free)), Search(tuple(taken), tuple(free))
+    return TestFunctionBasis(model.modes, tuple(free)), TestFunctionBasis(tuple(taken), tuple(free))

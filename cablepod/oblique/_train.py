@@ -23,13 +23,13 @@ from cablepod import provenance
 from cablepod._resources import cores
 from cablepod.batch._pool import map_threads
 from cablepod.condensed._assembly import TEST, model_of
-from cablepod.condensed._model import Model
+from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._runs import CondensedRequest, solve
 from cablepod.conventions import label
-from cablepod.errors import RunStopped, SceneError, refuse
+from cablepod.errors import RunStopped, SceneError, scene_error
 from cablepod.integrate._request import check_positive, check_times
 from cablepod.integrate._step_control import motion_scale
-from cablepod.oblique._search import Search, searches
+from cablepod.oblique._search import TestFunctionBasis, test_function_bases
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.pod import _normal as pod_normal
@@ -50,10 +50,10 @@ STOP = {"xtol": 1e-4, "ftol": 1e-3, "gtol": 1e-12}
 
 
 @dataclass(frozen=True)
-class Lesson:
+class TrainingCase:
     """A trajectory of the chain, and how the model is run to compare with it."""
 
-    model: Model  #: tested with its own modes
+    model: CondensedModel  #: tested with its own modes
     times: np.ndarray  #: [s]
     real: np.ndarray  #: deflections of the chain (normals, times, particle) [m]
     motion: float  #: largest rms displacement of the chain [m]
@@ -63,7 +63,7 @@ class Lesson:
     def how(self) -> tuple[str, float]:
         """Scheme and step [s] that meet the tolerance with the modes as test functions; kept, so that errors are smooth."""
         solution = solve(self.model, CondensedRequest(times=self.times, given_tolerance=self.tolerance, outputs=()))
-        return solution.run.scheme, 1.0 / solution.rate
+        return solution.run.scheme, 1.0 / solution.steps_per_second
 
     @cached_property
     def seen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -78,7 +78,7 @@ class Lesson:
             at += count
         return np.concatenate(coordinates, axis=1), turns, np.sqrt(left)
 
-    def until(self, share: float) -> Lesson:
+    def until(self, share: float) -> TrainingCase:
         """Return the first part of it, with the scheme and the step of the whole."""
         count = max(2, round(share * (self.times.size - 1)) + 1)
         part = replace(self, times=self.times[:count], real=self.real[:, :count])
@@ -87,7 +87,7 @@ class Lesson:
 
     def grows(self, tests: tuple[np.ndarray, ...]) -> bool:
         """Whether with these test functions small vibrations about rest grow by more than a factor of e over the run."""
-        return replace(self.model, tests=tests).growth * float(self.times[-1]) > 1.0
+        return replace(self.model, tests=tests).unstable_growth_rate * float(self.times[-1]) > 1.0
 
     @cached_property
     def size(self) -> float:
@@ -100,7 +100,7 @@ class Lesson:
         The root of the sum of their squares is the rms distance in deflection.
         """
         model = replace(self.model, tests=tests)
-        model.__dict__["turned"] = self.model.turned  # as costly as the run, and the same
+        model.__dict__["turned"] = self.model.spectral_basis  # as costly as the run, and the same
         coordinates, turns, left = self.seen
         scheme, step = self.how
         try:
@@ -187,18 +187,20 @@ def train(
     some = [scenes] if isinstance(scenes, xr.Dataset) else list(scenes)
     runs = [trajectories] if isinstance(trajectories, xr.Dataset) else list(trajectories)
     if not some or len(some) != len(runs):
-        raise refuse("trajectories", len(runs), f"one for each of the {len(some)} scenes, at least one")
+        raise scene_error("trajectories", len(runs), f"one for each of the {len(some)} scenes, at least one")
     for key, items in (("scenes", some), ("trajectories", runs)):
         for item in items:
             if not isinstance(item, xr.Dataset):
-                raise refuse(key, type(item).__name__, "a Dataset or several")
+                raise scene_error(key, type(item).__name__, "a Dataset or several")
     check_positive("tolerance", tolerance)
     integer(least=1)("iterations", iterations)
     given = modes
     if TEST in modes:
         modes = modes.drop_vars([f"{TEST}{suffix}" for suffix in pod_normal.SETS if f"{TEST}{suffix}" in modes])
     lessons = [
-        _lesson(i, scene, run, modes, {"rank": rank, "order": order, "law": law, "quadrature": quadrature}, tolerance)
+        _training_case(
+            i, scene, run, modes, {"rank": rank, "order": order, "law": law, "quadrature": quadrature}, tolerance
+        )
         for i, (scene, run) in enumerate(zip(some, runs, strict=True))
     ]
     tests, before, after = _improved(lessons, iterations, progress)
@@ -231,48 +233,48 @@ def train(
             "rank": count, "order": order, "law": law, "quadrature": quadrature, "tolerance": tolerance, "iterations": iterations,
         },
         inputs=[*some, *runs, given],
-        chosen=provenance.unset(rank=rank),
+        chosen=provenance.defaulted_options(rank=rank),
     )  # fmt: skip
 
 
-def _lesson(
+def _training_case(
     number: int, scene: xr.Dataset, run: xr.Dataset, modes: xr.Dataset, options: dict[str, Any], tolerance: float
-) -> Lesson:
+) -> TrainingCase:
     """Check one scene with its trajectory, and make it ready."""
     if "member" in scene.dims:
-        raise refuse("scenes", f"members of scene {number}", "single scenes, isel(member=...)")
+        raise scene_error("scenes", f"members of scene {number}", "single scenes, isel(member=...)")
     p = parameters(scene)
     model = model_of(p, modes, **options)
     sigma, own = relative_arc_length(modes), relative_arc_length(run)
     if sigma.shape != own.shape or np.abs(sigma - own).max() > 1e-9:
-        raise refuse(
+        raise scene_error(
             "trajectories",
             f"{own.size} particles in number {number}",
             f"the {sigma.size} particles of the modes, at the same S / L0",
         )
     position, times = positions(run), check_times(run["time"].values)
     if len(position) != times.size:
-        raise refuse(
+        raise scene_error(
             "trajectories", f"{len(position)} shapes in number {number}", f"one for each of its {times.size} instants"
         )
     ends = p.end_positions(times)
     chord = float(np.linalg.norm(ends[0, 1] - ends[0, 0]))
     off = float(np.abs(position[:, (0, -1)] - ends).max())
     if off > 1e-6 * chord:
-        raise refuse(
+        raise scene_error(
             "trajectories",
             f"ends {off:.3g} m off those of scene {number}",
             "the trajectory of each scene, in their order",
         )
     motion = motion_scale(position, position[0], chord)
-    return Lesson(model, times, pod_normal.deflections(position, model.reference), motion, tolerance)
+    return TrainingCase(model, times, pod_normal.deflections(position, model.reference), motion, tolerance)
 
 
 def _improved(
-    lessons: list[Lesson], iterations: int, progress: Callable[[float], None] | None
+    lessons: list[TrainingCase], iterations: int, progress: Callable[[float], None] | None
 ) -> tuple[tuple[np.ndarray, ...], float, float]:
     """Return the best test functions found, and the largest errors with the modes and with them."""
-    starts = [start for start in searches(lessons[0].model) if start.count]
+    starts = [start for start in test_function_bases(lessons[0].model) if start.count]
     done, all_runs = 0.0, sum(WINDOWS) * sum(iterations * (start.count + 1) for start in starts)
 
     def tell(share: float) -> None:
@@ -300,7 +302,7 @@ def _improved(
 
 
 def _fitted(
-    start: Search, x: np.ndarray, lessons: list[Lesson], iterations: int, tell: Callable[[], None]
+    start: TestFunctionBasis, x: np.ndarray, lessons: list[TrainingCase], iterations: int, tell: Callable[[], None]
 ) -> np.ndarray:
     """Return the numbers that make the sum of fourth powers of the distances least, from `x` on; each run of all is told."""
     from scipy.optimize import least_squares  # costly to import

@@ -33,7 +33,7 @@ def simulate(
 
     p = parameters(scene)
     pieces = chain_of(p)
-    k, length, mass = pieces.k, pieces.length, (p.mass * pieces.share)[1:-1]
+    k, length, mass = pieces.k, pieces.length, (p.mass * pieces.tributary_length)[1:-1]
     weight = 1j * p.weight[1] / p.mass
     start = chain.rest(scene)["position"].values @ [1.0, 1.0j]
     free = start.size - 2

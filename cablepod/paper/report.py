@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from cablepod import archive, provenance
-from cablepod.archive._atomic import whole_file
+from cablepod.archive._atomic import atomic_file
 from cablepod.paper.sections import FULL, SECTIONS, Section, Size, lines
 from cablepod.paper.summary import HEAD, summary
 
@@ -77,7 +77,7 @@ def _write(
     provenance.record(result, function="paper.report.write", parameters={"size": size.name}, inputs=inputs)
     archive.write(result, folder / DATASET, overwrite=True)
     rows = summary(result)
-    with whole_file(folder / PAGE) as unfinished:
+    with atomic_file(folder / PAGE) as unfinished:
         unfinished.write_text(_page(result, parts, rows, seconds, size), encoding="utf-8")
     return result, rows
 
@@ -86,7 +86,7 @@ def _save(figure: Figure, path: Path) -> None:
     from matplotlib import pyplot as plt  # only who draws needs it
 
     try:
-        with whole_file(path) as unfinished:
+        with atomic_file(path) as unfinished:
             figure.savefig(unfinished, dpi=110, format="png")
     finally:
         plt.close(figure)

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.errors import refuse
+from cablepod.errors import scene_error
 
 #: Positive numbers of the scene are at least so large, and all at most: their squares and ratios stay finite.
 SMALLEST, LARGEST = 1e-30, 1e30
-
 Check = Callable[[str, Any], Any]
 
 
@@ -29,15 +28,15 @@ def number(*, above: float = -math.inf, least: float = -math.inf, most: float = 
     def check(key: str, value: Any) -> float:
         value = _scalar(value)
         if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
-            raise refuse(key, value, allowed)
+            raise scene_error(key, value, allowed)
         try:
             result = float(value)
         except OverflowError:
-            raise refuse(key, value, allowed) from None
+            raise scene_error(key, value, allowed) from None
         if not math.isfinite(result) or result <= above or result < least or result > most:
-            raise refuse(key, value, allowed)
+            raise scene_error(key, value, allowed)
         if abs(result) > LARGEST or (above >= 0.0 and result < SMALLEST):
-            raise refuse(key, value, f"{allowed}, of a size from {SMALLEST:g} to {LARGEST:g}")
+            raise scene_error(key, value, f"{allowed}, of a size from {SMALLEST:g} to {LARGEST:g}")
         return result
 
     return check
@@ -54,9 +53,9 @@ def integer(*, least: int, most: int = 2**62) -> Check:
     def check(key: str, value: Any) -> int:
         value = _scalar(value)
         if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral) or int(value) < least:
-            raise refuse(key, value, allowed)
+            raise scene_error(key, value, allowed)
         if int(value) > most:
-            raise refuse(key, value, f"{allowed} and at most {most}")
+            raise scene_error(key, value, f"{allowed} and at most {most}")
         return int(value)
 
     return check
@@ -72,7 +71,7 @@ def numbers_list(*, least_length: int = 1, above: float = -math.inf) -> Check:
 
     def check(key: str, value: Any) -> list[float]:
         if not _is_list(value) or len(value) < least_length:
-            raise refuse(key, value, f"a list of at least {least_length} finite numbers")
+            raise scene_error(key, value, f"a list of at least {least_length} finite numbers")
         return [one(f"{key}[{index}]", item) for index, item in enumerate(value)]
 
     return check
@@ -81,7 +80,7 @@ def numbers_list(*, least_length: int = 1, above: float = -math.inf) -> Check:
 def point(key: str, value: Any) -> list[float]:
     """Check a vector of two or three finite numbers."""
     if not _is_list(value) or len(value) not in (2, 3):
-        raise refuse(key, value, "a list of two or three finite numbers")
+        raise scene_error(key, value, "a list of two or three finite numbers")
     one = number()
     return [one(f"{key}[{index}]", item) for index, item in enumerate(value)]
 
@@ -89,14 +88,14 @@ def point(key: str, value: Any) -> list[float]:
 def points(key: str, value: Any) -> list[list[float]]:
     """Check a list of at least two points."""
     if not _is_list(value) or len(value) < 2:
-        raise refuse(key, value, "a list of at least two points")
+        raise scene_error(key, value, "a list of at least two points")
     return [point(f"{key}[{index}]", item) for index, item in enumerate(value)]
 
 
 def text(key: str, value: Any) -> str:
     """Check a text that is not empty."""
     if not isinstance(value, str) or not value.strip():
-        raise refuse(key, value, "a text that is not empty")
+        raise scene_error(key, value, "a text that is not empty")
     return value
 
 
@@ -105,7 +104,7 @@ def choice(*allowed: str) -> Check:
 
     def check(key: str, value: Any) -> str:
         if not isinstance(value, str) or value not in allowed:
-            raise refuse(key, value, "one of " + ", ".join(f'"{word}"' for word in allowed))
+            raise scene_error(key, value, "one of " + ", ".join(f'"{word}"' for word in allowed))
         return value
 
     return check

@@ -66,7 +66,7 @@ class Members(Sequence[Parameters]):
             return [self[i] for i in range(*at.indices(self._count))]
         if not -self._count <= at < self._count:
             raise IndexError(at)  # which ends a loop over all
-        return _parameters(
+        return _from_values(
             self.fixed
             | {name: item[at] for name, item in self.varied.items()}
             | {name: item[at] for name, item in self.gapped.items() if not _is_gap(item[at])}
@@ -92,7 +92,7 @@ def _is_gap(value: Any) -> bool:
     return array.size > 0 and array.dtype.kind in "fO" and bool(np.all(array != array))
 
 
-def _parameters(value: Mapping[str, Any]) -> Parameters:
+def _from_values(value: Mapping[str, Any]) -> Parameters:
     cable = {key: value[f"cable_{key}"] for key in CABLE if f"cable_{key}" in value}
     length_key = exactly_one("cable", cable, LENGTH_KEYS)
     weight_key = exactly_one("cable", cable, WEIGHT_KEYS)
@@ -126,7 +126,7 @@ def _parameters(value: Mapping[str, Any]) -> Parameters:
         weight=np.array([0.0, -weight, 0.0][:dims]),
         lower=value["ends_lower"],
         upper=value["ends_upper"],
-        free=str(value["ends_free"]) if "ends_free" in value else None,
+        free_end=str(value["ends_free"]) if "ends_free" in value else None,
         motions={key: item for key, item in motions.items() if item is not None},
         load=value["load_uniform"] if np.any(value.get("load_uniform", 0.0)) else None,
         load_factor=function("load"),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from cablepod.errors import SceneError, named, refuse, shown
+from cablepod.errors import SceneError, named, scene_error, shown
 from cablepod.parameters._checks import Check, choice, integer, number, numbers_list, point, points, text
 
 
@@ -119,7 +119,7 @@ def check_table(prefix: str, table: Any, keys: Mapping[str, Key]) -> dict[str, A
         For something that is no table, an unknown key, a missing key, or a value that is not allowed.
     """
     if not isinstance(table, Mapping):
-        raise refuse(prefix, table, "a table with the keys " + ", ".join(keys))
+        raise scene_error(prefix, table, "a table with the keys " + ", ".join(keys))
     checked: dict[str, Any] = {}
     for name, value in table.items():
         if name not in keys:

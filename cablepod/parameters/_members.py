@@ -12,11 +12,11 @@ from cablepod.parameters._from_scene import Members
 from cablepod.parameters._time_functions import SINES, TimeFunction
 
 #: Terms that not every scene has and that these columns lack.
-LACKING = ("ends_free", "load_kind", "point_load_1_force")
+UNSUPPORTED_TERMS = ("ends_free", "load_kind", "point_load_1_force")
 
 
 @dataclass(frozen=True)
-class Columns:
+class MemberParameters:
     """The numbers of :class:`cablepod.parameters._parameters.Parameters`, a row for each member."""
 
     stiffness: np.ndarray  #: (members,) [N]
@@ -29,12 +29,12 @@ class Columns:
     damping: np.ndarray  #: by mass (members,) [1/s]
 
     @classmethod
-    def of(cls, members: Members) -> Columns | None:
+    def of(cls, members: Members) -> MemberParameters | None:
         """Take the columns of members; None where they differ in more than numbers, or have terms that these columns lack."""
         p, names = members[0], set(members.fixed) | set(members.varied)
         numeric = all(item.dtype.kind in "fiu" for name, item in members.varied.items() if name != "member")
         initial = any(name.startswith("initial_") for name in names)
-        if members.gapped or not numeric or initial or names & set(LACKING):
+        if members.gapped or not numeric or initial or names & set(UNSUPPORTED_TERMS):
             return None
         if p.link_viscosity is not None or "damping_link_viscosity" in members.varied:
             return None
@@ -73,14 +73,14 @@ class Columns:
             rows("damping_mass_proportional"),
         )
 
-    def part(self, first: int, last: int) -> Columns:
+    def part(self, first: int, last: int) -> MemberParameters:
         """Take the members `first` ... `last - 1`."""
         at = slice(first, last)
         motions = {
             key: TimeFunction(motion.kind, {name: value[at] for name, value in motion.values.items()})
             for key, motion in self.motions.items()
         }
-        return Columns(
+        return MemberParameters(
             self.stiffness[at], self.mass[at], self.load[at], self.ends[at], motions, self.length_key,
             self.length_value[at], self.damping[at],
         )  # fmt: skip
@@ -91,7 +91,7 @@ class Columns:
         return self.ends[:, 1] - self.ends[:, 0]
 
     @property
-    def time_scale(self) -> np.ndarray:
+    def shortest_time_scale(self) -> np.ndarray:
         """Shortest period (members,) [s], infinite where nothing moves."""
         scale = np.full(self.mass.size, np.inf)
         with np.errstate(divide="ignore"):

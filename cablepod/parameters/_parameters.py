@@ -36,7 +36,7 @@ class Parameters:
     weight: np.ndarray  #: weight per unstretched length (dims,) [N/m]
     lower: np.ndarray  #: lower end at rest (dims,) [m]
     upper: np.ndarray  #: upper end at rest (dims,) [m]
-    free: str | None  #: the end that moves freely
+    free_end: str | None  #: the end that moves freely
     motions: Mapping[tuple[str, str], TimeFunction]  #: (end, axis) -> displacement [m]
     load: np.ndarray | None  #: uniform load beside the weight (dims,) [N/m]
     load_factor: TimeFunction | None
@@ -79,10 +79,10 @@ class Parameters:
             result[:, ENDS.index(end), COORDINATES.index(axis)] += function(time, derivative)
         return result
 
-    def end_tables(self, start: int, steps: int, rate: float, derivative: int = 0) -> np.ndarray:
+    def end_coordinates_at_steps(self, start: int, steps: int, rate: float, derivative: int = 0) -> np.ndarray:
         """Coordinates of the ends that move [m], or their rates, at steps `start` ... `start + steps`: (moving, steps + 1)."""
         rows = [
-            function.on_steps(
+            function.at_steps(
                 start, steps, rate, derivative, (self.lower if end == "lower" else self.upper)[COORDINATES.index(axis)]
             )
             for (end, axis), function in self.motions.items()
@@ -98,16 +98,16 @@ class Parameters:
         return {key: function for key, function in functions.items() if function is not None}
 
     @cached_property
-    def time_scale(self) -> float:
+    def shortest_time_scale(self) -> float:
         """Shortest time over which a motion or load changes [s]; infinite where none does."""
-        return min((function.time_scale for function in self.time_functions().values()), default=np.inf)
+        return min((function.shortest_time_scale for function in self.time_functions().values()), default=np.inf)
 
-    def telling_times(self) -> np.ndarray:
+    def sampling_times(self) -> np.ndarray:
         """Instants from 0 to the duration [s] that show how far motions and loads go; 0 alone where none changes."""
         until = self.duration or 0.0
         functions = self.time_functions().values()
         # those of a period too, lest all instants of the whole run see the same phase
-        return np.unique(np.concatenate([[0.0, until], *(function.telling(until) for function in functions)]))
+        return np.unique(np.concatenate([[0.0, until], *(function.sampling_times(until) for function in functions)]))
 
     def check_reach(self, time: float) -> None:
         """Refuse a record that does not cover the run from 0 to `time` [s]."""

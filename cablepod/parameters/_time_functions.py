@@ -54,15 +54,15 @@ class TimeFunction:
         """Evaluate at `time` [s]; `derivative` 0, 1 or 2 gives the value, the rate or the second rate."""
         return getattr(self, f"_{self.kind}")(np.asarray(time, dtype=float), derivative)
 
-    def on_steps(self, start: int, steps: int, rate: float, derivative: int = 0, origin: float = 0.0) -> Array:
+    def at_steps(self, start: int, steps: int, rate: float, derivative: int = 0, origin: float = 0.0) -> Array:
         """Evaluate at the steps `start` ... `start + steps` of so many to the second, (steps + 1,); `origin` is added to values.
 
         Sines of equidistant angles come from compiled rotations; computed one by one they would cost a tenth of what a chain of
         40 links does.
         """
-        return self.all_on_steps(start, steps, rate, (derivative,), origin)[0]
+        return self.all_at_steps(start, steps, rate, (derivative,), origin)[0]
 
-    def all_on_steps(
+    def all_at_steps(
         self, start: int, steps: int, rate: float, derivatives: tuple[int, ...], origin: float = 0.0
     ) -> Array:
         """Evaluate several derivatives at once, (derivatives, steps + 1), as :meth:`on_steps` does one."""
@@ -113,7 +113,7 @@ class TimeFunction:
         return self._spline(time, derivative)
 
     @property
-    def time_scale(self) -> float:
+    def shortest_time_scale(self) -> float:
         """Shortest time over which it changes [s]: a period, the length of a ramp, twice the spacing of a record."""
         if self.kind in SINES:
             return (
@@ -125,12 +125,12 @@ class TimeFunction:
             return float(self.values["duration"])
         return 2.0 * float(np.diff(self.values["time"]).min()) if self.kind == "file" else np.inf
 
-    def telling(self, until: float) -> Array:
+    def sampling_times(self, until: float) -> Array:
         """Give instants from 0 to `until` [s] that show how far it goes: of a period, of the whole run, its samples."""
         if self.kind == "file":
             time = np.asarray(self.values["time"], dtype=float)
             return time[(time >= 0.0) & (time <= until)]
-        return np.linspace(0.0, min(until, self.time_scale) if self.kind in SINES else until, 101)
+        return np.linspace(0.0, min(until, self.shortest_time_scale) if self.kind in SINES else until, 101)
 
     @property
     def begin(self) -> float:
@@ -143,7 +143,7 @@ class TimeFunction:
         return float(self.values["time"][-1]) if self.kind == "file" else np.inf
 
 
-class Abreast:
+class BatchedTimeFunction:
     """The same time function of several scenes, with numbers of its own in each; `origins` (members,) are added to values.
 
     Where all are sines, one compiled call fills their tables.
@@ -164,4 +164,4 @@ class Abreast:
             return
         steps = tables.shape[2] - 1
         for table, function, origin in zip(tables, self.functions, self.origins.tolist(), strict=True):
-            table[row] = function.on_steps(start, steps, rate, derivative, origin)
+            table[row] = function.at_steps(start, steps, rate, derivative, origin)

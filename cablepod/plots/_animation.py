@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod.errors import refuse
+from cablepod.errors import scene_error
 from cablepod.parameters import _checks as checks
 from cablepod.parameters._checks import integer
 from cablepod.plots import _style as parts
@@ -80,15 +80,15 @@ class Animation:
         speed = checks.number(above=0.0, most=50.0)("frames_per_second", frames_per_second)
         program = find_ffmpeg() if ending == ".mp4" else ""
         if program is None:
-            raise refuse(
+            raise scene_error(
                 "path",
                 str(path),
                 "a name that ends in .gif; .mp4 needs the program ffmpeg, not found here; pip install 'cablepod[mp4]' brings it",
             )
         if ending not in (".gif", ".mp4"):
-            raise refuse("path", str(path), "a name that ends in .gif or .mp4")
+            raise scene_error("path", str(path), "a name that ends in .gif or .mp4")
         if not target.parent.is_dir():
-            raise refuse("path", str(path), "a file in a folder that is there")
+            raise scene_error("path", str(path), "a file in a folder that is there")
         engine = self.figure.get_layout_engine()
         self.figure.canvas.draw()
         self.figure.set_layout_engine("none")  # laid out once: the axes do not tremble

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod.errors import refuse
+from cablepod.errors import scene_error
 from cablepod.parameters._checks import choice, number, numbers_list
 from cablepod.plots import _style as parts
 from cablepod.plots._style import COLOURS, DEFAULT_INSTANTS, LINES, MARKERS, MOST_DOTS, MOST_INSTANTS, PLACE, SIGMA
@@ -189,7 +189,7 @@ def tension(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     array = parts.take("run", run, "tension", ("time", "link"), allowed)
     across, up = array["time"].values, _middles(run, array)
     if min(array.shape) < 2:
-        raise refuse("run", f"tension {dict(array.sizes)}", "two instants and two links at least")
+        raise scene_error("run", f"tension {dict(array.sizes)}", "two instants and two links at least")
     ax = parts.axes(ax)
     # cividis: dark to light in grey too, and the same to those who do not tell red from green
     mesh = ax.pcolormesh(across, up, array.values.T, cmap="cividis", shading="nearest", rasterized=True)
@@ -240,7 +240,7 @@ def phase_portraits(
     choice(*names)("coordinate", coordinate)
     places = numbers_list()("at", np.atleast_1d(at))
     if len(places) > MOST_INSTANTS or not all(0.0 <= item <= 1.0 for item in places):
-        raise refuse("at", places, f"one to {MOST_INSTANTS} places from 0 to 1")
+        raise scene_error("at", places, f"one to {MOST_INSTANTS} places from 0 to 1")
     sigma = parts.sigma("run", run)
     place, speed = (part.values[..., names.index(coordinate)] for part in (x, v))
     ax = parts.axes(ax)
@@ -261,7 +261,7 @@ def _wanted(position: xr.DataArray, times: Sequence[float] | np.ndarray | None) 
         return instants[np.linspace(0, instants.size - 1, min(DEFAULT_INSTANTS, instants.size)).round().astype(int)]
     wanted = np.atleast_1d(np.asarray(times, dtype=float))
     if not 1 <= wanted.size <= MOST_INSTANTS:
-        raise refuse("times", f"{wanted.size} instants", f"one to {MOST_INSTANTS}")
+        raise scene_error("times", f"{wanted.size} instants", f"one to {MOST_INSTANTS}")
     return wanted
 
 
@@ -305,7 +305,7 @@ def _middles(run: xr.Dataset, tension: xr.DataArray) -> np.ndarray:
     if middles.size == tension.sizes["link"]:
         return middles
     if "link" not in tension.coords:
-        raise refuse(
+        raise scene_error(
             "run", f"{tension.sizes['link']} links", f"the {middles.size} between its particles, or numbered ones"
         )
     return middles[tension["link"].values.astype(int) - 1]

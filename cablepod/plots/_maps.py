@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod.errors import SceneError, refuse
+from cablepod.errors import SceneError, scene_error
 from cablepod.plots import _style as parts
 
 if TYPE_CHECKING:
@@ -152,11 +152,11 @@ def stability_height(result: xr.Dataset) -> float:
 def _three(result: xr.Dataset, variable: str, x: str, y: str) -> tuple[np.ndarray, ...]:
     """Take two parameters and a quantity, as three lists of numbers."""
     if not isinstance(result, xr.Dataset):
-        raise refuse("result", type(result).__name__, "a Dataset")
+        raise scene_error("result", type(result).__name__, "a Dataset")
     numbers = [str(name) for name, item in result.variables.items() if item.dtype.kind in "iuf"]
     for key, name in (("variable", variable), ("x", x), ("y", y)):
         if name not in numbers:
-            raise refuse(key, name, "a variable of numbers: " + ", ".join(numbers))
+            raise scene_error(key, name, "a variable of numbers: " + ", ".join(numbers))
     array = result[variable]
     if x != y and set(array.dims) == {x, y} and array.size:
         array = array.transpose(y, x)

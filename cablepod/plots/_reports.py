@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from cablepod.errors import SceneError, refuse
+from cablepod.errors import SceneError, scene_error
 from cablepod.plots import _style as parts
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def error_over_time(comparisons: Mapping[str, xr.Dataset], *, ax: Axes | None = 
         For anything but comparisons, or none.
     """
     if isinstance(comparisons, xr.Dataset) or not isinstance(comparisons, Mapping) or not comparisons:
-        raise refuse(
+        raise scene_error(
             "comparisons", type(comparisons).__name__, "a mapping, not empty, from labels to what compare.errors gives"
         )
     allowed = "what compare.errors gives"
@@ -103,7 +103,7 @@ def error_against_run_time(
     """
     times = ("kernel_time", "call_time")
     if time not in times:
-        raise refuse("time", time, "one of " + ", ".join(f'"{name}"' for name in times))
+        raise scene_error("time", time, "one of " + ", ".join(f'"{name}"' for name in times))
     of = _of_scene(result, scene, (*OF_SETTINGS, time))
     milliseconds, error = 1e3 * of[time].values, of["error_max"].values
     ax = parts.axes(ax)
@@ -142,7 +142,7 @@ def _of_scene(result: xr.Dataset, scene: str | None, needed: tuple[str, ...]) ->
     if scene is None and len(names) == 1:
         return result.isel(scene=0)
     if scene not in names:
-        raise refuse("scene", scene, "one of " + ", ".join(f'"{name}"' for name in names))
+        raise scene_error("scene", scene, "one of " + ", ".join(f'"{name}"' for name in names))
     return result.isel(scene=names.index(str(scene)))
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod.errors import SceneError, refuse
+from cablepod.errors import SceneError, scene_error
 from cablepod.pod._snapshots import relative_arc_length
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def take(key: str, dataset: Any, name: str, dims: tuple[str, ...], allowed: str,
         raise SceneError(f"{key}: given a {type(dataset).__name__} without {name}; allowed: {allowed}")
     array = dataset[name]
     if "member" in array.dims:
-        raise refuse(key, f"{array.sizes['member']} members", "one; pick it with .isel(member=0)")
+        raise scene_error(key, f"{array.sizes['member']} members", "one; pick it with .isel(member=0)")
     lost = [dim for dim in ("time", "mode") if dim in dims and dim in array.coords and dim not in array.dims]
     array = array.expand_dims(lost)
     if not set(dims) <= set(array.dims) or array.ndim > len(dims) + more or not array.size:
@@ -95,7 +95,7 @@ def positions(runs: dict[str, xr.Dataset]) -> dict[str, xr.DataArray]:
     first = next(iter(positions.values()))
     for key, position in positions.items():
         if position.sizes["coordinate"] != first.sizes["coordinate"]:
-            raise refuse(key, list(position["coordinate"].values), "the coordinates of the chain")
+            raise scene_error(key, list(position["coordinate"].values), "the coordinates of the chain")
     return positions
 
 
@@ -112,7 +112,7 @@ def instants(key: str, own: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     for i, t in zip(nearest, wanted, strict=True):
         # instants are stated in decimals: what differs by less is rounding
         if not abs(own[i] - t) <= 1e-9 * max(1.0, abs(t)):
-            raise refuse("times", float(t), f"instants of the {key}, of which the nearest is {own[i]:g} s")
+            raise scene_error("times", float(t), f"instants of the {key}, of which the nearest is {own[i]:g} s")
     return nearest
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._resources import check_bytes
-from cablepod.errors import refuse
+from cablepod.errors import scene_error
 from cablepod.pod import _decompositions as decompositions
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._blocks import count_snapshots, is_lazy
@@ -93,7 +93,7 @@ def decompose(
     parts = [snapshots] if isinstance(snapshots, xr.Dataset) else list(snapshots)
     check_alike(parts)
     if len(parts) > 1 and method != "svd":
-        raise refuse("method", method, "'svd' for several trajectories")
+        raise scene_error("method", method, "'svd' for several trajectories")
     if len(parts) > 1 or (method == "svd" and _in_blocks(position_of(parts[0]), layout, rank)):
         stream = Stream(layout=layout, weights=weights, center=center)
         for part in parts:

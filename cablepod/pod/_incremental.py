@@ -38,7 +38,7 @@ from cablepod.pod._gram import (
 )
 
 #: Axes held at most above that, and how many of them stay when there are more.
-MOST, KEPT = 600, 400
+MAX_AXES, KEPT_AXES = 600, 400
 #: Growth of any diagonal entry until the axes are looked at again; as the sum only grows, the condition does not by more.
 GROWTH = 2.0
 TINY, HUGE = 1e-200, 1e200  # squares of sizes outside are summed in other units
@@ -54,7 +54,7 @@ class Decomposed:
     lost: float
 
 
-class Accumulator:
+class IncrementalSVD:
     """Sums that hold the left singular vectors and singular values of all rows added so far.
 
     Parameters
@@ -141,7 +141,7 @@ class Accumulator:
         self.count = total
         self._shorten()
 
-    def merge(self, other: Accumulator) -> None:
+    def merge(self, other: IncrementalSVD) -> None:
         """Count all rows that `other` has counted; it is not changed."""
         if other.count == 0:
             return
@@ -262,12 +262,12 @@ class Accumulator:
 
     def _shorten(self) -> None:
         """Leave the weakest directions out where there are too many axes."""
-        if self.complete or self.axes.shape[1] <= MOST:
+        if self.complete or self.axes.shape[1] <= MAX_AXES:
             return
         factor = graded_factor(self.gram)
         values, right = graded_svd(factor)
-        axes = orthonormal(self.axes @ right[:, :KEPT])
+        axes = orthonormal(self.axes @ right[:, :KEPT_AXES])
         moved = turned_factor(factor, self.axes, axes)
-        self.lost += float(np.sum(values[KEPT:] ** 2))
+        self.lost += float(np.sum(values[KEPT_AXES:] ** 2))
         self.axes, self.gram = axes, moved.T @ moved
         self._seen = self.gram.diagonal().copy()

@@ -9,7 +9,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import label
-from cablepod.errors import SceneError, refuse
+from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.pod import _decompositions as decompositions
 from cablepod.pod import _normal as pod_normal
@@ -31,9 +31,9 @@ def check_options(layout: str, method: str, weights: str | None, rank: int | Non
         ("weights", weights, WEIGHTS),
     ):
         if value not in allowed:
-            raise refuse(key, value, "one of " + ", ".join(repr(item) for item in allowed))
+            raise scene_error(key, value, "one of " + ", ".join(repr(item) for item in allowed))
     if rank is not None and energy is not None:
-        raise refuse("rank and energy", (rank, energy), "one of them")
+        raise scene_error("rank and energy", (rank, energy), "one of them")
 
 
 def labelled(
@@ -121,7 +121,7 @@ def _count(squares: np.ndarray, outside: np.ndarray, rank: int | None, energy: f
     if rank is not None:
         integer(least=1)("rank", rank)
         if rank > most:
-            raise refuse("rank", rank, f"at most {most}, as many as particles and snapshots give")
+            raise scene_error("rank", rank, f"at most {most}, as many as particles and snapshots give")
         return int(rank)
     if energy is None:
         return most

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.conventions import ENDS, label
-from cablepod.discretisation._chord_frame import Frame, stretch_to_close
+from cablepod.discretisation._chord_frame import ChordFrame, stretch_to_close
 from cablepod.errors import SceneError
 
 #: Suffixes of the variables in and out of the plane of chord and vertical.
@@ -24,7 +24,7 @@ def deflections(position: np.ndarray, reference: int | None = None) -> np.ndarra
 
     `reference` is the axis that tells the normals apart in space, by default that of the first chord.
     """
-    return Frame.of(position[:, -1] - position[:, 0], reference).split(position)[1]
+    return ChordFrame.of(position[:, -1] - position[:, 0], reference).split(position)[1]
 
 
 def sets(modes: xr.Dataset) -> list[tuple[str, np.ndarray]]:
@@ -78,7 +78,7 @@ def amplitude_dataset(values: dict[str, Any], ends: np.ndarray, time: np.ndarray
 def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset, sigma: np.ndarray) -> np.ndarray:
     """Positions (time, particle, dims) of amplitudes; along the chord all links are taken to be stretched alike."""
     ends = amplitudes["end_position"].transpose("time", "end", "coordinate").values
-    frame = Frame.of(ends[:, 1] - ends[:, 0])
+    frame = ChordFrame.of(ends[:, 1] - ends[:, 0])
     rank = amplitudes.sizes["mode"]
     parts = [
         amplitudes[f"amplitude{suffix}"].transpose("time", "mode").values

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from cablepod import provenance
 from cablepod.conventions import ENDS, label
-from cablepod.errors import SceneError, refuse
+from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._label import LAYOUTS
@@ -32,7 +32,7 @@ def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
     if rank is not None:
         integer(least=1)("rank", rank)
         if rank > most:
-            raise refuse("rank", rank, f"at most {most}, as many modes as there are")
+            raise scene_error("rank", rank, f"at most {most}, as many modes as there are")
         most = int(rank)
     if modes.attrs["layout"] == "vector":
         return modes["mode_shape"].transpose("mode", "particle", "coordinate").values[:most]
@@ -84,7 +84,7 @@ def at_times(trajectory: xr.Dataset, *, times: ArrayLike) -> xr.Dataset:
     nearest = np.where(wanted - own[right - 1] < own[right] - wanted, right - 1, right)
     off = np.abs(own[nearest] - wanted) > 1e-9 * np.maximum(1.0, np.abs(wanted))
     if off.any():
-        raise refuse("times", float(wanted[off][0]), "instants of the trajectory")
+        raise scene_error("times", float(wanted[off][0]), "instants of the trajectory")
     picked = trajectory.isel(time=nearest)
     return provenance.record(picked, function="pod.at_times", parameters={"times": wanted}, inputs=[trajectory])
 

@@ -12,12 +12,12 @@ import xarray as xr
 from cablepod.batch._blas import one_blas_thread
 from cablepod.batch._pool import map_threads
 from cablepod.batch._sigint import defer_sigint_during_dask
-from cablepod.discretisation._chord_frame import Frame
-from cablepod.errors import SceneError, refuse
+from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.errors import SceneError, scene_error
 from cablepod.pod import _decompositions as decompositions
 from cablepod.pod._blocks import count_snapshots, is_lazy, read_blocks, read_rows
 from cablepod.pod._gram import COMPLETE
-from cablepod.pod._incremental import Accumulator
+from cablepod.pod._incremental import IncrementalSVD
 from cablepod.pod._label import SHARED, check_options, labelled
 from cablepod.pod._snapshots import broken_member, position_of, relative_arc_length, weight_roots
 from cablepod.pod._training_range import range_of, union_of_ranges
@@ -41,7 +41,7 @@ class Stream:
         self.layout, self.weights, self.center = layout, weights, bool(center) and layout != "normal"
         self.samples = 0
         self._reference: int | None = None  # of the first chord, for layout "normal"
-        self._sums: list[Accumulator] = []
+        self._sums: list[IncrementalSVD] = []
         self._like: xr.Dataset | None = None
         self._inputs: dict[str, xr.Dataset] = {}
         self._trained: np.ndarray | None = None  # range of the training scenes
@@ -71,19 +71,19 @@ class Stream:
         if self._like is not None:
             self._agrees(snapshots)
         # copies, so that a fault in the midst of many blocks leaves the stream as it was
-        sums = copy.deepcopy(self._sums) or [Accumulator(size, center=self.center) for size in features]
+        sums = copy.deepcopy(self._sums) or [IncrementalSVD(size, center=self.center) for size in features]
         root = None if self.weights is None else weight_roots(sigma, self.weights)
         samples, reference = count_snapshots(position), self._reference
         small = max(features, default=0) <= COMPLETE
         # with small matrices BLAS has one thread, so that what comes from files is shared out between two, and their sums merged
         shared = [sums]
         if small and is_lazy(position) and samples >= SHARED:
-            shared.append([Accumulator(size, center=self.center) for size in features])
+            shared.append([IncrementalSVD(size, center=self.center) for size in features])
         try:
             with one_blas_thread() if small else nullcontext():
                 for block in read_blocks(position):
                     if reference is None and self.layout == "normal" and len(block):
-                        reference = Frame.of(block[:1, -1] - block[:1, 0]).reference
+                        reference = ChordFrame.of(block[:1, -1] - block[:1, 0]).reference
                     _share_out(shared, block, (sigma, root, self.layout, reference))
                 for part in shared[1:]:
                     for mine, others in zip(sums, part, strict=True):
@@ -110,7 +110,7 @@ class Stream:
         """
         own, its = ((item.layout, item.weights, item.center) for item in (self, other))
         if own != its:
-            raise refuse("other", its, f"a stream of the same layout, weights and center, {own}")
+            raise scene_error("other", its, f"a stream of the same layout, weights and center, {own}")
         if other._like is None:
             return self
         if self._like is not None:
@@ -121,7 +121,7 @@ class Stream:
                 "other: its first chord is so steep that another axis tells deflection in the plane from deflection out of it; "
                 "allowed: streams that began with chords alike"
             )
-        sums = copy.deepcopy(self._sums) or [Accumulator(item.features, center=self.center) for item in other._sums]
+        sums = copy.deepcopy(self._sums) or [IncrementalSVD(item.features, center=self.center) for item in other._sums]
         with one_blas_thread():
             for mine, others in zip(sums, other._sums, strict=True):
                 mine.merge(others)
@@ -201,7 +201,7 @@ class Stream:
         return self
 
 
-def _share_out(shared: list[list[Accumulator]], block: np.ndarray, how: tuple[Any, ...]) -> None:
+def _share_out(shared: list[list[IncrementalSVD]], block: np.ndarray, how: tuple[Any, ...]) -> None:
     """Let a thread for each of the `shared` sums add its part of a block."""
     if len(shared) == 1:
         _count_in(shared[0], block, how)
@@ -210,7 +210,7 @@ def _share_out(shared: list[list[Accumulator]], block: np.ndarray, how: tuple[An
     map_threads(lambda part: _count_in(part[0], part[1], how), parts, len(shared))
 
 
-def _count_in(sums: list[Accumulator], block: np.ndarray, how: tuple[Any, ...]) -> None:
+def _count_in(sums: list[IncrementalSVD], block: np.ndarray, how: tuple[Any, ...]) -> None:
     """Add a block (samples, particle, coordinate) to sums, in rows as :func:`cablepod.pod._snapshots.rows` makes them `how`."""
     if sums[0].count == 0 and len(block):
         # snapshots from all over the block, a few for each feature: they know of motions that come late

@@ -8,11 +8,11 @@ import numpy as np
 import xarray as xr
 
 from cablepod.discretisation._similarity import FEATURES, features, features_of_columns
-from cablepod.parameters._members import Columns
+from cablepod.parameters._members import MemberParameters
 from cablepod.parameters._parameters import Parameters
 
 
-def outside(
+def distance_outside_training(
     modes: xr.Dataset | None, p: Parameters, length: float, until: float, tension: float | None = None
 ) -> dict[str, Any]:
     """Tell how far a scene lies outside the training scenes of modes; parameters as those of :func:`features`.
@@ -30,8 +30,8 @@ def outside(
     return {"outside_training": float(excess[0]), "outside_training_feature": worst[0]}
 
 
-def outside_of_columns(
-    modes: xr.Dataset, columns: Columns, length: np.ndarray, until: float, tension: np.ndarray
+def member_distances_outside_training(
+    modes: xr.Dataset, columns: MemberParameters, length: np.ndarray, until: float, tension: np.ndarray
 ) -> dict[str, list[Any]]:
     """Tell the same of many scenes, a list for each name."""
     if "training_range" not in modes:

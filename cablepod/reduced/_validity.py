@@ -10,33 +10,36 @@ from typing import Any
 import numpy as np
 
 from cablepod.errors import OutOfRangeWarning
-from cablepod.parameters._members import Columns
+from cablepod.parameters._members import MemberParameters
 from cablepod.parameters._parameters import Parameters
 
 #: Motion of the ends with a frequency above this share of the first axial one makes waves along the cable, which the condensed
 #: model lacks, and modes of slower motion.
-FAST = 0.2
+MAX_FORCING_RATIO = 0.2
 #: An estimate of the error above this share of the motion says that the modes do not hold it.
-HALF = 0.5
+MAX_ESTIMATED_ERROR = 0.5
 
 
-def forcing_attributes(p: Parameters | Columns, length: Any) -> dict[str, Any]:
+def forcing_attributes(p: Parameters | MemberParameters, length: Any) -> dict[str, Any]:
     """Compare how fast ends and loads change with the first axial frequency of a cable of some unstretched length [m].
 
     Numbers for one scene, arrays for many members: ``first_axial_frequency`` pi/L sqrt(K/mu) [rad/s] and
     ``forcing_over_axial_frequency``, 0 where nothing changes.
     """
     axial = math.pi / length * np.sqrt(p.stiffness / p.mass)
-    return {"first_axial_frequency": axial, "forcing_over_axial_frequency": 2.0 * math.pi / p.time_scale / axial}
+    return {
+        "first_axial_frequency": axial,
+        "forcing_over_axial_frequency": 2.0 * math.pi / p.shortest_time_scale / axial,
+    }
 
 
 def check_forcing(attrs: Mapping[str, Any], what: str, which: str = "") -> None:
     """Warn where loads or ends change so fast that waves run along the cable."""
     ratio = attrs["forcing_over_axial_frequency"]
-    if ratio > FAST:
+    if ratio > MAX_FORCING_RATIO:
         warnings.warn(
             f"{which}loads or ends change with {ratio:.2g} times the first axial frequency, {attrs['first_axial_frequency']:.3g} "
-            f"rad/s (above {FAST}): {what} waves along the cable; compare with chain.simulate",
+            f"rad/s (above {MAX_FORCING_RATIO}): {what} waves along the cable; compare with chain.simulate",
             OutOfRangeWarning,
             stacklevel=5,
         )
@@ -45,9 +48,9 @@ def check_forcing(attrs: Mapping[str, Any], what: str, which: str = "") -> None:
 def check_estimate(attrs: Mapping[str, Any], which: str = "") -> None:
     """Warn where the model itself expects an error as large as the motion, or nearly."""
     error = attrs.get("error_estimate", 0.0)
-    if error > HALF:
+    if error > MAX_ESTIMATED_ERROR:
         warnings.warn(
-            f"{which}the model expects an error of {error:.2g} times the motion (error_estimate, above {HALF}): these modes do "
+            f"{which}the model expects an error of {error:.2g} times the motion (error_estimate, above {MAX_ESTIMATED_ERROR}): these modes do "
             "not hold this scene; give more modes, or modes trained nearer to it, or compare with chain.simulate",
             OutOfRangeWarning,
             stacklevel=5,
@@ -85,9 +88,9 @@ def _check_growth(attrs: Mapping[str, Any], which: str = "") -> None:
 #: The number that decides -> what it is multiplied by, above what it is too much, what warns of it.
 CHECKS = {
     "smallest_chordwise_force": (-1.0, 0.0, _check_slack),
-    "forcing_over_axial_frequency": (1.0, FAST, _check_forcing),
+    "forcing_over_axial_frequency": (1.0, MAX_FORCING_RATIO, _check_forcing),
     "growth_over_run": (1.0, 1.0, _check_growth),
-    "error_estimate": (1.0, HALF, check_estimate),
+    "error_estimate": (1.0, MAX_ESTIMATED_ERROR, check_estimate),
 }
 
 

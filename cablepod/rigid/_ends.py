@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from cablepod.discretisation._chain import Chain, square
+from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.errors import SceneError
 from cablepod.parameters._parameters import Parameters
-from cablepod.rigid._start import STRAIGHT, _check_chord, _more
+from cablepod.rigid._start import STRAIGHT, _lengthened, check_chord
 
 #: Instants in the shortest time over which motions change, at which the distance of the ends is looked at, and in all.
-LOOKS_PER_CHANGE, LEAST_LOOKS = 32, 1000
+POINTS_PER_CHANGE, MIN_POINTS = 32, 1000
 _BLOCK = 65536
 
 
 # --- ends -----------------------------------------------------------------------------------------------------------
 
 
-def check_ends(chain: Chain, until: float) -> None:
+def check_ends(chain: LumpedChain, until: float) -> None:
     """Refuse ends that the motion of the scene takes so far apart, or so near to each other, that rigid links cannot follow.
 
     Raises
@@ -26,13 +26,13 @@ def check_ends(chain: Chain, until: float) -> None:
         Saying by how much and when.
     """
     p, total = chain.p, chain.total_length
-    if p.free is not None:
+    if p.free_end is not None:
         return
-    _check_chord(chain, np.diff(p.end_positions(np.zeros(1))[0], axis=0)[0])
+    check_chord(chain, np.diff(p.end_positions(np.zeros(1))[0], axis=0)[0])
     least = 2.0 * float(chain.length.max()) - total  # one long link among short ones holds the ends apart
     far, near, when = 0.0, np.inf, {}
     first: float | None = None
-    step = min(p.time_scale / LOOKS_PER_CHANGE, until / LEAST_LOOKS) if p.motions and until > 0.0 else np.inf
+    step = min(p.shortest_time_scale / POINTS_PER_CHANGE, until / MIN_POINTS) if p.motions and until > 0.0 else np.inf
     count = int(np.ceil(until / step)) + 1 if np.isfinite(step) else 1
     for begin in range(0, count, _BLOCK):
         time = np.minimum(np.arange(begin - 1, min(begin + _BLOCK, count) + 1) * (step if count > 1 else 0.0), until)
@@ -50,7 +50,7 @@ def check_ends(chain: Chain, until: float) -> None:
     if far >= total * (1.0 - STRAIGHT):
         since = when["far"] if first is None else min(first, when["far"])
         raise SceneError(
-            f"motion: given ends {far:.9g} m apart at {when['far']:.6g} s, {_more(far, total)} the length of the rigid links, "
+            f"motion: given ends {far:.9g} m apart at {when['far']:.6g} s, {_lengthened(far, total)} the length of the rigid links, "
             f"and too far apart from {since:.6g} s on; allowed: always less than {total:.9g} m (cable.{p.length_key} makes it so "
             "long)"
         )

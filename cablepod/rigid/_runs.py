@@ -14,24 +14,24 @@ from cablepod.conventions import label
 from cablepod.discretisation._chain import square
 from cablepod.errors import SceneError
 from cablepod.integrate._march import BLOCK
-from cablepod.integrate._output_times import Instants
-from cablepod.integrate._run import Run, State, coordinates
+from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._run import ChainRun, Trajectory, chain_coordinates
 from cablepod.integrate._step_control import STEPS_PER_CHANGE
 from cablepod.rigid import _kernels_layout as layout
 
 FORMULATIONS = ("rattle", "index1")
 #: Error of the energies, as a part of what was exchanged, and angle by which a link turns in a step [rad], from which a given
 #: step is warned of.
-SUSPECT, SUSPECT_TURN = 0.1, 1.0
+DRIFT_WARN, TURN_WARN = 0.1, 1.0
 #: A step in which Newton's method does not converge is cut into so many at most.
-MOST_CUTS = 1024
+MAX_SUBSTEPS = 1024
 #: An imbalance below this part of what the loads do over the length of the cable is no reason to stop.
 FLOOR = 1e-6
 _EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
-class RigidRun(Run):
+class RigidRun(ChainRun):
     """One scene, ready to be run with rigid links."""
 
     formulation: str = FORMULATIONS[0]
@@ -42,17 +42,17 @@ class RigidRun(Run):
         """Name of the scheme."""
         return self.formulation
 
-    def instants(self, rate: float) -> Instants:
+    def instants(self, rate: float) -> OutputTimes:
         """Place the instants of the output on the steps."""
-        instants = Instants.of(self.times, rate)
-        if instants.dense:
+        instants = OutputTimes.of(self.times, rate)
+        if instants.needs_interpolation:
             links, dims = self.chain.links, self.chain.p.dims
             check_memory(instants.times.size, links, dims, key="times between two steps", variables=12)
         return instants
 
     def first_step(self) -> float:
         """Choose the step to begin with [s]: about a third of what the fastest vibration of the start allows."""
-        march = _March(self, Instants.of(self.times, 1.0))
+        march = RigidStepper(self, OutputTimes.of(self.times, 1.0))
         chain, p = self.chain, self.chain.p
         pull = np.abs(march.s[layout.T, : chain.links]).max() + np.abs(chain.loads(0.0)).sum(axis=0).max()
         # links under a tension T hold their particles across with T / l at most
@@ -60,13 +60,13 @@ class RigidRun(Run):
         inverse = march.s[layout.INVERSE_MASS, : chain.links + 1]
         omega = math.sqrt(2.0 * pull * float(((per_length[:-1] + per_length[1:]) * inverse).max()))
         until = float(self.times[-1]) or 1.0
-        return min(0.7 / max(omega, 1e-300), until / 20.0, p.time_scale / STEPS_PER_CHANGE)
+        return min(0.7 / max(omega, 1e-300), until / 20.0, p.shortest_time_scale / STEPS_PER_CHANGE)
 
-    def __call__(self, rate: float) -> State:
+    def __call__(self, rate: float) -> Trajectory:
         """Run with so many steps per second."""
         instants = self.instants(rate)
         total = int(instants.steps[-1])
-        march = _March(self, instants)
+        march = RigidStepper(self, instants)
         done = 0
         while done < total:
             steps = min(BLOCK, total - done)
@@ -75,41 +75,43 @@ class RigidRun(Run):
             if march.status == layout.BROKEN:
                 self._stop(march, done, "the energies are far out of balance")
             if reached < steps:
-                if not march.cut(done):
+                if not march.substep(done):
                     self._stop(march, done, march.why())
                 done += 1
-            if not march.sound():
+            if not march.is_finite():
                 self._stop(march, done, "the chain left the finite numbers")
             if self.progress is not None:
                 self.progress(done / total)
         march.save_last()
         return self._gather(march, instants, march.extremes())
 
-    def _gather(self, march: _March, instants: Instants, extremes: tuple[np.ndarray, np.ndarray] | None) -> State:
+    def _gather(
+        self, march: RigidStepper, instants: OutputTimes, extremes: tuple[np.ndarray, np.ndarray] | None
+    ) -> Trajectory:
         keep = instants.steps.size
         x, v = (np.ascontiguousarray(march.saved[:keep, i]) for i in range(2))
         tension = None
-        if instants.dense:
-            a, tension = march.states(instants.steps / instants.rate, x, v, np.zeros(keep, dtype=bool))
+        if instants.needs_interpolation:
+            a, tension = march.states(instants.steps / instants.steps_per_second, x, v, np.zeros(keep, dtype=bool))
             x, v = instants.at_times(x, v, a), instants.rates_at_times(v, a)
             onto = (instants.fraction > 0) & (self.baumgarte is None)
             tension = march.states(instants.times, x, v, onto)[1]
         elif "tension" in self.outputs:
             tension = march.states(instants.times, x, v, np.zeros(keep, dtype=bool))[1]
         x, v = (np.ascontiguousarray(np.moveaxis(item, 1, 2)) for item in (x, v))
-        state = State(instants, x, v, extremes)
-        state.notes = march.notes()
+        state = Trajectory(instants, x, v, extremes)
+        state.diagnostics = march.diagnostics()
         if tension is not None and "tension" in self.outputs:
-            state.notes["tension"] = tension
+            state.diagnostics["tension"] = tension
         return state
 
-    def _stop(self, march: _March, done: int, what: str) -> None:
-        rate, times = march.instants.rate, march.instants.times
+    def _stop(self, march: RigidStepper, done: int, what: str) -> None:
+        rate, times = march.instants.steps_per_second, march.instants.times
         # the step before the last one done is saved for certain, and so is what lies before it
         count = int(np.searchsorted(times, (done - 1) / rate * (1.0 + 1e-12), side="right")) if done > 0 else 0
         partial = None
         if count:
-            partial = self._gather(march, Instants.of(times[:count], rate), None)
+            partial = self._gather(march, OutputTimes.of(times[:count], rate), None)
         why = (
             f"{what} at {done / rate:.6g} s ({self.formulation}, step {1 / rate:.4g} s, step number {done}); try a shorter step, "
             "gentler loads or motion, or damping"
@@ -124,10 +126,10 @@ class RigidRun(Run):
         rates = self.chain.p.end_positions(np.zeros(1), 1)[0]
         return {"start_jolt_speed": math.sqrt(square(rates).max())} if rates.any() else {}
 
-    def dataset(self, state: State) -> xr.Dataset:
+    def dataset(self, state: Trajectory) -> xr.Dataset:
         """Label what a run gave."""
-        chain, rate = self.chain, state.instants.rate
-        notes = dict(state.notes)
+        chain, rate = self.chain, state.instants.steps_per_second
+        notes = dict(state.diagnostics)
         tension = notes.pop("tension", None)
         variables: dict[str, Any] = {}
         if "position" in self.outputs:
@@ -141,7 +143,7 @@ class RigidRun(Run):
             variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
             notes["smallest_tension"] = float(state.extremes[0].min())
         variables["unstretched_length"] = ((), chain.total_length)
-        result = xr.Dataset(variables, coords={"time": state.instants.times, **coordinates(chain)})
+        result = xr.Dataset(variables, coords={"time": state.instants.times, **chain_coordinates(chain)})
         label(result)
         result.attrs.update(
             title=f"{self.title}: chain of {chain.links} rigid links",
@@ -152,7 +154,7 @@ class RigidRun(Run):
             step=1.0 / rate,
             number_of_steps=int(state.instants.steps[-1]),
             **notes,
-            **self.jolt(),
+            **self.initial_velocity_jump(),
         )
         return result
 
@@ -169,10 +171,10 @@ def _compression(tension: np.ndarray, times: np.ndarray) -> dict[str, Any]:
     return notes
 
 
-class _March:
+class RigidStepper:
     """The state of a run, advanced in place by the kernels."""
 
-    def __init__(self, run: RigidRun, instants: Instants) -> None:
+    def __init__(self, run: RigidRun, instants: OutputTimes) -> None:
         from cablepod.rigid import _kernels_steps as kernel_steps  # numba is imported only to compute
 
         self.kernel = kernel_steps
@@ -182,10 +184,10 @@ class _March:
         self.s, self.counts = kernel_steps.new_state(self.links), np.zeros(layout.COUNTS)
         self.damping = p.mass_damping or 0.0
         self.stabilise = -1.0 if run.baumgarte is None else float(run.baumgarte)  # below 0: projection
-        self.cuts, self.status = 0, layout.DONE
+        self.substepped, self.status = 0, layout.DONE
         self.moving = bool(run.moving)
-        s, particles, free = self.s, slice(self.links + 1), chain.free
-        mass = p.mass * chain.share[free]
+        s, particles, free = self.s, slice(self.links + 1), chain.free_particles
+        mass = p.mass * chain.tributary_length[free]
         s[layout.MASS, free], s[layout.INVERSE_MASS, free] = mass, 1.0 / mass
         s[layout.LENGTH, : self.links], s[layout.INVERSE_LENGTH, : self.links] = chain.length, 1.0 / chain.length
         per_mass = s[layout.INVERSE_MASS, particles, None]
@@ -193,7 +195,7 @@ class _March:
         s[layout.STEADY : layout.STEADY + p.dims, particles] = (per_mass * chain.loads()).T
         s[layout.DRIVE : layout.DRIVE + p.dims, particles] = (per_mass * chain.loads(0.0)).T
         s[layout.LOW], s[layout.HIGH] = np.inf, -np.inf
-        self.varying = chain.varying()
+        self.varying = chain.time_dependent_loads()
         self.patterns = np.zeros((len(self.varying), p.dims, self.links + 1))
         for target, (pattern, _) in zip(self.patterns, self.varying, strict=True):
             target[:] = (per_mass * pattern).T
@@ -212,7 +214,7 @@ class _March:
                 f"initial.points: at the start {self.why(0)}; allowed: a shape from which the links can move"
             )
         s[[layout.T, layout.T_BEFORE], : self.links] = tension[0]
-        self.pull = float(np.abs(self.run.chain.loads(0.0)).sum() + np.abs(tension).max())
+        self.tensions_and_forces = float(np.abs(self.run.chain.loads(0.0)).sum() + np.abs(tension).max())
         velocity = s[layout.V : layout.V + x.shape[1], : self.links + 1]
         self.counts[[layout.FIRST_KINETIC, layout.KINETIC, layout.MOST_KINETIC]] = 0.5 * float(
             (s[layout.MASS, : self.links + 1] * square(velocity.T)).sum()
@@ -243,18 +245,18 @@ class _March:
         """Take steps on the grid of the run; returns how many were done."""
         first, last = np.searchsorted(self.instants.steps, (start, start + steps))
         save = self.instants.steps[first:last]
-        return self._kernel(start, 1.0 / self.instants.rate, steps, 1, save, self.saved[first:last])
+        return self._kernel(start, 1.0 / self.instants.steps_per_second, steps, 1, save, self.saved[first:last])
 
-    def cut(self, number: int) -> bool:
+    def substep(self, number: int) -> bool:
         """Take one step in pieces, so short that Newton's method converges; returns whether it did."""
         keep = self.s.copy(), self.counts.copy()
         pieces = 4
-        while pieces <= MOST_CUTS:
+        while pieces <= MAX_SUBSTEPS:
             # the step's own instant was saved when it was tried first
             none = np.empty(0, dtype=np.int64)
-            step = 1.0 / (pieces * self.instants.rate)
+            step = 1.0 / (pieces * self.instants.steps_per_second)
             if self._kernel(number, step, pieces, pieces, none, self.saved[:0]) == pieces:
-                self.cuts += 1
+                self.substepped += 1
                 return True
             self.s[:], self.counts[:] = keep
             pieces *= 4
@@ -262,7 +264,7 @@ class _March:
 
     def _kernel(self, number: int, step: float, steps: int, pieces: int, save: np.ndarray, saved: np.ndarray) -> int:
         """Take `steps` steps from step `number` of the grid on, of which a step of the grid has `pieces`."""
-        kernel, run, rate = self.kernel, self.run, self.instants.rate
+        kernel, run, rate = self.kernel, self.run, self.instants.steps_per_second
         head = (self.s, self.links, self.spatial)
         last = (self.wants_extremes, steps, number, save, saved, self.counts)
         if run.formulation == "rattle":
@@ -281,7 +283,7 @@ class _March:
             )
         return done
 
-    def why(self, cuts: int = MOST_CUTS) -> str:
+    def why(self, cuts: int = MAX_SUBSTEPS) -> str:
         """Say what went wrong."""
         if self.status == layout.SINGULAR:
             return "the multipliers are singular (all links lie on a line between held ends)"
@@ -297,7 +299,7 @@ class _March:
         """Extremes of the tensions at all steps, the last one included."""
         if not self.wants_extremes:
             return None
-        last = self.instants.steps[-1:] / self.instants.rate
+        last = self.instants.steps[-1:] / self.instants.steps_per_second
         tension = self.states(last, self.saved[-1:, 0].copy(), self.saved[-1:, 1].copy(), np.zeros(1, dtype=bool))[1][0]
         low, high = (self.s[row, : self.links] for row in (layout.LOW, layout.HIGH))
         return np.minimum(low, tension), np.maximum(high, tension)
@@ -307,7 +309,7 @@ class _March:
         a, tension, done = self._states(self.s.copy(), time, x, v, onto)
         if self.status != layout.DONE:
             why = f"{self.why(0)} at {time[done]:.6g} s, an instant of the output; try a shorter step, or other times"
-            self.run.stop(None, 0, self.instants.rate, why)
+            self.run.stop(None, 0, self.instants.steps_per_second, why)
         return a, tension
 
     def _states(
@@ -320,24 +322,24 @@ class _March:
         )  # fmt: skip
         return a, tension, done
 
-    def sound(self) -> bool:
+    def is_finite(self) -> bool:
         """Whether all positions are finite and near."""
         position = self.s[layout.X : layout.X + 3]
-        return bool(np.isfinite(position).all() and np.abs(position).max() < self.run.bound)
+        return bool(np.isfinite(position).all() and np.abs(position).max() < self.run.divergence_bound)
 
-    def notes(self) -> dict[str, Any]:
+    def diagnostics(self) -> dict[str, Any]:
         """Return what is said of the run in attributes."""
         counts = self.counts
         exchanged = max(counts[layout.MOST_KINETIC], counts[layout.MOST_LOADS], counts[layout.MOST_ENDS])
         # below this rounding alone is left
-        rounding = 1e3 * _EPS * self.pull * self.run.chain.total_length
+        rounding = 1e3 * _EPS * self.tensions_and_forces * self.run.chain.total_length
         notes = {
             "length_error": float(counts[layout.LENGTH_ERROR]),
             "energy_drift": float(counts[layout.BALANCE] / max(exchanged, rounding, 1e-300)),
             "energy_exchanged": float(exchanged),
             "largest_turn_rate": math.sqrt(counts[layout.TURN]),
             "newton_iterations": int(counts[layout.ITERATIONS]),
-            "steps_cut": self.cuts,
+            "steps_cut": self.substepped,
         }
         if counts[layout.FIRST_KINETIC] > 0.0:
             notes["start_jolt_energy"] = float(counts[layout.FIRST_KINETIC])

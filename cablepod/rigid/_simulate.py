@@ -14,23 +14,20 @@ from cablepod import provenance
 from cablepod._resources import check_memory
 from cablepod.batch._members import over_members
 from cablepod.conventions import label
-from cablepod.discretisation._chain import Chain, chain_of, square
-from cablepod.errors import NotConvergedWarning, RunStopped, refuse
-from cablepod.integrate._request import (
-    Request,
-    implicit_rate,
-)
-from cablepod.integrate._run import State, coordinates
-from cablepod.integrate._step_control import check_work, motion_scale, preferred_rate, refine
+from cablepod.discretisation._chain import LumpedChain, chain_of, square
+from cablepod.errors import NotConvergedWarning, RunStopped, scene_error
+from cablepod.integrate._request import Request, implicit_steps_per_second
+from cablepod.integrate._run import Trajectory, chain_coordinates
+from cablepod.integrate._step_control import check_work, motion_scale, preferred_steps_per_second, refine_step
 from cablepod.parameters._checks import number
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.rigid._ends import check_ends
-from cablepod.rigid._runs import FORMULATIONS, SUSPECT, SUSPECT_TURN, RigidRun
+from cablepod.rigid._runs import DRIFT_WARN, FORMULATIONS, TURN_WARN, RigidRun
 from cablepod.rigid._start import rest_shape, start
 
 #: No link turns by more than about this [rad] in a step of the first of the runs that are compared.
-TURN_OF_A_STEP = 0.1
+ROTATION_PER_STEP = 0.1
 
 
 @over_members
@@ -69,7 +66,7 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
             "tension_upper": ((), tension[-1]),
             "residual": ((), float(np.sqrt(square(unbalanced)).max())),
         },
-        coords=coordinates(chain),
+        coords=chain_coordinates(chain),
     )
     label(result)
     result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: rigid links at rest", stage="rest")
@@ -78,7 +75,7 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
         function="rigid.rest",
         parameters={"links": chain.links},
         inputs=[scene],
-        chosen=provenance.unset(links=links),
+        chosen=provenance.defaulted_options(links=links),
     )
 
 
@@ -162,7 +159,7 @@ def simulate(
     lengths.
     """
     if formulation not in FORMULATIONS:
-        raise refuse("formulation", formulation, "one of " + ", ".join(f'"{name}"' for name in FORMULATIONS))
+        raise scene_error("formulation", formulation, "one of " + ", ".join(f'"{name}"' for name in FORMULATIONS))
     request = Request.of(times=times, step=step, tolerance=tolerance, outputs=outputs)
     rate_of_drift = _check_baumgarte(baumgarte, formulation)
     p = parameters(scene)
@@ -176,20 +173,20 @@ def simulate(
     title = str(scene.attrs.get("title", "scene"))
     run = RigidRun(chain, instants, start(chain), request.outputs, progress, title, formulation, rate_of_drift)
     if step is not None:
-        rate = implicit_rate(step, until, p.time_scale)
+        rate = implicit_steps_per_second(step, until, p.shortest_time_scale)
         state, estimate = run(rate), None
-        turn = state.notes["largest_turn_rate"] / rate
-        if state.notes["energy_drift"] > SUSPECT or turn > SUSPECT_TURN or state.notes["steps_cut"]:
+        turn = state.diagnostics["largest_turn_rate"] / rate
+        if state.diagnostics["energy_drift"] > DRIFT_WARN or turn > TURN_WARN or state.diagnostics["steps_cut"]:
             warnings.warn(
                 f"the step is too long for this motion: a link turns by up to {turn:.2g} rad in it, "
-                f"{state.notes['steps_cut']} steps had to be cut, and the energies are out of balance by "
-                f"{state.notes['energy_drift']:.2g} of what was exchanged; "
+                f"{state.diagnostics['steps_cut']} steps had to be cut, and the energies are out of balance by "
+                f"{state.diagnostics['energy_drift']:.2g} of what was exchanged; "
                 "compare with half of it",
                 NotConvergedWarning,
                 stacklevel=3,
             )
     else:
-        state, rate, estimate = _refined(run, request.tolerance)
+        state, rate, estimate = _refine_in_time(run, request.tolerance)
     result = run.dataset(state)
     if estimate is not None:
         result.attrs["time_error_estimate"] = estimate
@@ -207,42 +204,44 @@ def simulate(
         function="rigid.simulate",
         parameters=options,
         inputs=[scene],
-        chosen=provenance.unset(links=links, times=times, step=step, tolerance=tolerance, baumgarte=baumgarte),
+        chosen=provenance.defaulted_options(
+            links=links, times=times, step=step, tolerance=tolerance, baumgarte=baumgarte
+        ),
     )
 
 
-def _chain(p: Parameters, links: int | None) -> Chain:
+def _chain(p: Parameters, links: int | None) -> LumpedChain:
     if p.link_viscosity is not None:
-        raise refuse(
+        raise scene_error(
             "damping.link_viscosity",
             p.link_viscosity,
             "none, as rigid links do not stretch; mass_proportional is possible",
         )
-    return chain_of(p, links, least=2 if p.free is None else 1)
+    return chain_of(p, links, least=2 if p.free_end is None else 1)
 
 
 def _check_baumgarte(rate: float | None, formulation: str) -> float | None:
     if rate is None:
         return None
     if formulation != "index1":
-        raise refuse("baumgarte", rate, 'none, but for formulation "index1"')
+        raise scene_error("baumgarte", rate, 'none, but for formulation "index1"')
     return number(least=0.0)("baumgarte", rate)
 
 
-def _refined(run: RigidRun, goal: float) -> tuple[State, float, float]:
+def _refine_in_time(run: RigidRun, goal: float) -> tuple[Trajectory, float, float]:
     chord = float(np.linalg.norm(run.chain.p.upper - run.chain.p.lower))
 
-    def position(state: State) -> np.ndarray:
+    def position(state: Trajectory) -> np.ndarray:
         return state.position
 
-    def scale(state: State) -> float:
+    def scale(state: Trajectory) -> float:
         return motion_scale(state.position, run.initial, chord)
 
-    rate, size = preferred_rate(1.0 / run.first_step()), (float(run.times[-1]), run.chain.links)
+    rate, size = preferred_steps_per_second(1.0 / run.first_step()), (float(run.times[-1]), run.chain.links)
     check_work(rate, *size)
     try:  # the start does not tell how fast links will turn, as where a chain whips round
-        turn = replace(run, progress=None)(rate).notes["largest_turn_rate"]
+        turn = replace(run, progress=None)(rate).diagnostics["largest_turn_rate"]
     except RunStopped:
         turn = 0.0
-    rate = max(rate, preferred_rate(max(turn, 1e-300) / TURN_OF_A_STEP))
-    return refine(run, position, scale, rate, goal, size=size)
+    rate = max(rate, preferred_steps_per_second(max(turn, 1e-300) / ROTATION_PER_STEP))
+    return refine_step(run, position, scale, rate, goal, size=size)

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from cablepod.catenary._statics import load_plane, solve_statics
-from cablepod.discretisation._chain import Chain, square
-from cablepod.errors import SceneError, refuse
+from cablepod.discretisation._chain import LumpedChain, square
+from cablepod.errors import SceneError, scene_error
 
 #: Relative length error that a start may have: decimals of points in a file.  It is then put right to rounding.
 LENGTH_TOLERANCE = 1e-9
@@ -22,7 +22,7 @@ SHORTER = 1e-2
 # --- rest -----------------------------------------------------------------------------------------------------------
 
 
-def rest_shape(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
     """Positions (n + 1, dims) [m] and tensions (n,) [N] of rigid links at rest between the ends of the scene.
 
     The elastic chain without its elasticity: the force in the first link determines all others, and with them the directions.
@@ -32,7 +32,7 @@ def rest_shape(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     p, total = chain.p, chain.total_length
     ends = p.end_positions(np.zeros(1))[0]
     chord = ends[1] - ends[0]
-    _check_chord(chain, chord)
+    check_chord(chain, chord)
     loads = chain.loads(0.0)[1:-1]
     _, _, _, q, across, against = load_plane(p)
     # as stiff as it takes to be a guess of the rigid one
@@ -53,17 +53,17 @@ def rest_shape(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
     return ends[0] + np.concatenate([np.zeros((1, p.dims)), np.cumsum(reach, axis=0)]), tension
 
 
-def _check_chord(chain: Chain, chord: np.ndarray) -> None:
+def check_chord(chain: LumpedChain, chord: np.ndarray) -> None:
     """Refuse a stretched start."""
     size, total = float(np.hypot.reduce(chord)), chain.total_length
-    if size > total * (1.0 + LENGTH_TOLERANCE) or (chain.p.free is None and size >= total * (1.0 - STRAIGHT)):
+    if size > total * (1.0 + LENGTH_TOLERANCE) or (chain.p.free_end is None and size >= total * (1.0 - STRAIGHT)):
         raise SceneError(
-            f"ends: given {size:.9g} m apart at the start, {_more(size, total)} the length of the rigid links; allowed: less "
+            f"ends: given {size:.9g} m apart at the start, {_lengthened(size, total)} the length of the rigid links; allowed: less "
             f"than {total:.9g} m (cable.{chain.p.length_key} makes it so long), as rigid links do not stretch"
         )
 
 
-def _more(size: float, total: float) -> str:
+def _lengthened(size: float, total: float) -> str:
     if abs(size - total) <= 1e-9 * total:
         return "just"
     return f"{abs(size - total):.3g} m ({abs(size / total - 1.0):.3g} of it) {'more' if size > total else 'less'} than"
@@ -72,48 +72,48 @@ def _more(size: float, total: float) -> str:
 # --- starts ---------------------------------------------------------------------------------------------------------
 
 
-def start(chain: Chain) -> np.ndarray:
+def start(chain: LumpedChain) -> np.ndarray:
     """Positions from which a run starts (n + 1, dims) [m], each link as long as it is to LENGTH_TOLERANCE."""
     p = chain.p
     for key in ("top_tension", "unstretched_length"):
         if key in p.initial:
             other = solve_statics(p, key, p.initial[key], prefix="initial")[0]
             if abs(other / chain.total_length - 1.0) > LENGTH_TOLERANCE:
-                raise refuse(
+                raise scene_error(
                     f"initial.{key}",
                     p.initial[key],
-                    f"equilibrium or initial.points, as the links of that shape are {_more(other, chain.total_length)} "
+                    f"equilibrium or initial.points, as the links of that shape are {_lengthened(other, chain.total_length)} "
                     "these rigid ones all together",
                 )
     if "points" in p.initial:
-        position = _laid(chain, np.asarray(p.initial["points"], dtype=float))
-    elif p.free is not None and _straight(chain):
-        position = _walk(chain, p.end_positions(np.zeros(1))[0])
+        position = place_on_polyline(chain, np.asarray(p.initial["points"], dtype=float))
+    elif p.free_end is not None and _straight(chain):
+        position = march_links(chain, p.end_positions(np.zeros(1))[0])
     else:
         position = rest_shape(chain)[0]
     _check_lengths(chain, position)
     return position
 
 
-def _straight(chain: Chain) -> bool:
+def _straight(chain: LumpedChain) -> bool:
     """Whether the ends are as far apart at the start as the links are long, all together."""
     chord = np.diff(chain.p.end_positions(np.zeros(1))[0], axis=0)[0]
     return abs(float(np.hypot.reduce(chord)) / chain.total_length - 1.0) <= LENGTH_TOLERANCE
 
 
-def _check_lengths(chain: Chain, position: np.ndarray) -> None:
+def _check_lengths(chain: LumpedChain, position: np.ndarray) -> None:
     relative = np.sqrt(square(np.diff(position, axis=0))) / chain.length - 1.0
     worst = int(np.argmax(np.abs(relative)))
     if not abs(relative[worst]) <= LENGTH_TOLERANCE:
         size = chain.length[worst] * (1.0 + relative[worst])
         raise SceneError(
             f"initial.points: given points that leave link {worst + 1} a length of {size:.12g} m, "
-            f"{_more(size, float(chain.length[worst]))} its own; allowed: {chain.length[worst]:.12g} m to within a part of "
+            f"{_lengthened(size, float(chain.length[worst]))} its own; allowed: {chain.length[worst]:.12g} m to within a part of "
             f"{LENGTH_TOLERANCE:g}, as rigid links do not stretch"
         )
 
 
-def _laid(chain: Chain, line: np.ndarray) -> np.ndarray:
+def place_on_polyline(chain: LumpedChain, line: np.ndarray) -> np.ndarray:
     """Lay the particles on a line: one on each point, or link by link with their lengths.
 
     Towards a free end each particle lies where the line, going on, is a link's length from the last one; where the corners that
@@ -123,33 +123,33 @@ def _laid(chain: Chain, line: np.ndarray) -> np.ndarray:
     p = chain.p
     ends = p.end_positions(np.zeros(1))[0]
     for index, end in ((0, "lower"), (-1, "upper")):
-        if p.free != end:
+        if p.free_end != end:
             line[index] = ends[index]
     if len(line) == chain.links + 1:
         return line
     reach = np.concatenate([[0.0], np.cumsum(np.sqrt(square(np.diff(line, axis=0))))])
     total = chain.total_length
-    if p.free is not None:
+    if p.free_end is not None:
         if reach[-1] < total * (1.0 - LENGTH_TOLERANCE):
             raise SceneError(
                 f"initial.points: given a line of {reach[-1]:.9g} m; allowed: at least the length of the links, {total:.9g} m, "
                 "so that the free end can lie on it"
             )
-        return _walk(chain, line)
+        return march_links(chain, line)
     if reach[-1] > total * (1.0 + LENGTH_TOLERANCE) or reach[-1] < total * (1.0 - SHORTER):
         raise SceneError(
-            f"initial.points: given a line of {reach[-1]:.9g} m between the held ends, {_more(float(reach[-1]), total)} the "
+            f"initial.points: given a line of {reach[-1]:.9g} m between the held ends, {_lengthened(float(reach[-1]), total)} the "
             f"length of the rigid links; allowed: {total:.9g} m, or up to {SHORTER:.0%} less for the corners that links cut"
         )
     place = chain.arc_length / total * reach[-1]
     position = np.stack([np.interp(place, reach, line[:, c]) for c in range(p.dims)], axis=1)
     position[[0, -1]] = ends
-    return _closed(chain, position)
+    return project_lengths(chain, position)
 
 
-def _walk(chain: Chain, line: np.ndarray) -> np.ndarray:
+def march_links(chain: LumpedChain, line: np.ndarray) -> np.ndarray:
     """Lay link after link on a line from the held end on, each with its own length."""
-    backwards = chain.p.free == "lower"
+    backwards = chain.p.free_end == "lower"
     line, length = (line[::-1], chain.length[::-1]) if backwards else (line, chain.length)
     line = line[np.concatenate([[True], np.any(np.diff(line, axis=0) != 0.0, axis=1)])]
     beyond = line[-1] + (line[-1] - line[-2]) * (2.0 * chain.total_length / np.linalg.norm(line[-1] - line[-2]))
@@ -169,7 +169,7 @@ def _walk(chain: Chain, line: np.ndarray) -> np.ndarray:
     return position[::-1].copy() if backwards else position
 
 
-def _closed(chain: Chain, position: np.ndarray) -> np.ndarray:
+def project_lengths(chain: LumpedChain, position: np.ndarray) -> np.ndarray:
     """Move the inner particles as little as gives all links their lengths (Gauss and Newton)."""
     inner = np.zeros(chain.links + 1)
     inner[1:-1] = 1.0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cablepod.catenary._statics import solve_statics
-from cablepod.errors import SceneError, refuse
+from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
 
@@ -35,7 +35,7 @@ def _check_functions(p: Parameters) -> None:
     """Refuse motions and factors that leave the finite numbers, and ends that the motions bring together at the start."""
     until = p.duration or 0.0
     for key, function in p.time_functions().items():
-        time = function.telling(until)
+        time = function.sampling_times(until)
         with np.errstate(all="ignore"):
             finite = [bool(np.isfinite(function(time, derivative)).all()) for derivative in range(3)]
         if not all(finite):
@@ -55,7 +55,7 @@ def _check_statics(p: Parameters) -> None:
     rest = solve_statics(p, p.length_key, p.length_value, prefix="cable")
     length, strain = float(rest[0]), float(rest[4:].max()) / p.stiffness
     # with a free end, a run from given points never is where the cable rests between its ends
-    if strain > MOST_STRAIN and (p.free is None or "points" not in p.initial):
+    if strain > MOST_STRAIN and (p.free_end is None or "points" not in p.initial):
         raise SceneError(
             f"cable.youngs_modulus: given an axial stiffness of {p.stiffness:g} N, which at rest with {p.length_key} = "
             f"{p.length_value:g} is strained by {strain:.3g}; allowed: a strain of at most {MOST_STRAIN:g} (moduli are in "
@@ -66,7 +66,7 @@ def _check_statics(p: Parameters) -> None:
             other = solve_statics(p, key, p.initial[key], prefix="initial")
             stretch = (1.0 + float(other[4:].max()) / p.stiffness) * float(other[0]) / length
             _check_stretch(f"initial.{key}", p.initial[key], stretch)
-    if p.free is None:
+    if p.free_end is None:
         _check_between_ends(p, length)
     _check_loads(p, length)
 
@@ -76,7 +76,7 @@ def _check_between_ends(p: Parameters, length: float) -> None:
     line = p.initial.get("points")
     if line is not None:
         _check_stretch("initial.points", line.tolist(), np.hypot.reduce(np.diff(line, axis=0), axis=1).sum() / length)
-    time = p.telling_times()
+    time = p.sampling_times()
     ends = p.end_positions(time)
     apart = np.hypot.reduce(ends[:, 1] - ends[:, 0], axis=1)
     worst, most = int(apart.argmax()), 1.0 + MOST_STRAIN
@@ -91,7 +91,7 @@ def _check_stretch(key: str, given: Any, stretch: float) -> None:
     """Refuse a shape to begin with that stretches the cable absurdly."""
     most = 1.0 + MOST_STRAIN
     if stretch > most:
-        raise refuse(
+        raise scene_error(
             key, given, f"a start that stretches the cable to at most {most:g} times its length (it is {stretch:.3g})"
         )
 
@@ -102,12 +102,12 @@ def _check_loads(p: Parameters, length: float) -> None:
     At rest the tensions of two places, as vectors, differ by the loads between them: one of the two carries half of these at
     least, all of them where the other is a free end.
     """
-    time = p.telling_times()
+    time = p.sampling_times()
     forces = {"cable.youngs_modulus": np.tile(p.weight * length, (time.size, 1))}
     if p.load is not None:
         forces["load.uniform"] = _over(time, p.load * length, p.load_factor)
     spread = sum(forces.values())
-    held = [place for place, end in ((0.0, "lower"), (1.0, "upper")) if end != p.free]
+    held = [place for place, end in ((0.0, "lower"), (1.0, "upper")) if end != p.free_end]
     below = np.zeros((time.size, p.dims))  # the point loads below a place
     between = [below]  # the loads between the lower end and places of which one has the largest tension
     for load in sorted(p.point_loads, key=lambda load: load.fraction):
@@ -118,10 +118,10 @@ def _check_loads(p: Parameters, length: float) -> None:
         below = below + force
     between.append(below + spread)
     ends = {"lower": between[0], "upper": between[-1]}
-    if p.free is None:
+    if p.free_end is None:
         tension = 0.5 * max(_largest(place - end) for place in between for end in ends.values())
     else:
-        tension = max(_largest(place - ends[p.free]) for place in between)
+        tension = max(_largest(place - ends[p.free_end]) for place in between)
     if tension > MOST_STRAIN * p.stiffness:
         key = max(forces, key=lambda key: _largest(forces[key]))
         raise SceneError(

@@ -20,7 +20,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod._resources import check_memory
 from cablepod.conventions import COORDINATES, ENDS, label
-from cablepod.errors import SceneError, named, refuse, shown
+from cablepod.errors import SceneError, named, scene_error, shown
 from cablepod.parameters._checks import choice, point
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._keys import (
@@ -103,7 +103,7 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     scene.attrs["stage"] = "scene"
     if "ensemble" in tree:
         scene.attrs["ensemble_json"] = json.dumps(tree["ensemble"], sort_keys=True)
-    provenance.seal(provenance.record(scene, function="make_scene", parameters={"scene": tree}))
+    provenance.stamp_values(provenance.record(scene, function="make_scene", parameters={"scene": tree}))
     check_numbers(parameters(scene))
     _check_bounds(mapping, tree.get("ensemble", {}).get("ranges", {}), folder)
     return scene
@@ -112,7 +112,7 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
 def _check(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Check all tables; returns the same tree with defaults filled in and records read."""
     if not isinstance(mapping, Mapping):
-        raise refuse("scene", mapping, "a mapping with the tables of a scene; read_scene reads a file")
+        raise scene_error("scene", mapping, "a mapping with the tables of a scene; read_scene reads a file")
     _check_names(mapping)
     tree = check_table("", {key: mapping[key] for key in mapping if key in TOP}, TOP)
     for name, keys in TABLES.items():
@@ -148,18 +148,20 @@ def _check_names(mapping: Mapping[str, Any]) -> None:
 
 def _check_vector(key: str, value: list[float], dims: int) -> None:
     if len(value) != dims:
-        raise refuse(key, value, f"{dims} numbers, as many as ends.lower has")
+        raise scene_error(key, value, f"{dims} numbers, as many as ends.lower has")
 
 
 def _check_ends(tree: dict[str, Any]) -> int:
     lower, upper = tree["ends"]["lower"], tree["ends"]["upper"]
     if len(lower) != len(upper):
-        raise refuse("ends.upper", upper, f"{len(lower)} numbers, as many as ends.lower has")
+        raise scene_error("ends.upper", upper, f"{len(lower)} numbers, as many as ends.lower has")
     if lower == upper:
-        raise refuse("ends.upper", upper, "a point other than ends.lower, because ends that coincide span no cable")
+        raise scene_error(
+            "ends.upper", upper, "a point other than ends.lower, because ends that coincide span no cable"
+        )
     chord = math.dist(lower, upper)
     if not SHORTEST <= chord <= LONGEST:
-        raise refuse("ends.upper", upper, f"a chord from {SHORTEST:g} m to {LONGEST:g} m (it is {chord:g} m)")
+        raise scene_error("ends.upper", upper, f"a chord from {SHORTEST:g} m to {LONGEST:g} m (it is {chord:g} m)")
     return len(lower)
 
 
@@ -168,14 +170,20 @@ def _check_cable(tree: dict[str, Any]) -> None:
     exactly_one("cable", cable, LENGTH_KEYS)
     kind = exactly_one("cable", cable, WEIGHT_KEYS)
     if kind == "specific_weight" and tree["gravity"] == 0.0:
-        raise refuse("cable.specific_weight", cable[kind], "cable.density instead, as without gravity it gives no mass")
+        raise scene_error(
+            "cable.specific_weight", cable[kind], "cable.density instead, as without gravity it gives no mass"
+        )
     modulus = cable["youngs_modulus"]
     stiffness = modulus * cable["area"]
     if not 1e-6 <= stiffness <= 1e18:
-        raise refuse("cable.youngs_modulus", modulus, f"an axial stiffness of 1e-6 to 1e18 N (it is {stiffness:g} N)")
+        raise scene_error(
+            "cable.youngs_modulus", modulus, f"an axial stiffness of 1e-6 to 1e18 N (it is {stiffness:g} N)"
+        )
     mass = cable[kind] * cable["area"] / (tree["gravity"] if kind == "specific_weight" else 1.0)
     if not 1e-15 <= mass <= 1e15 or not mass * tree["gravity"] <= 1e15:
-        raise refuse(f"cable.{kind}", cable[kind], f"1e-15 to 1e15 kg/m and at most 1e15 N/m (it is {mass:g} kg/m)")
+        raise scene_error(
+            f"cable.{kind}", cable[kind], f"1e-15 to 1e15 kg/m and at most 1e15 N/m (it is {mass:g} kg/m)"
+        )
 
 
 def _check_chain(tree: dict[str, Any]) -> None:
@@ -187,9 +195,9 @@ def _check_chain(tree: dict[str, Any]) -> None:
     lengths = chain.get("link_lengths")
     if lengths is not None:
         if chain.setdefault("links", len(lengths)) != len(lengths):
-            raise refuse("chain.link_lengths", lengths, f"{chain['links']} numbers, as many as chain.links says")
+            raise scene_error("chain.link_lengths", lengths, f"{chain['links']} numbers, as many as chain.links says")
         if max(lengths) / min(lengths) > 1e6:
-            raise refuse("chain.link_lengths", lengths, "lengths that differ by a factor of at most 1e6")
+            raise scene_error("chain.link_lengths", lengths, "lengths that differ by a factor of at most 1e6")
 
 
 def _check_initial(tree: dict[str, Any], dims: int) -> None:
@@ -205,9 +213,11 @@ def _check_initial(tree: dict[str, Any], dims: int) -> None:
     for end, item in zip(ENDS, (line[0], line[-1]), strict=True):
         held = tree["ends"][end]
         if end != tree["ends"].get("free") and math.dist(item, held) > 1e-9 * chord:
-            raise refuse("initial.points", item, f"a line that begins and ends at the held ends (ends.{end} is {held})")
+            raise scene_error(
+                "initial.points", item, f"a line that begins and ends at the held ends (ends.{end} is {held})"
+            )
     if not sum(math.dist(a, b) for a, b in pairwise(line)) > 1e-9 * chord:
-        raise refuse("initial.points", line, "a line of some length")
+        raise scene_error("initial.points", line, "a line of some length")
 
 
 def _check_time(tree: dict[str, Any]) -> None:
@@ -215,15 +225,15 @@ def _check_time(tree: dict[str, Any]) -> None:
         return
     duration, interval = tree["time"]["duration"], tree["time"]["interval"]
     if interval > duration:
-        raise refuse("time.interval", interval, f"at most time.duration, {duration:g} s")
+        raise scene_error("time.interval", interval, f"at most time.duration, {duration:g} s")
     if duration / interval > 1e12:
-        raise refuse("time.interval", interval, f"an interval that {duration:g} s holds at most 1e12 times")
+        raise scene_error("time.interval", interval, f"an interval that {duration:g} s holds at most 1e12 times")
 
 
 def _check_with_factor(prefix: str, table: Any, keys: Mapping[str, Key], folder: Path) -> dict[str, Any]:
     """Check a load's table: its own keys and those of its time factor, if it has one."""
     if not isinstance(table, Mapping):
-        raise refuse(prefix, table, "a table with the keys " + ", ".join(keys))
+        raise scene_error(prefix, table, "a table with the keys " + ", ".join(keys))
     own = {name: value for name, value in table.items() if name in keys}
     rest = {name: value for name, value in table.items() if name not in keys}
     factor_keys = {"kind", *(name for kind in time_function_keys("1").values() for name in kind)}
@@ -238,7 +248,7 @@ def _check_with_factor(prefix: str, table: Any, keys: Mapping[str, Key], folder:
 def _check_time_function(prefix: str, table: Any, units: str, folder: Path) -> dict[str, Any]:
     kinds = time_function_keys(units)
     if not isinstance(table, Mapping):
-        raise refuse(prefix, table, "a table with the key kind")
+        raise scene_error(prefix, table, "a table with the key kind")
     if "kind" not in table:
         raise SceneError(f"{prefix}.kind: missing; allowed: one of {', '.join(kinds)}")
     kind = choice(*kinds)(f"{prefix}.kind", table["kind"])
@@ -251,16 +261,16 @@ def _check_time_function(prefix: str, table: Any, units: str, folder: Path) -> d
 
 def _check_motion(table: Any, dims: int, free: str | None, folder: Path) -> dict[str, Any]:
     if not isinstance(table, Mapping):
-        raise refuse("motion", table, "tables motion.lower.x, motion.upper.y and so on")
+        raise scene_error("motion", table, "tables motion.lower.x, motion.upper.y and so on")
     axes = COORDINATES[:dims]
     checked: dict[str, Any] = {}
     for end, of_end in table.items():
         if end not in ENDS:
             raise SceneError(f"motion.{named(end)}: unknown key; allowed: {', '.join(ENDS)}")
         if not isinstance(of_end, Mapping):
-            raise refuse(f"motion.{end}", of_end, f"tables motion.{end}.x and so on")
+            raise scene_error(f"motion.{end}", of_end, f"tables motion.{end}.x and so on")
         if end == free and of_end:
-            raise refuse(f"motion.{end}", dict(of_end), f"no motion of the end that ends.free names ({free})")
+            raise scene_error(f"motion.{end}", dict(of_end), f"no motion of the end that ends.free names ({free})")
         checked[end] = {}
         for axis, function in of_end.items():
             if axis not in axes:
@@ -271,7 +281,7 @@ def _check_motion(table: Any, dims: int, free: str | None, folder: Path) -> dict
 
 def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, Any]]:
     if not isinstance(loads, list | tuple):
-        raise refuse("point_load", loads, "an array of tables, [[point_load]]")
+        raise scene_error("point_load", loads, "an array of tables, [[point_load]]")
     checked = []
     for index, table in enumerate(loads, start=1):
         prefix = f"point_load.{index}"
@@ -283,7 +293,7 @@ def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, An
 
 def _check_ensemble(table: Any, tree: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(table, Mapping):
-        raise refuse("ensemble", table, "a table with the keys " + ", ".join([*ENSEMBLE, "ranges"]))
+        raise scene_error("ensemble", table, "a table with the keys " + ", ".join([*ENSEMBLE, "ranges"]))
     checked = check_table("ensemble", {key: value for key, value in table.items() if key != "ranges"}, ENSEMBLE)
     count, sampling = checked["members"], checked["sampling"]
     checked["ranges"] = ranges.check_ranges(table.get("ranges"), tree, members=count, sampling=sampling)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cablepod.conventions import COORDINATES
-from cablepod.errors import SceneError, refuse
+from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import numbers_list
 from cablepod.parameters._keys import join
 
@@ -68,17 +68,17 @@ def check_values(key: str, given: Any, *, members: int, sampling: str) -> list[f
     if sampling == "list":
         values = numbers_list()(key, given)
         if len(values) != members:
-            raise refuse(
+            raise scene_error(
                 key, given, f'{members} values for sampling "list", as many as members (they are {len(values)})'
             )
         return values
     values = numbers_list(least_length=2)(key, given)
     if sampling == "grid" and len(values) > 2:
         if len(set(values)) < len(values):
-            raise refuse(key, given, "different values, or [low, high] with low < high")
+            raise scene_error(key, given, "different values, or [low, high] with low < high")
         return values
     if len(values) != 2 or values[0] >= values[1]:
-        raise refuse(key, given, "[low, high] with low < high")
+        raise scene_error(key, given, "[low, high] with low < high")
     return values
 
 
@@ -95,14 +95,14 @@ def points_of_grid(ranges: Mapping[str, list[float]], members: int, *, key: str 
     fixed = math.prod(lists)
     if not axes:
         if fixed != members:
-            raise refuse(key, members, f"{fixed}, the product of the lengths of the lists of this grid")
+            raise scene_error(key, members, f"{fixed}, the product of the lengths of the lists of this grid")
         return 0
     least = max(2, round((members / fixed) ** (1.0 / axes)))
     below, above = (max(2, least - 1), least + 1) if least**axes * fixed != members else (least, least)
     if below == above:
         return least
     near = sorted({fixed * points**axes for points in (below, least, above)}, key=lambda item: abs(item - members))
-    raise refuse(
+    raise scene_error(
         key,
         members,
         f"{near[0]} (or {near[1]}), because a grid has equally many points, two at least, on each of its {axes} ranges"
@@ -132,7 +132,7 @@ def check_ranges(
         For no ranges, paths that lead to no number, values that cannot be, a grid of another number of members.
     """
     if not isinstance(given, Mapping) or not given:
-        raise refuse(prefix, given, "a table from key paths to [low, high]")
+        raise scene_error(prefix, given, "a table from key paths to [low, high]")
     checked: dict[str, list[float]] = {}
     for path, values in given.items():
         key = join(prefix, path)

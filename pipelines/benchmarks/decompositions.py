@@ -43,7 +43,7 @@ from threadpoolctl import threadpool_limits
 
 import cablepod as cp
 from cablepod.paper import routes
-from cablepod.pod._incremental import Accumulator
+from cablepod.pod._incremental import IncrementalSVD
 
 HERE = Path(__file__).resolve().parent
 RANK = 20
@@ -87,7 +87,7 @@ def ours(snapshots: xr.Dataset) -> Answer:
 
 def sums_alone(rows: np.ndarray) -> Answer:
     """Decompose by the sums alone, on lifted rows."""
-    sums = Accumulator(rows.shape[1])
+    sums = IncrementalSVD(rows.shape[1])
     block = max(64, (3 << 18) // (8 * rows.shape[1]))
     sums.prepare(rows[:: max(1, len(rows) // 320)])
     for begin in range(0, len(rows), block):

@@ -85,8 +85,8 @@ def residual_of(p: Parameters, chain) -> Callable[..., None]:
     """Compile the residual of the stabilised index-2 form."""
     n = chain.links
     free = np.zeros(n + 1, dtype=np.bool_)
-    free[chain.free] = True
-    mass = p.mass * chain.share
+    free[chain.free_particles] = True
+    mass = p.mass * chain.tributary_length
     acceleration = chain.loads(0.0) / mass[:, None]
     # the second multipliers move positions by lengths of the order of 1
     relative = mass.mean() / mass
@@ -140,13 +140,13 @@ def ida(given, first) -> Callable[[float], tuple[float, float, np.ndarray]]:
     left = np.empty(size)
     residual(0.0, y.ravel(), rates, left)
     free = np.zeros((chain.links + 1, WIDTH), dtype=bool)
-    free[chain.free, 2:4] = True
+    free[chain.free_particles, 2:4] = True
     rates[free.ravel()] = -left[free.ravel()]  # the other rates are zero
-    if p.free is None:
+    if p.free_end is None:
         # the end's acceleration is that of its motion
         amplitude, omega = end_motion(p)
         rates[WIDTH * chain.links + 2] = amplitude * omega**2
-    free[chain.free, :2] = True
+    free[chain.free_particles, :2] = True
     algebraic = np.flatnonzero(~free.ravel())
     times = p.times()
 

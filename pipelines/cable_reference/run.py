@@ -22,13 +22,13 @@ from _study import command_line
 
 import cablepod as cp
 from cablepod.cable._mesh import mesh_of
-from cablepod.cable._runs import MeshVerlet
+from cablepod.cable._runs import ExplicitCableRun
 from cablepod.cable._scheme import unforced_step
 from cablepod.cable._start import start
 from cablepod.conventions import label
-from cablepod.discretisation._chain import LAWS
+from cablepod.discretisation._laws import LAWS
 from cablepod.examples import data_folder, scene
-from cablepod.integrate._step_control import preferred_rate
+from cablepod.integrate._step_control import preferred_steps_per_second
 from cablepod.parameters._from_scene import parameters
 
 SCENES = ("example2", "example3", "example4", "sagging", "stiff_spatial")
@@ -42,8 +42,8 @@ def step_of(given, elements: int, law: str) -> float:
     mesh = mesh_of(parameters(given), elements, None, law)
     shape = start(mesh)
     about = (mesh, np.array([0.0, float(given["time_duration"])]), shape, ("position",), None, "")
-    limit = unforced_step(MeshVerlet(*about)) / (0.8 if law == "green" else 0.9)
-    return 1.0 / preferred_rate(1.0 / (0.85 * limit))
+    limit = unforced_step(ExplicitCableRun(*about)) / (0.8 if law == "green" else 0.9)
+    return 1.0 / preferred_steps_per_second(1.0 / (0.85 * limit))
 
 
 def truth(name: str, law: str):

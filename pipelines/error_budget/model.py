@@ -175,7 +175,7 @@ class Switched:
         rates = np.stack([turn, ((push * across).sum(axis=1) - 2.0 * grow * turn) / size, grow], axis=1)
         rows = np.concatenate([size[:, None], along, second[:, 0], second[:, 1]], axis=1)
         return {
-            "every": every, "rows": rows, "rates": rates, "mass": p.mass * chain.share, "length": chain.length,
+            "every": every, "rows": rows, "rates": rates, "mass": p.mass * chain.tributary_length, "length": chain.length,
             "sigma": chain.arc_length / chain.total_length, "stiffness": p.stiffness, "load": chain.loads(0.0),
         }  # fmt: skip
 

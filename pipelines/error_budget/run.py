@@ -81,7 +81,7 @@ def vibration_modes(scene: xr.Dataset, tension: np.ndarray) -> np.ndarray:
     chain = chain_of(p, LINKS)
     difference = np.diff(np.eye(LINKS + 1), axis=0) / chain.length[:, None]
     stiffness = (difference.T * (chain.length * tension)) @ difference
-    vectors = eigh(stiffness[1:-1, 1:-1], np.diag(p.mass * chain.share[1:-1]))[1]
+    vectors = eigh(stiffness[1:-1, 1:-1], np.diag(p.mass * chain.tributary_length[1:-1]))[1]
     return np.pad(vectors.T, ((0, 0), (1, 1)))
 
 

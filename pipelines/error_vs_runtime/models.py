@@ -84,7 +84,7 @@ class Truth:
         """Return positions at equal unstretched distances (times, particles, dims) [m]."""
         if particles not in self._known:
             mesh = mesh_of(parameters(self.scene), self.elements, law=self.law, points="nodes")
-            self._known[particles] = mesh.at(self.nodes, mesh.total_length * np.linspace(0.0, 1.0, particles))
+            self._known[particles] = mesh.interpolate(self.nodes, mesh.total_length * np.linspace(0.0, 1.0, particles))
         return self._known[particles]
 
     def errors(self, position: np.ndarray) -> tuple[float, float]:
@@ -105,7 +105,7 @@ def truth_of(name: str, given: xr.Dataset, law: str, times: np.ndarray, folder: 
             return Truth(given, law, kept["position"].values, elements)
     mesh = mesh_of(parameters(given), elements, law=law, points="nodes")
     # by law (21) the cable at rest is stiffer, by a thousandth: less than the margin
-    step = 1.0 / stepping.preferred_rate(mesh.highest_frequency(1.0) / (2.0 * SHARE))
+    step = 1.0 / stepping.preferred_steps_per_second(mesh.highest_frequency(1.0) / (2.0 * SHARE))
     run = cp.cable.simulate(given, elements=elements, law=law, step=step, times=times, points="nodes")
     cp.archive.write(run, path, overwrite=True)
     return Truth(given, law, run["position"].values, elements)
@@ -168,7 +168,7 @@ def learn(training: Training, given: xr.Dataset, tried: list[Setting], times: np
             continue
         begin = time.perf_counter()
         mesh = mesh_of(parameters(given), LEARNED)
-        step = 1.0 / stepping.preferred_rate(mesh.highest_frequency(1.0) / (2.0 * SHARE))
+        step = 1.0 / stepping.preferred_steps_per_second(mesh.highest_frequency(1.0) / (2.0 * SHARE))
         cable = cp.cable.simulate(given, elements=LEARNED, step=step, times=times, points=setting.size + 1)
         with contextlib.suppress(cp.SceneError):  # too few points of quadrature for the modes
             training.modes[key] = cp.oblique.train(

@@ -129,7 +129,9 @@ def first_look(
         try:
             step = setting.step
             if setting.share:  # rounded down, so that steps hit seconds
-                step = 1.0 / stepping.preferred_rate(1.0 / (setting.share * limit_of(given, setting, training)))
+                step = 1.0 / stepping.preferred_steps_per_second(
+                    1.0 / (setting.share * limit_of(given, setting, training))
+                )
             job = job_of(given, setting, step, training)
             calls, run = kernel_calls(job, fine, setting, POSITIONS)
         except (cp.RunStopped, cp.SceneError):

@@ -183,8 +183,8 @@ def run_model(
     most = min(max(rank or 0, RANKS[-1]), pod_normal.sets(modes)[0][1].shape[0])
     model = model_of(parameters(scene), modes, rank=None if rank is None else most, order=order, law="linear")
     q, v = model.initial()
-    h = model.force(q, v, model.first_row)[2]
-    square = max(model.highest_square(q, model.first_row, h), model.taut_square(float(times[-1])))
+    h = model.force(q, v, model.initial_boundary_data)[2]
+    square = max(model.omega_max_squared(q, model.initial_boundary_data, h), model.omega_taut_squared(float(times[-1])))
     step = PART * 2.0 / np.sqrt(square)
     options: dict[str, Any] = {"rank": rank, "order": order, "scheme": "velocity_verlet", "times": times}
     coarse = cp.condensed.simulate(scene, modes, step=step, outputs=("position",), **options)

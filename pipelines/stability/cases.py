@@ -86,7 +86,7 @@ class Case:
         wanted = self.implicit_step
         if wanted is None:
             duration, period = float(scene["time_duration"]), 2.0 * np.pi / first_frequency(scene)
-            wanted = max(min(period / PER_PERIOD, p.time_scale / PER_CHANGE, duration / 20.0), limit)
+            wanted = max(min(period / PER_PERIOD, p.shortest_time_scale / PER_CHANGE, duration / 20.0), limit)
         explicit = chain_runs.SCHEMES[0]
         elastic = {
             scheme: dividing(scene, OF_LIMIT * limit if scheme == explicit else wanted) for scheme in chain_runs.SCHEMES

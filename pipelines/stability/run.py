@@ -38,7 +38,7 @@ from tqdm import tqdm
 
 import cablepod as cp
 from cablepod.chain import _start as chain_start
-from cablepod.chain._explicit import VerletRun
+from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.discretisation._chain import chain_of
 from cablepod.parameters._from_scene import parameters
 from cablepod.rigid._runs import FORMULATIONS
@@ -69,7 +69,7 @@ LIMIT_CASES = (
 )  # fmt: skip
 
 
-def breaks_down(run: VerletRun, step: float, energy: float) -> bool:
+def breaks_down(run: ExplicitChainRun, step: float, energy: float) -> bool:
     """Return whether velocity Verlet stops with a step, or exceeds EXCESS times an energy [J].
 
     The energy need not grow without bounds: slack links are soft, and keep many a broken run bounded.
@@ -80,7 +80,7 @@ def breaks_down(run: VerletRun, step: float, energy: float) -> bool:
         return True
 
 
-def _energy(run: VerletRun, step: float) -> float:
+def _energy(run: ExplicitChainRun, step: float) -> float:
     """Return the maximum kinetic and strain energy of a run [J]."""
     state = run(1.0 / step)
     kinetic, strain, _ = energies(run.chain, state.position, np.asarray(state.velocity))
@@ -95,7 +95,9 @@ def limits(scene: xr.Dataset) -> tuple[float, float]:
     """
     chain = chain_of(parameters(scene))
     predicted, interval = chain.step_limit(), float(scene["time_interval"])
-    run = VerletRun(chain, parameters(scene).times(), chain_start.start(chain), ("position", "velocity"), None, "limit")
+    run = ExplicitChainRun(
+        chain, parameters(scene).times(), chain_start.start(chain), ("position", "velocity"), None, "limit"
+    )
     sound = _energy(run, min(0.05 * predicted, interval))
     low = 0.0
     for high in np.arange(0.1, 1.51, 0.05):

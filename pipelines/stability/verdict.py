@@ -15,7 +15,7 @@ from scipy.stats import t as student
 
 import cablepod as cp
 from cablepod.chain import _scheme as chain_runs
-from cablepod.discretisation._chain import Chain, chain_of
+from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.parameters._from_scene import parameters
 from cablepod.rigid._runs import FORMULATIONS
 from stability.cases import Case, dividing, rigid_step
@@ -68,19 +68,19 @@ def simulate(scene: xr.Dataset, **options: Any) -> xr.Dataset:
 # --- energy ---------------------------------------------------------------------------------------------------------
 
 
-def energies(chain: Chain, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def energies(chain: LumpedChain, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return kinetic, strain and load energy [J], (time,), from positions [m] and velocities [m/s].
 
     Held particles are left out.  The energy of the constant loads counts from the first position, against cancellation.
     """
-    p, free = chain.p, chain.free
+    p, free = chain.p, chain.free_particles
     size = np.sqrt(np.sum(np.diff(x, axis=1) ** 2, axis=-1))
     strain = 0.5 * (chain.k * np.maximum(size - chain.length, 0.0) ** 2).sum(axis=-1)
-    kinetic = 0.5 * p.mass * (chain.share * np.sum(v**2, axis=-1))[:, free].sum(axis=-1)
+    kinetic = 0.5 * p.mass * (chain.tributary_length * np.sum(v**2, axis=-1))[:, free].sum(axis=-1)
     return kinetic, strain, -((x - x[0]) * chain.loads())[:, free].sum(axis=(1, 2))
 
 
-def drift(chain: Chain, x: np.ndarray, v: np.ndarray, work: np.ndarray | float = 0.0) -> float:
+def drift(chain: LumpedChain, x: np.ndarray, v: np.ndarray, work: np.ndarray | float = 0.0) -> float:
     """Return the maximum change of the energy less the work of the ends.
 
     It is relative to the maximum sum of kinetic and strain energy.  That sum sets the rounding error of a
@@ -91,7 +91,7 @@ def drift(chain: Chain, x: np.ndarray, v: np.ndarray, work: np.ndarray | float =
     return float(np.abs(change - change[0]).max() / max((kinetic + strain).max(), 1e-300))
 
 
-def work_of_ends(chain: Chain, x: np.ndarray, *, conserving: bool) -> np.ndarray:
+def work_of_ends(chain: LumpedChain, x: np.ndarray, *, conserving: bool) -> np.ndarray:
     """Return the work of the ends [J], (time,), from the positions at all steps.
 
     The force of a step is the mean of those at its two instants; for the energy-momentum scheme that of the scheme, by the
@@ -133,7 +133,7 @@ class Truth:
     samples: np.ndarray | None
 
 
-def statistics(chain: Chain, run: xr.Dataset) -> np.ndarray:
+def statistics(chain: LumpedChain, run: xr.Dataset) -> np.ndarray:
     """Return rms displacement [m], mean kinetic and strain energy [J], maximum tension [N]."""
     x, v = run["position"].values, run["velocity"].values
     kinetic, strain, _ = energies(chain, x, v)
@@ -192,7 +192,7 @@ class Verdict:
     message: str = ""
 
 
-def garbage(chain: Chain, run: xr.Dataset, truth: Truth | None) -> str:
+def garbage(chain: LumpedChain, run: xr.Dataset, truth: Truth | None) -> str:
     """Return the defect of a completed run, empty for a sound one."""
     for name in run.data_vars:
         if not np.isfinite(run[name].values).all():
@@ -230,7 +230,7 @@ def judge(case: Case, scene: xr.Dataset, truth: Truth | None, run: Callable[[], 
     return verdict
 
 
-def _stopped(chain: Chain, duration: float, error: cp.RunStopped) -> Verdict:
+def _stopped(chain: LumpedChain, duration: float, error: cp.RunStopped) -> Verdict:
     """Classify a stopped run: its partial result must exist, be marked, and be sound."""
     kept = error.partial
     if kept is None or "incomplete" not in kept.attrs or not str(error):
@@ -245,7 +245,7 @@ def _stopped(chain: Chain, duration: float, error: cp.RunStopped) -> Verdict:
     )
 
 
-def _accuracy(chain: Chain, run: xr.Dataset, truth: Truth) -> tuple[float, bool]:
+def _accuracy(chain: LumpedChain, run: xr.Dataset, truth: Truth) -> tuple[float, bool]:
     """Return the error of a run, and whether it is accurate.
 
     With a truth in statistics only, a run is accurate if its distance from the mean of equally good runs is within LIMIT, or

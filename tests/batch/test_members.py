@@ -13,7 +13,7 @@ import cablepod as cp
 from cablepod import errors
 from cablepod.batch import _members as members
 from cablepod.condensed._assembly import model_of
-from cablepod.condensed._batch import alike, sibling
+from cablepod.condensed._batch import rescaled_model, same_structure
 from cablepod.errors import OutOfRangeWarning
 from cablepod.parameters._from_scene import parameters
 
@@ -101,9 +101,9 @@ def other(soft, dims):
 def test_coefficients_scaled_from_another_scene_are_its_own(soft, dims, order):
     modes = full_modes(dims=dims)
     p, q = (parameters(cp.make_scene(item)) for item in other(soft, dims))
-    assert alike(p, q)
+    assert same_structure(p, q)
     first, own = (model_of(item, modes, rank=3, order=order, law="linear") for item in (p, q))
-    scaled = sibling(first, q)
+    scaled = rescaled_model(first, q)
     names = ("mass", "shapes", "slopes", "patterns", "taus", "means", "knots", "bends", "norms", "pushes", "inertia")
     # they differ by the rounding of some ten operations
     for name in names:
@@ -114,9 +114,12 @@ def test_coefficients_scaled_from_another_scene_are_its_own(soft, dims, order):
             atol=1e-13 * np.abs(getattr(own, name)).max(initial=0.0),
             err_msg=name,
         )
-    np.testing.assert_allclose(scaled.turned[1], own.turned[1], rtol=1e-12)
+    np.testing.assert_allclose(scaled.spectral_basis[1], own.spectral_basis[1], rtol=1e-12)
     np.testing.assert_allclose(
-        scaled.turned[0][0], own.turned[0][0], rtol=1e-12, atol=1e-12 * np.abs(own.turned[0][0]).max()
+        scaled.spectral_basis[0][0],
+        own.spectral_basis[0][0],
+        rtol=1e-12,
+        atol=1e-12 * np.abs(own.spectral_basis[0][0]).max(),
     )
     np.testing.assert_allclose(scaled.initial()[0], own.initial()[0], rtol=1e-11, atol=1e-12)
 

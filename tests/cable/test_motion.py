@@ -220,8 +220,8 @@ def test_verlet_keeps_the_energy(law, soft):
         mesh = cp.elements.mesh_of(parameters(scene), 4, law=law, points="nodes")
         xi = mesh.stretch(run.position.values)
         strain = 2e4 * ((xi**2 - 1.0) ** 2 / 8.0 if law == "green" else 0.5 * (xi - 1.0) ** 2) @ mesh.length
-        kinetic = 0.5 * ((run.velocity.values**2).sum(-1) * mesh.share).sum(-1)
-        energy = strain + kinetic + 9.81 * (run.position.values[..., 1] * mesh.share).sum(-1)
+        kinetic = 0.5 * ((run.velocity.values**2).sum(-1) * mesh.tributary_length).sum(-1)
+        energy = strain + kinetic + 9.81 * (run.position.values[..., 1] * mesh.tributary_length).sum(-1)
         drift.append(np.abs(energy - energy[0]).max() / kinetic.max())
     # symplectic: the energy swings by an amount of second order and goes nowhere
     assert drift[0] < 1e-3
@@ -311,7 +311,7 @@ def test_tension_only_converges_and_law_21_does_not(slackening):
 
 
 def test_a_cable_that_goes_slack_is_warned_of(slackening, monkeypatch):
-    monkeypatch.setattr(cable_choice, "COUNTS", (4, 8, 12))
+    monkeypatch.setattr(cable_choice, "ELEMENT_COUNTS", (4, 8, 12))
     with pytest.warns(
         cp.NotConvergedWarning, match=r"two numbers of elements disagree: .* with 12 elements, .* goes slack"
     ):

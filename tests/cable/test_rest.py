@@ -46,7 +46,7 @@ def test_point_loads_stand_between_elements(soft):
     mesh = elements.mesh_of(parameters(scene_with(soft)), 7)
     border = mesh.arc_length[:: mesh.order] / mesh.total_length
     assert np.abs(border[:, None] - [0.1, 0.73]).min(axis=0) == pytest.approx([0.0, 0.0], abs=1e-14)
-    loads = mesh.loads() - mesh.share[:, None] * parameters(scene_with(soft)).weight
+    loads = mesh.loads() - mesh.tributary_length[:, None] * parameters(scene_with(soft)).weight
     assert sorted(loads[:, 1])[:2] == pytest.approx([-2.0, -1.0], rel=1e-14)
     assert mesh.sizes.size == 7
     assert mesh.sizes.sum() == pytest.approx(mesh.total_length, rel=1e-14)
@@ -346,7 +346,7 @@ def test_frequencies_of_inclined_cables_are_the_limit_of_the_chain(number, law, 
 def test_frequencies_have_units_members_and_norm(soft):
     scene = scene_with(soft)
     single = cp.cable.frequencies(scene, count=3, points="nodes", elements=4)
-    share = elements.mesh_of(cp.parameters.parameters(scene), 4).share
+    share = elements.mesh_of(cp.parameters.parameters(scene), 4).tributary_length
     mean = ((single.mode_shape**2).sum("coordinate") * share).sum("particle") / share.sum()
     assert mean.values == pytest.approx(np.ones(3), rel=1e-12)
     assert not single.mode_shape.values[:, [0, -1]].any()

@@ -17,8 +17,8 @@ from cablepod import errors
 from cablepod.batch import _members as members
 from cablepod.batch import _sigint as interrupts
 from cablepod.chain import _batch as chain_many
-from cablepod.chain._explicit import March, VerletRun
-from cablepod.integrate._run import Run
+from cablepod.chain._explicit import ExplicitChainRun, ExplicitStepper
+from cablepod.integrate._run import ChainRun
 
 STEP = 2e-3
 ALL = ("position", "velocity", "tension", "tension_extremes")
@@ -120,7 +120,7 @@ def test_members_abreast_are_single_runs(soft, monkeypatch, case):
     tables, varied, options = CASES[case]
     scenes = scenes_of(soft, tables, varied)
     with monkeypatch.context() as patch:  # no member is left to a single run
-        patch.setattr(VerletRun, "__call__", None)
+        patch.setattr(ExplicitChainRun, "__call__", None)
         run = abreast(scenes, options)
     assert_same_bits(run, scenes, options)
 
@@ -130,7 +130,7 @@ def test_in_space_too(soft, monkeypatch, case):
     tables, varied, options = CASES[case]
     scenes = scenes_of(soft, tables, varied, 3)
     with monkeypatch.context() as patch:
-        patch.setattr(VerletRun, "__call__", None)
+        patch.setattr(ExplicitChainRun, "__call__", None)
         run = abreast(scenes, options)
     assert run.sizes["coordinate"] == 3
     assert_same_bits(run, scenes, options)
@@ -142,8 +142,8 @@ def test_what_does_not_go_abreast_is_single_runs_too(soft, monkeypatch, case):
     scenes = scenes_of(soft, tables, varied)
     made = []
     with monkeypatch.context() as patch:
-        plain = Run.dataset
-        patch.setattr(Run, "dataset", lambda *args: made.append(0) or plain(*args))
+        plain = ChainRun.dataset
+        patch.setattr(ChainRun, "dataset", lambda *args: made.append(0) or plain(*args))
         with members.thread_limit(1):
             run = cp.chain.simulate(scenes, **options)
     assert len(made) == 1
@@ -170,10 +170,10 @@ def test_members_with_other_instants_are_refused(soft):
 def test_a_march_leaves_alone_what_is_not_sound(soft):
     batch = chain_many.plan(scenes_of(soft, ONE, TENSIONS), step=STEP)
     begun = [batch.one.__self__._begin(i) for i in range(3)]
-    march = March(begun)
+    march = ExplicitStepper(begun)
     assert march.states.ctypes.data % 64 == 0
     assert march.states.strides[0] % 64 == march.states.strides[1] % 64 == 0
-    march.sound[1] = False
+    march.is_finite[1] = False
     before = march.states.copy()
     assert march.advance(0, 10).all()
     moved = (march.states != before).any(axis=(1, 2))
@@ -187,8 +187,8 @@ def test_members_of_different_kind_go_with_their_like(soft, monkeypatch):
     still = cp.make_scene({name: table for name, table in soft.items() if name != "motion"})
     scenes = xr.concat([ramp, sine, still, ramp, sine], "member", data_vars="all", combine_attrs="override")
     with monkeypatch.context() as patch:
-        patch.setattr(VerletRun, "__call__", None)
-        patch.setattr(chain_many, "March", seen := Counted())
+        patch.setattr(ExplicitChainRun, "__call__", None)
+        patch.setattr(chain_many, "ExplicitStepper", seen := Counted())
         run = abreast(scenes, {"step": STEP})
     # whether a motion is a sine does not matter, whether there is one does
     assert sorted(seen.sizes) == [1] * 4 + [4] * 4
@@ -203,7 +203,7 @@ class Counted:
 
     def __call__(self, begun):
         self.sizes.append(len(begun))
-        return March(begun)
+        return ExplicitStepper(begun)
 
 
 @pytest.mark.parametrize(
@@ -223,9 +223,9 @@ def test_how_they_are_cut_changes_no_bit(soft, monkeypatch, name, value, longest
         run = cp.chain.simulate(scenes, step=5e-4, outputs=ALL)  # 8000 steps
         lengths, alone = [], []
         monkeypatch.setattr(chain_many, name, value)
-        advance, single = March.advance, VerletRun.__call__
-        monkeypatch.setattr(March, "advance", lambda self, i, n: lengths.append(n) or advance(self, i, n))
-        monkeypatch.setattr(VerletRun, "__call__", lambda self, rate: alone.append(rate) or single(self, rate))
+        advance, single = ExplicitStepper.advance, ExplicitChainRun.__call__
+        monkeypatch.setattr(ExplicitStepper, "advance", lambda self, i, n: lengths.append(n) or advance(self, i, n))
+        monkeypatch.setattr(ExplicitChainRun, "__call__", lambda self, rate: alone.append(rate) or single(self, rate))
         again = cp.chain.simulate(scenes, step=5e-4, outputs=ALL)
     xr.testing.assert_identical(run, again)
     assert max(lengths) == longest
@@ -271,10 +271,10 @@ def test_options_that_cannot_be_fail_as_before(soft):
 
 def test_they_stop_between_blocks(soft, monkeypatch):
     scenes = scenes_of(soft, ONE, {"cable_top_tension": np.linspace(200.0, 300.0, 9)})
-    monkeypatch.setattr(chain_many, "BLOCK", 1024)
+    monkeypatch.setattr(chain_many, "MAX_BLOCK_STEPS", 1024)
     done = []
-    advance = March.advance
-    monkeypatch.setattr(March, "advance", lambda self, i, n: done.append(i) or advance(self, i, n))
+    advance = ExplicitStepper.advance
+    monkeypatch.setattr(ExplicitStepper, "advance", lambda self, i, n: done.append(i) or advance(self, i, n))
     with members.thread_limit(1), members.stop_when(lambda: len(done) == 3), pytest.raises(errors.StoppedError):
         cp.chain.simulate(scenes, step=5e-4)
     assert done == [0, 1024, 2048]  # of eight blocks
@@ -282,14 +282,14 @@ def test_they_stop_between_blocks(soft, monkeypatch):
 
 def test_ctrl_c_ends_the_blocks_of_other_threads(soft, ctrl_c, monkeypatch):
     scenes = scenes_of(soft, ONE, {"cable_top_tension": np.linspace(200.0, 300.0, 16)})
-    monkeypatch.setattr(chain_many, "BLOCK", 1024)
+    monkeypatch.setattr(chain_many, "MAX_BLOCK_STEPS", 1024)
     begun, halted, done = threading.Event(), threading.Event(), []
 
     def advance(self, start, steps):
         done.append(start)
         begun.set()
         halted.wait(10.0)  # until the main thread has been told
-        return self.sound
+        return self.is_finite
 
     def press():
         begun.wait(10.0)
@@ -297,7 +297,7 @@ def test_ctrl_c_ends_the_blocks_of_other_threads(soft, ctrl_c, monkeypatch):
         time.sleep(2.0 * interrupts.LOOK_EVERY)
         halted.set()
 
-    monkeypatch.setattr(March, "advance", advance)
+    monkeypatch.setattr(ExplicitStepper, "advance", advance)
     threading.Thread(target=press).start()
     with members.thread_limit(2), pytest.raises(KeyboardInterrupt):
         cp.chain.simulate(scenes, step=5e-4)
@@ -317,4 +317,4 @@ def test_the_error_of_one_is_told_not_that_others_were_stopped():
             time.sleep(1e-3)
 
     with members.thread_limit(2), pytest.raises(TypeError, match="a fault of the program"):
-        members.gather(lambda i: ({}, {}), 2, None, ahead=ahead)
+        members.run_members(lambda i: ({}, {}), 2, None, ahead=ahead)

@@ -213,7 +213,7 @@ def energy(scene, run):
     x, v = run.position.values, run.velocity.values
     size = np.linalg.norm(np.diff(x, axis=1), axis=2)
     strain = 0.5 * chain.k * np.maximum(size - chain.length, 0.0) ** 2
-    kinetic = 0.5 * p.mass * chain.share * (v**2).sum(axis=2)
+    kinetic = 0.5 * p.mass * chain.tributary_length * (v**2).sum(axis=2)
     return kinetic.sum(axis=1) + strain.sum(axis=1) - (x * chain.loads()).sum(axis=(1, 2))
 
 
@@ -246,7 +246,7 @@ def test_the_energy_does_not_drift(soft, law):
         chain = chain_of(p)
         green = (np.linalg.norm(np.diff(x, axis=1), axis=2) / chain.length) ** 2 - 1.0
         strain = (p.stiffness * chain.length * green**2 / 8.0).sum(axis=1)
-        kinetic = (0.5 * p.mass * chain.share * (v**2).sum(axis=2)).sum(axis=1)
+        kinetic = (0.5 * p.mass * chain.tributary_length * (v**2).sum(axis=2)).sum(axis=1)
         found = kinetic + strain - (x * chain.loads()).sum(axis=(1, 2))
     kinetic = 0.5 * parameters(scene).mass * float((run.velocity**2).sum(["particle", "coordinate"]).max())
     assert kinetic > 0.1
@@ -350,7 +350,7 @@ def test_a_step_that_does_not_converge_is_cut(soft, monkeypatch):
     assert run.attrs["steps_cut"] > 0
     found = energy(scene, run)
     np.testing.assert_allclose(found, found[0], rtol=1e-6)
-    monkeypatch.setattr(implicit, "MOST_CUTS", 1)
+    monkeypatch.setattr(implicit, "MAX_SUBSTEPS", 1)
     said = r"Newton's method did not converge, with the step cut into 1, at 0 s \(energy_momentum, step 0\.1 s, step number 0\)"
     with pytest.raises(cp.RunStopped, match=said) as stopped:
         cp.chain.simulate(scene, scheme="energy_momentum", step=0.1)
@@ -426,13 +426,13 @@ def test_finite_numbers_beyond_all_bounds_are_stopped(soft, any_load, scheme):
 def test_a_run_that_fails_on_the_way_keeps_what_was_computed(soft, monkeypatch):
     scene = pulled(soft)
     whole = cp.chain.simulate(scene, scheme="trapezoidal", step=0.05, outputs=("position", "velocity"))
-    plain = implicit.March.advance
+    plain = implicit.ImplicitStepper.advance
 
     def until_the_twelfth(self, start, steps):
         return plain(self, start, min(steps, 12 - start)) if start < 12 else 0
 
-    monkeypatch.setattr(implicit.March, "advance", until_the_twelfth)
-    monkeypatch.setattr(implicit.March, "cut", lambda self, number: False)
+    monkeypatch.setattr(implicit.ImplicitStepper, "advance", until_the_twelfth)
+    monkeypatch.setattr(implicit.ImplicitStepper, "cut", lambda self, number: False)
     with pytest.raises(cp.RunStopped, match=r"at 0\.6 s \(trapezoidal, step 0\.05 s, step number 12\); try") as stopped:
         cp.chain.simulate(scene, scheme="trapezoidal", step=0.05, outputs=("position", "velocity"))
     partial = stopped.value.partial

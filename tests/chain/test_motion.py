@@ -200,7 +200,7 @@ def test_energy_is_kept_and_time_can_be_turned_back(soft):
         )
         p = parameters(scene)
         chain = links.chain_of(p)
-        mass = p.mass * chain.share
+        mass = p.mass * chain.tributary_length
         stretch = np.linalg.norm(np.diff(run.position, axis=1), axis=2) - chain.length
         energy = (
             0.5 * np.sum(mass[:, None] * run.velocity.values**2, axis=(1, 2))

@@ -18,7 +18,7 @@ def test_rest_is_in_equilibrium(scenes, number):
     assert float(rest.residual) < 1e-9 * float(rest.tension.max())
     # and by the law of the chain from the positions alone, whose rounding is worth 1e-7 N here
     chain = links.chain_of(parameters(scene))
-    force = chain.pull(rest.position.values)[1]
+    force = chain.tensions_and_forces(rest.position.values)[1]
     left = force[1:] - force[:-1] + chain.loads(0.0)[1:-1]
     assert np.abs(left).max() < 1e-9 * float(rest.tension.max())
 

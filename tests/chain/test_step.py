@@ -10,8 +10,8 @@ import cablepod as cp
 from cablepod.cable import _runs as cable_runs
 from cablepod.chain import _scheme as chain_runs
 from cablepod.chain import _start as chain_start
-from cablepod.chain._explicit import VerletRun
-from cablepod.chain._implicit import ImplicitRun
+from cablepod.chain._explicit import ExplicitChainRun
+from cablepod.chain._implicit import ImplicitChainRun
 from cablepod.discretisation import _chain as links
 from cablepod.parameters._from_scene import parameters
 
@@ -37,7 +37,7 @@ def test_the_stability_limit_is_where_it_is_predicted(soft):
     assert limit == pytest.approx(2 / (2 * np.sqrt(1e3 / link**2) * np.cos(np.pi / 16)), rel=1e-12)
 
     def largest(step):
-        run = VerletRun(chain, np.array([1000 * step]), chain_start.start(chain), ("position",), None, "")
+        run = ExplicitChainRun(chain, np.array([1000 * step]), chain_start.start(chain), ("position",), None, "")
         return np.abs(run(1 / step).position - line).max()
 
     assert largest(0.999 * limit) < 1e-5
@@ -55,7 +55,7 @@ def test_the_stability_limit_with_viscous_links(soft, viscosity):
     start[1:-1:2] += 1e-9
 
     def largest(step):
-        run = VerletRun(chain, np.array([3000 * step]), start, ("position",), None, "")
+        run = ExplicitChainRun(chain, np.array([3000 * step]), start, ("position",), None, "")
         return np.abs(run(1 / step).position - start).max()
 
     assert largest(0.99 * limit) < 1e-8
@@ -128,14 +128,14 @@ def test_finite_garbage_is_stopped(scenes):
 
 def test_a_run_that_breaks_down_is_told_only_of_other_schemes(soft):
     about = (links.chain_of(parameters(cp.make_scene(soft))), np.zeros(1), np.zeros((9, 2)), ("position",), None, "")
-    assert ImplicitRun(*about, method="trapezoidal").cure.endswith("or scheme energy_momentum")
-    assert ImplicitRun(*about, method="energy_momentum").cure == "a step half as long"
-    assert "energy_momentum" not in cable_runs.MeshVerlet(*about).cure
+    assert ImplicitChainRun(*about, method="trapezoidal").remedy.endswith("or scheme energy_momentum")
+    assert ImplicitChainRun(*about, method="energy_momentum").remedy == "a step half as long"
+    assert "energy_momentum" not in cable_runs.ExplicitCableRun(*about).remedy
 
 
 def test_an_unexplained_energy_is_warned_of(soft, monkeypatch):
     # with the limit set to what any motion holds
-    monkeypatch.setattr(chain_runs, "SUSPECT", 1e-9)
+    monkeypatch.setattr(chain_runs, "ENERGY_WARN", 1e-9)
     with pytest.warns(cp.NotConvergedWarning, match="times the energy that rest, loads and ends explain"):
         cp.chain.simulate(cp.make_scene(soft), step=1e-3)
 
@@ -143,7 +143,7 @@ def test_an_unexplained_energy_is_warned_of(soft, monkeypatch):
 @pytest.mark.parametrize("law", ["linear", "green"])
 def test_the_energy_of_links(soft, law):
     p = parameters(cp.make_scene(soft))
-    run = VerletRun(links.chain_of(p, law=law), np.array([1.0]), np.zeros((9, 2)), ("position",), None, "")
+    run = ExplicitChainRun(links.chain_of(p, law=law), np.array([1.0]), np.zeros((9, 2)), ("position",), None, "")
     stretched = np.linspace(0.0, 1.0, 9)[:, None] * [8.0, 6.0] * 1.1
     xi = 1.1 * 10.0 / run.chain.total_length
     expected = (
@@ -204,7 +204,7 @@ def test_the_energy_of_a_jolt_is_that_of_the_axial_wave():
         scene, times=[0.0, 0.9 * arrival], step=0.25 * arrival / 800, outputs=("position", "velocity", "tension")
     )
     chain = links.chain_of(parameters(scene))
-    kinetic = 0.5 * (mass * chain.share[1:-1, None] * run.velocity.values[1, 1:-1] ** 2).sum()
+    kinetic = 0.5 * (mass * chain.tributary_length[1:-1, None] * run.velocity.values[1, 1:-1] ** 2).sum()
     strain = (run.tension**2 * chain.length / (2 * stiffness)).sum("link")
     work = run.tension[0, -1] * speed * 0.9 * arrival
     found = float(kinetic + strain[1] - strain[0] - work)

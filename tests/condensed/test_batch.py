@@ -18,7 +18,7 @@ from cablepod.condensed import _runs as condensed_runs
 from cablepod.condensed._assembly import model_of
 from cablepod.discretisation import _similarity as training
 from cablepod.parameters._from_scene import Members, parameters_of_members
-from cablepod.parameters._members import Columns
+from cablepod.parameters._members import MemberParameters
 
 STEP = 2e-3
 TIMES = np.arange(0.0, 2.01, 0.04)  # two blocks of steps, the second not full
@@ -129,7 +129,7 @@ def test_members_that_fail_say_why_as_single_runs_do(soft, monkeypatch):
 def test_members_without_an_equilibrium_near_are_left_to_single_runs(soft, monkeypatch):
     scenes, modes = scenes_of(soft, *CASES["tension"]), full_modes()
     truth = one_by_one(monkeypatch, scenes, modes, links=[1, 5], **OPTIONS)
-    start, solve, alone = condensed_many.Batch._start, condensed_runs.solve, []
+    start, solve, alone = condensed_many.CondensedBatch._start, condensed_runs.solve, []
 
     def lost(batch):
         q, v, limit = start(batch)
@@ -139,7 +139,7 @@ def test_members_without_an_equilibrium_near_are_left_to_single_runs(soft, monke
         alone.append(model.chain.p.length_value)
         return solve(model, options)
 
-    monkeypatch.setattr(condensed_many.Batch, "_start", lost)
+    monkeypatch.setattr(condensed_many.CondensedBatch, "_start", lost)
     monkeypatch.setattr(condensed_batch, "solve", watched)
     assert_close(cp.condensed.simulate(scenes, modes, links=[1, 5], **OPTIONS), truth)
     assert alone == [300.0]
@@ -213,7 +213,7 @@ def test_what_the_loops_do_not_cover_is_left_to_single_runs(soft, monkeypatch):
 def test_columns_are_the_parameters_of_members(soft, case, dims):
     scenes = scenes_of(soft, *CASES[case], dims)
     before = scenes.copy(deep=True)
-    columns = Columns.of(Members(scenes))
+    columns = MemberParameters.of(Members(scenes))
     assert columns is not None
     xr.testing.assert_identical(scenes, before)
     statics, found = columns.statics()
@@ -232,7 +232,7 @@ def test_columns_are_the_parameters_of_members(soft, case, dims):
             p.mass,
             p.mass_damping or 0.0,
         )
-        assert columns.time_scale[i] == p.time_scale
+        assert columns.shortest_time_scale[i] == p.shortest_time_scale
         for derivative in (0, 1, 2):
             np.testing.assert_allclose(
                 columns.end_positions(times, derivative)[i], p.end_positions(times, derivative), rtol=1e-14, atol=1e-15

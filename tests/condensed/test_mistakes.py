@@ -85,7 +85,7 @@ def test_a_slack_cable_and_fast_ends_are_warned_of(soft, modes):
     place = round(run.attrs["time_of_smallest_force"] * 1000)
     # the least chordwise force is that of the instant it is said to be of
     model = model_of(parameters(lifted), modes[2], rank=2, order="exact", law="linear")
-    q = (run.amplitude.values @ np.linalg.inv(model.turned[0][0]).T)[[place]]
+    q = (run.amplitude.values @ np.linalg.inv(model.spectral_basis[0][0]).T)[[place]]
     force = condensed_output._closed(model, q, np.array([place / 1000]))[1]
     assert force.min() == pytest.approx(run.attrs["smallest_chordwise_force"], rel=1e-6)
     fast = {"upper": {"x": {"kind": "harmonic", "amplitude": 1e-4, "angular_frequency": 20.0, "phase": 0.0}}}

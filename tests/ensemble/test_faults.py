@@ -138,7 +138,7 @@ def test_it_survives_killed_workers_and_a_scheduler_given_by_its_address(soft, t
         hidden = tmp_path / "hidden"
         from cablepod.ensemble import _job as ensemble
 
-        real, ensemble.sees = ensemble.sees, _blind
+        real, ensemble.check_access = ensemble.check_access, _blind
         try:
             with pytest.raises(
                 cp.ArchiveError,
@@ -146,7 +146,7 @@ def test_it_survives_killed_workers_and_a_scheduler_given_by_its_address(soft, t
             ):
                 cp.ensemble.run(scenes_of(soft, 2), hidden, step=STEP, scheduler=client)
         finally:
-            ensemble.sees = real
+            ensemble.check_access = real
 
 
 def _blind(folder, ensemble):
@@ -168,7 +168,7 @@ def test_a_scheduler_that_cannot_be_reached(soft, tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
     from cablepod.ensemble import _workers as ensemble_runs
 
-    monkeypatch.setattr(ensemble_runs, "PATIENCE", 0.5)
+    monkeypatch.setattr(ensemble_runs, "CONNECT_TIMEOUT", 0.5)
     begin = time.monotonic()
     for address in ("tcp://127.0.0.1:9", "tcp://no.such.host.invalid:8786", "ftp://x"):
         with pytest.raises(

@@ -165,7 +165,7 @@ def test_a_mode_that_nothing_pulls_back_at_the_start_does_not_divide_by_zero(sof
 def test_what_is_off_along_the_chord_counts(soft, modes):
     scene = cp.make_scene(scene_of(soft, tension=150.0))
     model = model_of(parameters(scene), modes, rank=3, law="linear")
-    run = galerkin_runs.VerletRun(model, TIMES, model.initial(), (), None, scene, modes, "velocity_verlet")
+    run = galerkin_runs.ExplicitGalerkinRun(model, TIMES, model.initial(), (), None, scene, modes, "velocity_verlet")
     bump = 5e-3 * np.sin(np.pi * model.sigma)
     chord = model.chain.p.upper - model.chain.p.lower
     shifted = replace(model, mean=model.mean + bump[:, None] * chord / np.linalg.norm(chord))

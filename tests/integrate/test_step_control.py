@@ -16,22 +16,22 @@ from cablepod.rigid import _runs as rigid_runs
 
 @pytest.mark.parametrize("rate", [0.3, 1.0, 1.01, 7.9, 3250.0, 4001.0, 1e6 + 1])
 def test_preferred_rates_are_round_and_never_lower(rate):
-    chosen = stepping.preferred_rate(rate)
+    chosen = stepping.preferred_steps_per_second(rate)
     assert rate * (1 - 1e-12) <= chosen <= 1.28 * rate
     assert chosen / 10.0 ** np.floor(np.log10(chosen)) == pytest.approx(
-        min(stepping._PREFERRED, key=lambda p: abs(p - chosen / 10.0 ** np.floor(np.log10(chosen))))
+        min(stepping._PREFERRED_MANTISSAS, key=lambda p: abs(p - chosen / 10.0 ** np.floor(np.log10(chosen))))
     )
 
 
 def test_instants_on_steps_need_no_interpolation():
-    instants = output_times.Instants.of(np.arange(1251) / 10, 4000.0)
-    assert not instants.dense
+    instants = output_times.OutputTimes.of(np.arange(1251) / 10, 4000.0)
+    assert not instants.needs_interpolation
     np.testing.assert_array_equal(instants.steps, 400 * np.arange(1251))
 
 
 def test_dense_output_is_exact_for_quintics():
     rate = 3.0
-    instants = output_times.Instants.of(np.array([0.0, 0.1, 0.7, 1.0, 1.9]), rate)
+    instants = output_times.OutputTimes.of(np.array([0.0, 0.1, 0.7, 1.0, 1.9]), rate)
     p = np.polynomial.Polynomial([1.0, -2.0, 0.5, 3.0, -1.0, 0.2])
     t = instants.steps / rate
     values = instants.at_times(*(f(t)[:, None, None] for f in (p, p.deriv(), p.deriv(2))))
@@ -52,7 +52,7 @@ class MadeUp:
         def position(run):
             return np.full((1, 1, 1), run[1])
 
-        return stepping.refine(self, position, lambda run: 1.0, self.first, tolerance, *kinked)
+        return stepping.refine_step(self, position, lambda run: 1.0, self.first, tolerance, *kinked)
 
 
 @pytest.mark.parametrize(
@@ -92,8 +92,8 @@ def test_runs_do_not_grow_without_bound():
     with pytest.warns(cp.NotConvergedWarning, match="too abrupt for this scheme"):
         made_up.refine(1e-6)
     # the last is rounded up to a preferred rate
-    assert max(made_up.calls) <= 1.3 * stepping.MOST_GROWTH * made_up.first
-    just = MadeUp(0.9e-6 * stepping.MOST_GROWTH, 1.0)
+    assert max(made_up.calls) <= 1.3 * stepping.MAX_GROWTH * made_up.first
+    just = MadeUp(0.9e-6 * stepping.MAX_GROWTH, 1.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         (_, error), _, _ = just.refine(1e-6)
@@ -104,10 +104,10 @@ def test_runs_do_not_grow_without_bound():
 def test_no_run_that_chooses_its_step_takes_absurdly_long(first, runs):
     # of no convergence at all; the first run has `first` times the most steps times links
     made_up = MadeUp(1.0, 0.9)
-    size = (first * stepping.MOST_WORK / (made_up.first * 40), 40)
+    size = (first * stepping.MAX_WORK / (made_up.first * 40), 40)
 
     def refine():
-        return stepping.refine(
+        return stepping.refine_step(
             made_up, lambda run: np.full((1, 1, 1), run[1]), lambda run: 1.0, made_up.first, 1e-6, size=size
         )
 
@@ -126,9 +126,9 @@ def test_no_run_that_chooses_its_step_takes_absurdly_long(first, runs):
 
 def test_long_implicit_steps_are_not_looked_for_without_end():
     made_up = MadeUp(1.0, 0.1)
-    size = (stepping.MOST_TRIED / (1000.0 * 40), 40)
+    size = (stepping.MAX_TRIAL_WORK / (1000.0 * 40), 40)
     values = (lambda run: np.full((1, 1, 1), run[1]), lambda run: 1.0)
-    assert stepping.halve(made_up, *values, made_up.first, 1e-6, 1e9, size) is None
+    assert stepping.halve_step_while_cheaper(made_up, *values, made_up.first, 1e-6, 1e9, size) is None
     assert made_up.calls == [100.0, 200.0, 400.0, 800.0]
 
 
@@ -144,8 +144,8 @@ def test_a_run_that_nobody_means_is_refused_before_it_begins(soft, model, monkey
         del soft["cable"]["top_tension"]
         scene = cp.make_scene(soft | {"cable": {**soft["cable"], "unstretched_length": 10.3}})
     simulate = getattr(cp, model).simulate
-    monkeypatch.setattr(stepping, "MOST_WORK", 1000)
-    monkeypatch.setattr(stepping, "MOST_TRIED", 1)
+    monkeypatch.setattr(stepping, "MAX_WORK", 1000)
+    monkeypatch.setattr(stepping, "MAX_TRIAL_WORK", 1)
     monkeypatch.setattr(cable_runs, "advance_in_blocks", None)  # nothing is run
     monkeypatch.setattr(rigid_runs.RigidRun, "__call__", None)
     with pytest.raises(
@@ -179,7 +179,7 @@ def test_steps_are_counted_in_doubles(soft):
 
 def halved(size, order, tolerance, most_rate):
     made_up = MadeUp(size, order)
-    found = stepping.halve(
+    found = stepping.halve_step_while_cheaper(
         made_up, lambda run: np.full((1, 1, 1), run[1]), lambda run: 1.0, made_up.first, tolerance, most_rate
     )
     return found, made_up.calls
@@ -192,7 +192,7 @@ def test_halving_stops_where_two_runs_agree_by_a_margin():
     (rate, error), same, estimate = found
     assert rate == same == 800.0
     assert estimate == pytest.approx(0.75 * 2.5e-4)
-    assert error < estimate <= 1e-3 / stepping.CAUTION
+    assert error < estimate <= 1e-3 / stepping.HALVING_MARGIN
 
 
 def test_halving_goes_no_further_than_it_may():
@@ -211,7 +211,7 @@ def test_halving_passes_over_steps_that_break_down():
             raise cp.RunStopped("too long")
         return 0.0
 
-    found = stepping.halve(run, lambda run: np.zeros((1, 1, 1)), lambda run: 1.0, 100.0, 1e-3, 1e9)
+    found = stepping.halve_step_while_cheaper(run, lambda run: np.zeros((1, 1, 1)), lambda run: 1.0, 100.0, 1e-3, 1e9)
     assert calls == [100.0, 200.0, 400.0, 800.0]
     assert found[1] == 800.0
 
@@ -224,7 +224,7 @@ def test_runs_that_differ_whatever_their_steps_are_given_up_soon():
         return 1e-2 * (-1.0) ** len(calls)
 
     with pytest.warns(cp.NotConvergedWarning, match="an error of .* is left at step"):
-        stepping.refine(run, lambda run: np.full((1, 1, 1), run), lambda run: 1.0, 100.0, 1e-6)
+        stepping.refine_step(run, lambda run: np.full((1, 1, 1), run), lambda run: 1.0, 100.0, 1e-6)
     assert len(calls) == 4
 
 
@@ -239,7 +239,7 @@ def test_a_first_step_that_breaks_down_is_halved():
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        _, rate, _ = stepping.refine(run, lambda run: np.zeros((1, 1, 1)), lambda run: 1.0, 100.0, 1e-6)
+        _, rate, _ = stepping.refine_step(run, lambda run: np.zeros((1, 1, 1)), lambda run: 1.0, 100.0, 1e-6)
     assert calls == [100.0, 200.0, 400.0, 800.0]
     assert rate == 800.0
 

@@ -259,8 +259,8 @@ def test_the_search_comes_near_the_projection(name, rank):
 def test_part_of_a_lesson_is_a_shorter_run(example):
     scene, chain, modes = example
     options = {"rank": 2, "order": "leading", "law": "linear", "quadrature": None}
-    whole = oblique._lesson(0, scene, chain, modes, options, 1e-5)
-    part, short = whole.until(0.25), oblique._lesson(0, scene, chain.isel(time=slice(76)), modes, options, 1e-5)
+    whole = oblique._training_case(0, scene, chain, modes, options, 1e-5)
+    part, short = whole.until(0.25), oblique._training_case(0, scene, chain.isel(time=slice(76)), modes, options, 1e-5)
     assert part.times[-1] == 7.5
     assert part.how == whole.how  # so that errors of parts and whole are of one model
     short.__dict__["how"] = whole.how

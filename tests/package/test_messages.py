@@ -21,7 +21,7 @@ import cablepod
 PACKAGE = Path(cablepod.__file__).parent
 
 #: Function that makes a refusal of input from its fields: key, given, allowed and, if it takes one, remedy.
-REFUSE = "refuse"
+REFUSE = "scene_error"
 #: Functions that get the text of a message, and the index of that argument.
 TELLING = {"warn": 0, "stop": -1}
 #: Exceptions that are made in one place and raised in another, so that their calls are collected, not the raise statements.

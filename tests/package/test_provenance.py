@@ -47,10 +47,10 @@ def test_the_lineage_of_a_reduced_model_reaches_its_scene(soft):
 
 def test_long_arrays_are_kept_as_digests():
     squares = np.arange(5000.0) ** 2
-    short, long = provenance.plain(np.arange(3.0)), provenance.plain(squares)
+    short, long = provenance.to_json(np.arange(3.0)), provenance.to_json(squares)
     assert short == [0.0, 1.0, 2.0]
     assert long["shape"] == [5000]
-    assert provenance.plain(squares.tolist()) == long
+    assert provenance.to_json(squares.tolist()) == long
 
 
 def test_results_lead_with_what_they_are(soft):

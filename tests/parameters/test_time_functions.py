@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from cablepod.parameters._time_functions import SINES, Abreast, TimeFunction
+from cablepod.parameters._time_functions import SINES, BatchedTimeFunction, TimeFunction
 
 SAMPLES = np.linspace(0.0, 12.0, 41)
 RECORD = 0.3 * np.sin(0.9 * SAMPLES) + 0.02 * SAMPLES**2
@@ -122,11 +122,11 @@ def test_tables_of_several_scenes_have_the_bits_of_each(kinds, derivative):
     functions = [TimeFunction(kind, KINDS[kind]) for kind in kinds]
     origins = np.arange(1.0, 1.0 + len(kinds))
     tables = np.full((len(kinds), 3, 702), np.nan)
-    Abreast(functions, origins).fill(256, 100.0, derivative, 1, tables)
+    BatchedTimeFunction(functions, origins).fill(256, 100.0, derivative, 1, tables)
     for table, function, origin in zip(tables, functions, origins, strict=True):
-        np.testing.assert_array_equal(table[1], function.on_steps(256, 701, 100.0, derivative, origin))
+        np.testing.assert_array_equal(table[1], function.at_steps(256, 701, 100.0, derivative, origin))
     assert np.isnan(tables[:, [0, 2]]).all()
     # blocks of whole rotations have the same bits wherever they begin
     block = np.empty((len(kinds), 1, 190))
-    Abreast(functions, origins).fill(768, 100.0, derivative, 0, block)
+    BatchedTimeFunction(functions, origins).fill(768, 100.0, derivative, 0, block)
     np.testing.assert_array_equal(block[:, 0], tables[:, 1, 512:])

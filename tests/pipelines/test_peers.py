@@ -32,7 +32,7 @@ def test_right_side_is_the_chains_forces(system, state):
     time, out = 0.7, np.empty(state.size)
     peer_system.rates_of(system)(time, state, out)
     position = system.positions(state[None], [time])[0]
-    tension, force = system.chain.pull(position)
+    tension, force = system.chain.tensions_and_forces(position)
     assert 0 < np.count_nonzero(tension) < tension.size  # else nothing is seen of slack links
     parts = out.reshape(-1, 4)
     acceleration = (np.diff(force, axis=0) + system.chain.loads(time)[1:-1]) / system.mass[:, None]

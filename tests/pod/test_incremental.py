@@ -84,8 +84,8 @@ def test_many_features_are_held_by_the_axes_they_need(kind):
 
 
 def test_what_is_left_out_of_many_features_is_told(monkeypatch):
-    monkeypatch.setattr(streaming, "MOST", 60)
-    monkeypatch.setattr(streaming, "KEPT", 40)
+    monkeypatch.setattr(streaming, "MAX_AXES", 60)
+    monkeypatch.setattr(streaming, "KEPT_AXES", 40)
     spectrum = 1.0 / np.arange(1, 201)
     with one_blas_thread():
         found = accumulated(known_rows(900, 600, spectrum)[0], block=50).decomposed()

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import cablepod as cp
-from cablepod.discretisation._chord_frame import Frame, stretch_to_close
+from cablepod.discretisation._chord_frame import ChordFrame, stretch_to_close
 from cablepod.pod import _normal as pod_normal
 
 SPECTRA = [1.0, 0.3, 0.04, 0.001], [0.2, 0.03, 0.002]
@@ -157,7 +157,7 @@ def test_a_planar_motion_in_space_has_the_modes_of_the_plane():
 def test_a_frame_is_orthonormal_right_handed_and_its_rates_are_derivatives(dims):
     rng = np.random.default_rng(2)
     reach, speed = np.array([4.0, 3.0, 2.0])[:dims] + rng.normal(size=(6, dims)), rng.normal(size=(6, dims))
-    frame = Frame.of(reach)
+    frame = ChordFrame.of(reach)
     axes = np.concatenate([frame.along[:, None], frame.normals], axis=1)
     np.testing.assert_allclose(
         axes @ axes.transpose(0, 2, 1), np.broadcast_to(np.eye(dims), (6, dims, dims)), atol=1e-14
@@ -165,7 +165,7 @@ def test_a_frame_is_orthonormal_right_handed_and_its_rates_are_derivatives(dims)
     np.testing.assert_allclose(np.linalg.det(axes), 1.0, rtol=1e-14)
     rates = frame.rates(reach, speed)
     h = 1e-5
-    before, after = Frame.of(reach - h * speed), Frame.of(reach + h * speed)
+    before, after = ChordFrame.of(reach - h * speed), ChordFrame.of(reach + h * speed)
     for rate, a, b in zip(
         rates, (before.chord, before.along, before.normals), (after.chord, after.along, after.normals), strict=True
     ):
@@ -174,13 +174,13 @@ def test_a_frame_is_orthonormal_right_handed_and_its_rates_are_derivatives(dims)
 
 
 def test_a_vertical_chord_takes_another_axis_and_ends_must_not_meet():
-    frame = Frame.of(np.array([[0.0, 5.0, 0.0], [0.1, 5.0, 0.0]]))
+    frame = ChordFrame.of(np.array([[0.0, 5.0, 0.0], [0.1, 5.0, 0.0]]))
     assert frame.reference == 0
     assert np.isfinite(frame.normals).all()
     with pytest.raises(cp.SceneError, match=r"^ends: they meet at some instant; allowed: a distance"):
-        Frame.of(np.array([[1.0, 0.0], [0.0, 0.0]]))
+        ChordFrame.of(np.array([[1.0, 0.0], [0.0, 0.0]]))
     with pytest.raises(cp.SceneError, match=r"^motion: the chord turns into the axis x; allowed: one that stays away"):
-        Frame.of(np.array([[0.0, 5.0, 0.0], [5.0, 0.0, 0.0]]))
+        ChordFrame.of(np.array([[0.0, 5.0, 0.0], [5.0, 0.0, 0.0]]))
 
 
 def test_links_stretched_alike_reach_from_end_to_end_though_one_is_steep():

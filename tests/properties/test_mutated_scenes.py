@@ -208,7 +208,7 @@ def to_move(scene: xr.Dataset) -> dict[str, Any]:
     # by law (21) of the Galerkin model a link stiffens with the square of its stretch
     ends = p.end_positions(np.linspace(0.0, p.duration or 0.0, 101))
     stretch = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max() / chain.total_length
-    shortest = min(chain.step_limit() / max(1.0, stretch), p.time_scale)
+    shortest = min(chain.step_limit() / max(1.0, stretch), p.shortest_time_scale)
     most = STEPS * shortest / max(1.0, links / 10.0)
     if p.duration is None or p.interval is None:
         event("moved: without times of its own")
@@ -226,7 +226,7 @@ def terms(scene: xr.Dataset) -> tuple[bool | int, ...]:
     p = parameters(scene)
     ends = {end for end, _ in p.motions}
     varying = [load.factor is not None for load in p.point_loads]
-    given = (p.mass_damping, p.link_viscosity, p.load, p.load_factor, p.free)
+    given = (p.mass_damping, p.link_viscosity, p.load, p.load_factor, p.free_end)
     return p.dims, len(ends), bool(varying), any(varying), *(item is not None for item in given)
 
 

@@ -14,10 +14,10 @@ from scipy.special import ellipj, ellipk
 
 import cablepod as cp
 from cablepod.discretisation._chain import chain_of
-from cablepod.integrate._output_times import Instants
+from cablepod.integrate._output_times import OutputTimes
 from cablepod.parameters._from_scene import parameters
 from cablepod.rigid import _start as rigid_module
-from cablepod.rigid._runs import FORMULATIONS, RigidRun, _March
+from cablepod.rigid._runs import FORMULATIONS, RigidRun, RigidStepper
 
 TERMS = {
     **SHARED,
@@ -277,7 +277,7 @@ def test_rattle_can_be_turned_back(soft):
     chain = chain_of(p)
     initial = rigid_module.start(chain)
     run = RigidRun(chain, np.array([10.0]), initial, ("position",), None, "turned")
-    march = _March(run, Instants.of(run.times, 50.0))
+    march = RigidStepper(run, OutputTimes.of(run.times, 50.0))
     k = march.kernel
     first = march.s[:3].copy()
     assert march.advance(0, 100) == 100

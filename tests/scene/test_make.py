@@ -25,7 +25,7 @@ def test_defaults(soft):
     assert scene.attrs["title"]
     chosen = json.loads(scene.attrs["ensemble_json"])
     assert (chosen["seed"], chosen["sampling"]) == (0, "latin_hypercube")
-    absent = (p.free, p.load, p.load_factor, p.duration, p.links, p.link_lengths, p.mass_damping, p.link_viscosity)
+    absent = (p.free_end, p.load, p.load_factor, p.duration, p.links, p.link_lengths, p.mass_damping, p.link_viscosity)
     assert all(item is None for item in absent)
     assert p.point_loads == ()
     assert p.initial == {}

@@ -15,7 +15,7 @@ import xarray as xr
 from numba import njit
 
 import cablepod as cp
-from cablepod.discretisation._chain import Chain, chain_of
+from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.parameters._from_scene import parameters
 
 #: Width of the Jacobian's band below and above its diagonal, with the unknowns ordered as in System
@@ -31,7 +31,7 @@ class System:
     relative tolerances are relative to the motion and not to the length of the cable.
     """
 
-    chain: Chain
+    chain: LumpedChain
     start: np.ndarray  #: positions at rest (n + 1, 2) [m]
     amplitude: float  #: [m]
     omega: float  #: [rad/s]
@@ -44,12 +44,12 @@ class System:
     @property
     def mass(self) -> np.ndarray:
         """Masses of the free particles (n - 1,) [kg]."""
-        return self.chain.p.mass * self.chain.share[self.chain.free]
+        return self.chain.p.mass * self.chain.tributary_length[self.chain.free_particles]
 
     @property
     def load(self) -> np.ndarray:
         """Loads on the free particles (n - 1, 2) [N]."""
-        return self.chain.loads()[self.chain.free]
+        return self.chain.loads()[self.chain.free_particles]
 
     def upper(self, time: float) -> float:
         """Displacement of the upper end along x [m]."""
@@ -74,7 +74,7 @@ def system_of(scene: xr.Dataset) -> System:
     p = parameters(scene)
     motion = p.motions.get(("upper", "x"))
     chain = chain_of(p)
-    more = (p.free, p.load, p.mass_damping, p.link_viscosity, p.link_lengths)
+    more = (p.free_end, p.load, p.mass_damping, p.link_viscosity, p.link_lengths)
     if p.dims != 2 or len(p.motions) != 1 or motion is None or motion.kind != "one_minus_cosine":
         raise ValueError(
             "given other motions; allowed: a planar scene with one_minus_cosine of the upper end along x alone"
