@@ -1,25 +1,40 @@
-"""Reduced-order models of cable dynamics, from scene to archive, on labelled data."""
+"""Reduced-order models of cable dynamics, from scene to archive, on labelled data.
 
+Sub-packages are loaded when they are first used, so that importing cablepod costs little more than importing xarray.
+
+.. include:: README.md
+"""
+
+from importlib import import_module
 from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
 
-from cablepod import (
-    archive,
-    cable,
-    catenary,
-    chain,
-    compare,
-    condensed,
-    ensemble,
-    galerkin,
-    oblique,
-    plots,
-    pod,
-    rigid,
-    study,
+from cablepod.errors import (
+    ArchiveError,
+    MemberFailedWarning,
+    NotConvergedWarning,
+    OutOfRangeWarning,
+    RunStopped,
+    SceneError,
 )
-from cablepod.archive import ArchiveError
-from cablepod.errors import MemberFailedWarning, NotConvergedWarning, OutOfRangeWarning, RunStopped, SceneError
-from cablepod.scene import make_scene, read_scene
+
+if TYPE_CHECKING:
+    from cablepod import (
+        archive,
+        cable,
+        catenary,
+        chain,
+        compare,
+        condensed,
+        ensemble,
+        galerkin,
+        oblique,
+        plots,
+        pod,
+        rigid,
+        study,
+    )
+    from cablepod.scene import make_scene, read_scene
 
 __version__ = version("cablepod")
 
@@ -46,3 +61,19 @@ __all__ = [
     "rigid",
     "study",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public sub-package or function at its first use."""
+    if name not in __all__:
+        raise AttributeError(f"module 'cablepod' has no attribute {name!r}")
+    if name in ("make_scene", "read_scene"):
+        found = getattr(import_module("cablepod.scene"), name)
+    else:
+        found = import_module(f"cablepod.{name}")
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

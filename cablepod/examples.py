@@ -11,6 +11,8 @@ import xarray as xr
 from cablepod.errors import scene_error
 from cablepod.scene._read import read_scene
 
+__all__ = ["data_folder", "scene", "scene_path", "scenes", "table", "truth_path", "truths"]
+
 
 def data_folder() -> Path:
     """Return the folder of shipped scenes and tables: inside an installed package, or beside it in a checkout."""

@@ -1,5 +1,5 @@
-"""Alias of the check that lineage scripts of users name; it lives in the archive."""
+"""Alias of what lineage scripts in users' files name; it lives in :mod:`cablepod.archive`."""
 
-from cablepod.archive._lineage import ancestors, check, script
+from cablepod.archive._lineage import ancestors, changed, check, script
 
-__all__ = ["ancestors", "check", "script"]
+__all__ = ["ancestors", "changed", "check", "script"]

@@ -42,9 +42,8 @@ def finish(process: subprocess.Popen[str], *, timeout: float) -> tuple[str, str]
 def run_python(*arguments: object, timeout: float, **options: Any) -> subprocess.CompletedProcess[str]:
     """Run Python with these arguments until it ends, at most for `timeout` seconds."""
     command = [sys.executable, *map(str, arguments)]
-    return subprocess.run(
-        command, env=environment(), capture_output=True, text=True, timeout=timeout, check=False, **options
-    )
+    given = {"env": environment(), "capture_output": True, "text": True, "timeout": timeout, "check": False}
+    return subprocess.run(command, **(given | options))
 
 
 def call(*arguments: object, timeout: float = 300.0, **options: Any) -> subprocess.CompletedProcess[str]:

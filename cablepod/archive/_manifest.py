@@ -19,8 +19,6 @@ MANIFEST, SCENES, MODES = "manifest.json", "scenes.nc", "modes.nc"
 KIND = "cablepod ensemble"
 #: Attributes of a batch file that are its own; all others that are texts go to the whole ensemble where they agree.
 OWN = ("id", "history", "history_json", "title", "date_created", "source", "summary")
-#: Bytes of the largest chunk; longer batches are cut along time.
-CHUNK = 1 << 26
 FAILURE = {"units": "1", "long_name": "why the member failed; empty where it did not"}
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.archive._manifest import CHUNK, FAILURE, SCENES, check_batch, entry_of, file_of, read_manifest, sizes_of
+from cablepod.archive._manifest import FAILURE, SCENES, check_batch, entry_of, file_of, read_manifest, sizes_of
 from cablepod.archive._read import LIBRARY_ERRORS, alone, damaged, opened_file, restored
 from cablepod.errors import ArchiveError
 
@@ -58,6 +58,10 @@ class _ChunkReader:
                 ) from error
             raise damaged(path, error) from error
         return np.ascontiguousarray(np.broadcast_to(values, (count, *shape)))
+
+
+#: Bytes of the largest chunk; longer batches are cut along time.
+CHUNK = 1 << 26
 
 
 def open_ensemble(path: str | os.PathLike[str], *, incomplete: bool = False) -> xr.Dataset:

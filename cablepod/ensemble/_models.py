@@ -12,7 +12,7 @@ import xarray as xr
 from cablepod import cable, chain, condensed, galerkin, rigid
 from cablepod.errors import scene_error
 
-MODELS: Mapping[str, Callable[..., xr.Dataset]] = {
+MODELS: dict[str, Callable[..., xr.Dataset]] = {
     "chain": chain.simulate,
     "cable": cable.simulate,
     "rigid": rigid.simulate,

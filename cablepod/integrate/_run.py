@@ -170,7 +170,7 @@ class ChainRun:
         state.diagnostics["energy_excess"] = float(excess.max(initial=0.0))
         if not broken.any():
             return state
-        first, rate = int(np.argmax(broken)), state.instants.steps_per_second
+        first, rate = int(np.argmax(broken > 0.0)), state.instants.steps_per_second
         when = float(state.instants.times[first])
         limit = (
             f", limit {state.diagnostics['step_limit']:.4g} s for taut links"

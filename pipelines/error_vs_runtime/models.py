@@ -385,8 +385,8 @@ def p_load(p: Parameters) -> float:
 #: Functions that march from the first state to the last.
 MARCHES = (
     "cablepod.integrate._march.advance_in_blocks",
-    "cablepod.chain._implicit.March.advance",
-    "cablepod.chain._implicit.March.cut",
+    "cablepod.chain._implicit.ImplicitStepper.advance",
+    "cablepod.chain._implicit.ImplicitStepper.substep",
 )
 #: Compiled loops, and the tables of ends and loads that they need.
 COMPILED = (
@@ -403,8 +403,8 @@ COMPILED = (
 )
 TABLES = (
     "cablepod.parameters._time_functions.TimeFunction.__call__",
-    "cablepod.parameters._time_functions.TimeFunction.on_steps",
-    "cablepod.parameters._time_functions.TimeFunction.all_on_steps",
+    "cablepod.parameters._time_functions.TimeFunction.at_steps",
+    "cablepod.parameters._time_functions.TimeFunction.all_at_steps",
 )
 
 

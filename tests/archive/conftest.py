@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from cablepod.archive import _write as archive
+from cablepod.archive import _attributes as archive
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ from results import make_scene, make_trajectory
 from cablepod import provenance
 from cablepod.archive import ArchiveError, describe, read, write
 from cablepod.archive import _attributes as attributes
-from cablepod.archive import _write as archive
 
 
 def test_each_stage_adds_one_line_and_keeps_the_earlier_ones(tmp_path, stop_clock):
@@ -70,7 +69,7 @@ def test_id_and_content_hash_depend_on_neither_clock_nor_machine(tmp_path, monke
     plain = xr.Dataset({"mean": ("particle", np.arange(3.0), {"units": "m"})})
     first = read(write(plain, tmp_path / "first.nc"))
     stop_clock("2040-01-01T00:00:00Z")
-    monkeypatch.setattr(archive.platform, "platform", lambda: "elsewhere")
+    monkeypatch.setattr(attributes.platform, "platform", lambda: "elsewhere")
     attributes._program.cache_clear()
     try:
         second = read(write(plain, tmp_path / "second.nc"))

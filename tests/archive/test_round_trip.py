@@ -11,6 +11,7 @@ from children import INSTALLED, run_python
 from results import KINDS, make_ensemble, make_scene, make_trajectory
 
 from cablepod.archive import ArchiveError, describe, read, write
+from cablepod.archive import _describe as archive_describe
 from cablepod.archive import _read as archive_read
 from cablepod.archive import _write as archive
 
@@ -50,9 +51,14 @@ def test_what_is_read_is_what_was_written(kind, tmp_path):
 def test_an_eager_read_closes_the_file(tmp_path, monkeypatch):
     path = write(make_trajectory(), tmp_path / "it.nc")
     opened = []
-    monkeypatch.setattr(
-        archive, "open_file", lambda *args, _open=archive_read.open_file: opened.append(_open(*args)) or opened[-1]
-    )
+    real = archive_read.open_file
+
+    def noted(*arguments):
+        opened.append(real(*arguments))
+        return opened[-1]
+
+    monkeypatch.setattr(archive_read, "open_file", noted)
+    monkeypatch.setattr(archive_describe, "_open", noted)
     for task in (read, describe):
         task(path)
         assert not is_open(path)
@@ -125,7 +131,7 @@ def test_a_lazy_read_gives_the_same_values_in_chunks(tmp_path):
 
 def test_a_lazy_read_without_dask_says_so(tmp_path, monkeypatch):
     path = write(make_scene(), tmp_path / "it.nc")
-    monkeypatch.setattr(archive, "find_spec", lambda name: None)
+    monkeypatch.setattr(archive_read, "find_spec", lambda name: None)
     with pytest.raises(ArchiveError, match="needs dask; install it, or read without chunks"):
         read(path, chunks={})
 

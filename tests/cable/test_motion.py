@@ -14,6 +14,8 @@ import cablepod as cp
 from cablepod import examples as shipped
 from cablepod.cable import _frequencies as cable_module
 from cablepod.cable import _scheme as cable_choice
+from cablepod.cable._mesh import mesh_of
+from cablepod.parameters._from_scene import parameters
 
 #: Ends that begin to move so smoothly (as t^6) that no wave has a corner: order can be seen.
 SMOOTH = {
@@ -217,7 +219,7 @@ def test_verlet_keeps_the_energy(law, soft):
     drift = []
     for step in (2e-4, 1e-4):
         run = cp.cable.simulate(scene, elements=4, law=law, step=step, points="nodes", outputs=("position", "velocity"))
-        mesh = cp.elements.mesh_of(parameters(scene), 4, law=law, points="nodes")
+        mesh = mesh_of(parameters(scene), 4, law=law, points="nodes")
         xi = mesh.stretch(run.position.values)
         strain = 2e4 * ((xi**2 - 1.0) ** 2 / 8.0 if law == "green" else 0.5 * (xi - 1.0) ** 2) @ mesh.length
         kinetic = 0.5 * ((run.velocity.values**2).sum(-1) * mesh.tributary_length).sum(-1)
@@ -352,7 +354,7 @@ def test_the_limit_of_the_step_is_sharp(soft):
     omega = sound.attrs["highest_angular_frequency"]
     assert limit == pytest.approx(2.0 / omega, rel=1e-12)
     # the bound is that of the straight cable, moved along itself: what the tangent of the cable at rest has, but for its sag
-    mesh = cp.elements.mesh_of(cp.parameters.parameters(scene), 4, law="green")
+    mesh = mesh_of(parameters(scene), 4, law="green")
     assert omega == pytest.approx(cable_module.vibrations(mesh, 10**6)[0][-1], rel=1e-2)
 
 

@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 import cablepod as cp
 from cablepod.cable import _mesh as elements
 from cablepod.discretisation import _gll as gll
+from cablepod.parameters._from_scene import parameters
 
 SAGGING = {
     "cable": {"youngs_modulus": 2.0e7, "area": 1.0e-3, "density": 1000.0, "unstretched_length": 12.0},
@@ -346,7 +347,7 @@ def test_frequencies_of_inclined_cables_are_the_limit_of_the_chain(number, law, 
 def test_frequencies_have_units_members_and_norm(soft):
     scene = scene_with(soft)
     single = cp.cable.frequencies(scene, count=3, points="nodes", elements=4)
-    share = elements.mesh_of(cp.parameters.parameters(scene), 4).tributary_length
+    share = elements.mesh_of(parameters(scene), 4).tributary_length
     mean = ((single.mode_shape**2).sum("coordinate") * share).sum("particle") / share.sum()
     assert mean.values == pytest.approx(np.ones(3), rel=1e-12)
     assert not single.mode_shape.values[:, [0, -1]].any()

@@ -285,7 +285,6 @@ def test_runs_in_two_threads_are_those_of_one_after_the_other(soft, name):
 
 @pytest.mark.parametrize("name", ["linear", "green"])
 def test_other_threads_go_on_during_a_run(soft, monkeypatch, name):
-    from cablepod.chain import _explicit as explicit
     from cablepod.chain import _kernels_explicit as kernel
 
     plain, inside = kernel.verlet, threading.Event()
@@ -298,7 +297,7 @@ def test_other_threads_go_on_during_a_run(soft, monkeypatch, name):
     scene = cp.make_scene(soft)
     options = {"links": 8000, "law": name, "step": 1e-6, "times": [0.012]}  # one call of a few tenths of a second
     cp.chain.simulate(scene, **{**options, "times": [0.0]})
-    monkeypatch.setattr(explicit, "verlet", watched)
+    monkeypatch.setattr(kernel, "verlet", watched)
     run = threading.Thread(target=cp.chain.simulate, args=(scene,), kwargs=options)
     run.start()
     inside.wait()

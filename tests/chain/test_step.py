@@ -149,7 +149,7 @@ def test_the_energy_of_links(soft, law):
     expected = (
         p.stiffness * run.chain.total_length * (0.5 * (xi - 1.0) ** 2 if law == "linear" else (xi**2 - 1.0) ** 2 / 8.0)
     )
-    assert run._strain_energy(stretched[None])[0] == pytest.approx(expected, rel=1e-9)
+    assert run.chain.strain_energy(stretched[None])[0] == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_chaotic_scene_is_said_to_be_one(scenes):

@@ -11,6 +11,7 @@ import time
 import numpy as np
 import pytest
 from children import call, finish, python
+from children import environment as environment_of_children
 from scenes import SOFT_TOML
 
 import cablepod as cp
@@ -238,7 +239,7 @@ def test_a_closed_pipe_ends_without_a_word(arguments):
 )
 def test_the_shell_completes(words, offered):
     environment = {
-        **os.environ,
+        **environment_of_children(),
         "_CABLEPOD_COMPLETE": "bash_complete",
         "COMP_WORDS": words,
         "COMP_CWORD": str(len(words.split()) - 1),
@@ -249,7 +250,7 @@ def test_the_shell_completes(words, offered):
 
 
 def test_the_shell_is_told_how_to_complete():
-    done = call(env={**os.environ, "_CABLEPOD_COMPLETE": "bash_source"})
+    done = call(env={**environment_of_children(), "_CABLEPOD_COMPLETE": "bash_source"})
     assert done.returncode == 0
     assert "complete -o nosort -F _cablepod_completion cablepod" in done.stdout
 

@@ -10,7 +10,7 @@ from scenes import HARMONIC, full_modes, spatial
 import cablepod as cp
 from cablepod import errors
 from cablepod.batch import _members as members
-from cablepod.catenary._statics import load_plane
+from cablepod.catenary._statics import _load_planes, load_plane, member_statics
 from cablepod.condensed import _batch as condensed_batch
 from cablepod.condensed import _batch as condensed_many
 from cablepod.condensed import _runs as condensed_module
@@ -166,7 +166,7 @@ def covered(scenes, **changes):
     modes, all_members = full_modes(), Members(scenes)
     model = model_of(all_members[0], modes, rank=3, order=given["order"], law="linear")
     names = ("times", "scheme", "step", "outputs", "links")
-    options = condensed_module.Options(tolerance=1e-6, **{name: given[name] for name in names})
+    options = condensed_module.CondensedRequest(given_tolerance=1e-6, **{name: given[name] for name in names})
     return condensed_many.plan(modes, model, all_members, options) is not None
 
 
@@ -216,7 +216,7 @@ def test_columns_are_the_parameters_of_members(soft, case, dims):
     columns = MemberParameters.of(Members(scenes))
     assert columns is not None
     xr.testing.assert_identical(scenes, before)
-    statics, found = columns.statics()
+    statics, found = member_statics(columns)
     assert found.all()
     lengths, tension = statics[:, 0], 0.5 * (statics[:, 4] + statics[:, 5])
     features = training.features_of_columns(columns, lengths, 2.0, tension)
@@ -224,7 +224,7 @@ def test_columns_are_the_parameters_of_members(soft, case, dims):
     for i, p in enumerate(parameters_of_members(scenes)):
         # sums in another order, some ten roundings
         np.testing.assert_allclose(
-            [item[i] for item in columns._load_planes()], load_plane(p)[:4], rtol=1e-13, atol=1e-13
+            [item[i] for item in _load_planes(columns.chord, columns.load)], load_plane(p)[:4], rtol=1e-13, atol=1e-13
         )
         np.testing.assert_allclose(columns.load[i], p.load_at(0.0), rtol=1e-15)
         assert (columns.stiffness[i], columns.mass[i], columns.damping[i]) == (

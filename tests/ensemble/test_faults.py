@@ -315,7 +315,6 @@ def test_two_runs_at_a_time_are_refused(soft, tmp_path):
 
 def test_a_member_that_diverges_stops_nobody_else(soft, tmp_path, monkeypatch):
     from cablepod.batch._members import over_members
-    from cablepod.ensemble import _job as ensemble_work
     from cablepod.ensemble import _models as models
 
     @over_members
@@ -324,7 +323,7 @@ def test_a_member_that_diverges_stops_nobody_else(soft, tmp_path, monkeypatch):
             raise cp.RunStopped("chain.simulate left the finite numbers at 2 s")
         return cp.chain.simulate(scene, step=step)
 
-    monkeypatch.setattr(ensemble_work, "MODELS", {**models.MODELS, "chain": simulate})
+    monkeypatch.setitem(models.MODELS, "chain", simulate)
     monkeypatch.setattr("cablepod.ensemble._run._try_options", lambda *given: None)
     scenes = scenes_of(soft, 8)
     bad = scenes["cable_top_tension"].values > 280.0

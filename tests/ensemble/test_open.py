@@ -13,7 +13,7 @@ from scenes import ENSEMBLE_STEP
 
 import cablepod as cp
 from cablepod import cli
-from cablepod.archive import _manifest as archive_ensemble
+from cablepod.archive import _open_ensemble as archive_ensemble
 from cablepod.archive import _read as read
 from cablepod.archive._manifest import describe_ensemble
 

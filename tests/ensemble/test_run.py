@@ -128,15 +128,14 @@ def test_progress_counts_all_members(scenes_of, tmp_path):
 def test_other_warnings_come_once(soft, scenes_of, tmp_path, monkeypatch):
     import warnings
 
-    from cablepod.ensemble import _job as ensemble_work
     from cablepod.ensemble import _models as models
 
-    def noisy(scenes, *, step=None, progress=None):
+    def noisy(scenes, *, step=None, times=None, progress=None):
         for member in scenes["member"].values.tolist() if "member" in scenes.dims else []:
             warnings.warn(f"member {member} is odd", RuntimeWarning, stacklevel=1)
-        return cp.chain.simulate(scenes, step=step)
+        return cp.chain.simulate(scenes, step=step, times=times)
 
-    monkeypatch.setattr(ensemble_work, "MODELS", {**models.MODELS, "chain": noisy})
+    monkeypatch.setitem(models.MODELS, "chain", noisy)
     with pytest.warns(RuntimeWarning, match=r"member \d is odd \(and 9 more such warnings in 10 members\)") as caught:
         list(cp.ensemble.batches(scenes_of(), batch=4, step=ENSEMBLE_STEP))
     assert len(caught) == 1

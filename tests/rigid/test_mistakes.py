@@ -164,7 +164,7 @@ def test_a_straight_chain_between_held_ends_is_refused(soft):
 
 @pytest.mark.parametrize("chunk", [65536, 50])
 def test_ends_that_come_too_far_apart_are_refused_with_when_and_by_how_much(soft, chunk, monkeypatch):
-    monkeypatch.setattr("cablepod.rigid._start._BLOCK", chunk)
+    monkeypatch.setattr("cablepod.rigid._ends._BLOCK", chunk)
     # along the chord, 10 + 0.5 (1 - cos 2t): 11 m at pi/2, so 11 m of links are just too short; found between the looks
     motion = {
         axis: {"kind": "one_minus_cosine", "amplitude": 0.5 * part, "angular_frequency": 2.0}
