@@ -1,0 +1,67 @@
+"""Compiled kernels: an edit of a kernel in another file is seen, and what did not change comes from the cache."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from children import environment, run_python
+
+from cablepod import _jit
+
+CALLER = """
+from cablepod._jit import compiled
+from cablepod.inner._kernels_inner import inner
+
+
+@compiled
+def outer(x):
+    return 2.0 * inner(x)
+"""
+INNER = """
+from cablepod._jit import compiled
+
+
+@compiled{options}
+def inner(x):
+    return x + {added}
+"""
+CALL = """
+from cablepod.outer._kernels_outer import outer
+print(outer(1.0), sum(outer.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.parametrize("options", ["", '(inline="always")'])
+def test_an_edit_in_another_file_is_seen(tmp_path, options):
+    package = tmp_path / "cablepod"
+    for name in ("inner", "outer"):
+        (package / name).mkdir(parents=True)
+        (package / name / "__init__.py").touch()
+    (package / "__init__.py").touch()
+    shutil.copy(Path(_jit.__file__), package / "_jit.py")
+    (package / "outer" / "_kernels_outer.py").write_text(CALLER)
+
+    def call(added):
+        (package / "inner" / "_kernels_inner.py").write_text(INNER.format(options=options, added=added))
+        done = run_python("-c", CALL, timeout=120, cwd=tmp_path, env={**environment(), "PYTHONPATH": ""})
+        assert done.returncode == 0, done.stderr
+        return tuple(map(float, done.stdout.split()))
+
+    assert call(1.0) == (4.0, 0.0)
+    assert call(1.0) == (4.0, 1.0)  # nothing changed: from the cache
+    assert call(10.0) == (22.0, 0.0)  # without the stamp of all kernels the caller keeps the stale callee: 4.0
+
+
+def test_options_of_users_stay(monkeypatch):
+    import numba
+
+    before = numba.config.CACHE_LOCATOR_CLASSES
+
+    @_jit.compiled
+    def kernel(x):
+        return x
+
+    assert before == numba.config.CACHE_LOCATOR_CLASSES
+    assert kernel(2.0) == 2.0
