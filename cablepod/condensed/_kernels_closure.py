@@ -1,4 +1,4 @@
-"""Compiled closure of the chord: the tension at which the stretched links add up to it."""
+"""Compiled closure: chordwise stretch and chord tension H for a given distance of the ends."""
 
 from __future__ import annotations
 
@@ -7,88 +7,107 @@ import math
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
+from cablepod.condensed._kernels_layout import (
+    CLOSURE_ROWS,
+    COMPLIANCE,
+    CURVATURE,
+    FORCE,
+    LOAD_FORCE,
+    RESIDUAL,
+    SLOPE_SQUARED,
+)
 
-#: Newton's method ends when what is left of a correction is below this share of the amplitudes, or of the tension.
-CLOSE = 1e-11
-MOST = 30
-#: The chord is closed where what is left would change H by less than this share.
-CLOSED = 1e-10
-
-
-# --- exact chordwise stretch ------------------------------------------------------------------------------------------
+#: Relative tolerance of Newton's method for a step: estimated next correction over the largest coordinate.
+NEWTON_RTOL = 1e-11
+#: Maximum number of Newton iterations.
+MAX_ITERATIONS = 30
+#: Relative tolerance of the closure: change of H by the remaining residual.
+CLOSURE_RTOL = 1e-10
+#: Absolute tolerance of the closure over K (rounding of the strain).
+CLOSURE_ATOL = 1e-16
+#: Numbers of load increments tried in turn between two shapes.
+INCREMENTS = (1, 16)
 
 
 @compiled(fastmath=REORDERED_FUSED, forceinline=True)
-def _close(h, chord, stiffness, green, force, z, work):
-    """Find H and the chordwise stretch z for which the cable reaches from end to end.
+def _close(weights, chord, stiffness, green, chord_tension, stretch, work):
+    """Solve the closure for H and the chordwise stretch by Newton's method.
 
     Parameters
     ----------
-    h
-        Unstretched lengths or weights of quadrature (m,) [m].
+    weights
+        Unstretched lengths of the links, or quadrature weights (m,) [m].
     chord, stiffness, green
         Distance of the ends [m], K [N], whether law (21) holds.
-    force, z
-        First guess of H [N] and, changed, of z (m,).
+    chord_tension
+        First guess of H [N].
+    stretch
+        First guess of the chordwise stretch (m,); changed into the solution.
     work
-        (6, m): chordwise force beside H [N] in row 3, squares of the slopes w' in row 4; on return the chordwise force in row
-        0, dz/dN in row 1.
+        (CLOSURE_ROWS, m): rows LOAD_FORCE and SLOPE_SQUARED are given; rows FORCE and COMPLIANCE are filled.
 
     Returns
     -------
     float
-        H, not finite where the search did not end.
+        H [N], not finite where Newton's method did not converge.
     """
-    m, soft = z.size, 1.0 / stiffness
-    for _ in range(MOST):
-        # divisions are what takes the time
+    m, flexibility = stretch.size, 1.0 / stiffness
+    for _ in range(MAX_ITERATIONS):
+        # few divisions, because they take most of the time
         if green:
             for j in range(m):
-                n = force + work[3, j]
-                give = 1.0 / (3.0 * z[j] * z[j] + work[4, j] - 1.0)
-                work[2, j] = (2.0 * n * soft - z[j] * (z[j] * z[j] + work[4, j] - 1.0)) * give
-                work[0, j] = n
-                work[1, j] = 2.0 * soft * give
-                work[5, j] = abs(3.0 * z[j] * give)
+                chordwise_force = chord_tension + work[LOAD_FORCE, j]
+                inverse_tangent = 1.0 / (3.0 * stretch[j] * stretch[j] + work[SLOPE_SQUARED, j] - 1.0)
+                work[RESIDUAL, j] = (
+                    2.0 * chordwise_force * flexibility
+                    - stretch[j] * (stretch[j] * stretch[j] + work[SLOPE_SQUARED, j] - 1.0)
+                ) * inverse_tangent
+                work[FORCE, j] = chordwise_force
+                work[COMPLIANCE, j] = 2.0 * flexibility * inverse_tangent
+                work[CURVATURE, j] = abs(3.0 * stretch[j] * inverse_tangent)
         else:
             for j in range(m):
-                n = force + work[3, j]
-                inverse = 1.0 / math.sqrt(z[j] * z[j] + work[4, j])
-                bent = work[4, j] * inverse * inverse * inverse
-                give = 1.0 / (1.0 - bent)
-                work[2, j] = (n * soft - z[j] * (1.0 - inverse)) * give
-                work[0, j] = n
-                work[1, j] = soft * give
-                work[5, j] = abs(1.5 * z[j] * bent * inverse * inverse * give)
-        reach, longer = 0.0, 0.0
+                chordwise_force = chord_tension + work[LOAD_FORCE, j]
+                inverse_stretch = 1.0 / math.sqrt(stretch[j] * stretch[j] + work[SLOPE_SQUARED, j])
+                bending = work[SLOPE_SQUARED, j] * inverse_stretch * inverse_stretch * inverse_stretch
+                inverse_tangent = 1.0 / (1.0 - bending)
+                work[RESIDUAL, j] = (
+                    chordwise_force * flexibility - stretch[j] * (1.0 - inverse_stretch)
+                ) * inverse_tangent
+                work[FORCE, j] = chordwise_force
+                work[COMPLIANCE, j] = flexibility * inverse_tangent
+                work[CURVATURE, j] = abs(
+                    1.5 * stretch[j] * bending * inverse_stretch * inverse_stretch * inverse_tangent
+                )
+        reach, total_compliance = 0.0, 0.0
         for j in range(m):
-            reach += h[j] * (z[j] + work[2, j])
-            longer += h[j] * work[1, j]
-        change = (chord - reach) / longer
-        force += change
-        # what the tangents leave out goes with the square of what z changed by: row 5, half the second derivative over the first,
-        # and as much again, as the tangents are those of the old z
-        left = 0.0
+            reach += weights[j] * (stretch[j] + work[RESIDUAL, j])
+            total_compliance += weights[j] * work[COMPLIANCE, j]
+        tension_change = (chord - reach) / total_compliance
+        chord_tension += tension_change
+        # second-order error of the correction, twice: the tangents are those of the old stretch
+        residual = 0.0
         for j in range(m):
-            grown = work[2, j] + work[1, j] * change
-            z[j] += grown
-            work[0, j] += change
-            left += h[j] * work[5, j] * grown * grown
-        if 2.0 * left / abs(longer) <= CLOSED * abs(force) + 1e-16 * stiffness:
-            return force
-        if not abs(change) < np.inf:
+            correction = work[RESIDUAL, j] + work[COMPLIANCE, j] * tension_change
+            stretch[j] += correction
+            work[FORCE, j] += tension_change
+            residual += weights[j] * work[CURVATURE, j] * correction * correction
+        if 2.0 * residual / abs(total_compliance) <= CLOSURE_RTOL * abs(chord_tension) + CLOSURE_ATOL * stiffness:
+            return chord_tension
+        if not abs(tension_change) < np.inf:
             break
     return np.nan
 
 
 @compiled(inline="always")
-def _carry(stretching, h, inertia, momentum):
-    """Fill the product (m,) of links that stretch with the mass that they carry along the chord.
+def _chordwise_momentum(stretching, weights, inertia, momentum):
+    """Multiply rates of stretch (m,) by the chordwise mass matrix, into `momentum` (m,) [kg m^2].
 
-    A link that grows moves all particles above it, less what keeps the chord as it is.
+    `inertia` is the full matrix (m, m) at quadrature points, or (2, m) its factors on links: a link that stretches moves all
+    particles above it, minus a uniform contraction that keeps the chord length.
     """
-    m = h.size
-    if inertia.shape[0] != 2:  # at points of quadrature
+    m = weights.size
+    if inertia.shape[0] != 2:  # full matrix, at quadrature points
         for j in range(m):
             total = 0.0
             for k in range(m):
@@ -97,7 +116,7 @@ def _carry(stretching, h, inertia, momentum):
         return
     total = 0.0
     for j in range(m):
-        total += h[j] * stretching[j]
+        total += weights[j] * stretching[j]
         momentum[j] = total
     mean = 0.0
     for j in range(m):
@@ -107,29 +126,41 @@ def _carry(stretching, h, inertia, momentum):
     for back in range(m):
         j = m - 1 - back
         above += momentum[j]
-        momentum[j] = h[j] * above
+        momentum[j] = weights[j] * above
 
 
 @compiled
-def close_all(squared, tau, h, chord, stiffness, green, force, z):
-    """Close many shapes: (times, m) squares of slopes, chordwise forces, stretches (filled); (times,) chords and H (filled)."""
-    work = np.empty((6, h.size))
-    guess, last = force[0], 0
+def close_all(squared, tau, weights, chord, stiffness, green, chord_tension, stretch):
+    """Solve the closure for shapes at many times.
+
+    Parameters
+    ----------
+    squared, tau
+        Squared slopes and chordwise forces of the loads [N], (times, m).
+    weights, stiffness, green
+        As in :func:`_close`.
+    chord
+        Distance of the ends (times,) [m].
+    chord_tension, stretch
+        Filled: H (times,) [N], nan where it was not found, and chordwise stretch (times, m); the first entries are guesses.
+    """
+    work = np.empty((CLOSURE_ROWS, weights.size))
+    guess, last_closed = chord_tension[0], 0
     for i in range(chord.size):
-        # from one shape to the next; where that is too far for Newton's method, by way of shapes between
-        for parts in (1, 16):
-            force[i] = guess
+        # from one shape to the next, with intermediate shapes where Newton's method does not converge at once
+        for parts in INCREMENTS:
+            chord_tension[i] = guess
             if i:
-                for j in range(h.size):
-                    z[i, j] = z[last, j]
+                for j in range(weights.size):
+                    stretch[i, j] = stretch[last_closed, j]
             for part in range(1, parts + 1):
-                share = part / parts
-                for j in range(h.size):
-                    work[4, j] = (1.0 - share) * squared[last, j] + share * squared[i, j]
-                    work[3, j] = (1.0 - share) * tau[last, j] + share * tau[i, j]
-                reach = (1.0 - share) * chord[last] + share * chord[i]
-                force[i] = _close(h, reach, stiffness, green, force[i], z[i], work)
-            if i == 0 or abs(force[i]) < np.inf:
+                weight = part / parts
+                for j in range(weights.size):
+                    work[SLOPE_SQUARED, j] = (1.0 - weight) * squared[last_closed, j] + weight * squared[i, j]
+                    work[LOAD_FORCE, j] = (1.0 - weight) * tau[last_closed, j] + weight * tau[i, j]
+                reach = (1.0 - weight) * chord[last_closed] + weight * chord[i]
+                chord_tension[i] = _close(weights, reach, stiffness, green, chord_tension[i], stretch[i], work)
+            if i == 0 or abs(chord_tension[i]) < np.inf:
                 break
-        if abs(force[i]) < np.inf:
-            guess, last = force[i], i
+        if abs(chord_tension[i]) < np.inf:
+            guess, last_closed = chord_tension[i], i

@@ -7,13 +7,13 @@ from cablepod._jit import compiled
 
 @compiled(forceinline=True)
 def _solve(matrix, x):
-    """Solve a small system in place by elimination with pivots; False where it has no solution.
+    """Solve a small system in place by Gaussian elimination with pivoting; False where it is singular.
 
-    A stiff cable whose ends come closer is pushed, H < 0, until Newton's method has let it sag: the matrix is then indefinite,
-    and Cholesky's method would give up.
+    Cholesky's method would fail: a stiff cable whose ends approach has H < 0, and an indefinite matrix, until Newton's method
+    has found its sag.
     """
     n = x.size
-    if n == 2:  # the common case, without loops; what it rounds more Newton's method takes back
+    if n == 2:  # the common case, without loops; Newton's method corrects the larger rounding
         det = matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0]
         if not abs(det) > 0.0:
             return False

@@ -7,303 +7,391 @@ import math
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
-from cablepod.condensed._kernels_closure import CLOSE, MOST, _carry, _close
+from cablepod.condensed._kernels_closure import MAX_ITERATIONS, NEWTON_RTOL, _chordwise_momentum, _close
 from cablepod.condensed._kernels_dense import _solve
+from cablepod.condensed._kernels_layout import (
+    CHORD_TENSION,
+    CLOSURE_ROWS,
+    COMPLIANCE,
+    FORCE,
+    LOAD_FORCE,
+    MIN_FORCE,
+    MIN_FORCE_STEP,
+    PREDICTED_TENSION,
+    SLOPE_SQUARED,
+    TEST_JACOBIAN,
+    WEIGHTED_STIFFNESS,
+)
+from cablepod.condensed._kernels_step import _monitor_frequency, _save_implicit, _update_rates
+
+# --- forces -----------------------------------------------------------------------------------------------------------
+
+
+@compiled(inline="always")
+def _fill_tangent(
+    slopes, test_slopes, n_in_plane, weights, stiffness, green, stretch, work, slope, row_work, tangent, tension_change
+):
+    """Fill the tangent (r, r) of the forces; overwrite row WEIGHTED_STIFFNESS of `work` and row 1 of `row_work` (2, m).
+
+    The diagonal of `tension_change` (r, r) is overwritten with the derivatives of H by the coordinates.
+    """
+    r, m = slopes.shape
+    compliance = 0.0
+    for j in range(m):
+        compliance += weights[j] * work[COMPLIANCE, j]
+        # at constant N the derivative of the stretch by w' is minus this times w'
+        cube = 1.0 if green else math.sqrt(stretch[j] * stretch[j] + work[SLOPE_SQUARED, j]) ** 3
+        row_work[1, j] = stiffness * work[COMPLIANCE, j] * stretch[j] / cube
+    for i in range(r):
+        k = 0 if i < n_in_plane else 1
+        total = 0.0
+        for j in range(m):
+            total += weights[j] * row_work[1, j] * slope[k, j] * slopes[i, j]
+        tension_change[i, i] = total / compliance
+    for j in range(m):
+        work[WEIGHTED_STIFFNESS, j] *= 1.0 + row_work[1, j] * work[SLOPE_SQUARED, j] / stretch[j]
+    for i in range(r):
+        if test_slopes is None:
+            for j in range(i + 1):
+                total = 0.0
+                if (i < n_in_plane) == (j < n_in_plane):
+                    for k in range(m):
+                        total += work[WEIGHTED_STIFFNESS, k] * slopes[i, k] * slopes[j, k]
+                tangent[i, j] = total + tension_change[i, i] * tension_change[j, j] * compliance
+                tangent[j, i] = tangent[i, j]
+        else:
+            k, tension_response = 0 if i < n_in_plane else 1, 0.0  # derivative of the force by H
+            for j in range(m):
+                tension_response += weights[j] * row_work[1, j] * slope[k, j] * test_slopes[i, j]
+            for j in range(r):
+                total = 0.0
+                if (i < n_in_plane) == (j < n_in_plane):
+                    for k in range(m):
+                        total += work[WEIGHTED_STIFFNESS, k] * test_slopes[i, k] * slopes[j, k]
+                tangent[i, j] = total + tension_response * tension_change[j, j]
+
+
+@compiled(inline="always")
+def _add_chordwise_inertia(
+    v, slopes, test_slopes, n_in_plane, weights, inertia, stretch, work, slope, slope_rate, stretch_jacobian, f, mass,
+):  # fmt: skip
+    """Subtract the inertial force of chordwise motion from f (r,), and fill the mass matrix (r, r)."""
+    r, m = slopes.shape
+    for j in range(m):
+        slope_rate[0, j] = 0.0
+        slope_rate[1, j] = 0.0
+    for i in range(r):
+        k = 0 if i < n_in_plane else 1
+        for j in range(m):
+            slope_rate[k, j] += slopes[i, j] * v[i]
+            stretch_jacobian[i, j] = -slope[k, j] * slopes[i, j] / stretch[j]
+    for j in range(m):
+        stretch_rate = (slope[0, j] * slope_rate[0, j] + slope[1, j] * slope_rate[1, j]) / stretch[j]
+        # from here on row 0: second rate of the stretch without accelerations
+        slope_rate[0, j] = (
+            -(slope_rate[0, j] * slope_rate[0, j] + slope_rate[1, j] * slope_rate[1, j] + stretch_rate * stretch_rate)
+            / stretch[j]
+        )
+    if test_slopes is None:
+        for i in range(r):
+            _chordwise_momentum(stretch_jacobian[i], weights, inertia, stretch_jacobian[r + i])
+    else:
+        for i in range(r):
+            k = 0 if i < n_in_plane else 1
+            for j in range(m):
+                work[TEST_JACOBIAN, j] = -slope[k, j] * test_slopes[i, j] / stretch[j]
+            _chordwise_momentum(work[TEST_JACOBIAN], weights, inertia, stretch_jacobian[r + i])
+    for i in range(r):
+        total = 0.0
+        for j in range(m):
+            total += stretch_jacobian[r + i, j] * slope_rate[0, j]
+        f[i] -= total
+        for k in range(i + 1 if test_slopes is None else r):
+            total = 0.0
+            for j in range(m):
+                total += stretch_jacobian[r + i, j] * stretch_jacobian[k, j]
+            mass[i, k] = total
+            if test_slopes is None:
+                mass[k, i] = total
+        mass[i, i] += 1.0
 
 
 @compiled(fastmath=REORDERED_FUSED, forceinline=True)
 def exact_force(
-    q, v, rows, at, slopes, tests, plane, taus, h, stiffness, green, pushes, inertia, guess, z, work, slope, speed, lever, f,
-    tangent, mass,
+    q, v, boundary_data, row, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights, stiffness, green,
+    load_projection, inertia, guess, stretch, work, slope, slope_rate, stretch_jacobian, f, tangent, mass,
 ):  # fmt: skip
-    """Accelerations f of the coordinates with the chordwise stretch as it is; H on return, not finite where there is none.
+    """Fill the undamped forces f (r,) with the exact chordwise stretch; return H [N], not finite where there is none.
 
     Parameters
     ----------
     q, v
-        Amplitudes and rates (r,); the latter count only with chordwise inertia.
-    rows, at
-        See :func:`frames`; which of them.
-    slopes, plane, taus, h, stiffness, green, pushes
-        As in :func:`leading_verlet` and :func:`_close`, at the points of quadrature (m,).
-    tests
-        Slopes of the test functions (r, m) where they are not the modes; None otherwise.
+        Coordinates and rates (r,); rates only count with chordwise inertia.
+    boundary_data, row
+        See :func:`frames`; index of the row.
+    slopes, n_in_plane, chordwise_force_patterns, weights, stiffness, green, load_projection
+        As in :func:`leading_verlet` and :func:`_close`, at the links or quadrature points (m,).
+    test_slopes
+        Slopes of the test functions (r, m); None for the modes as test functions.
     inertia
-        Masses [kg] of the particles above the links and their relative arc lengths (2, m); at points of quadrature the mass
-        matrix of stretching (m, m) [kg m^2]; or without entries: no chordwise inertia.
+        Masses [kg] of the particles above the links and their relative arc lengths (2, m); at quadrature points the chordwise
+        mass matrix (m, m) [kg m^2]; without entries: no chordwise inertia.
     guess
         First guess of H [N].
-    z, work, slope, speed, lever
-        First guess of the chordwise stretch (m,), changed into it; arrays to work in: (6, m); (2, m); (2, m); (2 r, m).
+    stretch
+        First guess of the chordwise stretch (m,); changed into the solution.
+    work, slope, slope_rate, stretch_jacobian
+        Work arrays: (CLOSURE_ROWS, m); slopes of the deflections (2, m); their rates (2, m); derivatives of the stretch by the
+        coordinates, and their products with the chordwise mass matrix (2 r, m).
     f, tangent, mass
-        Filled: forces (r,); the derivative of minus the forces (r, r), or without entries, close enough for Newton's method;
-        the mass matrix (r, r) where there is inertia, else something to work in.
+        Filled: forces (r,); negative derivative of the forces (r, r), or without entries, accurate enough for Newton's method;
+        mass matrix (r, r) with chordwise inertia, otherwise a work array.
     """
     r, m = slopes.shape
     for j in range(m):
         slope[0, j] = 0.0
         slope[1, j] = 0.0
-        work[3, j] = 0.0
+        work[LOAD_FORCE, j] = 0.0
     for i in range(r):
-        k = 0 if i < plane else 1
+        k = 0 if i < n_in_plane else 1
         for j in range(m):
             slope[k, j] += slopes[i, j] * q[i]
-    for a in range(taus.shape[0]):
+    for a in range(chordwise_force_patterns.shape[0]):
         for j in range(m):
-            work[3, j] += rows[at, 1 + a] * taus[a, j]
+            work[LOAD_FORCE, j] += boundary_data[row, 1 + a] * chordwise_force_patterns[a, j]
     for j in range(m):
-        work[4, j] = slope[0, j] * slope[0, j] + slope[1, j] * slope[1, j]
-    force = _close(h, rows[at, 0], stiffness, green, guess, z, work)
-    # work[3]: the transverse stiffness N / z, with weights
+        work[SLOPE_SQUARED, j] = slope[0, j] * slope[0, j] + slope[1, j] * slope[1, j]
+    chord_tension = _close(weights, boundary_data[row, 0], stiffness, green, guess, stretch, work)
     for j in range(m):
-        work[3, j] = h[j] * work[0, j] / z[j]
+        work[WEIGHTED_STIFFNESS, j] = weights[j] * work[FORCE, j] / stretch[j]
     for i in range(r):
-        k = 0 if i < plane else 1
+        k = 0 if i < n_in_plane else 1
         total = 0.0
-        if tests is None:
+        if test_slopes is None:
             for j in range(m):
-                total += work[3, j] * slopes[i, j] * slope[k, j]
+                total += work[WEIGHTED_STIFFNESS, j] * slopes[i, j] * slope[k, j]
         else:
             for j in range(m):
-                total += work[3, j] * tests[i, j] * slope[k, j]
+                total += work[WEIGHTED_STIFFNESS, j] * test_slopes[i, j] * slope[k, j]
         f[i] = -total
-    patterns = taus.shape[0]
-    for a in range(pushes.shape[0]):
-        g = rows[at, 1 + patterns + a]
+    patterns = chordwise_force_patterns.shape[0]
+    for a in range(load_projection.shape[0]):
+        g = boundary_data[row, 1 + patterns + a]
         for i in range(r):
-            f[i] += g * pushes[a, i]
+            f[i] += g * load_projection[a, i]
     if tangent.size:
-        give = 0.0
-        for j in range(m):
-            give += h[j] * work[1, j]
-            # the derivative of z by w' at constant N is minus this times w'
-            cube = 1.0 if green else math.sqrt(z[j] * z[j] + work[4, j]) ** 3
-            speed[1, j] = stiffness * work[1, j] * z[j] / cube
-        for i in range(r):
-            k = 0 if i < plane else 1
-            total = 0.0
-            for j in range(m):
-                total += h[j] * speed[1, j] * slope[k, j] * slopes[i, j]
-            mass[i, i] = total / give  # change of H with this coordinate
-        for j in range(m):
-            work[3, j] *= 1.0 + speed[1, j] * work[4, j] / z[j]
-        for i in range(r):
-            if tests is None:
-                for j in range(i + 1):
-                    total = 0.0
-                    if (i < plane) == (j < plane):
-                        for k in range(m):
-                            total += work[3, k] * slopes[i, k] * slopes[j, k]
-                    tangent[i, j] = total + mass[i, i] * mass[j, j] * give
-                    tangent[j, i] = tangent[i, j]
-            else:
-                k, felt = 0 if i < plane else 1, 0.0  # what the test function feels of a change of H
-                for j in range(m):
-                    felt += h[j] * speed[1, j] * slope[k, j] * tests[i, j]
-                for j in range(r):
-                    total = 0.0
-                    if (i < plane) == (j < plane):
-                        for k in range(m):
-                            total += work[3, k] * tests[i, k] * slopes[j, k]
-                    tangent[i, j] = total + felt * mass[j, j]
+        _fill_tangent(
+            slopes, test_slopes, n_in_plane, weights, stiffness, green, stretch, work, slope, slope_rate, tangent, mass
+        )
     if inertia.size:
-        for j in range(m):
-            speed[0, j] = 0.0
-            speed[1, j] = 0.0
-        for i in range(r):
-            k = 0 if i < plane else 1
-            for j in range(m):
-                speed[k, j] += slopes[i, j] * v[i]
-                lever[i, j] = -slope[k, j] * slopes[i, j] / z[j]
-        for j in range(m):
-            rate = (slope[0, j] * speed[0, j] + slope[1, j] * speed[1, j]) / z[j]
-            speed[0, j] = -(speed[0, j] * speed[0, j] + speed[1, j] * speed[1, j] + rate * rate) / z[j]
-        if tests is None:
-            for i in range(r):
-                _carry(lever[i], h, inertia, lever[r + i])
-        else:
-            for i in range(r):
-                k = 0 if i < plane else 1
-                for j in range(m):
-                    work[5, j] = -slope[k, j] * tests[i, j] / z[j]
-                _carry(work[5], h, inertia, lever[r + i])
-        for i in range(r):
-            total = 0.0
-            for j in range(m):
-                total += lever[r + i, j] * speed[0, j]
-            f[i] -= total
-            for k in range(i + 1 if tests is None else r):
-                total = 0.0
-                for j in range(m):
-                    total += lever[r + i, j] * lever[k, j]
-                mass[i, k] = total
-                if tests is None:
-                    mass[k, i] = total
-            mass[i, i] += 1.0
-    return force
+        _add_chordwise_inertia(
+            v, slopes, test_slopes, n_in_plane, weights, inertia, stretch, work, slope, slope_rate, stretch_jacobian,
+            f, mass,
+        )  # fmt: skip
+    return chord_tension
+
+
+# --- monitor and tensions ---------------------------------------------------------------------------------------------
 
 
 @compiled(inline="always")
-def _extremes(z, work, stiffness, green, low, high):
-    """Take tensions by the stretch xi into their extremes."""
+def _update_extremes(stretch, work, stiffness, green, low, high):
+    """Update the extremes `low` and `high` (m,) by the tensions of the material law."""
     for j in range(low.size):
-        xi = math.sqrt(z[j] * z[j] + work[4, j])
-        size = 0.5 * stiffness * xi * (xi * xi - 1.0) if green else stiffness * (xi - 1.0)
-        low[j] = min(low[j], size)
-        high[j] = max(high[j], size)
+        xi = math.sqrt(stretch[j] * stretch[j] + work[SLOPE_SQUARED, j])
+        tension = 0.5 * stiffness * xi * (xi * xi - 1.0) if green else stiffness * (xi - 1.0)
+        low[j] = min(low[j], tension)
+        high[j] = max(high[j], tension)
 
 
 @compiled(inline="always")
-def _observe(begin, at, q, rows, force, work, squares, norms, stiffness, length, watch):
-    """As :func:`_look`, with the chordwise force where it is least."""
+def _monitor_step(
+    step_number,
+    q,
+    boundary_data,
+    row,
+    chord_tension,
+    work,
+    kappa,
+    geometric_stiffness_norms,
+    stiffness,
+    length,
+    monitor,
+):
+    """Update the monitor: least chordwise force with its step, largest frequency, first step where that is too large."""
     for j in range(work.shape[1]):
-        if work[0, j] < watch[0]:
-            watch[0], watch[1] = work[0, j], begin + at
-    sag, top, stray = 0.0, 0.0, 0.0
-    for j in range(q.size):
-        sag += (squares[j] * q[j]) ** 2
-        top = max(top, squares[j])
-    for a in range(norms.size):
-        stray += abs(rows[at, 1 + a]) * norms[a]
-    fastest = abs(force) * top + stray + stiffness / length * sag
-    if fastest > watch[2]:
-        watch[2] = fastest
-        if fastest >= watch[3]:
-            watch[4] = min(watch[4], begin + at)
+        if work[FORCE, j] < monitor[MIN_FORCE]:
+            monitor[MIN_FORCE], monitor[MIN_FORCE_STEP] = work[FORCE, j], step_number
+    _monitor_frequency(
+        step_number, q, boundary_data, row, chord_tension, kappa, geometric_stiffness_norms, stiffness, length, monitor
+    )
+
+
+# --- steps ------------------------------------------------------------------------------------------------------------
 
 
 @compiled
 def exact_verlet(
-    q, v, acc, step, decay, kick, rows, stiffness, length, squares, pushes, norms,
-    slopes, tests, plane, taus, h, green, inertia, z, begin, marks, saved, halves, low, high, watch,
+    q, v, acceleration, step, damping_factor, impulse, boundary_data, stiffness, length, kappa, load_projection,
+    geometric_stiffness_norms, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights, green, inertia,
+    stretch, begin, output_steps, saved, half_step_rates, low, high, monitor,
 ):  # fmt: skip
-    """Velocity Verlet over the rows with the chordwise stretch as it is; `acc` are the accelerations of the last step.
+    """Advance by velocity Verlet with the exact chordwise stretch, one step for each row of the boundary data.
 
-    `z` (2, m) is the stretch that the next search begins with, carried on from the last two found, and the last one found;
-    `watch[6]` the H to begin with and `watch[5]` the last one found.  Chordwise inertia sees the rates carried on from half a
-    step before with the last accelerations.  Other parameters as in :func:`leading_verlet` and :func:`exact_force`.
+    Chordwise inertia takes the rates extrapolated from half a step before with `acceleration`, that of the last step (r,).  Row 0
+    of `stretch` (2, m) is the first guess for the next step, extrapolated from the last two, row 1 the stretch of the last step;
+    the same holds for H in the monitor.  Other parameters as in :func:`leading_verlet` and :func:`exact_force`.
     """
     r, m = slopes.shape
-    f, rate, mass, none = np.empty(r), np.empty(r), np.empty((r, r)), np.empty((0, 0))
-    work, slope, speed, lever = np.empty((6, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
-    mark, ahead, found = 0, z[0], z[1]
-    for i in range(rows.shape[0]):
+    f, rates, mass, no_array = np.empty(r), np.empty(r), np.empty((r, r)), np.empty((0, 0))
+    work, slope, slope_rate = np.empty((CLOSURE_ROWS, m)), np.empty((2, m)), np.empty((2, m))
+    stretch_jacobian, next_output, predicted, accepted = np.empty((2 * r, m)), 0, stretch[0], stretch[1]
+    for i in range(boundary_data.shape[0]):
         for j in range(r):
-            rate[j] = v[j] + 0.5 * step * acc[j]
-        guess, force = watch[6], np.nan
+            rates[j] = v[j] + 0.5 * step * acceleration[j]
+        guess, chord_tension = monitor[PREDICTED_TENSION], np.nan
         for _ in range(2):
-            force = exact_force(
-                q, rate, rows, i, slopes, tests, plane, taus, h, stiffness, green, pushes, inertia, guess, ahead, work, slope,
-                speed, lever, f, none, mass,
+            chord_tension = exact_force(
+                q, rates, boundary_data, i, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights,
+                stiffness, green, load_projection, inertia, guess, predicted, work, slope, slope_rate,
+                stretch_jacobian, f, no_array, mass,
             )  # fmt: skip
-            if abs(force) < np.inf:
+            if abs(chord_tension) < np.inf:
                 break
-            # carried on too far: once more from what was found last
-            guess = watch[5]
+            # extrapolated too far: once more from the last step
+            guess = monitor[CHORD_TENSION]
             for j in range(m):
-                ahead[j] = found[j]
+                predicted[j] = accepted[j]
         if inertia.size:
             _solve(mass, f)
-        _observe(begin, i, q, rows, force, work, squares, norms, stiffness, length, watch)
+        _monitor_step(
+            begin + i,
+            q,
+            boundary_data,
+            i,
+            chord_tension,
+            work,
+            kappa,
+            geometric_stiffness_norms,
+            stiffness,
+            length,
+            monitor,
+        )
         if low.size:
-            _extremes(ahead, work, stiffness, green, low, high)
-        here = mark < marks.size and marks[mark] == begin + i
-        if here:
+            _update_extremes(predicted, work, stiffness, green, low, high)
+        is_output = next_output < output_steps.size and output_steps[next_output] == begin + i
+        if is_output:
             for j in range(r):
-                saved[mark, j] = q[j]
-                halves[mark, 0, j] = v[j]
+                saved[next_output, j] = q[j]
+                half_step_rates[next_output, 0, j] = v[j]
         for j in range(r):
-            new = decay * v[j] + kick * f[j]
-            acc[j] = (new - v[j]) / step
-            v[j] = new
-        if here:
+            new_rate = damping_factor * v[j] + impulse * f[j]
+            acceleration[j] = (new_rate - v[j]) / step
+            v[j] = new_rate
+        if is_output:
             for j in range(r):
-                halves[mark, 1, j] = v[j]
-            mark += 1
+                half_step_rates[next_output, 1, j] = v[j]
+            next_output += 1
         for j in range(r):
             q[j] += step * v[j]
-        # to the next search from both last ones, of which the start has but one: mostly one sweep does then
-        on = 0.0 if begin + i == 0 else 1.0
-        watch[5], watch[6] = force, force + on * (force - watch[5])
+        # extrapolate linearly, but not at the start, which has one state only; mostly one Newton iteration suffices then
+        extrapolation = 0.0 if begin + i == 0 else 1.0
+        monitor[CHORD_TENSION], monitor[PREDICTED_TENSION] = (
+            chord_tension,
+            chord_tension + extrapolation * (chord_tension - monitor[CHORD_TENSION]),
+        )
         for j in range(m):
-            this = ahead[j]
-            ahead[j] = this + on * (this - found[j])
-            found[j] = this
+            current = predicted[j]
+            predicted[j] = current + extrapolation * (current - accepted[j])
+            accepted[j] = current
+
+
+@compiled(inline="always")
+def _newton_system(
+    q, q_start, v, rates, acceleration, step, damping, quarter_step_squared, has_inertia, f, tangent, mass, change
+):
+    """Change forces (r,) and tangent (r, r) into residual `change` and tangent of the implicit equation of a step."""
+    r = q.size
+    for j in range(r):
+        if not has_inertia:
+            for k in range(r):
+                mass[j, k] = 1.0 if j == k else 0.0
+        change[j] = quarter_step_squared * f[j]
+    for j in range(r):
+        for k in range(r):
+            known = q_start[k] + step * v[k] + quarter_step_squared * (acceleration[k] - damping * rates[k]) - q[k]
+            change[j] += mass[j, k] * known
+            tangent[j, k] = quarter_step_squared * tangent[j, k] + (1.0 + 0.5 * step * damping) * mass[j, k]
 
 
 @compiled
 def exact_implicit(
-    q, v, acc, step, damping, rows, stiffness, length, squares, pushes, norms,
-    slopes, tests, plane, taus, h, green, inertia, z, begin, marks, saved, halves, low, high, watch,
+    q, v, acceleration, step, damping, boundary_data, stiffness, length, kappa, load_projection,
+    geometric_stiffness_norms, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights, green, inertia,
+    stretch, begin, output_steps, saved, half_step_rates, low, high, monitor,
 ):  # fmt: skip
-    """Trapezoidal rule with the chordwise stretch as it is; as :func:`leading_implicit` and :func:`exact_verlet`.
+    """Advance by the trapezoidal rule with the exact chordwise stretch; returns the number of steps done.
 
-    Searches begin with the last stretch, ``z[0]``, and the last H.
+    The closure starts from the last stretch, ``stretch[0]``, and the last H.  Other parameters and the returned value as in
+    :func:`leading_implicit` and :func:`exact_verlet`.
     """
     r, m = slopes.shape
     f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))
-    work, slope, speed, lever = np.empty((6, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
-    change, start, rate, past, none = np.empty(r), np.empty(r), np.empty(r), acc.copy(), np.empty((0, 0))
-    quarter, mark, last, found = 0.25 * step * step, 0, rows.shape[0] - 1, z[0]
-    for i in range(rows.shape[0]):
-        save = mark < marks.size and marks[mark] == begin + i
-        if save:
-            for j in range(r):
-                saved[mark, j] = q[j]
-                halves[mark, 0, j] = v[j] - 0.5 * step * acc[j]
-                halves[mark, 1, j] = v[j] + 0.5 * step * acc[j]
-            mark += 1
-        # once more: of a stiff cable the last correction, however small, is much of the tension
-        watch[5] = exact_force(
-            q, v, rows, i, slopes, tests, plane, taus, h, stiffness, green, pushes, none, watch[5], found, work, slope,
-            speed, lever, f, none, mass,
+    work, slope, slope_rate = np.empty((CLOSURE_ROWS, m)), np.empty((2, m)), np.empty((2, m))
+    stretch_jacobian, no_array = np.empty((2 * r, m)), np.empty((0, 0))
+    change, q_start, rates, previous_acceleration = np.empty(r), np.empty(r), np.empty(r), acceleration.copy()
+    quarter_step_squared, next_output, last_row = 0.25 * step * step, 0, boundary_data.shape[0] - 1
+    accepted = stretch[0]
+    for i in range(boundary_data.shape[0]):
+        if next_output < output_steps.size and output_steps[next_output] == begin + i:
+            _save_implicit(q, v, acceleration, step, saved[next_output], half_step_rates[next_output])
+            next_output += 1
+        # evaluate H once more: in a stiff cable a small last correction still changes it much
+        monitor[CHORD_TENSION] = exact_force(
+            q, v, boundary_data, i, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights, stiffness,
+            green, load_projection, no_array, monitor[CHORD_TENSION], accepted, work, slope, slope_rate,
+            stretch_jacobian, f, no_array, mass,
         )  # fmt: skip
-        _observe(begin, i, q, rows, watch[5], work, squares, norms, stiffness, length, watch)
+        _monitor_step(
+            begin + i, q, boundary_data, i, monitor[CHORD_TENSION], work, kappa, geometric_stiffness_norms, stiffness,
+            length, monitor,
+        )  # fmt: skip
         if low.size:
-            _extremes(found, work, stiffness, green, low, high)
-        if i == last:
+            _update_extremes(accepted, work, stiffness, green, low, high)
+        if i == last_row:
             break
-        size = 0.0
+        scale = 0.0
         for j in range(r):
-            start[j] = q[j]
-            q[j] += step * v[j] + quarter * (3.0 * acc[j] - past[j])
-            size = max(size, abs(q[j]))
-        before, ended = 0.0, False  # of the first correction no gain is known
-        for _ in range(MOST):
+            q_start[j] = q[j]
+            q[j] += step * v[j] + quarter_step_squared * (3.0 * acceleration[j] - previous_acceleration[j])
+            scale = max(scale, abs(q[j]))
+        previous_change, converged = 0.0, False  # the first correction has no known reduction
+        for _ in range(MAX_ITERATIONS):
             for j in range(r):
-                rate[j] = 2.0 / step * (q[j] - start[j]) - v[j]
-            watch[5] = exact_force(
-                q, rate, rows, i + 1, slopes, tests, plane, taus, h, stiffness, green, pushes, inertia, watch[5], found, work,
-                slope, speed, lever, f, tangent, mass,
+                rates[j] = 2.0 / step * (q[j] - q_start[j]) - v[j]
+            monitor[CHORD_TENSION] = exact_force(
+                q, rates, boundary_data, i + 1, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights,
+                stiffness, green, load_projection, inertia, monitor[CHORD_TENSION], accepted, work, slope, slope_rate,
+                stretch_jacobian, f, tangent, mass,
             )  # fmt: skip
-            for j in range(r):
-                if not inertia.size:
-                    for k in range(r):
-                        mass[j, k] = 1.0 if j == k else 0.0
-                change[j] = quarter * f[j]
-            for j in range(r):
-                for k in range(r):
-                    known = start[k] + step * v[k] + quarter * (acc[k] - damping * rate[k]) - q[k]
-                    change[j] += mass[j, k] * known
-                    tangent[j, k] = quarter * tangent[j, k] + (1.0 + 0.5 * step * damping) * mass[j, k]
+            _newton_system(
+                q, q_start, v, rates, acceleration, step, damping, quarter_step_squared, inertia.size > 0, f, tangent,
+                mass, change,
+            )  # fmt: skip
             if not _solve(tangent, change):
                 break
             largest = 0.0
             for j in range(r):
                 q[j] += change[j]
                 largest = max(largest, abs(change[j]))
-            # the tangent is a little off: what is left shrinks by the last gain, no faster
-            if largest * min(largest / before, 1.0) <= CLOSE * size or largest == 0.0:
-                ended = True
+            # the tangent is approximate: the error shrinks at least by the last reduction
+            if largest * min(largest / previous_change, 1.0) <= NEWTON_RTOL * scale or largest == 0.0:
+                converged = True
                 break
-            before = largest
-        if not ended:
+            previous_change = largest
+        if not converged:
             for j in range(r):
-                q[j] = start[j]
+                q[j] = q_start[j]
             return i
-        for j in range(r):
-            new = 2.0 / step * (q[j] - start[j]) - v[j]
-            past[j] = acc[j]
-            acc[j] = 2.0 / step * (new - v[j]) - acc[j]
-            v[j] = new
-    return last
+        _update_rates(q_start, q, v, acceleration, previous_acceleration, step)
+    return last_row

@@ -10,99 +10,104 @@ from cablepod._jit import compiled
 
 
 @compiled(inline="always")
-def _planar_frames(ends, second, load, points, mass, rows):
-    """Do what :func:`frames` does, of the same bits, in the plane, where numbers stay in registers: in a quarter of the time."""
-    moving = second.shape[1] > 0
+def _planar_frames(ends, end_accelerations, load, point_loads, mass, boundary_data):
+    """Fill the boundary data of planar scenes as :func:`frames` does, bit for bit, four times as fast (numbers in registers)."""
+    moving = end_accelerations.shape[1] > 0
     first_point = 3 if moving else 2
-    patterns = first_point - 1 + points.shape[0]
-    for i in range(rows.shape[0]):
-        x, y = ends[0, i] - ends[2, i], ends[1, i] - ends[3, i]  # against the chord
-        c = math.sqrt(x * x + y * y)
-        inverse = 1.0 / c
+    patterns = first_point - 1 + point_loads.shape[0]
+    for i in range(boundary_data.shape[0]):
+        x, y = ends[0, i] - ends[2, i], ends[1, i] - ends[3, i]  # from the upper end to the lower one
+        chord = math.sqrt(x * x + y * y)
+        inverse = 1.0 / chord
         x *= inverse
         y *= inverse
         k = i if load.shape[1] > 1 else 0
-        push_x, push_y = load[0, k], load[1, k]
+        effective_x, effective_y = load[0, k], load[1, k]
         if moving:
-            push_x -= mass * second[0, i]
-            push_y -= mass * second[1, i]
-            turn_x, turn_y = mass * (second[0, i] - second[2, i]), mass * (second[1, i] - second[3, i])
-            rows[i, 2] = turn_x * x + turn_y * y
-            rows[i, 2 + patterns] = turn_x * y - turn_y * x
-        rows[i, 0] = c
-        rows[i, 1] = push_x * x + push_y * y
-        rows[i, 1 + patterns] = push_x * y - push_y * x
-        k = i if points.shape[2] > 1 else 0
-        for j in range(points.shape[0]):
-            rows[i, first_point + j] = points[j, 0, k] * x + points[j, 1, k] * y
-            rows[i, first_point + patterns + j] = points[j, 0, k] * y - points[j, 1, k] * x
+            effective_x -= mass * end_accelerations[0, i]
+            effective_y -= mass * end_accelerations[1, i]
+            growing_x, growing_y = (
+                mass * (end_accelerations[0, i] - end_accelerations[2, i]),
+                mass * (end_accelerations[1, i] - end_accelerations[3, i]),
+            )
+            boundary_data[i, 2] = growing_x * x + growing_y * y
+            boundary_data[i, 2 + patterns] = growing_x * y - growing_y * x
+        boundary_data[i, 0] = chord
+        boundary_data[i, 1] = effective_x * x + effective_y * y
+        boundary_data[i, 1 + patterns] = effective_x * y - effective_y * x
+        k = i if point_loads.shape[2] > 1 else 0
+        for j in range(point_loads.shape[0]):
+            boundary_data[i, first_point + j] = point_loads[j, 0, k] * x + point_loads[j, 1, k] * y
+            boundary_data[i, first_point + patterns + j] = point_loads[j, 0, k] * y - point_loads[j, 1, k] * x
 
 
 @compiled
-def frames(ends, second, load, points, reference, mass, rows):
-    """Fill the rows from positions of the ends.
+def frames(ends, end_accelerations, load, point_loads, reference, mass, boundary_data):
+    """Compute chord length and projected loads for each step.
 
     Parameters
     ----------
-    ends, second
-        Positions and second rates of the ends, coordinate by coordinate, the lower end first (2 dims, steps) [m], [m/s^2];
-        with damping by mass its rate times the rates of the ends is added to the latter.  `second` has no columns where no
-        end moves.
-    load, points
+    ends
+        Positions of the ends, all coordinates of the lower one first (2 dims, steps) [m].
+    end_accelerations
+        Their accelerations, plus mass damping times their velocities (2 dims, steps) [m/s^2]; no columns where no end moves.
+    load, point_loads
         Uniform load with weight (dims, steps or 1) [N/m]; point loads (loads, dims, steps or 1) [N].
     reference
-        The axis to which the normal is closest, in spatial scenes.
+        Axis that defines the normals in spatial scenes: the first normal is the one closest to it.
     mass
-        Per unstretched length [kg/m].
-    rows
-        Filled: (steps, 1 + patterns (1 + normals)).
+        Mass per unstretched length [kg/m].
+    boundary_data
+        Filled: (steps, 1 + patterns dims): chord length [m], then the load patterns along the chord from the upper end to the
+        lower one, then those along each normal.  Patterns: uniform load, inertia that grows with sigma (moving ends only)
+        [N/m], point loads [N].
     """
-    dims, loads = load.shape[0], points.shape[0]
+    dims, n_points = load.shape[0], point_loads.shape[0]
     if dims == 2:
-        _planar_frames(ends, second, load, points, mass, rows)
+        _planar_frames(ends, end_accelerations, load, point_loads, mass, boundary_data)
         return
-    moving = second.shape[1] > 0
+    moving = end_accelerations.shape[1] > 0
     first_point = 3 if moving else 2
-    patterns = first_point - 1 + loads
-    axes = np.zeros((3, 3))  # against the chord, normal to it, across both
-    push, turn = np.zeros(3), np.zeros(3)
-    for i in range(rows.shape[0]):
-        c = 0.0
+    patterns = first_point - 1 + n_points
+    axes = np.zeros((3, 3))  # direction from the upper end to the lower one, first and second normal
+    effective_load, growing_load = np.zeros(3), np.zeros(3)
+    for i in range(boundary_data.shape[0]):
+        chord = 0.0
         for d in range(dims):
             axes[0, d] = ends[d, i] - ends[dims + d, i]
-            c += axes[0, d] * axes[0, d]
-        c = math.sqrt(c)
-        inverse = 1.0 / c
+            chord += axes[0, d] * axes[0, d]
+        chord = math.sqrt(chord)
+        inverse = 1.0 / chord
         for d in range(dims):
             axes[0, d] *= inverse
-        part = axes[0, reference]
-        inverse = 1.0 / math.sqrt(1.0 - part * part)
+        cosine = axes[0, reference]
+        inverse = 1.0 / math.sqrt(1.0 - cosine * cosine)
         for d in range(3):
-            axes[1, d] = ((1.0 if d == reference else 0.0) - part * axes[0, d]) * inverse
+            axes[1, d] = ((1.0 if d == reference else 0.0) - cosine * axes[0, d]) * inverse
         for d in range(3):
             j, k = (d + 1) % 3, (d + 2) % 3
             axes[2, d] = axes[1, j] * axes[0, k] - axes[1, k] * axes[0, j]
         k = i if load.shape[1] > 1 else 0
         for d in range(dims):
-            push[d] = load[d, k]
+            effective_load[d] = load[d, k]
             if moving:
-                push[d] -= mass * second[d, i]
-                turn[d] = mass * (second[d, i] - second[dims + d, i])
-        rows[i, 0] = c
-        at = 1
-        for side in range(dims):
+                effective_load[d] -= mass * end_accelerations[d, i]
+                growing_load[d] = mass * (end_accelerations[d, i] - end_accelerations[dims + d, i])
+        boundary_data[i, 0] = chord
+        column = 1
+        for axis in range(dims):
             along, growing = 0.0, 0.0
             for d in range(dims):
-                along += push[d] * axes[side, d]
-                growing += turn[d] * axes[side, d]
-            rows[i, at] = along
+                along += effective_load[d] * axes[axis, d]
+                growing += growing_load[d] * axes[axis, d]
+            boundary_data[i, column] = along
             if moving:
-                rows[i, at + 1] = growing
-            at += patterns
-        k = i if points.shape[2] > 1 else 0
-        for j in range(loads):
-            for side in range(dims):
+                boundary_data[i, column + 1] = growing
+            column += patterns
+        k = i if point_loads.shape[2] > 1 else 0
+        for j in range(n_points):
+            for axis in range(dims):
                 along = 0.0
                 for d in range(dims):
-                    along += points[j, d, k] * axes[side, d]
-                rows[i, first_point + side * patterns + j] = along
+                    along += point_loads[j, d, k] * axes[axis, d]
+                boundary_data[i, first_point + axis * patterns + j] = along

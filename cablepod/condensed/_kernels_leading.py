@@ -1,4 +1,4 @@
-"""Compiled forces and steps of the condensed model to leading order."""
+"""Compiled forces, equilibrium and steps of the condensed model to leading order."""
 
 from __future__ import annotations
 
@@ -7,342 +7,421 @@ import math
 import numpy as np
 
 from cablepod._jit import REORDERED_FUSED, compiled
-from cablepod.condensed._kernels_closure import CLOSE, MOST
+from cablepod.condensed._kernels_closure import MAX_ITERATIONS, NEWTON_RTOL
 from cablepod.condensed._kernels_dense import _solve
+from cablepod.condensed._kernels_layout import (
+    LINK_FORCE,
+    LINK_ROWS,
+    MIN_FORCE,
+    MIN_FORCE_STEP,
+    SLOPE_IN_PLANE,
+    SLOPE_OUT_OF_PLANE,
+)
+from cablepod.condensed._kernels_step import _monitor_frequency, _save_implicit, _update_rates
 
-#: Of fewer links than this the tensions are taken one by one: arrays that run in lanes would cost more than they.
-FEW = 6
+#: Maximum number of links whose tensions are computed one by one (vectorised loops only pay for more).
+SCALAR_LINK_LIMIT = 6
+#: Relative tolerance of the equilibrium: last Newton correction over the deflection.
+EQUILIBRIUM_RTOL = 1e-9
+#: Relative Newton correction below which only rounding is left.
+ROUNDING_RTOL = 1e-14
 
 
-# --- leading order ----------------------------------------------------------------------------------------------------
+# --- forces -----------------------------------------------------------------------------------------------------------
 
 
 @compiled(inline="always")
-def _straight(rows, at, means, stiffness, length):
-    """H of a cable without deflection [N]."""
-    h = stiffness * (rows[at, 0] / length - 1.0)
-    for a in range(means.size):
-        h -= rows[at, 1 + a] * means[a]
-    return h
+def _straight_tension(boundary_data, row, mean_chordwise_forces, stiffness, length):
+    """Return H of a cable without deflection [N]."""
+    chord_tension = stiffness * (boundary_data[row, 0] / length - 1.0)
+    for a in range(mean_chordwise_forces.size):
+        chord_tension -= boundary_data[row, 1 + a] * mean_chordwise_forces[a]
+    return chord_tension
 
 
 @compiled(inline="always")
-def _tension(q, rows, at, squares, means, stiffness, length):
-    """Part H of the chordwise force that is the same all along, from the closure to leading order [N]."""
-    grown = 0.0
+def _chord_tension(q, boundary_data, row, kappa, mean_chordwise_forces, stiffness, length):
+    """Return H [N] by the closure to leading order."""
+    stretching = 0.0
     for i in range(q.size):
-        grown += squares[i] * q[i] * q[i]
-    return _straight(rows, at, means, stiffness, length) + 0.5 * stiffness / length * grown
+        stretching += kappa[i] * q[i] * q[i]
+    straight = _straight_tension(boundary_data, row, mean_chordwise_forces, stiffness, length)
+    return straight + 0.5 * stiffness / length * stretching
 
 
 @compiled(inline="always")
-def _push(q, rows, at, h, squares, bends, pushes, f):
-    """Accelerations f of the coordinates for a given H."""
-    patterns = bends.shape[0]
+def _leading_acceleration(q, boundary_data, row, chord_tension, kappa, geometric_stiffness, load_projection, f):
+    """Fill the undamped accelerations f (r,) for a given H, with the modes as test functions of H."""
+    patterns = geometric_stiffness.shape[0]
     for i in range(q.size):
-        f[i] = -h * squares[i] * q[i]
+        f[i] = -chord_tension * kappa[i] * q[i]
     for a in range(patterns):
-        g = rows[at, 1 + a]
+        g = boundary_data[row, 1 + a]
         for i in range(q.size):
             total = 0.0
             for j in range(q.size):
-                total += bends[a, i, j] * q[j]
+                total += geometric_stiffness[a, i, j] * q[j]
             f[i] -= g * total
-    for a in range(pushes.shape[0]):
-        g = rows[at, 1 + patterns + a]
+    for a in range(load_projection.shape[0]):
+        g = boundary_data[row, 1 + patterns + a]
         for i in range(q.size):
-            f[i] += g * pushes[a, i]
+            f[i] += g * load_projection[a, i]
 
 
 @compiled(inline="always")
-def _turn(q, h, grips, f):
-    """Add to accelerations f what test functions that are not the modes feel of the tension beside `squares`."""
+def _add_test_stiffness(q, chord_tension, test_stiffness_defect, f):
+    """Subtract the stiffness contribution H G q of non-Galerkin test functions from the accelerations f (r,)."""
     for i in range(q.size):
         total = 0.0
         for j in range(q.size):
-            total += grips[i, j] * q[j]
-        f[i] -= h * total
-
-
-@compiled(inline="always")
-def _look(begin, at, q, rows, h, squares, norms, knots, stiffness, length, watch):
-    """Keep the least chordwise force with its step, the largest square of a frequency, the first step where it is too large."""
-    least = np.inf
-    for k in range(knots.shape[1]):
-        tau = 0.0
-        for a in range(knots.shape[0]):
-            tau += rows[at, 1 + a] * knots[a, k]
-        least = min(least, tau)
-    if h + least < watch[0]:
-        watch[0], watch[1] = h + least, begin + at
-    sag, top, stray = 0.0, 0.0, 0.0
-    for j in range(q.size):
-        sag += (squares[j] * q[j]) ** 2
-        top = max(top, squares[j])
-    for a in range(norms.size):
-        stray += abs(rows[at, 1 + a]) * norms[a]
-    fastest = abs(h) * top + stray + stiffness / length * sag
-    if fastest > watch[2]:
-        watch[2] = fastest
-        if fastest >= watch[3]:
-            watch[4] = min(watch[4], begin + at)
-
-
-@compiled(inline="always")
-def _link_tension(j, q, rows, at, h, slopes, plane, taus):
-    """Tension of one link to leading order [N]."""
-    x, y, force = 0.0, 0.0, h
-    for i in range(plane):
-        x += slopes[i, j] * q[i]
-    for i in range(plane, q.size):
-        y += slopes[i, j] * q[i]
-    for a in range(taus.shape[0]):
-        force += rows[at, 1 + a] * taus[a, j]
-    return force * math.sqrt(1.0 + x * x + y * y)
-
-
-@compiled(fastmath=REORDERED_FUSED)
-def _link_tensions(q, rows, at, h, slopes, plane, taus, work, low, high):
-    """Take the tensions of all links, to leading order, into their extremes."""
-    links = low.size
-    for j in range(links):
-        work[0, j] = 0.0
-        work[1, j] = 0.0
-        work[2, j] = h
-    for i in range(q.size):
-        k = 0 if i < plane else 1
-        for j in range(links):
-            work[k, j] += slopes[i, j] * q[i]
-    for a in range(taus.shape[0]):
-        for j in range(links):
-            work[2, j] += rows[at, 1 + a] * taus[a, j]
-    for j in range(links):
-        size = work[2, j] * math.sqrt(1.0 + work[0, j] * work[0, j] + work[1, j] * work[1, j])
-        low[j] = min(low[j], size)
-        high[j] = max(high[j], size)
-
-
-@compiled
-def leading_verlet(
-    q, v, step, decay, kick, rows, stiffness, length, squares, grips, means, bends, pushes, norms, knots,
-    slopes, plane, taus, begin, marks, saved, halves, low, high, watch, series,
-):  # fmt: skip
-    """Velocity Verlet (velocities at half steps) over the rows, to leading order.
-
-    Parameters
-    ----------
-    q, v
-        Amplitudes and their rates half a step before, (r,); changed.
-    step, decay, kick
-        Step [s]; what damping leaves of a velocity over a step; what an acceleration adds to it [s].
-    rows
-        See :func:`frames`; one for each step.
-    stiffness, length
-        K [N] and L0 [m].
-    squares, means, bends, pushes
-        Coefficients: (r,), (patterns,), (patterns, r, r), (patterns times normals, r).
-    grips
-        With test functions that are not the modes: what they feel of the tension beside `squares` (r, r); None without.
-    norms, knots
-        Norms of `bends` (patterns,); chordwise force of the patterns where it may be least (patterns, knots).
-    slopes, plane, taus
-        Of the links, for extremes of tension: (r, n), the number of coordinates in the plane, (patterns, n).
-    begin, marks, saved, halves
-        Number of the first step; steps to save; q there (marks, r) and the rates on both sides (marks, 2, r).
-    low, high
-        Extremes of the tensions over all steps (n,), or without entries.
-    watch
-        Least chordwise force and its step; largest square of a frequency, the one that is too large, the first step where
-        it was.
-    series
-        Tensions of the links at the steps to save (marks, n), or without columns.
-    """
-    f, work = np.empty(q.size), np.empty((3, low.size))
-    mark = 0
-    for i in range(rows.shape[0]):
-        h = _tension(q, rows, i, squares, means, stiffness, length)
-        _push(q, rows, i, h, squares, bends, pushes, f)
-        if grips is not None:
-            _turn(q, h, grips, f)
-        _look(begin, i, q, rows, h, squares, norms, knots, stiffness, length, watch)
-        if low.size < FEW:
-            for j in range(low.size):
-                size = _link_tension(j, q, rows, i, h, slopes, plane, taus)
-                if size < low[j]:
-                    low[j] = size
-                if size > high[j]:
-                    high[j] = size
-        else:
-            _link_tensions(q, rows, i, h, slopes, plane, taus, work, low, high)
-        here = mark < marks.size and marks[mark] == begin + i
-        if here:
-            for j in range(q.size):
-                saved[mark, j] = q[j]
-                halves[mark, 0, j] = v[j]
-            for j in range(series.shape[1]):
-                series[mark, j] = _link_tension(j, q, rows, i, h, slopes, plane, taus)
-        for j in range(q.size):
-            v[j] = decay * v[j] + kick * f[j]
-        if here:
-            for j in range(q.size):
-                halves[mark, 1, j] = v[j]
-            mark += 1
-        for j in range(q.size):
-            q[j] += step * v[j]
+            total += test_stiffness_defect[i, j] * q[j]
+        f[i] -= chord_tension * total
 
 
 @compiled(forceinline=True)
-def _leading_tangent(q, rows, at, h, squares, bends, stiffness, length, tangent):
-    """Fill the derivative of minus the accelerations (r, r)."""
+def _leading_tangent(q, boundary_data, row, chord_tension, kappa, geometric_stiffness, stiffness, length, tangent):
+    """Fill the negative derivative of the accelerations by q (r, r), with the modes as test functions of H."""
     for i in range(q.size):
         for j in range(q.size):
-            total = stiffness / length * squares[i] * q[i] * squares[j] * q[j]
-            for a in range(bends.shape[0]):
-                total += rows[at, 1 + a] * bends[a, i, j]
+            total = stiffness / length * kappa[i] * q[i] * kappa[j] * q[j]
+            for a in range(geometric_stiffness.shape[0]):
+                total += boundary_data[row, 1 + a] * geometric_stiffness[a, i, j]
             tangent[i, j] = total
-        tangent[i, i] += h * squares[i]
+        tangent[i, i] += chord_tension * kappa[i]
 
 
 @compiled
-def leading_force(q, rows, at, stiffness, length, squares, grips, means, bends, pushes, f, tangent):
-    """Accelerations, their tangent and H for one state; used to look for equilibria."""
-    h = _tension(q, rows, at, squares, means, stiffness, length)
-    _push(q, rows, at, h, squares, bends, pushes, f)
-    _leading_tangent(q, rows, at, h, squares, bends, stiffness, length, tangent)
-    if grips is not None:
-        _turn(q, h, grips, f)
+def leading_force(
+    q, boundary_data, row, stiffness, length, kappa, test_stiffness_defect, mean_chordwise_forces,
+    geometric_stiffness, load_projection, f, tangent,
+):  # fmt: skip
+    """Fill undamped accelerations f (r,) and their tangent (r, r) for one state; return H [N]."""
+    chord_tension = _chord_tension(q, boundary_data, row, kappa, mean_chordwise_forces, stiffness, length)
+    _leading_acceleration(q, boundary_data, row, chord_tension, kappa, geometric_stiffness, load_projection, f)
+    _leading_tangent(q, boundary_data, row, chord_tension, kappa, geometric_stiffness, stiffness, length, tangent)
+    if test_stiffness_defect is not None:
+        _add_test_stiffness(q, chord_tension, test_stiffness_defect, f)
         for i in range(q.size):
             total = 0.0
             for j in range(q.size):
-                total += grips[i, j] * q[j]
+                total += test_stiffness_defect[i, j] * q[j]
             for j in range(q.size):
-                tangent[i, j] += h * grips[i, j] + stiffness / length * total * squares[j] * q[j]
-    return h
+                tangent[i, j] += (
+                    chord_tension * test_stiffness_defect[i, j] + stiffness / length * total * kappa[j] * q[j]
+                )
+    return chord_tension
 
 
 @compiled
-def leading_rest(q, rows, stiffness, length, squares, grips, means, bends, pushes):
-    """Change q into the equilibrium near it by Newton's method; False where it fails, or ends at another one."""
+def leading_rest(
+    q, boundary_data, stiffness, length, kappa, test_stiffness_defect, mean_chordwise_forces, geometric_stiffness,
+    load_projection,
+):  # fmt: skip
+    """Change q into the equilibrium near it by Newton's method; False where it fails, or converges to another one."""
     f, tangent, first = np.empty(q.size), np.empty((q.size, q.size)), q.copy()
-    size = np.abs(q).max()
-    for _ in range(2 * MOST):
-        leading_force(q, rows, 0, stiffness, length, squares, grips, means, bends, pushes, f, tangent)
+    scale = np.abs(q).max()
+    for _ in range(2 * MAX_ITERATIONS):
+        leading_force(
+            q, boundary_data, 0, stiffness, length, kappa, test_stiffness_defect, mean_chordwise_forces,
+            geometric_stiffness, load_projection, f, tangent,
+        )  # fmt: skip
         if not _solve(tangent, f):
             return False
         change, largest = 0.0, 0.0
         for i in range(q.size):
             q[i] += f[i]
             change, largest = max(change, abs(f[i])), max(largest, abs(q[i]))
-            if not abs(q[i]) <= 10.0 * size:
+            if not abs(q[i]) <= 10.0 * scale:
                 return False
-        if change <= 1e-14 * size:
+        if change <= ROUNDING_RTOL * scale:
             break
-    # what still moves by more than rounding has found none; further off than the deflection is the cable turned over
-    return change <= 1e-9 * size and np.abs(q - first).max() <= size
+    # an equilibrium further away than the deflection is that of the cable turned over
+    return change <= EQUILIBRIUM_RTOL * scale and np.abs(q - first).max() <= scale
+
+
+# --- monitor and tensions ---------------------------------------------------------------------------------------------
+
+
+@compiled(inline="always")
+def _monitor_step(
+    step_number, q, boundary_data, row, chord_tension, kappa, geometric_stiffness_norms,
+    chordwise_forces_at_candidates, stiffness, length, monitor,
+):  # fmt: skip
+    """Update the monitor: least chordwise force with its step, largest frequency, first step where that is too large."""
+    least = np.inf
+    for k in range(chordwise_forces_at_candidates.shape[1]):
+        tau = 0.0
+        for a in range(chordwise_forces_at_candidates.shape[0]):
+            tau += boundary_data[row, 1 + a] * chordwise_forces_at_candidates[a, k]
+        least = min(least, tau)
+    if chord_tension + least < monitor[MIN_FORCE]:
+        monitor[MIN_FORCE], monitor[MIN_FORCE_STEP] = chord_tension + least, step_number
+    _monitor_frequency(
+        step_number, q, boundary_data, row, chord_tension, kappa, geometric_stiffness_norms, stiffness, length, monitor
+    )
+
+
+@compiled(inline="always")
+def _link_tension(j, q, boundary_data, row, chord_tension, slopes, n_in_plane, chordwise_force_patterns):
+    """Return the tension of one link to leading order [N]."""
+    x, y, force = 0.0, 0.0, chord_tension
+    for i in range(n_in_plane):
+        x += slopes[i, j] * q[i]
+    for i in range(n_in_plane, q.size):
+        y += slopes[i, j] * q[i]
+    for a in range(chordwise_force_patterns.shape[0]):
+        force += boundary_data[row, 1 + a] * chordwise_force_patterns[a, j]
+    return force * math.sqrt(1.0 + x * x + y * y)
+
+
+@compiled(fastmath=REORDERED_FUSED)
+def _link_tensions(
+    q, boundary_data, row, chord_tension, slopes, n_in_plane, chordwise_force_patterns, work, low, high,
+):  # fmt: skip
+    """Update the extremes `low` and `high` (n,) by the tensions of all links to leading order."""
+    links = low.size
+    for j in range(links):
+        work[SLOPE_IN_PLANE, j] = 0.0
+        work[SLOPE_OUT_OF_PLANE, j] = 0.0
+        work[LINK_FORCE, j] = chord_tension
+    for i in range(q.size):
+        k = SLOPE_IN_PLANE if i < n_in_plane else SLOPE_OUT_OF_PLANE
+        for j in range(links):
+            work[k, j] += slopes[i, j] * q[i]
+    for a in range(chordwise_force_patterns.shape[0]):
+        for j in range(links):
+            work[LINK_FORCE, j] += boundary_data[row, 1 + a] * chordwise_force_patterns[a, j]
+    for j in range(links):
+        tension = work[LINK_FORCE, j] * math.sqrt(
+            1.0
+            + work[SLOPE_IN_PLANE, j] * work[SLOPE_IN_PLANE, j]
+            + work[SLOPE_OUT_OF_PLANE, j] * work[SLOPE_OUT_OF_PLANE, j]
+        )
+        low[j] = min(low[j], tension)
+        high[j] = max(high[j], tension)
+
+
+# --- steps ------------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def leading_verlet(
+    q, v, step, damping_factor, impulse, boundary_data, stiffness, length, kappa, test_stiffness_defect,
+    mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms,
+    chordwise_forces_at_candidates, slopes, n_in_plane, chordwise_force_patterns, begin, output_steps, saved,
+    half_step_rates, low, high, monitor, tension_series,
+):  # fmt: skip
+    """Advance by velocity Verlet to leading order, one step for each row of the boundary data.
+
+    Parameters
+    ----------
+    q, v
+        Coordinates, and their rates half a step before (r,); changed.
+    step, damping_factor, impulse
+        Step [s]; factor of the rates by damping over a step; rate gained in a step for unit acceleration [s].
+    boundary_data
+        See :func:`frames`; one row for each step.
+    stiffness, length
+        K [N] and L0 [m].
+    kappa, mean_chordwise_forces, geometric_stiffness, load_projection
+        Coefficients: squared slope norms (r,), then (patterns,), (patterns, r, r), (normals times patterns, r).
+    test_stiffness_defect
+        Stiffness of non-Galerkin test functions for H = 1, minus diag(kappa) (r, r); None for the modes as test functions.
+    geometric_stiffness_norms, chordwise_forces_at_candidates
+        Norms of `geometric_stiffness` (patterns,); chordwise force patterns where the sum may be least (patterns, candidates).
+    slopes, n_in_plane, chordwise_force_patterns
+        For link tensions: slopes of the modes (r, n), number of in-plane coordinates, patterns (patterns, n).
+    begin, output_steps, saved, half_step_rates
+        Number of the first step; steps to save (outputs,); filled: q there (outputs, r), rates half a step before and after
+        (outputs, 2, r).
+    low, high
+        Extremes of the link tensions over all steps (n,) [N], or without entries; changed.
+    monitor
+        Extremes of the run, see :mod:`cablepod.condensed._kernels_layout`; changed.
+    tension_series
+        Filled: link tensions at the steps to save (outputs, n) [N], or without columns.
+    """
+    f, work = np.empty(q.size), np.empty((LINK_ROWS, low.size))
+    next_output = 0
+    for i in range(boundary_data.shape[0]):
+        chord_tension = _chord_tension(q, boundary_data, i, kappa, mean_chordwise_forces, stiffness, length)
+        _leading_acceleration(q, boundary_data, i, chord_tension, kappa, geometric_stiffness, load_projection, f)
+        if test_stiffness_defect is not None:
+            _add_test_stiffness(q, chord_tension, test_stiffness_defect, f)
+        _monitor_step(
+            begin + i, q, boundary_data, i, chord_tension, kappa, geometric_stiffness_norms,
+            chordwise_forces_at_candidates, stiffness, length, monitor,
+        )  # fmt: skip
+        if low.size < SCALAR_LINK_LIMIT:
+            for j in range(low.size):
+                tension = _link_tension(
+                    j, q, boundary_data, i, chord_tension, slopes, n_in_plane, chordwise_force_patterns
+                )
+                if tension < low[j]:
+                    low[j] = tension
+                if tension > high[j]:
+                    high[j] = tension
+        else:
+            _link_tensions(
+                q, boundary_data, i, chord_tension, slopes, n_in_plane, chordwise_force_patterns, work, low, high
+            )
+        is_output = next_output < output_steps.size and output_steps[next_output] == begin + i
+        if is_output:
+            for j in range(q.size):
+                saved[next_output, j] = q[j]
+                half_step_rates[next_output, 0, j] = v[j]
+            for j in range(tension_series.shape[1]):
+                tension_series[next_output, j] = _link_tension(
+                    j, q, boundary_data, i, chord_tension, slopes, n_in_plane, chordwise_force_patterns
+                )
+        for j in range(q.size):
+            v[j] = damping_factor * v[j] + impulse * f[j]
+        if is_output:
+            for j in range(q.size):
+                half_step_rates[next_output, 1, j] = v[j]
+            next_output += 1
+        for j in range(q.size):
+            q[j] += step * v[j]
+
+
+@compiled(inline="always")
+def _collect_known_terms(
+    q, v, acceleration, step, damping, inertia_factor, quarter_step_squared, boundary_data, row, geometric_stiffness,
+    load_projection, known_terms, load_stiffness,
+):  # fmt: skip
+    """Fill the terms of the implicit equation of a step that do not change with q (r,), (r, r)."""
+    r, patterns = q.size, geometric_stiffness.shape[0]
+    for j in range(r):
+        total = acceleration[j]
+        for a in range(load_projection.shape[0]):
+            total += boundary_data[row, 1 + patterns + a] * load_projection[a, j]
+        known_terms[j] = (
+            inertia_factor * q[j] + step * (1.0 + 0.25 * step * damping) * v[j] + quarter_step_squared * total
+        )
+        for k in range(r):
+            total = 0.0
+            for a in range(patterns):
+                total += boundary_data[row, 1 + a] * geometric_stiffness[a, j, k]
+            load_stiffness[j, k] = quarter_step_squared * total
+
+
+@compiled(inline="always")
+def _newton_system(
+    q, straight, inertia_factor, quarter_step_squared, sag_stiffness, kappa, test_stiffness_defect, known_terms,
+    load_stiffness, tangent, change,
+):  # fmt: skip
+    """Fill residual (r,) and tangent (r, r) of the implicit equation of a step."""
+    r, chord_tension = q.size, straight
+    for j in range(r):
+        chord_tension += sag_stiffness * kappa[j] * q[j] * q[j]
+    for j in range(r):
+        diagonal = inertia_factor + quarter_step_squared * chord_tension * kappa[j]
+        residual = known_terms[j] - diagonal * q[j]
+        sag = 2.0 * quarter_step_squared * sag_stiffness * kappa[j] * q[j]
+        if test_stiffness_defect is not None:
+            for k in range(r):
+                residual -= quarter_step_squared * chord_tension * test_stiffness_defect[j, k] * q[k]
+                sag += 2.0 * quarter_step_squared * sag_stiffness * test_stiffness_defect[j, k] * q[k]
+        for k in range(r):
+            residual -= load_stiffness[j, k] * q[k]
+            tangent[j, k] = load_stiffness[j, k] + sag * kappa[k] * q[k]
+            if test_stiffness_defect is not None:
+                tangent[j, k] += quarter_step_squared * chord_tension * test_stiffness_defect[j, k]
+        change[j] = residual
+        tangent[j, j] += diagonal
+
+
+@compiled(inline="always")
+def _remaining_residual(q, change, cross, square, kappa, test_stiffness_defect):
+    """Return the part of the cubic force that the tangent left out of the last Newton correction, per sag stiffness."""
+    residual = 0.0
+    for j in range(q.size):
+        total = kappa[j] * (cross * change[j] + 0.5 * square * q[j])
+        if test_stiffness_defect is not None:
+            for k in range(q.size):
+                total += test_stiffness_defect[j, k] * (cross * change[k] + 0.5 * square * q[k])
+        residual = max(residual, abs(total))
+    return residual
 
 
 @compiled
 def leading_implicit(
-    q, v, acc, step, damping, rows, stiffness, length, squares, grips, means, bends, pushes, norms, knots,
-    slopes, plane, taus, begin, marks, saved, halves, low, high, watch,
+    q, v, acceleration, step, damping, boundary_data, stiffness, length, kappa, test_stiffness_defect,
+    mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms,
+    chordwise_forces_at_candidates, slopes, n_in_plane, chordwise_force_patterns, begin, output_steps, saved,
+    half_step_rates, low, high, monitor,
 ):  # fmt: skip
-    """Trapezoidal rule (average acceleration) with Newton's method; `v` and `acc` are those of the first row.
+    """Advance by the trapezoidal rule (average acceleration) with Newton's method, to leading order.
 
-    The state after the run is that of the row after the last but one: the last row is the first of the next block.  Other
-    parameters as in :func:`leading_verlet`.
+    On call `q`, `v` and `acceleration` belong to the first row of the boundary data, on return to the last, which is the first
+    of the next block.  Other parameters as in :func:`leading_verlet`.
 
     Returns
     -------
     int
-        Steps done, fewer than asked for where Newton's method did not end.
+        Number of steps done; fewer than asked for where Newton's method did not converge.
     """
-    r, patterns = q.size, means.size
-    work, matrices, vectors = np.empty((3, low.size)), np.empty((2, r, r)), np.empty((4, r))
-    tangent, bent = matrices
-    change, start, fixed, past = vectors
-    past[:] = acc
-    quarter, mark, last = 0.25 * step * step, 0, rows.shape[0] - 1
-    grows, held = 0.5 * stiffness / length, 1.0 + 0.5 * step * damping
-    straight = _straight(rows, 0, means, stiffness, length)
-    for i in range(rows.shape[0]):
-        h = straight
+    r = q.size
+    work, matrices, vectors = np.empty((LINK_ROWS, low.size)), np.empty((2, r, r)), np.empty((4, r))
+    tangent, load_stiffness = matrices
+    change, q_start, known_terms, previous_acceleration = vectors
+    previous_acceleration[:] = acceleration
+    quarter_step_squared, next_output, last_row = 0.25 * step * step, 0, boundary_data.shape[0] - 1
+    sag_stiffness, inertia_factor = 0.5 * stiffness / length, 1.0 + 0.5 * step * damping
+    straight = _straight_tension(boundary_data, 0, mean_chordwise_forces, stiffness, length)
+    for i in range(boundary_data.shape[0]):
+        chord_tension = straight
         for j in range(r):
-            h += grows * squares[j] * q[j] * q[j]
-        _look(begin, i, q, rows, h, squares, norms, knots, stiffness, length, watch)
+            chord_tension += sag_stiffness * kappa[j] * q[j] * q[j]
+        _monitor_step(
+            begin + i, q, boundary_data, i, chord_tension, kappa, geometric_stiffness_norms,
+            chordwise_forces_at_candidates, stiffness, length, monitor,
+        )  # fmt: skip
         if low.size:
-            _link_tensions(q, rows, i, h, slopes, plane, taus, work, low, high)
-        if mark < marks.size and marks[mark] == begin + i:
-            for j in range(r):
-                saved[mark, j] = q[j]
-                halves[mark, 0, j] = v[j] - 0.5 * step * acc[j]
-                halves[mark, 1, j] = v[j] + 0.5 * step * acc[j]
-            mark += 1
-        if i == last:
+            _link_tensions(
+                q, boundary_data, i, chord_tension, slopes, n_in_plane, chordwise_force_patterns, work, low, high
+            )
+        if next_output < output_steps.size and output_steps[next_output] == begin + i:
+            _save_implicit(q, v, acceleration, step, saved[next_output], half_step_rates[next_output])
+            next_output += 1
+        if i == last_row:
             break
-        # what does not change with q is taken out of Newton's method
-        straight = _straight(rows, i + 1, means, stiffness, length)
-        size = 0.0
+        straight = _straight_tension(boundary_data, i + 1, mean_chordwise_forces, stiffness, length)
+        _collect_known_terms(
+            q, v, acceleration, step, damping, inertia_factor, quarter_step_squared, boundary_data, i + 1,
+            geometric_stiffness, load_projection, known_terms, load_stiffness,
+        )  # fmt: skip
+        scale = 0.0
         for j in range(r):
-            start[j] = q[j]
-            total = acc[j]
-            for a in range(pushes.shape[0]):
-                total += rows[i + 1, 1 + patterns + a] * pushes[a, j]
-            fixed[j] = held * q[j] + step * (1.0 + 0.25 * step * damping) * v[j] + quarter * total
-            for k in range(r):
-                total = 0.0
-                for a in range(patterns):
-                    total += rows[i + 1, 1 + a] * bends[a, j, k]
-                bent[j, k] = quarter * total
-        for j in range(r):
-            q[j] += step * v[j] + quarter * (3.0 * acc[j] - past[j])
-            size = max(size, abs(q[j]))
-        before, ended = 0.0, False  # of the first correction no gain is known
-        for _ in range(MOST):
-            h = straight
-            for j in range(r):
-                h += grows * squares[j] * q[j] * q[j]
-            for j in range(r):
-                own = held + quarter * h * squares[j]
-                left, sag = fixed[j] - own * q[j], 2.0 * quarter * grows * squares[j] * q[j]
-                if grips is not None:
-                    for k in range(r):
-                        left -= quarter * h * grips[j, k] * q[k]
-                        sag += 2.0 * quarter * grows * grips[j, k] * q[k]
-                for k in range(r):
-                    left -= bent[j, k] * q[k]
-                    tangent[j, k] = bent[j, k] + sag * squares[k] * q[k]
-                    if grips is not None:
-                        tangent[j, k] += quarter * h * grips[j, k]
-                change[j] = left
-                tangent[j, j] += own
+            q_start[j] = q[j]
+            q[j] += step * v[j] + quarter_step_squared * (3.0 * acceleration[j] - previous_acceleration[j])
+            scale = max(scale, abs(q[j]))
+        previous_change, converged = 0.0, False  # the first correction has no known reduction
+        for _ in range(MAX_ITERATIONS):
+            _newton_system(
+                q, straight, inertia_factor, quarter_step_squared, sag_stiffness, kappa, test_stiffness_defect,
+                known_terms, load_stiffness, tangent, change,
+            )  # fmt: skip
             if not _solve(tangent, change):
                 break
-            # the forces are cubic in q: what the tangent left of them is known, and bounds the next correction of a soft cable;
-            # of a stiff one quadratic convergence does, the next is smaller by the square of the last gain
-            across, along, left, largest = 0.0, 0.0, 0.0, 0.0
+            cross, square, largest = 0.0, 0.0, 0.0
             for j in range(r):
-                across += squares[j] * q[j] * change[j]
-                along += squares[j] * change[j] * change[j]
+                cross += kappa[j] * q[j] * change[j]
+                square += kappa[j] * change[j] * change[j]
                 q[j] += change[j]
                 largest = max(largest, abs(change[j]))
-            for j in range(r):
-                total = squares[j] * (across * change[j] + 0.5 * along * q[j])
-                if grips is not None:
-                    for k in range(r):
-                        total += grips[j, k] * (across * change[k] + 0.5 * along * q[k])
-                left = max(left, abs(total))
-            gain = min(largest / before, 1.0)
-            if min(2.0 * quarter * grows * left, largest * gain * gain) <= CLOSE * size:
-                ended = True
+            # two bounds of the next correction: the remaining cubic force (sharp for a soft cable), and quadratic convergence,
+            # by the square of the last reduction (sharp for a stiff one)
+            residual = _remaining_residual(q, change, cross, square, kappa, test_stiffness_defect)
+            reduction = min(largest / previous_change, 1.0)
+            bound = min(2.0 * quarter_step_squared * sag_stiffness * residual, largest * reduction * reduction)
+            if bound <= NEWTON_RTOL * scale:
+                converged = True
                 break
-            before = largest
-        if not ended:
+            previous_change = largest
+        if not converged:
             for j in range(r):
-                q[j] = start[j]
+                q[j] = q_start[j]
             return i
-        for j in range(r):
-            new = 2.0 / step * (q[j] - start[j]) - v[j]
-            past[j] = acc[j]
-            acc[j] = 2.0 / step * (new - v[j]) - acc[j]
-            v[j] = new
-    return last
+        _update_rates(q_start, q, v, acceleration, previous_acceleration, step)
+    return last_row

@@ -1,4 +1,4 @@
-"""Compiled explicit steps of leading order for many members."""
+"""Compiled initial states and explicit steps to leading order for many members."""
 
 from __future__ import annotations
 
@@ -13,92 +13,116 @@ from cablepod.condensed._kernels_leading import leading_force, leading_rest, lea
 
 @compiled
 def leading_starts(
-    ends, rates, second, load, reference, step, damping, mass, stiffness, length, squares, means, bends, pushes, norms,
-    plane, bow, q, v, limit,
+    ends, end_rates, end_accelerations, load, reference, step, damping, mass, stiffness, length, kappa,
+    mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms, n_in_plane, parabola, q,
+    v, limit,
 ):  # fmt: skip
-    """Find where many scenes start from: at rest but for the motion of their ends; velocities half a step before.
+    """Compute equilibrium, initial rates and step limit of many members.
 
     Parameters
     ----------
-    ends, rates, second
-        Ends at the start, their rates, their second rates with those times damping (members, 2 dims, 1); the latter two
-        without columns where no end moves.
+    ends, end_rates, end_accelerations
+        Positions, velocities and accelerations (see :func:`frames`) of the ends at the start (members, 2 dims, 1); the latter
+        two without columns where no end moves.
     load, reference, mass, stiffness, length
-        As in :func:`frames` and :func:`leading_verlet`, of each scene: (members, dims, 1), then (members,).
+        As in :func:`frames` and :func:`leading_verlet`: (members, dims, 1), the others (members,).
     step, damping
-        [s], (members,) [1/s].
-    squares, means, bends, pushes, norms, plane
-        As in :func:`leading_verlet`, (members, ...) but for `plane`.
-    bow
-        Coordinates that a load of one across the chord would about give (members, r).
+        Step [s]; mass damping (members,) [1/s].
+    kappa, mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms
+        As in :func:`leading_verlet`, with a leading dimension of members.
+    n_in_plane
+        Number of in-plane coordinates.
+    parabola
+        Coordinates of the parabola under unit transverse load, the first guess (members, r) [per N/m].
     q, v
-        Filled (members, r).
+        Filled: coordinates, rates half a step before the start (members, r).
     limit
-        Filled: the largest stable step at the start [s]; nan where there is no equilibrium near.
+        Filled: stability limit of the step at the start (members,) [s]; nan where no equilibrium is found.
     """
     members, r = q.shape
-    patterns, dims = means.shape[1], load.shape[1]
-    f, tangent, row = np.empty(r), np.empty((r, r)), np.empty((1, 1 + patterns * dims))
-    still, nothing, points = np.zeros(second.shape[1:]), np.zeros((dims, 1)), np.empty((0, dims, 1))
+    patterns, dims = mean_chordwise_forces.shape[1], load.shape[1]
+    f, tangent, boundary_row = np.empty(r), np.empty((r, r)), np.empty((1, 1 + patterns * dims))
+    static_accelerations, no_load, no_points = (
+        np.zeros(end_accelerations.shape[1:]),
+        np.zeros((dims, 1)),
+        np.empty((0, dims, 1)),
+    )
     for m in range(members):
-        about = stiffness[m], length[m], squares[m], None, means[m], bends[m], pushes[m]
-        frames(ends[m], still, load[m], points, reference[m], mass[m], row)
+        coefficients = (
+            stiffness[m],
+            length[m],
+            kappa[m],
+            None,
+            mean_chordwise_forces[m],
+            geometric_stiffness[m],
+            load_projection[m],
+        )
+        frames(ends[m], static_accelerations, load[m], no_points, reference[m], mass[m], boundary_row)
         for i in range(r):
-            q[m, i] = row[0, 1 + patterns * (1 if i < plane else 2)] * bow[m, i]
-        if not leading_rest(q[m], row, *about):
+            q[m, i] = boundary_row[0, 1 + patterns * (1 if i < n_in_plane else 2)] * parabola[m, i]
+        if not leading_rest(q[m], boundary_row, *coefficients):
             limit[m] = np.nan
             continue
         v[m] = 0.0
-        if rates.shape[2]:
-            # the particles are at rest, the frame is not: its rates show in the coordinates as its second rates do
-            frames(ends[m], rates[m], nothing, points, reference[m], mass[m], row)
-            for a in range(pushes.shape[1]):
+        if end_rates.shape[2]:
+            # the particles are at rest, the chord frame moves: its velocity is projected as its acceleration is
+            frames(ends[m], end_rates[m], no_load, no_points, reference[m], mass[m], boundary_row)
+            for a in range(load_projection.shape[1]):
                 for i in range(r):
-                    v[m, i] += row[0, 1 + patterns + a] * pushes[m, a, i]
-        frames(ends[m], second[m], load[m], points, reference[m], mass[m], row)
-        h = leading_force(q[m], row, 0, *about, f, tangent)
-        sag, stray = 0.0, 0.0
+                    v[m, i] += boundary_row[0, 1 + patterns + a] * load_projection[m, a, i]
+        frames(ends[m], end_accelerations[m], load[m], no_points, reference[m], mass[m], boundary_row)
+        chord_tension = leading_force(q[m], boundary_row, 0, *coefficients, f, tangent)
+        sag, load_frequency_bound = 0.0, 0.0
         for i in range(r):
-            sag += (squares[m, i] * q[m, i]) ** 2
+            sag += (kappa[m, i] * q[m, i]) ** 2
         for a in range(patterns):
-            stray += abs(row[0, 1 + a]) * norms[m, a]
-        limit[m] = 2.0 / math.sqrt(abs(h) * squares[m].max() + stray + stiffness[m] / length[m] * sag)
-        grow = math.expm1(0.5 * damping[m] * step)
-        back = grow / damping[m] if damping[m] else 0.5 * step
+            load_frequency_bound += abs(boundary_row[0, 1 + a]) * geometric_stiffness_norms[m, a]
+        limit[m] = 2.0 / math.sqrt(
+            abs(chord_tension) * kappa[m].max() + load_frequency_bound + stiffness[m] / length[m] * sag
+        )
+        damped_growth = math.expm1(0.5 * damping[m] * step)
+        impulse_back = damped_growth / damping[m] if damping[m] else 0.5 * step
         for i in range(r):
-            v[m, i] = v[m, i] * (1.0 + grow) - back * f[i]
+            v[m, i] = v[m, i] * (1.0 + damped_growth) - impulse_back * f[i]
 
 
 @compiled
 def leading_members(
-    q, v, step, decay, kick, ends, second, load, reference, mass, stiffness, length, squares, means, bends, pushes, norms,
-    knots, slopes, plane, taus, begin, steps, marks, first, last, saved, low, high, watch, series, bound, good,
+    q, v, step, damping_factor, impulse, ends, end_accelerations, load, reference, mass, stiffness, length, kappa,
+    mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms,
+    chordwise_forces_at_candidates, slopes, n_in_plane, chordwise_force_patterns, begin, steps, output_steps,
+    first_output, last_output, saved, low, high, monitor, tension_series, divergence_bound, active,
 ):  # fmt: skip
-    """Run one block of steps of many scenes by :func:`leading_verlet`, each of its own numbers (members, ...).
+    """Advance many members by one block of steps with :func:`leading_verlet`.
 
     Parameters
     ----------
-    ends, second, load, reference, mass
-        As in :func:`frames`; there may be more than `steps` columns.
+    ends, end_accelerations, load, reference, mass
+        As in :func:`frames`, with a leading dimension of members; at least `steps` columns.
     steps
         Number of steps.
-    first, last
-        Which of `marks`, and rows of `saved` (members, marks, r) and `series` (members, marks, links), are in the block.
-    bound, good
-        Of the coordinates, where they are sound (members,); whether a scene goes on (members,), changed.
+    first_output, last_output
+        Range of `output_steps`, `saved` (members, outputs, r) and `tension_series` (members, outputs, links) in this block.
+    divergence_bound
+        Bound of the coordinates, beyond which a member has diverged (members,).
+    active
+        Whether a member is still advanced (members,); changed.
 
-    Other parameters are those of :func:`leading_verlet`; of these `step`, `plane`, `begin` and `marks` are the same for all.
+    Other parameters as in :func:`leading_verlet`, with a leading dimension of members except `step`, `n_in_plane`, `begin` and
+    `output_steps`.
     """
-    rows = np.empty((steps, 1 + means.shape[1] * load.shape[1]))
-    points, halves = np.empty((0, load.shape[1], 1)), np.empty((last - first, 2, q.shape[1]))
-    for m in range(good.size):
-        if not good[m]:
+    boundary_data = np.empty((steps, 1 + mean_chordwise_forces.shape[1] * load.shape[1]))
+    no_points, half_step_rates = np.empty((0, load.shape[1], 1)), np.empty((last_output - first_output, 2, q.shape[1]))
+    for m in range(active.size):
+        if not active[m]:
             continue
-        frames(ends[m], second[m], load[m], points, reference[m], mass[m], rows)
+        frames(ends[m], end_accelerations[m], load[m], no_points, reference[m], mass[m], boundary_data)
         leading_verlet(
-            q[m], v[m], step, decay[m], kick[m], rows, stiffness[m], length[m], squares[m], None, means[m], bends[m],
-            pushes[m], norms[m], knots[m], slopes[m], plane, taus[m], begin, marks[first:last], saved[m, first:last], halves,
-            low[m], high[m], watch[m], series[m, first:last],
+            q[m], v[m], step, damping_factor[m], impulse[m], boundary_data, stiffness[m], length[m], kappa[m], None,
+            mean_chordwise_forces[m], geometric_stiffness[m], load_projection[m], geometric_stiffness_norms[m],
+            chordwise_forces_at_candidates[m], slopes[m], n_in_plane, chordwise_force_patterns[m], begin,
+            output_steps[first_output:last_output], saved[m, first_output:last_output], half_step_rates, low[m],
+            high[m], monitor[m], tension_series[m, first_output:last_output],
         )  # fmt: skip
         for i in range(q.shape[1]):
-            good[m] = good[m] and abs(q[m, i]) < bound[m]
+            active[m] = active[m] and abs(q[m, i]) < divergence_bound[m]
