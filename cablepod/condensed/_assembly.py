@@ -1,4 +1,4 @@
-"""From a scene's parameters and modes to the condensed model; what cannot be is refused here."""
+"""Assembly of the condensed model from parameters and modes, with all refusals."""
 
 from __future__ import annotations
 
@@ -16,46 +16,26 @@ from cablepod.parameters._parameters import Parameters
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._snapshots import relative_arc_length
 
-#: Variable of modes that holds test functions of their own, with the suffixes of ``pod_normal.SETS``.
+#: Name of the variable of trained test functions, before the suffixes of ``pod_normal.SETS``.
 TEST = "test_function"
-#: Least points of quadrature: one mode has a slope that changes its sign, and its square two humps.
+#: Minimum number of quadrature points: the squared slope of a single mode already has two maxima.
 MIN_QUADRATURE_POINTS = 4
-#: Products of the modes' slopes by a rule may be off by this share.  The stiffness is off by as much; links and a smooth curve
-#: through the particles differ by (i pi / n)^2 / 12 in mode i, 0.5 % in the third of 40 links.
+#: Relative tolerance of the modes' slope products by quadrature, an error that the stiffness inherits.  Links and a smooth curve
+#: through the particles differ by (i pi / n)^2 / 12 in mode i, 0.5 % in the third mode of 40 links.
 QUADRATURE_RTOL = 0.01
 
 
 def model_of(
     p: Parameters, modes: xr.Dataset, *, rank: int | None, order: str, law: str, quadrature: int | None = None
 ) -> CondensedModel:
-    """Make the condensed model of a scene's parameters on modes.
+    """Assemble the condensed model of a scene on modes.
 
     Raises
     ------
     SceneError
-        For a scene or modes that this model cannot do.
+        For a scene, modes or options that the condensed model does not support.
     """
-    check_law(law)
-    if order not in ORDERS:
-        raise scene_error("order", order, "one of " + ", ".join(f'"{name}"' for name in ORDERS))
-    if order == "leading" and law != "linear":
-        raise scene_error("law", law, '"linear" with order "leading", which knows no strain beside the first order')
-    if quadrature is not None:
-        integer(least=MIN_QUADRATURE_POINTS)("quadrature", quadrature)
-        if order == "leading" or p.point_loads:
-            raise scene_error(
-                "quadrature",
-                quadrature,
-                'none but with order "exact" or "inertial" and without point loads, which kink the cable',
-            )
-    if p.free_end is not None:
-        raise scene_error(
-            "ends.free", p.free_end, "two held ends, because there is no chord without; chain.simulate does a free end"
-        )
-    if p.link_viscosity is not None:
-        raise scene_error(
-            "damping.link_viscosity", p.link_viscosity, "none for a reduced model; mass_proportional is possible"
-        )
+    _check_options(p, order, law, quadrature)
     sets = pod_normal.sets(modes)
     if modes.sizes["coordinate"] != p.dims:
         raise SceneError(
@@ -65,22 +45,47 @@ def model_of(
     if rank is not None:
         integer(least=1)("rank", rank)
         if rank > most:
-            raise scene_error("rank", rank, f"at most {most}, as many modes as there are")
+            raise scene_error("rank", rank, f"at most {most}, the number of modes")
     sigma = relative_arc_length(modes)
     total = float(solve_statics(p, p.length_key, p.length_value)[0])
     arc_length = total * sigma
     chain = LumpedChain(p, np.diff(arc_length), arc_length, law)
-    chosen = [shape if rank is None else shape[:rank] for _, shape in sets]
-    model = CondensedModel(chain, order, tuple(chosen), quadrature, _tests(modes, sets, rank, order, quadrature))
+    retained = tuple(shape if rank is None else shape[:rank] for _, shape in sets)
+    model = CondensedModel(
+        chain, order, retained, quadrature, _trained_test_functions(modes, sets, rank, order, quadrature)
+    )
     if quadrature is not None:
-        _check_rule(model, trained="trained_quadrature" in modes.attrs)
+        _check_quadrature(model, trained="trained_quadrature" in modes.attrs)
     return model
 
 
-def _tests(
+def _check_options(p: Parameters, order: str, law: str, quadrature: int | None) -> None:
+    """Refuse scenes, and combinations of options, that the model does not support."""
+    check_law(law)
+    if order not in ORDERS:
+        raise scene_error("order", order, "one of " + ", ".join(f'"{name}"' for name in ORDERS))
+    if order == "leading" and law != "linear":
+        raise scene_error("law", law, '"linear" with order "leading", which is of first order in the strain')
+    if quadrature is not None:
+        integer(least=MIN_QUADRATURE_POINTS)("quadrature", quadrature)
+        if order == "leading" or p.point_loads:
+            raise scene_error(
+                "quadrature",
+                quadrature,
+                'only with order "exact" or "inertial", and without point loads, which kink the cable',
+            )
+    if p.free_end is not None:
+        raise scene_error("ends.free", p.free_end, "two held ends, which define the chord; try: chain.simulate")
+    if p.link_viscosity is not None:
+        raise scene_error(
+            "damping.link_viscosity", p.link_viscosity, "none for a reduced model; try: damping.mass_proportional"
+        )
+
+
+def _trained_test_functions(
     modes: xr.Dataset, sets: list[tuple[str, np.ndarray]], rank: int | None, order: str, quadrature: int | None
 ) -> tuple[np.ndarray, ...] | None:
-    """Return the test functions of each set (mode, particle), where the modes bring some."""
+    """Return the test functions of each set (mode, particle); None where the modes have none."""
     if f"{TEST}{sets[0][0]}" not in modes:
         return None
     count = modes.sizes["mode"] if rank is None else rank
@@ -94,30 +99,26 @@ def _tests(
         )
     points = modes.attrs.get("trained_quadrature", quadrature or 0)
     if points != (quadrature or 0):
-        what = f"{points} points" if points else "none, the links"
+        trained_points = f"{points} points" if points else "none, the links"
         raise scene_error(
-            "quadrature", quadrature, f"{what}, for which the test functions were trained; or modes without them"
+            "quadrature",
+            quadrature,
+            f"{trained_points}, for which the test functions were trained; or modes without them",
         )
     return tuple(modes[f"{TEST}{suffix}"].transpose("mode", "particle").values[: len(shape)] for suffix, shape in sets)
 
 
-def _check_rule(model: CondensedModel, *, trained: bool) -> None:
-    """Refuse a rule that does not give the products of the slopes that the links give; test functions are trained with theirs."""
+def _check_quadrature(model: CondensedModel, *, trained: bool) -> None:
+    """Refuse a quadrature whose slope products differ from those of the links; trained test functions account for theirs."""
     slopes, _, weights = model.rule
-    size = np.sqrt(model.spectral_basis[1])
-    off = np.abs((slopes * weights) @ slopes.T - np.diag(model.spectral_basis[1])) / np.outer(size, size)
+    kappa, n = np.diag(model.slope_norms_squared), model.n_in_plane
+    norms = np.sqrt(model.slope_norms_squared)
+    scale = np.outer(norms, norms)
+    error = np.abs((slopes * weights) @ slopes.T - kappa) / scale
     if not trained and model.test_slopes_at_points is not None and model.test_stiffness_defect is not None:
-        missed = (
-            (model.test_slopes_at_points * weights) @ slopes.T
-            - np.diag(model.spectral_basis[1])
-            - model.test_stiffness_defect
-        )
-        off = np.maximum(off, np.abs(missed) / np.outer(size, size))
-    off[: model.n_in_plane, model.n_in_plane :] = off[model.n_in_plane :, : model.n_in_plane] = (
-        0.0  # sets do not meet in the model either
-    )
-    if off.max() > QUADRATURE_RTOL:
-        off_by = (
-            f"products of the modes' slopes are off by {100 * off.max():.2g} %, more than {100 * QUADRATURE_RTOL:g} %"
-        )
-        raise scene_error("quadrature", model.quadrature, f"more points, or fewer or smoother modes, as {off_by}")
+        test_error = (model.test_slopes_at_points * weights) @ slopes.T - kappa - model.test_stiffness_defect
+        error = np.maximum(error, np.abs(test_error) / scale)
+    error[:n, n:] = error[n:, :n] = 0.0  # the model has no products of in-plane and out-of-plane modes
+    if error.max() > QUADRATURE_RTOL:
+        reason = f"slope products of the modes err by {100 * error.max():.2g} %, more than {100 * QUADRATURE_RTOL:g} %"
+        raise scene_error("quadrature", model.quadrature, f"more points, or fewer or smoother modes, as {reason}")

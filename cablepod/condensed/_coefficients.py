@@ -12,29 +12,31 @@ from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._gll import gll_rule, integration_matrix
 from cablepod.errors import SceneError
 
-#: "leading": closure and force to the first order in slope squared and strain; "exact": the chordwise stretch as it is;
-#: "inertial": exact, with the inertia of the motion along the chord that the deflection brings with it.
+#: Orders of approximation.  "leading": closure and force to first order in strain and squared slope; "exact": exact chordwise
+#: stretch; "inertial": exact, with the chordwise inertia that the deflection enforces.
 ORDERS = ("leading", "exact", "inertial")
-#: Modes whose products in mass have a condition above this are sums of one another but for rounding.
+#: Maximum condition number of the modes' mass products (above, the modes are linearly dependent up to rounding).
 MAX_MODE_CONDITION = 1e12
-#: Test functions whose products in mass with the modes have a condition above this do not tell the modes apart.
+#: Maximum condition number of the mass products of test functions and modes (above, the projection is ill-posed).
 MAX_TEST_CONDITION = 1e6
 
 
 @dataclass(frozen=True)
 class Coefficients:
-    """Coefficients of the condensed model.
+    """Coefficients of the condensed model on links or quadrature points.
 
-    Coordinates q are mass-orthonormal; ``plane`` of them are deflections in the plane.  Chordwise force N = H + tau, where tau
-    is the sum of a pattern for each load; deflections normal to the chord are sums of modes.
+    Coordinates q are mass-orthonormal amplitudes of modes of the deflection normal to the chord; the first ``n_in_plane`` belong
+    to the in-plane deflection.  The chordwise force is N = H + tau, where tau is a sum of patterns, one for each load.
     """
 
     chain: LumpedChain  #: links and masses on the particles of the modes
     order: str  #: one of ORDERS
-    modes: tuple[np.ndarray, ...]  #: of each set as given, (mode, particle)
-    quadrature: int | None = None  #: points at which the chordwise stretch is evaluated; None for the links
-    #: Test functions of each set (mode, particle); None for the modes themselves (Galerkin)
-    tests: tuple[np.ndarray, ...] | None = None
+    modes: tuple[
+        np.ndarray, ...
+    ]  #: modes of each set as given (mode, particle); sets: in plane, in space also out of plane
+    quadrature: int | None = None  #: number of quadrature points of the chordwise stretch; None for the links
+    #: Test functions of each set as given (mode, particle); None for the modes themselves (Galerkin)
+    raw_test_functions: tuple[np.ndarray, ...] | None = None
 
     @cached_property
     def green(self) -> bool:
@@ -43,7 +45,7 @@ class Coefficients:
 
     @cached_property
     def n_in_plane(self) -> int:
-        """Number of coordinates in the plane."""
+        """Number of in-plane coordinates."""
         return len(self.modes[0])
 
     @cached_property
@@ -54,7 +56,7 @@ class Coefficients:
     @cached_property
     def ranks(self) -> tuple[int, ...]:
         """Number of coordinates of each set."""
-        return tuple(len(item) for item in self.modes)
+        return tuple(len(modes) for modes in self.modes)
 
     @cached_property
     def mass(self) -> np.ndarray:
@@ -63,9 +65,9 @@ class Coefficients:
 
     @cached_property
     def spectral_basis(self) -> tuple[list[np.ndarray], np.ndarray]:
-        """Coordinates in terms of modes, set by set, and the squares of their slopes (r,) [1/(kg m)].
+        """Matrices from modes to coordinates, set by set, and squared slope norms of the coordinates (r,) [1/(kg m)].
 
-        In each set they are orthogonal in mass and slope.
+        Within each set the coordinates are orthogonal in mass and in slope.
         """
         from scipy.linalg import eigh  # costly to import
 
@@ -81,6 +83,11 @@ class Coefficients:
             squares.append(values)
         return turns, np.concatenate(squares)
 
+    @property
+    def slope_norms_squared(self) -> np.ndarray:
+        """Squared slope norms of the coordinates (r,) [1/(kg m)]."""
+        return self.spectral_basis[1]
+
     @cached_property
     def shapes(self) -> np.ndarray:
         """Mass-orthonormal shapes of the coordinates (r, particle) [kg^-1/2]."""
@@ -88,17 +95,17 @@ class Coefficients:
 
     @cached_property
     def slopes(self) -> np.ndarray:
-        """Their slopes on the links (r, n)."""
+        """Slopes of the shapes on the links (r, n)."""
         return np.diff(self.shapes, axis=1) / self.chain.length
 
     @cached_property
     def test_functions(self) -> np.ndarray:
-        """Test functions whose products in mass with the shapes are those of a unit matrix (r, particle) [kg^-1/2]."""
-        if self.tests is None:
+        """Test functions, bi-orthonormal in mass to the shapes (r, particle) [kg^-1/2]."""
+        if self.raw_test_functions is None:
             return self.shapes
         parts = []
-        for psi, at in zip(self.tests, (slice(0, self.n_in_plane), slice(self.n_in_plane, None)), strict=False):
-            gram = (psi * self.mass) @ self.shapes[at].T
+        for psi, which in zip(self.raw_test_functions, self.sets, strict=False):
+            gram = (psi * self.mass) @ self.shapes[which].T
             if gram.size and not np.linalg.cond(gram / np.abs(gram).max(axis=1, keepdims=True)) < MAX_TEST_CONDITION:
                 raise SceneError(
                     "modes: given test functions that do not tell the modes apart; allowed: those of oblique.train"
@@ -108,77 +115,84 @@ class Coefficients:
 
     @cached_property
     def test_stiffness_defect(self) -> np.ndarray | None:
-        """What the duals feel of a tension of one beside what the shapes would (r, r) [1/(kg m)]; None where they are these."""
-        if self.tests is None:
+        """Stiffness of the test functions for H = 1 minus that of the modes (r, r) [1/(kg m)]; None for Galerkin."""
+        if self.raw_test_functions is None:
             return None
-        felt = self._same * ((self.dual_slopes * self.chain.length) @ self.slopes.T)
-        return felt - np.diag(self.spectral_basis[1])
+        stiffness = self._same_set * ((self.test_slopes * self.chain.length) @ self.slopes.T)
+        return stiffness - np.diag(self.slope_norms_squared)
 
     @cached_property
-    def dual_slopes(self) -> np.ndarray:
-        """Slopes of the duals on the links (r, n)."""
-        return self.slopes if self.tests is None else np.diff(self.test_functions, axis=1) / self.chain.length
+    def test_slopes(self) -> np.ndarray:
+        """Slopes of the test functions on the links (r, n)."""
+        return (
+            self.slopes if self.raw_test_functions is None else np.diff(self.test_functions, axis=1) / self.chain.length
+        )
 
     @cached_property
     def frequency_amplification(self) -> float:
-        """By how much, at most, test functions may raise the squares of the frequencies."""
+        """Upper bound of the factor by which test functions raise squared frequencies."""
         if self.test_stiffness_defect is None:
             return 1.0
-        squares = self.spectral_basis[1]
-        return max(1.0, float(np.linalg.norm(np.eye(squares.size) + self.test_stiffness_defect / squares, 2)))
+        kappa = self.slope_norms_squared
+        return max(1.0, float(np.linalg.norm(np.eye(kappa.size) + self.test_stiffness_defect / kappa, 2)))
 
     @property
-    def _same(self) -> np.ndarray:
-        """Which coordinates belong to the same set (r, r)."""
-        within = np.arange(len(self.shapes)) < self.n_in_plane
-        return within[:, None] == within
+    def sets(self) -> tuple[slice, ...]:
+        """Slices of the coordinates: in-plane deflection and, in space, out-of-plane deflection."""
+        return (slice(0, self.n_in_plane), slice(self.n_in_plane, None))[: self.chain.p.dims - 1]
+
+    @property
+    def _same_set(self) -> np.ndarray:
+        """Mask of pairs of coordinates in the same set (r, r)."""
+        in_plane = np.arange(len(self.shapes)) < self.n_in_plane
+        return in_plane[:, None] == in_plane
 
     @cached_property
     def load_patterns(self) -> np.ndarray:
-        """Loads on the particles for patterns of size one (patterns, particle): lengths [m] but for point loads."""
+        """Particle loads of each unit load pattern (patterns, particle) [m], point loads [1]."""
         chain, p = self.chain, self.chain.p
-        rows = [chain.tributary_length]
+        patterns = [chain.tributary_length]
         if p.motions:
-            rows.append(chain.tributary_length * chain.arc_length / chain.total_length)
-        rows += [_particle_shares(chain, load.fraction) for load in p.point_loads]
-        return np.array(rows)
+            patterns.append(chain.tributary_length * chain.arc_length / chain.total_length)
+        patterns += [_point_load_shares(chain, load.fraction) for load in p.point_loads]
+        return np.array(patterns)
 
     @cached_property
     def chordwise_force_patterns(self) -> np.ndarray:
-        """Chordwise force on the links for patterns of size one, but for H (patterns, n)."""
-        inner = np.cumsum(self.load_patterns[:, 1:-1], axis=1)
-        return np.concatenate([np.zeros((len(inner), 1)), inner], axis=1)
+        """Chordwise force minus H on the links for unit load patterns (patterns, n) [m], point loads [1]."""
+        above_first = np.cumsum(self.load_patterns[:, 1:-1], axis=1)
+        return np.concatenate([np.zeros((len(above_first), 1)), above_first], axis=1)
 
     @cached_property
     def mean_chordwise_forces(self) -> np.ndarray:
-        """Their means over the length (patterns,)."""
+        """Means of the chordwise force patterns over the length (patterns,)."""
         return self.chordwise_force_patterns @ self.chain.length / self.chain.total_length
 
     @cached_property
     def chordwise_forces_at_candidates(self) -> np.ndarray:
-        """The same on the links where the sum may be least: at the ends and beside point loads (patterns, knots)."""
-        places = {0, self.chain.links - 1}
+        """Chordwise force patterns on links where N may be least: at the ends and beside point loads (patterns, candidates)."""
+        candidates = {0, self.chain.links - 1}
         for load in self.chain.p.point_loads:
-            j = np.flatnonzero(_particle_shares(self.chain, load.fraction)[1:-1])
-            places |= {int(item) for item in np.concatenate([j, j + 1])}
-        return np.ascontiguousarray(self.chordwise_force_patterns[:, sorted(places)])
+            j = np.flatnonzero(_point_load_shares(self.chain, load.fraction)[1:-1])
+            candidates |= {int(link) for link in np.concatenate([j, j + 1])}
+        return np.ascontiguousarray(self.chordwise_force_patterns[:, sorted(candidates)])
 
     @cached_property
     def geometric_stiffness(self) -> np.ndarray:
-        """What patterns of chordwise force do to the coordinates (patterns, r, r)."""
+        """Geometric stiffness of each unit chordwise force pattern (patterns, r, r) [1/kg], point loads [1/(kg m)]."""
         return (
             np.einsum(
-                "an,n,in,jn->aij", self.chordwise_force_patterns, self.chain.length, self.dual_slopes, self.slopes
+                "an,n,in,jn->aij", self.chordwise_force_patterns, self.chain.length, self.test_slopes, self.slopes
             )
-            * self._same
+            * self._same_set
         )
 
     @cached_property
     def rule(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Slopes (r, m), chordwise forces of the patterns (patterns, m) and weights (m,) [m] for sums along the chord.
+        """Slopes (r, m), chordwise force patterns (patterns, m) and weights (m,) [m] of integrals along the chord.
 
-        On the links, or at the points of a Gauss-Lobatto rule, which has the ends, where the chordwise force is least, and with
-        m points is exact to degree 2 m - 3: products of few smooth modes need few.
+        The points are the links, or those of a Gauss-Lobatto rule.  That rule contains the ends, where N is least, and is exact
+        to degree 2 m - 3, so that few points suffice for few smooth modes.
         """
         chain = self.chain
         if self.quadrature is None:
@@ -193,13 +207,13 @@ class Coefficients:
 
     @cached_property
     def test_slopes_at_points(self) -> np.ndarray | None:
-        """Slopes of the duals (r, m) for the same sums; None where they are the shapes."""
-        if self.tests is None:
+        """Slopes of the test functions (r, m) at the points of `rule`; None for Galerkin."""
+        if self.raw_test_functions is None:
             return None
-        return self.dual_slopes if self.quadrature is None else self._at_points(self.test_functions)
+        return self.test_slopes if self.quadrature is None else self._at_points(self.test_functions)
 
     def _at_points(self, shapes: np.ndarray) -> np.ndarray:
-        """Slopes of smooth shapes (r, particle) at the points of the rule (r, m)."""
+        """Return slopes of smooth shapes (r, particle) at the quadrature points (r, m), by cubic splines."""
         from scipy.interpolate import CubicSpline  # costly to import
 
         chain, points = self.chain, gll_rule((self.quadrature or 0) - 1)[0]
@@ -209,28 +223,27 @@ class Coefficients:
 
     @cached_property
     def geometric_stiffness_norms(self) -> np.ndarray:
-        """Norms of `bends` (patterns,)."""
+        """Spectral norms of the geometric stiffness (patterns,)."""
         return np.linalg.norm(self.geometric_stiffness, 2, axis=(1, 2))
 
     @cached_property
     def load_projection(self) -> np.ndarray:
-        """Normal patterns on the coordinates (normals times patterns, r)."""
+        """Projection of unit normal load patterns onto the test functions (normals times patterns, r)."""
         full = self.load_patterns @ self.test_functions.T
         parts = []
-        for k in range(self.chain.p.dims - 1):
+        for which in self.sets:
             part = np.zeros_like(full)
-            at = slice(0, self.n_in_plane) if k == 0 else slice(self.n_in_plane, None)
-            part[:, at] = full[:, at]
+            part[:, which] = full[:, which]
             parts.append(part)
         return np.concatenate(parts)
 
     @cached_property
     def inertia(self) -> np.ndarray:
-        """What the kernel must know of inertia along the chord; empty without it.
+        """Chordwise mass matrix of rates of stretch; empty without chordwise inertia.
 
-        On the links, masses [kg] and relative arc lengths of the particles above them (2, n).  At points of quadrature the mass
-        that goes with rates of stretch there (m, m) [kg m^2]: a point moves by their integral up to it, less its share of the
-        whole, as the ends do not give.
+        On the links its factors (2, n): masses [kg] and relative arc lengths of the particles above them.  At quadrature points
+        the matrix itself (m, m) [kg m^2].  A point moves by the integral of the rates of stretch up to it, minus sigma times the
+        whole integral, because the ends are held.
         """
         if self.order != "inertial":
             return np.empty((0, 0))
@@ -239,20 +252,20 @@ class Coefficients:
             return np.stack([self.mass[1:], chain.arc_length[1:] / chain.total_length])
         nodes, weights, _ = gll_rule(self.quadrature - 1)
         half = 0.5 * chain.total_length
-        moved = half * (integration_matrix(self.quadrature - 1) - np.outer(0.5 * (nodes + 1.0), weights))
-        return np.ascontiguousarray(chain.p.mass * half * (moved.T * weights) @ moved)
+        displacement = half * (integration_matrix(self.quadrature - 1) - np.outer(0.5 * (nodes + 1.0), weights))
+        return np.ascontiguousarray(chain.p.mass * half * (displacement.T * weights) @ displacement)
 
     @cached_property
     def reference(self) -> int:
-        """Axis that tells the normals apart in space."""
+        """Axis that defines the normals in spatial scenes (1, the vertical, in planar ones)."""
         if self.chain.p.dims == 2:
             return 1
         ends = self.chain.p.end_positions(np.zeros(1))
         return ChordFrame.of(ends[:, 1] - ends[:, 0]).reference
 
 
-def _particle_shares(chain: LumpedChain, fraction: float) -> np.ndarray:
-    """Shares of the particles (n + 1,) in a point load, as in the chain."""
+def _point_load_shares(chain: LumpedChain, fraction: float) -> np.ndarray:
+    """Return the shares of the particles in a point load (n + 1,), as in the chain."""
     j, right = chain.lever(fraction)
     shares = np.zeros(chain.links + 1)
     shares[j], shares[j + 1] = 1.0 - right, right

@@ -1,4 +1,4 @@
-"""A-posteriori estimate of the error of reduced models, from the residual of a richer one, and of the condensed model."""
+"""A-posteriori error estimate of reduced models from the residual of an enriched condensed model."""
 
 from __future__ import annotations
 
@@ -12,18 +12,20 @@ from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.integrate._step_control import motion_scale
 
-#: The richer model has so many coordinates of each deflection, but no more than the particles allow.
+#: Minimum number of modes of each deflection in the enriched model (fewer where there are fewer particles).
 MIN_ENRICHED_MODES = 16
-#: Distance of the samples times the frequency of the first mode left out: what is retained is resolved, what drives it sampled.
+#: Interval of the residual samples times the angular frequency of the first truncated mode.
 SAMPLING_PHASE = 0.7
-#: No more samples than this: then they lie further apart, and the estimate is coarser.
+#: Maximum number of samples (longer runs are sampled at longer intervals).
 MAX_SAMPLES = 20_000
-#: An error above twice the motion says that nothing is right: the linear equation may grow beyond.
+#: Maximum estimate: above twice the motion the linearised error equation means nothing.
 MAX_ERROR = 2.0
+#: Maximum number of instants at which the scale of the motion is computed.
+MOTION_SAMPLES = 200
 
 
 def enriched_model(chain: LumpedChain, sets: Sequence[np.ndarray]) -> CondensedModel:
-    """Make the model of order "inertial" on the links of a chain with modes as given (mode, particle) and sines besides."""
+    """Make a model of order "inertial" on the links of a chain, with modes (mode, particle) and sines."""
     sigma = chain.arc_length / chain.total_length
     modes = []
     for psi in sets:
@@ -35,98 +37,110 @@ def enriched_model(chain: LumpedChain, sets: Sequence[np.ndarray]) -> CondensedM
     return CondensedModel(chain, "inertial", tuple(modes))
 
 
-def sample_steps(square: float, modes: int, rate: float, until: float) -> np.ndarray:
-    """Choose the steps at which the residual is taken.
+def sample_steps(omega_squared: float, modes: int, steps_per_second: float, end_time: float) -> np.ndarray:
+    """Choose the steps at which the residual is sampled.
 
     Parameters
     ----------
-    square
-        Square of the frequency of the last mode [1/s^2].
+    omega_squared
+        Squared angular frequency of the last retained mode [1/s^2].
     modes
-        Number of modes.
-    rate, until
-        Steps per second, end [s].
+        Number of retained modes.
+    steps_per_second, end_time
+        Steps per second of the run, and its end [s].
     """
-    left_out = math.sqrt(square) * (modes + 1.0) / max(modes, 1)
-    every = max(1, round(SAMPLING_PHASE / left_out * rate), math.ceil(until * rate / MAX_SAMPLES))
-    return np.arange(int(until * rate) // every + 1) * every
+    omega_truncated = math.sqrt(omega_squared) * (modes + 1.0) / max(modes, 1)
+    interval = max(
+        1,
+        round(SAMPLING_PHASE / omega_truncated * steps_per_second),
+        math.ceil(end_time * steps_per_second / MAX_SAMPLES),
+    )
+    return np.arange(int(end_time * steps_per_second) // interval + 1) * interval
 
 
 def integrate_error(
-    rich: CondensedModel,
+    enriched: CondensedModel,
     motion: tuple[np.ndarray, np.ndarray, np.ndarray],
     steps: np.ndarray,
-    rate: float,
-    first: np.ndarray,
+    steps_per_second: float,
+    initial_error: np.ndarray,
 ) -> np.ndarray:
-    """Mean square of the error over the particles [m^2] at sampled steps, as the residual of a richer model drives it.
+    """Integrate the linearised error equation, driven by the residual of the enriched model.
 
     Parameters
     ----------
-    rich
-        The richer model.
+    enriched
+        Enriched model.
     motion
-        Its coordinates in the motion that is judged (samples, r), their rates and second rates.
-    steps, rate
-        Numbers of the steps, how many there are per second.
-    first
+        Reduced motion in its coordinates (samples, r), with rates and accelerations.
+    steps, steps_per_second
+        Numbers of the sampled steps, and steps per second.
+    initial_error
         Error at the start (r,).
+
+    Returns
+    -------
+    numpy.ndarray
+        Mean square of the error over the particles (samples,) [m^2].
     """
     from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
 
-    chain, p, q = rich.chain, rich.chain.p, motion[0]
-    rows = rich.boundary_data_at(steps / rate)
-    sizes = np.empty(steps.size)
-    every = float(steps[1] - steps[0]) if steps.size > 1 else 1.0
+    chain, p, q = enriched.chain, enriched.chain.p, motion[0]
+    boundary_data = enriched.boundary_data_at(steps / steps_per_second)
+    mean_squares = np.empty(steps.size)
+    interval = float(steps[1] - steps[0]) if steps.size > 1 else 1.0
     kernel.error_growth(
-        *motion, rows, every / rate, p.mass_damping or 0.0, p.stiffness, rich.slopes, rich.n_in_plane, rich.chordwise_force_patterns, chain.length,
-        rich.green, rich.load_projection, rich.inertia, first, rich.guess(rows[0], q[0]),
-        np.full(chain.links, rich.first_stretch(rows[0])), chain.arc_length / chain.total_length, sizes,
+        *motion, boundary_data, interval / steps_per_second, p.mass_damping or 0.0, p.stiffness, enriched.slopes,
+        enriched.n_in_plane, enriched.chordwise_force_patterns, chain.length, enriched.green,
+        enriched.load_projection, enriched.inertia, initial_error, enriched.tension_guess(boundary_data[0], q[0]),
+        np.full(chain.links, enriched.stretch_guess(boundary_data[0])), chain.arc_length / chain.total_length,
+        mean_squares,
     )  # fmt: skip
-    return np.nan_to_num(sizes, nan=np.inf)
+    return np.nan_to_num(mean_squares, nan=np.inf)
 
 
 def estimate(
-    model: CondensedModel, sample: Callable[[np.ndarray, float], CondensedTrajectory], rate: float, until: float
+    model: CondensedModel,
+    sample: Callable[[np.ndarray, float], CondensedTrajectory],
+    steps_per_second: float,
+    end_time: float,
 ) -> float:
     """Estimate the largest error over time as a fraction of the motion.
 
-    The motion of the model is put into the equations of a richer one (more modes, the chordwise stretch as it is, inertia along
-    the chord).  What they leave, the residual at sampled instants, drives the error, by the equations linearised about the
-    motion: M e'' + K(t) e = residual.  So it sees modes that are missing, their effect on those retained as it builds up in time,
-    and what the order leaves out, but not the error of the step.
+    The motion of the model is put into the equations of an enriched one (more modes, exact chordwise stretch, chordwise inertia).
+    Their residual at sampled instants drives the error, by the equations linearised about the motion: M e'' + K(t) e = residual.
+    The estimate contains the truncated modes, their effect on the retained ones over time, and the terms that the order neglects,
+    but not the error of the step.
 
     Parameters
     ----------
     model
-        What was run.
+        Model of the run.
     sample
-        Returns its trajectory at given instants [s], for so many steps per second.
-    rate
+        Returns the trajectory of the run at given instants [s], for given steps per second.
+    steps_per_second
         Steps per second of the run.
-    until
-        Its end [s].
+    end_time
+        End of the run [s].
     """
-    if until == 0.0:
+    if end_time == 0.0:
         return 0.0
-    rich = enriched_model(model.chain, model.modes)
-    p = rich.chain.p
-    steps = sample_steps(
-        max(model.omega_taut_squared(until), model.omega_max_squared(*_start(model))), model.n_in_plane, rate, until
-    )
-    times = steps / rate
-    state = sample(times, rate)
-    rates, second = 0.5 * (state.halves[:, 0] + state.halves[:, 1]), (state.halves[:, 1] - state.halves[:, 0]) * rate
-    change = (rich.shapes * rich.mass) @ model.shapes.T
-    change[: rich.n_in_plane, model.n_in_plane :] = change[rich.n_in_plane :, : model.n_in_plane] = 0.0
-    q = state.saved @ change.T
-    sizes = integrate_error(rich, (q, rates @ change.T, second @ change.T), steps, rate, rich.initial()[0] - q[0])
-    some = np.unique(np.linspace(0, times.size - 1, 200).astype(int))
-    shapes = positions(model, state.saved[some], times[some])
-    motion = motion_scale(shapes, shapes[0], float(np.linalg.norm(p.upper - p.lower)))
-    return min(math.sqrt(sizes.max()) / motion, MAX_ERROR)
-
-
-def _start(model: CondensedModel) -> tuple[np.ndarray, np.ndarray, float]:
+    enriched = enriched_model(model.chain, model.modes)
+    p = enriched.chain.p
     q, v = model.initial()
-    return q, model.initial_boundary_data, model.force(q, v, model.initial_boundary_data)[2]
+    boundary_data = model.initial_boundary_data
+    initial_omega_squared = model.omega_max_squared(q, boundary_data, model.force(q, v, boundary_data)[2])
+    omega_squared = max(model.omega_taut_squared(end_time), initial_omega_squared)
+    steps = sample_steps(omega_squared, model.n_in_plane, steps_per_second, end_time)
+    times = steps / steps_per_second
+    state = sample(times, steps_per_second)
+    change = (enriched.shapes * enriched.mass) @ model.shapes.T  # of coordinates
+    in_plane, enriched_in_plane = model.n_in_plane, enriched.n_in_plane
+    change[:enriched_in_plane, in_plane:] = change[enriched_in_plane:, :in_plane] = 0.0
+    motion = tuple(array @ change.T for array in (state.saved, state.saved_rates, state.saved_accelerations))
+    initial_error = enriched.initial()[0] - motion[0][0]
+    mean_squares = integrate_error(enriched, motion, steps, steps_per_second, initial_error)
+    sample_indices = np.unique(np.linspace(0, times.size - 1, MOTION_SAMPLES).astype(int))
+    shapes = positions(model, state.saved[sample_indices], times[sample_indices])
+    scale = motion_scale(shapes, shapes[0], float(np.linalg.norm(p.upper - p.lower)))
+    return min(math.sqrt(mean_squares.max()) / scale, MAX_ERROR)

@@ -1,4 +1,4 @@
-"""Condensed trajectories as labelled Datasets, with attributes that say how far to trust them."""
+"""Condensed trajectories as labelled Datasets, with their diagnostics as attributes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,15 @@ import xarray as xr
 from xarray.indexes import PandasIndex
 
 from cablepod.condensed import _estimate as condensed_estimate
-from cablepod.condensed._fields import CondensedTrajectory, _closed, _joined, _tension, _tensions, _velocities, sets
+from cablepod.condensed._fields import (
+    CondensedTrajectory,
+    close_chord,
+    link_tensions,
+    positions_of,
+    selected_tensions,
+    velocities,
+)
+from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP
 from cablepod.condensed._model import CondensedModel
 from cablepod.conventions import COORDINATES, ENDS, label
 from cablepod.integrate._output_times import OutputTimes
@@ -24,85 +32,82 @@ if TYPE_CHECKING:
 
 
 @lru_cache
-def _fixed(dims: int, rank: int) -> tuple[dict[Any, PandasIndex], dict[Any, xr.Variable]]:
-    """Make names of axes and ends, numbers of modes, which takes longer than a run of a thousand steps."""
-    names = {"coordinate": np.array(COORDINATES[:dims]), "mode": np.arange(1, rank + 1), "end": np.array(ENDS)}
-    indexes = {key: PandasIndex(values, key, coord_dtype=values.dtype) for key, values in names.items()}
-    return indexes, {name: item for index in indexes.values() for name, item in index.create_variables().items()}
+def _shared_indexes(dims: int, rank: int) -> tuple[dict[Any, PandasIndex], dict[Any, xr.Variable]]:
+    """Make the indexes of coordinates, modes and ends; cached, because that takes longer than a thousand steps."""
+    labels = {"coordinate": np.array(COORDINATES[:dims]), "mode": np.arange(1, rank + 1), "end": np.array(ENDS)}
+    indexes = {key: PandasIndex(values, key, coord_dtype=values.dtype) for key, values in labels.items()}
+    return indexes, {
+        name: variable for index in indexes.values() for name, variable in index.create_variables().items()
+    }
 
 
 def coordinates_of(
     model: CondensedModel, times: np.ndarray, links: np.ndarray | None, *, with_arc_length: bool = False
 ) -> xr.Coordinates:
-    """Coordinates of a result, with the indexes that xarray would make of them."""
-    fixed, made = _fixed(model.chain.p.dims, model.rank)
-    own = {"time": PandasIndex(times, "time")}
+    """Make the coordinates of a result, with the indexes that xarray would make."""
+    shared, shared_variables = _shared_indexes(model.chain.p.dims, model.rank)
+    indexes = {"time": PandasIndex(times, "time")}
     if links is not None:
-        own["link"] = PandasIndex(links + 1, "link")
-    variables = dict(made)  # a Dataset takes copies of what it is made of
-    for index in own.values():
+        indexes["link"] = PandasIndex(links + 1, "link")
+    variables = dict(shared_variables)  # a Dataset copies its variables
+    for index in indexes.values():
         variables |= index.create_variables()
-    if with_arc_length:  # members have each its own
+    if with_arc_length:
         variables["arc_length"] = xr.Variable("particle", model.chain.arc_length)
-    return xr.Coordinates(variables, indexes={**fixed, **own})
+    return xr.Coordinates(variables, indexes={**shared, **indexes})
 
 
 def variables(
     model: CondensedModel, state: CondensedTrajectory, outputs: tuple[str, ...], links: np.ndarray | None = None
 ) -> dict[str, tuple[tuple[str, ...], Any]]:
-    """Dimensions and values of what a run gave and of the outputs asked for; tensions of some `links` only, where given."""
+    """Return dimensions and values of the variables of a result; tensions of `links` only, where given."""
     chain, p = model.chain, model.chain.p
     times, q = state.instants.times, state.q
-    made: dict[str, tuple[tuple[str, ...], Any]] = {
-        f"amplitude{suffix}": (("time", "mode"), padded(q[:, at] @ turn.T, model.rank))
-        for suffix, at, turn in zip(pod_normal.SETS, sets(model), model.spectral_basis[0], strict=False)
+    result: dict[str, tuple[tuple[str, ...], Any]] = {
+        f"amplitude{suffix}": (("time", "mode"), padded(q[:, which] @ turn.T, model.rank))
+        for suffix, which, turn in zip(pod_normal.SETS, model.sets, model.spectral_basis[0], strict=False)
     }
-    made["end_position"] = (("time", "end", "coordinate"), p.end_positions(times))
-    made["unstretched_length"] = ((), chain.total_length)
+    result["end_position"] = (("time", "end", "coordinate"), p.end_positions(times))
+    result["unstretched_length"] = ((), chain.total_length)
     if {"position", "velocity"} & set(outputs):
-        z, force, squared, deflection = _closed(model, q, times)
-        place = ("time", "particle", "coordinate")
+        stretch, force, squared, deflection = close_chord(model, q, times)
+        dims = ("time", "particle", "coordinate")
         if "position" in outputs:
-            made["position"] = (place, _joined(model, z, deflection, times))
+            result["position"] = (dims, positions_of(model, stretch, deflection, times))
         if "velocity" in outputs:
-            made["velocity"] = (place, _velocities(model, z, deflection, state.rates, times))
+            result["velocity"] = (dims, velocities(model, stretch, deflection, state.rates, times))
         if "tension" in outputs:
-            tension = _tension(model, z, force, squared)
-            made["tension"] = (("time", "link"), tension if links is None else tension[:, links])
+            tension = link_tensions(model, stretch, force, squared)
+            result["tension"] = (("time", "link"), tension if links is None else tension[:, links])
     elif "tension" in outputs:
-        taken = state.tension
-        made["tension"] = (("time", "link"), _tensions(model, q, times, links) if taken is None else taken)
+        tension = selected_tensions(model, q, times, links) if state.tension is None else state.tension
+        result["tension"] = (("time", "link"), tension)
     if state.extremes is not None:
-        made["tension_minimum"], made["tension_maximum"] = ((("link",), item) for item in state.extremes)
-    return made
+        result["tension_minimum"], result["tension_maximum"] = ((("link",), extreme) for extreme in state.extremes)
+    return result
 
 
 def attributes(model: CondensedModel, state: CondensedTrajectory, modes: xr.Dataset | None) -> dict[str, Any]:
-    """Tell how a run was made and how far it can be trusted."""
+    """Return the attributes of a run: scheme, step and diagnostics, without the error estimate."""
+    end_time = float(state.instants.times[-1])
     forcing = forcing_attributes(model.chain.p, model.chain.total_length)
     return {
         **shared_attributes(model, state.instants, state.scheme, modes),
-        "smallest_chordwise_force": float(state.watch[0]),
-        "time_of_smallest_force": float(state.watch[1]) / state.instants.steps_per_second,
+        "smallest_chordwise_force": float(state.monitor[MIN_FORCE]),
+        "time_of_smallest_force": float(state.monitor[MIN_FORCE_STEP]) / state.instants.steps_per_second,
         **{name: float(value) for name, value in forcing.items()},
-        **(
-            {}
-            if model.tests is None
-            else {"growth_over_run": model.unstable_growth_rate * float(state.instants.times[-1])}
-        ),
-        **distance_outside_training(
-            modes, model.chain.p, model.chain.total_length, float(state.instants.times[-1]), model.rest_tension
-        ),
+        **({} if model.raw_test_functions is None else {"growth_over_run": model.unstable_growth_rate * end_time}),
+        **distance_outside_training(modes, model.chain.p, model.chain.total_length, end_time, model.rest_tension),
     }
 
 
 def shared_attributes(
     model: CondensedModel, instants: OutputTimes, scheme: str, modes: xr.Dataset | None
 ) -> dict[str, Any]:
-    """Tell what runs of scenes on the same modes, with the same scheme and step, have alike."""
-    kept = {}
+    """Return the attributes that runs with the same modes, scheme and step share."""
+    energy = {}
     if modes is not None and "energy_share" in modes:
-        kept["energy_share_kept"] = float(modes.variables["energy_share"].values[: model.n_in_plane].sum())
+        energy["energy_share_kept"] = float(modes.variables["energy_share"].values[: model.n_in_plane].sum())
     return {
         "stage": "trajectory",
         "model": "condensed",
@@ -112,7 +117,7 @@ def shared_attributes(
         "scheme": scheme,
         "step": 1.0 / instants.steps_per_second,
         "number_of_steps": int(instants.steps[-1]),
-        **kept,
+        **energy,
     }
 
 
@@ -124,7 +129,7 @@ def dataset(
     title: str,
     links: np.ndarray | None = None,
 ) -> xr.Dataset:
-    """Label what a run gave."""
+    """Make the labelled Dataset of a run with given attributes."""
     coords = coordinates_of(model, state.instants.times, links, with_arc_length=True)
     result = label(xr.Dataset(variables(model, state, outputs, links), coords=coords))
     result.attrs = {"title": title_of(model, title), **attrs}
@@ -132,26 +137,26 @@ def dataset(
 
 
 def title_of(model: CondensedModel, title: str) -> str:
-    """Title of a result from that of the scene."""
+    """Return the title of a result for that of its scene."""
     return f"{title}: condensed model, r = {model.rank}, order {model.order}" + (
         f", {model.chain.law} law" if model.green else ""
     )
 
 
 def padded(amplitude: np.ndarray, rank: int) -> np.ndarray:
-    """Amplitudes (..., modes) with zeros for modes that never moved."""
+    """Pad amplitudes (..., modes) to `rank` modes with zeros, for the smaller set of deflections."""
     missing = rank - amplitude.shape[-1]
     return np.pad(amplitude, [(0, 0)] * (amplitude.ndim - 1) + [(0, missing)]) if missing else amplitude
 
 
 def attributes_of(solution: CondensedResult, modes: xr.Dataset, request: CondensedRequest) -> dict[str, Any]:
-    """Tell how a run was made and how far it can be trusted; with the estimate of its error, where asked for."""
-    run, state, rate, limit, time_error = solution
+    """Return all attributes of a run, with the error estimate where it was requested."""
+    run, state, steps_per_second, limit, time_error = solution
     attrs = attributes(run.model, state, modes) | {"step_limit": limit}
     if time_error is not None:
         attrs["time_error_estimate"] = time_error
     if "error_estimate" in request.outputs:
-        estimate = condensed_estimate.estimate(run.model, run.sample, rate, float(run.times[-1]))
+        estimate = condensed_estimate.estimate(run.model, run.sample, steps_per_second, float(run.times[-1]))
         attrs["error_estimate"] = (time_error or 0.0) + estimate
     return attrs
 

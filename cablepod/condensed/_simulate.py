@@ -1,4 +1,4 @@
-"""Reduced model that is quasi-static along the chord: modes for the deflection normal to it, one tension for all of them."""
+"""Public function of the condensed model."""
 
 from __future__ import annotations
 
@@ -36,79 +36,78 @@ def simulate(
     links: Any = None,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
-    """Simulate the cable of a scene, quasi-static along its chord, on modes of the deflection normal to it.
+    """Simulate a cable that is quasi-static along its chord, on modes of its deflection.
 
     Parameters
     ----------
     scene
-        A scene with both ends held; it need not be the one the modes come from.  Members of a scene with ``member`` run side by
-        side; those that fail hold nan and say why in ``failure``.
+        Scene with both ends held; it need not be the training scene of the modes.  Members of a scene with ``member`` run
+        concurrently; failed members hold nan and report the reason in ``failure``.
     modes
-        What :func:`cablepod.pod.decompose` gives with layout "normal"; they are carried over by sigma = S / L0.  They test the
-        equations too, unless they bring test functions of their own, from :func:`cablepod.oblique.train`.
+        Result of :func:`cablepod.pod.decompose` with layout "normal", transferred by sigma = S / L0.  They are also the test
+        functions, unless they contain trained ones from :func:`cablepod.oblique.train`.
     rank
         Number of modes of each deflection; all by default.
     times
-        Instants of the output [s], rising from 0 on; by default those of the scene.
+        Instants of the output [s], increasing, not negative; those of the scene by default.
     order
-        "leading": closure and force to first order in strain and slope squared, a step costs a product of r by r; "exact": the
-        chordwise stretch at each link as it is, the tension from Newton's method; "inertial": exact, with the inertia of the
-        motion along the chord that the deflection brings with it.
+        "leading": closure and force to first order in strain and squared slope, a step costs products of r x r matrices; "exact":
+        exact chordwise stretch on each link, with H from Newton's method; "inertial": exact, with the chordwise inertia that the
+        deflection enforces.
     law
-        "linear", the chain's law; with orders "exact" and "inertial" also "green", eq. (21).
+        "linear", the law of the chain; with orders "exact" and "inertial" also "green", eq. (21).
     quadrature
-        With orders "exact" and "inertial": evaluate the chordwise stretch at so many points of a Gauss-Lobatto rule along the
-        cable instead of on each link, at a cost that does not depend on the links.  It nears the continuous cable, not the chain;
-        some eight do for four smooth modes, sixteen for eight.  Not with point loads, nor for extremes of tension.
+        With orders "exact" and "inertial": number of Gauss-Lobatto points along the cable at which the chordwise stretch is
+        evaluated instead of on each link.  The cost is then independent of the number of links, and the result approaches the
+        continuous cable instead of the chain.  Eight points suffice for four smooth modes, sixteen for eight.  Excludes point
+        loads and "tension_extremes".
     scheme
-        "velocity_verlet" is explicit, "trapezoidal" implicit and stable at any step.  By default explicit, unless the stretching
-        of the sag makes its steps short.
+        "velocity_verlet" (explicit) or "trapezoidal" (implicit, stable at any step).  By default explicit, unless the stretching
+        of the sag shortens its steps much.
     step
-        Time step [s]; by default it is shortened until two runs agree within `tolerance`.
+        Time step [s]; by default it is refined until two runs agree within `tolerance`.
     tolerance
-        Wanted time error as a fraction of the largest rms displacement; 1e-6 by default.
+        Time error as a fraction of the largest rms displacement; 1e-6 by default.
     outputs
-        Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "error_estimate" (of the model, see
-        :func:`cablepod.condensed._estimate.estimate`; it takes longer than the run itself); nothing else is computed.
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps) and "error_estimate" (of the model, see
+        :func:`cablepod.condensed._estimate.estimate`; it takes longer than the run itself).  Only these are computed.
     links
-        Numbers, from 1 at the lower end, of the links whose tensions are given; all by default.
+        Numbers, from 1 at the lower end, of the links whose tensions are computed; all by default.
     progress
-        Called now and then with the part of the run that is done, from 0 to 1.
+        Callback receiving the completed fraction, 0 to 1.
 
     Returns
     -------
     xarray.Dataset
-        ``amplitude (time, mode)`` [m], in space also ``amplitude_out_of_plane``, ``end_position`` [m] and the outputs asked for,
-        on the particles of the modes.  Attributes say scheme, step [s], number of steps, ``step_limit`` [s] of explicit steps,
-        and how far the run stayed from where the model fails: ``smallest_chordwise_force`` [N] over all steps,
-        ``forcing_over_axial_frequency``, ``energy_share_kept`` of the snapshots by the modes, ``outside_training``, how far the
-        scene lies from those of the snapshots, see :mod:`cablepod.reduced`; ``error_estimate`` is the largest error to
-        be expected over time, as a fraction of the motion, ``time_error_estimate`` the part of the steps in it; with trained
-        test functions ``growth_over_run``, by which power of e small vibrations about rest would grow.
+        ``amplitude (time, mode)`` [m], in space also ``amplitude_out_of_plane``, ``end_position`` [m] and the requested outputs,
+        on the particles of the modes.  Attributes: scheme, step [s], number of steps, ``step_limit`` [s], the stability limit of
+        explicit steps at the start, and the diagnostics of :mod:`cablepod.reduced`: ``smallest_chordwise_force`` [N] over all
+        steps, ``forcing_over_axial_frequency``, ``energy_share_kept``, ``outside_training``, ``error_estimate`` (largest
+        expected error over time as a fraction of the motion, including ``time_error_estimate``), and with trained test functions
+        ``growth_over_run`` (largest growth rate of vibrations about rest times duration).
 
     Raises
     ------
     SceneError
-        For options that cannot be, modes of another layout, a scene with a free end, a step above the stability limit.
+        For invalid options, modes of another layout, a scene with a free end, a step above the stability limit.
     RunStopped
         Where the motion leaves the finite numbers, its frequencies outgrow a given step, or Newton's method fails.
 
     Warns
     -----
     OutOfRangeWarning
-        Where the chordwise force becomes negative somewhere (the model is then ill-posed, a real cable goes slack there), or the
-        ends move as fast as waves along the cable, or vibrations about rest would grow, or the model expects an error above half
-        of the motion.
+        Where the chordwise force becomes negative (the cable goes slack, and the model is ill-posed), the ends or loads change as
+        fast as waves travel along the cable, vibrations about rest grow, or the estimated error exceeds half of the motion.
     NotConvergedWarning
-        Where no step meets the tolerance, and where a given one does not resolve how the ends or the loads move.
+        Where no step meets the tolerance, and where a given step does not resolve the motion of the ends or the loads.
 
     Notes
     -----
-    mu w'' = (N w' / zeta')' + p.n - mu (c0'' + S/L0 c'').n for the deflection w normal to the chord c, with N = H(t) + tau(S),
-    tau' = -p.e + mu (c0'' + S/L0 c'').e, and H from the closure, that the stretch zeta' along the chord adds up to |c|
-    (dashes of w and zeta by S, of c by time).  An idea of Irvine and Caughey (1974) with modes from snapshots.  Left out are the
-    turning of the chord as far as it acts on the deflection itself and, but for order "inertial", inertia of what moves along
-    the chord relative to it.
+    The deflection w normal to the chord c obeys mu w_tt = (N w' / zeta')' + p.n - mu (c0_tt + S/L0 c_tt).n, where primes are
+    derivatives by S.  The chordwise force is N = H(t) + tau(S, t) with tau' = -p.e + mu (c0_tt + S/L0 c_tt).e.  The closure, the
+    integral of the chordwise stretch zeta' over S equals |c|, determines H.  The idea is that of Irvine and Caughey (1974), with
+    modes from snapshots.  Neglected are the rotation of the chord acting on the relative motion and, except for order
+    "inertial", the chordwise inertia relative to the chord.
 
     Examples
     --------
@@ -117,7 +116,7 @@ def simulate(
     >>> scene = shipped.scene("example2")
     >>> modes = cp.pod.decompose(cp.chain.simulate(scene), layout="normal", rank=2)
     >>> model = cp.condensed.simulate(scene, modes)
-    >>> round(100 * model.attrs["error_estimate"], 2)  # per cent, without knowing the truth
+    >>> round(100 * model.attrs["error_estimate"], 2)  # per cent, without a reference solution
     0.02
     """
     request = CondensedRequest.of(
@@ -131,7 +130,7 @@ def simulate(
         links=None if links is None else check_links(links, modes),
     )
     if quadrature is not None and "tension_extremes" in request.outputs:
-        raise scene_error("outputs", "tension_extremes", "without quadrature, as they are those of links")
+        raise scene_error("outputs", "tension_extremes", "none with quadrature, because they are computed on links")
     members = Members(scene)
     p = members[0]
     model = model_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature)
@@ -142,7 +141,7 @@ def simulate(
             model,
             members,
             request,
-            lambda other: model_of(other, modes, rank=rank, order=order, law=law, quadrature=quadrature),
+            lambda parameters: model_of(parameters, modes, rank=rank, order=order, law=law, quadrature=quadrature),
             progress,
         )
     else:
@@ -159,7 +158,7 @@ def simulate(
         "step": result.attrs.get("step", step),
         "tolerance": request.recorded_tolerance,
         "outputs": list(request.outputs),
-        **({} if links is None else {"links": [int(item) for item in links]}),
+        **({} if links is None else {"links": [int(number) for number in links]}),
         **(values_of_members(scene) if "member" in scene.dims else {}),
     }
     return provenance.record(
@@ -172,7 +171,7 @@ def simulate(
 
 
 def check_links(links: Any, modes: xr.Dataset) -> np.ndarray:
-    """Return the indices, from 0, of links by their numbers, from 1."""
+    """Convert numbers of links, from 1, to indices, from 0."""
     most = modes.sizes["particle"] - 1
     numbers = np.atleast_1d(np.asarray(links))
     if (

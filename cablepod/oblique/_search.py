@@ -1,4 +1,4 @@
-"""Bases in which test functions are searched for."""
+"""Vibration modes, and the ansatz of test functions that the training optimises."""
 
 from __future__ import annotations
 
@@ -9,18 +9,20 @@ import numpy as np
 
 from cablepod.condensed._model import CondensedModel
 
-#: Each test function is a sum of so many vibration modes for every mode of the model, and of some more.
-WIDTH, MORE = 2, 4
+#: Number of vibration modes in the ansatz: this many per mode of the model, plus this many.
+PER_MODE, ADDITIONAL = 2, 4
+#: Minimum chordwise force as a fraction of its mean at rest, for the vibration modes.
+MIN_FORCE_RATIO = 0.1
 
 
 def vibrations(model: CondensedModel) -> np.ndarray:
-    """Vibration modes (mode, particle) of the cable, taut and straight as at rest, mass-orthonormal, by rising frequency."""
+    """Return the vibration modes (mode, particle) [kg^-1/2] of the taut, straight cable at rest, by rising frequency."""
     from scipy.linalg import eigh  # costly to import
 
     chain, loads = model.chain, model.static_boundary_data[1 : 1 + len(model.chordwise_force_patterns)]
     tension = np.maximum(
         model.rest_tension + loads @ (model.chordwise_force_patterns - model.mean_chordwise_forces[:, None]),
-        0.1 * model.rest_tension,
+        MIN_FORCE_RATIO * model.rest_tension,
     )
     slope = np.diff(np.eye(chain.links + 1), axis=0) / chain.length[:, None]
     stiffness = (slope.T * (chain.length * tension)) @ slope
@@ -30,40 +32,40 @@ def vibrations(model: CondensedModel) -> np.ndarray:
 
 @dataclass(frozen=True)
 class TestFunctionBasis:
-    """Test functions by numbers: some to begin with, and sums of vibration modes that these do not stand for."""
+    """Ansatz of test functions: initial ones plus linear combinations of the remaining vibration modes."""
 
-    first: tuple[np.ndarray, ...]  #: of each set (mode, particle)
-    free: tuple[np.ndarray, ...]  #: what is added to each (more, particle)
+    initial: tuple[np.ndarray, ...]  #: initial test functions of each set (mode, particle)
+    added: tuple[np.ndarray, ...]  #: vibration modes added to each of them (additional, particle)
 
     @property
     def count(self) -> int:
-        """How many numbers there are."""
-        return sum(len(psi) * len(part) for psi, part in zip(self.first, self.free, strict=True))
+        """Number of coefficients."""
+        return sum(len(psi) * len(chi) for psi, chi in zip(self.initial, self.added, strict=True))
 
-    def tests(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Test functions (mode, particle) of each set; 0 are the first."""
-        result, at = [], 0
-        for psi, part in zip(self.first, self.free, strict=True):
-            size = len(psi) * len(part)
-            result.append(psi + x[at : at + size].reshape(len(psi), -1) @ part if size else psi)
-            at += size
+    def test_functions(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return the test functions of each set (mode, particle) for coefficients x (count,); the initial ones for x = 0."""
+        result, begin = [], 0
+        for psi, chi in zip(self.initial, self.added, strict=True):
+            size = len(psi) * len(chi)
+            result.append(psi + x[begin : begin + size].reshape(len(psi), -1) @ chi if size else psi)
+            begin += size
         return tuple(result)
 
 
 def test_function_bases(model: CondensedModel) -> tuple[TestFunctionBasis, TestFunctionBasis]:
-    """Where to begin: from the modes themselves, and from as many vibration modes, those that tell the modes apart best.
+    """Return two ansatzes, which start from the modes and from the vibration modes that best separate the modes.
 
-    These feel no force of the others as long as the tension is that at rest.
+    Vibration modes are orthogonal to the forces of the truncated ones as long as the tension is that at rest.
     """
     from scipy.linalg import qr  # costly to import
 
     base = vibrations(model)
-    taken, free = [], []
+    selected, added = [], []
     for psi in model.modes:
-        width = min(WIDTH * len(psi) + MORE, len(base)) if len(psi) else 0
-        order = qr((psi * model.mass) @ base[:width].T, mode="r", pivoting=True)[1] if width else []
-        size = math.sqrt(np.mean(((psi * model.mass) * psi).sum(axis=1))) if width else 1.0
-        # to add these to test functions, in whatever size, changes nothing: the model knows only what they span
-        taken.append(size * base[sorted(order[: len(psi)])])
-        free.append(size * base[sorted(order[len(psi) :])])
-    return TestFunctionBasis(model.modes, tuple(free)), TestFunctionBasis(tuple(taken), tuple(free))
+        n_candidates = min(PER_MODE * len(psi) + ADDITIONAL, len(base)) if len(psi) else 0
+        order = qr((psi * model.mass) @ base[:n_candidates].T, mode="r", pivoting=True)[1] if n_candidates else []
+        scale = math.sqrt(np.mean(((psi * model.mass) * psi).sum(axis=1))) if n_candidates else 1.0
+        # the selected ones are not among those added: the model depends only on the span of the test functions
+        selected.append(scale * base[sorted(order[: len(psi)])])
+        added.append(scale * base[sorted(order[len(psi) :])])
+    return TestFunctionBasis(model.modes, tuple(added)), TestFunctionBasis(tuple(selected), tuple(added))

@@ -1,11 +1,4 @@
-"""Test functions for the condensed model, trained so that its motion keeps to that of the chain.
-
-A Galerkin model tests its equations with the modes themselves, and takes for nothing what the modes left out do to those
-retained: they pull on them, and they take length from the cable, which makes tension.  Other test functions feel less of that: a
-Petrov-Galerkin model, an oblique projection.  Here they are optimised over whole trajectories, as Otto, Padovan and Rowley (2022,
-Optimizing oblique projections for nonlinear systems using trajectories, SIAM J. Sci. Comput. 44, A1681) do, but with modes from
-snapshots kept as trial functions.  The model has as many unknowns as before; its explicit steps may have to be a little shorter.
-"""
+"""Training of test functions of the condensed model over trajectories: checks, training cases, labelled result."""
 
 from __future__ import annotations
 
@@ -35,79 +28,85 @@ from cablepod.parameters._from_scene import parameters
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._snapshots import positions, relative_arc_length
 from cablepod.pod._training_range import add_training_range, range_of, union_of_ranges
+from cablepod.reduced._validity import MAX_LOG_GROWTH
 
-#: Parts of the runs over which one after the other is trained: over all of them at once, a model that is out of step late tells
-#: little of why, and the search ends in one of many minima.
+#: Fractions of the runs that are fitted in turn.  Over the whole run at once a late phase error says little about its cause, and
+#: the search ends in one of many local minima.
 WINDOWS = (0.125, 0.25, 0.5, 0.75, 1.0)
-#: By this a coefficient is changed for a difference: test functions are as large as the modes, so it is small, and what it does
-#: to a run is far above the 1e-11 at which the kernels' searches end.
-SHIFT = 1e-6
-#: A model that stops or refuses counts as one that errs by so many times the motion.
-FAILED = 10.0
-#: The search ends where the coefficients, or the sum of squares, change by less than such shares: a thousandth of the sum of
-#: fourth powers is a four-thousandth of the error, far below what another scene adds.
+#: Finite-difference increment of a coefficient (small beside the test functions, far above the kernels' Newton tolerance).
+INCREMENT = 1e-6
+#: Error assigned to a run that stops or is refused, as a multiple of the motion.
+FAILED_ERROR = 10.0
+#: Relative tolerances of the search: 1e-3 of the sum of fourth powers is 2.5e-4 of the error.
 STOP = {"xtol": 1e-4, "ftol": 1e-3, "gtol": 1e-12}
+#: Maximum distance of trajectory and modes in sigma, and of trajectory and scene at the ends over the chord.
+SIGMA_ATOL, END_RTOL = 1e-9, 1e-6
 
 
 @dataclass(frozen=True)
 class TrainingCase:
-    """A trajectory of the chain, and how the model is run to compare with it."""
+    """A reference trajectory, and the model that is compared with it."""
 
-    model: CondensedModel  #: tested with its own modes
-    times: np.ndarray  #: [s]
-    real: np.ndarray  #: deflections of the chain (normals, times, particle) [m]
-    motion: float  #: largest rms displacement of the chain [m]
-    tolerance: float
+    model: CondensedModel  #: with its modes as test functions
+    times: np.ndarray  #: instants (times,) [s]
+    reference: np.ndarray  #: deflections of the reference (normals, times, particle) [m]
+    motion: float  #: largest rms displacement of the reference [m]
+    tolerance: float  #: time error of the runs of the model, as a fraction of the motion
 
     @cached_property
-    def how(self) -> tuple[str, float]:
-        """Scheme and step [s] that meet the tolerance with the modes as test functions; kept, so that errors are smooth."""
+    def scheme_and_step(self) -> tuple[str, float]:
+        """Scheme and step [s] that meet the tolerance for Galerkin; kept fixed, so that errors are smooth in x."""
         solution = solve(self.model, CondensedRequest(times=self.times, given_tolerance=self.tolerance, outputs=()))
         return solution.run.scheme, 1.0 / solution.steps_per_second
 
     @cached_property
-    def seen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coordinates (times, r) of the chain in a basis of the shapes, these in it (r, r), the distance left (times,) [m]."""
-        coordinates, turns, left = [], np.zeros((len(self.model.shapes),) * 2), 0.0
-        at = 0
-        for part, count in zip(self.real, self.model.ranks, strict=False):
-            basis, turn = np.linalg.qr(self.model.shapes[at : at + count].T)
-            coordinates.append(part @ basis)
-            turns[at : at + count, at : at + count] = turn
-            left = left + ((part - coordinates[-1] @ basis.T) ** 2).sum(axis=1)
-            at += count
-        return np.concatenate(coordinates, axis=1), turns, np.sqrt(left)
+    def projection(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Projection of the reference onto an orthonormal basis of the shapes.
 
-    def until(self, share: float) -> TrainingCase:
-        """Return the first part of it, with the scheme and the step of the whole."""
-        count = max(2, round(share * (self.times.size - 1)) + 1)
-        part = replace(self, times=self.times[:count], real=self.real[:, :count])
-        part.__dict__["how"] = self.how
+        Returns coordinates of the reference (times, r) [m], matrix from coordinates of the model to those (r, r), and distance
+        of the reference from its projection (times,) [m], summed over all particles.
+        """
+        coordinates, change, left = [], np.zeros((len(self.model.shapes),) * 2), 0.0
+        begin = 0
+        for part, count in zip(self.reference, self.model.ranks, strict=False):
+            basis, triangle = np.linalg.qr(self.model.shapes[begin : begin + count].T)
+            coordinates.append(part @ basis)
+            change[begin : begin + count, begin : begin + count] = triangle
+            left = left + ((part - coordinates[-1] @ basis.T) ** 2).sum(axis=1)
+            begin += count
+        return np.concatenate(coordinates, axis=1), change, np.sqrt(left)
+
+    def first_part(self, fraction: float) -> TrainingCase:
+        """Return the first part of the case, with the scheme and step of the whole."""
+        count = max(2, round(fraction * (self.times.size - 1)) + 1)
+        part = replace(self, times=self.times[:count], reference=self.reference[:, :count])
+        part.__dict__["scheme_and_step"] = self.scheme_and_step
         return part
 
-    def grows(self, tests: tuple[np.ndarray, ...]) -> bool:
-        """Whether with these test functions small vibrations about rest grow by more than a factor of e over the run."""
-        return replace(self.model, tests=tests).unstable_growth_rate * float(self.times[-1]) > 1.0
+    def grows(self, test_functions: tuple[np.ndarray, ...]) -> bool:
+        """Return whether vibrations about rest grow by more than a factor of e over the run."""
+        model = replace(self.model, raw_test_functions=test_functions)
+        return model.unstable_growth_rate * float(self.times[-1]) > MAX_LOG_GROWTH
 
     @cached_property
-    def size(self) -> float:
-        """What a distance over all particles is divided by [m]."""
-        return self.motion * math.sqrt(self.real.shape[2])
+    def scale(self) -> float:
+        """Divisor of distances summed over all particles [m]: the motion times the root of their number."""
+        return self.motion * math.sqrt(self.reference.shape[2])
 
-    def errors(self, tests: tuple[np.ndarray, ...]) -> np.ndarray:
-        """Parts of the error over the motion (times, r + 1): along each direction of the modes, and off them.
+    def errors(self, test_functions: tuple[np.ndarray, ...]) -> np.ndarray:
+        """Return error components over the motion (times, r + 1): along each basis vector of the modes, and orthogonal to them.
 
-        The root of the sum of their squares is the rms distance in deflection.
+        Their Euclidean norm is the rms distance in deflection.
         """
-        model = replace(self.model, tests=tests)
-        model.__dict__["turned"] = self.model.spectral_basis  # as costly as the run, and the same
-        coordinates, turns, left = self.seen
-        scheme, step = self.how
+        model = replace(self.model, raw_test_functions=test_functions)
+        model.__dict__["spectral_basis"] = self.model.spectral_basis  # the same, and as costly as the run
+        coordinates, change, left = self.projection
+        scheme, step = self.scheme_and_step
         try:
             q = solve(model, CondensedRequest(times=self.times, scheme=scheme, step=step, outputs=())).state.q
         except (RunStopped, SceneError):
-            return np.full((self.times.size, coordinates.shape[1] + 1), FAILED)
-        return np.column_stack([q @ turns.T - coordinates, left]) / self.size
+            return np.full((self.times.size, coordinates.shape[1] + 1), FAILED_ERROR)
+        return np.column_stack([q @ change.T - coordinates, left]) / self.scale
 
 
 def train(
@@ -123,54 +122,54 @@ def train(
     iterations: int = 12,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
-    """Train test functions for the condensed model, so that its motion keeps to that of chains.
+    """Train test functions that minimise the error of the condensed model over trajectories.
 
     Parameters
     ----------
     scenes
-        A scene or several, each with both ends held.
+        One or several scenes, each with both ends held.
     trajectories
-        What :func:`cablepod.chain.simulate` gives for each, from 0 s on, on the particles of the modes.
+        Result of :func:`cablepod.chain.simulate` for each scene, from 0 s on, on the particles of the modes.
     modes
-        What :func:`cablepod.pod.decompose` gives with layout "normal".
+        Result of :func:`cablepod.pod.decompose` with layout "normal".
     rank
-        Number of modes of each deflection; all by default.  Test functions serve this number alone.
+        Number of modes of each deflection; all by default.  The test functions are valid for this number only.
     order, law, quadrature
-        Of the model, as in :func:`cablepod.condensed.simulate`.  Test functions make up for some of what "leading" leaves out,
-        so they belong to the order for which they were trained.
+        Options of the model, as in :func:`cablepod.condensed.simulate`.  The test functions are valid for this order and
+        quadrature only, because they also compensate part of what an order neglects.
     tolerance
-        Wanted time error of the runs that are compared, as a fraction of the motion.
+        Time error of the runs of the model, as a fraction of the motion.
     iterations
-        Most changes of all test functions together, from either start and over each of five parts of the runs.  Each costs a run
-        of every scene for every coefficient, of which each mode has four more than there are modes.
+        Maximum number of iterations for each of two initial guesses and five parts of the runs.  An iteration runs every scene
+        once for each coefficient; each mode has as many coefficients as there are modes, plus four.
     progress
-        Called now and then with the part that is done, from 0 to 1.
+        Callback receiving the completed fraction, 0 to 1.
 
     Returns
     -------
     xarray.Dataset
         The first `rank` modes with ``test_function (mode, particle)``, in space also ``test_function_out_of_plane``, which
-        :func:`cablepod.condensed.simulate` uses.  Attributes: ``training_error``, the largest distance in deflection over time
-        and scenes, over the motion, ``training_error_galerkin``, the same with the modes as test functions,
-        ``projection_error``, what the modes cannot hold, and what was trained for: ``trained_rank``, ``trained_order``,
+        :func:`cablepod.condensed.simulate` uses.  Attributes: ``training_error`` (largest rms distance in deflection over time
+        and scenes, over the motion), ``training_error_galerkin`` (the same with the modes as test functions),
+        ``projection_error`` (the same for the projection onto the modes, a lower bound), ``trained_rank``, ``trained_order``,
         ``trained_quadrature`` (0 for the links).  ``training_range`` is that of these scenes.
 
     Raises
     ------
     SceneError
-        For options that cannot be, trajectories that do not belong to scenes and modes.
+        For invalid options, and trajectories that do not match scenes and modes.
     RunStopped
-        Where the model with the modes as test functions, from which the search begins, breaks down.
+        Where the model with the modes as test functions, the first initial guess, diverges.
 
     Notes
     -----
-    The sum over scenes and instants of the fourth power of the distance is made least by Gauss and Newton's method with trust
-    regions and differences, over the first eighth of each run, from there over a quarter and so on to the whole: once from the
-    modes as test functions (Galerkin) and once from vibration modes.  Of what is found the one with the least error counts,
-    which need not be the least of all, unless vibrations about rest would grow.
+    The sum over scenes and instants of the fourth power of the rms distance is minimised by a Gauss-Newton method with trust
+    region and finite differences.  The first eighth of each run is fitted first, then a quarter, and so on up to the whole run.
+    Initial guesses are the modes (Galerkin) and vibration modes.  The candidate with the smallest error over the whole runs is
+    returned, a local minimum; candidates with growing vibrations about rest are rejected.
 
-    Trained test functions are no principle of mechanics: what they gain holds near the scenes of training, and far from these
-    they are worse than the modes.  ``outside_training``, ``growth_over_run`` and ``error_estimate`` of a run say how it stands.
+    The gain holds near the training scenes; far from them trained test functions are worse than the modes.  The attributes
+    ``outside_training``, ``growth_over_run`` and ``error_estimate`` of a run show it.
 
     Examples
     --------
@@ -184,72 +183,82 @@ def train(
     True
     >>> later = cp.condensed.simulate(scene, trained)  # over all of its 124 s
     """
-    some = [scenes] if isinstance(scenes, xr.Dataset) else list(scenes)
-    runs = [trajectories] if isinstance(trajectories, xr.Dataset) else list(trajectories)
-    if not some or len(some) != len(runs):
-        raise scene_error("trajectories", len(runs), f"one for each of the {len(some)} scenes, at least one")
-    for key, items in (("scenes", some), ("trajectories", runs)):
-        for item in items:
-            if not isinstance(item, xr.Dataset):
-                raise scene_error(key, type(item).__name__, "a Dataset or several")
-    check_positive("tolerance", tolerance)
-    integer(least=1)("iterations", iterations)
-    given = modes
+    scene_list = [scenes] if isinstance(scenes, xr.Dataset) else list(scenes)
+    references = [trajectories] if isinstance(trajectories, xr.Dataset) else list(trajectories)
+    _check_inputs(scene_list, references, tolerance, iterations)
+    galerkin_modes = modes
     if TEST in modes:
-        modes = modes.drop_vars([f"{TEST}{suffix}" for suffix in pod_normal.SETS if f"{TEST}{suffix}" in modes])
-    lessons = [
-        _training_case(
-            i, scene, run, modes, {"rank": rank, "order": order, "law": law, "quadrature": quadrature}, tolerance
-        )
-        for i, (scene, run) in enumerate(zip(some, runs, strict=True))
+        trained = [f"{TEST}{suffix}" for suffix in pod_normal.SETS if f"{TEST}{suffix}" in modes]
+        galerkin_modes = modes.drop_vars(trained)
+    options = {"rank": rank, "order": order, "law": law, "quadrature": quadrature}
+    cases = [
+        _training_case(i, scene, reference, galerkin_modes, options, tolerance)
+        for i, (scene, reference) in enumerate(zip(scene_list, references, strict=True))
     ]
-    tests, before, after = _improved(lessons, iterations, progress)
-    count = lessons[0].model.rank
-    result = modes.isel(mode=slice(0, count))
-    if count < modes.sizes["mode"]:  # of all modes
-        result = result.drop_vars([name for name in result.data_vars if str(name).startswith("truncation_error")])
-    for suffix, part in zip(pod_normal.SETS, tests, strict=False):
-        result[f"{TEST}{suffix}"] = (("mode", "particle"), np.pad(part, ((0, count - len(part)), (0, 0))))
-    known: np.ndarray | None = None
-    for run in runs:
-        known = union_of_ranges(known, range_of(run))
-    add_training_range(result, known)  # what counts is where test functions were trained
-    label(result)
+    test_functions, galerkin_error, trained_error = _optimise(cases, iterations, progress)
+    result = _labelled(galerkin_modes, cases[0].model.rank, test_functions, references)
     result.attrs |= {
         "title": f"{modes.attrs.get('title', 'modes')}, with trained test functions",
-        "trained_rank": count,
+        "trained_rank": cases[0].model.rank,
         "trained_order": order,
         "trained_quadrature": quadrature or 0,
-        "training_error": after,
-        "training_error_galerkin": before,
-        "projection_error": max(float((item.seen[2] / item.size).max()) for item in lessons),
+        "training_error": trained_error,
+        "training_error_galerkin": galerkin_error,
+        "projection_error": max(float((case.projection[2] / case.scale).max()) for case in cases),
     }
     if progress is not None:
         progress(1.0)
     return provenance.record(
         result,
         function="oblique.train",
-        parameters={
-            "rank": count, "order": order, "law": law, "quadrature": quadrature, "tolerance": tolerance, "iterations": iterations,
-        },
-        inputs=[*some, *runs, given],
+        parameters={**options, "rank": cases[0].model.rank, "tolerance": tolerance, "iterations": iterations},
+        inputs=[*scene_list, *references, modes],
         chosen=provenance.defaulted_options(rank=rank),
-    )  # fmt: skip
+    )
+
+
+def _check_inputs(scenes: list[Any], references: list[Any], tolerance: float, iterations: int) -> None:
+    """Refuse options and numbers of scenes and trajectories that do not match."""
+    if not scenes or len(scenes) != len(references):
+        raise scene_error("trajectories", len(references), f"one for each of the {len(scenes)} scenes, at least one")
+    for key, datasets in (("scenes", scenes), ("trajectories", references)):
+        for dataset in datasets:
+            if not isinstance(dataset, xr.Dataset):
+                raise scene_error(key, type(dataset).__name__, "a Dataset or several")
+    check_positive("tolerance", tolerance)
+    integer(least=1)("iterations", iterations)
+
+
+def _labelled(
+    modes: xr.Dataset, rank: int, test_functions: tuple[np.ndarray, ...], references: list[xr.Dataset]
+) -> xr.Dataset:
+    """Return the first `rank` modes with labelled test functions and the training range of the references."""
+    result = modes.isel(mode=slice(0, rank))
+    if rank < modes.sizes["mode"]:  # truncation errors are those of all modes
+        result = result.drop_vars([name for name in result.data_vars if str(name).startswith("truncation_error")])
+    for suffix, part in zip(pod_normal.SETS, test_functions, strict=False):
+        result[f"{TEST}{suffix}"] = (("mode", "particle"), np.pad(part, ((0, rank - len(part)), (0, 0))))
+    training_range: np.ndarray | None = None
+    for reference in references:
+        training_range = union_of_ranges(training_range, range_of(reference))
+    add_training_range(result, training_range)  # that of the test functions replaces that of the modes
+    label(result)
+    return result
 
 
 def _training_case(
     number: int, scene: xr.Dataset, run: xr.Dataset, modes: xr.Dataset, options: dict[str, Any], tolerance: float
 ) -> TrainingCase:
-    """Check one scene with its trajectory, and make it ready."""
+    """Check one scene with its trajectory, and prepare its training case."""
     if "member" in scene.dims:
         raise scene_error("scenes", f"members of scene {number}", "single scenes, isel(member=...)")
     p = parameters(scene)
     model = model_of(p, modes, **options)
-    sigma, own = relative_arc_length(modes), relative_arc_length(run)
-    if sigma.shape != own.shape or np.abs(sigma - own).max() > 1e-9:
+    sigma, run_sigma = relative_arc_length(modes), relative_arc_length(run)
+    if sigma.shape != run_sigma.shape or np.abs(sigma - run_sigma).max() > SIGMA_ATOL:
         raise scene_error(
             "trajectories",
-            f"{own.size} particles in number {number}",
+            f"{run_sigma.size} particles in number {number}",
             f"the {sigma.size} particles of the modes, at the same S / L0",
         )
     position, times = positions(run), check_times(run["time"].values)
@@ -259,69 +268,72 @@ def _training_case(
         )
     ends = p.end_positions(times)
     chord = float(np.linalg.norm(ends[0, 1] - ends[0, 0]))
-    off = float(np.abs(position[:, (0, -1)] - ends).max())
-    if off > 1e-6 * chord:
+    distance = float(np.abs(position[:, (0, -1)] - ends).max())
+    if distance > END_RTOL * chord:
         raise scene_error(
             "trajectories",
-            f"ends {off:.3g} m off those of scene {number}",
+            f"ends {distance:.3g} m off those of scene {number}",
             "the trajectory of each scene, in their order",
         )
     motion = motion_scale(position, position[0], chord)
     return TrainingCase(model, times, pod_normal.deflections(position, model.reference), motion, tolerance)
 
 
-def _improved(
-    lessons: list[TrainingCase], iterations: int, progress: Callable[[float], None] | None
+def _optimise(
+    cases: list[TrainingCase], iterations: int, progress: Callable[[float], None] | None
 ) -> tuple[tuple[np.ndarray, ...], float, float]:
     """Return the best test functions found, and the largest errors with the modes and with them."""
-    starts = [start for start in test_function_bases(lessons[0].model) if start.count]
-    done, all_runs = 0.0, sum(WINDOWS) * sum(iterations * (start.count + 1) for start in starts)
+    bases = [basis for basis in test_function_bases(cases[0].model) if basis.count]
+    done, total = 0.0, sum(WINDOWS) * sum(iterations * (basis.count + 1) for basis in bases)
 
-    def tell(share: float) -> None:
+    def report(fraction: float) -> None:
         nonlocal done
-        done += share
+        done += fraction
         if progress is not None:
-            progress(min(done / all_runs, 1.0))
+            progress(min(done / total, 1.0))
 
-    def largest(tests: tuple[np.ndarray, ...]) -> float:
-        return max(float(np.linalg.norm(item.errors(tests), axis=1).max()) for item in lessons)
+    def largest_error(test_functions: tuple[np.ndarray, ...]) -> float:
+        return max(float(np.linalg.norm(case.errors(test_functions), axis=1).max()) for case in cases)
 
-    for item in lessons:
-        _ = item.how  # a model that breaks down with its own modes says why
-    best = lessons[0].model.modes
-    before = least = largest(best)
-    for start in starts:
-        x = np.zeros(start.count)
-        for share in WINDOWS:
-            x = _fitted(start, x, [item.until(share) for item in lessons], iterations, functools.partial(tell, share))
-            tests = start.tests(x)
-            after = largest(tests)
-            if after < least and not any(item.grows(tests) for item in lessons):
-                best, least = tests, after
-    return best, before, least
+    for case in cases:
+        _ = case.scheme_and_step  # raises here where the model diverges with its own modes
+    best = cases[0].model.modes
+    galerkin_error = least_error = largest_error(best)
+    for basis in bases:
+        x = np.zeros(basis.count)
+        for fraction in WINDOWS:
+            parts = [case.first_part(fraction) for case in cases]
+            x = _fit(basis, x, parts, iterations, functools.partial(report, fraction))
+            candidate = basis.test_functions(x)
+            error = largest_error(candidate)
+            if error < least_error and not any(case.grows(candidate) for case in cases):
+                best, least_error = candidate, error
+    return best, galerkin_error, least_error
 
 
-def _fitted(
-    start: TestFunctionBasis, x: np.ndarray, lessons: list[TrainingCase], iterations: int, tell: Callable[[], None]
+def _fit(
+    basis: TestFunctionBasis, x: np.ndarray, cases: list[TrainingCase], iterations: int, report: Callable[[], None]
 ) -> np.ndarray:
-    """Return the numbers that make the sum of fourth powers of the distances least, from `x` on; each run of all is told."""
+    """Minimise the sum of fourth powers of the distances, starting at `x`; report progress after each run of all cases."""
     from scipy.optimize import least_squares  # costly to import
 
-    first = start.tests(x)
-    # in their own size, for errors of 1e-6 are worth as much as others
-    size = max(float(np.linalg.norm(item.errors(first), axis=1).max()) for item in lessons) or 1.0
+    initial = basis.test_functions(x)
+    # relative to the initial error, so that the tolerances of the search are relative too
+    scale = max(float(np.linalg.norm(case.errors(initial), axis=1).max()) for case in cases) or 1.0
 
-    def measure(x: np.ndarray) -> np.ndarray:
-        """Distances squared: the sum of their squares is what is made least."""
-        tests = start.tests(x)
-        parts = [item.errors(tests) / size for item in lessons]
-        tell()
-        return np.concatenate([(part * np.linalg.norm(part, axis=1)[:, None]).ravel() for part in parts])
+    def residuals(x: np.ndarray) -> np.ndarray:
+        """Return residuals whose sum of squares is the sum of fourth powers of the distances."""
+        test_functions = basis.test_functions(x)
+        errors = [case.errors(test_functions) / scale for case in cases]
+        report()
+        return np.concatenate([(error * np.linalg.norm(error, axis=1)[:, None]).ravel() for error in errors])
 
-    def slope(x: np.ndarray) -> np.ndarray:
-        base = measure(x)
-        # compiled loops let others run beside them
-        shifted = map_threads(lambda unit: (measure(x + SHIFT * unit) - base) / SHIFT, np.eye(x.size), cores())
-        return np.stack(shifted, axis=1)
+    def jacobian(x: np.ndarray) -> np.ndarray:
+        """Return forward differences of the residuals, with runs in threads."""
+        base = residuals(x)
+        columns = map_threads(
+            lambda unit: (residuals(x + INCREMENT * unit) - base) / INCREMENT, np.eye(x.size), cores()
+        )
+        return np.stack(columns, axis=1)
 
-    return np.asarray(least_squares(measure, x, jac=slope, max_nfev=iterations, **STOP).x)
+    return np.asarray(least_squares(residuals, x, jac=jacobian, max_nfev=iterations, **STOP).x)

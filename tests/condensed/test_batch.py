@@ -1,4 +1,4 @@
-"""Compiled loops over the members of a condensed model give what single runs give, and leave to them what they do not cover."""
+"""Compiled blocks of members equal single runs; unsupported and failing members fall back to single runs."""
 
 from __future__ import annotations
 
@@ -12,11 +12,9 @@ from cablepod import errors
 from cablepod.batch import _members as members
 from cablepod.catenary._statics import _load_planes, load_plane, member_statics
 from cablepod.condensed import _batch as condensed_batch
-from cablepod.condensed import _batch as condensed_many
-from cablepod.condensed import _runs as condensed_module
 from cablepod.condensed import _runs as condensed_runs
 from cablepod.condensed._assembly import model_of
-from cablepod.discretisation import _similarity as training
+from cablepod.discretisation import _similarity as similarity
 from cablepod.parameters._from_scene import Members, parameters_of_members
 from cablepod.parameters._members import MemberParameters
 
@@ -62,7 +60,7 @@ def scenes_of(soft, motion, varied, dims=2):
 def one_by_one(monkeypatch, *args, **options):
     """Run a batch in the way of single scenes."""
     with monkeypatch.context() as patch:
-        patch.setattr(condensed_many, "plan", lambda *_: None)
+        patch.setattr(condensed_batch, "plan", lambda *_: None)
         return cp.condensed.simulate(*args, **options)
 
 
@@ -129,18 +127,18 @@ def test_members_that_fail_say_why_as_single_runs_do(soft, monkeypatch):
 def test_members_without_an_equilibrium_near_are_left_to_single_runs(soft, monkeypatch):
     scenes, modes = scenes_of(soft, *CASES["tension"]), full_modes()
     truth = one_by_one(monkeypatch, scenes, modes, links=[1, 5], **OPTIONS)
-    start, solve, alone = condensed_many.CondensedBatch._start, condensed_runs.solve, []
+    start, solve, alone = condensed_batch.CondensedBatch._start, condensed_runs.solve, []
 
     def lost(batch):
         q, v, limit = start(batch)
-        return q, v, np.where(batch.columns.length_value == 300.0, np.nan, limit)
+        return q, v, np.where(batch.parameters.length_value == 300.0, np.nan, limit)
 
-    def watched(model, options):
+    def recorded(model, request):
         alone.append(model.chain.p.length_value)
-        return solve(model, options)
+        return solve(model, request)
 
-    monkeypatch.setattr(condensed_many.CondensedBatch, "_start", lost)
-    monkeypatch.setattr(condensed_batch, "solve", watched)
+    monkeypatch.setattr(condensed_batch.CondensedBatch, "_start", lost)
+    monkeypatch.setattr(condensed_batch, "solve", recorded)
     assert_close(cp.condensed.simulate(scenes, modes, links=[1, 5], **OPTIONS), truth)
     assert alone == [300.0]
 
@@ -166,8 +164,8 @@ def covered(scenes, **changes):
     modes, all_members = full_modes(), Members(scenes)
     model = model_of(all_members[0], modes, rank=3, order=given["order"], law="linear")
     names = ("times", "scheme", "step", "outputs", "links")
-    options = condensed_module.CondensedRequest(given_tolerance=1e-6, **{name: given[name] for name in names})
-    return condensed_many.plan(modes, model, all_members, options) is not None
+    request = condensed_runs.CondensedRequest(**{name: given[name] for name in names})
+    return condensed_batch.plan(modes, model, all_members, request) is not None
 
 
 def test_what_the_loops_do_not_cover_is_left_to_single_runs(soft, monkeypatch):
@@ -216,15 +214,18 @@ def test_columns_are_the_parameters_of_members(soft, case, dims):
     columns = MemberParameters.of(Members(scenes))
     assert columns is not None
     xr.testing.assert_identical(scenes, before)
-    statics, found = member_statics(columns)
-    assert found.all()
+    statics, solved = member_statics(columns)
+    assert solved.all()
     lengths, tension = statics[:, 0], 0.5 * (statics[:, 4] + statics[:, 5])
-    features = training.features_of_columns(columns, lengths, 2.0, tension)
+    features = similarity.features_of_columns(columns, lengths, 2.0, tension)
     times = np.linspace(0.0, 2.0, 5)
     for i, p in enumerate(parameters_of_members(scenes)):
         # sums in another order, some ten roundings
         np.testing.assert_allclose(
-            [item[i] for item in _load_planes(columns.chord, columns.load)], load_plane(p)[:4], rtol=1e-13, atol=1e-13
+            [values[i] for values in _load_planes(columns.chord, columns.load)],
+            load_plane(p)[:4],
+            rtol=1e-13,
+            atol=1e-13,
         )
         np.testing.assert_allclose(columns.load[i], p.load_at(0.0), rtol=1e-15)
         assert (columns.stiffness[i], columns.mass[i], columns.damping[i]) == (
@@ -237,4 +238,4 @@ def test_columns_are_the_parameters_of_members(soft, case, dims):
             np.testing.assert_allclose(
                 columns.end_positions(times, derivative)[i], p.end_positions(times, derivative), rtol=1e-14, atol=1e-15
             )
-        np.testing.assert_allclose(features[i], training.features(p, lengths[i], 2.0), rtol=1e-11, atol=1e-13)
+        np.testing.assert_allclose(features[i], similarity.features(p, lengths[i], 2.0), rtol=1e-11, atol=1e-13)

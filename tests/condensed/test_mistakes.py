@@ -9,9 +9,9 @@ import pytest
 from scenes import full_modes, spatial
 
 import cablepod as cp
-from cablepod.condensed import _fields as condensed_output
 from cablepod.condensed._assembly import model_of
 from cablepod.condensed._coefficients import ORDERS
+from cablepod.condensed._fields import close_chord
 from cablepod.errors import OutOfRangeWarning
 from cablepod.parameters._from_scene import parameters
 
@@ -29,7 +29,7 @@ def test_options_that_cannot_be(soft, modes):
     dependent = m.copy(deep=True)
     dependent["mode_shape"][1] = 2.0 * m.mode_shape[0].values
     cases = [
-        (scene, m, {"rank": 5}, "^rank: given 5; allowed: at most 4, as many modes as there are$"),
+        (scene, m, {"rank": 5}, "^rank: given 5; allowed: at most 4, the number of modes$"),
         (scene, m, {"rank": 0}, "^rank: given 0; allowed: a whole number of at least 1$"),
         (scene, m, {"rank": 1.5}, "^rank: given 1.5; allowed: a whole number of at least 1$"),
         (scene, m, {"order": "second"}, '^order: given \'second\'; allowed: one of "leading", "exact", "inertial"$'),
@@ -86,7 +86,7 @@ def test_a_slack_cable_and_fast_ends_are_warned_of(soft, modes):
     # the least chordwise force is that of the instant it is said to be of
     model = model_of(parameters(lifted), modes[2], rank=2, order="exact", law="linear")
     q = (run.amplitude.values @ np.linalg.inv(model.spectral_basis[0][0]).T)[[place]]
-    force = condensed_output._closed(model, q, np.array([place / 1000]))[1]
+    force = close_chord(model, q, np.array([place / 1000]))[1]
     assert force.min() == pytest.approx(run.attrs["smallest_chordwise_force"], rel=1e-6)
     fast = {"upper": {"x": {"kind": "harmonic", "amplitude": 1e-4, "angular_frequency": 20.0, "phase": 0.0}}}
     with pytest.warns(OutOfRangeWarning, match=r"with 0.45 times the first axial frequency, 44.4 rad/s \(above 0.2\)"):

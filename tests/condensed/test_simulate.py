@@ -294,7 +294,7 @@ def test_velocity_verlet_keeps_its_energy(soft, modes, order):
     reference = Reference(scene, LENGTHS, order=order)
     _, c, e, normals = reference.frame(0.0)
     force, total, k = reference.forces(0.0), reference.s[-1], reference.p.stiffness
-    mass, length = reference.p.mass * reference.tributary_length[1:-1], reference.length
+    mass, length = reference.p.mass * reference.share[1:-1], reference.length
     tau = np.concatenate([[0.0], -np.cumsum(force @ e)])
     drift = []
     times = np.arange(0.0, 4.0, 0.1)

@@ -1,0 +1,147 @@
+"""Advance of one condensed run with a fixed step, block by block, and the arrays that the kernels fill."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cablepod.condensed._fields import CondensedTrajectory
+from cablepod.condensed._kernels_layout import initial_monitor
+from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._step_control import damped_growth
+
+if TYPE_CHECKING:
+    from cablepod.condensed._runs import CondensedRun
+
+#: Coordinates beyond this multiple of sqrt(mass) times length have diverged.
+DIVERGENCE_FACTOR = 1e6
+
+
+class CondensedStepper:
+    """State and results of one run with a fixed step.
+
+    Parameters
+    ----------
+    run
+        Model, initial state, scheme and outputs.
+    steps_per_second
+        Inverse of the step [1/s].
+    """
+
+    def __init__(self, run: CondensedRun, steps_per_second: float) -> None:
+        model, self.run = run.model, run
+        self.steps_per_second, self.step = steps_per_second, 1.0 / steps_per_second
+        self.instants = OutputTimes.of(run.times, steps_per_second)
+        #: Steps to take; an explicit run takes one more, for the rates half a step after the last instant.
+        self.total = int(self.instants.steps[-1]) + (1 if run.explicit else 0)
+        self.q, self.v, self.acceleration, self.stretch = self._initial_arrays()
+        # the kernels compare frequencies of the modes, without the amplification by test functions
+        limit = 4.0 * steps_per_second**2 / model.frequency_amplification if run.explicit else np.inf
+        self.monitor = initial_monitor(limit, run.start.chord_tension)
+        count, r = self.instants.steps.size, len(model.shapes)
+        self.saved, self.half_step_rates = np.empty((count, r)), np.empty((count, 2, r))
+        #: Slopes (r, n), number of in-plane coordinates and chordwise force patterns (patterns, n) of the links with tensions.
+        self.links = (model.slopes, model.n_in_plane, model.chordwise_force_patterns)
+        selected = run.leading and run.links is not None  # to leading order a tension needs no other link
+        if selected:
+            slopes, patterns = model.slopes[:, run.links], model.chordwise_force_patterns[:, run.links]
+            self.links = (slopes, model.n_in_plane, patterns)
+        links = self.links[0].shape[1]
+        self.wants_extremes = "tension_extremes" in run.outputs
+        self.low, self.high = (np.full(links if self.wants_extremes else 0, value) for value in (np.inf, -np.inf))
+        #: Whether tensions are saved on the way; otherwise they follow from the saved coordinates.
+        self.saves_tension = (
+            selected and run.explicit and "tension" in run.outputs and not self.instants.needs_interpolation
+        )
+        self.tension_series = np.empty((count, links if self.saves_tension else 0))
+        self.divergence_bound = DIVERGENCE_FACTOR * math.sqrt(model.mass.sum()) * model.chain.total_length
+
+    @property
+    def changed(self) -> tuple[np.ndarray, ...]:
+        """All arrays that a step changes."""
+        return self.q, self.v, self.acceleration, self.stretch, self.monitor
+
+    def _initial_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return q, rates (explicit: half a step before the start), accelerations (r,), and chordwise stretch (2, m)."""
+        model, start = self.run.model, self.run.start
+        damping = model.chain.p.mass_damping or 0.0
+        m = 0 if self.run.leading else model.rule[2].size
+        stretch = np.full((2, m), model.stretch_guess(model.initial_boundary_data))
+        damped = start.acceleration - damping * start.rates
+        if not self.run.explicit:
+            return start.q.copy(), start.rates.copy(), damped, stretch
+        growth = damped_growth(damping, self.step)
+        impulse_back = 0.5 * self.step if not damping else growth / damping
+        return start.q.copy(), start.rates * (1.0 + growth) - impulse_back * start.acceleration, damped, stretch
+
+    def advance(self, begin: int, steps: int) -> bool:
+        """Take `steps` steps from number `begin`; return whether all were done and the coordinates are bounded."""
+        run, output_steps = self.run, self.instants.steps
+        final = begin + steps == self.total
+        first = np.searchsorted(output_steps, begin)
+        last = np.searchsorted(output_steps, begin + steps + (1 if final and not run.explicit else 0))
+        boundary_data = run.model.boundary_data(begin, steps - 1 if run.explicit else steps, self.steps_per_second)
+        outputs = (
+            begin, output_steps[first:last], self.saved[first:last], self.half_step_rates[first:last], self.low,
+            self.high, self.monitor,
+        )  # fmt: skip
+        if run.leading:
+            done = self._advance_leading(boundary_data, outputs, self.tension_series[first:last])
+        else:
+            done = self._advance_exact(boundary_data, outputs)
+        largest = float(np.abs(self.q).max())
+        return done in (None, steps) and bool(np.isfinite(self.q).all()) and largest < self.divergence_bound
+
+    def _advance_leading(
+        self, boundary_data: np.ndarray, outputs: tuple[Any, ...], tension_series: np.ndarray
+    ) -> int | None:
+        """Advance to leading order; return the steps done, None for an explicit run, which does all."""
+        from cablepod.condensed import _kernels_leading as kernel  # numba is imported only to compute
+
+        model = self.run.model
+        norms = model.geometric_stiffness_norms / model.frequency_amplification
+        rest = (*model.leading_coefficients, norms, model.chordwise_forces_at_candidates, *self.links, *outputs)
+        if self.run.explicit:
+            kernel.leading_verlet(
+                self.q, self.v, self.step, *self._damping_factors, boundary_data, *rest, tension_series
+            )
+            return None
+        damping = model.chain.p.mass_damping or 0.0
+        return kernel.leading_implicit(self.q, self.v, self.acceleration, self.step, damping, boundary_data, *rest)
+
+    def _advance_exact(self, boundary_data: np.ndarray, outputs: tuple[Any, ...]) -> int | None:
+        """Advance with the exact chordwise stretch; return the steps done, None for an explicit run, which does all."""
+        from cablepod.condensed import _kernels_exact as kernel
+
+        model, p = self.run.model, self.run.model.chain.p
+        norms = model.geometric_stiffness_norms / model.frequency_amplification
+        slopes, patterns, weights = model.rule
+        rest = (
+            p.stiffness, model.chain.total_length, model.slope_norms_squared, model.load_projection, norms, slopes,
+            model.test_slopes_at_points, model.n_in_plane, patterns, weights, model.green, model.inertia,
+            self.stretch, *outputs,
+        )  # fmt: skip
+        state = (self.q, self.v, self.acceleration, self.step)
+        if self.run.explicit:
+            kernel.exact_verlet(*state, *self._damping_factors, boundary_data, *rest)
+            return None
+        return kernel.exact_implicit(*state, p.mass_damping or 0.0, boundary_data, *rest)
+
+    @property
+    def _damping_factors(self) -> tuple[float, float]:
+        """Factor of the rates by damping over a step, and rate gained in a step for unit acceleration [s]."""
+        damping, step = self.run.model.chain.p.mass_damping or 0.0, self.step
+        return math.exp(-damping * step), -math.expm1(-damping * step) / damping if damping else step
+
+    def trajectory(self) -> CondensedTrajectory:
+        """Return what was computed so far."""
+        low, high, run = self.low, self.high, self.run
+        if self.wants_extremes and run.links is not None and not run.leading:
+            low, high = low[run.links], high[run.links]
+        extremes = (low, high) if self.wants_extremes else None
+        tension = self.tension_series if self.saves_tension else None
+        return CondensedTrajectory(
+            self.instants, self.saved, self.half_step_rates, extremes, self.monitor, run.scheme, tension
+        )
