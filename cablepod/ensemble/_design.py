@@ -14,7 +14,8 @@ from cablepod import provenance
 from cablepod.conventions import COORDINATES, VARIABLES
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._from_scene import parameters
-from cablepod.parameters._keys import ENSEMBLE, POINT_LOAD, TABLES, TOP, Key, join, time_function_keys
+from cablepod.parameters._key_paths import variable_name, variable_of
+from cablepod.parameters._keys import ENSEMBLE, join
 from cablepod.scene._make import check_numbers
 from cablepod.scene._ranges import check_values, points_of_grid
 
@@ -87,38 +88,6 @@ def design(
     )
 
 
-def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, Key] | None:
-    """Find the variable of a scene that a key path names, the place in it, and its key; None where there is none."""
-    parts = path.split(".") if isinstance(path, str) else []
-    for place, own in (
-        (None, parts),
-        (COORDINATES.index(parts[-1]) if parts and parts[-1] in COORDINATES else None, parts[:-1]),
-    ):
-        name, key = "_".join(own), _key_of(scene, own)
-        if key is None or key.units is None or name not in scene or scene[name].dtype.kind not in "if":
-            continue
-        is_vector = scene[name].dims == ("coordinate",)
-        if (place is None and not scene[name].dims) or (place is not None and is_vector and place < scene[name].size):
-            return name, place, key
-    return None
-
-
-def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:
-    """Return the key of the vocabulary at a path."""
-    *tables, name = parts or [""]
-    if not tables:
-        return TOP.get(name)
-    keys: dict[str, Key] = {}
-    if len(tables) == 1:
-        keys |= TABLES.get(tables[0], {})
-    elif len(tables) == 2 and tables[0] == "point_load":
-        keys |= POINT_LOAD
-    kind = "_".join(tables) + "_kind"
-    if tables[0] in ("motion", "load", "point_load") and kind in scene and not scene[kind].dims:
-        keys |= time_function_keys("m" if tables[0] == "motion" else "1")[str(scene[kind].values)]
-    return keys.get(name)
-
-
 def _checked(scene: xr.Dataset, given: Any, prefix: str, options: Mapping[str, Any]) -> dict[str, list[float]]:
     """Check the ranges, each value by its key and, at the bounds, the scene that it makes."""
     if not isinstance(given, Mapping) or not given:
@@ -182,5 +151,5 @@ def _joined(scene: xr.Dataset, varied: Mapping[str, np.ndarray]) -> xr.Dataset:
             made[name] = (("member", "coordinate"), np.repeat(scene[name].values[None], count, axis=0), attrs)
         made[name][1][:, place] = values
         axis = {**attrs, "long_name": f"{attrs.get('long_name', name)}, {COORDINATES[place]}"}
-        coords[f"{name}_{COORDINATES[place]}"] = ("member", values, axis)
+        coords[variable_name(path)] = ("member", values, axis)
     return scene.assign(made).assign_coords(coords)

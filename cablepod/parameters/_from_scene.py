@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any, overload
 
 import numpy as np
@@ -10,9 +11,22 @@ import xarray as xr
 
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import SceneError
-from cablepod.parameters._keys import CABLE, INITIAL, LENGTH_KEYS, WEIGHT_KEYS, exactly_one, time_function_keys
+from cablepod.parameters._key_paths import motion_path, point_load_path, table_at, variable_name
+from cablepod.parameters._keys import (
+    CABLE,
+    INITIAL,
+    LENGTH_KEYS,
+    POINT_LOAD,
+    TABLES,
+    WEIGHT_KEYS,
+    exactly_one,
+    time_function_keys,
+)
 from cablepod.parameters._parameters import Parameters, PointLoad
 from cablepod.parameters._time_functions import TimeFunction
+
+#: Variables of a record: times [s] and values.
+RECORD = ("time", "value")
 
 
 def parameters(scene: xr.Dataset) -> Parameters:
@@ -92,52 +106,59 @@ def _is_gap(value: Any) -> bool:
     return array.size > 0 and array.dtype.kind in "fO" and bool(np.all(array != array))
 
 
-def _from_values(value: Mapping[str, Any]) -> Parameters:
-    cable = {key: value[f"cable_{key}"] for key in CABLE if f"cable_{key}" in value}
+def _from_values(values: Mapping[str, Any]) -> Parameters:
+    """Make parameters from the values of scene variables by name."""
+    cable = table_at(values, "cable", CABLE)
     length_key = exactly_one("cable", cable, LENGTH_KEYS)
     weight_key = exactly_one("cable", cable, WEIGHT_KEYS)
-
-    def number(name: str) -> float | None:
-        return float(value[name]) if name in value else None
-
-    def function(prefix: str) -> TimeFunction | None:
-        if f"{prefix}_kind" not in value:
-            return None
-        kind = str(value[f"{prefix}_kind"])
-        names = ("time", "value") if kind == "file" else tuple(time_function_keys("1")[kind])
-        return TimeFunction(kind, {name: value[f"{prefix}_{name}"] for name in names})
-
-    dims = len(value["ends_lower"])
-    gravity, area = float(value["gravity"]), float(value["cable_area"])
+    dims = len(values["ends_lower"])
+    gravity, area = float(values["gravity"]), float(cable["area"])
     if weight_key == "density":
-        mass = float(value["cable_density"]) * area
+        mass = float(cable["density"]) * area
         weight = mass * gravity
     else:
-        weight = float(value["cable_specific_weight"]) * area
+        weight = float(cable["specific_weight"]) * area
         mass = weight / gravity
-    motions = {(end, axis): function(f"motion_{end}_{axis}") for end in ENDS for axis in COORDINATES[:dims]}
-    loads: list[PointLoad] = []
-    while (prefix := f"point_load_{len(loads) + 1}") + "_force" in value:
-        key, place = f"point_load.{len(loads) + 1}", float(value[prefix + "_arc_length"])
-        loads.append(PointLoad(key, place, value[prefix + "_force"], function(prefix)))
+    motions = {key: _time_function(values, motion_path(*key)) for key in product(ENDS, COORDINATES[:dims])}
+    time, chain, damping = (table_at(values, name, TABLES[name]) for name in ("time", "chain", "damping"))
     return Parameters(
-        stiffness=float(value["cable_youngs_modulus"]) * area,
+        stiffness=float(cable["youngs_modulus"]) * area,
         mass=mass,
         weight=np.array([0.0, -weight, 0.0][:dims]),
-        lower=value["ends_lower"],
-        upper=value["ends_upper"],
-        free_end=str(value["ends_free"]) if "ends_free" in value else None,
-        motions={key: item for key, item in motions.items() if item is not None},
-        load=value["load_uniform"] if np.any(value.get("load_uniform", 0.0)) else None,
-        load_factor=function("load"),
-        point_loads=tuple(load for load in loads if np.any(load.force)),
+        lower=values["ends_lower"],
+        upper=values["ends_upper"],
+        free_end=str(values["ends_free"]) if "ends_free" in values else None,
+        motions={key: motion for key, motion in motions.items() if motion is not None},
+        load=values["load_uniform"] if np.any(values.get("load_uniform", 0.0)) else None,
+        load_factor=_time_function(values, "load"),
+        point_loads=tuple(load for load in _point_loads(values) if np.any(load.force)),
         length_key=length_key,
-        length_value=float(value[f"cable_{length_key}"]),
-        duration=number("time_duration"),
-        interval=number("time_interval"),
-        links=int(value["chain_links"]) if "chain_links" in value else None,
-        link_lengths=value.get("chain_link_lengths"),
-        initial={key: value[f"initial_{key}"] for key in INITIAL if f"initial_{key}" in value},
-        mass_damping=number("damping_mass_proportional") or None,
-        link_viscosity=number("damping_link_viscosity") or None,
+        length_value=float(cable[length_key]),
+        duration=_number(time, "duration"),
+        interval=_number(time, "interval"),
+        links=int(chain["links"]) if "links" in chain else None,
+        link_lengths=chain.get("link_lengths"),
+        initial=table_at(values, "initial", INITIAL),
+        mass_damping=_number(damping, "mass_proportional") or None,
+        link_viscosity=_number(damping, "link_viscosity") or None,
     )
+
+
+def _number(table: Mapping[str, Any], name: str) -> float | None:
+    return float(table[name]) if name in table else None
+
+
+def _time_function(values: Mapping[str, Any], path: str) -> TimeFunction | None:
+    """Make the motion or load factor of the table at a key path; None for a table without `kind`."""
+    if (variable := variable_name(f"{path}.kind")) not in values:
+        return None
+    kind = str(values[variable])
+    return TimeFunction(kind, table_at(values, path, RECORD if kind == "file" else time_function_keys("1")[kind]))
+
+
+def _point_loads(values: Mapping[str, Any]) -> list[PointLoad]:
+    """Make all point loads, also those without force."""
+    loads: list[PointLoad] = []
+    while "force" in (table := table_at(values, path := point_load_path(len(loads) + 1), POINT_LOAD)):
+        loads.append(PointLoad(path, float(table["arc_length"]), table["force"], _time_function(values, path)))
+    return loads

@@ -9,6 +9,7 @@ import numpy as np
 
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.parameters._from_scene import Members
+from cablepod.parameters._key_paths import motion_path, variable_name
 from cablepod.parameters._time_functions import SINES, TimeFunction
 
 #: Terms that not every scene has and that these columns lack.
@@ -58,7 +59,7 @@ class MemberParameters:
         motions = {
             key: TimeFunction(
                 motion.kind,
-                {name: rows(f"motion_{'_'.join(key)}_{name}")[:, None] for name in motion.values if name != "kind"},
+                {name: rows(variable_name(f"{motion_path(*key)}.{name}"))[:, None] for name in motion.values},
             )
             for key, motion in p.motions.items()
         }

@@ -11,6 +11,7 @@ import numpy as np
 
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import SceneError
+from cablepod.parameters._key_paths import motion_path
 from cablepod.parameters._time_functions import TimeFunction
 
 
@@ -92,7 +93,7 @@ class Parameters:
 
     def time_functions(self) -> dict[str, TimeFunction]:
         """All motions and load factors under the keys of their tables."""
-        functions: dict[str, TimeFunction | None] = {f"motion.{e}.{axis}": f for (e, axis), f in self.motions.items()}
+        functions: dict[str, TimeFunction | None] = {motion_path(*key): motion for key, motion in self.motions.items()}
         functions["load"] = self.load_factor
         functions |= {load.key: load.factor for load in self.point_loads}
         return {key: function for key, function in functions.items() if function is not None}

@@ -23,6 +23,7 @@ from cablepod.conventions import COORDINATES, ENDS, label
 from cablepod.errors import SceneError, named, scene_error, shown
 from cablepod.parameters._checks import choice, point
 from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._key_paths import motion_path, point_load_path, replaced, variable_name
 from cablepod.parameters._keys import (
     ENSEMBLE,
     INITIAL,
@@ -39,9 +40,9 @@ from cablepod.parameters._keys import (
     time_function_keys,
 )
 from cablepod.parameters._parameters import Parameters, count_instants
-from cablepod.scene import _ranges as ranges
 from cablepod.scene._files import read_record
 from cablepod.scene._limits import LONGEST, SHORTEST, check_limits
+from cablepod.scene._ranges import check_ranges
 
 
 def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
@@ -275,7 +276,7 @@ def _check_motion(table: Any, dims: int, free: str | None, folder: Path) -> dict
         for axis, function in of_end.items():
             if axis not in axes:
                 raise SceneError(f"motion.{end}.{named(axis)}: unknown axis; allowed: {', '.join(axes)}")
-            checked[end][axis] = _check_time_function(f"motion.{end}.{axis}", function, "m", folder)
+            checked[end][axis] = _check_time_function(motion_path(end, axis), function, "m", folder)
     return checked
 
 
@@ -284,7 +285,7 @@ def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, An
         raise scene_error("point_load", loads, "an array of tables, [[point_load]]")
     checked = []
     for index, table in enumerate(loads, start=1):
-        prefix = f"point_load.{index}"
+        prefix = point_load_path(index)
         item = _check_with_factor(prefix, table, POINT_LOAD, folder)
         _check_vector(f"{prefix}.force", item["force"], dims)
         checked.append(item)
@@ -296,7 +297,7 @@ def _check_ensemble(table: Any, tree: dict[str, Any]) -> dict[str, Any]:
         raise scene_error("ensemble", table, "a table with the keys " + ", ".join([*ENSEMBLE, "ranges"]))
     checked = check_table("ensemble", {key: value for key, value in table.items() if key != "ranges"}, ENSEMBLE)
     count, sampling = checked["members"], checked["sampling"]
-    checked["ranges"] = ranges.check_ranges(table.get("ranges"), tree, members=count, sampling=sampling)
+    checked["ranges"] = check_ranges(table.get("ranges"), tree, members=count, sampling=sampling)
     return checked
 
 
@@ -306,7 +307,7 @@ def _check_bounds(mapping: Mapping[str, Any], given: Mapping[str, list[float]], 
     for path, values in given.items():
         for bound in sorted({min(values), max(values)}):
             try:
-                _make(ranges.replaced(alone, path, bound), folder)
+                _make(replaced(alone, path, bound), folder)
             except SceneError as error:
                 text = f"ensemble.ranges.{path}: given {shown(values)}, at {bound:g} no scene: {error}"
                 raise SceneError(text) from None
@@ -319,45 +320,54 @@ Variables = dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]
 
 
 def _to_dataset(tree: dict[str, Any]) -> xr.Dataset:
+    """Make the variables of a checked scene."""
     variables = {"gravity": _variable("gravity", tree["gravity"], TOP["gravity"])}
     for table, keys in TABLES.items():
-        for name, value in tree.get(table, {}).items():
-            if name in keys:
-                variables[f"{table}_{name}"] = _variable(f"{table}_{name}", value, keys[name])
-    variables |= _factor_variables("load", tree.get("load", {}), "1", "factor of the uniform load")
+        values = tree.get(table, {})
+        variables |= _table_variables(table, values, {name: keys[name] for name in values if name in keys})
+    variables |= _time_function_variables("load", tree.get("load", {}), "1", "factor of the uniform load")
     for end, axes in tree.get("motion", {}).items():
         for axis, function in axes.items():
-            what = f"displacement of the {end} end along {axis}"
-            variables |= _factor_variables(f"motion_{end}_{axis}", function, "m", what)
-    for index, item in enumerate(tree.get("point_load", []), start=1):
-        prefix = f"point_load_{index}"
-        variables |= {f"{prefix}_{name}": _variable("", item[name], key) for name, key in POINT_LOAD.items()}
-        variables |= _factor_variables(prefix, item, "1", f"factor of point load {index}")
+            long_name = f"displacement of the {end} end along {axis}"
+            variables |= _time_function_variables(motion_path(end, axis), function, "m", long_name)
+    for number, load in enumerate(tree.get("point_load", []), start=1):
+        path = point_load_path(number)
+        variables |= _table_variables(path, load, POINT_LOAD)
+        variables |= _time_function_variables(path, load, "1", f"factor of point load {number}")
     dims = len(tree["ends"]["lower"])
     scene = xr.Dataset(variables, coords={"coordinate": list(COORDINATES[:dims])})
     label(scene[["coordinate"]])
     return scene
 
 
+def _table_variables(path: str, table: Mapping[str, Any], keys: Mapping[str, Key]) -> Variables:
+    """Make the variables of the keys of a table, in the order of `keys`."""
+    names = {key: variable_name(f"{path}.{key}") for key in keys}
+    return {name: _variable(name, table[key], keys[key]) for key, name in names.items()}
+
+
+def _time_function_variables(path: str, table: Mapping[str, Any], units: str, long_name: str) -> Variables:
+    """Make the variables of a motion or of the time factor of a load; none for a table without `kind`."""
+    if "kind" not in table:
+        return {}
+    kind = {"long_name": f"kind of {long_name}"}
+    variables: Variables = {variable_name(f"{path}.kind"): ((), np.asarray(table["kind"]), kind)}
+    keys = time_function_keys(units)[table["kind"]]
+    keys = {name: Key(key.check, key.units, f"{key.long_name}, {long_name}") for name, key in keys.items()}
+    variables |= _table_variables(path, table, keys)
+    if table["kind"] == "file":
+        samples = variable_name(f"{path}.sample")
+        for name, unit in (("time", "s"), ("value", units)):
+            attrs = {"units": unit, "long_name": f"{name} of the record, {long_name}"}
+            variables[variable_name(f"{path}.{name}")] = ((samples,), np.array(table[name]), attrs)
+    return variables
+
+
 def _variable(name: str, value: Any, key: Key) -> tuple[tuple[str, ...], np.ndarray, dict[str, str]]:
+    """Make dimensions, values and attributes of the variable of a key."""
     attrs = {"long_name": key.long_name} | ({"units": key.units} if key.units else {})
     array = np.asarray(value)
     if array.ndim == 0:
         return (), array, attrs
     dims = ("coordinate",) if key.check is point else (f"{name}_item",)
     return (dims if array.ndim == 1 else (f"{name}_point", "coordinate")), array.astype(float), attrs
-
-
-def _factor_variables(prefix: str, table: Mapping[str, Any], units: str, what: str) -> Variables:
-    """Give the variables of a motion or of a load's time factor; none where `table` has no factor."""
-    if "kind" not in table:
-        return {}
-    variables: Variables = {f"{prefix}_kind": ((), np.asarray(table["kind"]), {"long_name": f"kind of {what}"})}
-    for name, key in time_function_keys(units)[table["kind"]].items():
-        named_key = Key(key.check, key.units, f"{key.long_name}, {what}")
-        variables[f"{prefix}_{name}"] = _variable(f"{prefix}_{name}", table[name], named_key)
-    if table["kind"] == "file":
-        for name, unit in (("time", "s"), ("value", units)):
-            attrs = {"units": unit, "long_name": f"{name} of the record, {what}"}
-            variables[f"{prefix}_{name}"] = ((f"{prefix}_sample",), np.array(table[name]), attrs)
-    return variables

@@ -1,4 +1,4 @@
-"""What an ensemble varies: key paths of numbers in a scene, and the values that each of them takes."""
+"""Checks of the ranges of an ensemble: key paths, values of each, and the size of a grid."""
 
 from __future__ import annotations
 
@@ -6,55 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import numbers_list
+from cablepod.parameters._key_paths import number_at
 from cablepod.parameters._keys import join
-
-
-def number_at(tree: Any, path: Any) -> float | None:
-    """Return the number at a key path of a checked scene, such as ``ends.upper.x``; None where there is none.
-
-    Components of vectors are named by their axis, point loads by their number from 1.
-    """
-    value = tree
-    for part in path.split(".") if isinstance(path, str) else ("",):
-        value = value.get(part) if isinstance(value, Mapping) else _item(value, part)
-    return value if isinstance(value, int | float) and not isinstance(value, bool) else None
-
-
-def _item(value: Any, part: str) -> Any:
-    """Return the part of a vector or of the list of point loads."""
-    if not isinstance(value, list | tuple):
-        return None
-    index = _index(value, part)
-    return value[index] if index is not None and index < len(value) else None
-
-
-def _index(value: Any, part: str) -> int | None:
-    if part in COORDINATES:
-        return COORDINATES.index(part) if not (len(value) and isinstance(value[0], Mapping)) else None
-    return (
-        int(part) - 1 if part.isdecimal() and int(part) > 0 and len(value) and isinstance(value[0], Mapping) else None
-    )
-
-
-def replaced(tree: Any, path: str, value: float) -> Any:
-    """Return a scene's mapping with the number at a key path replaced; tables on the way are made, nothing is modified."""
-    return _replaced(tree, path.split("."), value)
-
-
-def _replaced(tree: Any, parts: list[str], value: float) -> Any:
-    if not parts:
-        return value
-    first, *rest = parts
-    if tree is None or isinstance(tree, Mapping):
-        return {**(tree or {}), first: _replaced((tree or {}).get(first), rest, value)}
-    items = list(tree)
-    index = _index(items, first)
-    assert index is not None  # number_at found it
-    items[index] = _replaced(items[index], rest, value)
-    return items
 
 
 def check_values(key: str, given: Any, *, members: int, sampling: str) -> list[float]:
