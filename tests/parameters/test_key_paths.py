@@ -46,7 +46,7 @@ def test_numbers_of_nested_tables_are_found_and_replaced(path):
     before = copy.deepcopy(TREE)
     assert number_at(TREE, path) == NUMBERS[path]
     changed = replaced(TREE, path, 0.25)
-    assert TREE == before
+    assert before == TREE
     assert {name: number_at(changed, name) for name in NUMBERS} == NUMBERS | {path: 0.25}
 
 
