@@ -11,13 +11,13 @@ import numpy as np
 
 from cablepod.errors import scene_error
 
-#: Positive numbers of the scene are at least so large, and all at most: their squares and ratios stay finite.
+#: Minimum of positive numbers of a scene and maximum magnitude of all (squares and ratios stay finite).
 SMALLEST, LARGEST = 1e-30, 1e30
 Check = Callable[[str, Any], Any]
 
 
 def number(*, above: float = -math.inf, least: float = -math.inf, most: float = math.inf) -> Check:
-    """Make a check for a finite number within bounds."""
+    """Make a check of a finite number within bounds."""
     bounds = [
         f"above {above:g}" if above > -math.inf else "",
         f"of at least {least:g}" if least > -math.inf else "",
@@ -47,7 +47,7 @@ def _scalar(value: Any) -> Any:
 
 
 def integer(*, least: int, most: int = 2**62) -> Check:
-    """Make a check for a whole number of at least `least` and at most `most`."""
+    """Make a check of a whole number from `least` to `most`."""
     allowed = f"a whole number of at least {least}"
 
     def check(key: str, value: Any) -> int:
@@ -66,13 +66,13 @@ def _is_list(value: Any) -> bool:
 
 
 def numbers_list(*, least_length: int = 1, above: float = -math.inf) -> Check:
-    """Make a check for a list of finite numbers."""
-    one = number(above=above)
+    """Make a check of a list of finite numbers."""
+    check_number = number(above=above)
 
     def check(key: str, value: Any) -> list[float]:
         if not _is_list(value) or len(value) < least_length:
             raise scene_error(key, value, f"a list of at least {least_length} finite numbers")
-        return [one(f"{key}[{index}]", item) for index, item in enumerate(value)]
+        return [check_number(f"{key}[{index}]", entry) for index, entry in enumerate(value)]
 
     return check
 
@@ -81,15 +81,15 @@ def point(key: str, value: Any) -> list[float]:
     """Check a vector of two or three finite numbers."""
     if not _is_list(value) or len(value) not in (2, 3):
         raise scene_error(key, value, "a list of two or three finite numbers")
-    one = number()
-    return [one(f"{key}[{index}]", item) for index, item in enumerate(value)]
+    check_number = number()
+    return [check_number(f"{key}[{index}]", component) for index, component in enumerate(value)]
 
 
 def points(key: str, value: Any) -> list[list[float]]:
     """Check a list of at least two points."""
     if not _is_list(value) or len(value) < 2:
         raise scene_error(key, value, "a list of at least two points")
-    return [point(f"{key}[{index}]", item) for index, item in enumerate(value)]
+    return [point(f"{key}[{index}]", vector) for index, vector in enumerate(value)]
 
 
 def text(key: str, value: Any) -> str:
@@ -100,7 +100,7 @@ def text(key: str, value: Any) -> str:
 
 
 def choice(*allowed: str) -> Check:
-    """Make a check for one of a few words."""
+    """Make a check of a choice of words."""
 
     def check(key: str, value: Any) -> str:
         if not isinstance(value, str) or value not in allowed:

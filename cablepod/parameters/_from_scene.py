@@ -30,12 +30,12 @@ RECORD = ("time", "value")
 
 
 def parameters(scene: xr.Dataset) -> Parameters:
-    """Return the plain numbers of a scene.
+    """Return the parameters of a scene with one member.
 
     Raises
     ------
     SceneError
-        Where `scene` is not a scene, or one with several members.
+        If `scene` is no scene, or has the dimension ``member``.
     """
     members = parameters_of_members(scene)
     if "member" in scene.dims:
@@ -44,21 +44,21 @@ def parameters(scene: xr.Dataset) -> Parameters:
 
 
 class Members(Sequence[Parameters]):
-    """The plain numbers of each member of a scene, made when asked for; of one where there is no dimension ``member``.
+    """Sequence of the parameters of each member of a scene, each made on access; a scene of one member has length 1.
 
     Raises
     ------
     SceneError
-        Where `scene` is not a scene.
+        If `scene` is no scene.
     """
 
     def __init__(self, scene: xr.Dataset) -> None:
         needed = ("gravity", "cable_youngs_modulus", "cable_area", "ends_lower", "ends_upper")
         if not isinstance(scene, xr.Dataset) or not all(name in scene for name in needed):
             raise SceneError(f"scene: given no Dataset with {', '.join(needed)}; allowed: what make_scene gives")
-        self.fixed: dict[str, Any] = {}  #: what all members have alike
-        self.varied: dict[str, Any] = {}  #: a row for each member
-        self.gapped: dict[str, Any] = {}  #: the same, with gaps
+        self.fixed: dict[str, Any] = {}  #: variable -> value of all members
+        self.varied: dict[str, Any] = {}  #: variable -> values, a row for each member
+        self.gapped: dict[str, Any] = {}  #: the same, nan for members that lack the variable
         for name, variable in scene.variables.items():
             if "member" in variable.dims:
                 values = variable.transpose("member", ...).values
@@ -71,36 +71,36 @@ class Members(Sequence[Parameters]):
         return self._count
 
     @overload
-    def __getitem__(self, at: int) -> Parameters: ...
+    def __getitem__(self, index: int) -> Parameters: ...
     @overload
-    def __getitem__(self, at: slice) -> list[Parameters]: ...
-    def __getitem__(self, at: int | slice) -> Parameters | list[Parameters]:
-        """Make the numbers of one member, or of some."""
-        if isinstance(at, slice):
-            return [self[i] for i in range(*at.indices(self._count))]
-        if not -self._count <= at < self._count:
-            raise IndexError(at)  # which ends a loop over all
+    def __getitem__(self, index: slice) -> list[Parameters]: ...
+    def __getitem__(self, index: int | slice) -> Parameters | list[Parameters]:
+        """Make the parameters of one member, or of a slice."""
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(self._count))]
+        if not -self._count <= index < self._count:
+            raise IndexError(index)  # ends iteration
         return _from_values(
             self.fixed
-            | {name: item[at] for name, item in self.varied.items()}
-            | {name: item[at] for name, item in self.gapped.items() if not _is_gap(item[at])}
+            | {name: values[index] for name, values in self.varied.items()}
+            | {name: values[index] for name, values in self.gapped.items() if not _is_gap(values[index])}
         )
 
 
 def parameters_of_members(scene: xr.Dataset) -> list[Parameters]:
-    """Return the plain numbers of each member of a scene, a list of one where there is no dimension ``member``.
+    """Return the parameters of each member of a scene; one if it lacks the dimension ``member``.
 
     Raises
     ------
     SceneError
-        Where `scene` is not a scene.
+        If `scene` is no scene.
     """
     return list(Members(scene))
 
 
 def _is_gap(value: Any) -> bool:
-    """Tell whether a value is the nan by which xarray.concat fills what one scene has and another lacks."""
-    if isinstance(value, float | str):  # most are, and the other way takes ten times as long
+    """Tell whether a value is nan, with which xarray.concat fills the variables that a scene lacks."""
+    if isinstance(value, float | str):  # the common case, ten times as fast as the test of arrays
         return value != value
     array = np.asarray(value)
     return array.size > 0 and array.dtype.kind in "fO" and bool(np.all(array != array))

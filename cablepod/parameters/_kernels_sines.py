@@ -1,4 +1,4 @@
-"""Compiled tables of harmonic motion at equidistant steps."""
+"""Compiled tables of harmonic time functions at equidistant steps."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ import numpy as np
 
 from cablepod._jit import compiled
 
-#: A rotation is begun anew after so many steps, so that rounding grows to some ten times that of one number at most.
-ANEW = 64
+#: Rotations between two evaluations of sine and cosine (bounds the rounding error to about ten times that of one sine).
+ROTATIONS = 64
 
 
 @compiled
-def sines(start, rate, omega, phase, size, constant, table):
-    """Fill `table` (steps,) with size sin(omega i / rate + phase) + constant, i = start, start + 1, ...
+def sines(start, steps_per_second, omega, phase, amplitude, constant, table):
+    """Fill `table` (steps,) with amplitude sin(omega t_i + phase) + constant, t_i = (start + i) / steps_per_second.
 
-    Four rotations of the angle by four steps go on side by side; a sine for each step would cost ten times as much.
+    Four interleaved rotations, each by the angle of four steps; a sine for each step would cost ten times as much.
 
     Parameters
     ----------
-    start, rate
-        Number of the first step, steps per second [1/s].
+    start, steps_per_second
+        Number of the first step; steps per second [1/s].
     omega, phase
         Angular frequency [rad/s] and phase [rad].
-    size, constant
-        Of the table's own unit.
+    amplitude, constant
+        In the unit of the table.
     table
         Filled.
     """
-    turn = omega / rate
-    c, s = math.cos(4.0 * turn), math.sin(4.0 * turn)
+    angle_of_step = omega / steps_per_second
+    c, s = math.cos(4.0 * angle_of_step), math.sin(4.0 * angle_of_step)
     x, y = np.empty(4), np.empty(4)
     steps = table.size
-    for block in range(0, steps, 4 * ANEW):
+    for block in range(0, steps, 4 * ROTATIONS):
         for lane in range(4):
-            angle = turn * (start + block + lane) + phase
-            x[lane], y[lane] = size * math.cos(angle), size * math.sin(angle)
-        end = min(steps, block + 4 * ANEW)
+            angle = angle_of_step * (start + block + lane) + phase
+            x[lane], y[lane] = amplitude * math.cos(angle), amplitude * math.sin(angle)
+        end = min(steps, block + 4 * ROTATIONS)
         full = block + (end - block) // 4 * 4
         for i in range(block, full, 4):
             for lane in range(4):
@@ -48,75 +48,86 @@ def sines(start, rate, omega, phase, size, constant, table):
 
 
 @compiled
-def harmonic(start, rate, omega, phase, amplitude, origin, derivatives, tables):
+def harmonic(start, steps_per_second, omega, phase, amplitude, origin, derivatives, tables):
     """Fill `tables` (derivatives, steps) with derivatives of amplitude (sin(omega t + phase) - sin(phase)) + origin.
 
     Parameters
     ----------
-    start, rate, omega, phase
+    start, steps_per_second, omega, phase
         As in :func:`sines`.
     amplitude, origin
-        [m], or the unit of a load.
+        [m], or 1 for the factor of a load.
     derivatives
-        A tuple of their orders, 0 for the values; `origin` counts for those alone.
+        Tuple of the orders of the derivatives, 0 for values; `origin` is added to values only.
     tables
-        Filled; one call for all, as calls cost more than a hundred steps.
+        Filled in one call, because a call costs more than a hundred steps.
     """
     for k in range(len(derivatives)):
-        size, constant = amplitude, 0.0
+        factor, constant = amplitude, 0.0
         for _ in range(derivatives[k]):
-            size *= omega
+            factor *= omega
         if derivatives[k] == 0:
-            constant = origin - size * math.sin(phase)
-        sines(start, rate, omega, phase + 0.5 * math.pi * derivatives[k], size, constant, tables[k])
+            constant = origin - factor * math.sin(phase)
+        sines(start, steps_per_second, omega, phase + 0.5 * math.pi * derivatives[k], factor, constant, tables[k])
 
 
 @compiled
-def harmonic_of_members(start, rate, omega, phase, amplitude, origin, derivative, row, tables):
-    """Fill one row of the tables of many scenes, (members, rows, steps), as :func:`harmonic` does one table.
+def harmonic_of_members(start, steps_per_second, omega, phase, amplitude, origin, derivative, row, tables):
+    """Fill one row of the tables of all members, (members, rows, steps), as :func:`harmonic` does.
 
     Parameters
     ----------
-    start, rate
+    start, steps_per_second
         As in :func:`sines`.
     omega, phase, amplitude, origin
-        As in :func:`harmonic`, of each scene (members,).
+        As in :func:`harmonic`, of each member (members,).
     derivative
-        Its order.
+        Order of the derivative.
     row
-        Number of the row.
+        Index of the row.
     tables
         Filled.
     """
     for m in range(omega.size):
-        harmonic(start, rate, omega[m], phase[m], amplitude[m], origin[m], (derivative,), tables[m, row : row + 1])
+        harmonic(
+            start,
+            steps_per_second,
+            omega[m],
+            phase[m],
+            amplitude[m],
+            origin[m],
+            (derivative,),
+            tables[m, row : row + 1],
+        )
 
 
 @compiled
-def ends_of_members(start, rate, omega, phase, amplitude, origin, damping, row, ends, second):
-    """Fill one coordinate of the ends of many scenes, (members, coordinates, steps), from their harmonic motions.
+def ends_of_members(start, steps_per_second, omega, phase, amplitude, origin, damping, row, ends, accelerations):
+    """Fill one coordinate of the ends of all members, (members, coordinates, steps), from their harmonic motions.
 
     Parameters
     ----------
-    start, rate
+    start, steps_per_second
         As in :func:`sines`.
     omega, phase, amplitude, origin
-        As in :func:`harmonic`, of each scene (members,).
+        As in :func:`harmonic`, of each member (members,).
     damping
-        By mass (members,) [1/s], or None.
+        Mass-proportional damping (members,) [1/s], or None.
     row
-        Number of the coordinate.
-    ends, second
-        Filled: its place [m]; its second rate, with damping that times the first added [m/s^2].
+        Index of the coordinate.
+    ends, accelerations
+        Filled: coordinate [m]; its second derivative plus damping times its first one [m/s^2].
     """
-    rates = np.empty(ends.shape[2])
+    velocity = np.empty(ends.shape[2])
     for m in range(omega.size):
-        size = amplitude[m]
-        sines(start, rate, omega[m], phase[m], size, origin[m] - size * math.sin(phase[m]), ends[m, row])
-        size *= omega[m]
+        factor = amplitude[m]
+        sines(
+            start, steps_per_second, omega[m], phase[m], factor, origin[m] - factor * math.sin(phase[m]), ends[m, row]
+        )
+        factor *= omega[m]
         if damping is not None:
-            sines(start, rate, omega[m], phase[m] + 0.5 * math.pi, size, 0.0, rates)
-        sines(start, rate, omega[m], phase[m] + math.pi, size * omega[m], 0.0, second[m, row])
+            sines(start, steps_per_second, omega[m], phase[m] + 0.5 * math.pi, factor, 0.0, velocity)
+        sines(start, steps_per_second, omega[m], phase[m] + math.pi, factor * omega[m], 0.0, accelerations[m, row])
         if damping is not None:
-            for i in range(rates.size):
-                second[m, row, i] += damping[m] * rates[i]
+            for i in range(velocity.size):
+                accelerations[m, row, i] += damping[m] * velocity[i]

@@ -13,7 +13,7 @@ from cablepod.parameters._checks import Check, choice, integer, number, numbers_
 
 @dataclass(frozen=True)
 class Key:
-    """What a key of the scene means: how it is checked, its units and long name; units None for a text."""
+    """Key of a scene: check of its values, units (None for a text), long name."""
 
     check: Check
     units: str | None
@@ -22,8 +22,8 @@ class Key:
     default: Any = None
 
 
-def _force(what: str) -> Key:
-    return Key(number(above=0.0), "N", what)
+def _force(long_name: str) -> Key:
+    return Key(number(above=0.0), "N", long_name)
 
 
 TOP = {
@@ -102,7 +102,7 @@ def time_function_keys(units: str) -> dict[str, dict[str, Key]]:
             "amplitude": amplitude,
             "duration": Key(number(above=0.0), "s", "time in which the full amplitude is reached", required=True),
         },
-        # Each coefficient has its own unit, units/s to the power of its place; CF has no way to say so.
+        # no units attribute: coefficient k has the unit units / s^k, which CF cannot express for one variable
         "polynomial": {
             "coefficients": Key(numbers_list(), "1", f"coefficients of t, t2, ... [{units}, s]", required=True)
         },
@@ -111,12 +111,12 @@ def time_function_keys(units: str) -> dict[str, dict[str, Key]]:
 
 
 def check_table(prefix: str, table: Any, keys: Mapping[str, Key]) -> dict[str, Any]:
-    """Check one table of a scene against `keys`; returns the checked values, defaults filled in.
+    """Check a table of a scene against its keys; return the values, defaults filled in.
 
     Raises
     ------
     SceneError
-        For something that is no table, an unknown key, a missing key, or a value that is not allowed.
+        If it is no table, for unknown and missing keys, and for values that are not allowed.
     """
     if not isinstance(table, Mapping):
         raise scene_error(prefix, table, "a table with the keys " + ", ".join(keys))
@@ -135,25 +135,25 @@ def check_table(prefix: str, table: Any, keys: Mapping[str, Key]) -> dict[str, A
 
 
 def describe(key: Key) -> str:
-    """Say in a few words what `key` is."""
+    """Return long name and units of a key, for messages."""
     return key.long_name + (f" [{key.units}]" if key.units else "")
 
 
 def join(prefix: str, name: Any) -> str:
-    """Join the parts of a key path."""
+    """Join a table's key path and a name, for messages."""
     return f"{prefix}.{named(name)}" if prefix else named(name)
 
 
 def exactly_one(prefix: str, table: Mapping[str, Any], names: tuple[str, ...]) -> str:
-    """Return the one of `names` that `table` has.
+    """Return the only one of `names` that `table` has.
 
     Raises
     ------
     SceneError
-        Where it has none or several.
+        If it has none or several.
     """
-    given = [name for name in names if name in table]
-    if len(given) != 1:
-        what = "none" if not given else " and ".join(f"{name} = {shown(table[name])}" for name in given)
-        raise SceneError(f"{prefix}: given {what}; allowed: exactly one of {', '.join(names)}")
-    return given[0]
+    present = [name for name in names if name in table]
+    if len(present) != 1:
+        given = "none" if not present else " and ".join(f"{name} = {shown(table[name])}" for name in present)
+        raise SceneError(f"{prefix}: given {given}; allowed: exactly one of {', '.join(names)}")
+    return present[0]

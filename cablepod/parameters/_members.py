@@ -1,4 +1,4 @@
-"""Members of a scene that differ in numbers only, with a row of an array for each: what they give is computed for all at once."""
+"""Parameters of members that differ in numbers only, as arrays with a row for each member."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from cablepod.parameters._from_scene import Members
 from cablepod.parameters._key_paths import motion_path, variable_name
 from cablepod.parameters._time_functions import SINES, TimeFunction
 
-#: Terms that not every scene has and that these columns lack.
+#: Variables of optional terms that MemberParameters does not cover.
 UNSUPPORTED_TERMS = ("ends_free", "load_kind", "point_load_1_force")
 
 
 @dataclass(frozen=True)
 class MemberParameters:
-    """The numbers of :class:`cablepod.parameters._parameters.Parameters`, a row for each member."""
+    """Parameters of all members: arrays as :class:`cablepod.parameters._parameters.Parameters`, a row for each member."""
 
     stiffness: np.ndarray  #: (members,) [N]
     mass: np.ndarray  #: (members,) [kg/m]
     load: np.ndarray  #: weight and uniform load (members, dims) [N/m]
     ends: np.ndarray  #: both ends at rest (members, end, dims) [m]
-    motions: Mapping[tuple[str, str], TimeFunction]  #: whose values are (members, 1)
+    motions: Mapping[tuple[str, str], TimeFunction]  #: (end, axis) -> displacement [m], parameters (members, 1)
     length_key: str
-    length_value: np.ndarray  #: (members,)
-    damping: np.ndarray  #: by mass (members,) [1/s]
+    length_value: np.ndarray  #: (members,) [N], or [m] for unstretched_length
+    damping: np.ndarray  #: mass-proportional (members,) [1/s]
 
     @classmethod
     def of(cls, members: Members) -> MemberParameters | None:
-        """Take the columns of members; None where they differ in more than numbers, or have terms that these columns lack."""
+        """Stack the parameters of members; None if they differ in more than numbers, or have unsupported terms."""
         p, names = members[0], set(members.fixed) | set(members.varied)
-        numeric = all(item.dtype.kind in "fiu" for name, item in members.varied.items() if name != "member")
+        numeric = all(values.dtype.kind in "fiu" for name, values in members.varied.items() if name != "member")
         initial = any(name.startswith("initial_") for name in names)
         if members.gapped or not numeric or initial or names & set(UNSUPPORTED_TERMS):
             return None
@@ -75,25 +75,25 @@ class MemberParameters:
         )
 
     def part(self, first: int, last: int) -> MemberParameters:
-        """Take the members `first` ... `last - 1`."""
-        at = slice(first, last)
+        """Return the members `first` ... `last - 1`."""
+        rows = slice(first, last)
         motions = {
-            key: TimeFunction(motion.kind, {name: value[at] for name, value in motion.values.items()})
+            key: TimeFunction(motion.kind, {name: value[rows] for name, value in motion.values.items()})
             for key, motion in self.motions.items()
         }
         return MemberParameters(
-            self.stiffness[at], self.mass[at], self.load[at], self.ends[at], motions, self.length_key,
-            self.length_value[at], self.damping[at],
+            self.stiffness[rows], self.mass[rows], self.load[rows], self.ends[rows], motions, self.length_key,
+            self.length_value[rows], self.damping[rows],
         )  # fmt: skip
 
     @property
     def chord(self) -> np.ndarray:
-        """From the lower end to the upper one at rest (members, dims) [m]."""
+        """Vector from the lower end at rest to the upper one (members, dims) [m]."""
         return self.ends[:, 1] - self.ends[:, 0]
 
     @property
     def shortest_time_scale(self) -> np.ndarray:
-        """Shortest period (members,) [s], infinite where nothing moves."""
+        """Shortest period of the motions (members,) [s]; infinity if there are none."""
         scale = np.full(self.mass.size, np.inf)
         with np.errstate(divide="ignore"):
             for motion in self.motions.values():
@@ -101,7 +101,7 @@ class MemberParameters:
         return scale
 
     def end_positions(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Positions of both ends, or their first or second rate: (members, time, end, dims) [m]."""
+        """Return positions of both ends, or a derivative of them: (members, time, end, dims) [m]."""
         count, _, dims = self.ends.shape
         result = np.zeros((count, time.size, 2, dims))
         if derivative == 0:

@@ -1,4 +1,4 @@
-"""A scene as plain numbers."""
+"""Parameters of one scene: plain numbers in SI units."""
 
 from __future__ import annotations
 
@@ -17,61 +17,58 @@ from cablepod.parameters._time_functions import TimeFunction
 
 @dataclass(frozen=True)
 class PointLoad:
-    """A force on one place of the cable: `fraction` of the unstretched length, `force` (dims,) [N], factor of time.
+    """Force on one point of the cable."""
 
-    `key` is the key path of its table.
-    """
-
-    key: str
-    fraction: float
-    force: np.ndarray
-    factor: TimeFunction | None
+    key: str  #: key path of its table
+    fraction: float  #: place as a fraction of the unstretched length [1]
+    force: np.ndarray  #: (dims,) [N]
+    factor: TimeFunction | None  #: factor of time [1]
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """A scene as plain numbers, SI units; None stands for a term that the scene lacks."""
+    """Parameters of a scene in SI units; None stands for a term that the scene lacks."""
 
     stiffness: float  #: axial stiffness K [N]
     mass: float  #: mass per unstretched length [kg/m]
     weight: np.ndarray  #: weight per unstretched length (dims,) [N/m]
     lower: np.ndarray  #: lower end at rest (dims,) [m]
     upper: np.ndarray  #: upper end at rest (dims,) [m]
-    free_end: str | None  #: the end that moves freely
+    free_end: str | None  #: "lower", "upper" or None
     motions: Mapping[tuple[str, str], TimeFunction]  #: (end, axis) -> displacement [m]
     load: np.ndarray | None  #: uniform load beside the weight (dims,) [N/m]
-    load_factor: TimeFunction | None
+    load_factor: TimeFunction | None  #: factor of the uniform load [1]
     point_loads: tuple[PointLoad, ...]
-    length_key: str  #: which of schema.LENGTH_KEYS is given
-    length_value: float
-    duration: float | None
-    interval: float | None
+    length_key: str  #: the given one of LENGTH_KEYS
+    length_value: float  #: [N], or [m] for unstretched_length
+    duration: float | None  #: [s]
+    interval: float | None  #: [s]
     links: int | None
     link_lengths: np.ndarray | None  #: relative, (links,)
-    initial: Mapping[str, Any]  #: what the [initial] table has
+    initial: Mapping[str, Any]  #: values of the table [initial]
     mass_damping: float | None  #: [1/s]
     link_viscosity: float | None  #: [s]
 
     @cached_property
     def dims(self) -> int:
-        """Two for a planar scene, three for a spatial one."""
+        """Number of coordinates: two for a planar scene, three for a spatial one."""
         return self.lower.size
 
     def load_at(self, time: float) -> np.ndarray:
-        """Weight and uniform load together at `time` [s], (dims,) [N/m]."""
+        """Return the sum of weight and uniform load at `time` [s], (dims,) [N/m]."""
         if self.load is None:
             return self.weight
         factor = 1.0 if self.load_factor is None else float(self.load_factor(time))
         return self.weight + factor * self.load
 
     def times(self) -> np.ndarray:
-        """Instants of the snapshots [s]: 0, interval, ... up to the duration."""
+        """Return the times of the snapshots [s]: 0, interval, ... up to the duration."""
         if self.duration is None or self.interval is None:
             raise SceneError("time: missing; allowed: a table with duration and interval [s], or the argument times")
         return self.interval * np.arange(count_instants(self.duration, self.interval))
 
     def end_positions(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Positions of both ends as the scene prescribes them, or their first or second rate: (time, end, dims) [m]."""
+        """Return prescribed positions of both ends, or a derivative of them: (time, end, dims) [m]."""
         time = np.asarray(time, dtype=float)
         result = np.zeros((time.size, 2, self.dims))
         if derivative == 0:
@@ -80,19 +77,25 @@ class Parameters:
             result[:, ENDS.index(end), COORDINATES.index(axis)] += function(time, derivative)
         return result
 
-    def end_coordinates_at_steps(self, start: int, steps: int, rate: float, derivative: int = 0) -> np.ndarray:
-        """Coordinates of the ends that move [m], or their rates, at steps `start` ... `start + steps`: (moving, steps + 1)."""
+    def end_coordinates_at_steps(
+        self, start: int, steps: int, steps_per_second: float, derivative: int = 0
+    ) -> np.ndarray:
+        """Return moving end coordinates [m], or a derivative, at steps `start` ... `start + steps`: (moving, steps + 1)."""
         rows = [
             function.at_steps(
-                start, steps, rate, derivative, (self.lower if end == "lower" else self.upper)[COORDINATES.index(axis)]
+                start,
+                steps,
+                steps_per_second,
+                derivative,
+                (self.lower if end == "lower" else self.upper)[COORDINATES.index(axis)],
             )
             for (end, axis), function in self.motions.items()
         ]
-        # of one motion, the common case, no copy is made
+        # no copy of a single motion, the common case
         return rows[0][None] if len(rows) == 1 else np.array(rows).reshape(len(rows), steps + 1)
 
     def time_functions(self) -> dict[str, TimeFunction]:
-        """All motions and load factors under the keys of their tables."""
+        """Return all motions and load factors by the key paths of their tables."""
         functions: dict[str, TimeFunction | None] = {motion_path(*key): motion for key, motion in self.motions.items()}
         functions["load"] = self.load_factor
         functions |= {load.key: load.factor for load in self.point_loads}
@@ -100,18 +103,17 @@ class Parameters:
 
     @cached_property
     def shortest_time_scale(self) -> float:
-        """Shortest time over which a motion or load changes [s]; infinite where none does."""
+        """Shortest time scale of all motions and load factors [s]; infinity if there are none."""
         return min((function.shortest_time_scale for function in self.time_functions().values()), default=np.inf)
 
     def sampling_times(self) -> np.ndarray:
-        """Instants from 0 to the duration [s] that show how far motions and loads go; 0 alone where none changes."""
-        until = self.duration or 0.0
+        """Return instants up to the duration [s] that resolve the ranges of all motions and load factors."""
+        end_time = self.duration or 0.0
         functions = self.time_functions().values()
-        # those of a period too, lest all instants of the whole run see the same phase
-        return np.unique(np.concatenate([[0.0, until], *(function.sampling_times(until) for function in functions)]))
+        return np.unique(np.concatenate([[0.0, end_time], *(item.sampling_times(end_time) for item in functions)]))
 
     def check_reach(self, time: float) -> None:
-        """Refuse a record that does not cover the run from 0 to `time` [s]."""
+        """Refuse records that do not cover the run from 0 to `time` [s]."""
         for key, function in self.time_functions().items():
             if function.begin > 0.0 or time > function.end * (1.0 + 1e-12):
                 raise SceneError(
@@ -121,6 +123,6 @@ class Parameters:
 
 
 def count_instants(duration: float, interval: float) -> int:
-    """Count the instants 0, interval, ... up to the duration."""
-    # a duration that is a multiple of the interval but for rounding ends with a snapshot
+    """Return the number of instants 0, interval, ... up to the duration."""
+    # tolerance: the last instant counts if the duration is a multiple of the interval up to rounding
     return int(np.floor(duration / interval * (1.0 + 1e-12))) + 1

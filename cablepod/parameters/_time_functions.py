@@ -1,7 +1,7 @@
 """Time functions: the motions of the ends and the factors of the loads.
 
-One small class evaluates every kind, with its first two derivatives, on arrays of times; steppers receive tables of its
-values and know no kinds.
+One class evaluates every kind and its first two derivatives at arrays of times.  Time steppers receive tables of values at
+their steps.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-#: Kinds whose values at equidistant steps are compiled rotations.
+#: Kinds tabulated at equidistant steps by compiled rotations.
 SINES = ("one_minus_cosine", "harmonic")
 
 
 @cache
 def _kernel() -> Any:
-    """Import the compiled tables, which only computing needs; the statement alone takes half as long as a table of 30 steps."""
-    from cablepod.parameters import _kernels_sines as motion
+    """Import the kernels once: the import statement takes half as long as a table of 30 steps."""
+    from cablepod.parameters import _kernels_sines as kernel
 
-    return motion
+    return kernel
 
 
 @dataclass(frozen=True)
 class TimeFunction:
-    """A function of time, of one of the kinds of the scene file.
+    """Function of time, of one of the kinds of the scene file.
 
     Attributes
     ----------
     kind
         "one_minus_cosine", "harmonic", "ramp", "polynomial" or "file".
     values
-        The parameters of that kind under their names in the scene file; for "file" the samples `time` [s] and `value`.
+        Parameters of that kind by their names in the scene file; for "file" the samples `time` [s] and `value`.
     """
 
     kind: str
@@ -46,37 +46,38 @@ class TimeFunction:
 
     def __post_init__(self) -> None:
         if self.kind == "file":
-            from scipy.interpolate import CubicSpline  # only here: a scene without a record does not pay for it
+            from scipy.interpolate import CubicSpline  # slow to import, needed by records only
 
             object.__setattr__(self, "_spline", CubicSpline(self.values["time"], self.values["value"]))
 
     def __call__(self, time: ArrayLike, derivative: int = 0) -> Array:
-        """Evaluate at `time` [s]; `derivative` 0, 1 or 2 gives the value, the rate or the second rate."""
+        """Evaluate the function (`derivative` 0), or its first or second derivative, at `time` [s]."""
         return getattr(self, f"_{self.kind}")(np.asarray(time, dtype=float), derivative)
 
-    def at_steps(self, start: int, steps: int, rate: float, derivative: int = 0, origin: float = 0.0) -> Array:
-        """Evaluate at the steps `start` ... `start + steps` of so many to the second, (steps + 1,); `origin` is added to values.
-
-        Sines of equidistant angles come from compiled rotations; computed one by one they would cost a tenth of what a chain of
-        40 links does.
-        """
-        return self.all_at_steps(start, steps, rate, (derivative,), origin)[0]
+    def at_steps(
+        self, start: int, steps: int, steps_per_second: float, derivative: int = 0, origin: float = 0.0
+    ) -> Array:
+        """Evaluate a derivative at the steps `start` ... `start + steps`, (steps + 1,); `origin` is added to values."""
+        return self.all_at_steps(start, steps, steps_per_second, (derivative,), origin)[0]
 
     def all_at_steps(
-        self, start: int, steps: int, rate: float, derivatives: tuple[int, ...], origin: float = 0.0
+        self, start: int, steps: int, steps_per_second: float, derivatives: tuple[int, ...], origin: float = 0.0
     ) -> Array:
-        """Evaluate several derivatives at once, (derivatives, steps + 1), as :meth:`on_steps` does one."""
+        """Evaluate several derivatives at steps, (derivatives, steps + 1), as :meth:`at_steps` does one.
+
+        Sines come from compiled rotations; one by one they would cost a tenth of the time of a chain of 40 links.
+        """
         if self.kind not in SINES:
-            time = np.arange(start, start + steps + 1) / rate
+            time = np.arange(start, start + steps + 1) / steps_per_second
             return np.array([self(time, derivative) + (0.0 if derivative else origin) for derivative in derivatives])
         result = np.empty((len(derivatives), steps + 1))
-        _kernel().harmonic(start, rate, *self.sine, float(origin), derivatives, result)
+        _kernel().harmonic(start, steps_per_second, *self.sine, float(origin), derivatives, result)
         return result
 
     @property
     def sine(self) -> tuple[float, float, float]:
-        """Angular frequency [rad/s], phase [rad] and amplitude of one of SINES."""
-        phase = float(self.values["phase"]) if self.kind == "harmonic" else -0.5 * math.pi  # of one minus a cosine
+        """Angular frequency [rad/s], phase [rad] and amplitude of a kind of :data:`SINES`."""
+        phase = float(self.values["phase"]) if self.kind == "harmonic" else -0.5 * math.pi  # one minus cosine
         return float(self.values["angular_frequency"]), phase, float(self.values["amplitude"])
 
     def _one_minus_cosine(self, time: Array, derivative: int) -> Array:
@@ -96,7 +97,7 @@ class TimeFunction:
         return -amplitude * omega**2 * np.sin(omega * time + phase)
 
     def _ramp(self, time: Array, derivative: int) -> Array:
-        # The quintic step has two vanishing derivatives at both ends, so that the motion is C2.
+        # quintic step: first and second derivatives vanish at both ends, so that the motion is C2
         amplitude, duration = self.values["amplitude"], self.values["duration"]
         s = np.clip(time / duration, 0.0, 1.0)
         if derivative == 0:
@@ -114,7 +115,7 @@ class TimeFunction:
 
     @property
     def shortest_time_scale(self) -> float:
-        """Shortest time over which it changes [s]: a period, the length of a ramp, twice the spacing of a record."""
+        """Shortest time scale [s]: period, duration of a ramp, twice the spacing of a record; infinite for a polynomial."""
         if self.kind in SINES:
             return (
                 2.0 * np.pi / abs(float(self.values["angular_frequency"]))
@@ -125,28 +126,28 @@ class TimeFunction:
             return float(self.values["duration"])
         return 2.0 * float(np.diff(self.values["time"]).min()) if self.kind == "file" else np.inf
 
-    def sampling_times(self, until: float) -> Array:
-        """Give instants from 0 to `until` [s] that show how far it goes: of a period, of the whole run, its samples."""
+    def sampling_times(self, end_time: float) -> Array:
+        """Return instants up to `end_time` [s] that resolve the range: 101 of a period or of the run, or the samples."""
         if self.kind == "file":
             time = np.asarray(self.values["time"], dtype=float)
-            return time[(time >= 0.0) & (time <= until)]
-        return np.linspace(0.0, min(until, self.shortest_time_scale) if self.kind in SINES else until, 101)
+            return time[(time >= 0.0) & (time <= end_time)]
+        return np.linspace(0.0, min(end_time, self.shortest_time_scale) if self.kind in SINES else end_time, 101)
 
     @property
     def begin(self) -> float:
-        """First time [s] at which the function is known; minus infinity but for a record."""
+        """First time of a record [s]; minus infinity for other kinds."""
         return float(self.values["time"][0]) if self.kind == "file" else -np.inf
 
     @property
     def end(self) -> float:
-        """Last time [s] at which the function is known; infinite but for a record."""
+        """Last time of a record [s]; infinity for other kinds."""
         return float(self.values["time"][-1]) if self.kind == "file" else np.inf
 
 
 class BatchedTimeFunction:
-    """The same time function of several scenes, with numbers of its own in each; `origins` (members,) are added to values.
+    """Time functions of several members; `origins` (members,) are added to values.
 
-    Where all are sines, one compiled call fills their tables.
+    One compiled call fills the tables if all are sines.
     """
 
     def __init__(self, functions: Sequence[TimeFunction], origins: Sequence[float] | None = None) -> None:
@@ -156,12 +157,14 @@ class BatchedTimeFunction:
         if all(function.kind in SINES for function in functions):
             self.sines = np.array([function.sine for function in functions]).T.copy()
 
-    def fill(self, start: int, rate: float, derivative: int, row: int, tables: Array) -> None:
-        """Fill `tables[:, row]`, (members, steps + 1), as :meth:`TimeFunction.on_steps` does."""
+    def fill(self, start: int, steps_per_second: float, derivative: int, row: int, tables: Array) -> None:
+        """Fill `tables[:, row]`, (members, steps + 1), as :meth:`TimeFunction.at_steps` does."""
         if self.sines is not None:
             omega, phase, amplitude = self.sines
-            _kernel().harmonic_of_members(start, rate, omega, phase, amplitude, self.origins, derivative, row, tables)
+            _kernel().harmonic_of_members(
+                start, steps_per_second, omega, phase, amplitude, self.origins, derivative, row, tables
+            )
             return
         steps = tables.shape[2] - 1
         for table, function, origin in zip(tables, self.functions, self.origins.tolist(), strict=True):
-            table[row] = function.at_steps(start, steps, rate, derivative, origin)
+            table[row] = function.at_steps(start, steps, steps_per_second, derivative, origin)
