@@ -42,8 +42,8 @@ def finish(process: subprocess.Popen[str], *, timeout: float) -> tuple[str, str]
 def run_python(*arguments: object, timeout: float, **options: Any) -> subprocess.CompletedProcess[str]:
     """Run Python with these arguments until it ends, at most for `timeout` seconds."""
     command = [sys.executable, *map(str, arguments)]
-    given = {"env": environment(), "capture_output": True, "text": True, "timeout": timeout, "check": False}
-    return subprocess.run(command, **(given | options))
+    options = {"env": environment(), **options}
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False, **options)
 
 
 def call(*arguments: object, timeout: float = 300.0, **options: Any) -> subprocess.CompletedProcess[str]:

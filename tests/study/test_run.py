@@ -97,11 +97,11 @@ def test_nothing_is_written_or_drawn_without_a_folder(soft, tmp_path):
 
 
 def test_figures_of_the_caller_stay_open(scene, tmp_path):
-    backend = plt.get_backend()
+    backend, others = plt.get_backend(), plt.get_fignums()
     mine = plt.figure()
     try:
         cp.study.run(scene, tmp_path, ranks=[1])
-        assert plt.get_fignums() == [mine.number]
+        assert plt.get_fignums() == [*others, mine.number]
         assert plt.get_backend() == backend
     finally:
         plt.close(mine)
