@@ -53,4 +53,4 @@ def ctrl_c() -> Iterator[None]:
 @pytest.fixture
 def any_load(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let scenes pass whose loads no cable bears: such runs are sure to leave the finite numbers."""
-    monkeypatch.setattr(scene_limits, "MOST_STRAIN", math.inf)
+    monkeypatch.setattr(scene_limits, "MAX_STRAIN", math.inf)

@@ -1,4 +1,4 @@
-"""Scene file or Python values -> scene Dataset; every check of user input.
+"""Make scene Datasets from TOML files or Python values, with all checks of user input.
 
 .. include:: README.md
 """

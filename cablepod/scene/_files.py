@@ -1,4 +1,4 @@
-"""Read text files and CSV records, with every fault named."""
+"""Read text files and the CSV files of records."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import numpy as np
 from cablepod.errors import SceneError, named, shown
 from cablepod.parameters._checks import LARGEST, SMALLEST
 
-LARGEST_FILE = 64 * 2**20  # bytes; a scene or record beyond this is a mistake
+#: Maximum size of a scene file or record [bytes].
+LARGEST_FILE = 64 * 2**20
 
 
 def read_text(path: Path, what: str) -> str:
-    """Read a text file that should be a `what`; every failure is a SceneError that names the file and the reason."""
+    """Read a text file; `what` names its kind in the message of a SceneError."""
     name = named(str(path))
     try:
         if path.is_dir():
@@ -33,7 +34,7 @@ def read_text(path: Path, what: str) -> str:
 
 
 def read_record(key: str, path: Path) -> dict[str, list[float]]:
-    """Read the CSV file of a record: a column `time` [s] and one value column."""
+    """Read a record from a CSV file with a column `time` [s] and one value column."""
     try:
         content = read_text(path, "record, a CSV file with the columns time and one value")
     except SceneError as error:
@@ -43,13 +44,13 @@ def read_record(key: str, path: Path) -> dict[str, list[float]]:
     allowed = "a CSV file with a header (time and one value column) and at least 4 rows of numbers"
     if not rows:
         raise SceneError(f"{key}: {name} is empty; allowed: {allowed}")
-    header = [item.strip() for item in rows[0]]
+    header = [name.strip() for name in rows[0]]
     if len(header) != 2 or header.count("time") != 1:
         raise SceneError(f"{key}: {name} has the columns {shown(', '.join(header))}; allowed: {allowed}")
     table = []
     for number, row in enumerate(rows[1:], start=1):
         try:
-            values = [float(item) for item in row]
+            values = [float(cell) for cell in row]
         except ValueError:
             values = []
         if len(values) != 2 or not all(abs(value) <= LARGEST for value in values):

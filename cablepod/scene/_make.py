@@ -1,8 +1,7 @@
-"""Scene file or Python values -> scene Dataset; every check of what a user gives.
+"""Make a scene Dataset from nested tables, with all checks of user input.
 
-A scene is a Dataset whose variables are the keys of the scene file with ``_`` for ``.`` (``cable.area`` is the variable
-``cable_area`` [m2]); what the scene lacks is absent.  :func:`parameters` turns it into the plain numbers that the
-science modules compute with.
+The variables of a scene are the keys of the scene file with ``_`` for ``.``: ``cable.area`` is the variable ``cable_area`` [m2].
+An absent key is an absent variable.  :func:`parameters` makes the numbers with which the models compute.
 """
 
 from __future__ import annotations
@@ -56,14 +55,14 @@ def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        One variable for each key, named by its path with ``_`` for ``.``, with units.
+        A variable with units for each key, its name the key path with ``_`` for ``.``.
 
     Raises
     ------
     SceneError
-        For unknown or missing keys, two ways to give the length, values, signs and sizes that cannot be, a tension
-        below the least possible, and an output that would not fit in memory.  The message names the key, what was
-        given and what is allowed.
+        For unknown and missing keys, two ways to give the length, types, signs and magnitudes that are not allowed, a
+        tension below the minimum, and output larger than the memory.  The message names the key, the given value and the
+        allowed ones.
 
     Examples
     --------
@@ -81,12 +80,12 @@ def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
 
 
 def check_numbers(p: Parameters) -> None:
-    """Refuse a scene whose numbers, each allowed by itself, do not go together: records, motions, statics, memory.
+    """Check the numbers of a scene together: records, motions, statics, strains, memory.
 
     Raises
     ------
     SceneError
-        Naming the key, what was given and what is allowed.
+        For a scene that cannot be simulated; the message names the key, the given value and the allowed ones.
     """
     p.check_reach(p.duration or 0.0)
     check_limits(p)
@@ -98,6 +97,7 @@ def check_numbers(p: Parameters) -> None:
 
 
 def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
+    """Make a scene; paths of records are relative to `folder`."""
     tree = _check(mapping, folder)
     scene = _to_dataset(tree)
     scene.attrs["title"] = tree.get("title", "untitled scene")
@@ -111,7 +111,7 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
 
 
 def _check(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Check all tables; returns the same tree with defaults filled in and records read."""
+    """Check all tables; return them with defaults filled in and records read."""
     if not isinstance(mapping, Mapping):
         raise scene_error("scene", mapping, "a mapping with the tables of a scene; read_scene reads a file")
     _check_names(mapping)
@@ -208,14 +208,14 @@ def _check_initial(tree: dict[str, Any], dims: int) -> None:
     if exactly_one("initial", initial, tuple(INITIAL)) != "points":
         return
     line = initial["points"]
-    for index, item in enumerate(line):
-        _check_vector(f"initial.points[{index}]", item, dims)
+    for index, place in enumerate(line):
+        _check_vector(f"initial.points[{index}]", place, dims)
     chord = math.dist(tree["ends"]["lower"], tree["ends"]["upper"])
-    for end, item in zip(ENDS, (line[0], line[-1]), strict=True):
+    for end, place in zip(ENDS, (line[0], line[-1]), strict=True):
         held = tree["ends"][end]
-        if end != tree["ends"].get("free") and math.dist(item, held) > 1e-9 * chord:
+        if end != tree["ends"].get("free") and math.dist(place, held) > 1e-9 * chord:
             raise scene_error(
-                "initial.points", item, f"a line that begins and ends at the held ends (ends.{end} is {held})"
+                "initial.points", place, f"a line that begins and ends at the held ends (ends.{end} is {held})"
             )
     if not sum(math.dist(a, b) for a, b in pairwise(line)) > 1e-9 * chord:
         raise scene_error("initial.points", line, "a line of some length")
@@ -232,18 +232,18 @@ def _check_time(tree: dict[str, Any]) -> None:
 
 
 def _check_with_factor(prefix: str, table: Any, keys: Mapping[str, Key], folder: Path) -> dict[str, Any]:
-    """Check a load's table: its own keys and those of its time factor, if it has one."""
+    """Check the table of a load, with the keys of its time factor if it has one."""
     if not isinstance(table, Mapping):
         raise scene_error(prefix, table, "a table with the keys " + ", ".join(keys))
-    own = {name: value for name, value in table.items() if name in keys}
-    rest = {name: value for name, value in table.items() if name not in keys}
+    load = {name: value for name, value in table.items() if name in keys}
+    factor = {name: value for name, value in table.items() if name not in keys}
     factor_keys = {"kind", *(name for kind in time_function_keys("1").values() for name in kind)}
-    for name in rest:
+    for name in factor:
         if name not in factor_keys:
             allowed = ", ".join([*keys, "kind (of a time factor)"])
             raise SceneError(f"{join(prefix, name)}: unknown key; allowed: {allowed}")
-    checked = check_table(prefix, own, keys)
-    return checked | _check_time_function(prefix, rest, "1", folder) if rest else checked
+    checked = check_table(prefix, load, keys)
+    return checked | _check_time_function(prefix, factor, "1", folder) if factor else checked
 
 
 def _check_time_function(prefix: str, table: Any, units: str, folder: Path) -> dict[str, Any]:
@@ -265,15 +265,15 @@ def _check_motion(table: Any, dims: int, free: str | None, folder: Path) -> dict
         raise scene_error("motion", table, "tables motion.lower.x, motion.upper.y and so on")
     axes = COORDINATES[:dims]
     checked: dict[str, Any] = {}
-    for end, of_end in table.items():
+    for end, motions in table.items():
         if end not in ENDS:
             raise SceneError(f"motion.{named(end)}: unknown key; allowed: {', '.join(ENDS)}")
-        if not isinstance(of_end, Mapping):
-            raise scene_error(f"motion.{end}", of_end, f"tables motion.{end}.x and so on")
-        if end == free and of_end:
-            raise scene_error(f"motion.{end}", dict(of_end), f"no motion of the end that ends.free names ({free})")
+        if not isinstance(motions, Mapping):
+            raise scene_error(f"motion.{end}", motions, f"tables motion.{end}.x and so on")
+        if end == free and motions:
+            raise scene_error(f"motion.{end}", dict(motions), f"no motion of the end that ends.free names ({free})")
         checked[end] = {}
-        for axis, function in of_end.items():
+        for axis, function in motions.items():
             if axis not in axes:
                 raise SceneError(f"motion.{end}.{named(axis)}: unknown axis; allowed: {', '.join(axes)}")
             checked[end][axis] = _check_time_function(motion_path(end, axis), function, "m", folder)
@@ -286,9 +286,9 @@ def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, An
     checked = []
     for index, table in enumerate(loads, start=1):
         prefix = point_load_path(index)
-        item = _check_with_factor(prefix, table, POINT_LOAD, folder)
-        _check_vector(f"{prefix}.force", item["force"], dims)
-        checked.append(item)
+        load = _check_with_factor(prefix, table, POINT_LOAD, folder)
+        _check_vector(f"{prefix}.force", load["force"], dims)
+        checked.append(load)
     return checked
 
 
@@ -301,19 +301,19 @@ def _check_ensemble(table: Any, tree: dict[str, Any]) -> dict[str, Any]:
     return checked
 
 
-def _check_bounds(mapping: Mapping[str, Any], given: Mapping[str, list[float]], folder: Path) -> None:
-    """Refuse a range of an ensemble at whose bounds there is no scene."""
-    alone = {name: table for name, table in mapping.items() if name != "ensemble"}
-    for path, values in given.items():
+def _check_bounds(mapping: Mapping[str, Any], ranges: Mapping[str, list[float]], folder: Path) -> None:
+    """Refuse a range of an ensemble if the scene at one of its bounds is refused."""
+    single = {name: table for name, table in mapping.items() if name != "ensemble"}
+    for path, values in ranges.items():
         for bound in sorted({min(values), max(values)}):
             try:
-                _make(replaced(alone, path, bound), folder)
+                _make(replaced(single, path, bound), folder)
             except SceneError as error:
                 text = f"ensemble.ranges.{path}: given {shown(values)}, at {bound:g} no scene: {error}"
                 raise SceneError(text) from None
 
 
-# --- Dataset and back -----------------------------------------------------------------------------------------------
+# --- Dataset --------------------------------------------------------------------------------------------------------
 
 
 Variables = dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]

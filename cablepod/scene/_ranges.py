@@ -13,12 +13,12 @@ from cablepod.parameters._keys import join
 
 
 def check_values(key: str, given: Any, *, members: int, sampling: str) -> list[float]:
-    """Check what a range gives: [low, high], the values of a grid, or those of all members.
+    """Check the values of a range: [low, high], values of a grid, or one for each member.
 
     Raises
     ------
     SceneError
-        Naming `key`, what was given and what `sampling` allows.
+        For values that `sampling` does not allow.
     """
     if sampling == "list":
         values = numbers_list()(key, given)
@@ -38,12 +38,12 @@ def check_values(key: str, given: Any, *, members: int, sampling: str) -> list[f
 
 
 def points_of_grid(ranges: Mapping[str, list[float]], members: int, *, key: str = "ensemble.members") -> int:
-    """Return on how many points of each [low, high] a full factorial of so many members is; lists keep their own.
+    """Return the number of grid points of each [low, high], so that the full factorial has `members`; 0 for lists only.
 
     Raises
     ------
     SceneError
-        Where no number of points gives so many members; it tells the nearest that do.
+        If no number of points gives that many members; the message names the nearest possible numbers.
     """
     lists = [len(values) for values in ranges.values() if len(values) > 2]
     axes = len(ranges) - len(lists)
@@ -56,7 +56,7 @@ def points_of_grid(ranges: Mapping[str, list[float]], members: int, *, key: str 
     below, above = (max(2, least - 1), least + 1) if least**axes * fixed != members else (least, least)
     if below == above:
         return least
-    near = sorted({fixed * points**axes for points in (below, least, above)}, key=lambda item: abs(item - members))
+    near = sorted({fixed * points**axes for points in (below, least, above)}, key=lambda count: abs(count - members))
     raise scene_error(
         key,
         members,
@@ -68,23 +68,23 @@ def points_of_grid(ranges: Mapping[str, list[float]], members: int, *, key: str 
 def check_ranges(
     given: Any, tree: Any, *, members: int, sampling: str, prefix: str = "ensemble.ranges"
 ) -> dict[str, list[float]]:
-    """Check a table of ranges against the scene that they vary.
+    """Check the ranges of an ensemble against its scene.
 
     Parameters
     ----------
     given
-        From key paths to what :func:`check_values` takes.
+        Key path -> values as :func:`check_values` takes them.
     tree
-        The checked scene as nested values.
+        Checked scene as nested tables.
     members, sampling
-        As of the ensemble.
+        Number of members, kind of sampling.
     prefix
-        The table's own name, for errors.
+        Key path of the table, for messages.
 
     Raises
     ------
     SceneError
-        For no ranges, paths that lead to no number, values that cannot be, a grid of another number of members.
+        For an empty table, unknown key paths, values that are not allowed, and a grid of another number of members.
     """
     if not isinstance(given, Mapping) or not given:
         raise scene_error(prefix, given, "a table from key paths to [low, high]")

@@ -13,7 +13,7 @@ from cablepod.errors import SceneError, named
 from cablepod.scene._files import read_text
 from cablepod.scene._make import _make
 
-# Far more parts than any key of a scene has; tomllib takes minutes over twenty thousand.
+#: Key of 32 parts and more (a key of a scene has at most four; tomllib takes minutes for 20000).
 DEEP_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){32}""")
 
 
@@ -23,17 +23,17 @@ def read_scene(path: str | os.PathLike[str]) -> xr.Dataset:
     Parameters
     ----------
     path
-        The scene file; records that it names are looked for relative to its folder.
+        Scene file; paths of its records are relative to its folder.
 
     Returns
     -------
     xarray.Dataset
-        The scene, see :func:`make_scene`.
+        The scene, as of :func:`cablepod.scene.make_scene`.
 
     Raises
     ------
     SceneError
-        For a file that cannot be read or is no TOML, and for all that :func:`make_scene` refuses.
+        For a file that cannot be read or is no TOML file, and as :func:`cablepod.scene.make_scene`.
 
     Examples
     --------
@@ -54,7 +54,7 @@ def read_scene(path: str | os.PathLike[str]) -> xr.Dataset:
         raise SceneError(
             f"{named(str(path))}: not a scene: its tables or values are nested too deeply; allowed: keys of at most four parts"
         ) from None
-    except ValueError as error:  # no TOML, or a whole number of more digits than Python reads
+    except ValueError as error:  # no TOML, or an integer with more digits than Python parses
         raise SceneError(
             f"{named(str(path))}: not a TOML file: {error}; allowed: TOML, as cablepod new writes"
         ) from None
