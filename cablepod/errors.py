@@ -9,30 +9,30 @@ import xarray as xr
 
 
 class SceneError(ValueError):
-    """What a user gave cannot be a scene; the message names the key, what was given and what is allowed."""
+    """Invalid input; the message names the key, the given value and the allowed ones."""
 
 
 def scene_error(key: str, given: Any, allowed: str) -> SceneError:
-    """Make the error for `key`: what was `given` and what is `allowed`."""
+    """Make the error of `key` with the `given` value and the `allowed` ones."""
     return SceneError(f"{key}: given {shown(given)}; allowed: {allowed}")
 
 
 def shown(given: Any) -> str:
-    """Write what was given in at most 120 characters, whatever it is."""
+    """Return a value as text of at most 120 characters."""
     try:
         text = repr(given.item() if isinstance(given, np.generic) else given)
-    except Exception:  # too deep, a number too long to write, an object that cannot say what it is
+    except Exception:  # nested too deeply, an integer with too many digits, a failing __repr__
         text = f"something of type {type(given).__name__} that cannot be shown"
     return text if len(text) <= 120 else text[:117] + "..."
 
 
 def named(name: Any) -> str:
-    """Write the name of a key or file: as it is where that makes one short line, otherwise as :func:`shown` does."""
+    """Return the name of a key or file unchanged if it is one short line, otherwise as :func:`shown`."""
     return name if isinstance(name, str) and name.isprintable() and 0 < len(name) <= 300 else shown(name)
 
 
-class RunStopped(RuntimeError):  # it names what happened; the run may have been asked to end there
-    """A run left the finite numbers; `partial` is the Dataset computed until then, marked incomplete."""
+class RunStopped(RuntimeError):
+    """A run was stopped, for example because it diverged; `partial` is the Dataset up to then, marked incomplete."""
 
     def __init__(self, message: str, partial: xr.Dataset | None = None) -> None:
         super().__init__(message)
@@ -40,19 +40,19 @@ class RunStopped(RuntimeError):  # it names what happened; the run may have been
 
 
 class NotConvergedWarning(UserWarning):
-    """Two steps disagree by more than the tolerance: the motion is chaotic or needs a shorter step."""
+    """Runs with two time steps differ by more than the tolerance."""
 
 
 class ArchiveError(ValueError):
-    """A dataset that cannot be written, or a file that cannot be read; the message says which, why and what to do."""
+    """A file that cannot be written or read; the message names it, the reason and a remedy."""
 
 
 class MemberFailedWarning(UserWarning):
-    """Some members failed; they hold nan, and the variable ``failure`` says why."""
+    """Some members failed; they hold nan, with the reason in the variable ``failure``."""
 
 
 class AllFailedError(Exception):
-    """The cause of the error that is raised where all members fail; `reasons` has those of each."""
+    """Cause of the error raised if all members fail; `reasons` holds the message of each."""
 
     def __init__(self, reasons: list[str]) -> None:
         super().__init__(f"all {len(reasons)} members failed")
@@ -60,8 +60,8 @@ class AllFailedError(Exception):
 
 
 class StoppedError(Exception):
-    """Members were stopped on demand, see :func:`until`."""
+    """Members were stopped on request, see :func:`cablepod.batch._members.stop_when`."""
 
 
 class OutOfRangeWarning(UserWarning):
-    """A reduced model was used where it cannot be trusted; the message says which number decides."""
+    """A reduced model was used outside its range of validity; the message names the deciding diagnostic."""

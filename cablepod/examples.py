@@ -1,4 +1,4 @@
-"""What travels with the package: the paper's scenes, and its tables as printed."""
+"""Provide the shipped data: scenes, printed tables of the paper, reference solutions."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ __all__ = ["data_folder", "scene", "scene_path", "scenes", "table", "truth_path"
 
 
 def data_folder() -> Path:
-    """Return the folder of shipped scenes and tables: inside an installed package, or beside it in a checkout."""
+    """Return the folder of the shipped data: in the installed package, or beside it in a checkout."""
     here = Path(__file__).resolve().parent
     return here / "data" if (here / "data").is_dir() else here.parent / "data"
 
 
 def scenes() -> list[str]:
-    """Names of the shipped scenes."""
+    """Return the names of the shipped scenes."""
     return sorted(path.stem for path in (data_folder() / "scenes").glob("*.toml"))
 
 
 def scene_path(name: str) -> Path:
-    """Return the shipped scene of a bare name such as ``example2``, otherwise the file `name`.
+    """Return the path of a scene: a shipped one by its name, such as ``example2``, otherwise the file `name`.
 
-    A path ``data/scenes/...`` that is not there means the shipped file too, so that an installed package has what a checkout has.
+    A missing path ``data/scenes/...`` stands for the shipped file, so that installed packages and checkouts behave alike.
 
     Raises
     ------
     SceneError
-        Where there is neither; it lists the shipped scenes.
+        If there is no such scene or file; the message lists the shipped scenes.
     """
     path = Path(name)
     if name in scenes():
@@ -51,49 +51,49 @@ def scene_path(name: str) -> Path:
 
 
 def scene(name: str) -> xr.Dataset:
-    """Read the shipped scene of that `name`."""
+    """Read the shipped scene `name`."""
     return read_scene(data_folder() / "scenes" / f"{name}.toml")
 
 
 def table(name: str) -> dict[str, np.ndarray]:
-    """Read the table `name` of the paper, digits as printed: column -> numbers, nan where the print has none, or texts."""
+    """Read a printed table of the paper by `name`: column -> numbers (nan for empty cells) or texts."""
     with (data_folder() / f"{name}.csv").open(newline="") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     columns = {key: np.array([row[key] or "nan" for row in rows]) for key in rows[0]}
     for key, column in columns.items():
         try:
             columns[key] = column.astype(float)
-        except ValueError:  # texts stay texts
+        except ValueError:  # a column of texts
             continue
     return columns
 
 
 def truths() -> list[tuple[str, str]]:
-    """Scenes and laws of which the converged continuous cable is on file."""
+    """Return (scene, law) of each shipped reference solution of the continuous cable."""
     parts = (path.stem.rpartition("_") for path in (data_folder() / "truth").glob("*.nc"))
     return sorted((name, law) for name, _, law in parts)
 
 
 def truth_path(name: str, law: str = "green") -> Path:
-    """Return the file of the converged continuous cable of a shipped scene, for ``archive.read``.
+    """Return the file of the reference solution of a shipped scene, for ``archive.read``.
 
     Parameters
     ----------
     name
-        A shipped scene.
+        Name of a shipped scene.
     law
         "green" or "linear".
 
     Returns
     -------
     pathlib.Path
-        A netCDF file.
+        NetCDF file of the converged continuous cable.
 
     Raises
     ------
     SceneError
-        Where there is none; it lists those there are.
+        If there is none; the message lists all.
     """
     if (name, law) not in truths():
-        raise scene_error("truth", f"{name}, {law}", "; ".join(", ".join(item) for item in truths()))
+        raise scene_error("truth", f"{name}, {law}", "; ".join(", ".join(pair) for pair in truths()))
     return data_folder() / "truth" / f"{name}_{law}.nc"
