@@ -1,4 +1,4 @@
-"""One BLAS thread where matrices are small: on a busy machine two take up to forty times as long as one."""
+"""Limit BLAS to one thread for small matrices (on a busy machine two threads take up to forty times as long)."""
 
 from __future__ import annotations
 
@@ -10,31 +10,33 @@ from importlib import import_module
 from typing import Any
 
 _LOCK = threading.Lock()
-_HELD: list[Any] = []
+#: The limit followed by None for each nested or concurrent block.
+_ACTIVE: list[Any] = []
 
 
 @functools.cache
 def _controller() -> Any:
-    import_module("scipy.linalg")  # brings a BLAS of its own, which must be there to be found
-    return import_module("threadpoolctl").ThreadpoolController()  # looks at every loaded library, so once
+    """Return the controller of all loaded BLAS libraries."""
+    import_module("scipy.linalg")  # has its own BLAS, which must be loaded to be found
+    return import_module("threadpoolctl").ThreadpoolController()  # slow: inspects every loaded library
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Hold BLAS at one thread; the number that was set comes back when the last of several that hold it lets go."""
+    """Limit BLAS to one thread; the last of concurrent blocks restores the previous number."""
     with _LOCK:
-        if not _HELD:
+        if not _ACTIVE:
             limit = _controller().limit(limits=1, user_api="blas")
             limit.__enter__()
-            _HELD.append(limit)
+            _ACTIVE.append(limit)
         else:
-            _HELD.append(None)
+            _ACTIVE.append(None)
     try:
         yield
     finally:
         with _LOCK:
-            if len(_HELD) == 1:
-                _HELD[0].__exit__(None, None, None)
-                _HELD.clear()
+            if len(_ACTIVE) == 1:
+                _ACTIVE[0].__exit__(None, None, None)
+                _ACTIVE.clear()
             else:
-                _HELD.remove(None)
+                _ACTIVE.remove(None)

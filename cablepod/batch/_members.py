@@ -1,7 +1,7 @@
-"""Scenes with several members: run side by side in threads, put together along ``member``.
+"""Run the members of a scene in threads and join their results along ``member``.
 
-Compiled loops let go of the interpreter, so that threads share the cores without copies.  A member that fails holds nan, its
-reason is in the variable ``failure``, and the others go on.
+Compiled loops release the interpreter lock, so that threads share the cores without copies.  A failed member holds nan and its
+reason in the variable ``failure``; the other members are not affected.
 """
 
 from __future__ import annotations
@@ -24,24 +24,23 @@ from cablepod.batch._stack import MemberResults, Variables, arrays_of, labelled_
 from cablepod.errors import AllFailedError, MemberFailedWarning, RunStopped, StoppedError
 
 F = TypeVar("F", bound=Callable[..., xr.Dataset])
-#: Does the members from one number up to another at once: which of them it did, their variables and attributes, row by row.
+#: Runs members `first` ... `last - 1` in one call; returns a mask of those completed, their variables and attributes by row.
 RunChunk = Callable[[int, int], tuple[np.ndarray, Variables, Mapping[str, list[Any]]]]
-#: Gives variables and attributes of a member.
+#: Runs one member; returns its variables and attributes.
 RunMember = Callable[[int], tuple[Variables, Mapping[str, Any]]]
-#: Makes the members from one number up to another ready, where that is faster together; calls what is given now and then, which
-#: raises where the members are to stop.
+#: Prepares members `first` ... `last - 1` together; calls `check()` regularly, which raises StoppedError on cancellation.
 PrepareChunk = Callable[[int, int, Callable[[], None]], None]
 
 
 class BatchPlan(NamedTuple):
-    """A faster way to run members than one Dataset after the other."""
+    """Functions that run the members of a batch."""
 
-    one: RunMember
-    first: Callable[[], xr.Dataset]  #: the Dataset of one of the members that were run, as a single run gives it
-    ahead: PrepareChunk = lambda *_: None
+    run_member: RunMember
+    first: Callable[[], xr.Dataset]  #: returns the Dataset of one completed member, as of a single run
+    prepare_chunk: PrepareChunk = lambda *_: None
 
 
-#: Members that a thread takes at once.
+#: Maximum number of members that a thread takes at once.
 CHUNK = 16
 _THREADS: ContextVar[int | None] = ContextVar("threads", default=None)
 _STOP: ContextVar[Callable[[], bool] | None] = ContextVar("stop", default=None)
@@ -49,7 +48,7 @@ _STOP: ContextVar[Callable[[], bool] | None] = ContextVar("stop", default=None)
 
 @contextmanager
 def thread_limit(count: int) -> Iterator[None]:
-    """Run members in so many threads, where more would compete with other workers."""
+    """Limit the threads over members to `count`, so that they do not compete with other workers."""
     token = _THREADS.set(count)
     try:
         yield
@@ -59,7 +58,7 @@ def thread_limit(count: int) -> Iterator[None]:
 
 @contextmanager
 def stop_when(stop: Callable[[], bool]) -> Iterator[None]:
-    """Begin no further member once `stop` says so, but raise :class:`StoppedError`."""
+    """Raise :class:`cablepod.errors.StoppedError` before the next member once `stop()` is true."""
     token = _STOP.set(stop)
     try:
         yield
@@ -68,58 +67,58 @@ def stop_when(stop: Callable[[], bool]) -> Iterator[None]:
 
 
 def run_members(
-    one: RunMember,
+    run_member: RunMember,
     count: int,
     progress: Callable[[float], None] | None,
-    many: RunChunk | None = None,
-    ahead: PrepareChunk = lambda *_: None,
+    run_chunk: RunChunk | None = None,
+    prepare_chunk: PrepareChunk = lambda *_: None,
 ) -> MemberResults:
-    """Run all members and stack what they give.
+    """Run all members in threads and collect their results.
 
     Parameters
     ----------
-    one
-        Gives variables and attributes of a member.
+    run_member
+        Runs one member; returns its variables and attributes.
     count
         Number of members.
     progress
-        Called with the part that is done.
-    many
-        Does several at once, where there is a faster way; those that it did not are left to `one`.
-    ahead
-        Makes several ready for `one`.
+        Callback receiving the completed fraction, 0 to 1.
+    run_chunk
+        Runs several members in one call; those not completed are left to `run_member`.
+    prepare_chunk
+        Prepares several members for `run_member`.
 
     Raises
     ------
     Exception
-        What the first member raised, where all fail; its cause is an :class:`AllFailedError`.
+        The exception of the first member if all fail; its cause is an :class:`AllFailedError`.
     StoppedError
-        Where :func:`until` asks for it.
+        On cancellation by :func:`stop_when`.
 
     Warns
     -----
     MemberFailedWarning
-        Where some fail.
+        If some members fail.
     """
-    stack, lock, stop, halted = MemberResults(count), threading.Lock(), _STOP.get(), threading.Event()
+    stack, lock, stop, ended = MemberResults(count), threading.Lock(), _STOP.get(), threading.Event()
 
     def check() -> None:
-        if halted.is_set() or (stop is not None and stop()):
+        if ended.is_set() or (stop is not None and stop()):
             raise StoppedError
 
     def chunk(first: int) -> None:
         last = min(first + size, count)
-        left = np.arange(first, last)
-        if many is not None:
+        remaining = np.arange(first, last)
+        if run_chunk is not None:
             check()
-            did, variables, attrs = many(first, last)
-            stack.store_chunk(first, did, variables, attrs)
-            left = left[~did]
-        ahead(first, last, check)
-        for i in left.tolist():
+            completed, variables, attrs = run_chunk(first, last)
+            stack.store_chunk(first, completed, variables, attrs)
+            remaining = remaining[~completed]
+        prepare_chunk(first, last, check)
+        for i in remaining.tolist():
             check()
             try:
-                result = one(i)
+                result = run_member(i)
             except (RunStopped, ValueError, ArithmeticError) as error:
                 stack.failures[i] = error
             else:
@@ -131,7 +130,7 @@ def run_members(
 
     workers = min(_THREADS.get() or cores(), count)
     size = max(1, min(CHUNK, count // (4 * workers)))
-    _side_by_side(chunk, range(0, count, size), workers, halted)
+    _run_chunks(chunk, range(0, count, size), workers, ended)
     failed = [(i, error) for i, error in enumerate(stack.failures) if error is not None]
     if failed and len(failed) == count:
         raise failed[0][1] from AllFailedError([str(error) for _, error in failed])
@@ -148,23 +147,24 @@ def run_members(
     return stack
 
 
-def _side_by_side(chunk: Callable[[int], None], starts: range, workers: int, halted: threading.Event) -> None:
+def _run_chunks(chunk: Callable[[int], None], starts: range, workers: int, ended: threading.Event) -> None:
+    """Run all chunks, in threads if there are several workers; set `ended` at the end."""
     if workers == 1:
         for first in starts:
             chunk(first)
-        return
-    map_threads(chunk, starts, workers, ended=halted.set)
+    else:
+        map_threads(chunk, starts, workers, ended=ended.set)
 
 
 def over_members(function: F) -> F:
-    """Let a function of a scene take scenes with a dimension ``member``; the varied parameters become coordinates along it."""
+    """Decorate a function of one scene to accept the dimension ``member``; varied parameters become coordinates."""
     return over_members_by(lambda *_, **__: None)(function)
 
 
 def over_members_by(plan: Callable[..., BatchPlan | None]) -> Callable[[F], F]:
-    """Do the same as :func:`over_members` for a function of which `plan` knows a faster way.
+    """Make a decorator as :func:`over_members` with a faster `plan` for some scenes and options.
 
-    `plan` takes what the function takes but for its progress, and returns None where it does not cover what is asked for.
+    `plan` takes the arguments of the function except `progress`, and returns None for scenes and options that it does not cover.
     """
 
     def decorator(function: F) -> F:
@@ -173,13 +173,15 @@ def over_members_by(plan: Callable[..., BatchPlan | None]) -> Callable[[F], F]:
             if not isinstance(scene, xr.Dataset) or "member" not in scene.dims:
                 return function(scene, *args, **options)
             given = {name: value for name, value in options.items() if name != "progress"}
-            one, first, ahead = plan(scene, *args, **given) or _member_by_member(function, scene, args, options)
-            stack = run_members(one, scene.sizes["member"], options.get("progress"), ahead=ahead)
+            batch = plan(scene, *args, **given) or _member_by_member(function, scene, args, options)
+            stack = run_members(
+                batch.run_member, scene.sizes["member"], options.get("progress"), prepare_chunk=batch.prepare_chunk
+            )
             return provenance.record(
-                labelled_like(stack, scene, first()),
+                labelled_like(stack, scene, batch.first()),
                 function=provenance.public_name(function),
                 parameters=given | values_of_members(scene),
-                inputs=[scene, *(item for item in args if isinstance(item, xr.Dataset))],
+                inputs=[scene, *(argument for argument in args if isinstance(argument, xr.Dataset))],
             )
 
         return cast(F, wrapper)
@@ -188,20 +190,20 @@ def over_members_by(plan: Callable[..., BatchPlan | None]) -> Callable[[F], F]:
 
 
 def _member_by_member(function: F, scene: xr.Dataset, args: tuple[Any, ...], options: Mapping[str, Any]) -> BatchPlan:
-    """Run each member as a scene of its own."""
+    """Make the plan that runs each member as a single scene."""
     first: list[xr.Dataset] = []
-    own = {**options, "progress": None} if "progress" in options else options
+    single = {**options, "progress": None} if "progress" in options else options
 
-    def one(i: int) -> tuple[Variables, Mapping[str, Any]]:
-        result = function(scene.isel(member=i, drop=True), *args, **own)
+    def run_member(i: int) -> tuple[Variables, Mapping[str, Any]]:
+        result = function(scene.isel(member=i, drop=True), *args, **single)
         first[:] = [result]
         return arrays_of(result), result.attrs
 
-    return BatchPlan(one, lambda: first[0])
+    return BatchPlan(run_member, lambda: first[0])
 
 
 def values_of_members(scene: xr.Dataset) -> dict[str, Any]:
-    """Values of all that differs between members of a scene that has no id, which make the identity of what comes of them."""
+    """Return the varied values of a scene without an id, which identify results in the history."""
     if "values_sha256" in scene.attrs:
         return {}
     values = {str(name): variable.values for name, variable in scene.variables.items() if "member" in variable.dims}

@@ -1,4 +1,4 @@
-"""Threads over items, which end soon after Ctrl-C or a failure."""
+"""Map a function over items in threads, with early end after Ctrl-C or a failure."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ def map_threads(
     ended: Callable[[], None] = lambda: None,
     done: Callable[[int], None] = lambda count: None,
 ) -> list[Any]:
-    """Call a function for each item, in threads; after Ctrl-C or a failure what has not begun does not begin.
+    """Map a function over items in threads; after Ctrl-C or a failure no further item starts.
 
     Parameters
     ----------
     function, items
-        What is called, and with what.
+        Function of one argument, and its arguments.
     workers
         Number of threads.
     ended
-        Called when no more results are wanted, for those at work to end soon.
+        Called at the end, also after Ctrl-C or a failure, so that running items can return early.
     done
-        Told now and then how many items are done.
+        Callback receiving the number of completed items.
 
     Returns
     -------
@@ -39,9 +39,9 @@ def map_threads(
     Raises
     ------
     KeyboardInterrupt
-        On Ctrl-C, when what is at hand has ended.
+        On Ctrl-C, when the running items have ended.
     Exception
-        What an item raised that failed.
+        The exception of a failed item.
     """
     with defer_sigint(), ThreadPoolExecutor(workers, thread_name_prefix="cablepod") as pool:
         futures = [pool.submit(function, item) for item in items]
@@ -55,5 +55,5 @@ def map_threads(
         finally:
             ended()
             pool.shutdown(wait=False, cancel_futures=True)
-    # what others raise because they were asked to end is not why
+    # only items that ended before the failure was seen: later ones may fail because of `ended`
     return [future.result() for future in (filter(ready.__contains__, futures) if failed else futures)]

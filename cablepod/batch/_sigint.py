@@ -1,8 +1,8 @@
-"""Ctrl-C, held back where it would leave a lock taken that others wait for.
+"""Defer SIGINT (Ctrl-C) while locks of libraries are held, to avoid deadlocks.
 
-Python raises KeyboardInterrupt between any two steps of the main thread, also between the taking of a lock and the ``with`` that
-lets go of it: the locks of xarray, dask and :mod:`concurrent.futures` are written in Python and have such a place.  Whoever needs
-that lock next, a thread that hands over its result or the next file that is written, waits for ever.
+Python raises KeyboardInterrupt between any two bytecodes of the main thread, also between the acquisition of a lock and the
+``with`` block that releases it.  The locks of xarray, dask and :mod:`concurrent.futures` are written in Python and are affected:
+the lock stays acquired, and the next thread that needs it waits for ever.
 """
 
 from __future__ import annotations
@@ -17,76 +17,76 @@ from typing import Any
 
 import xarray as xr
 
-#: Seconds after which a wait looks whether Ctrl-C was pressed.
+#: Interval at which a wait checks for SIGINT [s].
 LOOK_EVERY = 0.1
 
 
 class _State:
-    """What the main thread's block holds back; no other thread is ever interrupted, or sets this."""
+    """State of the main thread's block; other threads receive no signals and do not set it."""
 
-    before: Callable[[int, Any], Any] | None = None  #: who is told of Ctrl-C otherwise; None where nothing is held back
-    pressed = told = 0  #: how often in this block, and of how many of them somebody was told
+    previous: Callable[[int, Any], Any] | None = None  #: handler outside of the block; None outside of a block
+    received = forwarded = 0  #: numbers of SIGINTs received and forwarded in this block
 
 
 def _on_sigint(number: int, frame: Any) -> None:
-    """Note Ctrl-C; whoever presses it a second time does not want to wait."""
-    _State.pressed += 1
-    if _State.pressed > 1 and _State.before is not None:
-        _State.told = _State.pressed
-        _State.before(number, frame)
+    """Count SIGINT; forward the second one immediately."""
+    _State.received += 1
+    if _State.received > 1 and _State.previous is not None:
+        _State.forwarded = _State.received
+        _State.previous(number, frame)
 
 
 @contextmanager
 def defer_sigint() -> Iterator[None]:
-    """Hold Ctrl-C back until the block is left, or :func:`check` is called in it; pressed twice it comes at once.
+    """Defer SIGINT to the end of the block or to :func:`check_sigint`; a second one is forwarded immediately.
 
-    In other threads than the main one, within another such block, and where Ctrl-C does nothing, this does nothing.
+    No effect in other threads than the main one, in nested blocks, and if SIGINT is ignored.
     """
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before) or before is _on_sigint:
+    previous = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(previous) or previous is _on_sigint:
         yield
         return
-    _State.before, _State.pressed, _State.told = before, 0, 0
+    _State.previous, _State.received, _State.forwarded = previous, 0, 0
     signal.signal(signal.SIGINT, _on_sigint)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous)
         try:
             check_sigint()
         finally:
-            _State.before = None
+            _State.previous = None
 
 
 def check_sigint() -> None:
-    """Let Ctrl-C through that was held back, here where no lock is taken.
+    """Forward a deferred SIGINT; to be called while no lock is held.
 
     Raises
     ------
     KeyboardInterrupt
-        As whoever is told of Ctrl-C otherwise does.
+        By Python's handler of SIGINT.
     """
     if (
         threading.current_thread() is threading.main_thread()
-        and _State.before is not None
-        and _State.told < _State.pressed
+        and _State.previous is not None
+        and _State.forwarded < _State.received
     ):
-        _State.told = _State.pressed
-        _State.before(signal.SIGINT, None)
+        _State.forwarded = _State.received
+        _State.previous(signal.SIGINT, None)
 
 
 @contextmanager
 def defer_sigint_during_dask(dataset: xr.Dataset) -> Iterator[None]:
-    """Let Ctrl-C through only between two tasks of what dask computes of a dataset that is held in chunks.
+    """Forward SIGINT only between two dask tasks while a chunked dataset is computed.
 
-    On leaving, none of its tasks is under way any more, so that none writes to what is given up.  A cluster's scheduler, which
-    does not tell of its tasks, is left as it is.
+    No task runs any more when the block ends, so that none writes to an abandoned target.  No effect with the scheduler of a
+    cluster, which has no callbacks for tasks.
     """
-    is_lazy = any(item.chunks is not None for item in dataset.variables.values())
+    is_lazy = any(variable.chunks is not None for variable in dataset.variables.values())
     if not is_lazy or threading.current_thread() is not threading.main_thread():
         yield
         return
-    from dask import config, threaded  # only who has chunks needs it
+    from dask import config, threaded  # slow to import, needed for chunked datasets only
     from dask.base import get_scheduler
     from dask.callbacks import Callback
 
@@ -94,19 +94,19 @@ def defer_sigint_during_dask(dataset: xr.Dataset) -> Iterator[None]:
     if get is not None and not get.__module__.startswith("dask."):
         yield
         return
-    with ExitStack() as held_too:
-        held_too.enter_context(defer_sigint())
+    with ExitStack() as stack:
+        stack.enter_context(defer_sigint())
         if get in (None, threaded.get) and config.get("pool", None) is None:
-            make = getattr(threaded, "ContextAwareThreadPoolExecutor", ThreadPoolExecutor)  # of late versions
-            pool = make(config.get("num_workers", None) or threaded.CPU_COUNT)
-            held_too.callback(pool.shutdown, cancel_futures=True)
-            held_too.enter_context(config.set(pool=pool))
-        held_too.enter_context(Callback(posttask=lambda *_: check_sigint()))
+            executor = getattr(threaded, "ContextAwareThreadPoolExecutor", ThreadPoolExecutor)  # recent versions
+            pool = executor(config.get("num_workers", None) or threaded.CPU_COUNT)
+            stack.callback(pool.shutdown, cancel_futures=True)
+            stack.enter_context(config.set(pool=pool))
+        stack.enter_context(Callback(posttask=lambda *_: check_sigint()))
         yield
 
 
 def wait_for_any(futures: Iterable[Future[Any]]) -> set[Future[Any]]:
-    """Wait until one at least is done, and return those that are.
+    """Wait until at least one future is done; return all that are.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Results of the members of a scene, joined along ``member``."""
+"""Collect the results of members and join them along ``member``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Variables = dict[str, tuple[tuple[str, ...], Any]]
 
 
 class MemberResults:
-    """Arrays with a row for each member, made from the first that arrives."""
+    """Arrays with a row for each member, allocated when the first result is stored."""
 
     def __init__(self, count: int) -> None:
         self.count = count
@@ -30,7 +30,7 @@ class MemberResults:
         self._lock = threading.Lock()
 
     def store(self, i: int, variables: Variables, attrs: Mapping[str, Any]) -> None:
-        """Keep what member `i` gave."""
+        """Store the result of member `i`."""
         if not self.variables:
             with self._lock:
                 if not self.variables:
@@ -43,9 +43,11 @@ class MemberResults:
             with self._lock:
                 self.attrs.setdefault(name, [None] * self.count)[i] = value
 
-    def store_chunk(self, first: int, did: np.ndarray, variables: Variables, attrs: Mapping[str, list[Any]]) -> None:
-        """Keep what members from `first` on gave, those that `did`."""
-        rows = np.flatnonzero(did)
+    def store_chunk(
+        self, first: int, completed: np.ndarray, variables: Variables, attrs: Mapping[str, list[Any]]
+    ) -> None:
+        """Store the results of members from `first` on, those of the mask `completed`."""
+        rows = np.flatnonzero(completed)
         if not rows.size:
             return
         i = int(rows[0])
@@ -55,53 +57,54 @@ class MemberResults:
             {name: values[i] for name, values in attrs.items()},
         )
         for name, (_, values) in variables.items():
-            if did.all():
-                self.variables[name][1][first : first + did.size] = values
+            if completed.all():
+                self.variables[name][1][first : first + completed.size] = values
             else:
                 self.variables[name][1][first + rows] = values[rows]
         for row in rows:
             self.shapes[first + row] = self.shapes[first + i]
-            for name, item in attrs.items():
-                self.attrs[name][first + row] = item[row]
+            for name, column in attrs.items():
+                self.attrs[name][first + row] = column[row]
 
     def check_shapes(self) -> None:
-        """Refuse members whose arrays differ in shape from those of the first that did not fail."""
-        good = [i for i, error in enumerate(self.failures) if error is None]
-        first = self.shapes[good[0]]
-        odd = [i for i in good if self.shapes[i] != first]
-        if odd:
-            name = next(name for name in first if self.shapes[odd[0]].get(name) != first[name])
+        """Refuse members whose arrays differ in shape from those of the first successful member."""
+        successful = [i for i, error in enumerate(self.failures) if error is None]
+        first = self.shapes[successful[0]]
+        different = [i for i in successful if self.shapes[i] != first]
+        if different:
+            name = next(name for name in first if self.shapes[different[0]].get(name) != first[name])
             dims = ", ".join(self.variables[name][0][1:])
             raise SceneError(
-                f"member {odd[0]} (and {len(odd) - 1} more): given {name} ({dims}) of shape {self.shapes[odd[0]].get(name)}; "
-                f"allowed: one shape for all, member {good[0]} has {first[name]}"
+                f"member {different[0]} (and {len(different) - 1} more): given {name} ({dims}) of shape "
+                f"{self.shapes[different[0]].get(name)}; allowed: one shape for all, member {successful[0]} has {first[name]}"
             )
 
     def attributes(self) -> dict[str, Any]:
-        """Attributes of the first member that did not fail."""
-        good = next(i for i, error in enumerate(self.failures) if error is None)
-        return {name: values[good] for name, values in self.attrs.items() if values[good] is not None}
+        """Return the attributes of the first successful member."""
+        first = next(i for i, error in enumerate(self.failures) if error is None)
+        return {name: values[first] for name, values in self.attrs.items() if values[first] is not None}
 
     def _empty(self, variables: Variables) -> Variables:
+        """Allocate arrays for all members, shaped as the variables of one."""
         needed = float(self.count * sum(np.asarray(values).nbytes for _, values in variables.values()))
         check_bytes(needed, "member and times", f"{self.count} members, {needed / 1e9:.3g} GB of output")
-        made: Variables = {}
+        arrays: Variables = {}
         for name, (dims, values) in variables.items():
             first = np.asarray(values)
-            kind = object if first.dtype.kind in "UO" else first.dtype
-            made[name] = ("member", *dims), np.empty((self.count, *first.shape), kind)
-        return made
+            dtype = object if first.dtype.kind in "UO" else first.dtype
+            arrays[name] = ("member", *dims), np.empty((self.count, *first.shape), dtype)
+        return arrays
 
     def fill_failed(self, i: int) -> None:
-        """Fill the row of a member that failed."""
+        """Fill the row of a failed member with nan, zero or empty text."""
         for _, values in self.variables.values():
             values[i] = np.nan if values.dtype.kind == "f" else "" if values.dtype.kind == "O" else 0
 
 
 def to_dataset(stack: MemberResults, scene: xr.Dataset, coords: Any) -> xr.Dataset:
-    """Make a Dataset of stacked members, with the varied parameters of the scene as coordinates along ``member``.
+    """Make a Dataset of all members, with the varied parameters of the scene as coordinates along ``member``.
 
-    Numbers among the attributes that differ become variables; `coords` are shared by all.
+    Numeric attributes that differ between members become variables; `coords` are shared by all members.
     """
     variables, attrs, first = dict(stack.variables), {}, stack.attributes()
     for name, values in stack.attrs.items():
@@ -116,11 +119,11 @@ def to_dataset(stack: MemberResults, scene: xr.Dataset, coords: Any) -> xr.Datas
     if any(stack.failures):
         reasons = np.array([str(error or "") for error in stack.failures], dtype=object)
         variables["failure"] = (("member",), reasons)
-    made = {
+    labelled = {
         name: (dims, values, {"units": ATTRIBUTE_UNITS.get(name, "1"), "long_name": name.replace("_", " ")})
         for name, (dims, values) in variables.items()
     }
-    joined = label(xr.Dataset(made, coords=coords, attrs=attrs))
+    joined = label(xr.Dataset(labelled, coords=coords, attrs=attrs))
     varied = {
         str(name): variable.copy()
         for name, variable in scene.variables.items()
@@ -135,12 +138,12 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def arrays_of(result: xr.Dataset) -> Variables:
-    """Take the arrays of all variables out of a Dataset."""
-    return {str(name): (cast(Any, item.dims), item.values) for name, item in result.variables.items()}
+    """Return dimensions and values of all variables of a Dataset."""
+    return {str(name): (cast(Any, variable.dims), variable.values) for name, variable in result.variables.items()}
 
 
 def labelled_like(stack: MemberResults, scene: xr.Dataset, first: xr.Dataset) -> xr.Dataset:
-    """Join members as the Dataset of one of them tells coordinates from variables, and their attributes."""
+    """Make a Dataset of all members, with coordinates and attributes as in the Dataset `first` of one of them."""
     joined = to_dataset(stack, scene, _shared(stack, first))
     for name, variable in joined.variables.items():
         if name in first.variables:
@@ -149,13 +152,12 @@ def labelled_like(stack: MemberResults, scene: xr.Dataset, first: xr.Dataset) ->
 
 
 def _shared(stack: MemberResults, first: xr.Dataset) -> dict[str, Any]:
-    """Take coordinates that all members have alike out of the stack."""
+    """Return the coordinates that are equal in all members, and remove them from the stack."""
     rows = [i for i, error in enumerate(stack.failures) if error is None]
     shared = {}
     for name, coordinate in first.coords.items():
         values = stack.variables[str(name)][1]
-        alike = all(np.array_equal(values[i], values[rows[0]]) for i in rows)
-        if alike:
+        if all(np.array_equal(values[i], values[rows[0]]) for i in rows):
             del stack.variables[str(name)]
             shared[str(name)] = coordinate.variable
         elif name in first.dims:

@@ -33,7 +33,7 @@ def nothing_stays_held(ctrl_c):
     before = signal.getsignal(signal.SIGINT)
     yield
     assert signal.getsignal(signal.SIGINT) is before
-    assert interrupts._State.before is None
+    assert interrupts._State.previous is None
 
 
 @pytest.mark.parametrize(

@@ -169,7 +169,7 @@ def test_members_with_other_instants_are_refused(soft):
 
 def test_a_march_leaves_alone_what_is_not_sound(soft):
     batch = chain_many.plan(scenes_of(soft, ONE, TENSIONS), step=STEP)
-    begun = [batch.one.__self__._begin(i) for i in range(3)]
+    begun = [batch.run_member.__self__._begin(i) for i in range(3)]
     march = ExplicitStepper(begun)
     assert march.states.ctypes.data % 64 == 0
     assert march.states.strides[0] % 64 == march.states.strides[1] % 64 == 0
@@ -317,4 +317,4 @@ def test_the_error_of_one_is_told_not_that_others_were_stopped():
             time.sleep(1e-3)
 
     with members.thread_limit(2), pytest.raises(TypeError, match="a fault of the program"):
-        members.run_members(lambda i: ({}, {}), 2, None, ahead=ahead)
+        members.run_members(lambda i: ({}, {}), 2, None, prepare_chunk=ahead)
