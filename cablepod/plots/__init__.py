@@ -1,8 +1,9 @@
-"""Figures: Dataset and axes in, axes out.  Nothing is shown or saved, and no global option of matplotlib is changed.
+"""Draw figures of Datasets on matplotlib axes.
 
-Without `ax` a new figure is made.  Curves differ in line style or marker as well as in colour (Okabe and Ito's), and maps go from
-dark to light, also to be read in grey.  The legend stands to the right of the axes: give figures of your own
-``layout="constrained"``, which makes room for it.  Only :func:`animate` gives something else, an :class:`Animation`.
+Functions take a Dataset and axes, and return the axes; without `ax` they make a new figure.  Nothing is shown or saved, and no
+global option of matplotlib changes.  Curves differ in line style or marker as well as in colour (Okabe and Ito's palette), and
+maps go from dark to light, so that they can be read in grey.  The legend stands to the right of the axes: figures with
+``layout="constrained"`` make room for it.  :func:`animate` returns an :class:`Animation`.
 """
 
 from cablepod.plots._animation import Animation, animate

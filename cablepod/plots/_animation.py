@@ -1,4 +1,4 @@
-"""A cable in motion, as a GIF, which notebooks show, or an MP4."""
+"""Animate a cable as a GIF or an MP4."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ import numpy as np
 import xarray as xr
 
 from cablepod.errors import scene_error
-from cablepod.parameters import _checks as checks
-from cablepod.parameters._checks import integer
-from cablepod.plots import _style as parts
-from cablepod.plots._style import COLOURS, MARKERS, MOST_DOTS, SIGMA
+from cablepod.parameters._checks import integer, number
+from cablepod.plots import _style
+from cablepod.plots._style import COLOURS, MARKERS, MAX_DOTS, SIGMA
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,12 +27,12 @@ DOTS_PER_INCH = 80
 
 
 class Animation:
-    """A figure that changes: a notebook shows it by itself, :meth:`save` writes it.
+    """Animated figure: a notebook shows it, :meth:`save` writes it.
 
     Attributes
     ----------
     ax : matplotlib.axes.Axes
-        What is drawn on.
+        Axes of the figure.
     times : numpy.ndarray
         Instants of the frames [s].
     """
@@ -48,20 +47,20 @@ class Animation:
         return self.ax.figure  # type: ignore[return-value]
 
     def show_frame(self, number: int) -> Axes:
-        """Draw the frame `number`, from 0, and return the axes."""
+        """Draw the frame `number`, counted from 0, and return the axes."""
         self._show(integer(least=0, most=self.times.size - 1)("number", number))
         return self.ax
 
     def save(self, path: str | os.PathLike[str], *, frames_per_second: float = FRAMES_PER_SECOND) -> Path:
-        """Write the animation; a file that is there is replaced.
+        """Write the animation to a file; an existing file is replaced.
 
         Parameters
         ----------
         path
-            A name that ends in ``.gif``, or in ``.mp4`` where the program ffmpeg is installed, or the package imageio-ffmpeg that
-            brings it (``pip install 'cablepod[mp4]'``).
+            Name that ends in ``.gif``, or in ``.mp4`` if the program ffmpeg or the package imageio-ffmpeg is installed (``pip
+            install 'cablepod[mp4]'``).
         frames_per_second
-            How fast it plays [1/s], 50 at most.
+            Frame rate [1/s], at most 50.
 
         Returns
         -------
@@ -71,13 +70,13 @@ class Animation:
         Raises
         ------
         SceneError
-            For another ending, a folder that is not there, an MP4 without ffmpeg.
+            For another ending, a missing folder, and an MP4 without ffmpeg.
         """
         import matplotlib as mpl
         from matplotlib import animation
 
         target, ending = Path(path), Path(path).suffix.lower()
-        speed = checks.number(above=0.0, most=50.0)("frames_per_second", frames_per_second)
+        speed = number(above=0.0, most=50.0)("frames_per_second", frames_per_second)
         program = find_ffmpeg() if ending == ".mp4" else ""
         if program is None:
             raise scene_error(
@@ -91,7 +90,7 @@ class Animation:
             raise scene_error("path", str(path), "a file in a folder that is there")
         engine = self.figure.get_layout_engine()
         self.figure.canvas.draw()
-        self.figure.set_layout_engine("none")  # laid out once: the axes do not tremble
+        self.figure.set_layout_engine("none")  # laid out once, so that the axes do not move
         writer = (animation.PillowWriter if ending == ".gif" else animation.FFMpegWriter)(fps=speed)
         width, height = self.figure.get_size_inches()
         try:
@@ -100,7 +99,7 @@ class Animation:
                 self._write(writer, target)
         finally:
             self.figure.set_layout_engine(engine)
-            self.figure.set_size_inches(width, height)  # a video has even numbers of pixels
+            self.figure.set_size_inches(width, height)  # the video writer rounds to even numbers of pixels
         return target
 
     def _write(self, writer: Any, target: Path) -> None:
@@ -114,14 +113,14 @@ class Animation:
             with tempfile.TemporaryDirectory() as folder:
                 picture = self.save(Path(folder) / "animation.gif").read_bytes()
             title = self.ax.get_title() or "a cable in motion"
-            said = html.escape(f"{title}, t = {self.times[0]:g} to {self.times[-1]:g} s", quote=True)
+            description = html.escape(f"{title}, t = {self.times[0]:g} to {self.times[-1]:g} s", quote=True)
             data = base64.b64encode(picture).decode("ascii")
-            self._page = f'<img alt="{said}" src="data:image/gif;base64,{data}">'
+            self._page = f'<img alt="{description}" src="data:image/gif;base64,{data}">'
         return self._page
 
 
 def find_ffmpeg() -> str | None:
-    """Find the program ffmpeg: the one that matplotlib is told, or finds, or that of imageio-ffmpeg; None where there is none."""
+    """Return the path of ffmpeg, as matplotlib finds it or from imageio-ffmpeg; None if there is none."""
     import matplotlib as mpl
     from matplotlib import animation
 
@@ -131,7 +130,7 @@ def find_ffmpeg() -> str | None:
         from imageio_ffmpeg import get_ffmpeg_exe
 
         return str(get_ffmpeg_exe())
-    except (ImportError, RuntimeError):  # not installed; a package without the program
+    except (ImportError, RuntimeError):  # not installed, or installed without the program
         return None
 
 
@@ -148,49 +147,49 @@ def animate(
     Parameters
     ----------
     chain, reduced
-        Trajectories with ``position (time, particle, coordinate)`` [m].  `reduced` may be left out; it needs the instants of the
-        chain, and may have other particles.
+        Trajectories with ``position (time, particle, coordinate)`` [m].  The optional `reduced` needs the instants of the chain,
+        and may have other particles.
     deflection
-        Draw the deflection normal to the chord of the moment [m] against S / L0 instead of y against x.
+        Draw the deflection normal to the instantaneous chord [m] against S / L0 instead of y against x.
     frames
-        At most so many instants, evenly spread.
+        Maximum number of frames, evenly spread over the instants.
     ax
-        Axes to draw on, of a figure of your own, which is drawn anew for each frame.
+        Axes to draw on; their figure is redrawn for each frame.
 
     Returns
     -------
     Animation
-        A notebook shows it as a GIF; ``animate(...).save("guy.gif")`` or ``"guy.mp4"`` writes it.
+        Shown as a GIF by a notebook; ``animate(...).save("guy.gif")`` or ``"guy.mp4"`` writes it.
 
     Raises
     ------
     SceneError
-        For Datasets without positions or with other instants.
+        For Datasets without positions, and for different instants.
 
     Notes
     -----
-    As :func:`cablepod.plots.shapes`, of which each frame is an instant; the first shape stays as a grey line.
+    Each frame is an instant as of :func:`cablepod.plots.shapes`; the first shape stays as a grey line.
     """
     runs = {"chain": chain} if reduced is None else {"chain": chain, "reduced": reduced}
-    positions = parts.positions(runs)
+    positions = _style.positions(runs)
     times = positions["chain"]["time"].values
     count = min(integer(least=1)("frames", frames), times.size)
-    pick = np.unique(np.linspace(0, times.size - 1, count).round().astype(int))
+    picked = np.unique(np.linspace(0, times.size - 1, count).round().astype(int))
     curves: list[tuple[np.ndarray, np.ndarray]] = []
     for key, position in positions.items():
-        rows, values = parts.instants(key, position["time"].values, times[pick]), position.values
+        rows, values = _style.instants(key, position["time"].values, times[picked]), position.values
         if deflection:
-            up = parts.deflection(key, values)[rows]
-            curves.append((np.broadcast_to(parts.sigma(key, runs[key]), up.shape), up))
+            up = _style.deflection(key, values)[rows]
+            curves.append((np.broadcast_to(_style.sigma(key, runs[key]), up.shape), up))
         else:
             curves.append((values[rows, :, 0], values[rows, :, 1]))
-    ax = _own_axes() if ax is None else ax
-    ax.plot(curves[0][0][0], curves[0][1][0], color="0.6", linewidth=0.8, zorder=0, label=f"at {times[pick[0]]:g} s")
+    ax = _private_axes() if ax is None else ax
+    ax.plot(curves[0][0][0], curves[0][1][0], color="0.6", linewidth=0.8, zorder=0, label=f"at {times[picked[0]]:g} s")
     lines = []
     for key, (across, up) in zip(runs, curves, strict=True):
         style: dict[str, Any] = {"color": COLOURS[1], "linewidth": 1.5}
         if key == "chain":
-            every = max(1, across.shape[1] // MOST_DOTS)
+            every = max(1, across.shape[1] // MAX_DOTS)
             style = {
                 "color": COLOURS[0],
                 "linestyle": "none",
@@ -198,7 +197,7 @@ def animate(
                 "markersize": 4,
                 "markevery": every,
             }
-        lines += ax.plot(across[0], up[0], label=parts.name(runs[key], key), **style)
+        lines += ax.plot(across[0], up[0], label=_style.name(runs[key], key), **style)
     if deflection:
         ax.set(xlabel=SIGMA, ylabel="deflection normal to the chord [m]")
     else:
@@ -208,19 +207,19 @@ def animate(
         margin = 0.05 * (high - low) or 0.5
         getattr(ax, f"set_{axis}lim")(low - margin, high + margin)
     clock = ax.text(0.02, 0.97, "", transform=ax.transAxes, va="top", family="monospace")
-    parts.finish(ax)
+    _style.finish(ax)
 
     def show(i: int) -> None:
         for line, (across, up) in zip(lines, curves, strict=True):
             line.set_data(across[i], up[i])
-        clock.set_text(f"t = {times[pick[i]]:.4g} s")
+        clock.set_text(f"t = {times[picked[i]]:.4g} s")
 
     show(0)
-    return Animation(ax, times[pick], show)
+    return Animation(ax, times[picked], show)
 
 
-def _own_axes() -> Axes:
-    """Axes of a figure that pyplot does not know, so that a notebook does not show it a second time."""
+def _private_axes() -> Axes:
+    """Make axes of a figure unknown to pyplot, so that a notebook does not show it twice."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

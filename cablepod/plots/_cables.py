@@ -1,4 +1,4 @@
-"""Figures of cables: shapes, displacements, tensions and phases."""
+"""Draw cables: shapes, displacements, tensions, phase portraits."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import xarray as xr
 
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import choice, number, numbers_list
-from cablepod.plots import _style as parts
-from cablepod.plots._style import COLOURS, DEFAULT_INSTANTS, LINES, MARKERS, MOST_DOTS, MOST_INSTANTS, PLACE, SIGMA
+from cablepod.plots import _style
+from cablepod.plots._style import COLOURS, DEFAULT_INSTANTS, LINES, MARKERS, MAX_DOTS, MAX_INSTANTS, PLACE, SIGMA
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,15 +30,14 @@ def shapes(
     Parameters
     ----------
     chain, reduced
-        Trajectories with ``position (time, particle, coordinate)`` [m]; `reduced` may be left out, and may have other
-        particles than the chain.
+        Trajectories with ``position (time, particle, coordinate)`` [m]; the optional `reduced` may have other particles.
     times
-        At most six instants [s], which both trajectories must have; by default five, evenly spread over the chain's.
+        At most six instants [s] of both trajectories; by default five, evenly spread over those of the chain.
     deflection
-        Draw the deflection normal to the chord of the moment [m] against S / L0 instead of y against x: a motion that
-        is small beside the span is visible only so.
+        Draw the deflection normal to the instantaneous chord [m] against S / L0 instead of y against x.  Motions that are small
+        compared with the span are visible only in this form.
     ax
-        Axes to draw on.
+        Axes to draw on; new ones by default.
 
     Returns
     -------
@@ -48,36 +47,36 @@ def shapes(
     Raises
     ------
     SceneError
-        For Datasets without positions, instants that they do not have, and ends that coincide where a chord is needed.
+        For Datasets without positions, missing instants, and coincident ends if a chord is needed.
 
     Notes
     -----
-    The normal lies in the plane of the chord and y and points up at the first instant.  A spatial cable is drawn as
-    seen along z, or by its deflection in that plane; the legend says so.
+    The normal lies in the plane of the chord and y, and points up at the first instant.  A spatial cable is seen along z, or
+    drawn by its deflection in that plane, as the legend states.
     """
     runs = {"chain": chain} if reduced is None else {"chain": chain, "reduced": reduced}
-    positions = parts.positions(runs)
+    positions = _style.positions(runs)
     wanted = _wanted(positions["chain"], times)
     curves: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for key, position in positions.items():
-        pick, values = parts.instants(key, position["time"].values, wanted), position.values
+        pick, values = _style.instants(key, position["time"].values, wanted), position.values
         if deflection:
-            up = parts.deflection(key, values)[pick]
-            curves[key] = np.broadcast_to(parts.sigma(key, runs[key]), up.shape), up
+            up = _style.deflection(key, values)[pick]
+            curves[key] = np.broadcast_to(_style.sigma(key, runs[key]), up.shape), up
         else:
             curves[key] = values[pick, :, 0], values[pick, :, 1]
-    ax = parts.axes(ax)
+    ax = _style.axes(ax)
     handles = _draw_instants(ax, *curves.values())
-    title = "dots: " + parts.name(chain, "chain")
+    title = "dots: " + _style.name(chain, "chain")
     if reduced is not None:
-        title += "\nlines: " + parts.name(reduced, "reduced cable")
+        title += "\nlines: " + _style.name(reduced, "reduced cable")
     if positions["chain"].sizes["coordinate"] > 2:
         title += "\nin the plane of chord and y" if deflection else "\nseen along z"
     if deflection:
         ax.set(xlabel=SIGMA, ylabel="deflection normal to the chord [m]")
     else:
         ax.set(xlabel="x [m]", ylabel="y [m]")
-    return parts.finish(ax, title=title, handles=handles, labels=[f"t = {t:g} s" for t in wanted])
+    return _style.finish(ax, title=title, handles=handles, labels=[f"t = {t:g} s" for t in wanted])
 
 
 def snapshots(
@@ -90,20 +89,19 @@ def snapshots(
 ) -> Axes:
     """Draw snapshots of the chain against the continuous cable, their displacements magnified.
 
-    Both are drawn as x(0) + m (x(t) - x(0)): of a taut cable the displacements are a thousandth of the span, and the shapes
-    alone would all lie on one line.
+    Both are drawn as x(0) + m (x(t) - x(0)), because displacements of a taut cable are about a thousandth of the span.
 
     Parameters
     ----------
     chain, cable
-        Trajectories with ``position (time, particle, coordinate)`` [m], of the same coordinates; particles may differ.
+        Trajectories with ``position (time, particle, coordinate)`` [m], with equal coordinates; particles may differ.
     times
-        At most six instants [s], which both must have; by default five, evenly spread over the chain's.
+        At most six instants [s] of both trajectories; by default five, evenly spread over those of the chain.
     magnify
-        The factor m, above 0; by default the number 1, 2 or 5 times a power of ten that brings the largest displacement next
-        to a tenth of the chord, and 1 where nothing moves or ends coincide.
+        The factor m, above 0; by default 1, 2 or 5 times a power of ten, so that the largest displacement is about a tenth of
+        the chord, and 1 without motion or chord.
     ax
-        Axes to draw on.
+        Axes to draw on; new ones by default.
 
     Returns
     -------
@@ -114,24 +112,24 @@ def snapshots(
     Raises
     ------
     SceneError
-        For Datasets without positions, instants that they do not have, a factor that is not above 0.
+        For Datasets without positions, missing instants, and a factor that is not above 0.
     """
-    positions = parts.positions({"chain": chain, "cable": cable})
+    positions = _style.positions({"chain": chain, "cable": cable})
     wanted = _wanted(positions["chain"], times)
-    picks = [parts.instants(key, position["time"].values, wanted) for key, position in positions.items()]
+    picks = [_style.instants(key, position["time"].values, wanted) for key, position in positions.items()]
     values = [position.values for position in positions.values()]
     factor = _factor(values[0][picks[0]], values[0][0]) if magnify is None else number(above=0.0)("magnify", magnify)
-    ax = parts.axes(ax)
+    ax = _style.axes(ax)
     first = values[1][0]
     ax.plot(first[:, 0], first[:, 1], color="0.6", linewidth=0.8, zorder=0)
     drawn = [x[0] + factor * (x[pick] - x[0]) for x, pick in zip(values, picks, strict=True)]
     handles = _draw_instants(ax, *((x[..., 0], x[..., 1]) for x in drawn))
-    title = f"dots: {parts.name(chain, 'chain')}\nlines: {parts.name(cable, 'cable')}\ngrey: at t = "
+    title = f"dots: {_style.name(chain, 'chain')}\nlines: {_style.name(cable, 'cable')}\ngrey: at t = "
     title += f"{positions['cable']['time'].values[0]:g} s\ndisplacements × {factor:g}"
     if first.shape[1] > 2:
         title += "\nseen along z"
     ax.set(xlabel="x [m]", ylabel="y [m]")
-    return parts.finish(ax, title=title, handles=handles, labels=[f"t = {t:g} s" for t in wanted])
+    return _style.finish(ax, title=title, handles=handles, labels=[f"t = {t:g} s" for t in wanted])
 
 
 def rest(cable: xr.Dataset, chain: xr.Dataset | None = None, *, ax: Axes | None = None) -> Axes:
@@ -140,9 +138,9 @@ def rest(cable: xr.Dataset, chain: xr.Dataset | None = None, *, ax: Axes | None 
     Parameters
     ----------
     cable, chain
-        What ``catenary.rest`` and ``chain.rest`` give: ``position (particle, coordinate)`` [m].
+        Results of ``catenary.rest`` and ``chain.rest`` with ``position (particle, coordinate)`` [m].
     ax
-        Axes to draw on.
+        Axes to draw on; new ones by default.
 
     Returns
     -------
@@ -152,16 +150,16 @@ def rest(cable: xr.Dataset, chain: xr.Dataset | None = None, *, ax: Axes | None 
     Raises
     ------
     SceneError
-        For Datasets that are no cable at rest.
+        For Datasets without positions of one instant.
     """
-    line = parts.take("cable", cable, "position", PLACE, "a cable at rest, from a rest")
-    dots = None if chain is None else parts.take("chain", chain, "position", PLACE, "a chain at rest, from chain.rest")
-    ax = parts.axes(ax)
+    line = _style.take("cable", cable, "position", PLACE, "a cable at rest, from a rest")
+    dots = None if chain is None else _style.take("chain", chain, "position", PLACE, "a chain at rest, from chain.rest")
+    ax = _style.axes(ax)
     ax.plot(*line.values[:, :2].T, color=COLOURS[3], label="continuous cable")
     if dots is not None:
         ax.plot(*dots.values[:, :2].T, color=COLOURS[0], linestyle="none", marker="o", markersize=3.5, label="chain")
     ax.set(xlabel="x [m]", ylabel="y [m]")
-    return parts.finish(ax, title="at rest, seen along z" if line.sizes["coordinate"] > 2 else "at rest")
+    return _style.finish(ax, title="at rest, seen along z" if line.sizes["coordinate"] > 2 else "at rest")
 
 
 def tension(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
@@ -170,28 +168,28 @@ def tension(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     run
-        A trajectory with ``tension (time, link)`` [N], from a simulate with ``outputs=("tension",)``.
+        Trajectory with ``tension (time, link)`` [N], as of ``chain.simulate(..., outputs=("tension",))``.
     ax
-        Axes to draw on.
+        Axes to draw on; new ones by default.
 
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones: time [s] across, S / L0 up, the tension as darkness, with a bar of colours beside.  Where it is zero
-        or less somewhere, what lies there is hatched.
+        `ax`, or new ones: time [s] across, S / L0 up, tension by colour with a colour bar.  Tensions of zero or less are
+        hatched.
 
     Raises
     ------
     SceneError
-        For a Dataset without tensions, or one instant only.
+        For a Dataset without tensions, or with a single instant or link.
     """
     allowed = 'a trajectory with tensions, from a simulate with outputs=("tension",)'
-    array = parts.take("run", run, "tension", ("time", "link"), allowed)
+    array = _style.take("run", run, "tension", ("time", "link"), allowed)
     across, up = array["time"].values, _middles(run, array)
     if min(array.shape) < 2:
         raise scene_error("run", f"tension {dict(array.sizes)}", "two instants and two links at least")
-    ax = parts.axes(ax)
-    # cividis: dark to light in grey too, and the same to those who do not tell red from green
+    ax = _style.axes(ax)
+    # cividis is monotonic in grey and safe for colour-blind readers
     mesh = ax.pcolormesh(across, up, array.values.T, cmap="cividis", shading="nearest", rasterized=True)
     ax.figure.colorbar(mesh, ax=ax, label="tension [N]")
     slack = array.values.T <= 0.0
@@ -200,7 +198,7 @@ def tension(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 
         corners = np.asarray(mesh.get_coordinates())
         cells = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]], axis=2)[slack]
-        # hatches have the colour of edges
+        # hatches take the edge colour
         ax.add_collection(PolyCollection(list(cells), facecolor="none", edgecolor="white", linewidth=0.0, hatch="////"))
         ax.set_title("hatched: zero or less", fontsize="medium")
     ax.set(xlabel="time [s]", ylabel=SIGMA)
@@ -215,35 +213,35 @@ def phase_portraits(
     Parameters
     ----------
     run
-        A trajectory with ``position`` [m] and ``velocity`` [m/s] over (time, particle, coordinate), from a simulate with
-        ``outputs=("position", "velocity")``; instants should be close, because they are joined by straight lines.
+        Trajectory with ``position`` [m] and ``velocity`` [m/s] over (time, particle, coordinate), as of ``chain.simulate(...,
+        outputs=("position", "velocity"))``; its instants are joined by straight lines and should be close.
     at
-        At most six places S / L0, from 0 to 1; the nearest particle is drawn, and named with its own S / L0.
+        At most six places S / L0, from 0 to 1; the nearest particle is drawn, labelled with its S / L0.
     coordinate
         "x", "y" or "z".
     ax
-        Axes to draw on.
+        Axes to draw on; new ones by default.
 
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones: a curve for each place, from a large dot at the first instant on.
+        `ax`, or new ones: a curve for each place, with a large marker at the first instant.
 
     Raises
     ------
     SceneError
-        For a Dataset without positions or velocities, places outside the cable, a coordinate that it does not have.
+        For a Dataset without positions or velocities, places outside the cable, and a missing coordinate.
     """
     allowed = 'a trajectory, from a simulate with outputs=("position", "velocity")'
-    x, v = (parts.take("run", run, name, ("time", *PLACE), allowed) for name in ("position", "velocity"))
+    x, v = (_style.take("run", run, name, ("time", *PLACE), allowed) for name in ("position", "velocity"))
     names = [str(name) for name in x["coordinate"].values]
     choice(*names)("coordinate", coordinate)
     places = numbers_list()("at", np.atleast_1d(at))
-    if len(places) > MOST_INSTANTS or not all(0.0 <= item <= 1.0 for item in places):
-        raise scene_error("at", places, f"one to {MOST_INSTANTS} places from 0 to 1")
-    sigma = parts.sigma("run", run)
+    if len(places) > MAX_INSTANTS or not all(0.0 <= place <= 1.0 for place in places):
+        raise scene_error("at", places, f"one to {MAX_INSTANTS} places from 0 to 1")
+    sigma = _style.sigma("run", run)
     place, speed = (part.values[..., names.index(coordinate)] for part in (x, v))
-    ax = parts.axes(ax)
+    ax = _style.axes(ax)
     for i, wanted in enumerate(places):
         k = int(np.abs(sigma - wanted).argmin())
         moved = place[:, k] - place[0, k]
@@ -251,28 +249,28 @@ def phase_portraits(
         ax.plot(moved, speed[:, k], color=COLOURS[i], linestyle=LINES[i], linewidth=1.0, label=label)
         ax.plot(moved[:1], speed[:1, k], color=COLOURS[i], marker=MARKERS[i], markersize=7)
     ax.set(xlabel=f"displacement in {coordinate} from the first instant [m]", ylabel=f"velocity in {coordinate} [m/s]")
-    return parts.finish(ax, title=f"{parts.name(run, 'cable')}\nlarge: first instant")
+    return _style.finish(ax, title=f"{_style.name(run, 'cable')}\nlarge: first instant")
 
 
 def _wanted(position: xr.DataArray, times: Sequence[float] | np.ndarray | None) -> np.ndarray:
-    """Check instants [s], or spread some evenly."""
+    """Return the checked instants [s], or evenly spread ones by default."""
     if times is None:
         instants = position["time"].values
         return instants[np.linspace(0, instants.size - 1, min(DEFAULT_INSTANTS, instants.size)).round().astype(int)]
     wanted = np.atleast_1d(np.asarray(times, dtype=float))
-    if not 1 <= wanted.size <= MOST_INSTANTS:
-        raise scene_error("times", f"{wanted.size} instants", f"one to {MOST_INSTANTS}")
+    if not 1 <= wanted.size <= MAX_INSTANTS:
+        raise scene_error("times", f"{wanted.size} instants", f"one to {MAX_INSTANTS}")
     return wanted
 
 
 def _draw_instants(ax: Axes, *curves: tuple[np.ndarray, np.ndarray]) -> list[tuple[Any, ...]]:
-    """Draw curves (instant, point), the first as dots, others as lines; returns the handles of each instant."""
+    """Draw curves (instant, point), the first as dots, others as lines; return the handles of each instant."""
     handles: list[tuple[Any, ...]] = [() for _ in curves[0][0]]
     for which, (across, up) in enumerate(curves):
         for i in range(len(handles)):
             style: dict[str, Any] = {"linestyle": LINES[i], "linewidth": 1.2}
             if which == 0:
-                every = max(1, across.shape[1] // MOST_DOTS)
+                every = max(1, across.shape[1] // MAX_DOTS)
                 style = {
                     "linestyle": "none",
                     "marker": MARKERS[i],
@@ -285,7 +283,7 @@ def _draw_instants(ax: Axes, *curves: tuple[np.ndarray, np.ndarray]) -> list[tup
 
 
 def _factor(position: np.ndarray, first: np.ndarray) -> float:
-    """Return a round number that makes the largest displacement about a tenth of the chord."""
+    """Return a round factor that magnifies the largest displacement to about a tenth of the chord."""
     largest = float(np.linalg.norm(position - first, axis=-1).max())
     chord = float(np.linalg.norm(first[-1] - first[0]))
     if not largest > 0.0 or not chord > 0.0:
@@ -296,8 +294,8 @@ def _factor(position: np.ndarray, first: np.ndarray) -> float:
 
 
 def _middles(run: xr.Dataset, tension: xr.DataArray) -> np.ndarray:
-    """Return S / L0 [1] of the middles of the links."""
-    sigma = parts.sigma("run", run)
+    """Return S / L0 [1] of the link centres."""
+    sigma = _style.sigma("run", run)
     if "link_arc_length" in run.variables:
         arc = np.asarray(run["arc_length"].values)
         return (run["link_arc_length"].values - arc[0]) / (arc[-1] - arc[0])

@@ -1,4 +1,4 @@
-"""Figures of tables and maps: the stability matrix, and a quantity over two parameters."""
+"""Draw maps of a quantity over two parameters, and the stability matrix."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 import xarray as xr
 
 from cablepod.errors import SceneError, scene_error
-from cablepod.plots import _style as parts
+from cablepod.plots import _style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Look = tuple[str, str, str, str]
-#: Class or state -> letter, fill, hatch, text.  Light to dark in grey too, and never red against green.
+#: Class or state -> letter, fill, hatch, colour of the text (distinct in grey, no red against green).
 CLASSES: dict[str, Look] = {
     "accurate": ("A", "#cfe6f5", "", "black"),
     "inaccurate": ("I", "#f0c64f", "", "black"),
@@ -41,7 +41,7 @@ SHORT = {
 INITIAL = {"velocity_verlet": "V", "trapezoidal": "T", "generalized_alpha": "G", "energy_momentum": "E", "rattle": "R"}
 OF_CASES = ("outcome", "error", "energy_drift", "kept", "group", "chaotic")
 OF_TOLERANCES = ("tolerance_state", "tolerance_error", "tolerance_scheme")
-#: Height of a row, and of head and legend [inch].
+#: Height of a row, and of headings and legend [inch].
 ROW, FRAME = 0.235, 1.45
 
 
@@ -53,30 +53,29 @@ def parameter_map(
     Parameters
     ----------
     result
-        With `variable` over the dimensions `x` and `y`, or over ``member`` with `x` and `y` along it, as the results of
-        ensembles have them.
+        With `variable` over the dimensions `x` and `y`, or with all three along ``member`` as in results of ensembles.
     variable
-        Name of a variable of numbers.
+        Name of a numeric variable.
     x, y
-        Names of the parameters, of numbers.
+        Names of two numeric parameters.
     contours
-        Draw lines of equal value with numbers on them, where the parameters make a full grid.
+        Draw labelled contour lines if the parameters form a full grid.
     ax
-        Axes to draw on.
+        Axes to draw on; new ones by default.
 
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones, with a bar of colours: a map where the members make a full grid of three by three or more, otherwise a
-        dot for each.  Crosses are members without a result.  Labels are the variables' long names and units.
+        `ax`, or new ones, with a colour bar: a map for a full grid of at least three by three, otherwise a dot for each member.
+        Crosses mark members without a result.  Labels are long names and units of the variables.
 
     Raises
     ------
     SceneError
-        For names that the Dataset does not have, or other dimensions.
+        For missing variables and for other dimensions.
     """
-    across, up, values = _three(result, variable, x, y)
-    ax = parts.axes(ax)
+    across, up, values = _flat_columns(result, variable, x, y)
+    ax = _style.axes(ax)
     label = _label(result, variable)
     missing = ~np.isfinite(values)
     columns, rows = np.unique(across), np.unique(up)
@@ -88,7 +87,7 @@ def parameter_map(
         drawn: Any = ax.pcolormesh(columns, rows, table, cmap="cividis", shading="nearest", rasterized=True)
         if contours and table.count() > 3 and table.max() > table.min():
             middle = 0.5 * (float(table.max()) + float(table.min()))
-            # white on what is dark and black on what is light: numbers are read on any ground
+            # white on dark and black on light areas
             lines = ax.contour(columns, rows, table, levels=6, linewidths=0.8)
             lines.set_edgecolor(["white" if level < middle else "black" for level in lines.levels])
             ax.clabel(lines, fontsize=8, colors=["white" if level < middle else "black" for level in lines.levels])
@@ -96,7 +95,7 @@ def parameter_map(
         drawn = ax.scatter(across[~missing], up[~missing], c=values[~missing], cmap="cividis", edgecolors="0.4", s=36)
     ax.figure.colorbar(drawn, ax=ax, label=label)
     if missing.any():
-        ax.plot(across[missing], up[missing], "x", color=parts.COLOURS[1], markersize=6)
+        ax.plot(across[missing], up[missing], "x", color=_style.COLOURS[1], markersize=6)
         ax.set_title("crosses: no result", fontsize="medium")
     ax.set(xlabel=_label(result, x), ylabel=_label(result, y))
     return ax
@@ -108,15 +107,15 @@ def stability(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     result
-        What ``pipelines/stability/run.py`` writes: over (case, scheme) the class ``outcome``, ``error``, ``energy_drift`` and
-        ``kept`` [1]; over (case, wanted_error) what came of a tolerance; the names of classes and states as attributes.
+        Dataset written by ``pipelines/stability/run.py``: over (case, scheme) the class ``outcome``, ``error``, ``energy_drift``
+        and ``kept`` [1]; over (case, wanted_error) the outcome of a tolerance; names of classes and states as attributes.
     ax
-        Axes to draw on; about a quarter of an inch of height for each case keeps the texts apart.
+        Axes to draw on; a quarter of an inch of height for each case keeps the texts apart.
 
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones of fitting size; the legend below says what letters and numbers mean.
+        `ax`, or new ones of sufficient size; the legend explains letters and numbers.
 
     Raises
     ------
@@ -128,9 +127,9 @@ def stability(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
             raise SceneError(
                 f"result: given a {type(result).__name__} without {name}; allowed: what pipelines/stability/run.py writes"
             )
-    headings, rows = _places(result)
+    headings, rows = _row_heights(result)
     bottom = float(rows[-1]) + 1.0
-    ax = parts.axes(ax, size=(12.5, stability_height(result)))
+    ax = _style.axes(ax, size=(12.5, stability_height(result)))
     _frame(ax, result, headings, rows, bottom)
     classes, states = result.attrs["classes"].split(", "), result.attrs["states"].split(", ")
     schemes = result.sizes["scheme"]
@@ -145,15 +144,15 @@ def stability(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
 
 
 def stability_height(result: xr.Dataset) -> float:
-    """Return the height that suits the stability matrix [inch]."""
-    return (float(_places(result)[1][-1]) + 1.0) * ROW + FRAME
+    """Return the height of a figure of the stability matrix [inch]."""
+    return (float(_row_heights(result)[1][-1]) + 1.0) * ROW + FRAME
 
 
-def _three(result: xr.Dataset, variable: str, x: str, y: str) -> tuple[np.ndarray, ...]:
-    """Take two parameters and a quantity, as three lists of numbers."""
+def _flat_columns(result: xr.Dataset, variable: str, x: str, y: str) -> tuple[np.ndarray, ...]:
+    """Return two parameters and a quantity as flat arrays of equal length."""
     if not isinstance(result, xr.Dataset):
         raise scene_error("result", type(result).__name__, "a Dataset")
-    numbers = [str(name) for name, item in result.variables.items() if item.dtype.kind in "iuf"]
+    numbers = [str(name) for name, column in result.variables.items() if column.dtype.kind in "iuf"]
     for key, name in (("variable", variable), ("x", x), ("y", y)):
         if name not in numbers:
             raise scene_error(key, name, "a variable of numbers: " + ", ".join(numbers))
@@ -171,18 +170,19 @@ def _three(result: xr.Dataset, variable: str, x: str, y: str) -> tuple[np.ndarra
 
 
 def _label(result: xr.Dataset, name: str) -> str:
+    """Return long name and units of a variable."""
     attrs = result[name].attrs
     return f"{attrs.get('long_name', name.replace('_', ' '))} [{attrs.get('units', '1')}]"
 
 
 def _number(value: float) -> str:
-    """Write a number with one digit as short as can be."""
+    """Write a number with one significant digit."""
     mantissa, exponent = f"{value:.0e}".split("e")
     return f"{mantissa}e{int(exponent)}"
 
 
-def _places(result: xr.Dataset) -> tuple[list[tuple[float, str]], np.ndarray]:
-    """Return heights and texts of the headings of the groups, and heights of the rows."""
+def _row_heights(result: xr.Dataset) -> tuple[list[tuple[float, str]], np.ndarray]:
+    """Return (height, text) of the group headings, and heights of the rows."""
     headings, rows, height, last = [], [], 0.0, ""
     for group in result["group"].values:
         if group != last:
@@ -205,7 +205,7 @@ def _cell(ax: Axes, x: float, y: float, look: Look, text: str) -> None:
 
 
 def _scheme_text(result: xr.Dataset, i: int, j: int, letter: str) -> str:
-    """Letter, error, drift of the energy, or what part was computed before a run was stopped."""
+    """Return letter, error and energy drift, or the completed part of a stopped run."""
     error, drift = (float(result[key].values[i, j]) for key in ("error", "energy_drift"))
     if letter == "S":
         return f"S  at {100 * float(result['kept'].values[i, j]):.0f} %"
@@ -214,7 +214,7 @@ def _scheme_text(result: xr.Dataset, i: int, j: int, letter: str) -> str:
 
 
 def _tolerance_text(result: xr.Dataset, i: int, j: int, letter: str) -> str:
-    """Letter, error, and the initial of the scheme that was picked."""
+    """Return letter, error and the initial of the chosen scheme."""
     error, scheme = float(result["tolerance_error"].values[i, j]), int(result["tolerance_scheme"].values[i, j])
     if np.isnan(error):
         return letter
@@ -222,7 +222,7 @@ def _tolerance_text(result: xr.Dataset, i: int, j: int, letter: str) -> str:
 
 
 def _frame(ax: Axes, result: xr.Dataset, headings: list[tuple[float, str]], rows: np.ndarray, bottom: float) -> None:
-    """Prepare the axes of the matrix: headings, names, legend."""
+    """Draw headings, names and legend of the matrix."""
     from matplotlib.patches import Patch
 
     schemes, tolerances = list(result["scheme"].values), list(result["wanted_error"].values)
@@ -246,11 +246,11 @@ def _frame(ax: Axes, result: xr.Dataset, headings: list[tuple[float, str]], rows
         for name, (letter, fill, hatch, _) in CLASSES.items()
         if letter
     ]
-    said = (
+    notes = (
         "number: error over the motion (accurate: up to 1 %);  ΔE: energy drift over kinetic and strain energy;  S at: part "
         "computed and kept\n* chaotic: judged by statistics, as the long runs are;  right: error with that tolerance (A met, "
         "W missed with a warning,\n- no single truth) by velocity Verlet (V) or the trapezoidal rule (T), as it picks; of rigid "
         "links by RATTLE (R);\nrigid links in scenes of elastic ones: distance of the models"
     )
-    ax.legend(handles=patches, ncols=5, loc="upper center", bbox_to_anchor=(0.42, 0.0), fontsize=8.5, frameon=False, title=said,
+    ax.legend(handles=patches, ncols=5, loc="upper center", bbox_to_anchor=(0.42, 0.0), fontsize=8.5, frameon=False, title=notes,
               title_fontsize=8, alignment="left")  # fmt: skip

@@ -1,4 +1,4 @@
-"""Figures of modes and of what is expanded in them."""
+"""Draw modes, singular values and amplitudes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.parameters._checks import integer
-from cablepod.plots import _style as parts
+from cablepod.plots import _style
 from cablepod.plots._style import MARKS, MODES, SIGMA
 
 if TYPE_CHECKING:
@@ -21,11 +21,11 @@ def modes(modes: xr.Dataset, *, count: int = 3, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     modes
-        What ``pod.decompose`` gives, of any layout.
+        Result of ``pod.decompose``, of any layout.
     count
-        How many modes, from the first; fewer where there are fewer.
+        Maximum number of modes, from the first.
     ax
-        Axes to draw on.
+        Axes to draw on; new ones by default.
 
     Returns
     -------
@@ -38,41 +38,41 @@ def modes(modes: xr.Dataset, *, count: int = 3, ax: Axes | None = None) -> Axes:
     SceneError
         For a Dataset without modes.
     """
-    shape = parts.take("modes", modes, "mode_shape", ("particle", "mode"), MODES, more=1)
-    ax = _by_mode(ax, parts.sigma("modes", modes), shape, count)
+    shape = _style.take("modes", modes, "mode_shape", ("particle", "mode"), MODES, more=1)
+    ax = _by_mode(ax, _style.sigma("modes", modes), shape, count)
     ax.set(xlabel=SIGMA, ylabel="mode shape, of unit norm [1]")
-    return parts.finish(ax)
+    return _style.finish(ax)
 
 
 def singular_values(modes: xr.Dataset, *, ax: Axes | None = None) -> Axes:
-    """Draw the singular values [m] over the number of the mode, on a logarithmic axis.
+    """Draw the singular values [m] over the mode number, on a logarithmic axis.
 
     Parameters
     ----------
     modes
-        What ``pod.decompose`` gives, of any layout.
+        Result of ``pod.decompose``, of any layout.
     ax
-        Axes to draw on.
+        Axes to draw on; new ones by default.
 
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones: a curve for each coordinate where modes are separate.  Values of zero are left out.
+        `ax`, or new ones: a curve for each coordinate that has modes of its own.  Zeros are left out.
 
     Raises
     ------
     SceneError
         For a Dataset without singular values.
     """
-    values = parts.take("modes", modes, "singular_value", ("mode",), MODES, more=1)
-    ax = parts.axes(ax)
-    for i, (name, part) in enumerate(parts.sets(values, 1)):
-        parts.log(
-            ax, parts.numbers(values), part, name or "all modes", parts.style(i, i, MARKS)
+    values = _style.take("modes", modes, "singular_value", ("mode",), MODES, more=1)
+    ax = _style.axes(ax)
+    for i, (name, part) in enumerate(_style.sets(values, 1)):
+        _style.log(
+            ax, _style.numbers(values), part, name or "all modes", _style.style(i, i, MARKS)
         )  # every mode is marked
     ax.locator_params(axis="x", integer=True, min_n_ticks=1)
     ax.set(xlabel="number of the mode [1]", ylabel="singular value [m]", yscale="log")
-    return parts.finish(ax)
+    return _style.finish(ax)
 
 
 def amplitudes(run: xr.Dataset, *, count: int = 3, ax: Axes | None = None) -> Axes:
@@ -83,34 +83,34 @@ def amplitudes(run: xr.Dataset, *, count: int = 3, ax: Axes | None = None) -> Ax
     run
         What a reduced model or ``pod.project`` gives.
     count
-        How many modes, from the first; fewer where there are fewer.
+        Maximum number of modes, from the first.
     ax
-        Axes to draw on.
+        Axes to draw on; new ones by default.
 
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones: a colour and marker for each mode, a line style for each coordinate where modes are separate.
+        `ax`, or new ones: a colour and marker for each mode, a line style for each coordinate that has modes of its own.
 
     Raises
     ------
     SceneError
         For a Dataset without amplitudes.
     """
-    amplitude = parts.take(
+    amplitude = _style.take(
         "run", run, "amplitude", ("time", "mode"), "what a reduced model or pod.project gives", more=1
     )
     ax = _by_mode(ax, amplitude["time"].values, amplitude, count)
     ax.set(xlabel="time [s]", ylabel="amplitude [m]")
-    return parts.finish(ax)
+    return _style.finish(ax)
 
 
 def _by_mode(ax: Axes | None, across: np.ndarray, array: xr.DataArray, count: int) -> Axes:
     """Draw the first `count` modes of each set of an array (..., points, mode)."""
     integer(least=1)("count", count)
-    ax = parts.axes(ax)
-    for j, (name, part) in enumerate(parts.sets(array, 2)):
-        for i, number in enumerate(parts.numbers(array)[:count]):
+    ax = _style.axes(ax)
+    for j, (name, part) in enumerate(_style.sets(array, 2)):
+        for i, number in enumerate(_style.numbers(array)[:count]):
             label = f"{name}, mode {number}" if name else f"mode {number}"
-            ax.plot(across, part[:, i], label=label, **parts.style(i, j, across.size))
+            ax.plot(across, part[:, i], label=label, **_style.style(i, j, across.size))
     return ax

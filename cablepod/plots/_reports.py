@@ -1,4 +1,4 @@
-"""Figures of errors: over time, and against run time."""
+"""Draw errors over time and against run time."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 import xarray as xr
 
 from cablepod.errors import SceneError, scene_error
-from cablepod.plots import _style as parts
+from cablepod.plots import _style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Model and scheme -> marker, colour, label; markers and darkness tell them apart in grey too.
+#: Model and scheme -> marker, colour, label (distinct in grey).
 MODELS = {
     ("chain", "velocity_verlet"): ("s", "#003a5c", "chain, explicit"),
     ("chain", "trapezoidal"): ("o", "#0072B2", "chain, implicit"),
@@ -38,89 +38,90 @@ OF_SETTINGS = ("error_max", "model", "scheme", "family", "measured_again", "on_f
 
 
 def error_over_time(comparisons: Mapping[str, xr.Dataset], *, ax: Axes | None = None) -> Axes:
-    """Draw errors over time in per cent of the truth's largest displacement, on a logarithmic axis.
+    """Draw errors over time in per cent of the largest displacement of the truth, on a logarithmic axis.
 
     Parameters
     ----------
     comparisons
-        Label of a curve -> what ``compare.errors`` gives.
+        Label of a curve -> result of ``compare.errors``.
     ax
-        Axes to draw on.
+        Axes to draw on; new ones by default.
 
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones.  Errors of zero, which a logarithmic axis cannot show, are left out.
+        `ax`, or new ones.  Errors of zero are left out.
 
     Raises
     ------
     SceneError
-        For anything but comparisons, or none.
+        For an empty mapping and for other Datasets.
     """
     if isinstance(comparisons, xr.Dataset) or not isinstance(comparisons, Mapping) or not comparisons:
         raise scene_error(
             "comparisons", type(comparisons).__name__, "a mapping, not empty, from labels to what compare.errors gives"
         )
     allowed = "what compare.errors gives"
-    errors = {str(key): parts.take(str(key), item, "error", ("time",), allowed) for key, item in comparisons.items()}
-    ax = parts.axes(ax)
+    errors = {
+        str(key): _style.take(str(key), result, "error", ("time",), allowed) for key, result in comparisons.items()
+    }
+    ax = _style.axes(ax)
     for i, (name, error) in enumerate(errors.items()):
-        parts.log(ax, error["time"].values, 100.0 * error.values, name, parts.style(i, i, error.size))
+        _style.log(ax, error["time"].values, 100.0 * error.values, name, _style.style(i, i, error.size))
     ax.set(xlabel="time [s]", ylabel="rms error / largest displacement [%]", yscale="log")
-    return parts.finish(ax)
+    return _style.finish(ax)
 
 
 def error_against_run_time(
     result: xr.Dataset, *, scene: str | None = None, time: str = "kernel_time", ax: Axes | None = None
 ) -> Axes:
-    """Draw the largest error of every setting of every model over its run time, and the fronts.
+    """Draw the largest error of every setting of every model over its run time, with Pareto fronts.
 
     Parameters
     ----------
     result
-        What ``pipelines/error_vs_runtime/run.py`` writes: over (scene, setting) ``error_max`` [1], ``kernel_time`` and
+        Dataset written by ``pipelines/error_vs_runtime/run.py``: over (scene, setting) ``error_max`` [1], ``kernel_time`` and
         ``call_time`` [s], ``on_front`` and ``measured_again``; over setting ``model``, ``scheme`` and ``family``; over
         (scene, level) ``time_ratio`` and ``call_ratio``.
     scene
-        Name of a scene in it; may be left out where there is one only.
+        Name of one of its scenes; optional if there is only one.
     time
-        "kernel_time", what is computed between first and last state, or "call_time", the whole call.
+        "kernel_time", the time of the integration, or "call_time", that of the whole call.
     ax
-        Axes to draw on.
+        Axes to draw on; new ones by default.
 
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones, both axes logarithmic: a marker for each setting, small and pale where it was looked at once; lines
-        are fronts, which nothing else of the family beats in both time and error (a staircase: nothing is interpolated).  At
-        the right of each level of error: time of the best full model over that of the best reduced one.  Errors of 1 and more
-        are left out.  Fronts are those of kernel times and are drawn with these only.
+        `ax`, or new ones, both axes logarithmic: a marker for each setting, small and pale if it was measured once.  Lines are
+        the Pareto fronts of the families, as staircases.  At the right of each level of error: time of the best full model over
+        that of the best reduced one.  Errors of 1 and more are left out.  Fronts are drawn for kernel times only.
 
     Raises
     ------
     SceneError
-        For another Dataset, a scene that it does not have, another name of a time.
+        For another Dataset, a missing scene, and another name of a time.
     """
     times = ("kernel_time", "call_time")
     if time not in times:
         raise scene_error("time", time, "one of " + ", ".join(f'"{name}"' for name in times))
-    of = _of_scene(result, scene, (*OF_SETTINGS, time))
-    milliseconds, error = 1e3 * of[time].values, of["error_max"].values
-    ax = parts.axes(ax)
-    again = of["measured_again"].values == 1
+    part = _of_scene(result, scene, (*OF_SETTINGS, time))
+    milliseconds, error = 1e3 * part[time].values, part["error_max"].values
+    ax = _style.axes(ax)
+    again = part["measured_again"].values == 1
     for (model, scheme), (marker, colour, text) in MODELS.items():
-        rows = (of["model"].values == model) & (of["scheme"].values == scheme) & (error < 1.0)
+        rows = (part["model"].values == model) & (part["scheme"].values == scheme) & (error < 1.0)
         if not rows.any():
             continue
         once, often = rows & ~again, rows & again
         ax.plot(milliseconds[once], error[once], marker, color=colour, ms=2, alpha=0.25, mew=0.5)
         ax.plot(milliseconds[often], error[often], marker, color=colour, ms=4.5, alpha=0.9, mew=1, label=text)
     if time == "kernel_time":
-        _fronts(ax, of, milliseconds, error)
+        _fronts(ax, part, milliseconds, error)
     ratio = "time_ratio" if time == "kernel_time" else "call_ratio"
-    for level in of["level"].values if ratio in of else ():
+    for level in part["level"].values if ratio in part else ():
         ax.axhline(level, color="0.6", lw=0.6, zorder=0)
-        value = float(of[ratio].sel(level=level))
+        value = float(part[ratio].sel(level=level))
         if np.isfinite(value):
             text = f"× {value:.0f}" if value >= 10.0 else f"× {value:.1f}"
             ax.annotate(text, (0.98, level), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=9)
@@ -128,10 +129,11 @@ def error_against_run_time(
     ax.set(xscale="log", yscale="log", xlabel=name, ylabel="largest error over the run [1]")
     shown = error[(error > 0.0) & (error < 1.0)]
     ax.set_ylim(0.3 * shown.min() if shown.size else None, 1.0)
-    return parts.finish(ax)
+    return _style.finish(ax)
 
 
 def _of_scene(result: xr.Dataset, scene: str | None, needed: tuple[str, ...]) -> xr.Dataset:
+    """Return the part of a result that belongs to a scene."""
     allowed = "what pipelines/error_vs_runtime/run.py writes"
     for name in needed:
         if not isinstance(result, xr.Dataset) or name not in result.variables:
@@ -146,11 +148,12 @@ def _of_scene(result: xr.Dataset, scene: str | None, needed: tuple[str, ...]) ->
     return result.isel(scene=names.index(str(scene)))
 
 
-def _fronts(ax: Axes, of: xr.Dataset, milliseconds: np.ndarray, error: np.ndarray) -> None:
+def _fronts(ax: Axes, part: xr.Dataset, milliseconds: np.ndarray, error: np.ndarray) -> None:
+    """Draw the Pareto front of each family."""
     for family, (line, colour, text) in FRONTS.items():
-        rows = np.flatnonzero((of["on_front"].values == 1) & (of["family"].values == family) & (error < 1.0))
+        rows = np.flatnonzero((part["on_front"].values == 1) & (part["family"].values == family) & (error < 1.0))
         rows = rows[np.argsort(milliseconds[rows])]
-        # a front is a staircase: between two settings the error is that of the faster one
+        # staircase: between two settings the error is that of the faster one
         label = text if rows.size else None
         x, y = milliseconds[rows], error[rows]
         ax.plot(x, y, line, color=colour, lw=1.5, drawstyle="steps-post", label=label, zorder=1)

@@ -1,4 +1,4 @@
-"""What all figures share: styles, axes, legends, and how variables are taken from a Dataset."""
+"""Styles, axes and legends of all figures; checked variables of their Datasets."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ if TYPE_CHECKING:
 COLOURS = ("#000000", "#D55E00", "#56B4E9", "#0072B2", "#E69F00", "#009E73", "#CC79A7")
 LINES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)), (0, (8, 3)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-MOST_INSTANTS = 6
-DEFAULT_INSTANTS = 5
-MARKS = 12  # markers along a line that has many points
-MOST_DOTS = 40  # of a chain at one instant; of a longer one every second or third particle is drawn, ...
+#: Maximum and default number of instants in a figure.
+MAX_INSTANTS, DEFAULT_INSTANTS = 6, 5
+#: Number of markers along a line with many points.
+MARKS = 12
+#: Number of dots of a chain at one instant, above which particles are skipped.
+MAX_DOTS = 40
 PLACE = ("particle", "coordinate")
 SIGMA = "unstretched arc length $S / L_0$ [1]"
 TRAJECTORY = "a trajectory, from a simulate"
@@ -30,13 +32,13 @@ def axes(ax: Axes | None, *, size: tuple[float, float] = (7.5, 4.2)) -> Axes:
     """Return `ax`, or new axes in a figure of `size` [inch]."""
     if ax is not None:
         return ax
-    from matplotlib import pyplot as plt  # not at the top: importing cablepod must not import it
+    from matplotlib import pyplot as plt  # slow to import
 
     return plt.subplots(figsize=size, layout="constrained")[1]
 
 
 def finish(ax: Axes, **legend: Any) -> Axes:
-    """Add grid and legend, and return `ax`."""
+    """Add grid and legend; return `ax`."""
     ax.grid(alpha=0.3)
     place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "borderaxespad": 0.0}
     ax.legend(**place, handlelength=3.0, alignment="left", **legend)
@@ -44,7 +46,7 @@ def finish(ax: Axes, **legend: Any) -> Axes:
 
 
 def style(colour: int, line: int, points: int) -> dict[str, Any]:
-    """Style of a line with some markers, those of different lines at different places."""
+    """Return the style of a line with some markers, at different places on different lines."""
     step = max(1, points // MARKS)
     return {
         "color": COLOURS[colour % len(COLOURS)],
@@ -57,26 +59,26 @@ def style(colour: int, line: int, points: int) -> dict[str, Any]:
 
 
 def log(ax: Axes, across: np.ndarray, values: np.ndarray, name: str, style: dict[str, Any]) -> None:
-    """Draw what a logarithmic axis can show of `values`."""
+    """Draw the positive ones of `values`, for a logarithmic axis."""
     positive = values > 0.0
     label = name if positive.any() else f"{name} (all zero)"
     ax.plot(across, np.where(positive, values, np.nan), label=label, **style)
 
 
 def sets(array: xr.DataArray, ndim: int) -> list[tuple[str, np.ndarray]]:
-    """Split into arrays of `ndim` dimensions with their names along the one in front of these, if there is one."""
+    """Split an array along a leading dimension, if it has one; return names and arrays of `ndim` dimensions."""
     if array.ndim == ndim:
         return [("", array.values)]
     return [(str(name), part) for name, part in zip(array[array.dims[0]].values, array.values, strict=True)]
 
 
 def numbers(array: xr.DataArray) -> np.ndarray:
-    """Return the numbers of the modes, from 1 where they have none."""
+    """Return the mode numbers, counted from 1 by default."""
     return array["mode"].values if "mode" in array.coords else np.arange(1, array.sizes["mode"] + 1)
 
 
 def take(key: str, dataset: Any, name: str, dims: tuple[str, ...], allowed: str, *, more: int = 0) -> xr.DataArray:
-    """Take a variable with `dims` last and at most `more` others; one lost by picking a single value comes back."""
+    """Return a checked variable with `dims` last and at most `more` others; restore a dimension lost by selection."""
     if not isinstance(dataset, xr.Dataset) or name not in dataset:
         raise SceneError(f"{key}: given a {type(dataset).__name__} without {name}; allowed: {allowed}")
     array = dataset[name]
@@ -90,7 +92,7 @@ def take(key: str, dataset: Any, name: str, dims: tuple[str, ...], allowed: str,
 
 
 def positions(runs: dict[str, xr.Dataset]) -> dict[str, xr.DataArray]:
-    """Take the positions of runs with the coordinates of the first."""
+    """Return the positions of runs, checked to have the coordinates of the first."""
     positions = {key: take(key, run, "position", ("time", *PLACE), TRAJECTORY) for key, run in runs.items()}
     first = next(iter(positions.values()))
     for key, position in positions.items():
@@ -106,28 +108,28 @@ def sigma(key: str, dataset: xr.Dataset) -> np.ndarray:
     return relative_arc_length(dataset)
 
 
-def instants(key: str, own: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Find the indices of the `wanted` instants."""
-    nearest = np.abs(own[:, None] - wanted).argmin(axis=0)
+def instants(key: str, times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return the indices of the `wanted` instants in `times` [s]."""
+    nearest = np.abs(times[:, None] - wanted).argmin(axis=0)
     for i, t in zip(nearest, wanted, strict=True):
-        # instants are stated in decimals: what differs by less is rounding
-        if not abs(own[i] - t) <= 1e-9 * max(1.0, abs(t)):
-            raise scene_error("times", float(t), f"instants of the {key}, of which the nearest is {own[i]:g} s")
+        # tolerance of rounding
+        if not abs(times[i] - t) <= 1e-9 * max(1.0, abs(t)):
+            raise scene_error("times", float(t), f"instants of the {key}, of which the nearest is {times[i]:g} s")
     return nearest
 
 
 def deflection(key: str, position: np.ndarray) -> np.ndarray:
-    """Deflections (time, particle) [m] normal to the chord, in the plane of chord and y."""
+    """Return deflections (time, particle) [m] normal to the chord, in the plane of chord and y."""
     chord = position[:, -1] - position[:, 0]
     length = np.linalg.norm(chord, axis=1)
     if not length.all():
         raise SceneError(f"{key}: given ends that coincide; allowed: a chord, or deflection=False")
     level = [0, *range(2, chord.shape[1])]
     flat = chord[:, level]
-    size = np.linalg.norm(flat, axis=1, keepdims=True)
-    first = flat[0] / size[0] if size[0] > 0.0 else np.eye(len(level))[0]
-    # the same side throughout, also where the chord passes the vertical
-    along = np.divide(flat, size, out=np.tile(first, (len(flat), 1)), where=size > 0.0)
+    norm = np.linalg.norm(flat, axis=1, keepdims=True)
+    first = flat[0] / norm[0] if norm[0] > 0.0 else np.eye(len(level))[0]
+    # the same side at all instants, also if the chord passes the vertical
+    along = np.divide(flat, norm, out=np.tile(first, (len(flat), 1)), where=norm > 0.0)
     along *= np.where(along @ first < 0.0, -1.0, 1.0)[:, None]
     normal = np.empty_like(chord)
     normal[:, level] = -chord[:, 1:2] * along
@@ -136,6 +138,6 @@ def deflection(key: str, position: np.ndarray) -> np.ndarray:
 
 
 def name(run: xr.Dataset, otherwise: str) -> str:
-    """Return what a run calls its model."""
+    """Return the name of the model of a run, with its rank."""
     name = str(run.attrs.get("model", otherwise))
     return f"{name}, r = {run.attrs['rank']}" if "rank" in run.attrs else name
