@@ -1,5 +1,8 @@
 """Reduced-order models of cable dynamics, from scene to archive, on labelled data.
 
+.. include:: README.md
+"""
+
 Sub-packages are loaded when they are first used, so that importing cablepod costs little more than importing xarray.
 
 .. include:: README.md

@@ -1,9 +1,6 @@
-"""Draw figures of Datasets on matplotlib axes.
+"""Figures: Dataset and axes in, axes out.
 
-Functions take a Dataset and axes, and return the axes; without `ax` they make a new figure.  Nothing is shown or saved, and no
-global option of matplotlib changes.  Curves differ in line style or marker as well as in colour (Okabe and Ito's palette), and
-maps go from dark to light, so that they can be read in grey.  The legend stands to the right of the axes: figures with
-``layout="constrained"`` make room for it.  :func:`animate` returns an :class:`Animation`.
+.. include:: README.md
 """
 
 from cablepod.plots._animation import Animation, animate

@@ -12,9 +12,9 @@ ones.  The singular values at the end are those of a graded triangle, by one-sid
 The mean is taken off in the same pass: each block is centred by the mean of all before it, which leaves one rank-one term to
 take off and nothing that cancels (Chan, Golub and LeVeque 1983, Am. Stat. 37, 242).
 
-Up to :data:`COMPLETE` features the axes are complete and nothing is left out.  Above, they begin empty and are added to as blocks
-show directions above their rounding (a hierarchical approximate decomposition, Himpe, Leibner and Rave 2018, SIAM J. Sci. Comput.
-40, A3267, with a local tolerance at rounding); what is left out is summed up in ``lost``.
+Up to 512 features (``COMPLETE``) the axes are complete and nothing is left out. Above, they begin empty and are added to as
+blocks show directions above their rounding (a hierarchical approximate decomposition, Himpe, Leibner and Rave 2018, SIAM J.
+Sci. Comput. 40, A3267, with a local tolerance at rounding); what is left out is summed up in ``lost``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The pages: the scene of the scene page is one, and the Python of the README runs."""
+"""The pages: the scene of the page of scenes is one, and the Python of the README runs."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from scenes import ROOT
 import cablepod as cp
 
 
-def test_the_scene_of_the_page_is_one():
-    text = (ROOT / "cablepod" / "scene" / "README.md").read_text()
+def test_the_scene_of_its_page_is_one():
+    text = (ROOT / "cablepod/scene/README.md").read_text()
     block = text.split("```toml")[1].split("```")[0]
     assert cp.make_scene(tomllib.loads(block)).attrs["title"] == "A guy in the wind"
 
@@ -26,3 +26,8 @@ def test_the_python_in_the_readme_runs(tmp_path, monkeypatch, capsys):
     assert error < 0.02
     assert 0.005 < estimate < 0.05  # of a model that errs by 1.2 %; the estimate is right within a factor of 5 at worst
     assert (tmp_path / "model.nc").exists()
+
+
+@pytest.mark.parametrize("page", ["README.md", "cablepod/README.md"])
+def test_first_pages_are_short(page):
+    assert len((ROOT / page).read_text().splitlines()) <= 200

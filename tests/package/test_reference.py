@@ -1,4 +1,4 @@
-"""What the reference is made of: parameters documented, references that lead somewhere, examples that run."""
+"""What the reference is made of: parameters documented, links and references that lead somewhere, examples that run."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import ast
 import doctest
 import importlib
 import inspect
+import pkgutil
 import pydoc
 import re
 from pathlib import Path
 from types import ModuleType
 
+import _links
 import pytest
+from scenes import ROOT
 
 import cablepod as cp
 from cablepod import examples as shipped
@@ -59,12 +62,16 @@ def test_a_parameter_that_is_forgotten_is_seen():
 
 
 def resolves(name: str, module: ModuleType) -> bool:
-    """Tell whether what a docstring of `module` refers to is there."""
+    """Tell whether a docstring of `module` refers to something of it, of its sub-package, or to a full name."""
     first, *rest = name.split(".")
+    folder = module.__name__ if hasattr(module, "__path__") else module.__name__.rpartition(".")[0]
     places = [
         module,
         *(item for item in vars(module).values() if inspect.isclass(item) and item.__module__ == module.__name__),
     ]
+    if folder != "cablepod":
+        path = importlib.import_module(folder).__path__
+        places += [importlib.import_module(f"{folder}.{item.name}") for item in pkgutil.iter_modules(path)]
     for place in places:
         item = getattr(place, first, None)
         for part in rest:
@@ -88,9 +95,9 @@ def test_references_lead_somewhere(path):
 
 def test_a_reference_to_nothing_is_seen():
     assert resolves("simulate", cp.chain)
-    assert resolves("cablepod.discretisation._similarity.features", cp.chain)
+    assert resolves("cablepod.errors.scene_error", cp.chain)
     assert not resolves("simulated", cp.chain)
-    assert not resolves("cablepod.discretisation._similarity.feature", cp.chain)
+    assert not resolves("cablepod.errors.scene_errors", cp.chain)
 
 
 @pytest.mark.parametrize("function", MAIN, ids=lambda f: f"{f.__module__}.{f.__qualname__}")
@@ -101,3 +108,57 @@ def test_examples_run(function, tmp_path, monkeypatch):
     assert test.examples, f"{function.__qualname__} has no example"
     said: list[str] = []
     assert doctest.DocTestRunner().run(test, out=said.append).failed == 0, "".join(said)
+
+
+def test_links_of_all_pages_lead_somewhere():
+    assert len(_links.markdown_pages(ROOT)) > 30
+    assert list(_links.broken_markdown_links(ROOT)) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "broken"),
+    [
+        (
+            "[a](b/README.md), [a](b/README.md#the-error-r2), [c](b), ![d](d.png), [e](https://e.org/x), [f](#here-1)",
+            [],
+        ),
+        ("[a](c/README.md)", ["c/README.md"]),
+        ("![a](a.png)", ["a.png"]),
+        ("[`a`](b/README.md#error)", ["b/README.md#error"]),
+        ("[a](#there)", ["#there"]),
+        ("[a](d.png#here)", ["d.png#here"]),
+        ("[a](../README.md)", ["../README.md"]),
+        ("`[a](c.md)` $[a](c.md)$\n```py\n[a](c.md)\n# There\n```\n[a](#there)", ["#there"]),
+    ],
+)
+def test_a_broken_link_in_a_page_is_seen(text, broken, tmp_path):
+    (tmp_path / "b").mkdir()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "d.png").touch()
+    (tmp_path / "b/README.md").write_text("# The `error`: r2\n\n[up](../README.md#here)\n")
+    (tmp_path / "out/page.md").write_text("[a](nowhere.md)")
+    (tmp_path / "README.md").write_text(f"# Here\n\n{text}\n\n## Here\n")
+    assert list(_links.broken_markdown_links(tmp_path)) == [f"README.md: {link} leads nowhere" for link in broken]
+
+
+def test_a_broken_link_in_the_reference_is_seen(tmp_path):
+    (tmp_path / "a.html").write_text('<p id="x"><a href="b.html#y"><a href="#x"><a href="https://c.org">')
+    (tmp_path / "b.html").write_text('<p id="y"><a href="a.html#z"><img src="c.png"><a href="a.html">')
+    assert sorted(_links.broken_html_links(tmp_path)) == [
+        f"b.html: {link} leads nowhere" for link in ("a.html#z", "c.png")
+    ]
+
+
+def test_pages_of_the_reference():
+    docs = pytest.importorskip("docs", reason="needs the extra docs", exc_type=ImportError)
+    pages = {"cablepod.chain", "cablepod.chain._x", "cablepod.pod", "cablepod"}
+    text = "[p](../pod/README.md#a), [`c`](../README.md), [d](../../data/README.md), [e](https://e.org) `[p](../pod/README.md)`"
+    source = ROOT / "cablepod/chain"
+    moved = "[p](pod.html#a), [`c`](../cablepod.html), d, [e](https://e.org) `[p](../pod/README.md)`"
+    assert docs.with_page_links(text, source, "cablepod.chain", pages) == moved
+    assert docs.with_page_links("[p](../pod/README.md)", source, "cablepod.chain._x", pages) == "[p](../pod.html)"
+    formula = r"$a_1 < b_2 \\ \lbrace *c* \rbrace$"
+    page = docs.to_html_with_formulas(f"# A\n\nSo {formula} and `$x_1$`\n\n$$\n\\_x\n$$\n")
+    assert formula.replace("<", "&lt;") in page
+    assert "$$\n\\_x\n$$" in page
+    assert "A</a>" in page.toc_html
