@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import pkgutil
 import statistics
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -24,6 +25,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 from unittest import mock
 
@@ -185,11 +187,28 @@ def medians(rows: Iterable[Sequence[float]]) -> tuple[float, ...]:
 
 @contextmanager
 def wrapped(wrap: Callable[[Callable[..., Any]], Callable[..., Any]], *names: str) -> Iterator[None]:
-    """Replace functions, given by dotted names, by ``wrap(function)`` within the block."""
+    """Replace functions, given by dotted names, by ``wrap(function)`` within the block.
+
+    Modules that import a function by its name see the replacement too, except kernels, which call compiled functions only.
+    """
     with ExitStack() as stack:
         for name in names:
-            stack.enter_context(mock.patch(name, wrap(pkgutil.resolve_name(name))))
+            function = pkgutil.resolve_name(name)
+            replacement = wrap(function)
+            stack.enter_context(mock.patch(name, replacement))
+            for module, alias in _importers(function, name.partition(".")[0]):
+                stack.enter_context(mock.patch.object(module, alias, replacement))
         yield
+
+
+def _importers(function: Callable[..., Any], package: str) -> list[tuple[ModuleType, str]]:
+    """List the loaded modules of a package that import a function by name, with that name."""
+    modules = [
+        module
+        for name, module in sys.modules.items()
+        if name.partition(".")[0] == package and "._kernels" not in name and module is not None
+    ]
+    return [(module, name) for module in modules for name, value in vars(module).items() if value is function]
 
 
 @dataclass

@@ -125,7 +125,7 @@ def test_kernel_is_recorded_whole_and_once(pipeline):
         calls, _ = models.kernel_calls(job, times, setting)
         names = [getattr(function, "__name__", "") for function, _ in calls]
         assert names.count(kernel) == 1
-        assert any("on_steps" in name or "call" in name for name in names)  # the table of the end
+        assert any("at_steps" in name or "call" in name for name in names)  # the table of the end
         within, whole = models.seconds_within(job, times, ("position",))
         assert 0.0 < within < whole
         again, _ = models.kernel_calls(job, times, setting)

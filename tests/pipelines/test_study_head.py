@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ast
+import pkgutil
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +12,9 @@ from pathlib import Path
 import _study
 import pytest
 from benchmarks import calls
+
+from cablepod.chain import _explicit
+from cablepod.integrate import _march
 
 PIPELINES = Path(_study.__file__).parent
 SCRIPTS = sorted(
@@ -43,6 +49,30 @@ def test_time_inside_adds_up_and_puts_the_functions_back():
         assert _study.percent(float("nan")) == "-"
     assert watch.seconds == 5.0
     assert _study.percent is plain
+
+
+def test_a_function_imported_by_name_is_seen_too():
+    plain = _march.advance_in_blocks
+    with _study.time_inside("cablepod.integrate._march.advance_in_blocks", clock=lambda: 1.0):
+        assert _march.advance_in_blocks is not plain
+        assert _explicit.advance_in_blocks is _march.advance_in_blocks
+    assert _explicit.advance_in_blocks is plain
+
+
+def names_that_studies_watch() -> set[str]:
+    """Dotted names of functions of the package in the scripts, which :func:`_study.time_inside` replaces."""
+    texts = [
+        node.value
+        for path in PIPELINES.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
+    return {text for text in texts if re.fullmatch(r"cablepod(\.\w+){2,}", text)}
+
+
+@pytest.mark.parametrize("name", sorted(names_that_studies_watch()))
+def test_what_studies_watch_is_there(name):
+    assert pkgutil.resolve_name(name)
 
 
 def test_jobs_take_turns():
