@@ -1,4 +1,4 @@
-"""The pages: the scene of the page of scenes is one, and the Python of the README runs."""
+"""The pages: the scene of the scene page is one, and the Python of the README runs."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from scenes import ROOT
 import cablepod as cp
 
 
-def test_the_scene_of_its_page_is_one():
-    text = (ROOT / "cablepod/scene/README.md").read_text()
+def test_the_scene_of_the_page_is_one():
+    text = (ROOT / "cablepod" / "scene" / "README.md").read_text()
     block = text.split("```toml")[1].split("```")[0]
     assert cp.make_scene(tomllib.loads(block)).attrs["title"] == "A guy in the wind"
 

@@ -95,9 +95,9 @@ def test_references_lead_somewhere(path):
 
 def test_a_reference_to_nothing_is_seen():
     assert resolves("simulate", cp.chain)
-    assert resolves("cablepod.errors.scene_error", cp.chain)
+    assert resolves("cablepod.discretisation._similarity.features", cp.chain)
     assert not resolves("simulated", cp.chain)
-    assert not resolves("cablepod.errors.scene_errors", cp.chain)
+    assert not resolves("cablepod.discretisation._similarity.feature", cp.chain)
 
 
 @pytest.mark.parametrize("function", MAIN, ids=lambda f: f"{f.__module__}.{f.__qualname__}")
