@@ -25,9 +25,10 @@ from types import FrameType
 from typing import Any
 
 import cablepod as cp
-from cablepod.examples import scene
 
 PACKAGE = Path(cp.__file__).resolve().parent
+#: Folder of the shipped scenes, read from here for packages of either layout.
+SCENES = Path(__file__).resolve().parents[2] / "data" / "scenes"
 #: Modules of the flat layout by the folder that holds their code now.
 HOUSE = {
     "parameters": ("schema", "parameters", "columns", "motion", "kernels.motion"),
@@ -110,7 +111,7 @@ def counted(call: Callable[[], object]) -> CallCounter:
 
 def simulations(name: str) -> dict[str, Callable[[], object]]:
     """Return the call of each model for a shipped scene, on modes of its chain."""
-    given = scene(name)
+    given = cp.read_scene(SCENES / f"{name}.toml")
     chain = cp.chain.simulate(given)
     separate = cp.pod.decompose(chain, rank=2)
     normal = cp.pod.decompose(chain, rank=2, layout="normal")
