@@ -1,9 +1,6 @@
 """Reduced-order models of cable dynamics, from scene to archive, on labelled data.
 
-.. include:: README.md
-"""
-
-Sub-packages are loaded when they are first used, so that importing cablepod costs little more than importing xarray.
+Sub-packages are loaded when they are first used: importing cablepod costs next to nothing.
 
 .. include:: README.md
 """
