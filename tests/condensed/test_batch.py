@@ -23,9 +23,9 @@ TIMES = np.arange(0.0, 2.01, 0.04)  # two blocks of steps, the second not full
 OPTIONS = {"rank": 3, "order": "leading", "step": STEP, "times": TIMES, "outputs": ("tension", "tension_extremes")}
 BOTH = {"lower": {"y": HARMONIC}, "upper": {"x": {**HARMONIC, "angular_frequency": 2.1}}}
 ONE = {"upper": {"x": {"kind": "one_minus_cosine", "amplitude": -0.05, "angular_frequency": 1.3}}}
-#: The second so steep that in space another axis tells the normals apart.
+#: The second is so steep that in space another axis defines the normals.
 UPPER = np.array([[7.0, 0.0], [0.3, 8.0], [6.0, -2.0], [5.0, 4.0]])
-#: What each batch varies, beside tables of its own.
+#: Motions and varied variables of each batch.
 CASES = {
     "tension": (ONE, {"cable_top_tension": [200.0, 300.0, 230.0, 900.0]}),
     "amplitude": (ONE, {"motion_upper_x_amplitude": [0.0, -0.05, 0.02, 0.01]}),
@@ -41,7 +41,7 @@ CASES = {
 
 
 def scenes_of(soft, motion, varied, dims=2):
-    """Members of a soft scene with these motions, in space if so wanted, with motion out of the plane too."""
+    """Make members of the soft scene with given motions; for dims = 3 also with out-of-plane motion."""
     mapping = {**soft, "motion": motion, "damping": {"mass_proportional": 0.8}, "load": {"uniform": [3.0, -2.0]}}
     if dims == 3:
         mapping = spatial(mapping)
@@ -57,8 +57,8 @@ def scenes_of(soft, motion, varied, dims=2):
     return scene.assign(new)
 
 
-def one_by_one(monkeypatch, *args, **options):
-    """Run a batch in the way of single scenes."""
+def single_runs(monkeypatch, *args, **options):
+    """Run all members as single scenes."""
     with monkeypatch.context() as patch:
         patch.setattr(condensed_batch, "plan", lambda *_: None)
         return cp.condensed.simulate(*args, **options)
@@ -75,17 +75,17 @@ def assert_close(run, truth):
         if values.dtype.kind != "f":
             np.testing.assert_array_equal(run[name], values)
             continue
-        # the static tension is that of a difference of lengths, which rounding of 1e-16 changes by 1e-12; motion lets it grow
+        # rounding of 1e-16 in a length changes the static tension by 1e-12, which the motion amplifies
         size = np.nanmax(np.abs(values.values)) if values.size else 0.0
         np.testing.assert_allclose(run[name], values, rtol=1e-10, atol=1e-11 * size, err_msg=str(name))
 
 
 @pytest.mark.parametrize("dims", [2, 3])
 @pytest.mark.parametrize("case", CASES)
-def test_loops_over_members_give_single_runs(soft, monkeypatch, case, dims):
+def test_compiled_blocks_equal_single_runs(soft, monkeypatch, case, dims):
     scenes, modes = scenes_of(soft, *CASES[case], dims), full_modes(dims=dims)
-    truth = one_by_one(monkeypatch, scenes, modes, links=[1, 5], **OPTIONS)
-    with monkeypatch.context() as patch:  # no member is left to a single run
+    truth = single_runs(monkeypatch, scenes, modes, links=[1, 5], **OPTIONS)
+    with monkeypatch.context() as patch:  # no member falls back to a single run
         patch.setattr(condensed_batch, "solve", None)
         run = cp.condensed.simulate(scenes, modes, links=[1, 5], **OPTIONS)
     assert_close(run, truth)
@@ -95,7 +95,7 @@ def test_loops_over_members_give_single_runs(soft, monkeypatch, case, dims):
 def test_all_links_and_no_outputs(soft, monkeypatch, outputs):
     scenes, modes = scenes_of(soft, *CASES["both ends"]), full_modes()
     options = {**OPTIONS, "outputs": outputs, "times": None}
-    truth = one_by_one(monkeypatch, scenes, modes, **options)
+    truth = single_runs(monkeypatch, scenes, modes, **options)
     with monkeypatch.context() as patch:
         patch.setattr(condensed_batch, "solve", None)
         run = cp.condensed.simulate(scenes, modes, **options)
@@ -103,16 +103,16 @@ def test_all_links_and_no_outputs(soft, monkeypatch, outputs):
     assert ("tension_maximum" in run) == bool(outputs)
 
 
-def test_members_that_fail_say_why_as_single_runs_do(soft, monkeypatch):
-    # no such cable; a limit below the step; stiffer on the way than the step allows
+def test_failing_members_report_the_reason_of_single_runs(soft, monkeypatch):
+    # member 1: no such cable; member 2: step above the limit; member 3: stiffens during the run
     varied = {
         "cable_top_tension": [230.0, 1.0, 5e5, 230.0, 300.0],
-        "motion_upper_x_amplitude": [-0.05, -0.05, -0.05, 5.25, -0.02],  # so little too stiff that it stays finite
+        "motion_upper_x_amplitude": [-0.05, -0.05, -0.05, 5.25, -0.02],  # just too stiff: the coordinates stay finite
     }
     scenes, modes = scenes_of(soft, ONE, varied), full_modes()
     options = {**OPTIONS, "step": 0.02, "links": [1]}
     with pytest.warns(errors.MemberFailedWarning, match="3 of 5 members"):
-        truth = one_by_one(monkeypatch, scenes, modes, **options)
+        truth = single_runs(monkeypatch, scenes, modes, **options)
     with pytest.warns(errors.MemberFailedWarning, match="3 of 5 members"):
         run = cp.condensed.simulate(scenes, modes, **options)
     assert_close(run, truth)
@@ -124,12 +124,12 @@ def test_members_that_fail_say_why_as_single_runs_do(soft, monkeypatch):
         cp.condensed.simulate(scenes.isel(member=[2, 2]), modes, **options)
 
 
-def test_members_without_an_equilibrium_near_are_left_to_single_runs(soft, monkeypatch):
+def test_members_without_an_equilibrium_fall_back_to_single_runs(soft, monkeypatch):
     scenes, modes = scenes_of(soft, *CASES["tension"]), full_modes()
-    truth = one_by_one(monkeypatch, scenes, modes, links=[1, 5], **OPTIONS)
+    truth = single_runs(monkeypatch, scenes, modes, links=[1, 5], **OPTIONS)
     start, solve, alone = condensed_batch.CondensedBatch._start, condensed_runs.solve, []
 
-    def lost(batch):
+    def without_equilibrium(batch):
         q, v, limit = start(batch)
         return q, v, np.where(batch.parameters.length_value == 300.0, np.nan, limit)
 
@@ -137,7 +137,7 @@ def test_members_without_an_equilibrium_near_are_left_to_single_runs(soft, monke
         alone.append(model.chain.p.length_value)
         return solve(model, request)
 
-    monkeypatch.setattr(condensed_batch.CondensedBatch, "_start", lost)
+    monkeypatch.setattr(condensed_batch.CondensedBatch, "_start", without_equilibrium)
     monkeypatch.setattr(condensed_batch, "solve", recorded)
     assert_close(cp.condensed.simulate(scenes, modes, links=[1, 5], **OPTIONS), truth)
     assert alone == [300.0]
@@ -158,8 +158,8 @@ def test_any_number_of_threads_gives_the_same_bits_and_progress(soft):
         xr.testing.assert_identical(runs[0], run)
 
 
-def covered(scenes, **changes):
-    """Tell whether the loops over members cover some scenes."""
+def supported(scenes, **changes):
+    """Return whether the compiled blocks support scenes and options."""
     given = {**OPTIONS, "links": np.array([0]), "scheme": None, **changes}
     modes, all_members = full_modes(), Members(scenes)
     model = model_of(all_members[0], modes, rank=3, order=given["order"], law="linear")
@@ -168,20 +168,20 @@ def covered(scenes, **changes):
     return condensed_batch.plan(modes, model, all_members, request) is not None
 
 
-def test_what_the_loops_do_not_cover_is_left_to_single_runs(soft, monkeypatch):
+def test_unsupported_requests_fall_back_to_single_runs(soft, monkeypatch):
     tensions = {"cable_top_tension": [200.0, 300.0]}
     scenes = scenes_of(soft, ONE, tensions)
-    assert covered(scenes)
+    assert supported(scenes)
     for changes in (
         {"order": "exact"},
         {"scheme": "trapezoidal"},
         {"step": None},
         {"times": np.array([0.0, 0.0031])},
-        {"times": np.array([0.5, 1.0, 1.5]) * STEP},  # as many steps to save as instants
+        {"times": np.array([0.5, 1.0, 1.5]) * STEP},  # as many saved steps as instants, but interpolated
         {"outputs": ("position",)},
         {"links": None},
     ):
-        assert not covered(scenes, **changes), changes
+        assert not supported(scenes, **changes), changes
     ramp = {"upper": {"x": {"kind": "ramp", "amplitude": 0.01, "duration": 1.0}}}
     load = {"uniform": [3.0, -2.0], "kind": "harmonic", "amplitude": 0.3, "angular_frequency": 3.0}
     point = [{"arc_length": 0.4, "force": [5.0, -20.0]}]
@@ -190,14 +190,14 @@ def test_what_the_loops_do_not_cover_is_left_to_single_runs(soft, monkeypatch):
     gaps = xr.concat(
         [scenes_of(soft, ONE, {}), scenes_of(soft, {}, {})], "member", data_vars="all", combine_attrs="override"
     )
-    assert not covered(scenes_of(soft, ramp, tensions))
+    assert not supported(scenes_of(soft, ramp, tensions))
     for key, values in (("load", load), ("point_load", point)):
         other = cp.make_scene({**soft, "motion": ONE, key: values})
-        assert not covered(other.assign(cable_top_tension=("member", [200.0, 300.0])))
-    assert not covered(kinds)
-    assert covered(durations)
-    assert not covered(durations, times=None)
-    assert not covered(gaps)
+        assert not supported(other.assign(cable_top_tension=("member", [200.0, 300.0])))
+    assert not supported(kinds)
+    assert supported(durations)
+    assert not supported(durations, times=None)
+    assert not supported(gaps)
     varying = cp.make_scene({**soft, "motion": ONE, "load": load, "point_load": point})
     varying = varying.assign(cable_top_tension=("member", [200.0, 300.0], varying["cable_top_tension"].attrs))
     run = cp.condensed.simulate(varying, full_modes(), links=[1], **OPTIONS)
@@ -208,7 +208,7 @@ def test_what_the_loops_do_not_cover_is_left_to_single_runs(soft, monkeypatch):
 
 @pytest.mark.parametrize("dims", [2, 3])
 @pytest.mark.parametrize("case", CASES)
-def test_columns_are_the_parameters_of_members(soft, case, dims):
+def test_member_parameters_equal_those_of_each_scene(soft, case, dims):
     scenes = scenes_of(soft, *CASES[case], dims)
     before = scenes.copy(deep=True)
     columns = MemberParameters.of(Members(scenes))
@@ -220,7 +220,7 @@ def test_columns_are_the_parameters_of_members(soft, case, dims):
     features = similarity.features_of_columns(columns, lengths, 2.0, tension)
     times = np.linspace(0.0, 2.0, 5)
     for i, p in enumerate(parameters_of_members(scenes)):
-        # sums in another order, some ten roundings
+        # sums in another order: about ten rounding errors
         np.testing.assert_allclose(
             [values[i] for values in _load_planes(columns.chord, columns.load)],
             load_plane(p)[:4],

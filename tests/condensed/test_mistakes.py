@@ -1,4 +1,4 @@
-"""What the condensed model refuses, when it warns, and how it stops."""
+"""Refusals, warnings and stopped runs of the condensed model."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def modes():
     return {dims: full_modes(dims=dims) for dims in (2, 3)}
 
 
-def test_options_that_cannot_be(soft, modes):
+def test_invalid_options_are_refused(soft, modes):
     scene, m = cp.make_scene(soft), modes[2]
     free = cp.make_scene({**soft, "motion": {}, "ends": {**soft["ends"], "free": "upper"}})
     viscous = cp.make_scene({**soft, "damping": {"link_viscosity": 1.0}})
@@ -65,7 +65,7 @@ def test_options_that_cannot_be(soft, modes):
             cp.galerkin.simulate(scene, m)
 
 
-def test_a_chord_that_turns_into_the_axis_that_tells_the_normals(soft, modes):
+def test_a_chord_along_the_reference_axis_is_refused(soft, modes):
     to_axis = {"x": {"kind": "ramp", "amplitude": -8.0, "duration": 2.0}}
     scene = cp.make_scene(spatial({**soft, "motion": {"upper": to_axis}}))
     with pytest.raises(cp.SceneError, match="motion: the chord turns into the axis y; allowed: one that stays away"):
@@ -73,7 +73,7 @@ def test_a_chord_that_turns_into_the_axis_that_tells_the_normals(soft, modes):
 
 
 @pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")  # modes of another cable
-def test_a_slack_cable_and_fast_ends_are_warned_of(soft, modes):
+def test_slack_cables_and_fast_ends_cause_warnings(soft, modes):
     lifted = cp.make_scene(
         {**soft, "load": {"uniform": [0.0, 30.0], "kind": "ramp", "amplitude": 1.0, "duration": 1.0}}
     )
@@ -83,7 +83,7 @@ def test_a_slack_cable_and_fast_ends_are_warned_of(soft, modes):
         assert len(found) == 1
         assert run.attrs["smallest_chordwise_force"] < 0.0
     place = round(run.attrs["time_of_smallest_force"] * 1000)
-    # the least chordwise force is that of the instant it is said to be of
+    # the reported time is that of the least chordwise force
     model = model_of(parameters(lifted), modes[2], rank=2, order="exact", law="linear")
     q = (run.amplitude.values @ np.linalg.inv(model.spectral_basis[0][0]).T)[[place]]
     force = close_chord(model, q, np.array([place / 1000]))[1]
@@ -97,7 +97,7 @@ def test_a_slack_cable_and_fast_ends_are_warned_of(soft, modes):
 
 
 @pytest.mark.parametrize("order", ["leading", "exact"])
-def test_a_cable_that_stiffens_stops_with_what_was_done(soft, modes, order):
+def test_a_stiffening_cable_stops_with_a_partial_result(soft, modes, order):
     pull = {"upper": {"x": {"kind": "ramp", "amplitude": 0.5, "duration": 4.0}}}
     scene = cp.make_scene({**soft, "motion": pull})
     times = np.arange(401) / 100
@@ -116,8 +116,8 @@ def test_a_cable_that_stiffens_stops_with_what_was_done(soft, modes, order):
 
 
 @pytest.mark.parametrize("order", ["leading", "exact"])
-def test_a_run_that_breaks_down_stops_with_what_was_done(soft, modes, order):
-    # the ends meet at 2 s: there is no chord any more, and no number
+def test_a_diverging_run_stops_with_a_partial_result(soft, modes, order):
+    # the ends meet at 2 s: the chord has no direction
     home = {axis: {"kind": "ramp", "amplitude": -size, "duration": 2.0} for axis, size in (("x", 8.0), ("y", 6.0))}
     scene = cp.make_scene({**soft, "motion": {"upper": home}})
     with pytest.raises(cp.RunStopped, match="left the finite numbers or found no equilibrium") as stopped:
@@ -127,6 +127,6 @@ def test_a_run_that_breaks_down_stops_with_what_was_done(soft, modes, order):
     partial = stopped.value.partial
     assert 5 < partial.sizes["time"] <= 100
     assert np.isfinite(partial.amplitude).all()
-    # in a cable as folded as this, links turn over now and then, and no stretch near that of the last instant closes it
+    # the cable is so folded that links turn over; at some instants the closure has no solution near that of the last one
     assert np.isfinite(partial.position).all(("particle", "coordinate")).mean() > 0.95
     assert f"of {2.0:g} s" in partial.attrs["incomplete"]

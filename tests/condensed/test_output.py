@@ -1,4 +1,4 @@
-"""Outputs of the condensed model, against the chain it condenses too, its choice of steps, and what it says of its error."""
+"""Outputs of the condensed model, comparison with the chain, choice of the step, error estimate."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_extremes_are_taken_over_all_steps(soft, modes, dims, order, scheme):
         times=np.arange(501) / 500,
         outputs=("tension", "tension_extremes"),
     )
-    # of a closure that starts elsewhere rounding is left, 1e-13 K = 1e-8 N
+    # another first guess of the closure changes rounding, 1e-13 K = 1e-8 N
     np.testing.assert_allclose(run.tension_maximum, run.tension.max("time"), rtol=1e-9)
     np.testing.assert_allclose(run.tension_minimum, run.tension.min("time"), rtol=1e-9)
     few = cp.condensed.simulate(
@@ -54,8 +54,8 @@ def test_velocities_are_the_rates_of_the_positions(soft, modes, dims, order, law
         "upper": {"x": {"kind": "polynomial", "coefficients": [0.05]}},
     }
     h = 1 / 2000
-    # central differences: rates change by (omega h)^2 / 6 = 1e-4 at 40 rad/s; what loads along the chord that change in time
-    # stretch is left out, tau' / K = (10 N/s) / (1e5 N) times the length, 1e-3 m/s
+    # central differences err by (omega h)^2 / 6 = 1e-4 at 40 rad/s; velocities neglect the rate of stretch by time-dependent
+    # loads, (10 N/s) / (1e5 N) times the length, 1e-3 m/s
     for case, allowed in ((steady, 1e-4), (mapping, 5e-3)):
         run = cp.condensed.simulate(
             cp.make_scene(case), modes[dims], order=order, law=law, scheme="velocity_verlet", step=h,
@@ -71,13 +71,13 @@ def test_positions_and_tensions_are_those_of_the_chain(soft):
     scene = cp.make_scene(mapping)
     times = np.arange(0.0, 4.01, 0.1)
     chain = cp.chain.simulate(scene, times=times, outputs=("position", "tension"), tolerance=1e-4)
-    found = cp.pod.decompose(chain, layout="normal")
+    chain_modes = cp.pod.decompose(chain, layout="normal")
     swing = float(chain.tension.max() - chain.tension.min())
     last = np.inf
-    # slopes of 0.2 cubed; no inertia along the chord; no turning of the chord
+    # neglected: third power of slopes of 0.2; chordwise inertia; rotation of the chord
     for order, limit, most in (("leading", 0.05, 0.5), ("exact", 1e-2, 0.1), ("inertial", 1e-3, 0.02)):
         run = cp.condensed.simulate(
-            scene, found, order=order, times=times, outputs=("position", "tension", "tension_extremes")
+            scene, chain_modes, order=order, times=times, outputs=("position", "tension", "tension_extremes")
         )
         error = float(cp.compare.errors(run, chain).error_max)
         assert error < limit
@@ -101,12 +101,12 @@ def test_damping_acts_on_the_motion_of_the_frame_too(soft):
     run = cp.condensed.simulate(scene, cp.pod.decompose(chain, layout="normal"), order="inertial", times=times)
     shift = 0.1 * times[:, None] ** 2
     lag = np.abs(chain.position[..., 0] - shift - chain.position[0, :, 0]).max()
-    # strain and slopes along the chord leave 1e-3 of it
+    # strain and slopes change the lag by 1e-3
     assert float(np.abs(run.position - chain.position).max()) < 5e-3 * float(lag)
 
 
 @pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")  # modes of another cable
-def test_amplitudes_reconstruct_the_deflection_and_inputs_stay(soft, modes):
+def test_amplitudes_reconstruct_the_deflection_and_inputs_are_unchanged(soft, modes):
     scene = cp.make_scene(everything(soft, 3))
     before = scene.copy(deep=True), modes[3].copy(deep=True)
     run = cp.condensed.simulate(scene, modes[3], rank=2, order="exact", step=1e-3, times=[0.5, 1.0])
@@ -116,7 +116,7 @@ def test_amplitudes_reconstruct_the_deflection_and_inputs_stay(soft, modes):
     difference = (back.position - run.position).values
     across = difference - np.einsum("tpc,tc,td->tpd", difference, e, e)
     assert np.abs(across).max() < 1e-12
-    # along the chord the links are not quite stretched alike: T / K = 3e-3 of the length at most
+    # along the chord the links are stretched differently, by T / K = 3e-3 of the length at most
     assert np.abs(difference).max() < 3e-3 * 10.0
     bare = cp.condensed.simulate(scene, modes[3], rank=2, order="exact", step=1e-3, times=[0.5, 1.0], outputs=())
     assert not {"position", "velocity", "tension"} & set(bare.data_vars)
@@ -127,19 +127,19 @@ def test_amplitudes_reconstruct_the_deflection_and_inputs_stay(soft, modes):
 
 
 @pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")  # modes of another cable
-def test_members_are_single_runs(soft, modes):
+def test_members_equal_single_runs(soft, modes):
     scenes = [cp.make_scene({**soft, "cable": {**soft["cable"], "top_tension": t}}) for t in (200.0, 230.0)]
     joined = cp.condensed.simulate(xr.concat(scenes, "member", data_vars="all"), modes[2], rank=2, step=2e-3)
     for i, scene in enumerate(scenes):
         single = cp.condensed.simulate(scene, modes[2], rank=2, step=2e-3)
-        # coefficients of a member are those of another one scaled: they differ by the rounding of some ten operations
+        # rescaled coefficients differ by about ten rounding errors
         for name in ("amplitude", "position"):
             np.testing.assert_allclose(joined[name].isel(member=i), single[name], rtol=0, atol=1e-12)
     np.testing.assert_array_equal(joined.cable_top_tension, [200.0, 230.0])
 
 
-def test_what_is_done_to_one_result_shows_in_no_other(soft, modes):
-    # names of axes and numbers of modes are made once for all
+def test_results_share_no_mutable_coordinates(soft, modes):
+    # the indexes of coordinates, modes and ends are cached
     scene = cp.make_scene(soft)
     one = cp.condensed.simulate(scene, modes[2], rank=2, step=2e-3, times=[0.1], outputs=())
     for name in ("coordinate", "mode", "end"):
@@ -150,10 +150,10 @@ def test_what_is_done_to_one_result_shows_in_no_other(soft, modes):
     assert not any("mine" in other[name].attrs for name in other.coords)
 
 
-# --- steps that choose themselves, and scenes at the edge ------------------------------------------------------------
+# --- choice of the step, limiting cases -------------------------------------------------------------------------------
 
 
-def test_the_default_step_keeps_its_tolerance(soft, modes):
+def test_the_chosen_step_meets_the_tolerance(soft, modes):
     scene = cp.make_scene(soft)
     run = cp.condensed.simulate(scene, modes[2], rank=3, tolerance=1e-5)
     exact = cp.condensed.simulate(scene, modes[2], rank=3, step=run.attrs["step"] / 8)
@@ -166,41 +166,41 @@ def test_a_stiff_cable_takes_implicit_steps(scenes):
     scene["cable_youngs_modulus"] = 1e13 / float(scene["cable_area"])
     times = np.arange(0.0, 32.0)
     chain = cp.chain.simulate(scene, times=times, links=16, scheme="trapezoidal", step=0.1)
-    found = cp.pod.decompose(chain, layout="normal")
+    chain_modes = cp.pod.decompose(chain, layout="normal")
     options = {"rank": 3, "order": "exact", "times": times, "outputs": ("position",)}
-    run = cp.condensed.simulate(scene, found, tolerance=1e-4, **options)
+    run = cp.condensed.simulate(scene, chain_modes, tolerance=1e-4, **options)
     assert run.attrs["scheme"] == "trapezoidal"
-    # modes of rank 4 have 1e-5 of the first; the chain's own step leaves the rest
+    # the fourth mode has 1e-5 of the first; the time error of the chain is the rest
     assert float(cp.compare.errors(run, chain).error_max) < 5e-4
     limit = run.attrs["step_limit"]
     with pytest.raises(cp.SceneError, match=r"^step: given .* allowed: below the stability limit"):
-        cp.condensed.simulate(scene, found, step=2 * limit, scheme="velocity_verlet", **options)
+        cp.condensed.simulate(scene, chain_modes, step=2 * limit, scheme="velocity_verlet", **options)
     assert run.attrs["step"] > 5 * limit
-    # each step takes Newton's method as far as the tension of a stiff cable needs it: one correction is not enough
+    # the tension of a stiff cable needs more than one Newton correction in a step
     for order in ("leading", "exact"):
-        longer = cp.condensed.simulate(scene, found, step=50 * limit, **(options | {"order": order}))
+        longer = cp.condensed.simulate(scene, chain_modes, step=50 * limit, **(options | {"order": order}))
         assert longer.attrs["scheme"] == "trapezoidal"
         assert float(cp.compare.errors(longer, chain).error_max) < 1e-3
 
 
 @pytest.mark.parametrize("order", ORDERS)
 def test_a_vertical_chord_and_motion_only_out_of_plane(soft, order):
-    # the cable hangs straight; only one set of deflections ever moves
+    # the cable hangs straight; only one set of deflections moves
     mapping = spatial({**soft, "cable": {**soft["cable"], "youngs_modulus": 2e8}, "motion": {}})
     mapping["ends"]["upper"] = [0.0, 10.0, 0.0]
     mapping["load"] = {"uniform": [0.0, 0.0, 2.0], "kind": "harmonic", "amplitude": 0.5, "angular_frequency": 1.0}
     scene = cp.make_scene(mapping)
     chain = cp.chain.simulate(scene, tolerance=1e-4)
-    found = cp.pod.decompose(chain, layout="normal")
-    run = cp.condensed.simulate(scene, found, order=order)
+    chain_modes = cp.pod.decompose(chain, layout="normal")
+    run = cp.condensed.simulate(scene, chain_modes, order=order)
     assert float(cp.compare.errors(run, chain).error_max) < 0.05
 
 
-def test_the_error_estimate_tells_the_error_against_the_chain(soft):
+def test_the_error_estimate_agrees_with_the_error_against_the_chain(soft):
     soft["cable"]["youngs_modulus"] = 2e8
     times = np.arange(0.0, 4.01, 0.1)
     options = {"times": times, "tolerance": 1e-4}
-    found = cp.pod.decompose(cp.chain.simulate(cp.make_scene(soft), **options), layout="normal")
+    chain_modes = cp.pod.decompose(cp.chain.simulate(cp.make_scene(soft), **options), layout="normal")
     estimates, errors = [], []
     for tension, omega in ((150.0, 1.0), (150.0, 3.0), (300.0, 2.0), (600.0, 1.0), (600.0, 3.0)):
         soft["cable"]["top_tension"] = tension
@@ -208,22 +208,22 @@ def test_the_error_estimate_tells_the_error_against_the_chain(soft):
         scene = cp.make_scene(soft)
         chain = cp.chain.simulate(scene, **options)
         for order, rank in (("leading", 1), ("leading", 3), ("exact", 2), ("exact", 4)):
-            run = cp.condensed.simulate(scene, found, rank=rank, order=order, **options)
+            run = cp.condensed.simulate(scene, chain_modes, rank=rank, order=order, **options)
             estimates.append(run.attrs["error_estimate"])
             errors.append(float(cp.compare.errors(run, chain).error_max))
     assert min(errors) < 2e-3
     assert max(errors) > 0.1
-    # linearised about the motion: of an error of a tenth some tenths are missed; time errors of 1e-4 are added to some 1e-3
+    # the linearisation misses some tenths of an error of a tenth; time errors of 1e-4 are added to errors of 1e-3
     assert np.abs(np.log(np.divide(estimates, errors))).max() < np.log(1.5)
     assert spearmanr(estimates, errors)[0] > 0.98
 
 
-def test_the_error_estimate_of_the_richer_model_itself_is_nothing(soft):
-    # all modes, all inertia: nothing is left but the error of the step, which the estimate does not see
+def test_the_error_estimate_of_the_enriched_model_is_zero(soft):
+    # all modes and chordwise inertia: only the error of the step is left, which the estimate does not contain
     scene = cp.make_scene({**soft, "cable": {**soft["cable"], "youngs_modulus": 2e8}})
-    found = full_modes()
+    chain_modes = full_modes()
     run = {
-        order: cp.condensed.simulate(scene, found, order=order, step=1 / 4000, outputs=("error_estimate",))
+        order: cp.condensed.simulate(scene, chain_modes, order=order, step=1 / 4000, outputs=("error_estimate",))
         for order in ORDERS
     }
     assert run["inertial"].attrs["error_estimate"] < 1e-6
@@ -231,7 +231,7 @@ def test_the_error_estimate_of_the_richer_model_itself_is_nothing(soft):
     assert "position" not in run["exact"]
 
 
-# --- what must come out ----------------------------------------------------------------------------------------------
+# --- required accuracy ------------------------------------------------------------------------------------------------
 
 # Largest error over 125 s against the chain it was trained on (n = 40): (order, modes) -> Examples 2, 3, 4.
 LIMITS = {
@@ -247,7 +247,7 @@ LIMITS = {
 def test_errors_against_the_chain_it_was_trained_on(scenes, number):
     scene = cp.read_scene(scenes / f"example{number}.toml")
     chain = cp.chain.simulate(scene, times=np.arange(1251) / 10, step=1.25e-4)
-    found = cp.pod.decompose(chain, rank=8, layout="normal")
+    chain_modes = cp.pod.decompose(chain, rank=8, layout="normal")
     for (order, rank), limits in LIMITS.items():
-        run = cp.condensed.simulate(scene, found, rank=rank, order=order, times=chain.time.values, step=0.005)
+        run = cp.condensed.simulate(scene, chain_modes, rank=rank, order=order, times=chain.time.values, step=0.005)
         assert float(cp.compare.errors(run, chain).error_max) <= limits[number - 2], (order, rank)

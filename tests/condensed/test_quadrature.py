@@ -1,4 +1,4 @@
-"""The condensed model with its chordwise stretch at points of quadrature: against the links, convergence, what it refuses."""
+"""Chordwise stretch at quadrature points: comparison with the links, convergence, refusals."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def sines(links, rank):
     )
 
 
-def moved(run, truth):
+def largest_error(run, truth):
     return float(cp.compare.errors(run, truth).error_max)
 
 
 @pytest.mark.parametrize("law", ["linear", "green"])
-def test_points_near_what_links_near(law):
-    """Both tend to the continuous cable: their distance falls with the square of the number of links, as links alone err so."""
+def test_links_converge_to_quadrature_points(law):
+    """Both approximate the continuous cable; their distance is the second-order error of the links."""
     scene = cp.read_scene("data/scenes/example4.toml")
     apart = []
     for links in (20, 40, 80):
@@ -45,13 +45,13 @@ def test_points_near_what_links_near(law):
             cp.condensed.simulate(scene, modes, law=law, quadrature=points, outputs=("position",), **OPTIONS)
             for points in (None, 16)
         )
-        apart.append(moved(few, whole))
-    # second order, within the fifth that higher orders make of it at 20 links, where a half-wave of the second mode has ten
+        apart.append(largest_error(few, whole))
+    # second order; higher orders are a fifth of it at 20 links, where a half-wave of the second mode has ten
     np.testing.assert_allclose([apart[0] / apart[1], apart[1] / apart[2]], 4.0, rtol=0.2)
 
 
-def test_inertia_along_the_chord_at_points_nears_that_of_links(soft):
-    """A soft cable shaken so fast that inertia along the chord is a tenth of the motion."""
+def test_chordwise_inertia_of_links_converges_to_that_of_points(soft):
+    """A soft cable is shaken so fast that chordwise inertia changes the motion by a tenth."""
     shaken = {"upper": {"x": {"kind": "harmonic", "amplitude": 0.02, "angular_frequency": 8.0, "phase": 0.0}}}
     scene = cp.make_scene({**soft, "motion": shaken})
     options = {"scheme": "velocity_verlet", "step": 1e-3, "times": np.arange(21) / 10, "outputs": ("position",)}
@@ -63,8 +63,8 @@ def test_inertia_along_the_chord_at_points_nears_that_of_links(soft):
             cp.condensed.simulate(scene, modes, order=order, quadrature=16, **options)
             for order in ("inertial", "exact")
         )
-        apart.append(moved(few, whole))
-    assert moved(without, few) > 0.05
+        apart.append(largest_error(few, whole))
+    assert largest_error(without, few) > 0.05
     np.testing.assert_allclose([apart[0] / apart[1], apart[1] / apart[2]], 4.0, rtol=0.2)
 
 
@@ -75,29 +75,29 @@ def test_integrals_of_polynomials():
         np.testing.assert_allclose(elements.integration_matrix(6) @ node**k, expected, atol=1e-14)
 
 
-def test_more_points_change_nothing_that_few_have_right():
-    """Products of four slopes of three sines are polynomials to 1e-6 from some sixteen points on."""
+def test_sixteen_points_suffice_for_three_modes():
+    """Sixteen points integrate products of four slopes of three sines to 1e-6."""
     scene, modes = cp.read_scene("data/scenes/example4.toml"), sines(80, 3)
     few, many = (cp.condensed.simulate(scene, modes, quadrature=n, outputs=("position",), **OPTIONS) for n in (16, 32))
-    assert moved(few, many) < 1e-4
+    assert largest_error(few, many) < 1e-4
 
 
-def test_rule_has_the_ends_and_the_length():
+def test_rule_contains_the_ends_and_sums_to_the_length():
     scene = cp.read_scene("data/scenes/example4.toml")
     model = model_of(parameters(scene), sines(160, 2), rank=None, order="exact", law="linear", quadrature=12)
     slopes, taus, weights = model.rule
     assert slopes.shape == (2, 12)
     np.testing.assert_allclose(weights.sum(), model.chain.total_length, rtol=1e-14)
-    # the uniform load's chordwise force is linear: from minus half a link's to that of all but half a link, as on the links
+    # the chordwise force of a uniform load is linear in S, from minus half a link to the length minus half a link
     half = 0.5 * model.chain.length[0]
     np.testing.assert_allclose(taus[0, [0, -1]], [-half, model.chain.total_length - half], rtol=1e-12, atol=1e-12)
-    # slopes of the sines at the ends, by splines of fourth order through 160 links: (2 pi / 160)^4 and a factor at the ends
+    # slopes of the sines at the ends; fourth-order splines through 160 links err by (2 pi / 160)^4 times a constant
     expected = np.sqrt(2.0 / model.mass.sum()) * np.pi / model.chain.total_length * np.array([1.0, 2.0])
     np.testing.assert_allclose(np.abs(slopes[:, 0]), expected, rtol=1e-4)
     assert np.abs(slopes).max() > 0.0
 
 
-def test_members_take_it_too():
+def test_members_equal_single_runs():
     scenes = xr.concat(
         [cp.read_scene("data/scenes/example4.toml").assign(cable_top_tension=((), t)) for t in (7500.0, 9000.0)],
         dim="member",
@@ -107,12 +107,12 @@ def test_members_take_it_too():
     options = {**OPTIONS, "quadrature": 12, "outputs": ("position",)}
     both = cp.condensed.simulate(scenes, modes, **options)
     alone = cp.condensed.simulate(scenes.isel(member=1, drop=True), modes, **options)
-    # what is scaled and what is computed anew differ by rounding, times the condition of a taut cable, K over tension
+    # rescaled and recomputed coefficients differ by rounding times the condition of a taut cable, K over tension
     np.testing.assert_allclose(both.position.isel(member=1), alone.position, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "match"),
     [
         ({"order": "leading"}, "exact"),
         ({"outputs": ("tension_extremes",)}, "links"),
@@ -120,9 +120,9 @@ def test_members_take_it_too():
         ({"quadrature": 5}, "smoother"),
     ],
 )
-def test_what_is_refused(changes, said):
+def test_unsupported_options_are_refused(changes, match):
     options = {**OPTIONS, "quadrature": 12, **changes}
-    with pytest.raises(cp.SceneError, match=said):
+    with pytest.raises(cp.SceneError, match=match):
         cp.condensed.simulate(cp.read_scene("data/scenes/example4.toml"), sines(40, 4), **options)
 
 

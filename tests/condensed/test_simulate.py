@@ -1,4 +1,4 @@
-"""The condensed model: against the same equations written otherwise, orders, identities, symmetries, what it refuses."""
+"""The condensed model: independent ODE solution, convergence order, identities, symmetries."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ def distances(runs):
     return [np.abs(a - b).max() for a, b in itertools.pairwise(runs)]
 
 
-# --- against the equations written otherwise ------------------------------------------------------------------------
+# --- independent ODE solution -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("dims", "order", "law"),
     [(d, order, "linear") for d in (2, 3) for order in ORDERS] + [(3, "exact", "green"), (2, "inertial", "green")],
 )
-def test_all_modes_are_the_equations_link_by_link(soft, modes, dims, order, law):
+def test_all_modes_solve_the_equations_of_the_links(soft, modes, dims, order, law):
     scene = cp.make_scene({**everything(soft, dims), "chain": {"links": len(LENGTHS)}})
     times = np.array([0.4, 0.8])
     reference = Reference(scene, LENGTHS, order=order, law=law).positions(times)
-    # a step of second order, extrapolated: what is left is of fourth order, (20 rad/s / 4000)^4 / 2000 < 1e-12 of the fastest
-    # motion; DOP853 keeps 1e-11 of each component, over some 1e3 steps
+    # Richardson extrapolation of a second-order scheme: the error is of fourth order, (20 rad/s / 4000)^4 / 2000 < 1e-12 of the
+    # fastest motion; DOP853 has a tolerance of 1e-11 a step, over about 1e3 steps
     coarse, fine = (
         cp.condensed.simulate(scene, modes[dims], order=order, law=law, scheme=SCHEMES[0], times=times, step=h).position
         for h in (1 / 4000, 1 / 8000)
@@ -48,12 +48,12 @@ def test_all_modes_are_the_equations_link_by_link(soft, modes, dims, order, law)
 
 
 class Lagrangian(Reference):
-    """With the kinetic energy of all that moves when links stretch as they do."""
+    """Equations of motion with the kinetic energy of the true chordwise motion."""
 
     def true_lever(self, w, push, c):
         zeta, _, jacobian = self.along(w, push, c)
         reach, across = np.diff(np.concatenate([[0.0], zeta, [c]])), np.diff(np.pad(w[:, 0], 1))
-        # what a link's slope does to its chordwise force, and so to the balance of the particles beside it
+        # derivative of a link's chordwise force by its slope, in the balance of the particles beside it
         give = self.p.stiffness * across * reach / (reach**2 + across**2) ** 1.5
         return np.linalg.solve(
             jacobian, np.diag(give[1:-1], 1) + np.diag(give[1:-1], -1) - np.diag(give[:-1] + give[1:])
@@ -63,10 +63,10 @@ class Lagrangian(Reference):
         return self.true_lever(w, push, c), self.true_lever(w + 1e-20j * v, push, c).imag / 1e-20
 
 
-def test_chordwise_inertia_is_that_of_the_kinetic_energy_of_all_that_moves(soft, modes):
+def test_chordwise_inertia_is_that_of_the_kinetic_energy(soft, modes):
     ratio = []
     for times_tension in (1.0, 2.0):
-        # slopes are inverse to the tension; with K by its cube Irvine's parameter, and so the motion in its own units, stays
+        # slopes are inverse to the tension; with K proportional to its cube, Irvine's parameter and the scaled motion are equal
         tension, times = 200.0 * times_tension, np.array([0.5, 1.0]) / math.sqrt(times_tension)
         soft |= {"motion": {}, "initial": {"top_tension": 0.95 * tension}, "chain": {"links": len(LENGTHS)}}
         soft["cable"] |= {"top_tension": tension, "youngs_modulus": 2e7 * times_tension**3}
@@ -80,8 +80,8 @@ def test_chordwise_inertia_is_that_of_the_kinetic_energy_of_all_that_moves(soft,
         truth = lagrangian.positions(times, start, rtol=1e-8)
         error = {order: float(np.abs(run[order][1:, 1:-1] - truth).max()) for order in run}
         ratio.append(error["inertial"] / error["exact"])
-    # all inertia along the chord goes with the square of the slopes (0.3, 0.15), and what the model leaves out of it, that links
-    # change their length and not all alike, with that square once more
+    # chordwise inertia is proportional to the squared slopes (0.3, 0.15); the part that the model neglects, the non-uniform
+    # change of link lengths, to their fourth power
     assert ratio[0] < 0.3**2
     assert ratio[0] / ratio[1] == pytest.approx(4.0, rel=0.15)
 
@@ -112,7 +112,7 @@ def test_second_order_in_the_step(soft, modes, scheme, order, dims):
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_between_two_steps_the_order_is_the_same(soft, modes, scheme):
+def test_second_order_between_steps(soft, modes, scheme):
     scene = cp.make_scene(everything(soft))
     times = np.array([0.123456, 0.7654321, 1.9])
     runs = [
@@ -120,7 +120,7 @@ def test_between_two_steps_the_order_is_the_same(soft, modes, scheme):
         for rate in (700, 1400, 2800, 5600)
     ]
     distance = distances(runs)
-    # the error also depends on where in a step an instant falls
+    # the error also depends on the position of an instant within a step
     np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 2.0, atol=0.15)
 
 
@@ -132,7 +132,7 @@ def test_explicit_and_implicit_steps_agree(soft, modes, order):
         cp.condensed.simulate(scene, modes[2], order=order, scheme=scheme, step=1 / 8000, times=[1.0], outputs=outputs)
         for scheme in SCHEMES
     )
-    # errors of (omega h)^2 / 12 and / 24 each: 1e-5 of what moves fastest, some mm
+    # errors of (omega h)^2 / 12 and / 24: 1e-5 of the fastest motion, some mm
     np.testing.assert_allclose(a.position, b.position, atol=1e-7)
     np.testing.assert_allclose(a.velocity, b.velocity, atol=1e-5)
     np.testing.assert_allclose(a.tension, b.tension, rtol=1e-4)
@@ -141,7 +141,7 @@ def test_explicit_and_implicit_steps_agree(soft, modes, order):
 @pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")  # modes of another cable
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("order", ["leading", "exact"])
-def test_instants_change_no_bit(soft, modes, order, scheme):
+def test_output_times_do_not_change_the_motion(soft, modes, order, scheme):
     scene = cp.make_scene(everything(soft))
     options = {"order": order, "scheme": scheme, "step": 1 / 1000, "rank": 2}
     every = cp.condensed.simulate(scene, modes[2], times=np.arange(2001) / 1000, **options)
@@ -151,7 +151,7 @@ def test_instants_change_no_bit(soft, modes, order, scheme):
     np.testing.assert_array_equal(start.amplitude, every.amplitude[:1])
 
 
-def test_blocks_change_no_bit(soft, modes, monkeypatch):
+def test_blocks_do_not_change_the_motion(soft, modes, monkeypatch):
     scene = cp.make_scene(everything(soft))
     seen = []
     for order, scheme in itertools.product(ORDERS[::2], SCHEMES):
@@ -160,7 +160,7 @@ def test_blocks_change_no_bit(soft, modes, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(stepping, "BLOCK", 64)
             parts = cp.condensed.simulate(scene, modes[2], progress=seen.append, **options)
-        # implicit steps guess anew at the begin of a block, and end within 1e-11; tables of sines begin anew
+        # at the start of a block implicit steps have another first guess (tolerance 1e-11), and the sine recurrence restarts
         np.testing.assert_allclose(parts.amplitude, whole.amplitude, rtol=1e-9, atol=1e-10)
         np.testing.assert_allclose(parts.tension_maximum, whole.tension_maximum, rtol=1e-8)
     assert seen[-1] == 1.0
@@ -169,15 +169,15 @@ def test_blocks_change_no_bit(soft, modes, monkeypatch):
 
 @pytest.mark.parametrize("order", ["exact", "inertial"])
 @pytest.mark.parametrize("ratio", [1.03, 1.06])
-def test_a_cable_of_much_sag_starts_where_the_chain_hangs(order, ratio):
+def test_a_sagging_cable_starts_at_the_equilibrium_of_the_chain(order, ratio):
     scene = shipped.scene("example3").drop_vars("cable_top_tension")
     chord = float(np.linalg.norm(scene.ends_upper - scene.ends_lower))
     scene = scene.assign(cable_unstretched_length=((), ratio * chord, {"units": "m"}))
     chain = cp.chain.simulate(scene, times=np.arange(0.0, 3.01, 0.25), step=2e-4)
-    found = cp.pod.decompose(chain, layout="normal", rank=8)
-    run = cp.condensed.simulate(scene, found, order=order, times=[0.0], step=1e-3, outputs=("position",))
+    chain_modes = cp.pod.decompose(chain, layout="normal", rank=8)
+    run = cp.condensed.simulate(scene, chain_modes, order=order, times=[0.0], step=1e-3, outputs=("position",))
     off = np.abs(run.position.values[0] - chain.position.values[0]).max()
-    # eight modes hold the shape, some metres off the chord, to some 1e-6 of it
+    # eight modes represent the shape, some metres of sag, to about 1e-6
     assert off < 1e-4
 
 
@@ -200,7 +200,7 @@ def test_equilibrium_stays_at_rest(soft, modes, scheme, order, law):
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_a_mirrored_scene_gives_the_mirrored_motion(soft, modes, order):
+def test_a_mirrored_scene_has_the_mirrored_motion(soft, modes, order):
     mapping = everything(soft)
     mirrored = copy.deepcopy(mapping)
     mirrored["ends"] = {"lower": [0.0, 0.0], "upper": [-8.0, 6.0]}
@@ -217,7 +217,7 @@ def test_a_mirrored_scene_gives_the_mirrored_motion(soft, modes, order):
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_in_a_plane_space_adds_nothing_and_a_turned_plane_only_turns(soft, modes, order):
+def test_planar_scenes_in_space_and_in_a_rotated_plane(soft, modes, order):
     mapping = everything(soft)
     options = {"order": order, "step": 1 / 1000, "times": [0.7, 2.0], "outputs": ("position", "velocity", "tension")}
     flat = cp.condensed.simulate(cp.make_scene(mapping), modes[2], **options)
@@ -244,7 +244,7 @@ def test_in_a_plane_space_adds_nothing_and_a_turned_plane_only_turns(soft, modes
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_units_only_scale(soft, modes, order):
+def test_results_scale_with_the_units(soft, modes, order):
     mapping, length, mass, time = everything(soft), 3.0, 7.0, 0.6
     force = mass * length / time**2
     scaled = copy.deepcopy(mapping)
@@ -288,7 +288,7 @@ def test_units_only_scale(soft, modes, order):
 
 
 @pytest.mark.parametrize("order", ORDERS[:2])
-def test_velocity_verlet_keeps_its_energy(soft, modes, order):
+def test_velocity_verlet_conserves_energy(soft, modes, order):
     soft = {**soft, "motion": {}, "initial": {"top_tension": 220.0}, "load": {"uniform": [3.0, -2.0]}}
     scene = cp.make_scene(soft)
     reference = Reference(scene, LENGTHS, order=order)

@@ -1,4 +1,4 @@
-"""How far a scene lies outside those that modes were trained on."""
+"""Similarity numbers of scenes, and the distance from training scenes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cablepod.parameters._from_scene import parameters
 
 
 def guy(**changes):
-    """A guy along x whose upper end moves along it, without sag, so that all numbers are known by hand."""
+    """Make a guy along x whose upper end moves along it, without sag, so that all numbers are known by hand."""
     tables = {
         "gravity": 9.81,
         "cable": {"youngs_modulus": 1.0e11, "area": 1e-4, "density": 8000.0, "top_tension": 1e5},
@@ -32,38 +32,38 @@ def numbers(scene, until=5.0):
 
 
 def test_features_of_a_taut_level_guy():
-    found, length = numbers(guy())
+    values, length = numbers(guy())
     weight, tension, stiffness = 8000.0 * 1e-4 * 9.81, 1e5, 1e7
-    # the tension differs between the ends and along by the weight of the sag, 1e-8 of it; the harmonic peaks between two instants
-    assert found["irvine_parameter"] == pytest.approx((weight * length / tension) ** 2 * stiffness / tension, rel=1e-6)
-    assert found["pull_along"] == pytest.approx(0.0, abs=1e-12)
-    assert found["end_motion"] == pytest.approx(0.02 * stiffness / (tension * length), rel=1e-4)
-    assert found["end_acceleration"] == pytest.approx(0.0, abs=1e-12)  # it moves along the chord
+    # the weight of the sag changes the tension along the guy by 1e-8; the harmonic has its peak between two instants
+    assert values["irvine_parameter"] == pytest.approx((weight * length / tension) ** 2 * stiffness / tension, rel=1e-6)
+    assert values["pull_along"] == pytest.approx(0.0, abs=1e-12)
+    assert values["end_motion"] == pytest.approx(0.02 * stiffness / (tension * length), rel=1e-4)
+    assert values["end_acceleration"] == pytest.approx(0.0, abs=1e-12)  # it moves along the chord
     first = np.pi / length * np.sqrt(tension / 0.8)
-    assert found["frequency"] == pytest.approx(2.0 / first, rel=1e-6)
-    assert found["other_loads"] == 0.0
+    assert values["frequency"] == pytest.approx(2.0 / first, rel=1e-6)
+    assert values["other_loads"] == 0.0
 
 
 def test_load_along_an_inclined_guy():
-    found, length = numbers(guy(ends={"lower": [0.0, 0.0], "upper": [30.0, 40.0]}, motion={}))
+    values, length = numbers(guy(ends={"lower": [0.0, 0.0], "upper": [30.0, 40.0]}, motion={}))
     weight = 8000.0 * 1e-4 * 9.81
     # the tension is given at the top: at the middle it is half of what the weight along the chord takes, 1.6e-3, less
     tension = 1e5 - 0.5 * weight * 0.8 * length
-    assert found["pull_along"] == pytest.approx(0.8 * weight * length / tension, rel=1e-5)
-    assert found["irvine_parameter"] == pytest.approx((0.6 * weight * length / tension) ** 2 * 1e7 / tension, rel=1e-5)
+    assert values["pull_along"] == pytest.approx(0.8 * weight * length / tension, rel=1e-5)
+    assert values["irvine_parameter"] == pytest.approx((0.6 * weight * length / tension) ** 2 * 1e7 / tension, rel=1e-5)
 
 
 def test_features_of_motion_across_and_of_other_loads():
     up = {"upper": {"y": {"kind": "harmonic", "amplitude": 0.02, "angular_frequency": 2.0}}}
-    found, length = numbers(guy(motion=up, point_load=[{"arc_length": 0.3, "force": [30.0, -40.0]}]))
-    assert found["end_acceleration"] == pytest.approx(0.8 * length * 0.02 * 4.0 / 1e5, rel=1e-4)
-    # 0.02 m across lengthen the chord by 0.02^2 / 2 / 50 m
-    assert found["end_motion"] == pytest.approx(4e-6 * 1e7 / (1e5 * length), rel=1e-4)
-    assert found["other_loads"] == pytest.approx(50.0 / 1e5, rel=1e-6)
+    values, length = numbers(guy(motion=up, point_load=[{"arc_length": 0.3, "force": [30.0, -40.0]}]))
+    assert values["end_acceleration"] == pytest.approx(0.8 * length * 0.02 * 4.0 / 1e5, rel=1e-4)
+    # a transverse displacement of 0.02 m lengthens the chord by 0.02^2 / 2 / 50 m
+    assert values["end_motion"] == pytest.approx(4e-6 * 1e7 / (1e5 * length), rel=1e-4)
+    assert values["other_loads"] == pytest.approx(50.0 / 1e5, rel=1e-6)
     wind = {"uniform": [0.0, 3.0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 3.0}
-    found, length = numbers(guy(motion={}, load=wind))
-    assert found["other_loads"] == pytest.approx(3.0 * length / 1e5, rel=1e-4)
-    assert found["end_motion"] == found["end_acceleration"] == 0.0
+    values, length = numbers(guy(motion={}, load=wind))
+    assert values["other_loads"] == pytest.approx(3.0 * length / 1e5, rel=1e-4)
+    assert values["end_motion"] == values["end_acceleration"] == 0.0
     still, _ = numbers(guy(motion={}))
     assert still["frequency"] == 0.0
 
@@ -92,16 +92,16 @@ def test_several_training_scenes_span_a_range():
     run = cp.condensed.simulate(beyond, modes, **options)
     assert run.attrs["outside_training_feature"] == "frequency"
     assert run.attrs["outside_training"] == pytest.approx(np.log1p(2.0 * high) - np.log1p(high), rel=1e-9)
-    # below the least counts too
+    # values below the range count too
     calm = guy(motion={"upper": {"x": {"kind": "harmonic", "amplitude": 0.001, "angular_frequency": 3.0}}})
     run = cp.condensed.simulate(calm, modes, **options)
     assert run.attrs["outside_training_feature"] == "end_motion"
     least = modes["training_range"].sel(feature="end_motion", bound="least").item()
-    # 0.001 m is a twentieth of the least, 0.02 m
+    # 0.001 m is a twentieth of the lower bound, 0.02 m
     assert run.attrs["outside_training"] == pytest.approx(np.log1p(least) - np.log1p(least / 20.0), rel=1e-6)
 
 
-def test_a_scene_is_inside_its_own_modes_also_after_netcdf(tmp_path):
+def test_a_training_scene_is_inside_also_after_netcdf(tmp_path):
     scene = shipped.scene("example3")
     times = np.arange(41) * 0.25
     chain = cp.chain.simulate(scene, links=10, times=times, step=1e-3)
@@ -119,29 +119,29 @@ def test_a_scene_is_inside_its_own_modes_also_after_netcdf(tmp_path):
     )
 
 
-def test_cables_know_their_scene_too():
+def test_cables_have_scene_features():
     scene = guy()
     chain = cp.chain.simulate(scene, step=2e-4, times=[0.0, 1.0])
     cable = cp.cable.simulate(scene, elements=2, step=1e-4, times=[0.0, 1.0])
-    # the chain is the cable cut into links: its unstretched length is the same
+    # chain and cable have the same unstretched length
     np.testing.assert_allclose(cable["scene_feature"], chain["scene_feature"], rtol=1e-9)
 
 
-def test_modes_that_do_not_know_say_nothing():
+def test_modes_without_training_range_give_no_distance():
     scene = guy()
     chain = cp.chain.simulate(scene, step=2e-4)
     modes = cp.pod.decompose(chain.drop_vars(["scene_feature", "feature"]), layout="normal")
     assert "training_range" not in modes
     run = cp.condensed.simulate(scene, modes, rank=2, step=1e-3, outputs=())
     assert "outside_training" not in run.attrs
-    # of joined runs one of which does not know
+    # joined runs, one of which has no features
     gap = chain.copy()
     gap["scene_feature"] = gap["scene_feature"] * np.nan
     joined = xr.concat([chain, gap], dim="member")
     assert "training_range" not in cp.pod.decompose(joined, layout="normal")
 
 
-def test_galerkin_says_how_far_to_trust_it():
+def test_galerkin_reports_the_retained_energy():
     scene = guy()
     modes = cp.pod.decompose(cp.chain.simulate(scene, step=2e-4))
     for rank in (1, 3):
@@ -156,11 +156,11 @@ def test_galerkin_says_how_far_to_trust_it():
     assert still.attrs["forcing_over_axial_frequency"] == 0.0
 
 
-def test_members_each_say_how_far_they_are():
+def test_each_member_has_its_distance():
     near, far = guy(), guy(motion={"upper": {"x": {"kind": "harmonic", "amplitude": 0.02, "angular_frequency": 16.0}}})
     both = xr.concat([near, far], dim="member")
     trained = cp.chain.simulate(both, links=8, step=2e-4)
-    # an ensemble of chains is as good a training set as runs joined by hand
+    # an ensemble of chains is a training set, as joined runs are
     ranges = cp.pod.decompose(trained, layout="normal")["training_range"].sel(feature="frequency").values
     assert ranges[1] == pytest.approx(8.0 * ranges[0], rel=1e-12)
     modes = cp.pod.decompose(cp.chain.simulate(near, links=8, step=2e-4), layout="normal")
@@ -168,10 +168,10 @@ def test_members_each_say_how_far_they_are():
     distances = np.asarray(run["outside_training"])
     assert distances[0] == 0.0
     assert distances[1] == pytest.approx(np.log1p(ranges[1]) - np.log1p(ranges[0]), rel=1e-9)
-    assert "outside_training_feature" not in run.attrs  # words that differ have no place in a joined result
+    assert "outside_training_feature" not in run.attrs  # texts that differ between members are left out
 
 
-def test_several_trajectories_and_streams_know_all_scenes():
+def test_several_trajectories_and_streams_keep_all_features():
     slow, fast = guy(), guy(motion={"upper": {"x": {"kind": "harmonic", "amplitude": 0.05, "angular_frequency": 4.0}}})
     runs = [cp.chain.simulate(scene, links=8, step=2e-4) for scene in (slow, fast)]
     together = cp.pod.decompose(runs, layout="normal")["training_range"]

@@ -1,4 +1,4 @@
-"""Test functions of the condensed model: the equations written otherwise, identities, what training gains, what is refused."""
+"""Trained test functions: independent ODE solution, identities, gain of the training, refusals."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ POSITION = ("position",)
 
 
 def with_tests_of(modes, rank, tests, out_of_plane=None):
-    """The first modes with test functions."""
+    """Return the first modes with test functions."""
     result = modes.isel(mode=slice(0, rank))
     result["test_function"] = (("mode", "particle"), tests)
     if out_of_plane is not None:
@@ -33,7 +33,7 @@ def with_tests_of(modes, rank, tests, out_of_plane=None):
 
 
 def skewed(modes, rank, suffix="", *, seed=5, size=0.1):
-    """Test functions that lie beside the modes: with parts of all others."""
+    """Return test functions: the modes plus random multiples of all modes."""
     shape = modes[f"mode_shape{suffix}"].transpose("mode", "particle").values
     return shape[:rank] + size * np.random.default_rng(seed).uniform(-1.0, 1.0, (rank, len(shape))) @ shape
 
@@ -42,7 +42,7 @@ def skewed(modes, rank, suffix="", *, seed=5, size=0.1):
 
 
 class Oblique(Reference):
-    """The link-by-link equations, the deflection a sum of few shapes (r, inner), tested with others."""
+    """Petrov-Galerkin projection of the link equations on shapes and test functions (r, inner)."""
 
     def __init__(self, scene, lengths, shapes, tests, *, order):
         super().__init__(scene, lengths, order=order)
@@ -80,7 +80,7 @@ class Oblique(Reference):
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_the_equations_link_by_link_with_other_test_functions(soft, order):
+def test_projected_link_equations(soft, order):
     scene = cp.make_scene({**everything(soft), "chain": {"links": len(LENGTHS)}})
     modes, times = full_modes(), np.array([0.4, 0.8])
     tests = skewed(modes, 2)
@@ -93,7 +93,7 @@ def test_the_equations_link_by_link_with_other_test_functions(soft, order):
         ).position
         for h in (1 / 4000, 1 / 8000)
     )
-    # as in test_condensed: extrapolated, what is left is of fourth order
+    # Richardson extrapolation, as in tests/condensed: the error is of fourth order
     real = pod_normal.deflections(((4.0 * fine - coarse) / 3.0).values)[0]
     np.testing.assert_allclose(real[:, 1:-1], reference, rtol=0, atol=1e-8)
     options = {"rank": 2, "order": order, "scheme": SCHEMES[0], "times": times, "step": 1 / 8000, "outputs": POSITION}
@@ -107,7 +107,7 @@ def test_the_equations_link_by_link_with_other_test_functions(soft, order):
 def test_modes_as_test_functions_are_the_galerkin_model(soft, order, scheme, dims):
     scene = cp.make_scene({**everything(soft, dims), "chain": {"links": len(LENGTHS)}})
     modes = full_modes(dims=dims).isel(mode=slice(0, 3))
-    mixing = np.array([[1.0, 0.5, 0.0], [0.2, 1.0, -0.3], [0.0, 2.0, 1.0]])  # sums of them test the same
+    mixing = np.array([[1.0, 0.5, 0.0], [0.2, 1.0, -0.3], [0.0, 2.0, 1.0]])  # only the span counts
     out = mixing.T @ modes["mode_shape_out_of_plane"].values if dims == 3 else None
     with_tests = with_tests_of(modes, 3, mixing @ modes["mode_shape"].values, out)
     options = {
@@ -119,14 +119,14 @@ def test_modes_as_test_functions_are_the_galerkin_model(soft, order, scheme, dim
     }
     one, other = (cp.condensed.simulate(scene, item, **options) for item in (modes, with_tests))
     for name in ("position", "velocity", "amplitude"):
-        # Newton's method ends at 1e-11 of the amplitudes, a sag of 0.1 m; a step has 500 times as much in a rate
+        # Newton's method has a tolerance of 1e-11 of the amplitudes, a sag of 0.1 m; rates err by 500 times as much
         np.testing.assert_allclose(other[name], one[name], rtol=0, atol=1e-9 if name != "velocity" else 1e-7)
 
 
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("dims", [2, 3])
-def test_implicit_steps_go_where_explicit_ones_go(soft, order, dims):
-    """So the derivatives that Newton's method takes are those of the forces, or near enough."""
+def test_explicit_and_implicit_steps_agree(soft, order, dims):
+    """The tangents of Newton's method are accurate enough."""
     scene = cp.make_scene({**everything(soft, dims), "chain": {"links": len(LENGTHS)}})
     modes = full_modes(dims=dims)
     with_tests = with_tests_of(modes, 3, skewed(modes, 3), skewed(modes, 3, "_out_of_plane") if dims == 3 else None)
@@ -142,7 +142,7 @@ def test_implicit_steps_go_where_explicit_ones_go(soft, order, dims):
     np.testing.assert_allclose(both[1], both[0], rtol=0, atol=1e-7)
 
 
-def test_points_of_quadrature_near_the_links_with_other_test_functions(soft):
+def test_quadrature_with_test_functions_agrees_with_the_links(soft):
     scene = cp.make_scene({**soft, "chain": {"links": 40}})
     sines = np.sin(np.pi * np.outer(np.arange(1.0, 5.0), np.linspace(0.0, 1.0, 41)))
     modes = full_modes([1.0] * 40).isel(mode=slice(0, 2))
@@ -155,13 +155,13 @@ def test_points_of_quadrature_near_the_links_with_other_test_functions(soft):
             for item in (None, 12, 20)
         )
         plain = cp.condensed.simulate(scene, modes, order=order, **options).position.values
-        # by splines through the particles, which are the same; 12 points are right to degree 21
+        # both use splines through the same particles; 12 points are exact to degree 21
         assert np.abs(points - more).max() < 0.05 * np.abs(points - links).max()
-        # links are a rule of second order, off in the third sine's slopes by (3 pi / 40)^2 / 12, half a per cent
+        # links are a second-order rule, which errs in the slopes of the third sine by (3 pi / 40)^2 / 12, half a per cent
         assert np.abs(points - links).max() < 0.1 * np.abs(plain - links).max()
 
 
-def test_members_have_the_test_functions_too(soft):
+def test_members_use_the_test_functions(soft):
     scene = cp.make_scene({**soft, "chain": {"links": 8}})
     modes = full_modes(EVEN)
     few = with_tests_of(modes, 2, skewed(modes, 2))
@@ -174,8 +174,7 @@ def test_members_have_the_test_functions_too(soft):
         np.testing.assert_allclose(together["amplitude"].isel(member=i), alone["amplitude"], rtol=0, atol=1e-12)
 
 
-def test_the_step_limit_knows_of_test_functions(soft):
-    """Frequencies that these raise must not pass unseen: just below the limit told the run is stable."""
+def test_test_functions_lower_the_step_limit(soft):
     scene = cp.make_scene({**soft, "chain": {"links": 8}})
     modes = full_modes(EVEN)
     few = with_tests_of(modes, 3, skewed(modes, 3, size=0.3))
@@ -213,13 +212,13 @@ def deflection_error(run, chain):
     return np.sqrt(((one - other) ** 2).mean(axis=1)).max() / motion
 
 
-def test_training_tells_errors_that_a_run_has(example, trained):
+def test_reported_errors_are_those_of_runs(example, trained):
     scene, chain, modes = example
     times = chain["time"].values
-    for which, told in ((trained, "training_error"), (modes, "training_error_galerkin")):
+    for which, attribute in ((trained, "training_error"), (modes, "training_error_galerkin")):
         run = cp.condensed.simulate(scene, which, rank=3, times=times, tolerance=1e-7)
-        # within the time error of the runs of the training, 1e-5 of the motion
-        assert deflection_error(run, chain) == pytest.approx(trained.attrs[told], abs=3e-5)
+        # up to the time error of the training runs, 1e-5 of the motion
+        assert deflection_error(run, chain) == pytest.approx(trained.attrs[attribute], abs=3e-5)
     real = pod_normal.deflections(chain["position"].values)[0]
     few = modes["mode_shape"].values[:3]
     moved = chain["position"].values - chain["position"].values[0]
@@ -228,8 +227,8 @@ def test_training_tells_errors_that_a_run_has(example, trained):
     assert trained.attrs["projection_error"] == pytest.approx(left, rel=1e-9)
 
 
-def test_errors_of_uneven_links_are_told_right(soft):
-    """There modes that are orthonormal in mass are not so as shapes, in which distances are taken."""
+def test_reported_errors_with_uneven_links(soft):
+    """Modes that are orthonormal in mass are not orthonormal in the norm of the error."""
     scene = cp.make_scene({**soft, "chain": {"link_lengths": [1.0, 3.0, 0.5, 2.0, 1.0, 2.5]}})
     chain = cp.chain.simulate(scene, times=np.arange(21) * 0.1)
     modes = cp.pod.decompose(chain, layout="normal")
@@ -238,7 +237,7 @@ def test_errors_of_uneven_links_are_told_right(soft):
     assert made.attrs["training_error_galerkin"] == pytest.approx(deflection_error(run, chain), rel=1e-3)
 
 
-def test_training_gains(trained):
+def test_training_halves_the_error(trained):
     attrs = trained.attrs
     assert attrs["training_error"] < 0.5 * attrs["training_error_galerkin"]
     assert attrs["projection_error"] < attrs["training_error"] < 3.0 * attrs["projection_error"]
@@ -246,8 +245,8 @@ def test_training_gains(trained):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "rank"), [("example2", 4), ("example4", 3)])
-def test_the_search_comes_near_the_projection(name, rank):
-    """Over the whole run at once it ends in Example 4 at 4.1 times the projection; in Example 2 errors are below 1e-5."""
+def test_the_error_approaches_that_of_the_projection(name, rank):
+    """Fitted over the whole run at once, Example 4 ends at 4.1 times the projection; in Example 2 errors are below 1e-5."""
     scene = shipped.scene(name)
     chain = cp.chain.simulate(scene, times=np.arange(301) * 0.1, tolerance=1e-6)
     modes = cp.pod.decompose(chain, layout="normal", rank=8)
@@ -265,18 +264,18 @@ def test_part_of_a_training_case_is_a_shorter_run(example):
         oblique._training_case(0, scene, chain.isel(time=slice(76)), modes, options, 1e-5),
     )
     assert part.times[-1] == 7.5
-    assert part.scheme_and_step == whole.scheme_and_step  # so that errors of parts and whole are of one model
+    assert part.scheme_and_step == whole.scheme_and_step  # errors of parts and whole belong to one model
     short.__dict__["scheme_and_step"] = whole.scheme_and_step
     tests = (skewed(modes, 2),)
     np.testing.assert_allclose(
         part.errors(tests) * part.motion, short.errors(tests) * short.motion, rtol=1e-12, atol=1e-15
     )
     assert whole.first_part(1.0).times.size == whole.times.size
-    assert whole.first_part(1e-6).times.size == 2  # the least that is a run
+    assert whole.first_part(1e-6).times.size == 2  # the shortest run
 
 
-def test_what_is_learned_holds_later(example, trained):
-    """Trained on 30 s, twice as good over 60 s more."""
+def test_the_gain_holds_after_the_training_time(example, trained):
+    """Trained on 30 s, half of the error over 90 s."""
     scene, _, modes = example
     times = np.arange(901) * 0.1
     chain = cp.chain.simulate(scene, times=times)
@@ -286,7 +285,7 @@ def test_what_is_learned_holds_later(example, trained):
     assert with_tests < 0.5 * plain
 
 
-def test_the_estimate_sees_that_the_error_is_less(example, trained):
+def test_the_error_estimate_agrees_with_the_training_error(example, trained):
     scene, chain, modes = example
     estimates = [
         cp.condensed.simulate(scene, which, rank=3, times=chain["time"].values).attrs["error_estimate"]
@@ -326,7 +325,7 @@ def test_training_in_space(soft):
     assert error == pytest.approx(made.attrs["training_error"], abs=3e-4)
 
 
-def test_nothing_given_is_changed_and_files_keep_all(example, trained, tmp_path):
+def test_inputs_are_unchanged_and_files_are_complete(example, trained, tmp_path):
     scene, chain, modes = example
     before = [item.copy(deep=True) for item in example]
     again = cp.oblique.train(scene, chain, modes, rank=3, iterations=8)
@@ -340,8 +339,8 @@ def test_nothing_given_is_changed_and_files_keep_all(example, trained, tmp_path)
     np.testing.assert_array_equal(runs[0]["position"], runs[1]["position"])
 
 
-def test_test_functions_belong_to_their_points_of_quadrature(example):
-    """What a rule of few points makes of the products of rough test functions is trained with them."""
+def test_test_functions_are_valid_for_their_quadrature(example):
+    """The quadrature error of rough test functions is part of the training."""
     scene, chain, modes = example
     few = cp.oblique.train(scene, chain, modes, rank=4, order="exact", quadrature=12, iterations=2, tolerance=1e-4)
     options = {"order": "exact", "times": chain["time"].values, "tolerance": 1e-5}
@@ -356,18 +355,18 @@ def test_test_functions_belong_to_their_points_of_quadrature(example):
 
 
 def test_progress_ends_at_one(example):
-    told: list[float] = []
-    cp.oblique.train(*example, rank=1, iterations=1, progress=told.append)
-    assert told[-1] == 1.0
-    assert all(0.0 < part <= 1.0 for part in told)
+    fractions: list[float] = []
+    cp.oblique.train(*example, rank=1, iterations=1, progress=fractions.append)
+    assert fractions[-1] == 1.0
+    assert all(0.0 < part <= 1.0 for part in fractions)
 
 
 # --- warnings and refusals ------------------------------------------------------------------------------------------
 
 
-def test_test_functions_that_make_vibrations_grow_are_told_of(soft):
-    """A test function that feels a mode's stiffness with the wrong sign makes rest a hilltop."""
-    soft["cable"]["top_tension"], soft["gravity"] = 2000.0, 0.01  # no sag to speak of
+def test_growing_vibrations_cause_a_warning(soft):
+    """A test function that reverses the sign of a modal stiffness makes the equilibrium unstable."""
+    soft["cable"]["top_tension"], soft["gravity"] = 2000.0, 0.01  # negligible sag
     scene = cp.make_scene({**soft, "chain": {"links": 40}})
     modes = full_modes([1.0] * 40)
     first, fifth = np.sin(np.pi * np.outer([1.0, 5.0], np.linspace(0.0, 1.0, 41)))
@@ -381,7 +380,7 @@ def test_test_functions_that_make_vibrations_grow_are_told_of(soft):
     few = with_tests_of(modes, 1, (first - 0.25 * fifth)[None])
     with pytest.warns(cp.OutOfRangeWarning, match="growth_over_run"):
         run = cp.condensed.simulate(scene, few, step=0.001, times=[0.15], outputs=POSITION)
-    # 2000 N, 1 kg/m, 10 / 1.1 m unstretched; links make the square of the frequency sin(k pi / 80)^2 over that of the first
+    # 2000 N, 1 kg/m, 10 / 1.1 m unstretched; squared frequencies of 40 links are proportional to sin(k pi / 80)^2
     stiffer = np.sin(5.0 * np.pi / 80.0) ** 2 / np.sin(np.pi / 80.0) ** 2
     square = (1.0 - 0.0625 * stiffer) / (1.0 - 0.0625) * 2000.0 * (np.pi * 1.1 / 10.0) ** 2
     assert run.attrs["growth_over_run"] == pytest.approx(0.15 * np.sqrt(-square), rel=2e-3)
@@ -389,7 +388,7 @@ def test_test_functions_that_make_vibrations_grow_are_told_of(soft):
         cp.condensed.simulate(scene, few, step=0.001, times=[4.0], outputs=POSITION)
 
 
-def test_what_test_functions_cannot_do_is_refused(example, trained):
+def test_other_options_than_the_trained_ones_are_refused(example, trained):
     scene, _, modes = example
     for options, match in (
         ({"rank": 2}, "rank: given 2; allowed: 3"),
