@@ -107,7 +107,7 @@ def same_structure(p: Parameters, other: Parameters) -> bool:
 
 
 #: Number of steps in a block: its tables of end positions fit in the cache.  It divides the block of single runs, and is a
-#: multiple of the block of the sine recurrence, so that both give the same bits.
+#: multiple of the block of the sine recurrence, which restarts at the same steps then.
 BLOCK = 512
 
 
@@ -192,7 +192,7 @@ class CondensedBatchPlan:
 
     modes: xr.Dataset
     model: CondensedModel  #: that of the first member
-    parameters: MemberParameters
+    parameters: MemberParameters  #: those of all members
     instants: OutputTimes
     outputs: set[str]
     links: np.ndarray | None  #: indices, from 0, of the links whose tensions are computed; None for all
@@ -308,9 +308,9 @@ class CondensedBatch:
             )  # fmt: skip
 
     def _end_tables(self) -> tuple[Callable[[int], None], np.ndarray, np.ndarray]:
-        """Return a function that fills them from a given step on, and tables of end positions and accelerations.
+        """Make tables of end positions [m] and accelerations [m/s^2] of a block, (members, 2 dims, BLOCK) each.
 
-        Both tables are (members, 2 dims, BLOCK) [m], [m/s^2].
+        Returns a function that fills both from a given step on, and the two tables.
         """
         from cablepod.parameters import _kernels_sines as kernel
 
