@@ -1,8 +1,7 @@
-"""The continuous elastic cable at rest (theory of section 3 of the paper, exact): scene -> scene at rest."""
+"""Public functions of the elastic catenary: a scene at rest, and arrays of cables."""
 
 from __future__ import annotations
 
-import math
 import warnings
 
 import numpy as np
@@ -10,9 +9,9 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from cablepod import provenance
-from cablepod.catenary._statics import kind_of, load_plane, solve_statics
+from cablepod.catenary._statics import check_solved, load_plane, solve_catenaries, solve_statics
 from cablepod.conventions import COORDINATES, label
-from cablepod.errors import SceneError, scene_error
+from cablepod.errors import SceneError
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters_of_members
 from cablepod.parameters._keys import LENGTH_KEYS, exactly_one
@@ -20,17 +19,17 @@ from cablepod.parameters._parameters import Parameters
 
 
 def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
-    """Compute the continuous cable at rest under its weight and uniform load, by the exact elastic catenary.
+    """Compute the equilibrium of a continuous cable by the exact elastic catenary.
 
-    The linear law T = K (xi - 1) holds.  Where two lengths have the given tension, the shorter is meant.  A load that
-    varies in time acts with its value at time 0; the ends stand where they stand then.
+    Weight and uniform load act, and the linear law T = K (xi - 1) holds.  If two lengths have the given tension, the
+    shorter one is returned.  Loads and positions of the ends are those at time 0.
 
     Parameters
     ----------
     scene
         A scene, with or without ``member``.
     points
-        Number of equally spaced unstretched arc lengths at which the shape is given, both ends included.
+        Number of output points, equally spaced in unstretched arc length, both ends included.
 
     Returns
     -------
@@ -42,17 +41,17 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     Raises
     ------
     SceneError
-        Where no such cable exists, and for fewer than two points.
+        If no such cable exists, or for fewer than two points.
 
     Warns
     -----
     UserWarning
-        Where the scene has point loads, which the catenary leaves out; :func:`cablepod.chain.rest` has them.
+        If the scene has point loads, which the catenary omits; :func:`cablepod.chain.rest` includes them.
 
     Notes
     -----
-    Right to about 1e-13 relative, and to a few K/T 2^-53 in the forces of a taut cable whose length is given, which is
-    what rounding the length does to them.  Source: eqs. (7)-(16) of the paper, elastic and with the signs repaired.
+    The relative error is about 1e-13.  The forces of a taut cable of given length have a relative error of a few
+    K/T 2^-53, caused by rounding of the length.  Source: eqs. (7)-(16) of the paper, elastic and with corrected signs.
 
     Examples
     --------
@@ -63,32 +62,27 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     >>> round(float(rest.unstretched_length), 3), round(float(rest.tension_lower))
     (61.156, 14434)
     """
+    from cablepod.catenary import _kernels_solve as kernel  # numba is imported only to compute
+
     integer(least=2)("points", points)
     members = parameters_of_members(scene)
     if any(p.point_loads for p in members):
         warnings.warn(
-            "catenary.rest leaves out the point loads of the scene; see chain.rest, which has them",
+            "catenary.rest leaves out the point loads of the scene; use chain.rest to include them",
             UserWarning,
             stacklevel=2,
         )
-    solved = [_one(p, points) for p in members]
+    solved = [_rest_of_member(p, points) for p in members]
     single = "member" not in scene.dims
-    stack = [item[0] if single else np.stack(item) for item in zip(*solved, strict=True)]
-    position, tension, arc_length, scalars = stack
-    lead = () if single else ("member",)
-    names = (
-        "unstretched_length",
-        "stretched_length",
-        "horizontal_force",
-        "mid_force",
-        "tension_lower",
-        "tension_upper",
+    position, tension, arc_length, scalars = (
+        arrays[0] if single else np.stack(arrays) for arrays in zip(*solved, strict=True)
     )
+    lead = () if single else ("member",)
     result = xr.Dataset(
         {
             "position": ((*lead, "particle", "coordinate"), position),
             "tension": ((*lead, "particle"), tension),
-            **{name: (lead, scalars[..., i]) for i, name in enumerate(names) if name != "mid_force"},
+            **{name: (lead, scalars[..., i]) for i, name in enumerate(kernel.COLUMNS) if name != "mid_force"},
         },
         coords={
             "arc_length": ((*lead, "particle"), arc_length),
@@ -96,35 +90,36 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
         },
     )
     if not single:
-        varied = {name: v for name, v in scene.variables.items() if v.dims == ("member",)}
-        result = result.assign_coords({name: v.copy() for name, v in varied.items()})
+        swept = {name: variable for name, variable in scene.variables.items() if variable.dims == ("member",)}
+        result = result.assign_coords({name: variable.copy() for name, variable in swept.items()})
     label(result)
     result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: continuous cable at rest", stage="rest")
     options = {"points": points} | ({} if single else {"unstretched_lengths": scalars[..., 0]})
     return provenance.record(result, function="catenary.rest", parameters=options, inputs=[scene])
 
 
-def _one(p: Parameters, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    from cablepod.catenary import _kernels_shape as kernel  # numba is imported only to compute
+def _rest_of_member(p: Parameters, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Positions (points, dims) [m], tensions [N] and arc lengths [m] of one cable at rest, and its statics (6,)."""
+    from cablepod.catenary import _kernels_shape as kernel
 
-    solution = solve_statics(p, p.length_key, p.length_value)
-    _, _, _, q, across, against = load_plane(p)
-    s = solution[0] * np.linspace(0.0, 1.0, points)
+    statics = solve_statics(p, p.length_key, p.length_value)
+    plane = load_plane(p)
+    s = statics[0] * np.linspace(0.0, 1.0, points)
     x, y, tension = np.empty(points), np.empty(points), np.empty(points)
-    kernel.shape(s, solution, q, p.stiffness, x, y, tension)
+    kernel.shape(s, statics, plane.load, p.stiffness, x, y, tension)
     lower = p.end_positions(np.zeros(1))[0, 0]
-    return lower + x[:, None] * across + y[:, None] * against, tension, s, solution
+    return lower + x[:, None] * plane.across + y[:, None] * plane.against, tension, s, statics
 
 
 def solve(
     span: ArrayLike, rise: ArrayLike, load: ArrayLike, stiffness: ArrayLike, **given: ArrayLike
 ) -> dict[str, np.ndarray]:
-    """Solve many elastic catenaries at array level, about a microsecond each.
+    """Solve many elastic catenaries given as arrays, at about one microsecond each.
 
     Parameters
     ----------
     span, rise
-        Of the upper end from the lower one, across the load (>= 0) and against it [m].
+        Upper end relative to the lower one, across the load (>= 0) and against it [m].
     load
         Load per unstretched length (>= 0) [N/m].
     stiffness
@@ -135,14 +130,14 @@ def solve(
     Returns
     -------
     dict
-        Arrays of the common shape of all arguments: ``unstretched_length``, ``stretched_length`` [m], ``horizontal_force``,
-        ``mid_force`` (force against the load at the middle of the unstretched length), ``tension_lower``,
-        ``tension_upper`` [N].
+        Arrays of the broadcast shape of all arguments: ``unstretched_length``, ``stretched_length`` [m],
+        ``horizontal_force``, ``mid_force`` (force against the load at the middle of the unstretched length),
+        ``tension_lower``, ``tension_upper`` [N].
 
     Raises
     ------
     SceneError
-        Where one of them has no solution; the message says which, and the least tension where that is the reason.
+        If one cable has no solution.  The message names its index and the reason, for instance the least tension.
 
     Examples
     --------
@@ -151,24 +146,18 @@ def solve(
     >>> cables["unstretched_length"].round(3).tolist()
     [61.18, 61.156]
     """
-    from cablepod.catenary import _kernels_solve as kernel  # numba is imported only to compute
+    from cablepod.catenary import _kernels_solve as kernel
 
     key = exactly_one("given", given, LENGTH_KEYS)
     if len(given) > 1:
         raise SceneError(f"{', '.join(given)}: unknown key; allowed: exactly one of {', '.join(LENGTH_KEYS)}")
     arrays = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (span, rise, load, stiffness, given[key])))
     a, b, q, k, value = (np.ascontiguousarray(x).ravel() for x in arrays)
-    out, status = np.empty((a.size, 6)), np.empty(a.size, dtype=np.int64)
-    kind = kind_of(key)
-    kernel.solve_many(a, b, np.hypot(a, b), q, k, kind, value, out, status)
-    if (status != kernel.FOUND).any():
-        i = int(np.argmax(status != kernel.FOUND))
-        reason = "a combination for which there is a cable"
-        if status[i] == kernel.BELOW_LEAST_TENSION:
-            sign = 1.0 if kind == kernel.UPPER_TENSION else -1.0
-            least = kernel.least_tension(a[i], b[i], math.hypot(a[i], b[i]), q[i], k[i], sign)
-            reason = f"at least {max(least, 0.0):.6g} N"
-        elif status[i] == kernel.SLACK_WEIGHTLESS:
-            reason = "at most the chord, because a slack cable without load has no shape at rest"
-        raise scene_error(f"{key}[{i}]", float(value[i]), reason)
-    return {name: out[:, column].reshape(arrays[0].shape) for column, name in enumerate(kernel.COLUMNS)}
+    plane = a, b, np.hypot(a, b), q
+    solutions, status = solve_catenaries(plane, k, key, value)
+    failed = status != kernel.FOUND
+    if failed.any():
+        i = int(np.argmax(failed))
+        numbers = [float(array[i]) for array in (*plane, k, value)]
+        check_solved(int(status[i]), numbers[:4], numbers[4], key, numbers[5], name=f"{key}[{i}]")
+    return {name: solutions[:, column].reshape(arrays[0].shape) for column, name in enumerate(kernel.COLUMNS)}

@@ -126,6 +126,14 @@ def test_every_variable_has_units():
         cp.catenary.rest(cp.make_scene(guy(top_tension=7500.0)), points=1)
 
 
+def test_scenes_and_arrays_have_one_refusal():
+    with pytest.raises(cp.SceneError) as scene:
+        cp.make_scene(guy(top_tension=600.0))
+    with pytest.raises(cp.SceneError) as array:
+        cp.catenary.solve(20.40, 57.70, 9.8125, 2e7, top_tension=600.0)
+    assert str(scene.value).removeprefix("cable.top_tension") == str(array.value).removeprefix("top_tension[0]")
+
+
 def test_arrays_are_solved_in_one_call():
     tensions = np.array([[1875.0, 3750.0], [7500.0, 15000.0]])
     many = cp.catenary.solve(20.40, 57.70, 78500.0 * 1.25e-4, 2e7, top_tension=tensions)
@@ -137,6 +145,8 @@ def test_arrays_are_solved_in_one_call():
         cp.catenary.solve(20.40, 57.70, 9.8125, 2e7, top_tension=[700.0, 600.0])
     with pytest.raises(cp.SceneError, match=r"unstretched_length\[0\]: given 62\.0; allowed: at most the chord"):
         cp.catenary.solve(20.40, 57.70, 0.0, 2e7, unstretched_length=62.0)
+    with pytest.raises(cp.SceneError, match=r"horizontal_force\[0\]: given 1\.0; allowed: a tension or a length"):
+        cp.catenary.solve(0.0, 57.70, 9.8125, 2e7, horizontal_force=1.0)
     with pytest.raises(cp.SceneError, match="exactly one of top_tension"):
         cp.catenary.solve(20.40, 57.70, 0.0, 2e7)
     with pytest.raises(cp.SceneError, match="unknown key"):
