@@ -1,4 +1,4 @@
-"""Implicit runs of the Galerkin model: trapezoidal and energy-momentum steps."""
+"""Implicit time integration of the Galerkin model: trapezoidal rule and energy-momentum method."""
 
 from __future__ import annotations
 
@@ -10,100 +10,102 @@ from typing import Any
 import numpy as np
 
 from cablepod.chain._implicit import MAX_ROTATION, MAX_SUBSTEPS, MIN_ROTATION, TENSION_RTOL
-from cablepod.galerkin._runs import FEWER_ROWS, ROUNDING, GalerkinRun, RunRecord
+from cablepod.galerkin._runs import MIN_ROW_RATIO, ROUNDING, GalerkinRun, RunRecord
 
 
 @dataclass(frozen=True)
 class ImplicitGalerkinRun(GalerkinRun):
-    """Trapezoidal rule or energy-momentum method: second order, stable at any step as far as linear theory goes."""
+    """Trapezoidal rule or energy-momentum method: second order, unconditionally stable in linear theory."""
 
-    counts: list[int] = field(default_factory=lambda: [0, 0])  #: of the last run: iterations, steps cut
+    counts: list[int] = field(default_factory=lambda: [0, 0])  #: Newton iterations and substepped steps of the last run
 
     @property
-    def fault(self) -> str:
-        """What a stopped run says."""
+    def failure(self) -> str:
+        """Reason for stopping, as stated in the message."""
         return f"Newton's method did not converge, with the step cut into {MAX_SUBSTEPS},"
 
-    other = "scheme velocity_verlet"
+    alternative = "scheme velocity_verlet"
 
     @property
-    def packs(self) -> bool:
-        """Whether packed coefficients are the faster way."""
-        return FEWER_ROWS * (len(self.model.used) + self.model.pairs[0].size) <= self.model.chain.links
+    def use_polynomial_form(self) -> bool:
+        """Whether the polynomial form of the energy is the faster one."""
+        return MIN_ROW_RATIO * (len(self.model.active_axes) + self.model.pairs[0].size) <= self.model.chain.links
 
-    def _begin(self, record: RunRecord) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
+    def _stepper(self, record: RunRecord) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
         model, total = self.model, int(record.instants.steps[-1])
         p = self.p0.copy()
-        state = (
-            p,
-            np.zeros_like(p),
-            np.zeros((3, p.size)),
-            np.zeros(3),
-        )  # with rates, mean accelerations, energy account
+        # projection z, its rates, mean accelerations of the last three steps, energy account
+        state = p, np.zeros_like(p), np.zeros((3, p.size)), np.zeros(3)
         tension = float(np.abs(model.tension(model.positions(self.q0[None], np.zeros(1)))).mean())
-        enough = min(max(math.sqrt(2.0 * TENSION_RTOL * tension / model.chain.p.stiffness), MIN_ROTATION), MAX_ROTATION)
-        rate = record.instants.steps_per_second
+        rotation = math.sqrt(2.0 * TENSION_RTOL * tension / model.chain.p.stiffness)
+        newton_tolerance = min(max(rotation, MIN_ROTATION), MAX_ROTATION)
+        steps_per_second = record.instants.steps_per_second
         self.counts[:] = [0, 0]
 
         def advance(begin: int, steps: int) -> bool:
-            end = begin + steps + (begin + steps == total)  # a last step is saved when it is done
-            rows = record.rows(begin, end)
+            end = begin + steps + (begin + steps == total)  # the last block also saves the state after its last step
+            targets = record.targets(begin, end)
             done = 0
             while True:
-                first = int(np.searchsorted(rows[0], begin + done))
-                done += self._kernel(state, enough, rate, begin + done, steps - done, *(item[first:] for item in rows))
+                first = int(np.searchsorted(targets[0], begin + done))
+                rest = [array[first:] for array in targets]
+                done += self._advance(state, newton_tolerance, steps_per_second, begin + done, steps - done, *rest)
                 if done == steps:
                     break
-                if not self._cut(state, enough, rate, begin + done):
+                if not self._substep(state, newton_tolerance, steps_per_second, begin + done):
                     return False
                 done += 1
             if not self.is_finite(p):
                 return False
-            record.take(begin, end, *rows[1:])
+            record.store(begin, end, *targets[1:])
             return True
 
         if total == 0:
             advance(0, 0)
         return advance, state, total
 
-    def _cut(self, state: tuple[np.ndarray, ...], enough: float, rate: float, number: int) -> bool:
-        """Take one step in pieces, so short that Newton's method converges; returns whether it did."""
-        keep, pieces, nothing = [item.copy() for item in state], 2, np.zeros(0, dtype=np.int64)
-        while pieces <= MAX_SUBSTEPS:
-            saved = np.empty((0, 3, self.q0.size)), np.empty((0, 4))
-            if self._kernel(state, enough, pieces * rate, pieces * number, pieces, nothing, *saved) == pieces:
+    def _substep(
+        self, state: tuple[np.ndarray, ...], newton_tolerance: float, steps_per_second: float, number: int
+    ) -> bool:
+        """Repeat one step with 2, 8, ... substeps until Newton's method converges; return whether it does."""
+        before, substeps = [array.copy() for array in state], 2
+        no_targets = np.zeros(0, dtype=np.int64), np.empty((0, 3, self.q0.size)), np.empty((0, 4))
+        while substeps <= MAX_SUBSTEPS:
+            finer = substeps * steps_per_second
+            if self._advance(state, newton_tolerance, finer, substeps * number, substeps, *no_targets) == substeps:
                 self.counts[1] += 1
                 return True
-            for target, source in zip(state, keep, strict=True):
+            for target, source in zip(state, before, strict=True):
                 target[:] = source
-            pieces *= 4
+            substeps *= 4
         return False
 
-    def _kernel(
+    def _advance(
         self,
         state: tuple[np.ndarray, ...],
-        enough: float,
-        rate: float,
+        newton_tolerance: float,
+        steps_per_second: float,
         start: int,
         steps: int,
-        marks: np.ndarray,
+        save_steps: np.ndarray,
         saved: np.ndarray,
         energy: np.ndarray,
     ) -> int:
-        """Take steps of 1 / rate; returns how many were done."""
+        """Advance the state by up to `steps` steps from step number `start` on; return the number of completed steps."""
         from cablepod.galerkin import _kernels_energy as kernel_energy
         from cablepod.galerkin import _kernels_implicit as kernel_implicit  # numba is imported only to compute
 
-        model, law, (packed, linked) = self.model, self.law, self.tables
-        stiffness = np.ones(packed[1].size) if law == kernel_energy.PACKED else linked[4]
+        model, law, (polynomial_form, link_form) = self.model, self.law, self.tables
+        stiffness = np.ones(polynomial_form[1].size) if law == kernel_energy.PACKED else link_form[4]
         done, iterations = kernel_implicit.implicit(
-            *state, 1.0 / rate, self.scheme == "energy_momentum", self.damping, model.coupling,
-            model.loads_on_steps(start, steps, rate), model.displacements_on_steps(start, steps, rate), law,
-            np.ascontiguousarray(packed[0].T), packed[1:], linked, stiffness, model.turns, enough, ROUNDING, start, steps,
-            marks, saved, energy,
+            *state, 1.0 / steps_per_second, self.scheme == "energy_momentum", self.damping, model.coupling,
+            model.loads_at_steps(start, steps, steps_per_second),
+            model.displacements_at_steps(start, steps, steps_per_second), law, np.ascontiguousarray(polynomial_form[0].T),
+            polynomial_form[1:], link_form, stiffness, model.rms_slopes, newton_tolerance, ROUNDING, start, steps, save_steps,
+            saved, energy,
         )  # fmt: skip
         self.counts[0] += iterations
         return done
 
-    def _notes(self) -> dict[str, Any]:
+    def _diagnostics(self) -> dict[str, Any]:
         return {"newton_iterations": self.counts[0], "steps_cut": self.counts[1]}

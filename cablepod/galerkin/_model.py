@@ -1,4 +1,4 @@
-"""A cable restricted to modes: masses, loads, energy and its derivatives in a few amplitudes, eqs. (34)-(36)."""
+"""Galerkin model of a cable: masses, loads, strain energy and its derivatives in modal amplitudes, eqs. (34)-(36)."""
 
 from __future__ import annotations
 
@@ -25,17 +25,16 @@ from cablepod.pod._snapshots import relative_arc_length
 
 @dataclass(frozen=True)
 class GalerkinModel:
-    """A cable restricted to modes.
+    """Galerkin projection of a lumped-mass chain on modes.
 
-    Coordinates y are the mass-orthonormal amplitudes q, then the displacements of the ends that move (the lifting needs no
-    code of its own).  Positions are shape + sum y_k field_k on the particles of the modes, with the links and masses of a chain
-    on those particles.
+    The coordinates y are the mass-orthonormal amplitudes q, followed by the displacements d of the moving ends.  Positions
+    are shape + sum y_k field_k on the particles of the modes.  Links and masses are those of a chain on these particles.
     """
 
     chain: LumpedChain
     law: str
     mean: np.ndarray  #: (particle, dims) [m]
-    modes: np.ndarray  #: modes as given (modes, particle, dims)
+    modes: np.ndarray  #: as given (modes, particle, dims)
     layout: str
 
     @cached_property
@@ -49,8 +48,8 @@ class GalerkinModel:
         return self.chain.p.mass * self.chain.tributary_length[1:-1]
 
     @cached_property
-    def root(self) -> np.ndarray:
-        """Lower Cholesky factor of the mass matrix of the modes [kg^1/2]."""
+    def mass_cholesky(self) -> np.ndarray:
+        """Lower Cholesky factor of the mass matrix of the modes (modes, modes) [kg^1/2]."""
         inner = self.modes[:, 1:-1]
         return np.linalg.cholesky(np.einsum("ipc,p,kpc->ik", inner, self.mass, inner))
 
@@ -59,17 +58,17 @@ class GalerkinModel:
         """Mass-orthonormal modes (modes, particle, dims) [kg^-1/2]."""
         from scipy.linalg import solve_triangular  # costly to import
 
-        flat = solve_triangular(self.root, self.modes.reshape(len(self.modes), -1), lower=True)
+        flat = solve_triangular(self.mass_cholesky, self.modes.reshape(len(self.modes), -1), lower=True)
         return flat.reshape(self.modes.shape)
 
     @cached_property
     def moving(self) -> tuple[tuple[str, str], ...]:
-        """The (end, axis) that move."""
+        """Moving coordinates of the ends, as (end, axis)."""
         return tuple(self.chain.p.motions)
 
     @cached_property
     def lifts(self) -> np.ndarray:
-        """Fields of the displacements of the ends (moving, particle, dims)."""
+        """Lifting fields of the displacements of the ends (moving, particle, dims)."""
         result = np.zeros((len(self.moving), self.sigma.size, self.chain.p.dims))
         for field, (end, axis) in zip(result, self.moving, strict=True):
             field[:, COORDINATES.index(axis)] = self.sigma if end == ENDS[1] else 1.0 - self.sigma
@@ -77,49 +76,49 @@ class GalerkinModel:
 
     @cached_property
     def shape(self) -> np.ndarray:
-        """Mean shape between the undisplaced ends (particle, dims) [m]."""
+        """Positions in the mean shape between the undisplaced ends (particle, dims) [m]."""
         s = self.sigma[:, None]
         return (1.0 - s) * self.chain.p.lower + s * self.chain.p.upper + self.mean
 
     @cached_property
     def coupling(self) -> np.ndarray:
-        """What acceleration of the ends does to the amplitudes (moving, modes) [kg^1/2]."""
+        """Mass coupling of the lifting fields to the modes (moving, modes) [kg^1/2]."""
         return np.einsum("fpc,p,kpc->fk", self.lifts[:, 1:-1], self.mass, self.fields[:, 1:-1])
 
     @cached_property
     def slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Differences over the links by their lengths: of the shape (n, dims), of the fields (coordinates, n, dims)."""
+        """Slopes of the links d/dS: of the shape (n, dims), of the fields (coordinates, n, dims)."""
         length = self.chain.length[:, None]
         fields = np.concatenate([self.fields, self.lifts])
         return np.diff(self.shape, axis=0) / length, np.diff(fields, axis=1) / length
 
     @cached_property
     def pairs(self) -> tuple[np.ndarray, np.ndarray]:
-        """The pairs of coordinates whose products the strain holds; without a common axis they have none, and cost nothing."""
-        first, second = np.triu_indices(len(self.used))
-        common = (self.used[first] & self.used[second]).any(axis=1)
+        """Index pairs of the coordinates whose product occurs in the strain, because they share an axis."""
+        first, second = np.triu_indices(len(self.active_axes))
+        common = (self.active_axes[first] & self.active_axes[second]).any(axis=1)
         return first[common], second[common]
 
     @cached_property
-    def used(self) -> np.ndarray:
-        """Along which axes the coordinates move (coordinates, dims)."""
+    def active_axes(self) -> np.ndarray:
+        """Mask of the axes along which each coordinate displaces the cable (coordinates, dims)."""
         return np.abs(self.slopes[1]).max(axis=1) > 0.0
 
     @cached_property
     def strain(self) -> np.ndarray:
         """Strain (xi^2 - 1)/2 of the links in the mean shape (n,)."""
         length = self.chain.length
-        size = np.sqrt(np.sum(np.diff(self.shape, axis=0) ** 2, axis=1))
-        return 0.5 * (size - length) / length * (size + length) / length
+        stretched = np.sqrt(np.sum(np.diff(self.shape, axis=0) ** 2, axis=1))
+        return 0.5 * (stretched - length) / length * (stretched + length) / length
 
     @cached_property
-    def packed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Law (21) in packed form: triangular factor, offset, pairs; see ``kernels.reduced``."""
-        shape, rates = self.slopes
+    def polynomial_form(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Energy of law (21) as a polynomial: factor R (rows, monomials), offset e (rows,), index pairs of the monomials."""
+        shape, fields = self.slopes
         first, second = self.pairs
-        # the strain (xi^2 - 1)/2 about the mean shape, where differences of large numbers are gone
-        linear = np.einsum("jc,kjc->jk", shape, rates)
-        quadratic = np.einsum("pjc,pjc->jp", rates[first], rates[second]) * np.where(first == second, 0.5, 1.0)
+        # strain (xi^2 - 1)/2 about the mean shape, which avoids cancellation
+        linear = np.einsum("jc,kjc->jk", shape, fields)
+        quadratic = np.einsum("pjc,pjc->jp", fields[first], fields[second]) * np.where(first == second, 0.5, 1.0)
         weight = np.sqrt(self.chain.p.stiffness * self.chain.length)[:, None]
         table = weight * np.concatenate([linear, quadratic, self.strain[:, None]], axis=1)
         triangle: Any = np.linalg.qr(table, mode="r")
@@ -127,82 +126,89 @@ class GalerkinModel:
         return np.ascontiguousarray(factor[:, :-1]), np.ascontiguousarray(factor[:, -1]), first, second
 
     @cached_property
-    def linked(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Energy link by link; see ``kernels.reduced``."""
-        shape, rates = self.slopes
+    def link_form(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Energy as a sum over links: slopes of shape and fields, strain of the shape, active axes, K l [N m]."""
+        shape, fields = self.slopes
         k = self.chain.p.stiffness * self.chain.length
-        return np.ascontiguousarray(shape.T), self.strain, np.ascontiguousarray(np.moveaxis(rates, 1, 2)), self.used, k
+        return (
+            np.ascontiguousarray(shape.T),
+            self.strain,
+            np.ascontiguousarray(np.moveaxis(fields, 1, 2)),
+            self.active_axes,
+            k,
+        )
 
     @cached_property
-    def turns(self) -> np.ndarray:
-        """By how much an amplitude turns and stretches the links, in the mean (modes,) [kg^-1/2 m^-1]."""
+    def rms_slopes(self) -> np.ndarray:
+        """Root mean square over the links of the slope of each mode (modes,) [kg^-1/2 m^-1]."""
         return np.sqrt(np.mean(np.sum(self.slopes[1][: len(self.modes)] ** 2, axis=2), axis=1))
 
-    def loads_on_steps(self, start: int, steps: int, rate: float) -> np.ndarray:
-        """Generalised loads (steps + 1, modes) at so many steps from `start` on; one row where they stand still."""
+    def loads_at_steps(self, start: int, steps: int, steps_per_second: float) -> np.ndarray:
+        """Generalised loads (steps + 1, modes) at the steps from `start` on; one row if they are constant."""
         total, varying = self._generalised_loads
         for pattern, factor in varying:
-            total = total + factor.at_steps(start, steps, rate)[:, None] * pattern
+            total = total + factor.at_steps(start, steps, steps_per_second)[:, None] * pattern
         return total
 
     @cached_property
     def _generalised_loads(self) -> tuple[np.ndarray, list[tuple[np.ndarray, TimeFunction]]]:
-        """Constant loads on the modes (1, modes) [N], and those that vary in time (modes,) with their factors."""
+        """Constant generalised loads (1, modes), and patterns (modes,) of time-dependent ones with their factors."""
         varying = [
             (np.einsum("pc,kpc->k", pattern, self.fields), factor)
             for pattern, factor in self.chain.time_dependent_loads()
         ]
         return np.einsum("pc,kpc->k", self.chain.loads(), self.fields)[None], varying
 
-    def displacements_on_steps(self, start: int, steps: int, rate: float) -> np.ndarray:
-        """Displacements of the ends that move (steps + 1, moving) at so many steps from `start` on."""
-        columns = [self.chain.p.motions[key].at_steps(start, steps, rate) for key in self.moving]
+    def displacements_at_steps(self, start: int, steps: int, steps_per_second: float) -> np.ndarray:
+        """Displacements of the moving ends (steps + 1, moving) [m] at the steps from `start` on."""
+        columns = [self.chain.p.motions[key].at_steps(start, steps, steps_per_second) for key in self.moving]
         return np.ascontiguousarray(np.stack(columns, axis=1)) if columns else np.zeros((steps + 1, 0))
 
     def displacements(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Displacements of the ends that move, or their rates: (time, moving)."""
+        """Displacements of the moving ends (time, moving) [m], or their time derivatives."""
         time = np.asarray(time, dtype=float)
         columns = [self.chain.p.motions[key](time, derivative) for key in self.moving]
         return np.stack(columns, axis=1) if columns else np.zeros((time.size, 0))
 
     def gradient(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient (modes,) and Hessian (modes, modes) of the potential energy by the amplitudes."""
-        shape, rates = self.slopes
+        """Gradient (modes,) and Hessian (modes, modes) of the strain energy with respect to the amplitudes."""
+        shape, fields = self.slopes
         stiffness = self.chain.p.stiffness * self.chain.length
-        reach = shape + np.tensordot(y, rates, axes=1)
-        square = np.sum(reach**2, axis=1)
-        along = np.einsum("jc,kjc->kj", reach, rates[: len(self.modes)])
-        own = rates[: len(self.modes)]
+        slopes = shape + np.tensordot(y, fields, axes=1)
+        square = np.sum(slopes**2, axis=1)
+        along = np.einsum("jc,kjc->kj", slopes, fields[: len(self.modes)])
+        modal = fields[: len(self.modes)]
         if self.law == "green":
             s, ds = green_secant(square, stiffness), stiffness
         else:
             xi = np.sqrt(square)
             taut = xi > 1.0
             s, ds = np.where(taut, stiffness * (1.0 - 1.0 / xi), 0.0), np.where(taut, stiffness / xi**3, 0.0)
-        hessian = (along * ds) @ along.T + np.einsum("kjc,j,ljc->kl", own, s, own)
+        hessian = (along * ds) @ along.T + np.einsum("kjc,j,ljc->kl", modal, s, modal)
         return along @ s, hessian
 
     def highest_frequency(self, q: np.ndarray, time: float) -> float:
-        """Highest angular frequency [rad/s] of small motions about the amplitudes `q`."""
+        """Highest angular frequency [rad/s] of small vibrations about the amplitudes `q` at a time [s]."""
         _, hessian = self.gradient(np.concatenate([q, self.displacements(np.array([time]))[0]]))
         return math.sqrt(max(float(np.linalg.eigvalsh(hessian)[-1]), 0.0))
 
     def initial(self) -> np.ndarray:
-        """Amplitudes at the start: the model's own equilibrium, or the projection of the shape that the scene says."""
-        frozen = self.displacements(np.zeros(1))[0]
+        """Return the initial amplitudes (modes,): equilibrium of the model, or projection of the scene's initial shape."""
+        end_displacements = self.displacements(np.zeros(1))[0]
         p = self.chain.p
-        offset = start(replace(self.chain, law=self.law)) - self.shape - np.tensordot(frozen, self.lifts, axes=1)
+        lifting = np.tensordot(end_displacements, self.lifts, axes=1)
+        offset = start(replace(self.chain, law=self.law)) - self.shape - lifting
         q = np.einsum("pc,p,kpc->k", offset[1:-1], self.mass, self.fields[:, 1:-1])
         if p.initial:
             return q
         load = np.einsum("pc,kpc->k", self.chain.loads(0.0), self.fields)
-        small = 1e-6 * math.sqrt(self.mass.sum()) * self.chain.total_length
-        return _equilibrium(lambda q: self.gradient(np.concatenate([q, frozen])), load, q, small)
+        floor = 1e-6 * math.sqrt(self.mass.sum()) * self.chain.total_length
+        return _equilibrium(lambda q: self.gradient(np.concatenate([q, end_displacements])), load, q, floor)
 
     def tension(self, position: np.ndarray) -> np.ndarray:
         """Tensions of the links (..., n) [N] by the law of the model."""
-        size = np.sqrt(square(np.diff(position, axis=-2)))
-        strain = (size - self.chain.length) / self.chain.length
+        stretched = np.sqrt(square(np.diff(position, axis=-2)))
+        strain = (stretched - self.chain.length) / self.chain.length
         if self.law == "linear":
             return self.chain.p.stiffness * np.maximum(strain, 0.0)
         return self.chain.p.stiffness * strain * (1.0 + 0.5 * strain) * (1.0 + strain)
@@ -210,16 +216,16 @@ class GalerkinModel:
     def positions(self, q: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Positions (time, particle, dims) [m] from amplitudes (time, modes)."""
         ends = self.chain.p.end_positions(time)
-        # a product of matrices would sum in an order that depends on the number of instants
+        # the summation order of a matrix product would depend on the number of instants
         position = np.einsum("tk,kp->tp", np.concatenate([q, ends.reshape(time.size, -1)], axis=1), self._composition)
         position = position.reshape(time.size, *self.mean.shape)
         position += self.mean
-        position[:, [0, -1]] = ends  # rounding in sigma must not move the ends
+        position[:, [0, -1]] = ends  # exactly, without rounding errors of sigma
         return position
 
     @cached_property
     def _composition(self) -> np.ndarray:
-        """Fields of the amplitudes, then of both ends along each axis: one product of matrices makes positions."""
+        """Fields of the amplitudes, then of both ends along each axis (modes + 2 dims, particle dims)."""
         dims = self.chain.p.dims
         lines = np.zeros((2, dims, self.sigma.size, dims))
         for c in range(dims):
@@ -227,54 +233,64 @@ class GalerkinModel:
         return np.concatenate([self.fields.reshape(len(self.modes), -1), lines.reshape(2 * dims, -1)])
 
     def velocities(self, rates: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Velocities (time, particle, dims) [m/s] from the rates of the amplitudes."""
+        """Velocities (time, particle, dims) [m/s] from the rates of the amplitudes (time, modes)."""
         moving = np.tensordot(self.displacements(time, 1), self.lifts, axes=1)
         return np.tensordot(rates, self.fields, axes=1) + moving
 
 
 def _equilibrium(
-    gradient: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], load: np.ndarray, q: np.ndarray, small: float
+    gradient: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], load: np.ndarray, q: np.ndarray, floor: float
 ) -> np.ndarray:
-    """Find the amplitudes at rest by Newton's method, beginning with the projected rest of the chain.
+    """Find the equilibrium amplitudes (modes,) by Newton's method, starting at the projection `q`.
 
-    Corrections are measured by the amplitudes or, where those vanish, by a `small` one [kg^1/2 m].
-
-    Where the Hessian is not positive or the steps do not settle (a locked or slack model) the projection itself is the start.
+    Corrections are relative to the largest amplitude plus `floor` [kg^1/2 m].  If the Hessian is singular or Newton's method
+    does not converge (a locked or slack model), `q` itself is returned.
     """
-    found = q
+    iterate = q
     last = math.inf
     for _ in range(50):
-        slope, hessian = gradient(found)
+        slope, hessian = gradient(iterate)
         try:
-            move = np.linalg.solve(hessian, load - slope)
+            correction = np.linalg.solve(hessian, load - slope)
         except np.linalg.LinAlgError:
             return q
-        size = float(np.abs(move).max())
-        if not size < last and last < 1e-6 * (float(np.abs(q).max()) + small):
-            return found  # rounding: the steps shrink no more
-        found = found + move
-        if size == 0.0:
-            return found
-        last = size
-    return found if last <= 1e-9 * (float(np.abs(q).max()) + small) else q
+        norm = float(np.abs(correction).max())
+        if not norm < last and last < 1e-6 * (float(np.abs(q).max()) + floor):
+            return iterate  # rounding: corrections decrease no further
+        iterate = iterate + correction
+        if norm == 0.0:
+            return iterate
+        last = norm
+    return iterate if last <= 1e-9 * (float(np.abs(q).max()) + floor) else q
 
 
 def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) -> GalerkinModel:
-    """Make the reduced model of a scene's parameters on modes.
+    """Assemble the Galerkin model of a scene's parameters on modes.
+
+    Parameters
+    ----------
+    p
+        Parameters of the scene.
+    modes
+        Result of :func:`cablepod.pod.decompose`.
+    rank
+        Number of modes, of each coordinate if separate; None for all.
+    law
+        "green" or "linear".
 
     Raises
     ------
     SceneError
-        For a scene that this model cannot do.
+        For a free end, viscous links, or modes of other coordinates.
     """
     check_law(law)
     if p.free_end is not None:
         raise scene_error(
-            "ends.free", p.free_end, "two held ends, because the modes vanish at both; chain.simulate does a free end"
+            "ends.free", p.free_end, "two held ends, as the modes vanish at both; use chain.simulate for a free end"
         )
     if p.link_viscosity is not None:
         raise scene_error(
-            "damping.link_viscosity", p.link_viscosity, "none for a reduced model; mass_proportional is possible"
+            "damping.link_viscosity", p.link_viscosity, "none for a reduced model; use damping.mass_proportional"
         )
     fields = mode_fields(modes, rank)
     if fields.shape[2] != p.dims:

@@ -1,4 +1,4 @@
-"""Runs of the Galerkin model: velocity Verlet, trapezoidal rule, energy-momentum method."""
+"""Time integration of the Galerkin model, common to all schemes: sampling, energy balance, labelled output."""
 
 from __future__ import annotations
 
@@ -18,63 +18,65 @@ from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._run import chain_coordinates
 
-#: Packed coefficients cost about (monomials x rows), links (coordinates x axes x links): explicit steps take what is less.
-#: Implicit ones, whose tangent costs (modes^2 x rows), take packed ones if they have so many times fewer rows than links.  Both
-#: as measured for 2 to 48 amplitudes and 20 to 320 links.
-PACKED_COST, FEWER_ROWS = 1.0, 2.0
-#: What rounding makes of a correction, by how much it turns the links.
+#: Cost of the polynomial form, monomials x rows, relative to the link form, coordinates x axes x links (explicit steps take the
+#: cheaper one); and minimum ratio of links to rows for the polynomial form in implicit steps, whose tangent costs modes^2 x rows.
+#: Both as measured for 2 to 48 amplitudes and 20 to 320 links.
+POLYNOMIAL_COST, MIN_ROW_RATIO = 1.0, 2.0
+#: Rounding error of a Newton correction, as a mean rotation of the links [rad].
 ROUNDING = 32.0 * float(np.finfo(float).eps)
 
 
 @dataclass
 class GalerkinTrajectory:
-    """What one run gives."""
+    """Arrays of one run at the output instants."""
 
     instants: OutputTimes
-    q: np.ndarray  #: mass-orthonormal amplitudes at the instants (times, modes) [kg^1/2 m]
-    rates: np.ndarray  #: their rates [kg^1/2 m/s]
-    second: np.ndarray  #: their second rates [kg^1/2 m/s^2]; only with each instant on a step
-    extremes: tuple[np.ndarray, np.ndarray] | None  #: of the tensions (n,) [N]
-    diagnostics: dict[str, Any] = field(default_factory=dict)  #: attributes of the result that this run alone knows
+    q: np.ndarray  #: mass-orthonormal amplitudes (times, modes) [kg^1/2 m]
+    rates: np.ndarray  #: first time derivatives of `q` (times, modes) [kg^1/2 m/s]
+    second_rates: (
+        np.ndarray
+    )  #: second time derivatives (times, modes) [kg^1/2 m/s^2]; valid if each instant lies on a step
+    extremes: tuple[np.ndarray, np.ndarray] | None  #: minimum and maximum tensions of the links (n,) [N]
+    diagnostics: dict[str, Any] = field(default_factory=dict)  #: attributes of the result
 
 
 class RunRecord:
-    """What is kept of the steps of a run."""
+    """Arrays saved at steps of a run."""
 
     def __init__(self, run: GalerkinRun, instants: OutputTimes) -> None:
         self.run, self.instants = run, instants
         modes, count = run.q0.size, instants.steps.size
-        self.saved = np.zeros((count, 3, modes))  # amplitudes of the particles, rates, second rates
-        self.energy = np.zeros((count, 4))  # strain energy, work of loads, work of ends, dissipated
+        self.saved = np.zeros((count, 3, modes))  # projection z = q + C^T d, first and second time derivatives
+        self.energy = np.zeros((count, 4))  # strain energy, work of loads, work of ends, dissipated energy [J]
         links = run.model.chain.links
         self.extremes = (np.full(links, np.inf), np.full(links, -np.inf)) if "tension_extremes" in run.outputs else None
 
-    def rows(self, begin: int, end: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Which of the steps begin ... end - 1 the kernel is to save, and where."""
+    def targets(self, begin: int, end: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the steps of [begin, end) to save, and the arrays for the kernel (saves, 3, modes), (saves, 4)."""
         if self.extremes is not None:
             return np.arange(begin, end), np.empty((end - begin, *self.saved.shape[1:])), np.empty((end - begin, 4))
         first, last = np.searchsorted(self.instants.steps, (begin, end))
         return self.instants.steps[first:last], self.saved[first:last], self.energy[first:last]
 
-    def take(self, begin: int, end: int, saved: np.ndarray, energy: np.ndarray) -> None:
-        """Take over what the kernel saved, and the extremes of the tensions."""
+    def store(self, begin: int, end: int, saved: np.ndarray, energy: np.ndarray) -> None:
+        """Update the tension extremes from all steps [begin, end), and keep the steps that the output needs."""
         if self.extremes is None:
             return
         first, last = np.searchsorted(self.instants.steps, (begin, end))
-        picked = self.instants.steps[first:last] - begin
-        self.saved[first:last], self.energy[first:last] = saved[picked], energy[picked]
+        kept = self.instants.steps[first:last] - begin
+        self.saved[first:last], self.energy[first:last] = saved[kept], energy[kept]
         model, (low, high) = self.run.model, self.extremes
         time = np.arange(begin, end) / self.instants.steps_per_second
-        for some in np.array_split(np.arange(end - begin), max(1, (end - begin) // 1024)):
-            q = saved[some, 0] - model.displacements(time[some]) @ model.coupling
-            tension = model.tension(model.positions(q, time[some]))
+        for block in np.array_split(np.arange(end - begin), max(1, (end - begin) // 1024)):
+            q = saved[block, 0] - model.displacements(time[block]) @ model.coupling
+            tension = model.tension(model.positions(q, time[block]))
             np.minimum(low, tension.min(axis=0), out=low)
             np.maximum(high, tension.max(axis=0), out=high)
 
 
 @dataclass(frozen=True)
 class GalerkinRun:
-    """One scene on one set of modes, ready to be run with any step by one scheme."""
+    """Galerkin model of a scene with one scheme, callable with the number of steps per second."""
 
     model: GalerkinModel
     times: np.ndarray
@@ -85,34 +87,36 @@ class GalerkinRun:
     modes: xr.Dataset
     scheme: str
 
-    def __call__(self, rate: float) -> GalerkinTrajectory:
-        """Run with so many steps per second."""
-        instants = OutputTimes.of(self.times, rate)
+    def __call__(self, steps_per_second: float) -> GalerkinTrajectory:
+        """Integrate the equations of motion with a given number of steps per second."""
+        instants = OutputTimes.of(self.times, steps_per_second)
         record = RunRecord(self, instants)
-        advance, state, total = self._begin(record)
-        failed = advance_in_blocks(advance, state, total, self.progress)
-        notes = self._notes()
-        if failed is not None:
-            self._stop(record, failed, notes)
-        return self._check(self._gather(record, instants, notes))
+        advance, state, total = self._stepper(record)
+        failed_step = advance_in_blocks(advance, state, total, self.progress)
+        diagnostics = self._diagnostics()
+        if failed_step is not None:
+            self._stop(record, failed_step, diagnostics)
+        return self._check(self._trajectory(record, instants, diagnostics))
 
-    def sample(self, times: np.ndarray, rate: float) -> GalerkinTrajectory:
-        """Return the trajectory at other instants [s]: the run with so many steps per second, saved there."""
-        return replace(self, times=times, outputs=(), progress=None)(rate)
+    def sample(self, times: np.ndarray, steps_per_second: float) -> GalerkinTrajectory:
+        """Repeat the run with the same step and return its trajectory at other instants [s]."""
+        return replace(self, times=times, outputs=(), progress=None)(steps_per_second)
 
-    def _begin(self, record: RunRecord) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
-        """Return what advances the state, the state, the number of steps."""
+    def _stepper(self, record: RunRecord) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
+        """Return the function that advances the state by a block of steps, the state, and the number of steps."""
         raise NotImplementedError
 
-    def _notes(self) -> dict[str, Any]:
+    def _diagnostics(self) -> dict[str, Any]:
+        """Return attributes of the last run."""
         return {}
 
-    def _check(self, state: GalerkinTrajectory) -> GalerkinTrajectory:
-        return state
+    def _check(self, trajectory: GalerkinTrajectory) -> GalerkinTrajectory:
+        """Return a valid trajectory; a scheme raises RunStopped for an invalid one."""
+        return trajectory
 
     @cached_property
     def p0(self) -> np.ndarray:
-        """Amplitudes of the particles at the start."""
+        """Projection z = q + C^T d at the start (modes,) [kg^1/2 m]."""
         return self.q0 + self.model.displacements(np.zeros(1))[0] @ self.model.coupling
 
     @property
@@ -121,116 +125,122 @@ class GalerkinRun:
         return self.model.chain.p.mass_damping or 0.0
 
     @property
-    def packs(self) -> bool:
-        """Whether packed coefficients are the faster way."""
+    def use_polynomial_form(self) -> bool:
+        """Whether the polynomial form of the energy is the faster one."""
         raise NotImplementedError
 
     @cached_property
     def law(self) -> int:
-        """How the kernel evaluates the energy."""
+        """Form in which the kernels evaluate the energy, a constant of ``_kernels_energy``."""
         from cablepod.galerkin import _kernels_energy as kernel  # numba is imported only to compute
 
         if self.model.law == "linear":
             return kernel.LINEAR_LINKS
-        return kernel.PACKED if self.packs else kernel.GREEN_LINKS
+        return kernel.PACKED if self.use_polynomial_form else kernel.GREEN_LINKS
 
     @cached_property
     def tables(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-        """Packed and linked coefficients; those not used are of size zero."""
+        """Coefficients of the polynomial form and of the link form; those not needed are empty."""
         model = self.model
-        none = np.zeros(0, dtype=np.int64)
+        no_pairs = np.zeros(0, dtype=np.int64)
         count, dims = len(model.modes) + len(model.moving), model.chain.p.dims
         if self.law == 0:
-            unused = np.zeros((dims, 0)), np.zeros(0), np.zeros((count, dims, 0)), model.used, np.zeros(0)
-            return model.packed, unused
-        return (np.zeros((0, 0)), np.zeros(0), none, none), model.linked
+            unused = np.zeros((dims, 0)), np.zeros(0), np.zeros((count, dims, 0)), model.active_axes, np.zeros(0)
+            return model.polynomial_form, unused
+        return (np.zeros((0, 0)), np.zeros(0), no_pairs, no_pairs), model.link_form
 
     @cached_property
     def divergence_bound(self) -> float:
-        """Amplitude that no sound run reaches [kg^1/2 m]."""
+        """Amplitude above which a run counts as divergent [kg^1/2 m]."""
         model = self.model
         return 1e6 * math.sqrt(model.mass.sum()) * (model.chain.total_length + float(np.abs(model.shape).max()))
 
     def is_finite(self, p: np.ndarray) -> bool:
-        """Whether amplitudes are finite and not absurd."""
+        """Whether all amplitudes are finite and below the divergence bound."""
         return bool(np.isfinite(p).all() and np.abs(p).max() < self.divergence_bound)
 
-    def _gather(self, record: RunRecord, instants: OutputTimes, notes: dict[str, Any]) -> GalerkinTrajectory:
-        """Take what was saved at steps to the instants of the output; the lifting is known between steps too."""
+    def _trajectory(self, record: RunRecord, instants: OutputTimes, diagnostics: dict[str, Any]) -> GalerkinTrajectory:
+        """Interpolate the saved steps to the output instants; the lifting is evaluated exactly there."""
         keep = instants.steps.size
         p, v, a = (record.saved[:keep, i] for i in range(3))
         model, time = self.model, instants.times
         q = instants.at_times(p, v, a) - model.displacements(time) @ model.coupling
         rates = instants.rates_at_times(v, a) - model.displacements(time, 1) @ model.coupling
-        defect = {"energy_defect": _energy_defect(v, record.energy[:keep], float(self.start_energy))}
-        second = a[instants.left] - model.displacements(time, 2) @ model.coupling
-        return GalerkinTrajectory(instants, q, rates, second, record.extremes, {**defect, **notes})
+        defect = {"energy_defect": _energy_defect(v, record.energy[:keep], float(self.initial_energy))}
+        second_rates = a[instants.left] - model.displacements(time, 2) @ model.coupling
+        return GalerkinTrajectory(instants, q, rates, second_rates, record.extremes, {**defect, **diagnostics})
 
     @cached_property
-    def start_energy(self) -> float:
+    def initial_energy(self) -> float:
         """Strain energy at the start [J]."""
         from cablepod.galerkin import _kernels_energy as kernel
 
-        model, packed, linked = self.model, *self.tables
+        model, polynomial_form, link_form = self.model, *self.tables
         y = np.concatenate([self.q0, model.displacements(np.zeros(1))[0]])
-        gradient, links = np.zeros(y.size), linked[1].size
+        gradient, links = np.zeros(y.size), link_form[1].size
         if self.law == kernel.PACKED:
-            total = packed[0].shape[1]
-            return kernel.packed_gradient(y, *packed, np.zeros(total), np.zeros(total), gradient)
-        reach, e, s = np.zeros_like(linked[0]), np.zeros(links), np.zeros(links)
-        return kernel.link_gradient(y, self.law, *linked, reach, e, s, gradient)
+            total = polynomial_form[0].shape[1]
+            return kernel.packed_gradient(y, *polynomial_form, np.zeros(total), np.zeros(total), gradient)
+        slopes, e, s = np.zeros_like(link_form[0]), np.zeros(links), np.zeros(links)
+        return kernel.link_gradient(y, self.law, *link_form, slopes, e, s, gradient)
 
-    def _stop(self, record: RunRecord, done: int, notes: dict[str, Any]) -> None:
-        instants, rate = record.instants, record.instants.steps_per_second
-        # the state at the failing step itself is sound, but for explicit steps its second rate may not be
-        count = int(np.searchsorted(instants.times, (done - 1) / rate * (1.0 + 1e-12), side="right")) if done else 0
+    def _stop(self, record: RunRecord, failed_step: int, diagnostics: dict[str, Any]) -> None:
+        """Raise RunStopped with the output before the failed step."""
+        instants, steps_per_second = record.instants, record.instants.steps_per_second
+        time = failed_step / steps_per_second
+        # the state at the failed step is finite, but the second rate of an explicit step may not be
+        last = (failed_step - 1) / steps_per_second
+        count = int(np.searchsorted(instants.times, last * (1.0 + 1e-12), side="right")) if failed_step else 0
         partial = None
         if count:
-            few = OutputTimes.of(instants.times[:count], rate)
+            completed = OutputTimes.of(instants.times[:count], steps_per_second)
             record.extremes = None
-            partial = self.dataset(self._gather(record, few, notes))
-            partial.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {instants.times[-1]:.6g} s"
+            partial = self.dataset(self._trajectory(record, completed, diagnostics))
+            partial.attrs["incomplete"] = f"stopped at {time:.6g} s of {instants.times[-1]:.6g} s"
         raise RunStopped(
-            f"{self.fault} at {done / rate:.6g} s ({self.scheme}, step {1 / rate:.4g} s, step number {done}); try a shorter "
-            f"step, {self.other}, more modes, or the chain itself",
+            f"{self.failure} at {time:.6g} s ({self.scheme}, step {1 / steps_per_second:.4g} s, step number {failed_step}); "
+            f"try a shorter step, {self.alternative}, more modes, or the chain itself",
             partial,
         )
 
     @property
-    def fault(self) -> str:
-        """What a stopped run says."""
+    def failure(self) -> str:
+        """Reason for stopping, as stated in the message."""
         return "the reduced model left the finite numbers"
 
-    other = "scheme energy_momentum"
+    #: Scheme to try instead, as stated in the message.
+    alternative = "scheme energy_momentum"
 
-    def dataset(self, state: GalerkinTrajectory) -> xr.Dataset:
-        """Label what a run gave."""
+    def dataset(self, trajectory: GalerkinTrajectory) -> xr.Dataset:
+        """Convert a trajectory to a labelled Dataset."""
         from scipy.linalg import solve_triangular  # costly to import
 
-        model, time = self.model, state.instants.times
-        amplitude = solve_triangular(model.root, state.q.T, lower=True, trans="T").T
+        model, time = self.model, trajectory.instants.times
+        amplitude = solve_triangular(model.mass_cholesky, trajectory.q.T, lower=True, trans="T").T
         lead: tuple[str, ...] = ()
         count = len(model.modes)
         if model.layout == "separate":
             lead, count = ("coordinate",), count // model.chain.p.dims
-        # one Dataset made at once: each variable added later costs as much as hundreds of steps
+        # one constructor call, as adding a variable later costs as much as hundreds of steps
         variables: dict[str, Any] = {
             "amplitude": (("time", *lead, "mode"), amplitude.reshape(time.size, *[-1] * len(lead), count)),
             "end_position": (("time", "end", "coordinate"), model.chain.p.end_positions(time)),
             "unstretched_length": ((), model.chain.total_length),
         }
-        place, attrs = ("time", "particle", "coordinate"), {}
-        # asked for or not: the least stretch says whether the cable went slack
-        position = model.positions(state.q, time)
+        dims = ("time", "particle", "coordinate")
+        # always computed, because the minimum stretch shows whether the cable went slack
+        position = model.positions(trajectory.q, time)
         if "position" in self.outputs:
-            variables["position"] = (place, position)
+            variables["position"] = (dims, position)
         if "tension" in self.outputs:
             variables["tension"] = (("time", "link"), model.tension(position))
-        attrs["smallest_stretch"] = float(model.chain.stretch(position).min())
+        attrs = {"smallest_stretch": float(model.chain.stretch(position).min())}
         if "velocity" in self.outputs:
-            variables["velocity"] = (place, model.velocities(state.rates, time))
-        if state.extremes is not None:
-            variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
+            variables["velocity"] = (dims, model.velocities(trajectory.rates, time))
+        if trajectory.extremes is not None:
+            variables["tension_minimum"], variables["tension_maximum"] = (
+                ("link", tensions) for tensions in trajectory.extremes
+            )
         coords = {
             "time": time,
             "mode": self.modes["mode"].values[:count],
@@ -246,21 +256,21 @@ class GalerkinRun:
             law=model.law,
             rank=count,
             scheme=self.scheme,
-            step=1.0 / state.instants.steps_per_second,
-            number_of_steps=int(state.instants.steps[-1]),
-            **state.diagnostics,
+            step=1.0 / trajectory.instants.steps_per_second,
+            number_of_steps=int(trajectory.instants.steps[-1]),
+            **trajectory.diagnostics,
         )
         return result
 
 
-def _energy_defect(rates: np.ndarray, energy: np.ndarray, start: float) -> float:
-    """Largest energy at the saved steps that start, work and damping do not explain, over the largest exchanged until then.
+def _energy_defect(rates: np.ndarray, energy: np.ndarray, initial: float) -> float:
+    """Largest violation of the energy balance at the saved steps, over the largest energy exchanged.
 
-    `rates` (saves, modes) are those of the particles, `energy` (saves, 4) the strain energy, the work of loads and of ends and
-    what was dissipated [J]; `start` is the strain energy at the start, where nothing moves.
+    `rates` (saves, modes) are the time derivatives of z.  `energy` (saves, 4) holds the strain energy, the work of the loads
+    and of the ends, and the dissipated energy [J].  `initial` is the strain energy at the start, where the cable is at rest.
     """
     kinetic = 0.5 * np.sum(rates**2, axis=1)
-    terms = np.stack([kinetic, energy[:, 0] - start, -energy[:, 1], -energy[:, 2], energy[:, 3]])
-    # of nothing exchanged, rounding of the energy itself is no defect
-    exchanged = max(float(np.abs(terms).max()), 1e-6 * start)
+    terms = np.stack([kinetic, energy[:, 0] - initial, -energy[:, 1], -energy[:, 2], energy[:, 3]])
+    # the floor keeps rounding of the energy from counting if hardly any energy is exchanged
+    exchanged = max(float(np.abs(terms).max()), 1e-6 * initial)
     return float(np.abs(terms.sum(axis=0)).max() / exchanged) if exchanged > 0.0 else 0.0

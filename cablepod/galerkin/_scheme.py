@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from cablepod.galerkin._implicit import ImplicitGalerkinRun
 from cablepod.galerkin._runs import GalerkinRun, GalerkinTrajectory
+from cablepod.integrate._request import Request
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
     halve_step_while_cheaper,
@@ -17,73 +19,119 @@ from cablepod.integrate._step_control import (
 )
 
 SCHEMES = ("velocity_verlet", "trapezoidal", "energy_momentum")
-#: An implicit step costs about as much as so many explicit ones, and so many more for each amplitude (40 links).
+#: Cost of an implicit step in explicit steps, and its increase for each amplitude (measured with 40 links).
 IMPLICIT_COST, COST_OF_AMPLITUDE = 4.0, 0.45
-#: Below so many seconds of explicit run time no other scheme is tried unasked; seconds per step, and more for each amplitude.
+#: Minimum explicit run time at which an implicit scheme is tried without a given tolerance [s]; run time of an explicit step, and
+#: its increase for each amplitude [s].
 CHOICE_MIN_SECONDS, STEP_TIME, TIME_OF_AMPLITUDE = 0.3, 2e-7, 2e-8
-#: Steps of the first implicit run in the period of the first transverse vibration; and how many times as many resolve enough of
-#: what moves for runs to show an order.
-STEPS_PER_PERIOD, TRIAL_RATIO = 8.0, 16.0
+#: Steps of the first implicit run in a period of the first transverse vibration.
+STEPS_PER_PERIOD = 8.0
+#: Maximum number of implicit steps over that of the first run at which two runs are compared without an order of convergence.
+TRIAL_RATIO = 16.0
 
 
-def choose_scheme(
-    runs: dict[str, GalerkinRun], limit: float, goal: float, *, asked: bool
-) -> tuple[GalerkinRun, tuple[GalerkinTrajectory, float, float], str]:
-    """Pick scheme and step for a tolerance: implicit as long as its steps are so long that it is the faster one."""
+class GalerkinResult(NamedTuple):
+    """A run, its trajectory, and the reason for scheme and step."""
+
+    run: GalerkinRun
+    trajectory: GalerkinTrajectory
+    steps_per_second: float
+    time_error: float | None  #: estimate as a fraction of the motion; None for a given step
+    reason: str  #: attribute ``choice_of_scheme``
+
+
+def solve(
+    runs: dict[str, GalerkinRun], limit: float, request: Request, steps_per_second: float | None
+) -> GalerkinResult:
+    """Integrate with the given scheme and step, or choose them by the tolerance.
+
+    Parameters
+    ----------
+    runs
+        The run of each scheme.
+    limit
+        Stability limit of explicit steps [s].
+    request
+        Scheme and tolerance, as far as given.
+    steps_per_second
+        Of the given step; None if the step is to be chosen.
+    """
+    run = runs[request.scheme or SCHEMES[0]]
+    if steps_per_second is not None:
+        return GalerkinResult(run, run(steps_per_second), steps_per_second, None, "given")
+    if request.scheme is not None:
+        return GalerkinResult(run, *_refine_in_time(run, limit, request.tolerance), "given")
+    return _choose_scheme(runs, limit, request.tolerance, asked=request.given_tolerance is not None)
+
+
+class Comparison(NamedTuple):
+    """How to compare runs that differ in the step: the first arguments of the functions of step control."""
+
+    run: GalerkinRun
+    positions: Callable[[GalerkinTrajectory], np.ndarray]
+    motion: Callable[[GalerkinTrajectory], float]
+    steps_per_second: float  #: of the first run
+
+
+def _choose_scheme(runs: dict[str, GalerkinRun], limit: float, tolerance: float, *, asked: bool) -> GalerkinResult:
+    """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
     explicit, implicit = runs["velocity_verlet"], runs["trapezoidal"]
-    *_, rate = _comparison(explicit, limit)
-    count = explicit.q0.size
-    cost = 3.0 * float(explicit.times[-1]) * rate * (STEP_TIME + TIME_OF_AMPLITUDE * count)
+    steps_per_second = _comparison(explicit, limit).steps_per_second
+    amplitudes = explicit.q0.size
+    cost = 3.0 * float(explicit.times[-1]) * steps_per_second * (STEP_TIME + TIME_OF_AMPLITUDE * amplitudes)
     if not asked and cost < CHOICE_MIN_SECONDS:
-        return explicit, refine_in_time(explicit, limit, goal), f"explicit: all its runs take about {cost:.1g} s"
-    # the explicit runs have this rate and twice as much, the implicit ones all up to it
-    most = 1.5 * rate / (IMPLICIT_COST + COST_OF_AMPLITUDE * count)
-    found = halve_step_while_cheaper(*_comparison(implicit, limit), goal, most, _work_size(implicit))
-    if found is not None:
-        return implicit, found, f"implicit: its steps may be {1.0 / (found[1] * limit):.3g} times the explicit limit"
-    why = f"explicit: implicit steps would have to be shorter than {1 / most:.3g} s"
-    return explicit, refine_in_time(explicit, limit, goal), why
+        refined = _refine_in_time(explicit, limit, tolerance)
+        return GalerkinResult(explicit, *refined, f"explicit: all its runs take about {cost:.1g} s")
+    # two explicit runs take 1 + 2 times these steps, all implicit ones together at most twice the maximum
+    maximum = 1.5 * steps_per_second / (IMPLICIT_COST + COST_OF_AMPLITUDE * amplitudes)
+    halved = halve_step_while_cheaper(*_comparison(implicit, limit), tolerance, maximum, _duration_and_links(implicit))
+    if halved is not None:
+        reason = f"implicit: its steps may be {1.0 / (halved[1] * limit):.3g} times the explicit limit"
+        return GalerkinResult(implicit, *halved, reason)
+    reason = f"explicit: implicit steps would have to be shorter than {1 / maximum:.3g} s"
+    return GalerkinResult(explicit, *_refine_in_time(explicit, limit, tolerance), reason)
 
 
-def refine_in_time(run: GalerkinRun, limit: float, goal: float) -> tuple[GalerkinTrajectory, float, float]:
+def _refine_in_time(run: GalerkinRun, limit: float, tolerance: float) -> tuple[GalerkinTrajectory, float, float]:
+    """Shorten the step until two runs agree; return trajectory, steps per second and time error."""
     model = run.model
 
-    def slackened(state: GalerkinTrajectory) -> bool:
-        # law (21) pulls and pushes without a kink
-        return model.law == "linear" and bool((model.chain.stretch(model.positions(state.q, run.times)) < 1.0).any())
+    def slackened(trajectory: GalerkinTrajectory) -> bool:
+        # only the linear law has a kink at stretch 1
+        position = model.positions(trajectory.q, run.times)
+        return model.law == "linear" and bool((model.chain.stretch(position) < 1.0).any())
 
-    size = _work_size(run)
-    run, position, scale, rate = _comparison(run, limit)
+    duration_and_links, comparison = _duration_and_links(run), _comparison(run, limit)
     if isinstance(run, ImplicitGalerkinRun):
-        found = halve_step_while_cheaper(run, position, scale, rate, goal, TRIAL_RATIO * rate, size)
-        if found is not None:
-            return found
-        rate *= TRIAL_RATIO
-    return refine_step(run, position, scale, rate, goal, slackened, size)
+        maximum = TRIAL_RATIO * comparison.steps_per_second
+        halved = halve_step_while_cheaper(*comparison, tolerance, maximum, duration_and_links)
+        if halved is not None:
+            return halved
+        comparison = comparison._replace(steps_per_second=maximum)
+    return refine_step(*comparison, tolerance, slackened, duration_and_links)
 
 
-def _work_size(run: GalerkinRun) -> tuple[float, int]:
-    """Until when a run lasts [s], and its number of links."""
+def _duration_and_links(run: GalerkinRun) -> tuple[float, int]:
+    """Duration of a run [s] and its number of links, which bound its work."""
     return float(run.times[-1]), run.model.chain.links
 
 
-def _comparison(
-    run: GalerkinRun, limit: float
-) -> tuple[GalerkinRun, Callable[[GalerkinTrajectory], np.ndarray], Callable[[GalerkinTrajectory], float], float]:
-    """Return a run, how two of them are compared, and the number of steps per second to begin with."""
+def _comparison(run: GalerkinRun, limit: float) -> Comparison:
+    """Return how to compare runs, and the number of steps per second of the first one."""
     model, p = run.model, run.model.chain.p
     chord = float(np.linalg.norm(p.upper - p.lower))
     initial = model.positions(run.q0[None], np.zeros(1))[0]
 
-    def position(state: GalerkinTrajectory) -> np.ndarray:
-        return model.positions(state.q, state.instants.times)
+    def positions(trajectory: GalerkinTrajectory) -> np.ndarray:
+        return model.positions(trajectory.q, trajectory.instants.times)
 
-    def scale(state: GalerkinTrajectory) -> float:
-        return motion_scale(position(state), initial, chord)
+    def motion(trajectory: GalerkinTrajectory) -> float:
+        return motion_scale(positions(trajectory), initial, chord)
 
-    first = 0.8 * limit
+    step = 0.8 * limit
     if isinstance(run, ImplicitGalerkinRun):
         tension = max(float(model.tension(initial).mean()), 1e-300)
         period = 2.0 * model.chain.total_length / np.sqrt(tension / p.mass)
-        first = float(max(min(float(run.times[-1]) / 20.0, period / STEPS_PER_PERIOD), limit))
-    return run, position, scale, preferred_steps_per_second(1.0 / min(first, p.shortest_time_scale / STEPS_PER_CHANGE))
+        step = float(max(min(float(run.times[-1]) / 20.0, period / STEPS_PER_PERIOD), limit))
+    steps_per_second = preferred_steps_per_second(1.0 / min(step, p.shortest_time_scale / STEPS_PER_CHANGE))
+    return Comparison(run, positions, motion, steps_per_second)

@@ -136,7 +136,7 @@ def test_the_packed_form_has_the_gradient_of_the_energy(soft):
         square = np.sum((shape + np.tensordot(y, rates, axes=1)) ** 2, axis=1)
         return np.sum(weight * (square - 1) ** 2) / 8
 
-    factor, offset, first, second = model.packed
+    factor, offset, first, second = model.polynomial_form
     gradient = np.zeros(y.size)
     kernel.packed_gradient(
         y, factor, offset, first, second, np.zeros(factor.shape[1]), np.zeros(factor.shape[1]), gradient
@@ -157,7 +157,7 @@ def test_the_cost_does_not_depend_on_the_particles(soft):
     sizes = []
     for links in (40, 120):
         modes = cp.pod.decompose(cp.chain.simulate(scene, links=links, step=1e-4), rank=2)
-        sizes.append(galerkin_model.model_of(parameters(scene), modes, rank=2, law="green").packed[0].shape)
+        sizes.append(galerkin_model.model_of(parameters(scene), modes, rank=2, law="green").polynomial_form[0].shape)
     assert sizes[0] == sizes[1]
 
 
@@ -232,13 +232,13 @@ def test_the_energy_defect_is_that_of_the_particles(soft, law, scheme):
 
 @pytest.mark.parametrize("scheme", galerkin_module.SCHEMES)
 @pytest.mark.parametrize("layout", ["separate", "vector"])
-def test_packed_coefficients_and_links_are_one_model(soft, monkeypatch, layout, scheme):
+def test_polynomial_form_and_link_form_are_one_model(soft, monkeypatch, layout, scheme):
     scene = cp.make_scene({**soft, **TERMS["both ends"]})
     modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3), layout=layout)
     runs = []
-    for cost, fewer in ((0.0, np.inf), (np.inf, 0.0)):
-        monkeypatch.setattr(explicit, "PACKED_COST", cost)
-        monkeypatch.setattr(implicit, "FEWER_ROWS", fewer)
+    for cost, ratio in ((0.0, np.inf), (np.inf, 0.0)):
+        monkeypatch.setattr(explicit, "POLYNOMIAL_COST", cost)
+        monkeypatch.setattr(implicit, "MIN_ROW_RATIO", ratio)
         runs.append(cp.galerkin.simulate(scene, modes, rank=3, scheme=scheme, step=0.005))
     assert float(cp.compare.errors(*runs).error_max) < 1e-10
     assert runs[0].attrs["energy_defect"] == pytest.approx(runs[1].attrs["energy_defect"], rel=1e-3, abs=1e-12)
