@@ -1,4 +1,4 @@
-"""Small vibrations of the cable about rest."""
+"""Small vibrations of the continuous cable about equilibrium."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cablepod.batch._members import over_members
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of
 from cablepod.cable._runs import output_coordinates
 from cablepod.cable._scheme import ELEMENT_COUNTS
-from cablepod.cable._simulate import LAW, _count
+from cablepod.cable._simulate import LAW, element_count
 from cablepod.cable._start import catenary_nodes, solve_equilibrium
 from cablepod.conventions import label
 from cablepod.discretisation._chain import square
@@ -25,7 +25,8 @@ from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 
-# --- small vibrations -----------------------------------------------------------------------------------------------
+#: Relative tolerance of the frequencies between two numbers of elements.
+FREQUENCY_RTOL = 1e-8
 
 
 @over_members
@@ -38,41 +39,42 @@ def frequencies(
     law: str = LAW,
     points: Any = None,
 ) -> xr.Dataset:
-    """Compute the lowest frequencies of small, undamped vibrations of the continuous cable about its rest, and their shapes.
+    """Compute the lowest frequencies and mode shapes of small undamped vibrations about equilibrium.
 
     Parameters
     ----------
     scene
-        A scene, with or without ``member``, with both ends held; they stand where they stand at time 0, and loads act as then.
+        A scene with both ends held, with or without ``member``.  Positions of the ends and loads are those at time 0.
     count
         Number of frequencies.
     elements
-        Number of elements; by default so many that twice as many change no frequency by more than 1e-8 of it.
+        Number of elements.  By default it is raised until no frequency changes by more than 1e-8 relative.
     order
-        Order of their polynomials, 7 by default.
+        Polynomial order of the elements, 7 by default.
     law
         "green", eq. (21), or "linear", see :func:`simulate`.
     points
-        Where the shapes are given, see :func:`simulate`.
+        Output points of the mode shapes, see :func:`simulate`.
 
     Returns
     -------
     xarray.Dataset
-        ``angular_frequency (mode)`` [rad/s], rising, ``mode_shape (mode, particle, coordinate)`` with a mean square of 1 over the
-        unstretched length and ``unstretched_length`` [m].  A planar scene gives the in-plane ones; a spatial one both, with
-        ``out_of_plane_share (mode)``, the share of the mean square that is normal to the plane of chord and load, where these
-        span one.  The attribute ``space_error_estimate`` is the largest relative change of a frequency by the last refinement.
+        ``angular_frequency (mode)`` [rad/s] in increasing order, ``mode_shape (mode, particle, coordinate)`` with a mean square
+        of 1 over the unstretched length, and ``unstretched_length`` [m].  A planar scene has in-plane modes only.  A spatial
+        scene has all modes; ``out_of_plane_share (mode)`` is the fraction of the mean square normal to the plane of chord and
+        load, if there is one plane.  The attribute ``space_error_estimate`` is the largest relative change of a frequency in the
+        last refinement.
 
     Raises
     ------
     SceneError
-        For options that cannot be, for a free end, and for a cable without a taut rest.
+        For invalid options, a free end, or a cable that is not taut in equilibrium.
 
     Notes
     -----
-    The tangent at rest is a sum of squares, K = B^T B, so that frequencies are the singular values of B M^-1/2, with M the
-    diagonal mass: rounding leaves an error of 1e-16 of the highest frequency, not of its square, and hardly extensible cables
-    keep their digits.
+    The tangent stiffness in equilibrium is a sum of squares, K = B^T B.  The angular frequencies are therefore the singular
+    values of B M^-1/2 with the diagonal mass matrix M.  The rounding error is 1e-16 of the highest frequency, not of its square,
+    so that nearly inextensible cables lose no digits.
 
     Examples
     --------
@@ -91,21 +93,22 @@ def frequencies(
         raise scene_error(
             "ends.free",
             p.free_end,
-            "ends that are held: the rest about which the cable vibrates is between two of them",
+            "ends that are held, as the vibrations are about the equilibrium between two held ends",
         )
-    tried = [n for n in ELEMENT_COUNTS if n >= _count(None, p)] if elements is None else [_count(elements, p)]
+    least = element_count(elements, p)
+    element_counts = [n for n in ELEMENT_COUNTS if n >= least] if elements is None else [least]
     values, error = None, math.nan
-    for number_of_elements in tried:
+    for number_of_elements in element_counts:
         mesh = mesh_of(p, number_of_elements, order, law, points)
         try:
             before, (values, vectors) = values, vibrations(mesh, count)
         except SceneError:
-            if number_of_elements == tried[-1]:
+            if number_of_elements == element_counts[-1]:
                 raise
-            continue  # too few to turn as sharply as the cable does
+            continue  # too few elements for the curvature of the cable
         if before is not None and before.size == values.size:
             error = float(np.abs(values / before - 1.0).max())
-            if error <= 1e-8:
+            if error <= FREQUENCY_RTOL:
                 break
     if values is None or values.size < count:
         raise scene_error(
@@ -160,21 +163,22 @@ def frequencies(
 
 
 def vibrations(mesh: SpectralMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest angular frequencies (count,) [rad/s], fewer where there are fewer unknowns, and vectors in columns."""
-    from scipy.linalg import svd  # takes longer to import than a short run
+    """Compute up to `count` lowest angular frequencies [rad/s] and their mass-normalised vectors (unknowns, count)."""
+    from scipy.linalg import svd  # costly to import
 
     p, order = mesh.p, mesh.order
     g = mesh.gradient(solve_equilibrium(mesh, catenary_nodes(mesh))[0])
     stretch = np.sqrt(square(g))
     if not stretch.min() > 1.0:
         raise SceneError(
-            f"cable: at rest its stretch in {mesh.sizes.size} elements is {stretch.min():.9g} somewhere; allowed: a scene whose "
-            "cable is taut at rest, and enough elements"
+            f"cable: at rest its minimum stretch in {mesh.sizes.size} elements is {stretch.min():.9g}; allowed: a cable that is "
+            "taut at rest, with enough elements"
         )
-    secant, along = mesh.moduli(stretch)
+    secant, tangent = mesh.moduli(stretch)
     t = g / stretch[:, None]
-    turn = np.eye(p.dims) - t[:, :, None] * t[:, None, :]
-    root = np.sqrt(secant)[:, None, None] * turn + np.sqrt(along)[:, None, None] * (t[:, :, None] * t[:, None, :])
+    normal = np.eye(p.dims) - t[:, :, None] * t[:, None, :]
+    # square root of the modulus matrix, times that of the quadrature weight
+    root = np.sqrt(secant)[:, None, None] * normal + np.sqrt(tangent)[:, None, None] * (t[:, :, None] * t[:, None, :])
     root *= np.sqrt(mesh.length)[:, None, None]
     d = np.array(gll_rule(order)[2])
     matrix = np.zeros((mesh.length.size, p.dims, mesh.links + 1, p.dims))
@@ -188,12 +192,11 @@ def vibrations(mesh: SpectralMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _normal(p: Parameters) -> np.ndarray | None:
-    """Return the unit vector normal to chord and load of a spatial scene, None where there is no such plane."""
+    """Return the unit vector normal to chord and load (3,) of a spatial scene, None if they span no plane."""
     if p.dims == 2:
         return None
     chord = np.subtract(*p.end_positions(np.zeros(1))[0])
     normal = np.cross(chord, p.load_at(0.0))
-    size = float(np.linalg.norm(normal))
-    return (
-        normal / size if size > 1e-12 * float(np.linalg.norm(chord) * np.linalg.norm(p.load_at(0.0))) and size else None
-    )
+    norm = float(np.linalg.norm(normal))
+    parallel = norm <= 1e-12 * float(np.linalg.norm(chord) * np.linalg.norm(p.load_at(0.0)))
+    return None if parallel else normal / norm

@@ -1,4 +1,4 @@
-"""The cable in spectral elements: nodes, masses, loads and tensions of the continuous cable, eqs. (17)-(23) of the paper."""
+"""Spectral-element mesh of the continuous cable, eqs. (17)-(23): nodes, masses, loads, tensions, frequency bound."""
 
 from __future__ import annotations
 
@@ -19,55 +19,57 @@ from cablepod.errors import scene_error
 from cablepod.parameters._checks import integer, numbers_list
 from cablepod.parameters._parameters import Parameters
 
-#: Order of the polynomials of an element.  Eight nodes fill the registers of a processor without a rest.
+#: Default polynomial order of an element (its eight nodes fill vector registers completely).
 ORDER = 7
+#: Maximum polynomial order of an element.
 MAX_ORDER = 16
-#: Particles of a result where the scene has no chain.
+#: Default number of particles in the output for a scene without a chain.
 DEFAULT_PARTICLES = 41
 
 
 @dataclass(frozen=True)
 class SpectralMesh(LumpedChain):
-    """A cable in spectral elements, with all that a run wants of a chain: its particles are the nodes.
+    """Spectral-element discretisation of a cable, with the interface of a lumped chain whose particles are the nodes.
 
-    ``length`` are the unstretched lengths that the points of quadrature stand for (elements (order + 1),) [m], in the order of
-    the elements; every element has points of its own, which lie at its nodes.  ``arc_length`` is that of the nodes.  A point
-    load stands on the border of two elements, so that the kink that it makes costs no accuracy.
+    ``length`` holds the quadrature weights (elements (order + 1),) [m], element by element; the quadrature points of an element
+    are its nodes.  ``arc_length`` is that of the nodes.  Point loads act on element borders, so that the kink there costs no
+    accuracy.
     """
 
     order: int = ORDER
     sizes: np.ndarray = field(default_factory=lambda: np.empty(0))  #: unstretched lengths of the elements [m]
-    places: np.ndarray | None = None  #: arc lengths of the particles of the result [m]; None: the nodes
+    places: np.ndarray | None = None  #: arc lengths of the output particles [m]; None: the nodes
 
     @cached_property
     def links(self) -> int:
-        """Number of nodes but one."""
+        """Number of nodes minus one."""
         return self.arc_length.size - 1
 
     @cached_property
     def scale(self) -> np.ndarray:
-        """2 over the lengths of the elements [1/m]."""
+        """Derivative of the reference coordinate, 2 over the element length (elements,) [1/m]."""
         return 2.0 / self.sizes
 
     @cached_property
     def tributary_length(self) -> np.ndarray:
-        """Unstretched length that each node carries (nodes,) [m]."""
+        """Tributary length of each node (nodes,) [m]."""
         result = np.zeros(self.arc_length.size)
         np.add.at(result, self._nodes, self.length.reshape(-1, self.order + 1))
         return result
 
     @cached_property
     def _nodes(self) -> np.ndarray:
-        """Numbers of the nodes of each element (elements, order + 1)."""
+        """Node numbers of each element (elements, order + 1)."""
         return np.arange(self.sizes.size)[:, None] * self.order + np.arange(self.order + 1)
 
     @cached_property
     def point_arc_length(self) -> np.ndarray:
-        """Unstretched arc length of the points of quadrature [m]."""
+        """Unstretched arc lengths of the quadrature points (points,) [m]."""
         return self.arc_length[self._nodes].ravel()
 
     @cached_property
     def _patterns(self) -> list[tuple[np.ndarray, Any]]:
+        """Load patterns (nodes, dims) [N] and their time factors, None for a constant load."""
         patterns: list[tuple[np.ndarray, Any]] = []
         if self.p.load is not None:
             patterns.append((self.tributary_length[:, None] * self.p.load, self.p.load_factor))
@@ -80,31 +82,31 @@ class SpectralMesh(LumpedChain):
     # --- stretch, tension, force ---
 
     def gradient(self, position: np.ndarray) -> np.ndarray:
-        """Return derivatives by arc length at the points of quadrature (..., points, dims) of values (..., nodes, dims)."""
+        """Differentiate nodal values (..., nodes, dims) by arc length at the quadrature points (..., points, dims)."""
         d = gll_rule(self.order)[2]
         parts = position[..., self._nodes, :]  # (..., elements, order + 1, dims)
         g = np.einsum("qi,...eic->...eqc", d, parts) * self.scale[:, None, None]
         return g.reshape(*position.shape[:-2], -1, position.shape[-1])
 
     def stretch(self, position: np.ndarray) -> np.ndarray:
-        """Stretch xi at the points of quadrature (..., points) at positions of the nodes (..., nodes, dims) [m]."""
+        """Compute the stretch xi at the quadrature points (..., points) from nodal positions (..., nodes, dims) [m]."""
         return np.sqrt(square(self.gradient(position)))
 
     def tangent_stiffness_ratio(self, position: np.ndarray) -> np.ndarray:
-        """Tangent stiffness over K at the points (..., points); 1 by the linear law, no less than 1 by law (21)."""
+        """Compute the tangent stiffness over K at the quadrature points (..., points): 1 by the linear law, >= 1 by law (21)."""
         if not self.green:
             return np.ones(self.length.size)
         return tangent_stiffness_ratio(square(self.gradient(position)))
 
     def moduli(self, stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tension over stretch, and the tangent along the cable, dT/dxi [N], where it is taut."""
+        """Compute the secant modulus T / xi and the tangent modulus dT/dxi [N] of a taut cable."""
         k = self.p.stiffness
         if self.green:
             return 0.5 * k * (stretch - 1.0) * (stretch + 1.0), k * (1.5 * stretch**2 - 0.5)
         return k * (stretch - 1.0) / stretch, np.full(stretch.shape, k)
 
     def forces(self, position: np.ndarray, velocity: np.ndarray | None = None) -> np.ndarray:
-        """Compute the forces of the cable on its nodes (nodes, dims) [N]."""
+        """Compute the internal nodal forces (nodes, dims) [N]."""
         from cablepod.cable import _kernels_forces as kernel  # numba is imported only to compute
 
         viscosity = self.p.link_viscosity if velocity is not None else None
@@ -114,19 +116,19 @@ class SpectralMesh(LumpedChain):
 
     @cached_property
     def law_arguments(self) -> tuple[Any, ...]:
-        """What the kernels take of elements and law: d, weight, scale, stiffness, green."""
+        """Arguments d, weight, scale, stiffness and green of the kernels."""
         _, weight, d = gll_rule(self.order)
         return np.array(d), np.array(weight), self.scale, self.p.stiffness, True if self.green else None
 
     @cached_property
-    def fixed(self) -> tuple[float, ...] | None:
-        """For kernels: a length known to the compiler, of elements of the usual order alone, as each costs a compilation."""
+    def unrolled(self) -> tuple[float, ...] | None:
+        """Tuple of one entry per node, from which kernels unroll loops; only for the default order, as each compiles anew."""
         return (0.0,) * (ORDER + 1) if self.order == ORDER else None
 
     def tensions_and_forces(
         self, position: np.ndarray, velocity: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Tensions (..., links) and pulls (..., links, dims) [N] at the middles of the links between particles of the result."""
+        """Compute tensions (..., links) and their vectors (..., links, dims) [N] midway between output particles."""
         element, rows = self.link_rows
         nodes = self._nodes[element]
         g = np.einsum("ji,...jic->...jc", rows, position[..., nodes, :])
@@ -134,60 +136,60 @@ class SpectralMesh(LumpedChain):
         if self.green:
             s = green_secant(squares, self.p.stiffness)
             return s * np.sqrt(squares), s[..., None] * g
-        size = np.sqrt(squares)
+        stretch = np.sqrt(squares)
         with np.errstate(divide="ignore", invalid="ignore"):
-            s = self.p.stiffness * (1.0 - 1.0 / size)
+            s = self.p.stiffness * (1.0 - 1.0 / stretch)
             total = s
             if velocity is not None and self.p.link_viscosity is not None:
-                rate = np.einsum("ji,...jic->...jc", rows, velocity[..., nodes, :])
-                total = s + self.p.link_viscosity * self.p.stiffness * np.sum(g * rate, axis=-1) / squares
+                g_dot = np.einsum("ji,...jic->...jc", rows, velocity[..., nodes, :])
+                total = s + self.p.link_viscosity * self.p.stiffness * np.sum(g * g_dot, axis=-1) / squares
         s = np.where((s > 0.0) & (total > 0.0), total, 0.0)
-        return s * size, s[..., None] * g
+        return s * stretch, s[..., None] * g
 
-    # --- places of the result ---
+    # --- output particles ---
 
     @cached_property
     def particles(self) -> np.ndarray:
-        """Arc lengths of the particles of the result [m]."""
+        """Arc lengths of the output particles (particle,) [m]."""
         return self.arc_length if self.places is None else self.places
 
     @cached_property
     def link_rows(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of the links between particles of the result, at their middles: elements, and derivatives by their nodes [1/m]."""
+        """Element (links,) and nodal derivative weights (links, order + 1) [1/m] midway between output particles."""
         particles = self.particles
-        element, values = self._at(0.5 * (particles[1:] + particles[:-1]))
+        element, values = self._locate(0.5 * (particles[1:] + particles[:-1]))
         return element, np.ascontiguousarray((values @ gll_rule(self.order)[2]) * self.scale[element][:, None])
 
-    def _at(self, arc_length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Elements in which places lie, and the weights of their nodes there."""
+    def _locate(self, arc_length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Element (points,) and nodal interpolation weights (points, order + 1) of given arc lengths [m]."""
         border = self.arc_length[:: self.order]
         element = np.clip(np.searchsorted(border, arc_length, side="right") - 1, 0, self.sizes.size - 1)
-        place = np.clip((arc_length - border[element]) * self.scale[element] - 1.0, -1.0, 1.0)
-        return element, lagrange_basis(self.order, place)
+        coordinate = np.clip((arc_length - border[element]) * self.scale[element] - 1.0, -1.0, 1.0)
+        return element, lagrange_basis(self.order, coordinate)
 
     def interpolate(self, values: np.ndarray, arc_length: np.ndarray | None = None) -> np.ndarray:
-        """Values at the particles of the result, or at other places [m], from those at the nodes (..., nodes, dims)."""
+        """Interpolate nodal values (..., nodes, dims) at the output particles, or at given arc lengths [m]."""
         if arc_length is None:
             if self.places is None:
                 return values
             arc_length = self.places
-        element, rows = self._at(arc_length)
+        element, rows = self._locate(arc_length)
         return np.einsum("ji,...jic->...jc", rows, values[..., self._nodes[element], :])
 
     # --- frequencies ---
 
-    def highest_frequency(self, stiffening: np.ndarray | float = 1.0) -> float:
-        """Bound of the angular frequencies [rad/s] in any shape in which the cable is nowhere stiffer than said.
+    def highest_frequency(self, ratio: np.ndarray | float = 1.0) -> float:
+        """Compute an upper bound of the angular frequencies [rad/s] for given ratios of tangent stiffness to K.
 
-        No direction is stiffer than the cable's own, so no shape has a higher frequency than the straight cable moved along
-        itself.
+        The stiffness is largest along the cable.  The highest frequency of the straight cable in axial motion is therefore a
+        bound for every shape.
         """
-        from scipy.linalg import eig_banded  # takes longer to import than a short run
+        from scipy.linalg import eig_banded  # costly to import
 
         first, last = self.free_particles.start, self.free_particles.stop
         count, order = self.links + 1, self.order
         _, weight, d = gll_rule(order)
-        stiff = np.broadcast_to(np.asarray(stiffening, dtype=float), self.length.shape).reshape(-1, order + 1)
+        stiff = np.broadcast_to(np.asarray(ratio, dtype=float), self.length.shape).reshape(-1, order + 1)
         blocks = np.einsum("eq,q,qi,qj,e->eij", stiff, weight, d, d, self.p.stiffness * self.scale)
         mass = 1.0 / np.sqrt(self.p.mass * self.tributary_length)
         band = np.zeros((order + 1, count))
@@ -196,33 +198,41 @@ class SpectralMesh(LumpedChain):
                 nodes = e * order + np.arange(order + 1 - i)
                 band[i, nodes] += np.diagonal(block, -i) * mass[nodes] * mass[nodes + i]
         band = band[:, first:last]
-        size = band.shape[1]
-        top = eig_banded(
-            band[: min(order + 1, size)], lower=True, eigvals_only=True, select="i", select_range=(size - 1, size - 1)
+        unknowns = band.shape[1]
+        last_only = (unknowns - 1, unknowns - 1)
+        largest = eig_banded(
+            band[: min(order + 1, unknowns)], lower=True, eigvals_only=True, select="i", select_range=last_only
         )
-        return math.sqrt(float(top[0]))
+        return math.sqrt(float(largest[0]))
 
 
 def mesh_of(
     p: Parameters, elements: int, order: int | None = None, law: str = LAWS[0], points: Any = None
 ) -> SpectralMesh:
-    """Cut the cable of a scene into `elements` elements of `order`, with results at `points`.
+    """Discretise the cable of a scene in spectral elements.
+
+    Parameters
+    ----------
+    p
+        Parameters of the scene.
+    elements, order, law, points
+        As in :func:`cablepod.cable.simulate`.
 
     Raises
     ------
     SceneError
-        For fewer elements than the parts between point loads, and for points that cannot be.
+        For fewer elements than parts between point loads, or invalid points.
     """
     order = check_order(order)
     total = unstretched_length(p)
     borders = part_borders(p)
     if elements < borders.size - 1:
         raise scene_error(
-            "elements", elements, f"at least {borders.size - 1}, so that every point load stands between two"
+            "elements", elements, f"at least {borders.size - 1}, so that every point load is on an element border"
         )
     check_memory(1, elements * order, p.dims, key="elements")
     length = np.diff(borders)
-    # each part has one element, and the others go where elements are longest
+    # each part has one element, and each further one divides the part with the longest elements
     counts = np.ones(length.size, dtype=int)
     for _ in range(elements - length.size):
         counts[np.argmax(length / counts)] += 1
@@ -234,28 +244,28 @@ def mesh_of(
     arc_length = (starts[:, None] + 0.5 * sizes[:, None] * (1.0 + node[:-1])).ravel()
     arc_length = np.append(arc_length, total)
     quadrature = (0.5 * sizes[:, None] * weight).ravel()
-    return SpectralMesh(p, quadrature, arc_length, law, order, sizes, places(p, points, total))
+    return SpectralMesh(p, quadrature, arc_length, law, order, sizes, _output_arc_lengths(p, points, total))
 
 
 def part_borders(p: Parameters) -> np.ndarray:
-    """Borders of the parts of a cable between its point loads, as fractions of its length."""
+    """Return the borders of the parts between point loads, as fractions of the unstretched length."""
     inner = {load.fraction for load in p.point_loads if 0.0 < load.fraction < 1.0}
     return np.array(sorted({0.0, 1.0} | inner))
 
 
 def check_order(order: Any) -> int:
-    """Check the order of the elements; None means the usual one."""
+    """Check the polynomial order of the elements; None means the default."""
     return ORDER if order is None else integer(least=1, most=MAX_ORDER)("order", order)
 
 
-def places(p: Parameters, points: Any, total: float) -> np.ndarray | None:
-    """Arc lengths of the particles of a result [m]: see :func:`cablepod.cable.simulate`; None for the nodes."""
+def _output_arc_lengths(p: Parameters, points: Any, total: float) -> np.ndarray | None:
+    """Arc lengths of the output particles [m], see ``points`` of :func:`cablepod.cable.simulate`; None for the nodes."""
     if isinstance(points, str) and points == "nodes":
         return None
     if points is None:
         if p.link_lengths is not None:
-            share = np.concatenate([[0.0], np.cumsum(p.link_lengths)])
-            return total * (share / share[-1])
+            fraction = np.concatenate([[0.0], np.cumsum(p.link_lengths)])
+            return total * (fraction / fraction[-1])
         points = DEFAULT_PARTICLES if p.links is None else p.links + 1
     if isinstance(points, Sequence | np.ndarray) and not isinstance(points, str) and np.ndim(points) > 0:
         fraction = np.array(numbers_list(least_length=2)("points", points))

@@ -1,15 +1,17 @@
-"""How a run of the cable chooses its scheme, its step and its elements."""
+"""Choice of scheme, step and number of elements of the continuous cable."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from cablepod.cable._runs import SCHEMES, CableRun, ImplicitCableRun
 from cablepod.discretisation._chain import square
 from cablepod.errors import NotConvergedWarning
+from cablepod.integrate._request import Request
 from cablepod.integrate._run import Trajectory
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
@@ -20,127 +22,174 @@ from cablepod.integrate._step_control import (
     refine_step,
 )
 
-#: Numbers of elements that are tried in turn.  The loops over elements of a run vectorise best where they are multiples of four.
+#: Numbers of elements, tried in turn (multiples of four, for which the loops over elements vectorise best).
 ELEMENT_COUNTS = (4, 8, 12, 16, 24, 32, 48, 64, 96, 128)
-#: Places at which two runs with different elements are compared.
+#: Number of points at which runs with different elements are compared.
 COMPARED_POINTS = 65
-#: An implicit step costs about as much as so many explicit ones, with the iterations of Newton's method.
+#: Cost of an implicit step in explicit steps, with the iterations of Newton's method.
 IMPLICIT_COST = 30.0
-#: Below so many seconds of explicit run time, at so many seconds per node and step, no other scheme is tried.
+#: Minimum explicit run time at which an implicit scheme is tried [s]; run time of an explicit step per node [s].
 CHOICE_MIN_SECONDS, NODE_STEP = 0.3, 1.5e-8
-#: Steps of the first implicit run in the period of the first transverse vibration.
+#: Steps of the first implicit run in a period of the first transverse vibration.
 STEPS_PER_PERIOD = 8.0
 
 
+class CableResult(NamedTuple):
+    """A run, its trajectory, and the reason for scheme and step."""
+
+    run: CableRun
+    trajectory: Trajectory
+    steps_per_second: float
+    time_error: float | None  #: estimate as a fraction of the motion; None for a given step
+    reason: str  #: attribute ``choice_of_scheme``
+
+
+def solve(runs: dict[str, CableRun], request: Request, steps_per_second: float | None) -> CableResult:
+    """Integrate with the given scheme and step, or choose them by the tolerance.
+
+    Parameters
+    ----------
+    runs
+        The run of each scheme, with the same elements.
+    request
+        Scheme and tolerance, as far as given.
+    steps_per_second
+        Of the given step; None if the step is to be chosen.
+    """
+    run = runs[request.scheme or SCHEMES[0]]
+    if steps_per_second is not None:
+        return CableResult(run, run(steps_per_second), steps_per_second, None, "given")
+    if request.scheme is not None:
+        return CableResult(run, *_refine_in_time(run, request.tolerance), "given")
+    return _choose_scheme(runs, request.tolerance)
+
+
 def step_limit_of(run: CableRun) -> float:
-    """Stability limit of explicit steps at the start [s]."""
+    """Return the stability limit of explicit steps at the start [s]."""
     return run.chain.step_limit(run.chain.tangent_stiffness_ratio(run.initial))
 
 
-def work_size(run: CableRun) -> tuple[float, int]:
-    """Until when a run lasts [s], and its number of nodes but one."""
+def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> CableResult:
+    """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
+    explicit, implicit = (runs[name] for name in SCHEMES)
+    steps_per_second = 1.0 / _first_step(explicit)
+    cost = 3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * NODE_STEP
+    if cost < CHOICE_MIN_SECONDS:
+        reason = f"explicit: all its runs take about {cost:.1g} s"
+        return CableResult(explicit, *_refine_in_time(explicit, tolerance), reason)
+    maximum = steps_per_second / IMPLICIT_COST
+    halved = halve_step_while_cheaper(*_comparison(implicit), tolerance, maximum, _duration_and_links(implicit))
+    if halved is not None:
+        ratio = 1.0 / (halved[1] * step_limit_of(explicit))
+        return CableResult(implicit, *halved, f"implicit: its steps may be {ratio:.3g} times the explicit limit")
+    reason = f"explicit: implicit steps would have to be shorter than {1 / maximum:.3g} s"
+    return CableResult(explicit, *_refine_in_time(explicit, tolerance), reason)
+
+
+def _refine_in_time(run: CableRun, tolerance: float) -> tuple[Trajectory, float, float]:
+    """Shorten the step until two runs agree; return trajectory, steps per second and time error."""
+
+    def slackened(trajectory: Trajectory) -> bool:
+        # only the linear law has a kink at stretch 1
+        return not run.chain.green and bool((run.chain.stretch(trajectory.position) < 1.0).any())
+
+    return refine_step(*_comparison(run), tolerance, slackened, _duration_and_links(run))
+
+
+def _duration_and_links(run: CableRun) -> tuple[float, int]:
+    """Duration of a run [s] and its number of nodes minus one, which bound its work."""
     return float(run.times[-1]), run.chain.links
 
 
-def choose_scheme(runs: dict[str, CableRun], goal: float) -> tuple[CableRun, tuple[Trajectory, float, float], str]:
-    """Pick scheme and step for a tolerance: implicit as long as its steps are so long that it is the faster one."""
-    explicit, implicit = (runs[name] for name in SCHEMES)
-    rate = 1.0 / _first_step(explicit)
-    cost = 3.0 * float(explicit.times[-1]) * rate * explicit.chain.links * NODE_STEP
-    if cost < CHOICE_MIN_SECONDS:
-        return explicit, refine_in_time(explicit, goal), f"explicit: all its runs take about {cost:.1g} s"
-    most = rate / IMPLICIT_COST  # the explicit runs have this rate and twice as much, the implicit ones all up to it
-    found = halve_step_while_cheaper(*comparison(implicit), goal, most, work_size(implicit))
-    if found is not None:
-        times = 1.0 / (found[1] * step_limit_of(explicit))
-        return implicit, found, f"implicit: its steps may be {times:.3g} times the explicit limit"
-    why = f"explicit: implicit steps would have to be shorter than {1 / most:.3g} s"
-    return explicit, refine_in_time(explicit, goal), why
-
-
-def refine_in_time(run: CableRun, goal: float) -> tuple[Trajectory, float, float]:
-    """Shorten the step until two runs agree."""
-
-    def slackened(state: Trajectory) -> bool:
-        # law (21) pulls and pushes without a kink
-        return not run.chain.green and bool((run.chain.stretch(state.position) < 1.0).any())
-
-    return refine_step(*comparison(run), goal, slackened, work_size(run))
-
-
-def comparison(
+def _comparison(
     run: CableRun,
 ) -> tuple[CableRun, Callable[[Trajectory], np.ndarray], Callable[[Trajectory], float], float]:
-    """Return a run, how two of them are compared, and the number of steps per second to begin with."""
+    """Return a run, functions for compared positions and motion, and the steps per second of the first run."""
 
-    def position(state: Trajectory) -> np.ndarray:
-        return _at_places(run, state.position)
+    def positions(trajectory: Trajectory) -> np.ndarray:
+        return _at_compared_points(run, trajectory.position)
 
-    def scale(state: Trajectory) -> float:
-        return _scale(run, state)
+    def motion(trajectory: Trajectory) -> float:
+        return _motion(run, trajectory)
 
-    return run, position, scale, preferred_steps_per_second(1.0 / _first_step(run))
+    return run, positions, motion, preferred_steps_per_second(1.0 / _first_step(run))
 
 
-def _at_places(run: CableRun, position: np.ndarray) -> np.ndarray:
-    """Positions at equal distances: nodes are not, and the error is an average over the cable."""
+def _at_compared_points(run: CableRun, position: np.ndarray) -> np.ndarray:
+    """Interpolate at equidistant points, because the error is a mean over the cable and nodes are not equidistant."""
     return run.chain.interpolate(position, run.chain.total_length * np.linspace(0.0, 1.0, COMPARED_POINTS))
 
 
-def _scale(run: CableRun, state: Trajectory) -> float:
+def _motion(run: CableRun, trajectory: Trajectory) -> float:
+    """Largest rms displacement [m]."""
     chord = float(np.linalg.norm(run.chain.p.upper - run.chain.p.lower))
-    return motion_scale(_at_places(run, state.position), _at_places(run, run.initial), chord)
+    return motion_scale(_at_compared_points(run, trajectory.position), _at_compared_points(run, run.initial), chord)
 
 
 def _first_step(run: CableRun) -> float:
-    """Choose the step to begin with [s]."""
+    """Step of the first run [s]."""
     return min(unforced_step(run), run.chain.p.shortest_time_scale / STEPS_PER_CHANGE)
 
 
 def unforced_step(run: CableRun) -> float:
-    """Choose the step to begin with, but for what motions and loads ask for [s]."""
-    mesh, until = run.chain, float(run.times[-1])
+    """Choose the step of the first run without regard to motions and loads [s]."""
+    mesh, end_time = run.chain, float(run.times[-1])
     if isinstance(run, ImplicitCableRun):
         tension = max(float(mesh.tensions_and_forces(run.initial)[0].mean()), 1e-300)
         period = 2.0 * mesh.total_length / np.sqrt(tension / mesh.p.mass)
-        return float(max(min(until / 20.0, period / STEPS_PER_PERIOD), step_limit_of(run)))
+        return float(max(min(end_time / 20.0, period / STEPS_PER_PERIOD), step_limit_of(run)))
     if not mesh.green:
         return 0.9 * step_limit_of(run)
-    # for the stretch to come, as far as the ends enforce it, and waves on top
+    # with the largest stretch that the ends enforce, and a margin for waves
     return 0.8 * mesh.step_limit(
-        np.maximum(mesh.tangent_stiffness_ratio(run.initial), mesh.largest_enforced_ratio(until))
+        np.maximum(mesh.tangent_stiffness_ratio(run.initial), mesh.largest_enforced_ratio(end_time))
     )
 
 
 def refine_in_space(
-    runs: Callable[[int], dict[str, CableRun]], run: CableRun, state: Trajectory, rate: float, goal: float
+    runs: Callable[[int], dict[str, CableRun]],
+    run: CableRun,
+    trajectory: Trajectory,
+    steps_per_second: float,
+    tolerance: float,
 ) -> tuple[CableRun, Trajectory, float]:
-    """Raise the number of elements until two runs agree; steps are never longer than those found for the first.
+    """Raise the number of elements until two runs agree; return run, trajectory and space error.
 
-    The distance of the first two runs counts as it is; from the third on the order that the distances show, but no more than 2:
-    an end whose acceleration begins with a jump sends out waves with corners, for which no elements have a higher one.
+    The error estimate is the distance of the first two runs, and from the third run on follows from the observed order, at most
+    2.  An end whose acceleration starts with a jump sends out waves with corners, for which no elements have a higher order.
+
+    Parameters
+    ----------
+    runs
+        Function of the number of elements that returns the run of each scheme.
+    run, trajectory, steps_per_second
+        First run.  Later steps are not longer than its step.
+    tolerance
+        Tolerance of the space error as a fraction of the motion.
     """
     last, factor = np.inf, np.inf
-    counts = [n for n in ELEMENT_COUNTS if n > run.chain.sizes.size]
+    counts = [count for count in ELEMENT_COUNTS if count > run.chain.sizes.size]
     for count in counts:
         finer = runs(count)[run.scheme]
-        needed = 0.0 if isinstance(finer, ImplicitCableRun) else 1.0 / unforced_step(finer)
-        new = finer(rate if rate >= needed else preferred_steps_per_second(needed))
-        gap = _at_places(finer, new.position) - _at_places(run, state.position)
-        distance = float(np.sqrt(np.mean(square(gap), axis=-1)).max()) / _scale(finer, new)
-        growth = count / run.chain.sizes.size
+        minimum = 0.0 if isinstance(finer, ImplicitCableRun) else 1.0 / unforced_step(finer)
+        finer_trajectory = finer(
+            steps_per_second if steps_per_second >= minimum else preferred_steps_per_second(minimum)
+        )
+        gap = _at_compared_points(finer, finer_trajectory.position) - _at_compared_points(run, trajectory.position)
+        distance = float(np.sqrt(np.mean(square(gap), axis=-1)).max()) / _motion(finer, finer_trajectory)
+        refinement = count / run.chain.sizes.size
         estimate = distance
         if last < np.inf:
-            order = observed_order(distance / max(last, 1e-300), factor, growth)
-            estimate = distance / (growth**order - 1.0)
-        run, state, last, factor = finer, new, distance, growth
-        if estimate <= (0.5 if count < counts[-1] else 1.0) * goal:  # with a margin while there is a choice
-            return run, state, estimate
+            order = observed_order(distance / max(last, 1e-300), factor, refinement)
+            estimate = distance / (refinement**order - 1.0)
+        run, trajectory, last, factor = finer, finer_trajectory, distance, refinement
+        if estimate <= (0.5 if count < counts[-1] else 1.0) * tolerance:  # with a margin if a finer mesh is left
+            return run, trajectory, estimate
     warnings.warn(
-        f"two numbers of elements disagree: an error of {estimate:.2g} of the motion is left with {run.chain.sizes.size} "
-        f"elements, more than the tolerance {goal:.2g}; the motion is chaotic, or the cable goes slack and has corners; give a "
-        "number of elements, or a larger tolerance",
+        f"not converged in space: estimated error {estimate:.2g} of the motion with {run.chain.sizes.size} elements, tolerance "
+        f"{tolerance:.2g} (the motion is chaotic, or the cable goes slack and has corners); give a number of elements, or a "
+        "larger tolerance",
         NotConvergedWarning,
         stacklevel=4,
     )
-    return run, state, estimate
+    return run, trajectory, estimate

@@ -1,4 +1,4 @@
-"""Initial shape of the elements: equilibrium, or the shape of the scene's table ``initial``."""
+"""Initial shape of the nodes: equilibrium, or the shape given in the scene's table ``initial``."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from cablepod.chain import _start as chain_start
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.errors import SceneError
 
-#: Points between two nodes at which the shape at rest is integrated.
+#: Number of Gauss points between two nodes, for the integration of the equilibrium shape.
 GAUSS_POINTS = 8
-#: Where that is too coarse, for a cable that turns sharply at its lowest point, the distances of nodes are cut into so many.
+#: Numbers of intervals between two nodes, tried in turn (a cable that turns sharply at its lowest point needs more).
 REFINEMENTS = (1, 4)
 
 
 @dataclass(frozen=True)
 class CatenaryChain(LumpedChain):
-    """The continuous cable at rest, as the chain that :func:`cablepod.chain._start.start` knows how to hang.
+    """Continuous cable in equilibrium, as a chain for :func:`cablepod.chain._start.start`.
 
-    The force at the lower end determines all else: x(S) is the integral of F/|F| xi(|F|), with F falling by the loads.  By
-    Gauss's rule between two nodes each point stands for some length, a link, and what acts between two points is the load on a
-    particle.
+    The force at the lower end determines the shape: x(S) is the integral of F/|F| xi(|F|), and F changes by the loads.  Each
+    point of Gauss's rule becomes a link whose length is the quadrature weight.  The load between two points acts on the particle
+    between their links.
     """
 
     def loads(self, time: float | None = None) -> np.ndarray:
-        """Return forces on the particles (n + 1, dims) at time 0 [N]; what it returns at both ends is not used."""
+        """Return the forces on the particles (n + 1, dims) at time 0 [N]; those at both ends are not used."""
         point = gauss_points(self.arc_length[::GAUSS_POINTS])
         result = np.zeros((self.links + 1, self.p.dims))
         result[1:-1] = np.diff(point)[:, None] * self.p.load_at(0.0)
@@ -38,83 +38,86 @@ class CatenaryChain(LumpedChain):
 
 
 def gauss_points(arc_length: np.ndarray) -> np.ndarray:
-    """Return the points of Gauss's rule between all neighbours [m]."""
+    """Return the points of Gauss's rule in all intervals between given arc lengths [m]."""
     inner = np.polynomial.legendre.leggauss(GAUSS_POINTS)[0]
     return (arc_length[:-1, None] + 0.5 * np.diff(arc_length)[:, None] * (1.0 + inner)).ravel()
 
 
-def catenary_chain(mesh: SpectralMesh, places: np.ndarray) -> CatenaryChain:
-    """Return the continuous cable at rest whose particles are, every GAUSS-th, at `places` [m]."""
+def catenary_chain(mesh: SpectralMesh, nodes: np.ndarray) -> CatenaryChain:
+    """Return the continuous cable in equilibrium; every GAUSS_POINTS-th particle is at one of the arc lengths `nodes` [m]."""
     weight = np.polynomial.legendre.leggauss(GAUSS_POINTS)[1]
-    length = (0.5 * np.diff(places)[:, None] * weight).ravel()
+    length = (0.5 * np.diff(nodes)[:, None] * weight).ravel()
     arc_length = np.concatenate([[0.0], np.cumsum(length)])
-    arc_length[::GAUSS_POINTS] = places
+    arc_length[::GAUSS_POINTS] = nodes
     return CatenaryChain(mesh.p, length, arc_length, mesh.law)
 
 
-# --- positions to start from ------------------------------------------------------------------------------------------
+# --- initial positions ------------------------------------------------------------------------------------------------
 
 
-def catenary_nodes(mesh: SpectralMesh, places: np.ndarray | None = None) -> np.ndarray:
-    """Positions (nodes, dims) [m] of the continuous cable, at rest or in the shape of its scene's other length.
+def catenary_nodes(mesh: SpectralMesh, arc_length: np.ndarray | None = None) -> np.ndarray:
+    """Integrate the shape of the continuous cable in equilibrium, or with the initial length of its scene.
 
-    They are those of the nodes, or at `places` [m], the nodes among them.
+    Returns positions (nodes, dims) [m] at the nodes, or at given arc lengths [m], which must include the nodes.
     """
-    wanted = mesh.arc_length if places is None else places
-    for pieces in REFINEMENTS:
-        fine = np.interp(np.arange((wanted.size - 1) * pieces + 1) / pieces, np.arange(wanted.size), wanted)
+    coarse = mesh.arc_length if arc_length is None else arc_length
+    for intervals in REFINEMENTS:
+        fine = np.interp(np.arange((coarse.size - 1) * intervals + 1) / intervals, np.arange(coarse.size), coarse)
         try:
-            return chain_start.start(catenary_chain(mesh, fine))[:: GAUSS_POINTS * pieces]
+            return chain_start.start(catenary_chain(mesh, fine))[:: GAUSS_POINTS * intervals]
         except SceneError as error:
-            if pieces == REFINEMENTS[-1]:
+            if intervals == REFINEMENTS[-1]:
                 raise SceneError(str(error).replace("chain:", "cable:").replace("links taut", "places taut")) from None
     raise AssertionError("the last try returns or raises")
 
 
 def solve_equilibrium(mesh: SpectralMesh, position: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Rest of the elements (nodes, dims) [m], near that of the continuous cable, and whether Newton's method found it.
+    """Solve for the equilibrium of the nodes (nodes, dims) [m] by Newton's method, starting at `position`.
 
-    It fails where elements are too large, and where a strain is below the rounding of positions, in the inextensible limit; the
-    position is then returned as it was.
+    Also returns whether Newton's method converged.  It fails if elements are too long, or if strains are below the rounding error
+    of positions (the inextensible limit); then `position` is returned unchanged.
     """
     from cablepod.cable import _kernels_implicit as kernel  # numba is imported only to compute
 
     x = np.ascontiguousarray(position.T)
     loads = np.ascontiguousarray(mesh.loads(0.0)[1:-1].T)
     scale = max(mesh.total_length, float(np.abs(position).max()))
-    small, size = kernel.equilibrium(x, 1, mesh.links - 1, *mesh.law_arguments, loads, 1e-13 * scale)
-    # corrections of a taut cable end at some rounding of positions, those of a slack one at more of it
-    found = small or size <= 1e-9 * scale
-    return (np.ascontiguousarray(x.T) if found else position), found
+    converged, correction = kernel.equilibrium(x, 1, mesh.links - 1, *mesh.law_arguments, loads, 1e-13 * scale)
+    # rounding limits the corrections, at a higher level for a slack cable
+    converged = converged or correction <= 1e-9 * scale
+    return (np.ascontiguousarray(x.T) if converged else position), converged
 
 
 def equilibrium_with_error(mesh: SpectralMesh) -> tuple[np.ndarray, float]:
-    """Rest of the elements (nodes, dims) and its largest distance from the continuous cable, at nodes and between them [m]."""
-    places = np.sort(np.concatenate([mesh.arc_length, 0.5 * (mesh.arc_length[1:] + mesh.arc_length[:-1])]))
-    exact = catenary_nodes(mesh, places)
+    """Solve for the equilibrium of the nodes (nodes, dims), with its largest distance from the continuous cable [m].
+
+    The distance is taken at the nodes and midway between them.
+    """
+    nodes_and_middles = np.sort(np.concatenate([mesh.arc_length, 0.5 * (mesh.arc_length[1:] + mesh.arc_length[:-1])]))
+    exact = catenary_nodes(mesh, nodes_and_middles)
     position, _ = solve_equilibrium(mesh, exact[::2])
-    return position, float(np.sqrt(square(mesh.interpolate(position, places) - exact)).max())
+    return position, float(np.sqrt(square(mesh.interpolate(position, nodes_and_middles) - exact)).max())
 
 
 def start(mesh: SpectralMesh) -> np.ndarray:
-    """Positions from which a run starts (nodes, dims) [m]: at rest, or the shape that the scene's initial table says."""
+    """Return the initial positions (nodes, dims) [m]: equilibrium, or the shape given in the scene's table ``initial``."""
     p = mesh.p
     if "points" not in p.initial:
         shape = catenary_nodes(mesh)
         return shape if p.initial else solve_equilibrium(mesh, shape)[0]
     line = np.asarray(p.initial["points"], dtype=float)
-    if (
-        p.links is not None and len(line) == p.links + 1
-    ):  # one for each particle of the chain: the cable runs through them
+    # one point for each particle of the chain: the cable runs through them
+    if p.links is not None and len(line) == p.links + 1:
         relative = np.ones(p.links) if p.link_lengths is None else p.link_lengths
-        share = np.concatenate([[0.0], np.cumsum(relative)]) / relative.sum()
+        fraction = np.concatenate([[0.0], np.cumsum(relative)]) / relative.sum()
         sigma = mesh.arc_length / mesh.total_length
-        position = np.stack([np.interp(sigma, share, line[:, c]) for c in range(p.dims)], axis=1)
+        position = np.stack([np.interp(sigma, fraction, line[:, c]) for c in range(p.dims)], axis=1)
         ends = p.end_positions(np.zeros(1))[0]
         for index, end in ((0, "lower"), (-1, "upper")):
             if p.free_end != end:
                 position[index] = ends[index]
         return position
-    if len(line) == mesh.links + 1:  # a line all the same, not one point for each node
+    # a further point, because particles_on_line takes one point for each node as positions of the nodes
+    if len(line) == mesh.links + 1:
         line = np.insert(line, 1, 0.5 * (line[0] + line[1]), axis=0)
     return chain_start.particles_on_line(mesh, line)

@@ -41,8 +41,6 @@ def test_quadrature_and_derivative_are_exact_for_polynomials(order):
 
 
 def test_point_loads_stand_between_elements(soft):
-    from cablepod.parameters._from_scene import parameters
-
     soft["point_load"] = [{"arc_length": 0.1, "force": [0.0, -1.0]}, {"arc_length": 0.73, "force": [0.0, -2.0]}]
     mesh = elements.mesh_of(parameters(scene_with(soft)), 7)
     border = mesh.arc_length[:: mesh.order] / mesh.total_length
@@ -176,10 +174,10 @@ def test_a_cable_that_turns_sharply(span):
     error = np.abs(rest.position - cp.catenary.rest(scene).position).max()
     # what is said of it is the largest distance at nodes and between them
     assert error <= rest.attrs["space_error_estimate"] * float(rest.unstretched_length) < 1e-2 * span
-    with pytest.raises(cp.SceneError, match=r"stretch in 2 elements is 0\.\d+ somewhere; allowed: .* enough elements"):
+    with pytest.raises(cp.SceneError, match=r"stretch in 2 elements is 0\.\d+; allowed: .* enough elements"):
         cp.cable.frequencies(scene, elements=2, order=3)
     if span == 0.1:
-        with pytest.raises(cp.SceneError, match=r"stretch in 128 elements is 0\.\d+ somewhere"):
+        with pytest.raises(cp.SceneError, match=r"stretch in 128 elements is 0\.\d+"):
             cp.cable.frequencies(scene, count=1)
 
 
