@@ -9,9 +9,9 @@ from cablepod._jit import compiled
 
 @compiled
 def shape(s, solution, q, stiffness, across, along, tension):
-    """Fill positions across and against the load, and tensions, at unstretched arc lengths `s` from the lower end.
+    """Fill positions across and against the load [m], and tensions [N], at unstretched arc lengths `s` from the lower end.
 
-    `solution` is the row that :func:`solve` filled.
+    `solution` (6,) is the output of :func:`cablepod.catenary._kernels_solve.solve`.
     """
     length, force, mid = solution[0], solution[2], solution[3]
     v0 = mid - 0.5 * q * length
@@ -33,7 +33,7 @@ def shape(s, solution, q, stiffness, across, along, tension):
         if turn > 0.5:
             across[i] = force * (s[i] / stiffness + turn / q)
         else:
-            # the difference of two asinh's as one atanh, without cancellation
+            # difference of two asinh as one atanh, without cancellation
             z = q * s[i] / total
             ratio = math.atanh(z) / z if z > 1e-8 else 1.0 + z * z / 3.0
             across[i] = force * s[i] * (1.0 / stiffness + 2.0 * ratio / total)

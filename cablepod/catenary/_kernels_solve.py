@@ -1,13 +1,13 @@
-"""The exact elastic catenary: one root search in one unknown, for whatever is given.
+"""Compiled solution of the exact elastic catenary: one root search in one unknown for each given quantity.
 
 In the plane of chord and load, with span a >= 0 across the load, rise b against it, load q >= 0 per unstretched length
-and axial stiffness K, let w = q L0/2, V the middle of the two vertical end forces and T the mean of both end tensions.
-The closed form of the linear law then reads, without a cancelling difference,
+and axial stiffness K, let w = q L0/2, V the mean of the end forces against the load and T the mean of the end tensions.
+The closed form of the linear law, without cancelling differences, is
 
     z = tanh(eta) = w / T,  e = T / K,  l = L0 (1 + e),  A = eta coth(eta),  G = (e + A) / (1 + e)
     V = T b / l,            H = a T / (l G),             l^2 = c^2 + a^2 sigma,   sigma = cosh(eta)^2 / G^2 - 1
 
-with c the chord; end tensions are T +- V z.  A straight spring is eta = 0, a cable folded on itself eta -> infinity.
+with the chord c; the end tensions are T +- V z.  eta = 0 is a straight spring, eta -> infinity a cable folded on itself.
 A given end tension T1 fixes T by a quadratic, (T1 - T)(K + T) = q b K / 2, a horizontal force H gives
 eta + e tanh(eta) = q a / (2 H).
 """
@@ -24,9 +24,9 @@ UPPER_TENSION, LOWER_TENSION, HORIZONTAL_FORCE, LENGTH = range(4)
 FOUND, BELOW_LEAST_TENSION, SLACK_WEIGHTLESS, VERTICAL_WITH_FORCE, NOT_FOUND = range(5)
 #: Columns of a solution.
 COLUMNS = ("unstretched_length", "stretched_length", "horizontal_force", "mid_force", "tension_lower", "tension_upper")
-# A Newton step so small is the last: the error left is of its square, and further steps would only wander by roundings.
-SETTLED = 1e-11
-# eta coth(eta) - 1 in powers of eta^2, highest first: 2^(2n) B_2n / (2n)!; at 0.5 the next term is 1e-16.
+# Relative tolerance of the last Newton step (its square bounds the error, and further steps are rounding noise).
+NEWTON_RTOL = 1e-11
+# Taylor coefficients of eta coth(eta) - 1 in eta^2, highest first: 2^(2n) B_2n / (2n)! (the next term is 1e-16 at 0.5).
 SERIES = (
     -174611 / 330 * 2**20 / math.factorial(20),
     43867 / 798 * 2**18 / math.factorial(18),
@@ -43,7 +43,7 @@ SERIES = (
 
 @compiled
 def _sag(eta):
-    """Return A - 1 and dA/deta for A = eta coth(eta); by its series where the closed form cancels."""
+    """Return A - 1 and dA/deta for A = eta coth(eta); by the Taylor series if the closed form cancels."""
     if eta < 0.5:
         s = eta * eta
         p = dp = 0.0
@@ -58,7 +58,7 @@ def _sag(eta):
 
 @compiled
 def _sigma(eta, e, de):
-    """Return sigma and its derivative; `e` is the mean strain and `de` its derivative by eta."""
+    """Return sigma and dsigma/deta for the mean strain `e` and its derivative `de` with respect to eta."""
     excess, slope = _sag(eta)
     g1 = excess / (1.0 + e)
     g = 1.0 + g1
@@ -70,9 +70,9 @@ def _sigma(eta, e, de):
 
 @compiled
 def _from_length(a, c, q, stiffness, length):
-    """Find eta from the unstretched length, for a > 0 and q > 0: Newton in log(eta), kept inside a bracket."""
+    """Solve for eta from the unstretched length (a > 0, q > 0): bracketed Newton's method in log(eta); also return success."""
     w = 0.5 * q * length
-    # Starting value: the root of the leading terms, taut, at the crossover or slack.
+    # Initial guess: root of the leading terms of a taut cable, at the crossover, or of a slack cable.
     cross = (6.0 * c * length * w / (stiffness * a * a)) ** (1.0 / 3.0)
     if length < c:
         eta = min(w * length / (stiffness * (c - length)), cross)
@@ -99,13 +99,13 @@ def _from_length(a, c, q, stiffness, length):
         if eta < 1.0:
             new = eta * math.exp(max(min(-f / (slope * eta), 3.0), -3.0)) if slope < 0.0 else math.nan
         elif stretch > 0.0 and sag < math.inf:
-            # sigma grows like exp(2 eta): Newton on the logarithms of both sides, or each step would gain half a unit
+            # sigma grows like exp(2 eta): Newton's method for the logarithms, as steps are at most 1/2 otherwise
             left = stretch * (2.0 * c + stretch)
             new = eta - math.log(left / sag) / (2.0 * (c + stretch) * length * de / left - a * a * dsigma / sag)
-        if abs(new - eta) <= SETTLED * eta:
+        if abs(new - eta) <= NEWTON_RTOL * eta:
             return new, True
         if not (low < new < high):
-            # no Newton step inside the bracket: bisect it in the logarithm
+            # the Newton step leaves the bracket: bisection in log(eta)
             if low == 0.0:
                 new = 1e-3 * high
             elif high == math.inf:
@@ -120,11 +120,11 @@ def _from_length(a, c, q, stiffness, length):
 
 @compiled
 def _from_mean_tension(a, c, q, e, mean, excess):
-    """Find the smallest eta for a mean end tension, or nan where the tension is below the least possible.
+    """Solve for the smallest eta of a mean end tension; nan if the tension is below the minimum.
 
-    h(t) = t - k^2 (c^2 + a^2 sigma(t)), t = tanh(eta)^2, is concave: Newton's steps from the left rise to the smaller
-    root.  Near the vertical t is close to 1 and the small force across hangs on u = 1 - t, so that is carried along;
-    `excess` is T (1 + e) - q c / 2, which the caller knows without cancellation.
+    The function h(t) = t - k^2 (c^2 + a^2 sigma(t)), t = tanh(eta)^2, is concave.  Newton's method from the left therefore
+    increases monotonically to the smaller root.  Near the vertical t is close to 1 and the force across the load depends on
+    u = 1 - t, which is updated separately.  `excess` is T (1 + e) - q c / 2, computed without cancellation.
     """
     k = q / (2.0 * mean * (1.0 + e))
     floor = (k * c) ** 2
@@ -138,11 +138,11 @@ def _from_mean_tension(a, c, q, e, mean, excess):
         if eta == 0.0:
             return eta
         sigma, dsigma = _sigma(eta, e, 0.0)
-        rest = (t - floor if t < 0.5 else u_floor - u) - (k * a) ** 2 * sigma
+        residual = (t - floor if t < 0.5 else u_floor - u) - (k * a) ** 2 * sigma
         slope = 1.0 - (k * a) ** 2 * dsigma / (2.0 * z * u)
         if slope <= 0.0:
-            return eta if rest >= -1e-15 * t else math.nan
-        step = -rest / slope
+            return eta if residual >= -1e-15 * t else math.nan
+        step = -residual / slope
         if step <= 2e-16 * min(t, u):
             return eta
         t += step
@@ -152,13 +152,13 @@ def _from_mean_tension(a, c, q, e, mean, excess):
 
 @compiled
 def _mean_tension(sign, b, q, stiffness, tension):
-    """Mean of the end tensions from that at the upper (`sign` 1) or lower (-1) end; nan where there is none."""
+    """Compute the mean of the end tensions from that at the upper (`sign` 1) or lower (-1) end; nan without solution."""
     reduced = tension - sign * 0.5 * q * b
     disc = (stiffness - tension) ** 2 + 4.0 * stiffness * reduced
     if disc < 0.0:
         return math.nan
     root = math.sqrt(disc)
-    # two forms of the same root: each where it adds
+    # two forms of the same root, each without cancellation
     if stiffness > tension:
         return 2.0 * stiffness * reduced / (stiffness - tension + root)
     return 0.5 * (tension - stiffness + root)
@@ -166,7 +166,7 @@ def _mean_tension(sign, b, q, stiffness, tension):
 
 @compiled
 def _from_force(a, b, q, stiffness, force):
-    """Find eta and the mean strain from the force across the load: Newton in the strain, kept inside a bracket."""
+    """Solve for eta and the mean strain from the force across the load: bracketed Newton's method; also return success."""
     beta = 0.5 * q * a / force
     low = force * math.hypot(1.0, b / a) / stiffness
     high = math.inf
@@ -178,13 +178,13 @@ def _from_force(a, b, q, stiffness, force):
             th = math.tanh(eta)
             step = (beta - eta - e * th) / (1.0 + e * (1.0 - th * th))
             eta += step
-            if abs(step) <= SETTLED * eta:
+            if abs(step) <= NEWTON_RTOL * eta:
                 break
         th = math.tanh(eta)
         deta = -th / (1.0 + e * (1.0 - th * th))
         left = e * stiffness / force
         if eta > 300.0:
-            # far from any root that can be represented: the mean tension over the force is exp(eta) / 2
+            # beyond the range of cosh: the mean tension over the force is exp(eta) / 2
             low = e
             new = e - (math.log(2.0 * left) - eta) / (1.0 / e - deta)
         else:
@@ -201,13 +201,13 @@ def _from_force(a, b, q, stiffness, force):
             if eta < 1.0:
                 new = e - (left - mean) / (stiffness / force - dmean)
             else:
-                # both sides' logarithms, or steps from the slack side would be short
+                # Newton's method for the logarithms, as steps from the slack side are short otherwise
                 new = e - math.log(left / mean) / (1.0 / e - dmean / mean)
-        if abs(new - e) <= SETTLED * e:
+        if abs(new - e) <= NEWTON_RTOL * e:
             return eta + deta * (new - e), new, eta < 300.0
         if not (low <= new <= high):
             new = 0.5 * (low + high) if high < math.inf else 2.0 * low
-        # eta falls with the strain and is convex in it: both guesses are below the next inner root
+        # eta decreases with the strain and is convex in it: both guesses are lower bounds of the next inner root
         eta = max(eta + deta * (new - e), beta / (1.0 + new))
         e = new
     return eta, e, eta < 300.0 and high - low <= 1e-14 * high
@@ -215,10 +215,10 @@ def _from_force(a, b, q, stiffness, force):
 
 @compiled
 def _end_tensions(eta, mean, force, mid, w):
-    """Tensions at the lower and the upper end.
+    """Compute the tensions at the lower and the upper end.
 
-    Near the vertical |V| - w cancels where the smaller one is small; it is also (T^2 / cosh(eta)^2 - H^2 cosh(eta)^2) /
-    (|V| + w), which in its turn cancels where the forces against the load are small beside that across it.
+    Near the vertical |V| - w cancels if the smaller tension is small.  It also equals (T^2 / cosh(eta)^2 - H^2 cosh(eta)^2) /
+    (|V| + w), which cancels if the forces against the load are small compared with the force across it.
     """
     total = abs(mid) + w
     rest = abs(mid) - w
@@ -233,7 +233,7 @@ def _end_tensions(eta, mean, force, mid, w):
 
 @compiled
 def _vertical(b, q, stiffness, length, out):
-    """Fill `out` for a cable of given length along the load: hanging straight, or folded at its lowest point."""
+    """Fill `out` for a cable of given length along the load: straight, or folded at its lowest point."""
     w = 0.5 * q * length
     if length * (1.0 + w / stiffness) >= abs(b):
         mean = w
@@ -248,7 +248,7 @@ def _vertical(b, q, stiffness, length, out):
 
 @compiled
 def _by_length(a, c, q, stiffness, length):
-    """Status, eta, mean tension, unstretched length and that length times the mean stretch, from the length."""
+    """Return status, eta, mean tension, unstretched length and mean stretched length, from the unstretched length."""
     eta = mean = 0.0
     if not length > 0.0:
         return NOT_FOUND, eta, mean, length, length
@@ -268,7 +268,7 @@ def _by_length(a, c, q, stiffness, length):
 
 @compiled
 def _by_force(a, b, q, stiffness, force):
-    """As `_by_length`, from the force across the load."""
+    """Return the same as `_by_length`, from the force across the load."""
     if not force > 0.0:
         return NOT_FOUND, 0.0, 0.0, 0.0, 0.0
     eta, e, good = _from_force(a, b, q, stiffness, force)
@@ -282,12 +282,12 @@ def _by_force(a, b, q, stiffness, force):
 
 @compiled
 def _by_tension(sign, a, b, c, q, stiffness, tension):
-    """As `_by_length`, from the tension at the upper (`sign` 1) or lower (-1) end."""
+    """Return the same as `_by_length`, from the tension at the upper (`sign` 1) or lower (-1) end."""
     mean = _mean_tension(sign, b, q, stiffness, tension)
     if not mean > 0.0:
         return BELOW_LEAST_TENSION, 0.0, 0.0, 0.0, 0.0
     e = mean / stiffness
-    # T (1 + e) - q c / 2 from the tension given: the gap between chord and rise, without cancellation
+    # T (1 + e) - q c / 2 from the given tension, with chord plus rise computed without cancellation
     rise = sign * b
     gap = c + rise if rise > 0.0 else a * (a / (c - rise))
     excess = tension * (1.0 + e) - 0.5 * q * gap
@@ -312,7 +312,7 @@ def solve(a, b, c, q, stiffness, kind, value, out):
     q, stiffness : float
         Load per unstretched length [N/m], axial stiffness [N].
     kind, value : int, float
-        What is given, one of the constants above, and its value [N or m].
+        Given quantity, one of the constants above, and its value [N or m].
     out : float array (6,)
         Filled with unstretched and stretched length [m], force across the load, force against the load at the middle of
         the unstretched length, tension at the lower and at the upper end [N].
@@ -320,14 +320,14 @@ def solve(a, b, c, q, stiffness, kind, value, out):
     Returns
     -------
     int
-        FOUND or the reason why not; `out` is then nan.
+        FOUND, or the reason for failure; `out` is then nan.
     """
     out[:] = math.nan
     if not (0.0 <= a < math.inf and 0.0 < c < math.inf and abs(b) < math.inf and UPPER_TENSION <= kind <= LENGTH):
         return NOT_FOUND
     if not (0.0 <= q < math.inf and 0.0 < stiffness < math.inf and abs(value) < math.inf):
         return NOT_FOUND
-    if a < 1e-100 * c:  # so near the vertical that squares of the span would underflow
+    if a < 1e-100 * c:  # the square of the span would underflow
         a = 0.0
     if a == 0.0 and kind == HORIZONTAL_FORCE:
         return VERTICAL_WITH_FORCE
@@ -344,10 +344,10 @@ def solve(a, b, c, q, stiffness, kind, value, out):
         if kind == LENGTH:
             _vertical(b, q, stiffness, length, out)
         else:
-            # the shortest is straight; the given tension stays exact also where it is small beside the other end's
-            other = 2.0 * mean - value
+            # the shortest cable is straight; the given tension stays exact even if the opposite one is much larger
+            opposite = 2.0 * mean - value
             out[0], out[1], out[2], out[3] = length, c, 0.0, math.copysign(mean, b)
-            out[4], out[5] = (other, value) if kind == UPPER_TENSION else (value, other)
+            out[4], out[5] = (opposite, value) if kind == UPPER_TENSION else (value, opposite)
         return FOUND if np.isfinite(out).all() else NOT_FOUND
     e = mean / stiffness
     excess, _ = _sag(eta)
@@ -371,7 +371,7 @@ def solve_many(a, b, c, q, stiffness, kind, value, out, status):
 
 @compiled
 def _mean_tension_at(eta, a, c, q, stiffness):
-    """Mean end tension of the cable whose sag parameter is `eta`: T (1 + T/K) tanh(eta) = q l / 2."""
+    """Compute the mean end tension for the sag parameter `eta`: T (1 + T/K) tanh(eta) = q l / 2."""
     mean = 0.0
     for _ in range(100):
         sigma, _ = _sigma(eta, mean / stiffness, 0.0)
@@ -385,10 +385,10 @@ def _mean_tension_at(eta, a, c, q, stiffness):
 
 @compiled
 def least_tension(a, b, c, q, stiffness, sign):
-    """Return the least tension [N] that the upper (`sign` 1) or lower (-1) end can have, over all lengths.
+    """Return the minimum tension [N] at the upper (`sign` 1) or lower (-1) end over all lengths.
 
-    The end tension T + q b / (2 (1 + e)) rises with the mean T, because no cable has T (1 + e) < q c / 2 (so that
-    (K + T)^2 > q b K / 2); the least mean over eta is found by golden section.
+    The end tension T + q b / (2 (1 + e)) increases with the mean T, because no cable has T (1 + e) < q c / 2 (so that
+    (K + T)^2 > q b K / 2).  The minimum of the mean over eta follows by golden-section search.
     """
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     low, high = math.log(1e-4), math.log(300.0)
