@@ -17,7 +17,7 @@ class ExplicitGalerkinRun(GalerkinRun):
 
     @property
     def use_polynomial_form(self) -> bool:
-        """Whether the polynomial form of the energy is the faster one."""
+        """Select the polynomial form of the energy if it is the faster one."""
         monomials = len(self.model.active_axes) + self.model.pairs[0].size
         rows = min(monomials, self.model.chain.links)
         return monomials * rows <= POLYNOMIAL_COST * self.model.active_axes.sum() * self.model.chain.links

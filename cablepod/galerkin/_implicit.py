@@ -28,7 +28,7 @@ class ImplicitGalerkinRun(GalerkinRun):
 
     @property
     def use_polynomial_form(self) -> bool:
-        """Whether the polynomial form of the energy is the faster one."""
+        """Select the polynomial form of the energy if it is the faster one."""
         return MIN_ROW_RATIO * (len(self.model.active_axes) + self.model.pairs[0].size) <= self.model.chain.links
 
     def _stepper(self, record: RunRecord) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
@@ -96,7 +96,7 @@ class ImplicitGalerkinRun(GalerkinRun):
         from cablepod.galerkin import _kernels_implicit as kernel_implicit  # numba is imported only to compute
 
         model, law, (polynomial_form, link_form) = self.model, self.law, self.tables
-        stiffness = np.ones(polynomial_form[1].size) if law == kernel_energy.PACKED else link_form[4]
+        stiffness = np.ones(polynomial_form[1].size) if law == kernel_energy.POLYNOMIAL else link_form[4]
         done, iterations = kernel_implicit.implicit(
             *state, 1.0 / steps_per_second, self.scheme == "energy_momentum", self.damping, model.coupling,
             model.loads_at_steps(start, steps, steps_per_second),

@@ -6,15 +6,13 @@ import math
 
 from cablepod._jit import FAST_DIVISION, compiled
 
-# Sums may be reordered here, which lets them vectorise; non-finite numbers keep their meaning.
-# Without the interpreter lock, so that runs in several threads go on side by side.
-#: How the energy is evaluated.
-PACKED, GREEN_LINKS, LINEAR_LINKS = 0, 1, 2
+#: Form in which the strain energy is evaluated: polynomial of law (21), or a sum over links by law (21) or the linear law.
+POLYNOMIAL, GREEN_LINKS, LINEAR_LINKS = 0, 1, 2
 
 
 @compiled(fastmath=FAST_DIVISION)
-def packed_gradient(y, factor, offset, first, second, monomials, slopes, gradient):
-    """Gradient of the energy of law (21) by the coordinates y, from packed coefficients; returns the energy."""
+def polynomial_gradient(y, factor, offset, first, second, monomials, monomial_gradient, gradient):
+    """Fill the gradient of the energy of law (21) with respect to y from its polynomial form; return the energy [J]."""
     count = y.size
     for j in range(count):
         monomials[j] = y[j]
@@ -22,58 +20,58 @@ def packed_gradient(y, factor, offset, first, second, monomials, slopes, gradien
         monomials[count + pair] = y[first[pair]] * y[second[pair]]
     rows, total = factor.shape
     for c in range(total):
-        slopes[c] = 0.0
+        monomial_gradient[c] = 0.0
     energy = 0.0
-    # whole rows, though the factor is zero below the diagonal: a loop that begins at i is not vectorised, a slice costs more
+    # whole rows, although the factor is upper triangular: a loop from i is not vectorised, and a slice costs more
     for i in range(rows):
         s = offset[i]
         for c in range(total):
             s += factor[i, c] * monomials[c]
         energy += 0.5 * s * s
         for c in range(total):
-            slopes[c] += s * factor[i, c]
+            monomial_gradient[c] += s * factor[i, c]
     for j in range(count):
-        gradient[j] = slopes[j]
+        gradient[j] = monomial_gradient[j]
     for pair in range(first.size):
-        slope = slopes[count + pair]
+        slope = monomial_gradient[count + pair]
         gradient[first[pair]] += slope * y[second[pair]]
         gradient[second[pair]] += slope * y[first[pair]]
     return energy
 
 
 @compiled(fastmath=FAST_DIVISION)
-def _strains(y, shape, strain, rates, used, reach, e):
-    """Slopes of the links `reach` (dims, n) and their strains (xi^2 - 1)/2, about the mean shape."""
+def _strains(y, shape, strain, field_slopes, active_axes, slopes, e):
+    """Fill the slopes of the links (dims, n) and their strains e = (xi^2 - 1)/2 (n,), expanded about the mean shape."""
     dims, n = shape.shape
     for j in range(n):
         e[j] = strain[j]
     for c in range(dims):
         for j in range(n):
-            reach[c, j] = 0.0
+            slopes[c, j] = 0.0
         for k in range(y.size):
-            if used[k, c]:
+            if active_axes[k, c]:
                 yk = y[k]
                 for j in range(n):
-                    reach[c, j] += yk * rates[k, c, j]
+                    slopes[c, j] += yk * field_slopes[k, c, j]
         for j in range(n):
-            e[j] += (shape[c, j] + 0.5 * reach[c, j]) * reach[c, j]
-            reach[c, j] += shape[c, j]
+            e[j] += (shape[c, j] + 0.5 * slopes[c, j]) * slopes[c, j]
+            slopes[c, j] += shape[c, j]
 
 
 @compiled(fastmath=FAST_DIVISION)
 def _stresses(law, e, stiffness, s):
-    """Fill s with the derivatives of the energies of the rows by their strains e; returns the energy.
+    """Fill s with the derivatives of the energies by the strains e; return the total energy [J].
 
-    A slack link carries nothing.
+    By the linear law a slack link carries no tension.
     """
     energy = 0.0
     if law == LINEAR_LINKS:
         for j in range(e.size):
             xi = math.sqrt(1.0 + 2.0 * e[j])
-            longer = 2.0 * e[j] / (1.0 + xi)
-            longer = longer if longer > 0.0 else 0.0 * xi  # not a number stays so
-            s[j] = stiffness[j] * longer / xi
-            energy += 0.5 * stiffness[j] * longer * longer
+            elongation = 2.0 * e[j] / (1.0 + xi)
+            elongation = elongation if elongation > 0.0 else 0.0 * xi  # keeps nan
+            s[j] = stiffness[j] * elongation / xi
+            energy += 0.5 * stiffness[j] * elongation * elongation
     else:
         for j in range(e.size):
             s[j] = stiffness[j] * e[j]
@@ -82,19 +80,19 @@ def _stresses(law, e, stiffness, s):
 
 
 @compiled(fastmath=FAST_DIVISION)
-def link_gradient(y, law, shape, strain, rates, used, stiffness, reach, e, s, gradient):
-    """Gradient of the energy by the coordinates y, link by link; returns the energy."""
+def link_gradient(y, law, shape, strain, field_slopes, active_axes, stiffness, slopes, e, s, gradient):
+    """Fill the gradient of the energy with respect to y as a sum over links; return the energy [J]."""
     dims, n = shape.shape
-    _strains(y, shape, strain, rates, used, reach, e)
+    _strains(y, shape, strain, field_slopes, active_axes, slopes, e)
     energy = _stresses(law, e, stiffness, s)
     for c in range(dims):
         for j in range(n):
-            reach[c, j] *= s[j]
+            slopes[c, j] *= s[j]
     for k in range(y.size):
         total = 0.0
         for c in range(dims):
-            if used[k, c]:
+            if active_axes[k, c]:
                 for j in range(n):
-                    total += reach[c, j] * rates[k, c, j]
+                    total += slopes[c, j] * field_slopes[k, c, j]
         gradient[k] = total
     return energy

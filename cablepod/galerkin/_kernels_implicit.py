@@ -7,21 +7,18 @@ import math
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
-from cablepod.galerkin._kernels_energy import LINEAR_LINKS, PACKED, _strains, _stresses
+from cablepod.galerkin._kernels_energy import LINEAR_LINKS, POLYNOMIAL, _strains, _stresses
 from cablepod.galerkin._kernels_explicit import _work_of_ends
 
-#: A step in which Newton's method needs more has failed.
-MOST_ITERATIONS = 25
-
-
-# --- implicit ---------------------------------------------------------------------------------------------------------
+#: Maximum number of Newton iterations in a step.
+MAX_ITERATIONS = 25
 
 
 @compiled(fastmath=FAST_DIVISION)
-def _rows(y, law, table, offset, first, second, linked, reach, e, jacobian):
-    """Strains e of the rows and their derivatives by the coordinates (coordinates, rows), which are linear in y."""
+def _rows(y, law, table, offset, first, second, link_form, slopes, e, jacobian):
+    """Fill the strains e of the rows and their Jacobian (coordinates, rows), which is linear in y."""
     count = y.size
-    if law == PACKED:
+    if law == POLYNOMIAL:
         jacobian[:] = table[:count]
         for pair in range(first.size):
             a, b = first[pair], second[pair]
@@ -36,48 +33,49 @@ def _rows(y, law, table, offset, first, second, linked, reach, e, jacobian):
             for i in range(offset.size):
                 e[i] += half * (table[k, i] + jacobian[k, i])
         return
-    shape, strain, rates, used, _ = linked
-    _strains(y, shape, strain, rates, used, reach, e)
+    shape, strain, field_slopes, active_axes, _ = link_form
+    _strains(y, shape, strain, field_slopes, active_axes, slopes, e)
     for k in range(count):
         for j in range(strain.size):
             jacobian[k, j] = 0.0
         for c in range(shape.shape[0]):
-            if used[k, c]:
+            if active_axes[k, c]:
                 for j in range(strain.size):
-                    jacobian[k, j] += reach[c, j] * rates[k, c, j]
+                    jacobian[k, j] += slopes[c, j] * field_slopes[k, c, j]
 
 
 @compiled(fastmath=FAST_DIVISION)
 def _tangent_stresses(law, conserving, stiffness, e0, e, s, ds):
-    """Stresses s of the rows over a step, and their derivatives by the strains e at its end.
+    """Fill the stresses s of the rows in a step, and their derivatives ds by the strains e at its end.
 
-    With `conserving` the difference quotients of the energies; else the stresses at the end.
+    With `conserving` the stresses are the difference quotients of the energies, otherwise those at the end of the step.
     """
     if law != LINEAR_LINKS:
-        share = 0.5 if conserving else 1.0
+        end_weight = 0.5 if conserving else 1.0
         for j in range(e.size):
-            s[j] = stiffness[j] * (share * e[j] + (1.0 - share) * e0[j])
-            ds[j] = stiffness[j] * share
+            s[j] = stiffness[j] * (end_weight * e[j] + (1.0 - end_weight) * e0[j])
+            ds[j] = stiffness[j] * end_weight
         return
     for j in range(e.size):
         xi = math.sqrt(1.0 + 2.0 * e[j])
         before = math.sqrt(1.0 + 2.0 * e0[j]) if conserving else xi
         if not conserving or (e[j] > 0.0 and e0[j] > 0.0):
-            both = xi + before
+            stretch_sum = xi + before
             taut = 1.0 if e[j] > 0.0 else 0.0
-            mate = e0[j] if conserving else e[j]
-            s[j] = taut * stiffness[j] * 2.0 * (e[j] / (1.0 + xi) + mate / (1.0 + before)) / both
-            ds[j] = taut * stiffness[j] * (2.0 if conserving else 4.0) / (both * both * xi)
-        else:  # slack at the one end of the step or at both
-            between = e[j] - e0[j]
-            longer = max(2.0 * e[j] / (1.0 + xi), 0.0)
-            shorter = max(2.0 * e0[j] / (1.0 + before), 0.0)
-            s[j] = 0.5 * stiffness[j] * (longer * longer - shorter * shorter) / between if between != 0.0 else 0.0
-            ds[j] = (stiffness[j] * longer / xi - s[j]) / between if between != 0.0 else 0.0
+            paired_strain = e0[j] if conserving else e[j]
+            s[j] = taut * stiffness[j] * 2.0 * (e[j] / (1.0 + xi) + paired_strain / (1.0 + before)) / stretch_sum
+            ds[j] = taut * stiffness[j] * (2.0 if conserving else 4.0) / (stretch_sum * stretch_sum * xi)
+        else:  # slack at the start or the end of the step
+            de = e[j] - e0[j]
+            elongation = max(2.0 * e[j] / (1.0 + xi), 0.0)
+            elongation0 = max(2.0 * e0[j] / (1.0 + before), 0.0)
+            squares = elongation * elongation - elongation0 * elongation0
+            s[j] = 0.5 * stiffness[j] * squares / de if de != 0.0 else 0.0
+            ds[j] = (stiffness[j] * elongation / xi - s[j]) / de if de != 0.0 else 0.0
 
 
 @compiled(fastmath=FAST_DIVISION)
-def _mean(a, b, result):
+def _average(a, b, result):
     for k in range(a.shape[0]):
         for j in range(a.shape[1]):
             result[k, j] = 0.5 * (a[k, j] + b[k, j])
@@ -93,10 +91,12 @@ def _gradient(jacobian, s, gradient):
 
 
 @compiled(fastmath=FAST_DIVISION)
-def _tangent(law, share, middle, jacobian, s, ds, table, first, second, rates, used, scaled, weighted, tangent):
-    """Differentiate the gradient, middle s, by the amplitudes at the end of the step, whose share of the middle is `share`."""
+def _tangent(
+    law, end_weight, middle, jacobian, s, ds, table, first, second, field_slopes, active_axes, scaled, weighted, tangent
+):
+    """Fill the derivative of the gradient `middle` s by z at the end of the step, which `middle` contains with `end_weight`."""
     modes, rows = tangent.shape[0], s.size
-    symmetric = share == 1.0
+    symmetric = end_weight == 1.0
     for k in range(modes):
         for j in range(rows):
             scaled[j] = ds[j] * middle[k, j]
@@ -105,7 +105,7 @@ def _tangent(law, share, middle, jacobian, s, ds, table, first, second, rates, u
             for j in range(rows):
                 total += scaled[j] * jacobian[m, j]
             tangent[k, m] = total
-    if law == PACKED:
+    if law == POLYNOMIAL:
         count = jacobian.shape[0]
         for pair in range(first.size):
             a, b = first[pair], second[pair]
@@ -113,21 +113,21 @@ def _tangent(law, share, middle, jacobian, s, ds, table, first, second, rates, u
                 slope = 0.0
                 for i in range(rows):
                     slope += table[count + pair, i] * s[i]
-                tangent[b, a] += share * slope
+                tangent[b, a] += end_weight * slope
                 if a == b or not symmetric:
-                    tangent[a, b] += share * slope
+                    tangent[a, b] += end_weight * slope
     else:
         for k in range(modes):
             for c in range(weighted.shape[0]):
-                if not used[k, c]:
+                if not active_axes[k, c]:
                     continue
                 for j in range(rows):
-                    weighted[c, j] = share * s[j] * rates[k, c, j]
+                    weighted[c, j] = end_weight * s[j] * field_slopes[k, c, j]
                 for m in range(k + 1):
-                    if used[m, c]:
+                    if active_axes[m, c]:
                         total = 0.0
                         for j in range(rows):
-                            total += weighted[c, j] * rates[m, c, j]
+                            total += weighted[c, j] * field_slopes[m, c, j]
                         tangent[k, m] += total
                         if m < k and not symmetric:
                             tangent[m, k] += total
@@ -139,7 +139,7 @@ def _tangent(law, share, middle, jacobian, s, ds, table, first, second, rates, u
 
 @compiled(fastmath=FAST_DIVISION)
 def solve(a, b):
-    """Solve a x = b by elimination with rows exchanged; b becomes x, a is destroyed."""
+    """Solve a x = b by Gaussian elimination with partial pivoting; b becomes x, a is overwritten."""
     n = b.size
     for k in range(n):
         pivot, largest = k, abs(a[k, k])
@@ -165,16 +165,16 @@ def solve(a, b):
 
 
 @compiled(fastmath=FAST_DIVISION)
-def _place(y, p, d, ends, coupling):
-    """Coordinates y where the particles have moved by d from p and the ends are displaced by `ends`."""
+def _set_coordinates(y, p, increment, ends, coupling):
+    """Fill the coordinates y of the projection p + increment and the end displacements `ends`."""
     moving, modes = coupling.shape
     for k in range(modes):
-        y[k] = p[k] + d[k]
+        y[k] = p[k] + increment[k]
     for f in range(moving):
-        here = ends[f]
-        y[modes + f] = here
+        displacement = ends[f]
+        y[modes + f] = displacement
         for k in range(modes):
-            y[k] -= here * coupling[f, k]
+            y[k] -= displacement * coupling[f, k]
 
 
 @compiled(fastmath=FAST_DIVISION)
@@ -189,64 +189,64 @@ def _save(saved, saved_energy, p, velocity, load, gradient, damping, energy, acc
 
 @compiled(fastmath=FAST_DIVISION)
 def implicit(
-    p, velocity, history, account, step, conserving, damping, coupling, loads, ends, law, table, packed, linked, stiffness,
-    turns, enough, rounding, start, steps, save_steps, saved, saved_energy,
+    p, velocity, history, account, step, conserving, damping, coupling, loads, ends, law, table, polynomial_form, link_form,
+    stiffness, rms_slopes, newton_tolerance, rounding, start, steps, save_steps, saved, saved_energy,
 ):  # fmt: skip
-    """Advance the amplitudes by `steps` steps of the trapezoidal rule or the energy-momentum method (Simo and Tarnow 1992).
+    """Advance the projection z by steps of the trapezoidal rule or the energy-momentum method (Simo and Tarnow 1992).
 
     Both are (v1 - v0)/h = load - g - damping (v0 + v1)/2, (p1 - p0)/h = (v0 + v1)/2, with the mean of the loads at both ends
-    of the step.  By the trapezoidal rule g is the mean of the gradients there; by the other the discrete gradient, the mean of
-    the derivatives of the strains times the difference quotients of the energies of the rows, so that energy changes by what
-    loads, ends and damping do, at any step, as far as Newton's method is carried.
+    of the step.  For the trapezoidal rule g is the mean of the gradients there.  For the energy-momentum method it is the
+    discrete gradient: the mean Jacobian of the strains times the difference quotients of the energies.  The energy balance then
+    holds for any step, up to the tolerance of Newton's method.
 
     Parameters
     ----------
-    p, velocity, account, coupling, law, linked, start, steps, save_steps, saved, saved_energy
-        As in :func:`verlet`, rates at the step; a last saved step may be start + steps.
+    p, velocity, account, coupling, law, link_form, start, steps, save_steps, saved, saved_energy
+        As in :func:`verlet`, but with the rates at step `start`; the last saved step may be start + steps.
     history : float array (3, modes)
-        Mean accelerations of the last three steps, the last first; advanced in place.
+        Mean accelerations of the last three steps, latest first; advanced in place.
     step, damping : float
         [s], [1/s].
     conserving : bool
-        Whether the energy is to be kept.
+        Whether to use the energy-momentum method.
     loads : float array (steps + 1 or 1, modes)
         Generalised loads.
     ends : float array (steps + 1, displacements)
         Displacements of the ends [m].
     table : float array (monomials, rows)
-        R transposed; of size 0 where not packed.
-    packed : tuple (offset, first, second)
+        R transposed; empty without polynomial form.
+    polynomial_form : tuple (offset, first, second)
         As in :func:`verlet`.
     stiffness : float array (rows,)
-        Of the rows: K l, or 1 where packed.
-    turns : float array (modes,)
-        By how much an amplitude turns and stretches the links, in the mean [kg^-1/2 m^-1].
-    enough, rounding : float
-        Newton's method ends with a correction that turns the links by as little as `enough`; with `conserving`, as what is left
-        adds up, when what it would leave is below rounding or it has ceased to converge.
+        Stiffness of the rows: K l, or 1 in polynomial form.
+    rms_slopes : float array (modes,)
+        Root mean square over the links of the slope of each mode [kg^-1/2 m^-1].
+    newton_tolerance, rounding : float
+        Tolerance of the last Newton correction, and its rounding error, as mean rotations of the links.  With `conserving`, where
+        remainders accumulate, iterations continue until the expected remainder is below rounding or convergence ceases.
 
     Returns
     -------
     tuple of int
-        Steps done, fewer than `steps` where Newton's method did not converge (the state is then that before the step), and
-        iterations.
+        Number of completed steps, fewer than `steps` if Newton's method did not converge (the state is then that before the
+        failed step), and number of iterations.
     """
     modes, moving = p.size, ends.shape[1]
-    offset, first, second = packed
-    rates, used = linked[2], linked[3]
-    rows, count, dims = stiffness.size, modes + moving, rates.shape[1]
-    y, gradient, force, reach = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros((dims, linked[1].size))
+    offset, first, second = polynomial_form
+    field_slopes, active_axes = link_form[2], link_form[3]
+    rows, count, dims = stiffness.size, modes + moving, field_slopes.shape[1]
+    y, gradient, force, slopes = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros((dims, link_form[1].size))
     before, jacobian, middle = np.zeros((count, rows)), np.zeros((count, rows)), np.zeros((count, rows))
     e0, e, s, ds, scaled = np.zeros(rows), np.zeros(rows), np.zeros(rows), np.zeros(rows), np.zeros(rows)
     weighted, tangent = np.zeros((dims, rows)), np.zeros((modes, modes))
-    d, b, held = np.zeros(modes), np.zeros(modes), np.zeros(modes)
+    increment, b, explicit_part = np.zeros(modes), np.zeros(modes), np.zeros(modes)
     varying, save, iterations = loads.shape[0] > 1, 0, 0
-    share = 0.5 if conserving else 1.0
-    # the balance, twice of it by the trapezoidal rule, where half of the force is that of the start
+    end_weight = 0.5 if conserving else 1.0
+    # factor of the balance: twice for the trapezoidal rule, in which half of the force is that at the start
     double = 1.0 if conserving else 2.0
     diagonal = double * (2.0 / (step * step) + damping / step)
-    _place(y, p, d, ends[0], coupling)
-    _rows(y, law, table, offset, first, second, linked, reach, e0, before)
+    _set_coordinates(y, p, increment, ends[0], coupling)
+    _rows(y, law, table, offset, first, second, link_form, slopes, e0, before)
     energy = _stresses(law, e0, stiffness, s)
     _gradient(before, s, gradient)
     for i in range(steps):
@@ -257,56 +257,59 @@ def implicit(
         for k in range(modes):
             if start + i == 0:
                 history[:, k] = loads[now, k] - gradient[k] - damping * velocity[k]
-            # what is resolved goes on linearly, what is not swings from step to step: this is right for both
+            # extrapolation that is exact for linear change (resolved) and for alternating signs (unresolved)
             mean = history[0, k] + history[1, k] - history[2, k]
-            d[k] = step * (velocity[k] + 0.5 * step * mean)
-            held[k] = double * (0.5 * (loads[now, k] + loads[then, k]) + 2.0 * velocity[k] / step)
+            increment[k] = step * (velocity[k] + 0.5 * step * mean)
+            explicit_part[k] = double * (0.5 * (loads[now, k] + loads[then, k]) + 2.0 * velocity[k] / step)
             if not conserving:
-                held[k] -= gradient[k]
-        converged, last_size = False, 0.0
-        for _ in range(MOST_ITERATIONS):
+                explicit_part[k] -= gradient[k]
+        converged, last_norm = False, 0.0
+        for _ in range(MAX_ITERATIONS):
             iterations += 1
-            _place(y, p, d, ends[i + 1], coupling)
-            _rows(y, law, table, offset, first, second, linked, reach, e, jacobian)
+            _set_coordinates(y, p, increment, ends[i + 1], coupling)
+            _rows(y, law, table, offset, first, second, link_form, slopes, e, jacobian)
             _tangent_stresses(law, conserving, stiffness, e0, e, s, ds)
             if conserving:
-                _mean(before, jacobian, middle)
-            mid = middle if conserving else jacobian
-            _gradient(mid, s, force)
-            _tangent(law, share, mid, jacobian, s, ds, table, first, second, rates, used, scaled, weighted, tangent)
-            size = 0.0
+                _average(before, jacobian, middle)
+            test_jacobian = middle if conserving else jacobian
+            _gradient(test_jacobian, s, force)
+            _tangent(
+                law, end_weight, test_jacobian, jacobian, s, ds, table, first, second, field_slopes, active_axes, scaled,
+                weighted, tangent,
+            )  # fmt: skip
+            norm = 0.0
             for k in range(modes):
-                b[k] = held[k] - diagonal * d[k] - force[k]
+                b[k] = explicit_part[k] - diagonal * increment[k] - force[k]
                 tangent[k, k] += diagonal
             solve(tangent, b)
             for k in range(modes):
-                d[k] += b[k]
-                size += abs(b[k]) * turns[k]
-            if not size < 1e300:
+                increment[k] += b[k]
+                norm += abs(b[k]) * rms_slopes[k]
+            if not norm < 1e300:
                 break
             if not conserving:
-                converged = size <= enough
-            elif size <= rounding:
+                converged = norm <= newton_tolerance
+            elif norm <= rounding:
                 converged = True
-            elif last_size > 0.0 and size <= enough:
-                # quadratic convergence leaves so much, and none is possible below rounding
-                converged = size * (size / last_size) ** 2 <= rounding or size > 0.5 * last_size
+            elif last_norm > 0.0 and norm <= newton_tolerance:
+                # remainder by quadratic convergence; corrections at the rounding level no longer decrease
+                converged = norm * (norm / last_norm) ** 2 <= rounding or norm > 0.5 * last_norm
             if converged:
                 break
-            last_size = size
+            last_norm = norm
         if not converged:
             return i, iterations
         for k in range(modes):
-            mean = 2.0 * (d[k] / step - velocity[k])
+            mean = 2.0 * (increment[k] / step - velocity[k])
             history[2, k], history[1, k], history[0, k] = history[1, k], history[0, k], mean / step
             velocity[k] += mean
-            account[0] += 0.5 * (loads[now, k] + loads[then, k]) * d[k]
-            account[2] += damping * d[k] * d[k] / step
-        _place(y, p, d, ends[i + 1], coupling)
-        _rows(y, law, table, offset, first, second, linked, reach, e, jacobian)
-        if conserving and moving:  # after the last correction, as force and displacement must belong together
+            account[0] += 0.5 * (loads[now, k] + loads[then, k]) * increment[k]
+            account[2] += damping * increment[k] * increment[k] / step
+        _set_coordinates(y, p, increment, ends[i + 1], coupling)
+        _rows(y, law, table, offset, first, second, link_form, slopes, e, jacobian)
+        if conserving and moving:  # after the last correction, so that force and displacement are consistent
             _tangent_stresses(law, conserving, stiffness, e0, e, s, ds)
-            _mean(before, jacobian, middle)
+            _average(before, jacobian, middle)
             _gradient(middle, s, force)
             _work_of_ends(account, 1.0, force, coupling, ends[i], ends[i + 1])
         elif moving:
@@ -318,7 +321,7 @@ def implicit(
         if moving and not conserving:
             _work_of_ends(account, 0.5, gradient, coupling, ends[i], ends[i + 1])
         for k in range(modes):
-            p[k] += d[k]
+            p[k] += increment[k]
     if save < save_steps.size and save_steps[save] == start + steps:
         row = steps if varying else 0
         _save(saved[save], saved_energy[save], p, velocity, loads[row], gradient, damping, energy, account)

@@ -126,7 +126,7 @@ class GalerkinRun:
 
     @property
     def use_polynomial_form(self) -> bool:
-        """Whether the polynomial form of the energy is the faster one."""
+        """Select the polynomial form of the energy if it is the faster one."""
         raise NotImplementedError
 
     @cached_property
@@ -136,7 +136,7 @@ class GalerkinRun:
 
         if self.model.law == "linear":
             return kernel.LINEAR_LINKS
-        return kernel.PACKED if self.use_polynomial_form else kernel.GREEN_LINKS
+        return kernel.POLYNOMIAL if self.use_polynomial_form else kernel.GREEN_LINKS
 
     @cached_property
     def tables(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
@@ -156,7 +156,7 @@ class GalerkinRun:
         return 1e6 * math.sqrt(model.mass.sum()) * (model.chain.total_length + float(np.abs(model.shape).max()))
 
     def is_finite(self, p: np.ndarray) -> bool:
-        """Whether all amplitudes are finite and below the divergence bound."""
+        """Check that all amplitudes are finite and below the divergence bound."""
         return bool(np.isfinite(p).all() and np.abs(p).max() < self.divergence_bound)
 
     def _trajectory(self, record: RunRecord, instants: OutputTimes, diagnostics: dict[str, Any]) -> GalerkinTrajectory:
@@ -178,9 +178,9 @@ class GalerkinRun:
         model, polynomial_form, link_form = self.model, *self.tables
         y = np.concatenate([self.q0, model.displacements(np.zeros(1))[0]])
         gradient, links = np.zeros(y.size), link_form[1].size
-        if self.law == kernel.PACKED:
+        if self.law == kernel.POLYNOMIAL:
             total = polynomial_form[0].shape[1]
-            return kernel.packed_gradient(y, *polynomial_form, np.zeros(total), np.zeros(total), gradient)
+            return kernel.polynomial_gradient(y, *polynomial_form, np.zeros(total), np.zeros(total), gradient)
         slopes, e, s = np.zeros_like(link_form[0]), np.zeros(links), np.zeros(links)
         return kernel.link_gradient(y, self.law, *link_form, slopes, e, s, gradient)
 

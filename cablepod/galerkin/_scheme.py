@@ -26,7 +26,7 @@ IMPLICIT_COST, COST_OF_AMPLITUDE = 4.0, 0.45
 CHOICE_MIN_SECONDS, STEP_TIME, TIME_OF_AMPLITUDE = 0.3, 2e-7, 2e-8
 #: Steps of the first implicit run in a period of the first transverse vibration.
 STEPS_PER_PERIOD = 8.0
-#: Maximum number of implicit steps over that of the first run at which two runs are compared without an order of convergence.
+#: Maximum steps per second of halved implicit runs over those of the first (beyond it an order of convergence is observed).
 TRIAL_RATIO = 16.0
 
 
@@ -65,7 +65,7 @@ def solve(
 
 
 class Comparison(NamedTuple):
-    """How to compare runs that differ in the step: the first arguments of the functions of step control."""
+    """First arguments of the step control: a run and functions that compare two of its trajectories."""
 
     run: GalerkinRun
     positions: Callable[[GalerkinTrajectory], np.ndarray]
@@ -117,7 +117,7 @@ def _duration_and_links(run: GalerkinRun) -> tuple[float, int]:
 
 
 def _comparison(run: GalerkinRun, limit: float) -> Comparison:
-    """Return how to compare runs, and the number of steps per second of the first one."""
+    """Return the comparison of a run, with the number of steps per second of the first trajectory."""
     model, p = run.model, run.model.chain.p
     chord = float(np.linalg.norm(p.upper - p.lower))
     initial = model.positions(run.q0[None], np.zeros(1))[0]

@@ -138,7 +138,7 @@ def test_the_packed_form_has_the_gradient_of_the_energy(soft):
 
     factor, offset, first, second = model.polynomial_form
     gradient = np.zeros(y.size)
-    kernel.packed_gradient(
+    kernel.polynomial_gradient(
         y, factor, offset, first, second, np.zeros(factor.shape[1]), np.zeros(factor.shape[1]), gradient
     )
     h = 1e-3  # the energy is quartic: the five-point formula is exact but for rounding
