@@ -95,25 +95,7 @@ def frequencies(
             p.free_end,
             "ends that are held, as the vibrations are about the equilibrium between two held ends",
         )
-    least = element_count(elements, p)
-    element_counts = [n for n in ELEMENT_COUNTS if n >= least] if elements is None else [least]
-    values, error = None, math.nan
-    for number_of_elements in element_counts:
-        mesh = mesh_of(p, number_of_elements, order, law, points)
-        try:
-            before, (values, vectors) = values, vibrations(mesh, count)
-        except SceneError:
-            if number_of_elements == element_counts[-1]:
-                raise
-            continue  # too few elements for the curvature of the cable
-        if before is not None and before.size == values.size:
-            error = float(np.abs(values / before - 1.0).max())
-            if error <= FREQUENCY_RTOL:
-                break
-    if values is None or values.size < count:
-        raise scene_error(
-            "count", count, f"at most {p.dims * (mesh.links - 1)}, the unknowns of {mesh.sizes.size} elements"
-        )
+    mesh, values, vectors, error = _converged_vibrations(p, count, elements, order, law, points)
     shapes = np.zeros((count, mesh.links + 1, p.dims))
     shapes[:, 1:-1] = vectors.T.reshape(count, -1, p.dims) / np.sqrt(
         mesh.tributary_length[1:-1, None] / mesh.total_length
@@ -160,6 +142,38 @@ def frequencies(
         inputs=[scene],
         chosen=provenance.defaulted_options(elements=elements, order=order),
     )
+
+
+def _converged_vibrations(
+    p: Parameters, count: int, elements: int | None, order: int | None, law: str, points: Any
+) -> tuple[SpectralMesh, np.ndarray, np.ndarray, float]:
+    """Refine the mesh until the frequencies converge; return mesh, frequencies, vectors and last relative change.
+
+    Raises
+    ------
+    SceneError
+        For fewer unknowns than frequencies, or a cable that is not taut in equilibrium.
+    """
+    least = element_count(elements, p)
+    element_counts = [n for n in ELEMENT_COUNTS if n >= least] if elements is None else [least]
+    values, vectors, error = None, np.empty((0, 0)), math.nan
+    for number_of_elements in element_counts:
+        mesh = mesh_of(p, number_of_elements, order, law, points)
+        try:
+            before, (values, vectors) = values, vibrations(mesh, count)
+        except SceneError:
+            if number_of_elements == element_counts[-1]:
+                raise
+            continue  # too few elements for the curvature of the cable
+        if before is not None and before.size == values.size:
+            error = float(np.abs(values / before - 1.0).max())
+            if error <= FREQUENCY_RTOL:
+                break
+    if values is None or values.size < count:
+        raise scene_error(
+            "count", count, f"at most {p.dims * (mesh.links - 1)}, the unknowns of {mesh.sizes.size} elements"
+        )
+    return mesh, values, vectors, error
 
 
 def vibrations(mesh: SpectralMesh, count: int) -> tuple[np.ndarray, np.ndarray]:

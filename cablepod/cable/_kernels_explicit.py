@@ -5,37 +5,37 @@ from __future__ import annotations
 import numpy as np
 
 from cablepod._jit import compiled
-from cablepod.cable._kernels_forces import _extremes, _pull
-
-# --- explicit steps ---------------------------------------------------------------------------------------------------
+from cablepod.cable._kernels_forces import _extremes, _nodal_forces
 
 
 @compiled
-def _kick(v, f, per_mass, drive, decay):
+def _update_velocity(v, f, per_mass, load_increment, damping_factor):
     for j in range(v.size):
-        v[j] = decay * v[j] + f[j] * per_mass[j] + drive[j]
+        v[j] = damping_factor * v[j] + f[j] * per_mass[j] + load_increment[j]
 
 
 @compiled
-def _push(v, pattern, factor, per_mass):
+def _add_load(v, pattern, factor, per_mass):
     for j in range(v.size):
         v[j] += per_mass[j] * factor * pattern[j]
 
 
 @compiled
-def _drift(x, v, step):
+def _update_position(x, v, step):
     for j in range(x.size):
         x[j] += step * v[j]
 
 
 @compiled
 def verlet(
-    x, v, first, d, weight, scale, fixed, stiffness, green, per_mass, drive, step, decay, rows, columns, ends, patterns,
-    factors, viscosity, before, end_rates, steps, start, save_steps, saved, saved_half, link_element, link_rows, low, high, slack,
+    x, v, first, d, weight, scale, unrolled, stiffness, green, per_mass, load_increment, step, damping_factor, rows, columns,
+    ends, patterns, factors, viscosity, v_before, end_rates, steps, start, save_steps, saved, saved_half, link_element, link_rows,
+    low, high, slack,
 ):  # fmt: skip
     """Advance a cable by `steps` steps of velocity Verlet in leapfrog form.
 
-    Entering and leaving, positions are those of step `start`, velocities those half a step before it.
+    On entry positions are those of step `start` and velocities those half a step before; on exit the same holds for the next
+    step.
 
     Parameters
     ----------
@@ -44,59 +44,59 @@ def verlet(
     v : float array (dims, m)
         Velocities of the free nodes first ... first + m - 1 half a step before [m/s]; advanced in place.
     first : int
-        The first free node.
+        Number of the first free node.
     d : float array (p + 1, p + 1)
-        Derivative at the points (rows) of an element of length 2 by its nodes.
+        Derivative matrix of the reference element of length 2, points in rows and nodes in columns.
     weight : float array (p + 1,)
-        Of the points, with sum 2.
+        Quadrature weights, with sum 2.
     scale : float array (elements,)
         2 over the unstretched lengths of the elements [1/m].
-    fixed : tuple of p + 1 floats or None
-        Its length lets the compiler unroll sums over nodes; a kernel is compiled anew for each.
+    unrolled : tuple of p + 1 floats or None
+        Its length lets the compiler unroll sums over nodes; each length is compiled anew.
     stiffness : float
         Axial stiffness [N].
     green : bool or None
-        Not None for law (21), None for the linear law with tension only.
-    per_mass, drive : float arrays (m,), (dims, m)
-        Step over mass [s/kg] (with decay (1 - decay) / (damping mass)); what constant loads add to the velocity in a step [m/s].
+        Not None for law (21), None for the linear law.
+    per_mass, load_increment : float arrays (m,), (dims, m)
+        Step over mass [s/kg], with damping (1 - damping_factor) / (damping mass); velocity increment by constant loads [m/s].
     step : float
-        [s].
-    decay : float
-        exp(-damping step), damping per mass; 1 without.  This and what follows costs so little beside the forces of elements that
-        an absent term is an array without entries: each term that may be None is a kernel more to compile.
+        Time step [s].
+    damping_factor : float
+        exp(-damping step) with the damping per mass, 1 without.  Absent terms from here on are empty arrays: they cost
+        little, and each argument that may be None doubles the number of compiled kernels.
     rows, columns : int arrays (moving,)
-        Which coordinates of which nodes are prescribed.
+        Coordinates and nodes that are prescribed.
     ends : float array (moving, steps + 1)
-        Their values at the steps from `start` on [m].
+        Prescribed values at the steps from `start` on [m].
     patterns, factors : float arrays (loads, dims, m), (steps + 1, loads)
-        Loads that vary in time [N] and their factors at the steps.
+        Patterns of time-dependent loads [N] and their factors at the steps.
     viscosity : float or None
         Viscosity over stiffness [s]; only with the linear law.
-    before : float array (dims, m) or None
-        Velocities a whole step before those in `v`; only with viscosity.
+    v_before : float array (dims, m) or None
+        Velocities one step before those in `v`; only with viscosity.
     end_rates : float array (steps + 1, 2, dims) or None
         Velocities of the ends [m/s]; only with viscosity.
     steps, start : int
-        Number of steps, number of the first.
+        Number of steps, and number of the first.
     save_steps : int array (saves,)
-        Rising numbers of the steps to save, start <= number < start + steps.
+        Increasing numbers of the steps to save, start <= number < start + steps.
     saved : float array (saves, dims, N)
         Filled with positions.
     saved_half : float array (saves, 2, dims, m)
-        Filled with the velocities half a step before and half a step after, where it has entries.
+        Filled with the velocities half a step before and after, unless empty.
     link_element, link_rows : int array (links,), float array (links, p + 1)
-        Where tensions are watched: the element, and the derivative by its nodes [1/m].
+        Element and nodal derivative weights [1/m] of the points for tension extremes.
     low, high : float arrays (links,)
-        Extremes of the tensions there, updated [N], where they have entries.
+        Minimum and maximum tensions there [N], updated unless empty.
     slack : float array (5,)
-        First step with a stretch below 1 (-1 before), its place; step and place of the least stretch below 1, and its square.
+        First step with a stretch below 1 (-1 if none) and its point; step, point and square of the minimum stretch below 1.
     """
     dims, m = v.shape
     last = x.shape[1] - 1
     shape = (weight.size, scale.size)
     f = np.zeros(x.shape)
-    g, rate = np.zeros((dims, *shape)), np.zeros((dims, *shape))
-    square, growth, s, spread = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    g, g_dot = np.zeros((dims, *shape)), np.zeros((dims, *shape))
+    square, stretching, s, nodal = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape)
     d_transposed = np.ascontiguousarray(d.T)
     u = np.zeros(x.shape)
     save = 0
@@ -105,11 +105,11 @@ def verlet(
             for c in range(dims):
                 u[c, 0], u[c, last] = end_rates[i, 0, c], end_rates[i, 1, c]
                 for j in range(m):
-                    u[c, first + j] = 1.5 * v[c, j] - 0.5 * before[c, j]
-                    before[c, j] = v[c, j]
-        _pull(
-            x, u, d, d_transposed, weight, scale, fixed, stiffness, green, viscosity, f, g, rate, square, growth, s, spread,
-            start + i, slack,
+                    u[c, first + j] = 1.5 * v[c, j] - 0.5 * v_before[c, j]
+                    v_before[c, j] = v[c, j]
+        _nodal_forces(
+            x, u, d, d_transposed, weight, scale, unrolled, stiffness, green, viscosity, f, g, g_dot, square, stretching, s,
+            nodal, start + i, slack,
         )  # fmt: skip
         if low.size > 0:
             _extremes(x, u, weight.size - 1, link_element, link_rows, stiffness, green, viscosity, low, high)
@@ -119,10 +119,10 @@ def verlet(
             if saved_half.shape[0] > 0:
                 saved_half[save, 0] = v
         for c in range(dims):
-            _kick(v[c], f[c, first : first + m], per_mass, drive[c], decay)
+            _update_velocity(v[c], f[c, first : first + m], per_mass, load_increment[c], damping_factor)
             for load in range(patterns.shape[0]):
-                _push(v[c], patterns[load, c], factors[i, load], per_mass)
-            _drift(x[c, first : first + m], v[c], step)
+                _add_load(v[c], patterns[load, c], factors[i, load], per_mass)
+            _update_position(x[c, first : first + m], v[c], step)
         for k in range(rows.size):
             x[rows[k], columns[k]] = ends[k, i + 1]
         if saving:
