@@ -27,7 +27,7 @@ def shown(given: Any) -> str:
 
 
 def named(name: Any) -> str:
-    """Return the name of a key or file unchanged if it is one short line, otherwise as :func:`shown`."""
+    """Return a name unchanged if it is one short line, otherwise as :func:`shown`."""
     return name if isinstance(name, str) and name.isprintable() and 0 < len(name) <= 300 else shown(name)
 
 

@@ -26,7 +26,7 @@ def scenes() -> list[str]:
 
 
 def scene_path(name: str) -> Path:
-    """Return the path of a scene: a shipped one by its name, such as ``example2``, otherwise the file `name`.
+    """Return the path of a shipped scene, such as ``example2``, or of the file `name`.
 
     A missing path ``data/scenes/...`` stands for the shipped file, so that installed packages and checkouts behave alike.
 
@@ -56,7 +56,7 @@ def scene(name: str) -> xr.Dataset:
 
 
 def table(name: str) -> dict[str, np.ndarray]:
-    """Read a printed table of the paper by `name`: column -> numbers (nan for empty cells) or texts."""
+    """Read a printed table of the paper: column -> numbers (nan for empty cells) or texts."""
     with (data_folder() / f"{name}.csv").open(newline="") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     columns = {key: np.array([row[key] or "nan" for row in rows]) for key in rows[0]}

@@ -143,7 +143,7 @@ def arrays_of(result: xr.Dataset) -> Variables:
 
 
 def labelled_like(stack: MemberResults, scene: xr.Dataset, first: xr.Dataset) -> xr.Dataset:
-    """Make a Dataset of all members, with coordinates and attributes as in the Dataset `first` of one of them."""
+    """Make a Dataset of all members, labelled as the Dataset `first` of one of them."""
     joined = to_dataset(stack, scene, _shared(stack, first))
     for name, variable in joined.variables.items():
         if name in first.variables:

@@ -149,7 +149,7 @@ def _number(table: Mapping[str, Any], name: str) -> float | None:
 
 
 def _time_function(values: Mapping[str, Any], path: str) -> TimeFunction | None:
-    """Make the motion or load factor of the table at a key path; None for a table without `kind`."""
+    """Make the time function of the table at a key path; None without `kind`."""
     if (variable := variable_name(f"{path}.kind")) not in values:
         return None
     kind = str(values[variable])

@@ -34,7 +34,7 @@ def point_load_path(number: int) -> str:
 
 
 def table_at(values: Mapping[str, Any], path: str, keys: Iterable[str]) -> dict[str, Any]:
-    """Return the table at a key path from the values of scene variables by name: those of `keys` that are there."""
+    """Return the present `keys` of the table at a key path, from values of variables by name."""
     return {key: values[name] for key, name in _variables_of_keys(path, tuple(keys)) if name in values}
 
 
@@ -66,7 +66,7 @@ def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, Key] | N
 
 
 def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:
-    """Return the key of the vocabulary at a path; keys of time functions depend on their kind in the scene."""
+    """Return the key at a path; keys of time functions depend on their kind."""
     *tables, name = parts or [""]
     if not tables:
         return TOP.get(name)
@@ -94,7 +94,7 @@ def number_at(tree: Any, path: Any) -> float | None:
 
 
 def replaced(tree: Any, path: str, value: float) -> Any:
-    """Return a copy of nested tables with the number at a key path replaced; missing tables are made."""
+    """Replace the number at a key path in a copy of nested tables; missing tables are made."""
     return _replaced(tree, path.split("."), value)
 
 
@@ -112,7 +112,7 @@ def _replaced(tree: Any, parts: list[str], value: float) -> Any:
 
 
 def _index(values: list[Any] | tuple[Any, ...], part: str) -> int | None:
-    """Return the index that a part of a path names: a component of a vector, or a table of the list of point loads."""
+    """Return the index of a vector component or of a point load."""
     if len(values) and isinstance(values[0], Mapping):
         return int(part) - 1 if part.isdecimal() and int(part) > 0 else None
     return COORDINATES.index(part) if part in COORDINATES else None

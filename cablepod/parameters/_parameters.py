@@ -80,7 +80,7 @@ class Parameters:
     def end_coordinates_at_steps(
         self, start: int, steps: int, steps_per_second: float, derivative: int = 0
     ) -> np.ndarray:
-        """Return moving end coordinates [m], or a derivative, at steps `start` ... `start + steps`: (moving, steps + 1)."""
+        """Return moving end coordinates [m], or a derivative, from step `start` on: (moving, steps + 1)."""
         rows = [
             function.at_steps(
                 start,

@@ -57,7 +57,7 @@ class TimeFunction:
     def at_steps(
         self, start: int, steps: int, steps_per_second: float, derivative: int = 0, origin: float = 0.0
     ) -> Array:
-        """Evaluate a derivative at the steps `start` ... `start + steps`, (steps + 1,); `origin` is added to values."""
+        """Evaluate a derivative from step `start` on, (steps + 1,); `origin` is added to values."""
         return self.all_at_steps(start, steps, steps_per_second, (derivative,), origin)[0]
 
     def all_at_steps(
@@ -115,7 +115,7 @@ class TimeFunction:
 
     @property
     def shortest_time_scale(self) -> float:
-        """Shortest time scale [s]: period, duration of a ramp, twice the spacing of a record; infinite for a polynomial."""
+        """Period, duration of a ramp, or twice the spacing of a record [s]; infinity for a polynomial."""
         if self.kind in SINES:
             return (
                 2.0 * np.pi / abs(float(self.values["angular_frequency"]))
@@ -127,7 +127,10 @@ class TimeFunction:
         return 2.0 * float(np.diff(self.values["time"]).min()) if self.kind == "file" else np.inf
 
     def sampling_times(self, end_time: float) -> Array:
-        """Return instants up to `end_time` [s] that resolve the range: 101 of a period or of the run, or the samples."""
+        """Return instants up to `end_time` [s] that resolve the range of values.
+
+        These are 101 in a period or in the whole time, or the samples of a record.
+        """
         if self.kind == "file":
             time = np.asarray(self.values["time"], dtype=float)
             return time[(time >= 0.0) & (time <= end_time)]

@@ -25,7 +25,7 @@ def shapes(
     deflection: bool = False,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw the cable at a few instants: the chain as dots, the reduced cable as a line (figures 6 to 9 of the paper).
+    """Draw shapes of the chain (dots) and the reduced cable (lines) at a few instants.
 
     Parameters
     ----------
@@ -51,8 +51,8 @@ def shapes(
 
     Notes
     -----
-    The normal lies in the plane of the chord and y, and points up at the first instant.  A spatial cable is seen along z, or
-    drawn by its deflection in that plane, as the legend states.
+    Figures 6 to 9 of the paper.  The normal lies in the plane of the chord and y, and points up at the first instant.  A spatial
+    cable is seen along z, or drawn by its deflection in that plane, as the legend states.
     """
     runs = {"chain": chain} if reduced is None else {"chain": chain, "reduced": reduced}
     positions = _style.positions(runs)
@@ -133,7 +133,7 @@ def snapshots(
 
 
 def rest(cable: xr.Dataset, chain: xr.Dataset | None = None, *, ax: Axes | None = None) -> Axes:
-    """Draw the cable at rest: the continuous cable as a line, the chain as dots (figure 4 of the paper).
+    """Draw the continuous cable (line) and the chain (dots) at rest, figure 4 of the paper.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ OF_SETTINGS = ("error_max", "model", "scheme", "family", "measured_again", "on_f
 
 
 def error_over_time(comparisons: Mapping[str, xr.Dataset], *, ax: Axes | None = None) -> Axes:
-    """Draw errors over time in per cent of the largest displacement of the truth, on a logarithmic axis.
+    """Draw errors over time in per cent of the largest displacement of the truth.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def error_over_time(comparisons: Mapping[str, xr.Dataset], *, ax: Axes | None = 
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones.  Errors of zero are left out.
+        `ax`, or new ones; the errors on a logarithmic axis, without zeros.
 
     Raises
     ------

@@ -66,7 +66,7 @@ def log(ax: Axes, across: np.ndarray, values: np.ndarray, name: str, style: dict
 
 
 def sets(array: xr.DataArray, ndim: int) -> list[tuple[str, np.ndarray]]:
-    """Split an array along a leading dimension, if it has one; return names and arrays of `ndim` dimensions."""
+    """Split an array along a leading dimension; return names and parts of `ndim` dimensions."""
     if array.ndim == ndim:
         return [("", array.values)]
     return [(str(name), part) for name, part in zip(array[array.dims[0]].values, array.values, strict=True)]
@@ -78,7 +78,10 @@ def numbers(array: xr.DataArray) -> np.ndarray:
 
 
 def take(key: str, dataset: Any, name: str, dims: tuple[str, ...], allowed: str, *, more: int = 0) -> xr.DataArray:
-    """Return a checked variable with `dims` last and at most `more` others; restore a dimension lost by selection."""
+    """Return a checked variable with `dims` last and at most `more` others.
+
+    A dimension lost by the selection of a single time or mode is restored.
+    """
     if not isinstance(dataset, xr.Dataset) or name not in dataset:
         raise SceneError(f"{key}: given a {type(dataset).__name__} without {name}; allowed: {allowed}")
     array = dataset[name]

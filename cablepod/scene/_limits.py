@@ -32,7 +32,7 @@ def check_limits(p: Parameters) -> None:
 
 
 def _check_functions(p: Parameters) -> None:
-    """Refuse motions and load factors that are not finite during the run, and ends that coincide at the start."""
+    """Refuse motions and load factors that are not finite, and ends that coincide at the start."""
     end_time = p.duration or 0.0
     for key, function in p.time_functions().items():
         time = function.sampling_times(end_time)

@@ -347,7 +347,7 @@ def _table_variables(path: str, table: Mapping[str, Any], keys: Mapping[str, Key
 
 
 def _time_function_variables(path: str, table: Mapping[str, Any], units: str, long_name: str) -> Variables:
-    """Make the variables of a motion or of the time factor of a load; none for a table without `kind`."""
+    """Make the variables of a time function; none for a table without `kind`."""
     if "kind" not in table:
         return {}
     kind = {"long_name": f"kind of {long_name}"}

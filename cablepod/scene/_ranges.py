@@ -38,7 +38,9 @@ def check_values(key: str, given: Any, *, members: int, sampling: str) -> list[f
 
 
 def points_of_grid(ranges: Mapping[str, list[float]], members: int, *, key: str = "ensemble.members") -> int:
-    """Return the number of grid points of each [low, high], so that the full factorial has `members`; 0 for lists only.
+    """Return the number of grid points of each [low, high] in a full factorial design of `members`.
+
+    Lists of more than two values keep their own; 0 if there are only lists.
 
     Raises
     ------
