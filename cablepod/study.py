@@ -1,4 +1,4 @@
-"""The main job on one scene: rest, snapshots of the chain, modes, Galerkin models and their errors."""
+"""Study one scene: rest, snapshots of the chain, modes, Galerkin models and their errors."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def run(
     Raises
     ------
     SceneError
-        For a scene or ranks that this study cannot take, before anything runs.
+        For unsupported scenes and ranks, before anything runs.
     ArchiveError
         Before anything runs, for a folder that cannot be made or written, or that holds results; later for a full disk.
     RunStopped
@@ -148,6 +148,7 @@ class _Stages:
     results: dict[str, xr.Dataset] = field(default_factory=dict)
 
     def add(self, name: str, result: xr.Dataset) -> None:
+        """Store, write and report the result of a stage."""
         if self.folder is not None:
             archive.write(result, self.folder / f"{name}.nc", overwrite=True)
         self.results[name] = result
@@ -173,12 +174,13 @@ class _Stages:
         return result
 
     def tree(self) -> xr.DataTree:
+        """Return a tree with a node for each stage."""
         root = xr.Dataset(attrs={"title": self.results["scene"].attrs["title"]})
         return xr.DataTree.from_dict({"/": root, **self.results}, name="study")
 
 
 def _check_scene(p: Parameters) -> None:
-    """Refuse scenes of which there is no Galerkin model."""
+    """Refuse scenes that the Galerkin model does not support."""
     if p.free_end is not None:
         raise SceneError("ends.free: given a free end; allowed: two held ends, because the reduced model lifts by both")
     if p.link_viscosity is not None:
@@ -189,7 +191,7 @@ def _check_scene(p: Parameters) -> None:
 
 
 def _checked_ranks(ranks: Iterable[int], available: int) -> list[int]:
-    """Return the ranks in rising order, each once."""
+    """Return the distinct ranks in increasing order."""
     try:
         rising = sorted({operator.index(r) for r in ranks})
     except TypeError:
@@ -227,7 +229,7 @@ def _comparison(comparisons: dict[int, xr.Dataset]) -> xr.Dataset:
 def _write_figures(
     folder: Path, reference: xr.Dataset, modes: xr.Dataset, best: xr.Dataset, comparisons: dict[int, xr.Dataset]
 ) -> None:
-    """Draw and write :data:`FIGURES`, without pyplot: open figures and the backend of the caller stay as they are."""
+    """Write :data:`FIGURES` without pyplot, which would change the caller's open figures and backend."""
     from matplotlib.figure import Figure
 
     from cablepod import plots

@@ -1,7 +1,4 @@
-"""The command ``cablepod``, by click: the main job on one scene, ensembles, the paper, and what a file is.
-
-.. include:: README.md
-"""
+"""Provide the command ``cablepod``: studies of one scene, ensembles, the paper, descriptions of files."""
 
 from cablepod.cli._commands import main
 

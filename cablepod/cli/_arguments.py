@@ -1,4 +1,4 @@
-"""Arguments and options of the commands: from text to values, and their completion by the shell."""
+"""Convert arguments and options of the commands to values; complete them in the shell."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def folder(text: str) -> Path:
 def ranks(text: str) -> list[int]:
     """Return the numbers of modes of ``--ranks``, in rising order."""
     try:
-        ranks = sorted({int(item) for item in text.split(",")})
+        ranks = sorted({int(rank) for rank in text.split(",")})
     except ValueError:
         ranks = []
     if not ranks or ranks[0] < 1:
@@ -42,13 +42,13 @@ def model_option(text: str) -> tuple[str, Any]:
         return name.strip(), tomllib.loads(f"value = {value}")["value"]
     except ValueError:
         if value and name.strip():
-            return name.strip(), value  # a bare word
+            return name.strip(), value  # unquoted text
     raise SceneError(f"--option: given {text!r}; allowed: NAME=VALUE, such as step=1e-3")
 
 
 @contextmanager
 def as_options() -> Iterator[None]:
-    """Let errors that name arguments of :func:`cablepod.study.run` name the options of the command instead."""
+    """Rewrite errors on arguments of :func:`cablepod.study.run` as errors on options of the command."""
     try:
         yield
     except (ArchiveError, SceneError) as error:
@@ -68,7 +68,7 @@ def complete_example(context: click.Context, parameter: click.Parameter, incompl
 
 def complete_scene(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Complete a scene file, or the name of a shipped scene."""
-    # files come first: click's function for bash drops the names that stand before them
+    # files first: click's function for bash drops names before them
     return [CompletionItem(incomplete, type="file"), *complete_example(context, parameter, incomplete)]
 
 

@@ -1,26 +1,34 @@
-"""The commands: thin callers of the functions of the package."""
+"""Define the commands as thin callers of the functions of the package."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any, TypeVar
 
 import click
 import xarray as xr
 
 from cablepod import archive, ensemble, study
-from cablepod.archive import _lineage as lineage
+from cablepod.archive import _lineage
 from cablepod.archive._folder import prepare_folder
 from cablepod.archive._manifest import MANIFEST, describe_ensemble
-from cablepod.cli import _arguments as given
-from cablepod.cli import _report, _templates
+from cablepod.cli import _arguments, _report, _templates
 from cablepod.cli._group import Group, interrupted
 from cablepod.cli._progress import Bars, member_bar
 from cablepod.errors import SceneError
 from cablepod.examples import scene_path
 from cablepod.scene._read import read_scene
+
+F = TypeVar("F", bound=Callable[..., Any])
+SCENE = click.argument("scene", metavar="SCENE.toml", shell_complete=_arguments.complete_scene)
+
+
+def out_option(text: str) -> Callable[[F], F]:
+    """Make the required option ``--out`` of a folder."""
+    return click.option("--out", required=True, metavar="DIR", shell_complete=_arguments.complete_folder, help=text)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -38,18 +46,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 )
 @click.version_option(package_name="cablepod", message="cablepod %(version)s")
 def commands() -> None:
-    """Collect the commands."""
+    """Group of all commands."""
 
 
 @commands.command("run", **_templates.texts("run"))
-@click.argument("scene", metavar="SCENE.toml", shell_complete=given.complete_scene)
-@click.option(
-    "--out",
-    required=True,
-    metavar="DIR",
-    shell_complete=given.complete_folder,
-    help="folder for netCDF files and figures; made if missing",
-)
+@SCENE
+@out_option("folder for netCDF files and figures; made if missing")
 @click.option(
     "--ranks",
     default="1,2,3,4",
@@ -58,10 +60,10 @@ def commands() -> None:
 )
 @click.option("--overwrite", is_flag=True, help="replace results that are already in DIR")
 def run_command(scene: str, out: str, ranks: str, overwrite: bool) -> None:
-    """Run the main job on one scene."""
-    folder, numbers = given.folder(out), given.ranks(ranks)
+    """Run the study of one scene, print its tables."""
+    folder, numbers = _arguments.folder(out), _arguments.ranks(ranks)
     dataset = read_scene(scene_path(scene))
-    warnings.filterwarnings("ignore", message="ranks: ")  # printed below instead, in its place among the files
+    warnings.filterwarnings("ignore", message="ranks: ")  # printed below instead, among the files
     available = 0
 
     def report(name: str, result: xr.Dataset) -> None:
@@ -79,7 +81,7 @@ def run_command(scene: str, out: str, ranks: str, overwrite: bool) -> None:
                     print(f"  note: only {available} modes, r = {r} left out")
         print(f"  {folder / name}.nc")
 
-    with Bars() as bars, given.as_options():
+    with Bars() as bars, _arguments.as_options():
         result = study.run(dataset, folder, ranks=numbers, overwrite=overwrite, progress=bars, report=report)
     for name in study.FIGURES:
         print(f"  {folder / name}.png")
@@ -88,13 +90,7 @@ def run_command(scene: str, out: str, ranks: str, overwrite: bool) -> None:
 
 
 @commands.command("paper", **_templates.texts("paper"))
-@click.option(
-    "--out",
-    required=True,
-    metavar="DIR",
-    shell_complete=given.complete_folder,
-    help="folder for the report; made if missing",
-)
+@out_option("folder for the report; made if missing")
 @click.option(
     "--small",
     is_flag=True,
@@ -102,43 +98,37 @@ def run_command(scene: str, out: str, ranks: str, overwrite: bool) -> None:
 )
 @click.option("--overwrite", is_flag=True, help="replace a report that is already in DIR")
 def paper_command(out: str, small: bool, overwrite: bool) -> None:
-    """Write the report on the paper."""
+    """Write the report on the paper, print its summary."""
     import matplotlib as mpl
 
     mpl.use("Agg")
     from cablepod.paper import report, sections
 
-    folder = given.folder(out)
-    with given.as_options():
+    folder = _arguments.folder(out)
+    with _arguments.as_options():
         prepare_folder(folder, report.FILES, overwrite=overwrite)
     with Bars() as bars:
         size = sections.SMALL if small else sections.FULL
         _, rows = report.write(folder, size=size, progress=partial(bars, "the paper"))
-    for what, _, ours, printed in rows:
-        print(f"{what}\n    ours   {ours}\n    paper  {printed}".replace("`", ""))
+    for quantity, _, ours, printed in rows:
+        print(f"{quantity}\n    ours   {ours}\n    paper  {printed}".replace("`", ""))
     print(f"\n{folder / report.PAGE}, {report.DATASET} and {len(report.FIGURES)} figures beside it")
 
 
 @commands.command("ensemble", **_templates.texts("ensemble"))
-@click.argument("scene", metavar="SCENE.toml", shell_complete=given.complete_scene)
-@click.option(
-    "--out",
-    required=True,
-    metavar="DIR",
-    shell_complete=given.complete_folder,
-    help="folder of the ensemble; made if missing",
-)
+@SCENE
+@out_option("folder of the ensemble; made if missing")
 @click.option(
     "--model",
     default="chain",
     metavar="MODEL",
-    shell_complete=given.complete_model,
+    shell_complete=_arguments.complete_model,
     help="chain (the default), cable, rigid, galerkin, condensed",
 )
 @click.option(
     "--modes",
     metavar="FILE",
-    shell_complete=given.complete_file,
+    shell_complete=_arguments.complete_file,
     help="netCDF file of modes, for galerkin and condensed",
 )
 @click.option(
@@ -164,7 +154,7 @@ def ensemble_command(
     overwrite: bool,
 ) -> int:
     """Simulate all members of a scene."""
-    folder = given.folder(out)
+    folder = _arguments.folder(out)
     dataset = read_scene(scene_path(scene))
     if "ensemble_json" not in dataset.attrs:
         raise SceneError(f"ensemble: missing in {scene}; allowed: a table with members and ensemble.ranges")
@@ -182,7 +172,7 @@ def ensemble_command(
                 workers=workers,
                 overwrite=overwrite,
                 progress=progress,
-                **dict(given.model_option(text) for text in options),
+                **dict(_arguments.model_option(text) for text in options),
             )
     except KeyboardInterrupt:
         return interrupted("the same command goes on where it stopped")
@@ -191,7 +181,7 @@ def ensemble_command(
 
 
 @commands.command("info", **_templates.texts("info"))
-@click.argument("path", metavar="PATH", shell_complete=given.complete_file)
+@click.argument("path", metavar="PATH", shell_complete=_arguments.complete_file)
 @click.option(
     "--lineage",
     "as_script",
@@ -201,20 +191,22 @@ def ensemble_command(
 def info_command(path: str, as_script: bool) -> None:
     """Describe a file or a folder, or print its lineage."""
     if as_script:
-        print(_lineage(Path(path)), end="")
+        print(_script(Path(path)), end="")
     else:
         print(_description(Path(path)))
 
 
-def _lineage(path: Path) -> str:
+def _script(path: Path) -> str:
+    """Return the script that makes a file or an ensemble again."""
     if (path / MANIFEST).exists():
-        return lineage.script(archive.open_ensemble(path, incomplete=True))
+        return _lineage.script(archive.open_ensemble(path, incomplete=True))
     if path.is_dir():
         raise archive.ArchiveError(f"--lineage: given {path}, a folder; allowed: one file")
-    return lineage.script(archive.read(path, chunks={}))
+    return _lineage.script(archive.read(path, chunks={}))
 
 
 def _description(path: Path) -> str:
+    """Describe a file, an ensemble, or all files of a folder."""
     if not path.is_dir():
         return archive.describe(path)
     if (path / MANIFEST).exists():
@@ -228,18 +220,18 @@ def _description(path: Path) -> str:
 
 
 @commands.command("new", **_templates.texts("new"))
-@click.argument("name", metavar="NAME.toml", shell_complete=given.complete_file)
+@click.argument("name", metavar="NAME.toml", shell_complete=_arguments.complete_file)
 def new_command(name: str) -> None:
     """Write a scene to start from."""
     print(_templates.write_new(name))
 
 
 @commands.command("examples", **_templates.texts("examples"))
-@click.argument("name", metavar="[NAME]", required=False, shell_complete=given.complete_example)
+@click.argument("name", metavar="[NAME]", required=False, shell_complete=_arguments.complete_example)
 @click.option(
     "--out",
     metavar="FILE.toml",
-    shell_complete=given.complete_file,
+    shell_complete=_arguments.complete_file,
     help="where to copy it (default: NAME.toml in this folder)",
 )
 def examples_command(name: str | None, out: str | None) -> None:

@@ -1,4 +1,4 @@
-"""The group of commands: errors as one line on stderr, and exit statuses."""
+"""Group the commands; print errors as one line on stderr and set exit statuses."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ import click
 
 from cablepod.errors import ArchiveError, RunStopped, SceneError
 
+#: Exit status after Ctrl-C.
 INTERRUPTED = 130
 
 
 class Group(click.Group):
-    """Commands in the order in which they are defined, whose errors end with an exit status instead of a traceback."""
+    """Group of commands in the order of definition; errors give an exit status instead of a traceback."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names of the commands as they are defined."""
+        """Return the names of the commands in the order of definition."""
         return list(self.commands)
 
     def invoke(self, ctx: click.Context) -> int:
@@ -35,7 +36,7 @@ class Group(click.Group):
             return fail(str(error))
         except KeyboardInterrupt:
             return interrupted("--overwrite begins anew")
-        except BrokenPipeError:  # the reader of the output, such as head, has ended
+        except BrokenPipeError:  # the reader of the output, such as head, closed it
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
         except MemoryError:
@@ -60,16 +61,16 @@ def fail(message: str, status: int = 2) -> int:
 
 
 def fail_usage(error: click.UsageError, path: str) -> int:
-    """Print what is wrong with the arguments, and the command that explains them; return the exit status."""
+    """Print an error of the arguments, with the command that explains them; return the exit status."""
     text = error.format_message().rstrip(".?")
     return fail(f"{text[:1].lower()}{text[1:]}; try: {path} --help")
 
 
 def interrupted(how_to_go_on: str) -> int:
-    """Print the line that follows Ctrl-C; return its exit status."""
+    """Print the message after Ctrl-C; return the exit status."""
     return fail(f"interrupted; every file that was written is whole, {how_to_go_on}", status=INTERRUPTED)
 
 
 def _note(message: Warning | str, *_: Any, **__: Any) -> None:
-    """Print a warning as one line, without its place in the code."""
+    """Print a warning as one line, without its location in the code."""
     print("cablepod: note: " + " ".join(str(message).split()), file=sys.stderr)

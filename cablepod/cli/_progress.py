@@ -1,4 +1,4 @@
-"""Progress bars on stderr; none where stderr is not a terminal."""
+"""Show progress bars on stderr, if it is a terminal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 class Bars:
-    """One bar at a time, for the run that reports its progress."""
+    """Show one progress bar at a time."""
 
     def __init__(self) -> None:
         self._label: str | None = None
@@ -24,9 +24,9 @@ class Bars:
         self.close()
 
     def __call__(self, label: str, fraction: float) -> None:
-        """Move the bar of that label to the completed fraction; another label closes the bar before."""
+        """Move the bar of `label` to the completed fraction; close the bar of another label."""
         if label != self._label:
-            from tqdm import tqdm  # not at the top: most commands show no bar
+            from tqdm import tqdm  # imported here, because most commands show no bar
 
             self.close()
             self._label = label
@@ -40,7 +40,7 @@ class Bars:
         self._bar.update(fraction - self._bar.n)
 
     def close(self) -> None:
-        """Remove the bar, so that lines can be printed."""
+        """Remove the bar, so that output can be printed."""
         if self._bar is not None:
             self._bar.close()
         self._label = self._bar = None
@@ -48,7 +48,7 @@ class Bars:
 
 @contextmanager
 def member_bar(label: str, members: int) -> Iterator[Callable[[float], None]]:
-    """Show a bar that counts members; give the callback of the completed fraction."""
+    """Show a bar that counts members; yield the callback of the completed fraction."""
     from tqdm import tqdm
 
     with tqdm(
@@ -63,7 +63,7 @@ def member_bar(label: str, members: int) -> Iterator[Callable[[float], None]]:
 
         def progress(fraction: float) -> None:
             nonlocal begun
-            if not begun:  # the rate counts the members of this run only, not those of a run before it
+            if not begun:  # members of an earlier run do not count for the speed
                 begun, bar.initial, bar.n = True, fraction * members, fraction * members
             bar.update(fraction * members - bar.n)
 

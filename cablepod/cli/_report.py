@@ -1,4 +1,4 @@
-"""The tables that ``cablepod run`` prints."""
+"""Format the tables of ``cablepod run``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cablepod.study import REDUCED_TOLERANCE
 
 
 def table(study: xr.DataTree) -> str:
-    """Write errors, steps and wall times of the chain and the Galerkin models as text."""
+    """Return a table of errors, steps and wall times of the chain and the Galerkin models."""
     comparison = study["comparison"].to_dataset()
     lines = [
         f"{'model':<15}{'modes':>6}{'largest error':>15}{'rms error':>12}{'step [s]':>11}{'steps':>10}{'time [s]':>10}"
@@ -34,6 +34,7 @@ def table(study: xr.DataTree) -> str:
 
 
 def _row(model: str, rank: str, largest: str, rms: str, run: xr.Dataset) -> str:
+    """Return the row of one run."""
     attrs = run.attrs
     return (
         f"{model:<15}{rank:>6}{largest:>15}{rms:>12}{attrs['step']:>11.3g}{attrs['number_of_steps']:>10}"
@@ -48,13 +49,13 @@ def _is_converged(run: xr.Dataset) -> bool:
 
 
 def singular_values(modes: xr.Dataset) -> str:
-    """Write the first singular values [m] of each coordinate and their share of the sum as text."""
+    """Return a text of the first singular values [m] and their shares of the sum."""
     values = modes["singular_value"]
     lines = []
     for axis in modes["coordinate"].values:
-        one = values.sel(coordinate=axis).values
-        first = "  ".join(f"{value:.5g}" for value in one[:5])
-        held = [100.0 * one[:count].sum() / one.sum() if one.any() else 0.0 for count in (1, 5)]
-        share = f"the first has {held[0]:.2f} %, these have {held[1]:.2f} % of the sum of {one.size}"
+        of_axis = values.sel(coordinate=axis).values
+        first = "  ".join(f"{value:.5g}" for value in of_axis[:5])
+        shares = [100.0 * of_axis[:count].sum() / of_axis.sum() if of_axis.any() else 0.0 for count in (1, 5)]
+        share = f"the first has {shares[0]:.2f} %, these have {shares[1]:.2f} % of the sum of {of_axis.size}"
         lines.append(f"singular values of {axis} [m]: {first}; {share}")
     return "\n".join(lines)

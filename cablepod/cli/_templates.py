@@ -1,4 +1,4 @@
-"""Texts of the help, the scene to start from, and copies of the shipped scenes."""
+"""Provide the texts of the help, the template of a scene, and copies of shipped scenes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ completion by the tab key, in bash (zsh and fish alike):
 
 
 class Texts(NamedTuple):
-    """The help of a command: one line, a description, its argument and examples."""
+    """Help of a command: one line, description, argument, examples."""
 
     line: str
     description: str
@@ -86,7 +86,7 @@ TEXTS = {
 
 
 def texts(command: str) -> dict[str, Any]:
-    """Return the texts of a command as click takes them; the examples keep their lines."""
+    """Return the help of a command as keywords of click; examples keep their line breaks."""
     line, description, argument, examples = TEXTS[command]
     return {
         "short_help": line,
@@ -96,13 +96,13 @@ def texts(command: str) -> dict[str, Any]:
 
 
 def write_new(name: str) -> str:
-    """Write the scene to start from; return what to do next."""
+    """Write the template of a scene; return a message with the next command."""
     path = _write("NAME.toml", name, (data_folder() / "new.toml").read_text(encoding="utf-8"))
     return f"{path}: a scene to start from; next: cablepod run {path} --out out/{path.stem}"
 
 
 def copy_example(name: str, out: str | None) -> str:
-    """Copy a shipped scene; return what to do next."""
+    """Copy a shipped scene; return a message with the next command."""
     if name not in scenes():
         raise scene_error("NAME", name, f"one of the shipped scenes: {', '.join(scenes())}")
     path = _write("--out", out or f"{name}.toml", _text(name))
@@ -110,7 +110,7 @@ def copy_example(name: str, out: str | None) -> str:
 
 
 def list_examples() -> str:
-    """Return names and titles of the shipped scenes, one scene a line."""
+    """Return names and titles of the shipped scenes, one per line."""
     width = max(map(len, scenes()))
     lines = [f"{name:<{width}}  {tomllib.loads(_text(name))['title']}" for name in scenes()]
     lines += [
@@ -122,18 +122,19 @@ def list_examples() -> str:
 
 
 def _text(name: str) -> str:
+    """Return the file of a shipped scene."""
     return (data_folder() / "scenes" / f"{name}.toml").read_text(encoding="utf-8")
 
 
 def _write(key: str, given: str, text: str) -> Path:
-    """Write a new scene file; an existing file stays."""
+    """Write a new scene file; refuse to overwrite."""
     path = Path(given)
     if path.suffix != ".toml" or not path.stem:
         raise scene_error(key, given, "the name of a file that ends with .toml")
     if not path.parent.is_dir():
         raise scene_error(key, given, f"a file in a folder that is there; {path.parent} is none")
     try:
-        with path.open("x", encoding="utf-8") as file:  # fails if the file exists, also one made a moment ago
+        with path.open("x", encoding="utf-8") as file:  # fails if the file exists, without a race
             file.write(text)
     except FileExistsError:
         raise scene_error(key, given, "the name of a file that is not there yet; nothing is overwritten") from None
