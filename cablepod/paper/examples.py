@@ -1,4 +1,4 @@
-"""Examples 2 to 4 of the paper: Table 2 and the shares of Example 3 from several starts, and the errors of the reduced model."""
+"""Reproduce Examples 2 to 4: Table 2, energy shares of Example 3, errors of the reduced model."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from cablepod.conventions import label
 from cablepod.errors import RunStopped
 from cablepod.examples import scene, table
 
-#: Modes over which the paper sums its shares.
+#: Number of modes in the sums of the paper.
 SUMMED = 20
-#: Starts of Table 2: name of the scene -> what it is.
+#: Initial shapes of Table 2: name of the scene -> description.
 STARTS = {
     "example2": "equilibrium",
     "example2_out_of_equilibrium": "shape of a longer cable",
@@ -26,17 +26,17 @@ STARTS = {
     "example2_soft": "L0 as printed, K = EA / 100",
     "example2_outward": "equilibrium, end moving outwards (+0.07)",
 }
-#: Steps of the runs of Example 3 from swapped rows [s]: links slacken and snap taut, so that no two agree to all digits, and
-#: those above FINE_STEP are too long for it, though below the stability limit of the taut chain.
+#: Time steps of Example 3 from swapped rows [s].  Links slacken and snap taut, so that results depend on the step; steps above
+#: FINE_STEP are too long for it, though below the stability limit of the taut chain.
 SWAPPED_STEPS = (3.2e-4, 2.8e-4, 2.5e-4, 2e-4, 1.6e-4, 1.43e-4, 1.33e-4, 1.25e-4, 1e-4, 8e-5, 5e-5, 4e-5, 2.5e-5)
 FINE_STEP = 2e-4
-#: Ranks of the reduced model in the table of errors.
+#: Modes of each coordinate in the table of errors.
 RANKS = (1, 2, 3, 4, 6, 8)
 
 
 @dataclass(frozen=True)
 class Study:
-    """A scene, its chain at the 125 instants of the paper, and its modes."""
+    """Scene, trajectory of the chain at the 125 instants of the paper, and its modes."""
 
     scene: xr.Dataset
     chain: xr.Dataset
@@ -45,26 +45,36 @@ class Study:
 
 @functools.cache
 def study(name: str) -> Study:
-    """Simulate the chain of a shipped scene and decompose its motion; each once, because several tables and figures need it."""
-    given = scene(name)
-    run = chain.simulate(given, outputs=("position", "tension"))
-    return Study(given, run, pod.decompose(run, rank=SUMMED))
+    """Simulate the chain of a shipped scene and decompose its motion; cached for several tables and figures."""
+    base = scene(name)
+    run = chain.simulate(base, outputs=("position", "tension"))
+    return Study(base, run, pod.decompose(run, rank=SUMMED))
+
+
+def fraction_of(count: int, progress: Callable[[float], None] | None) -> Callable[[int], None]:
+    """Return a callback that converts the number of completed cases to a fraction."""
+
+    def report(done: int) -> None:
+        if progress is not None:
+            progress(done / count)
+
+    return report
 
 
 def misfit(values: np.ndarray, printed: np.ndarray) -> np.ndarray:
-    """Return the rms of ln(ours / print) over the last two axes."""
+    """Return the rms of ln(values / printed) over the last two axes."""
     return np.sqrt(np.mean(np.log(values / printed) ** 2, axis=(-2, -1)))
 
 
 def table2(*, starts: Sequence[str] = tuple(STARTS), workers: int = 2) -> xr.Dataset:
-    """Compute Table 2 from several starts, beside the print.
+    """Compute Table 2 from several initial shapes, with the printed values.
 
     Parameters
     ----------
     starts
         Names of shipped scenes.
     workers
-        Threads.
+        Number of threads.
 
     Returns
     -------
@@ -79,7 +89,7 @@ def table2(*, starts: Sequence[str] = tuple(STARTS), workers: int = 2) -> xr.Dat
     printed_share = np.stack([rows[f"cumulative_share_{axis}_percent"] for axis in "xy"]) / 100.0
     count = printed.shape[1]
     studies = map_threads(study, starts, workers)
-    values = np.stack([item.modes["singular_value"].values for item in studies])
+    values = np.stack([base.modes["singular_value"].values for base in studies])
     squares = values**2
     samples = studies[0].modes.attrs["number_of_snapshots"]
 
@@ -94,7 +104,7 @@ def table2(*, starts: Sequence[str] = tuple(STARTS), workers: int = 2) -> xr.Dat
             "table2_energy_share": (place, cumulative(squares)),
             "table2_proper_orthogonal_value": (place, squares[..., :count] / samples),
             "table2_sum": (place[:2], values.sum(axis=-1)),
-            "table2_top_tension": ("start", [float(catenary.rest(item.scene)["tension_upper"]) for item in studies]),
+            "table2_top_tension": ("start", [float(catenary.rest(base.scene)["tension_upper"]) for base in studies]),
             "table2_misfit": ("start", misfit(values[..., :count], printed)),
             "table2_misfit_3": ("start", misfit(values[..., :3], printed[:, :3])),
             "table2_singular_value_printed": (place[1:], printed),
@@ -117,27 +127,27 @@ def table2(*, starts: Sequence[str] = tuple(STARTS), workers: int = 2) -> xr.Dat
         table2_singular_value_printed=("m", "singular value as printed"),
         table2_share_printed=("1", "cumulative share as printed"),
     )
-    inputs = [item.modes for item in studies]
+    inputs = [base.modes for base in studies]
     return provenance.record(
         result, function="paper.examples.table2", parameters={"starts": list(starts)}, inputs=inputs
     )
 
 
 def example3_share(*, steps: Sequence[float] = SWAPPED_STEPS, workers: int = 2) -> xr.Dataset:
-    """Compute the share that the first five singular values of Example 3 have in the sum of 20.
+    """Compute the share of five singular values of Example 3 in the sum of 20.
 
     Parameters
     ----------
     steps
-        Time steps of the runs from the swapped rows [s].
+        Time steps of the runs from swapped rows [s].
     workers
-        Threads.
+        Number of threads.
 
     Returns
     -------
     xarray.Dataset
-        ``example3_share_equilibrium (coordinate)``, ``example3_share_swapped (example3_step, coordinate)``, nan where the run
-        broke down, and the print.
+        ``example3_share_equilibrium (coordinate)``, ``example3_share_swapped (example3_step, coordinate)``, nan for stopped
+        runs, and the printed shares.
     """
     printed = table("energy_shares")
     row = int(np.flatnonzero(printed["example"] == 3)[0])
@@ -151,7 +161,7 @@ def example3_share(*, steps: Sequence[float] = SWAPPED_STEPS, workers: int = 2) 
     def of_step(step: float) -> np.ndarray:
         try:
             return share(pod.decompose(chain.simulate(swapped, step=step), rank=SUMMED))
-        except RunStopped:  # too long a step for links that snap taut
+        except RunStopped:  # step too long for links that snap taut
             return np.full(2, np.nan)
 
     shares = map_threads(of_step, steps, workers)
@@ -181,9 +191,9 @@ def example3_share(*, steps: Sequence[float] = SWAPPED_STEPS, workers: int = 2) 
 
 #: Instants of Figure 7 [s].
 INSTANTS = (0.0, 15.0, 30.0, 45.0, 60.0, 90.0)
-#: Time errors of the reduced models, a small part of what the table of errors shows; the second where the chain starts
-#: out of equilibrium, which jolts the model and makes errors of some per cent.
-ERROR_TOLERANCE, JOLTED_TOLERANCE = 1e-5, 1e-3
+#: Tolerance of the time error of the reduced models, small compared with the table of errors; the second for initial shapes out
+#: of equilibrium, for which the model errs by some per cent.
+ERROR_TOLERANCE, INITIAL_SHAPE_TOLERANCE = 1e-5, 1e-3
 #: Scenes of the table of errors.
 ERROR_SCENES = (
     "example2",
@@ -202,7 +212,7 @@ def errors(
     workers: int = 2,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
-    """Compute the errors of the paper's reduced model, law (21), against the chain from which its modes come.
+    """Compute the errors of the paper's reduced model, law (21), against the chain of its modes.
 
     Parameters
     ----------
@@ -211,47 +221,47 @@ def errors(
     ranks
         Modes of each coordinate.
     workers
-        Threads.
+        Number of threads.
     progress
-        Called with the part that is done.
+        Callback receiving the completed fraction, 0 to 1.
 
     Returns
     -------
     xarray.Dataset
         ``reduced_error (scene, reduced_rank)``: largest error over time, ``reduced_error_45``: that at 45 s,
-        ``reduced_error_six``: the largest at the instants of Figure 7, ``projection_error``: what merely projecting the chain on
-        the modes loses, all alike; ``scene_unstretched_length (scene)`` [m], ``scene_smallest_tension (scene)`` [N].
+        ``reduced_error_six``: the largest at the instants of Figure 7, ``projection_error``: largest error of the projected
+        motion, with the same dimensions; ``scene_unstretched_length (scene)`` [m], ``scene_smallest_tension (scene)`` [N].
     """
 
-    def one(place: tuple[int, int]) -> tuple[float, ...]:
-        item, rank = studies[place[0]], ranks[place[1]]
-        jolted = any(str(name).startswith("initial") for name in item.scene.variables)
-        tolerance = JOLTED_TOLERANCE if jolted else ERROR_TOLERANCE
-        run = galerkin.simulate(item.scene, item.modes, rank=rank, tolerance=tolerance)
-        error = compare.errors(run, item.chain)
-        amplitudes = pod.project(item.chain, item.modes).isel(mode=slice(rank))
-        back = compare.errors(pod.reconstruct(amplitudes, item.modes), item.chain)
-        at_six = error["error"].sel(time=list(INSTANTS)).max()
-        return float(error["error_max"]), float(error["error"].sel(time=45.0)), float(at_six), float(back["error_max"])
-
-    def tell(done: int) -> None:
-        if progress is not None:
-            progress(done / len(places))
+    def errors_of(case: tuple[int, int]) -> tuple[float, ...]:
+        base, rank = studies[case[0]], ranks[case[1]]
+        has_initial_shape = any(str(name).startswith("initial") for name in base.scene.variables)
+        tolerance = INITIAL_SHAPE_TOLERANCE if has_initial_shape else ERROR_TOLERANCE
+        run = galerkin.simulate(base.scene, base.modes, rank=rank, tolerance=tolerance)
+        error = compare.errors(run, base.chain)
+        amplitudes = pod.project(base.chain, base.modes).isel(mode=slice(rank))
+        projection = compare.errors(pod.reconstruct(amplitudes, base.modes), base.chain)
+        at_six = float(error["error"].sel(time=list(INSTANTS)).max())
+        at_45 = float(error["error"].sel(time=45.0))
+        return float(error["error_max"]), at_45, at_six, float(projection["error_max"])
 
     studies = map_threads(study, scenes, workers)
-    # the largest models take longest: they begin
-    places = [(i, j) for j in reversed(range(len(ranks))) for i in range(len(scenes))]
+    cases = [
+        (i, j) for j in reversed(range(len(ranks))) for i in range(len(scenes))
+    ]  # largest models first: they take longest
     worst, at45, six, projected = np.empty((4, len(scenes), len(ranks)))
-    for place, found in zip(places, map_threads(one, places, workers, done=tell), strict=True):
-        worst[place], at45[place], six[place], projected[place] = found
+    for case, values in zip(
+        cases, map_threads(errors_of, cases, workers, done=fraction_of(len(cases), progress)), strict=True
+    ):
+        worst[case], at45[case], six[case], projected[case] = values
     result = xr.Dataset(
         {
             "reduced_error": (("scene", "reduced_rank"), worst),
             "reduced_error_45": (("scene", "reduced_rank"), at45),
             "reduced_error_six": (("scene", "reduced_rank"), six),
             "projection_error": (("scene", "reduced_rank"), projected),
-            "scene_unstretched_length": ("scene", [float(item.chain["arc_length"][-1]) for item in studies]),
-            "scene_smallest_tension": ("scene", [float(item.chain["tension"].min()) for item in studies]),
+            "scene_unstretched_length": ("scene", [float(base.chain["arc_length"][-1]) for base in studies]),
+            "scene_smallest_tension": ("scene", [float(base.chain["tension"].min()) for base in studies]),
         },
         coords={"scene": list(scenes), "reduced_rank": list(ranks)},
     )
@@ -267,5 +277,5 @@ def errors(
         scene_smallest_tension=("N", "smallest tension of a link at the instants of the snapshots"),
     )
     options = {"scenes": list(scenes), "ranks": list(ranks)}
-    inputs = [item.modes for item in studies]
+    inputs = [base.modes for base in studies]
     return provenance.record(result, function="paper.examples.errors", parameters=options, inputs=inputs)

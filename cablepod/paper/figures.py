@@ -1,4 +1,4 @@
-"""Figures 4 to 9 of the paper as ours, and those of the report: Datasets in, figures out; nothing is saved here."""
+"""Draw Figures 4 to 9 of the paper and the figures of the report; nothing is saved."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def _panels(
     count: int, title: str, *, rows: int = 1, height: float = 4.2, width: float = 6.2
 ) -> tuple[Figure, np.ndarray]:
-    from matplotlib import pyplot as plt  # only who draws needs it
+    from matplotlib import pyplot as plt  # slow to import
 
     figure, axes = plt.subplots(
         rows, count, figsize=(width * count, height * rows), layout="constrained", squeeze=False
@@ -30,7 +30,7 @@ def _panels(
 
 
 def figure4() -> Figure:
-    """Draw Example 1's guy at rest, catenary and chain, and how far it is from its chord."""
+    """Draw the guy of Example 1 at rest as catenary and chain, and its sag."""
     guy = scene("example1")
     exact, particles = catenary.rest(guy, points=201), chain.rest(guy)
     figure, axes = _panels(2, "Figure 4: the guy at rest, T1 = 1875 N (Example 1)")
@@ -55,7 +55,7 @@ def _sag(at_rest: xr.Dataset) -> np.ndarray:
 
 
 def figure5() -> Figure:
-    """Draw the first three modes of the lifted x in Example 2, from equilibrium and from the start that explains Table 2."""
+    """Draw the first three modes of the lifted x of Example 2, from two initial shapes."""
     figure, axes = _panels(2, r"Figure 5: the first three modes of $\hat x$, Example 2")
     for ax, name, title in (
         (axes[0, 0], "example2", "from equilibrium"),
@@ -67,34 +67,34 @@ def figure5() -> Figure:
     return figure
 
 
-def _beside(item: Study, rank: int, times: list[float], figure: Figure, axes: np.ndarray) -> None:
-    """Draw chain and reduced cable as the paper has them, and by their deflection, in which the motion shows."""
-    reduced = galerkin.simulate(item.scene, item.modes, rank=rank)
-    plots.shapes(item.chain, reduced, times=times, ax=axes[0])
-    plots.shapes(item.chain, reduced, times=times, deflection=True, ax=axes[1])
+def _draw_run(base: Study, rank: int, times: list[float], figure: Figure, axes: np.ndarray) -> None:
+    """Draw chain and reduced cable as in the paper, and by their deflection."""
+    reduced = galerkin.simulate(base.scene, base.modes, rank=rank)
+    plots.shapes(base.chain, reduced, times=times, ax=axes[0])
+    plots.shapes(base.chain, reduced, times=times, deflection=True, ax=axes[1])
     axes[0].set_title("as in the paper (x and y to different scales)")
     axes[1].set_title("the same by its deflection from the chord")
     axes[0].get_legend().remove()  # both panels have one
 
 
 def figure6() -> Figure:
-    """Draw Example 2 with one mode, at 45 s (the text) and at 15 s (the caption)."""
+    """Draw Example 2 with one mode at 45 s (text) and 15 s (caption)."""
     figure, axes = _panels(2, "Figure 6: Example 2, r = 1; the text says 45 s, the caption 15 s")
-    _beside(study("example2"), 1, [15.0, 45.0], figure, axes[0])
+    _draw_run(study("example2"), 1, [15.0, 45.0], figure, axes[0])
     return figure
 
 
 def figure7() -> Figure:
-    """Draw six instants of Example 3."""
+    """Draw Example 3 at six instants with two modes."""
     figure, axes = _panels(2, "Figure 7: Example 3, six instants, r = 2")
-    _beside(study("example3"), 2, list(INSTANTS), figure, axes[0])
+    _draw_run(study("example3"), 2, list(INSTANTS), figure, axes[0])
     return figure
 
 
 def figure8() -> Figure:
     """Draw Example 3 at 45 s with two modes."""
     figure, axes = _panels(2, "Figure 8: Example 3 at 45 s, r = 2")
-    _beside(study("example3"), 2, [45.0], figure, axes[0])
+    _draw_run(study("example3"), 2, [45.0], figure, axes[0])
     return figure
 
 
@@ -102,13 +102,13 @@ def figure9() -> Figure:
     """Draw Example 4 at 45 s with three modes, for both signs of the load."""
     figure, axes = _panels(2, "Figure 9: Example 4 at 45 s, r = 3, for both signs of the horizontal load", rows=2)
     for row, name, sign in ((0, "example4", "+x"), (1, "example4_opposite_load", "-x")):
-        _beside(study(name), 3, [45.0], figure, axes[row])
+        _draw_run(study(name), 3, [45.0], figure, axes[row])
         axes[row, 0].set_title(f"load towards {sign} (x and y to different scales)")
     return figure
 
 
 def singular_values(table2: xr.Dataset) -> Figure:
-    """Draw Table 2 beside what several starts give."""
+    """Draw the printed Table 2 and the singular values from several initial shapes."""
     figure, axes = _panels(2, "Table 2: singular values of Example 2, print and ours")
     starts = [str(name) for name in table2["start"].values if table2["table2_misfit_3"].sel(start=name) < 5.0]
     rows = table2["table2_row"].values
@@ -139,7 +139,7 @@ def singular_values(table2: xr.Dataset) -> Figure:
 
 
 def routes(precision: xr.Dataset, run_times: xr.Dataset | None) -> Figure:
-    """Draw what each route to the modes loses, and its run time."""
+    """Draw accuracy and run time of each route to the modes."""
     figure, axes = _panels(3, "Three routes to the modes", width=5.2)
     exact = precision["route_exact"].values
     for i, method in enumerate(precision["route"].values):
@@ -177,7 +177,7 @@ def routes(precision: xr.Dataset, run_times: xr.Dataset | None) -> Figure:
 
 
 def validity(maps: xr.Dataset) -> Figure:
-    """Draw where the chain's basis holds: error maps over pretension and stiffness."""
+    """Draw error maps of the chain's basis over pretension and stiffness."""
     few, many = (int(maps["validity_rank"].values[i]) for i in (0, -1))
     omega = float(maps["validity_angular_frequency"])
     strain = maps["validity_strain"].transpose("validity_stiffness", "validity_tension").values
@@ -213,7 +213,7 @@ def _map(
     *,
     limits: tuple[float, float] = (1e-5, 1.0),
 ) -> None:
-    """Colour a map on a logarithmic scale and write a text into each cell, so that it reads in grey too."""
+    """Draw a map on a logarithmic colour scale, with a text in each cell."""
     from matplotlib.colors import LogNorm
 
     ax.imshow(values, origin="lower", aspect="auto", cmap="cividis", norm=LogNorm(*limits, clip=True))

@@ -1,4 +1,4 @@
-"""Which start explains Table 2 and the shares of Example 3?  What was tried, computed again; and the search itself."""
+"""Search initial shapes that explain Table 2 and the energy shares of Example 3; compute those found."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from cablepod.paper.examples import SUMMED, misfit
 from cablepod.paper.table1 import inextensible
 from cablepod.parameters._from_scene import parameters
 
-#: Time step of the runs [s]; half of it moves none of the ten values by more than 3e-4 of itself where no link slackens.
+#: Time step of the runs [s] (half of it changes the ten values by at most 3e-4 as long as no link slackens).
 STEP = 2.5e-4
-#: Sags over that of Example 3 from which its chain is started, and the steps [s] (links slacken, runs differ).
+#: Initial sags of Example 3 over that of equilibrium, and time steps [s] (links slacken, results depend on the step).
 EXAMPLE_3_SAGS = (0.55, 0.6, 0.62, 0.64, 0.66)
 EXAMPLE_3_STEPS = (1.6e-4, 1.25e-4)
 
@@ -31,36 +31,36 @@ def printed() -> np.ndarray:
 
 
 def printed_sums() -> np.ndarray:
-    """Return the sums of 20 singular values of Example 2 that the text prints (coordinate,) [m]."""
+    """Return the printed sums of 20 singular values of Example 2 (coordinate,) [m]."""
     rows = table("energy_shares")
     row = int(np.flatnonzero(rows["example"] == 2)[0])
     return np.array([rows[name][row] for name in ("horizontal", "vertical")])
 
 
 def with_start(base: xr.Dataset, start: Mapping[str, Any]) -> xr.Dataset:
-    """Return `base` with the cable and the start of a row of ``data/starts.csv``; what is nan there is left as it is."""
-    given = {key: float(value) for key, value in start.items() if key != "name" and not np.isnan(value)}
+    """Return a scene with cable and initial shape of a row of ``data/starts.csv``; nan entries change nothing."""
+    values = {key: float(value) for key, value in start.items() if key != "name" and not np.isnan(value)}
     metre, newton = {"units": "m"}, {"units": "N"}
     result = base
-    if "cable_length_m" in given:
-        length = ((), given["cable_length_m"], metre)
+    if "cable_length_m" in values:
+        length = ((), values["cable_length_m"], metre)
         result = result.drop_vars("cable_top_tension").assign(cable_unstretched_length=length)
-    if "cable_tension_N" in given:
-        result = result.assign(cable_top_tension=((), given["cable_tension_N"], newton))
-    if "start_length_m" in given:
-        result = result.assign(initial_unstretched_length=((), given["start_length_m"], metre))
-    if "start_tension_N" in given:
-        result = result.assign(initial_top_tension=((), given["start_tension_N"], newton))
-    if "start_sag" in given:
-        line = _sagging_line(base, given["start_sag"])
+    if "cable_tension_N" in values:
+        result = result.assign(cable_top_tension=((), values["cable_tension_N"], newton))
+    if "start_length_m" in values:
+        result = result.assign(initial_unstretched_length=((), values["start_length_m"], metre))
+    if "start_tension_N" in values:
+        result = result.assign(initial_top_tension=((), values["start_tension_N"], newton))
+    if "start_sag" in values:
+        line = _sagging_line(base, values["start_sag"])
         result = result.assign(initial_points=(("point", "coordinate"), line, metre))
-    if "mass_damping_per_s" in given:
-        result = result.assign(damping_mass_proportional=((), given["mass_damping_per_s"], {"units": "s-1"}))
+    if "mass_damping_per_s" in values:
+        result = result.assign(damping_mass_proportional=((), values["mass_damping_per_s"], {"units": "s-1"}))
     return result
 
 
 def _sagging_line(base: xr.Dataset, sag: float, count: int = 400) -> np.ndarray:
-    """Points (count, 2) [m] on the inextensible catenary of a scene, its distance from the chord times `sag`."""
+    """Return points (count, 2) [m] on the inextensible catenary of a scene, its deflection scaled by `sag`."""
     p = parameters(base)
     curve = inextensible(p, p.length_value)
     x = np.linspace(0.0, curve.a, count)
@@ -69,23 +69,23 @@ def _sagging_line(base: xr.Dataset, sag: float, count: int = 400) -> np.ndarray:
 
 
 def tried(*, progress: Callable[[float], None] | None = None) -> xr.Dataset:
-    """Compute the ten values of Table 2 for every start of ``data/starts.csv``.
+    """Compute the ten values of Table 2 for every initial shape of ``data/starts.csv``.
 
     Returns
     -------
     xarray.Dataset
         ``tried_singular_value (tried, coordinate, table2_row)`` [m], ``tried_sum (tried, coordinate)`` [m],
-        ``tried_sag (tried)``, ``tried_misfit (tried)``, ``tried_misfit_3 (tried)``; nan for a start whose links slacken so
-        violently that the run stops.
+        ``tried_sag (tried)``, ``tried_misfit (tried)``, ``tried_misfit_3 (tried)``; nan for initial shapes from which the run
+        stops because links slacken.
     """
     target, rows, base = printed(), table("starts"), scene("example2")
     names = [str(name) for name in rows["name"]]
     values, sags = np.full((len(names), 2, SUMMED), np.nan), np.empty(len(names))
     for i in range(len(names)):
-        given = with_start(base, {key: column[i] for key, column in rows.items()})
-        values[i] = _values(given)
-        first = chain.simulate(given, times=[0.0], step=STEP)["position"].values[0]
-        sags[i] = _sag(first) / _sag(chain.rest(given)["position"].values)
+        changed = with_start(base, {key: column[i] for key, column in rows.items()})
+        values[i] = _values(changed)
+        first = chain.simulate(changed, times=[0.0], step=STEP)["position"].values[0]
+        sags[i] = _sag(first) / _sag(chain.rest(changed)["position"].values)
         if progress is not None:
             progress((i + 1) / len(names))
     count = target.shape[1]
@@ -113,21 +113,22 @@ def tried(*, progress: Callable[[float], None] | None = None) -> xr.Dataset:
 
 
 def _sag(position: np.ndarray) -> float:
-    """Largest distance from the chord [m], negative above it."""
+    """Return the largest distance from the chord [m], negative above it."""
     chord = position[-1] - position[0]
     below = (position - position[0]) @ np.array([chord[1], -chord[0]]) / np.hypot(*chord)
     return float(below[np.abs(below).argmax()])
 
 
-def _values(given: xr.Dataset) -> np.ndarray:
+def _values(changed: xr.Dataset) -> np.ndarray:
+    """Return singular values (coordinate, mode) [m] of a scene's chain; nan without a simulation."""
     try:
-        return pod.decompose(chain.simulate(given, step=STEP), rank=SUMMED)["singular_value"].values
-    except (RunStopped, SceneError):  # slack links leave the finite numbers at this step, or no cable is so
+        return pod.decompose(chain.simulate(changed, step=STEP), rank=SUMMED)["singular_value"].values
+    except (RunStopped, SceneError):  # diverged at this step, or no such cable
         return np.full((2, SUMMED), np.nan)
 
 
 def example3(*, sags: Sequence[float] = EXAMPLE_3_SAGS, steps: Sequence[float] = EXAMPLE_3_STEPS) -> xr.Dataset:
-    """Compute the shares of Example 3 with its printed tension, started from shapes of another sag.
+    """Compute the energy shares of Example 3 at its printed tension from initial shapes of another sag.
 
     Returns
     -------
@@ -137,9 +138,9 @@ def example3(*, sags: Sequence[float] = EXAMPLE_3_SAGS, steps: Sequence[float] =
     base = scene("example3")
     shares = np.empty((len(sags), len(steps), 2))
     for i, sag in enumerate(sags):
-        given = with_start(base, {"start_sag": sag})
+        changed = with_start(base, {"start_sag": sag})
         for j, step in enumerate(steps):
-            values = pod.decompose(chain.simulate(given, step=step), rank=SUMMED)["singular_value"].values
+            values = pod.decompose(chain.simulate(changed, step=step), rank=SUMMED)["singular_value"].values
             shares[i, j] = values[:, :5].sum(axis=1) / values.sum(axis=1)
     result = xr.Dataset(
         {"sagging_share": (("sag", "sagging_step", "coordinate"), shares)},
@@ -165,30 +166,30 @@ def search(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
-    """Search the starts from the rest shape of another length: random draws, the best of them polished by Nelder and Mead.
+    """Search initial shapes of another cable length: random draws, the best refined by Nelder-Mead.
 
     Parameters
     ----------
     draws
         Number of random pairs.
     polished
-        How many of the best are polished.
+        Number of the best draws that are refined.
     cable_lengths, differences
-        Ranges of the cable's unstretched length and of what the start's length has more [m].
+        Ranges of the unstretched length of the cable, and of the additional length of the initial shape [m].
     most_evaluations
-        Runs for each that is polished.
+        Maximum number of runs of each refinement.
     seed
-        Of the random numbers.
+        Seed of the random numbers.
     progress
-        Called with the part that is done.
+        Callback receiving the completed fraction, 0 to 1.
 
     Returns
     -------
     xarray.Dataset
-        ``search_cable_length``, ``search_start_length`` [m] and ``search_misfit (draw)`` of the draws, and ``polished_*``
-        alike, best first.
+        ``search_cable_length``, ``search_start_length`` [m] and ``search_misfit (draw)`` of the draws; ``polished_*`` of the
+        refined ones, best first.
     """
-    from scipy.optimize import minimize  # costly to import
+    from scipy.optimize import minimize  # slow to import
 
     base, target = scene("example2"), printed()
     rng = np.random.default_rng(seed)
@@ -197,23 +198,26 @@ def search(
 
     def gap(point: np.ndarray) -> float:
         values = _values(with_start(base, {"cable_length_m": point[0], "start_length_m": point[1]}))
-        found = float(misfit(values[:, : target.shape[1]], target))
-        return found if np.isfinite(found) else 99.0  # no cable, or one that flies apart, is no explanation
+        value = float(misfit(values[:, : target.shape[1]], target))
+        return value if np.isfinite(value) else 99.0  # no such cable, or diverged
 
-    def told(point: np.ndarray, part: float) -> float:
+    def gap_with_progress(point: np.ndarray, part: float) -> float:
         if progress is not None:
             progress(part)
         return gap(point)
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # the logarithm of what flew apart
-        found = np.array(
-            [told(np.array(pair), 0.7 * i / draws) for i, pair in enumerate(zip(cable, start, strict=True))]
+        warnings.simplefilter("ignore", RuntimeWarning)  # logarithm of nan
+        misfits = np.array(
+            [
+                gap_with_progress(np.array(pair), 0.7 * i / draws)
+                for i, pair in enumerate(zip(cable, start, strict=True))
+            ]
         )
-        best = np.argsort(found)[:polished]
+        best = np.argsort(misfits)[:polished]
         ends = [
             minimize(
-                lambda point, i=i: told(point, 0.7 + 0.3 * i / polished),
+                lambda point, i=i: gap_with_progress(point, 0.7 + 0.3 * i / polished),
                 [cable[k], start[k]],
                 method="Nelder-Mead",
                 options={
@@ -225,20 +229,7 @@ def search(
             )
             for i, k in enumerate(best)
         ]
-    ends.sort(key=lambda end: end.fun)
-    result = xr.Dataset(
-        {
-            "search_cable_length": ("draw", cable),
-            "search_start_length": ("draw", start),
-            "search_misfit": ("draw", found),
-            "polished_cable_length": ("polished", [end.x[0] for end in ends]),
-            "polished_start_length": ("polished", [end.x[1] for end in ends]),
-            "polished_misfit": ("polished", [end.fun for end in ends]),
-        }
-    )
-    for name in result.variables:
-        units = "m" if str(name).endswith("length") else "1"
-        result[name].attrs.update(units=units, long_name=str(name).replace("_", " "))
+    result = _search_result(cable, start, misfits, sorted(ends, key=lambda end: end.fun))
     options = {
         "draws": draws,
         "polished": polished,
@@ -248,3 +239,21 @@ def search(
         "seed": seed,
     }
     return provenance.record(result, function="paper.starts.search", parameters=options, inputs=[base])
+
+
+def _search_result(cable: np.ndarray, start: np.ndarray, misfits: np.ndarray, refined: list[Any]) -> xr.Dataset:
+    """Make the Dataset of all draws and of the refined ones."""
+    result = xr.Dataset(
+        {
+            "search_cable_length": ("draw", cable),
+            "search_start_length": ("draw", start),
+            "search_misfit": ("draw", misfits),
+            "polished_cable_length": ("polished", [end.x[0] for end in refined]),
+            "polished_start_length": ("polished", [end.x[1] for end in refined]),
+            "polished_misfit": ("polished", [end.fun for end in refined]),
+        }
+    )
+    for name in result.variables:
+        units = "m" if str(name).endswith("length") else "1"
+        result[name].attrs.update(units=units, long_name=str(name).replace("_", " "))
+    return result

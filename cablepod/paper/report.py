@@ -1,4 +1,4 @@
-"""The report on the paper: every table and figure beside our own, as a Dataset, figures and one Markdown page."""
+"""Write the report on the paper: a Dataset of all tables, figures, and a Markdown page."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ FILES = (DATASET, PAGE, *(f"{name}.png" for name in FIGURES))
 def write(
     folder: Path, *, size: Size = FULL, progress: Callable[[float], None] | None = None
 ) -> tuple[xr.Dataset, list[tuple[str, ...]]]:
-    """Compute everything and write :data:`FILES` into `folder`, replacing what is there, all at the end.
+    """Compute all sections and write :data:`FILES` into a folder at the end, replacing existing ones.
 
     Parameters
     ----------
     folder
-        An existing folder.
+        Existing folder.
     size
         ``FULL``, or ``SMALL`` for a trial in a fraction of the time.
     progress
-        Called with the part that is done, from 0 to 1.
+        Callback receiving the completed fraction, 0 to 1.
 
     Returns
     -------
@@ -47,7 +47,7 @@ def write(
     """
     with tempfile.TemporaryDirectory(prefix=".cablepod-", dir=folder) as beside:
         result, rows = _write(Path(beside), size, progress)
-        for name in FILES:  # all are whole: an interrupted run leaves what was there before
+        for name in FILES:  # at the end, so that an interrupted run leaves the previous report
             (Path(beside) / name).replace(folder / name)
     return result, rows
 
@@ -55,19 +55,20 @@ def write(
 def _write(
     folder: Path, size: Size, progress: Callable[[float], None] | None
 ) -> tuple[xr.Dataset, list[tuple[str, ...]]]:
+    """Compute all sections and write the files into an empty folder."""
     parts: list[Section] = []
     seconds: list[float] = []
     done = 0.0
     for make, share in SECTIONS:
         begin = time.perf_counter()
 
-        def tell(part: float, before: float = done, share: float = share) -> None:
+        def report(fraction: float, before: float = done, share: float = share) -> None:
             if progress is not None:
-                progress(before + share * part)
+                progress(before + share * fraction)
 
-        parts.append(make(size, tell))
+        parts.append(make(size, report))
         done += share
-        tell(1.0, done - share)
+        report(1.0, done - share)
         for name, figure in parts[-1].figures.items():
             _save(figure, folder / f"{name}.png")
         seconds.append(time.perf_counter() - begin)
@@ -83,7 +84,8 @@ def _write(
 
 
 def _save(figure: Figure, path: Path) -> None:
-    from matplotlib import pyplot as plt  # only who draws needs it
+    """Write a figure and close it."""
+    from matplotlib import pyplot as plt  # slow to import
 
     try:
         with atomic_file(path) as unfinished:
@@ -95,7 +97,7 @@ def _save(figure: Figure, path: Path) -> None:
 def _page(
     result: xr.Dataset, parts: Sequence[Section], rows: Sequence[Sequence[str]], seconds: Sequence[float], size: Size
 ) -> str:
-    """Fill the page, whose prose stands in a file of its own."""
+    """Fill the template of the page."""
     values: dict[str, Any] = {"summary": lines(HEAD, rows), "identifier": result.attrs["id"], "size": size.note}
     for part in parts:
         values |= part.values

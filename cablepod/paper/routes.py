@@ -1,4 +1,4 @@
-"""Section 5.1 of the paper: the three routes to the modes, what each loses and what it takes; and the inner product."""
+"""Compare the three routes to the modes (section 5.1): accuracy, run time, and the effect of weights."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from cablepod.pod import _decompositions as decompositions
 from cablepod.pod._snapshots import relative_arc_length
 
 METHODS = tuple(decompositions.ROUTES)
-#: (features n, snapshots m); the first is the paper's, the last what 100 runs of it with both coordinates give.
+#: (features n, snapshots m); the first of the paper, the last of 100 such runs with both coordinates.
 SIZES = ((39, 125), (80, 500), (80, 2000), (80, 12500))
-#: More snapshots are not given to the method of snapshots, whose time grows with their cube.
+#: Maximum number of snapshots for the method of snapshots (its time grows with their cube).
 MOST_SNAPSHOTS = 2000
 
 
 def known_matrix(features: int, samples: int, *, smallest: float = 1e-13, seed: int = 0) -> tuple[np.ndarray, ...]:
-    """Make a matrix of known singular values, falling evenly from 1 to `smallest` on a logarithmic scale.
+    """Make a matrix with singular values from 1 to `smallest`, equally spaced on a logarithmic scale.
 
     Returns
     -------
@@ -39,33 +39,33 @@ def known_matrix(features: int, samples: int, *, smallest: float = 1e-13, seed: 
 
 
 def precision(*, features: int = 80, samples: int = 500, most_snapshots: int = MOST_SNAPSHOTS) -> xr.Dataset:
-    """Measure what each route loses on a matrix of known singular values.
+    """Measure the errors of each route for a matrix with known singular values.
 
     Parameters
     ----------
     features, samples
-        Size of the matrix.
+        Shape of the matrix.
     most_snapshots
-        The method of snapshots is left out above; what it gives is nan there.
+        Maximum number of snapshots for the method of snapshots; nan above.
 
     Returns
     -------
     xarray.Dataset
         ``route_error (route, route_mode)``: relative error of the singular values; ``route_angle``: sine of the angle between
         mode and exact mode; ``route_exact (route_mode)``: the exact values; ``route_usable (route)``: the smallest exact value
-        down to which all are right to a tenth.
+        down to which all relative errors are below 0.1.
     """
-    from threadpoolctl import threadpool_limits  # only who measures needs it
+    from threadpoolctl import threadpool_limits  # slow to import
 
     data, left, values = known_matrix(features, samples)
     error, angle = np.full((2, len(METHODS), values.size), np.nan)
     for i, method in enumerate(METHODS):
         if method == "snapshots" and samples > most_snapshots:
             continue
-        with threadpool_limits(limits=1):  # the same digits whatever the machine
-            modes, found = decompositions.ROUTES[method](data)
-        error[i] = np.abs(found / values - 1.0)
-        # the part of each mode that is not along the exact one; 1 - cos^2 would lose half of the digits
+        with threadpool_limits(limits=1):  # reproducible rounding
+            modes, singular_values = decompositions.ROUTES[method](data)
+        error[i] = np.abs(singular_values / values - 1.0)
+        # norm of the component normal to the exact mode; sqrt(1 - cos^2) would lose half of the digits
         angle[i] = np.linalg.norm(modes - left * np.sum(left * modes, axis=0), axis=0)
     right = np.logical_and.accumulate(error < 0.1, axis=1)
     result = xr.Dataset(
@@ -104,25 +104,25 @@ def run_times(
     most_snapshots: int = MOST_SNAPSHOTS,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
-    """Measure the time of each route, on one BLAS thread.
+    """Measure the run time of each route on one BLAS thread.
 
     Parameters
     ----------
     sizes
         Pairs of features and snapshots.
     repeats
-        The median of so many calls is taken, after one that does not count.
+        Number of timed calls, of which the median is taken, after one untimed call.
     most_snapshots
-        The method of snapshots is left out above; its time there is nan.
+        Maximum number of snapshots for the method of snapshots; nan above.
     progress
-        Called with the part that is done.
+        Callback receiving the completed fraction, 0 to 1.
 
     Returns
     -------
     xarray.Dataset
         ``route_time (route, route_size)`` [s] and ``route_features``, ``route_samples (route_size)``.
     """
-    from threadpoolctl import threadpool_limits  # only who measures needs it
+    from threadpoolctl import threadpool_limits  # slow to import
 
     seconds = np.full((len(METHODS), len(sizes)), np.nan)
     jobs = [(i, j) for j in range(len(sizes)) for i in range(len(METHODS))]
@@ -152,21 +152,22 @@ def run_times(
     return provenance.record(result, function="paper.routes.run_times", parameters=options)
 
 
-def _median(job: Callable[[np.ndarray], object], data: np.ndarray, repeats: int) -> float:
-    job(data)
-    taken = []
+def _median(decompose: Callable[[np.ndarray], object], data: np.ndarray, repeats: int) -> float:
+    """Return the median run time [s] of several calls, after one untimed call."""
+    decompose(data)
+    seconds = []
     for _ in range(repeats):
         begin = time.perf_counter()
-        job(data)
-        taken.append(time.perf_counter() - begin)
-    return statistics.median(taken)
+        decompose(data)
+        seconds.append(time.perf_counter() - begin)
+    return statistics.median(seconds)
 
 
 def weights(*, ratio: float = 9.0, links: int = 40, count: int = 3) -> xr.Dataset:
-    """Show what the inner product is for: Example 2's chain with unequal links beside the uniform one.
+    """Compare inner products of the decomposition for the chain of Example 2 with graded links.
 
-    The same cable cut into links that grow from the lower end to the upper one has the same modes.  Counting all particles
-    alike, as the paper does, weighs the finely cut part more; weights by length undo that.
+    The modes of the cable do not depend on its division into links.  With equal weights of all particles, as in the paper, the
+    finely divided part counts more; weights by length correct this.
 
     Parameters
     ----------
@@ -175,7 +176,7 @@ def weights(*, ratio: float = 9.0, links: int = 40, count: int = 3) -> xr.Datase
     links
         Number of links of both chains.
     count
-        Modes compared.
+        Number of compared modes.
 
     Returns
     -------
@@ -186,7 +187,7 @@ def weights(*, ratio: float = 9.0, links: int = 40, count: int = 3) -> xr.Datase
     even = scene("example2")
     lengths = np.geomspace(1.0, ratio, links)
     uneven = even.assign(chain_links=links, chain_link_lengths=("link", lengths, {"units": "1"}))
-    uniform, graded = (chain.simulate(item) for item in (even.assign(chain_links=links), uneven))
+    uniform, graded = (chain.simulate(each) for each in (even.assign(chain_links=links), uneven))
     target = pod.decompose(uniform, rank=count)
     fine = relative_arc_length(uniform)
     kinds = (None, "length", "mass")

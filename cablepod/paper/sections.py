@@ -1,4 +1,4 @@
-"""The sections of the report: each computes its tables, draws its figures and fills its part of ``page.md``."""
+"""Make the sections of the report: tables, figures and values for ``page.md``."""
 
 from __future__ import annotations
 
@@ -9,29 +9,27 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod.paper import examples, figures, routes, validity
-from cablepod.paper import initial_shape as starts
-from cablepod.paper import table1 as statics
+from cablepod.paper import examples, figures, initial_shape, routes, table1, validity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Tell = Callable[[float], None]
+Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
 class Size:
-    """How much is computed."""
+    """Extent of the report."""
 
     name: str
-    note: str = ""  #: what the page says of it
+    note: str = ""  #: note on the page
     rest_links: tuple[int, ...] = (10, 20, 40, 80, 160)
     swapped_steps: tuple[float, ...] = examples.SWAPPED_STEPS
     ranks: tuple[int, ...] = examples.RANKS
     route_sizes: tuple[tuple[int, int], ...] = routes.SIZES
     tensions: tuple[float, ...] = validity.TENSIONS
     stiffnesses: tuple[float, ...] = validity.STIFFNESSES
-    sags: tuple[float, ...] = starts.EXAMPLE_3_SAGS
+    sags: tuple[float, ...] = initial_shape.EXAMPLE_3_SAGS
 
 
 FULL = Size("full")
@@ -50,25 +48,25 @@ SMALL = Size(
 
 @dataclass(frozen=True)
 class Section:
-    """A piece of the report."""
+    """Section of the report."""
 
     title: str
     data: xr.Dataset
-    values: dict[str, Any]  #: what it puts into the page
+    values: dict[str, Any]  #: for the fields of the page
     figures: dict[str, Figure] = field(default_factory=dict)
 
 
 def lines(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """Return a table in Markdown."""
-    body = [" | ".join(str(item) for item in row) for row in rows]
+    """Return a Markdown table."""
+    body = [" | ".join(str(cell) for cell in row) for row in rows]
     return "\n".join(f"| {row} |" for row in [" | ".join(head), " | ".join("---" for _ in head), *body])
 
 
-def table_1(size: Size, tell: Tell) -> Section:
-    """Set up Table 1, Example 1 and Figure 4."""
-    table = statics.table1()
-    tell(0.2)
-    rest = statics.rest_comparison(links=size.rest_links)
+def table_1(size: Size, progress: Progress) -> Section:
+    """Make the section on Table 1, Example 1 and Figure 4."""
+    table = table1.table1()
+    progress(0.2)
+    rest = table1.rest_comparison(links=size.rest_links)
     linear = table["table1_unstretched_length"].sel(procedure="linearised")
     exact = table["table1_unstretched_length"].sel(procedure="exact")
     off = np.abs(linear.values - exact.values).max(axis=0)
@@ -87,23 +85,24 @@ def table_1(size: Size, tell: Tell) -> Section:
 
 
 def _rows_of_table_1(table: xr.Dataset) -> str:
+    """Return Table 1 in Markdown."""
     rows = []
     for i in range(table.sizes["table1_row"]):
-        one = table.isel(table1_row=i)
+        part = table.isel(table1_row=i)
         linear, exact = (
-            one["table1_unstretched_length"].sel(procedure=name).values for name in ("linearised", "exact")
+            part["table1_unstretched_length"].sel(procedure=name).values for name in ("linearised", "exact")
         )
-        source = int(one["table1_source"])
-        length, lower = (float(one[f"table1_{name}"][0, 0]) for name in ("stretched_length", "tension_lower"))
+        source = int(part["table1_source"])
+        length, lower = (float(part[f"table1_{name}"][0, 0]) for name in ("stretched_length", "tension_lower"))
         rows.append(
             (
-                f"{float(one['table1_top_tension']):.0f}",
-                f"{float(one['table1_unstretched_length_printed']):.4f}",
+                f"{float(part['table1_top_tension']):.0f}",
+                f"{float(part['table1_unstretched_length_printed']):.4f}",
                 *(f"**{value:.5f}**" if j == source else f"{value:.5f}" for j, value in enumerate(linear)),
                 *(f"{value:.5f}" for value in exact),
-                f"{length:.5f} / {float(one['table1_stretched_length_printed']):.4f}",
-                f"{length - linear[source]:.5f} / {float(one['table1_elongation_printed']):.3f}",
-                f"{lower:.1f} / {float(one['table1_tension_lower_printed']):.0f}",
+                f"{length:.5f} / {float(part['table1_stretched_length_printed']):.4f}",
+                f"{length - linear[source]:.5f} / {float(part['table1_elongation_printed']):.3f}",
+                f"{lower:.1f} / {float(part['table1_tension_lower_printed']):.0f}",
             )
         )
     head = (
@@ -114,10 +113,10 @@ def _rows_of_table_1(table: xr.Dataset) -> str:
     return lines(head, rows)
 
 
-def table_2(_: Size, tell: Tell) -> Section:
-    """Set up Table 2, Figures 5 and 6."""
+def table_2(_: Size, progress: Progress) -> Section:
+    """Make the section on Table 2, Figures 5 and 6."""
     table = examples.table2()
-    tell(0.7)
+    progress(0.7)
     printed = table["table2_singular_value_printed"].values
     shares = 100.0 * table["table2_share_printed"].values
     rest, best = table.sel(start="example2"), table.sel(start="example2_out_of_equilibrium")
@@ -153,45 +152,47 @@ def table_2(_: Size, tell: Tell) -> Section:
 
 
 def _rows_of_table_2(table: xr.Dataset) -> str:
+    """Return Table 2 in Markdown."""
+
     def row(values: np.ndarray) -> list[str]:
         return [f"{value:.4g}" for value in values]
 
     rows: list[Sequence[Any]] = []
-    for axis, total in zip(("x", "y"), starts.printed_sums(), strict=True):
+    for axis, total in zip(("x", "y"), initial_shape.printed_sums(), strict=True):
         printed = table["table2_singular_value_printed"].sel(coordinate=axis).values
         rows.append((f"**print, {axis}**", *(f"**{value:g}**" for value in printed), f"**{total:g}**", ""))
         for name in table["start"].values:
-            one = table.sel(start=name, coordinate=axis)
-            misfit = f"{float(one['table2_misfit_3']):.3g} / {float(one['table2_misfit']):.3g}" if axis == "x" else ""
-            values = row(one["table2_singular_value"].values)
-            rows.append((f"`{name}`, {axis}", *values, f"{float(one['table2_sum']):.4g}", misfit))
+            part = table.sel(start=name, coordinate=axis)
+            misfit = f"{float(part['table2_misfit_3']):.3g} / {float(part['table2_misfit']):.3g}" if axis == "x" else ""
+            values = row(part["table2_singular_value"].values)
+            rows.append((f"`{name}`, {axis}", *values, f"{float(part['table2_sum']):.4g}", misfit))
     return lines(("scene", "σ1 [m]", "σ2", "σ3", "σ4", "σ5", "sum of 20", "misfit of 3 / 5 rows, x and y"), rows)
 
 
-#: What the first value of y in Table 2 probably was before a slip [m].
+#: Probable first value of y in Table 2 without the misprint [m].
 MENDED = 2.4026
-#: Starts of which the page speaks by name, and the misfit up to which a start counts as one that fits.
+#: Initial shapes named on the page, and the maximum misfit of a fitting part.
 START_NAMES = ("longer cable (rows 1 to 3)", "tauter cable (A)", "longer cable (B)", "tauter cable (C)")
 FITTING = 0.1
 
 
-def which_start(size: Size, tell: Tell) -> Section:
-    """Set up what was tried to explain Table 2 and the shares of Example 3."""
-    tried = starts.tried(progress=lambda part: tell(0.6 * part))
-    example3 = starts.example3(sags=size.sags)
-    target, sums = starts.printed(), starts.printed_sums()
+def which_start(size: Size, progress: Progress) -> Section:
+    """Make the section on initial shapes that explain Table 2 and the shares of Example 3."""
+    tried = initial_shape.tried(progress=lambda fraction: progress(0.6 * fraction))
+    example3 = initial_shape.example3(sags=size.sags)
+    target, sums = initial_shape.printed(), initial_shape.printed_sums()
     rows: list[Sequence[Any]] = [
         ("**print**", "", *(f"**{value:g}**" for value in target[0]), f"**{sums[0]:g}**", "", "")
     ]
     for name in tried["tried"].values:
-        one = tried.sel(tried=name)
-        x = [f"{value:.3g}" for value in one["tried_singular_value"].values[0]]
-        fit = [f"{float(one[key]):.3f}" for key in ("tried_misfit_3", "tried_misfit")]
-        rows.append((name, f"{float(one['tried_sag']):.2f}", *x, f"{float(one['tried_sum'][0]):.3f}", *fit))
+        part = tried.sel(tried=name)
+        x = [f"{value:.3g}" for value in part["tried_singular_value"].values[0]]
+        fit = [f"{float(part[key]):.3f}" for key in ("tried_misfit_3", "tried_misfit")]
+        rows.append((name, f"{float(part['tried_sag']):.2f}", *x, f"{float(part['tried_sum'][0]):.3f}", *fit))
     known, found, other, least = (tried.sel(tried=name) for name in START_NAMES)
 
-    def off(one: xr.Dataset) -> float:
-        return 100.0 * float(np.abs(one["tried_singular_value"].values / target - 1.0).max())
+    def off(part: xr.Dataset) -> float:
+        return 100.0 * float(np.abs(part["tried_singular_value"].values / target - 1.0).max())
 
     fitting = [
         f"{name} ({float(tried['tried_sag'].sel(tried=name)):.2f})"
@@ -239,8 +240,8 @@ def which_start(size: Size, tell: Tell) -> Section:
     return Section("Starts", xr.merge([tried, example3], combine_attrs="override"), values)
 
 
-def example_3(size: Size, _: Tell) -> Section:
-    """Set up the shares of Example 3, Figures 7 and 8."""
+def example_3(size: Size, _: Progress) -> Section:
+    """Make the section on the energy shares of Example 3, Figures 7 and 8."""
     data = examples.example3_share(steps=size.swapped_steps)
     every = 100.0 * data["example3_share_swapped"].values
     fine = data["example3_step"].values <= examples.FINE_STEP
@@ -269,15 +270,15 @@ def _share(percent: float) -> str:
     return "broke down" if np.isnan(percent) else f"{percent:.2f} %"
 
 
-def reduced_models(size: Size, tell: Tell) -> Section:
-    """Set up the errors of the reduced model, Figure 9."""
-    data = examples.errors(ranks=size.ranks, progress=tell)
+def reduced_models(size: Size, progress: Progress) -> Section:
+    """Make the section on errors of the reduced model and Figure 9."""
+    data = examples.errors(ranks=size.ranks, progress=progress)
     head = ("scene", "", *(f"r = {rank}" for rank in data["reduced_rank"].values))
     rows = []
     for name in data["scene"].values:
-        one = data.sel(scene=name)
-        for what, title in (("reduced_error", "reduced model"), ("projection_error", "projection only")):
-            rows.append((f"`{name}`", title, *(f"{value:.3g} %" for value in 100.0 * one[what].values)))
+        part = data.sel(scene=name)
+        for variable, title in (("reduced_error", "reduced model"), ("projection_error", "projection only")):
+            rows.append((f"`{name}`", title, *(f"{value:.3g} %" for value in 100.0 * part[variable].values)))
     at_45 = []
     for name, rank, number in (("example2", 1, 6), ("example3", 2, 8), ("example4", 3, 9)):
         off = 100.0 * float(data["reduced_error_45"].sel(scene=name, reduced_rank=rank))
@@ -296,10 +297,10 @@ def reduced_models(size: Size, tell: Tell) -> Section:
     return Section("Examples 2 to 4", data, values, {"figure9": figures.figure9()})
 
 
-def three_routes(size: Size, tell: Tell) -> Section:
-    """Set up section 5.1: SVD, covariance, method of snapshots; weights."""
+def three_routes(size: Size, progress: Progress) -> Section:
+    """Make the section on SVD, covariance matrix, method of snapshots, and weights (section 5.1)."""
     precision = routes.precision()
-    times = routes.run_times(sizes=size.route_sizes, progress=lambda part: tell(0.7 * part))
+    times = routes.run_times(sizes=size.route_sizes, progress=lambda fraction: progress(0.7 * fraction))
     weights = routes.weights()
     rows = []
     for route in precision["route"].values:
@@ -309,8 +310,8 @@ def three_routes(size: Size, tell: Tell) -> Section:
     sizes = [f"{n} × {m}" for n, m in zip(times["route_features"].values, times["route_samples"].values, strict=True)]
     kinds = []
     for kind in weights["weights"].values:
-        one = weights.sel(weights=kind)
-        gap, value = float(one["weight_mode_gap"].max()), float(np.abs(one["weight_value_gap"]).max())
+        part = weights.sel(weights=kind)
+        gap, value = float(part["weight_mode_gap"].max()), float(np.abs(part["weight_value_gap"]).max())
         kinds.append((f"`{kind}`", f"{100 * gap:.1f} %", f"{100 * value:.1f} %"))
     values = {
         "routes": lines(("route", "values right to a tenth down to σ/σ1 =", *sizes), rows),
@@ -325,9 +326,9 @@ def three_routes(size: Size, tell: Tell) -> Section:
 SMALL_STRAIN = 0.004
 
 
-def range_of_validity(size: Size, tell: Tell) -> Section:
-    """Set up the abstract's question."""
-    maps = validity.maps(tensions=size.tensions, stiffnesses=size.stiffnesses, progress=tell)
+def range_of_validity(size: Size, progress: Progress) -> Section:
+    """Make the section on the range of validity of the chain's basis."""
+    maps = validity.maps(tensions=size.tensions, stiffnesses=size.stiffnesses, progress=progress)
     few, many = (int(maps["validity_rank"].values[i]) for i in (0, -1))
     small = maps["validity_strain"] <= SMALL_STRAIN
     chain, own = maps["validity_basis_error"], maps["validity_own_basis_error"]
@@ -357,8 +358,8 @@ def _settled(moved: int, cells: int) -> str:
     return f"In {moved} of {cells} cells, marked by a star, halving the time step still moves the result."
 
 
-#: How each section is made, and its share of the whole run time.
-SECTIONS: tuple[tuple[Callable[[Size, Tell], Section], float], ...] = (
+#: Function of each section, and its fraction of the run time.
+SECTIONS: tuple[tuple[Callable[[Size, Progress], Section], float], ...] = (
     (table_1, 0.1),
     (table_2, 0.1),
     (which_start, 0.08),

@@ -1,4 +1,4 @@
-"""The summary of the report, in one table: what the paper prints and what comes out."""
+"""Summarise the report in one table of printed and computed values."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ HEAD = ("table or figure of the paper", "command", "ours", "print")
 
 
 def summary(report: xr.Dataset) -> list[tuple[str, ...]]:
-    """Return the rows (what, command, ours, print) of the table of which the README shows a copy.
+    """Return the rows (quantity, command, computed, printed) of the summary, of which README.md has a copy.
 
     Parameters
     ----------
     report
-        The Dataset of :func:`cablepod.paper.report.write`.
+        Dataset of :func:`cablepod.paper.report.write`.
     """
     return [*_table1(report), *_table2(report), *_example3(report), *_figures(report)]
 

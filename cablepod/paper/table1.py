@@ -1,4 +1,4 @@
-"""Section 3 and Example 1 of the paper: Table 1 by its own procedure and exactly, and the guy at rest (Figure 4)."""
+"""Reproduce section 3 and Example 1: Table 1 by the paper's procedure and exactly, the guy at rest."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from cablepod import catenary, chain, provenance
 from cablepod.conventions import label
 from cablepod.errors import SceneError
 from cablepod.examples import scene, table
-from cablepod.paper import independent_chain as wilson
+from cablepod.paper import independent_chain
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 
-#: The stiffness of the data, and the one with which rows 2 to 4 of Table 1 are computed, over that of the data.
+#: Axial stiffness over that of the printed data: as printed, and as used in rows 2 to 4 of Table 1.
 STIFFNESS_FACTORS = (1.0, 0.01)
 
 
 @dataclass(frozen=True)
 class Inextensible:
-    """The catenary of a cable that does not stretch, with a given tension at its upper end: eqs. (7)-(16).
+    """Inextensible catenary with a given tension at its upper end: eqs. (7)-(16).
 
-    One convention makes all these equations agree: y up, weight q > 0 per length, and
+    All these equations agree in this convention: y up, weight q > 0 per length, and
 
         beta = q a / (2 H),  zeta = asinh((b / a) beta / sinh beta),
         V(x) = H sinh(zeta - beta (1 - 2 x / a)),  T(x) = H cosh(zeta - beta (1 - 2 x / a)).
@@ -40,14 +40,16 @@ class Inextensible:
 
     @classmethod
     def of_tension(cls, a: float, b: float, q: float, tension: float) -> Inextensible:
-        """Find H from the tension at the upper end as the paper does: iterated from H = T1 cos(theta).
+        """Find H from the tension at the upper end by the secant method.
+
+        It starts from H = T1 cos(theta), as in the paper.
 
         Raises
         ------
         SceneError
-            Where the iteration does not converge.
+            If the iteration does not converge.
         """
-        from scipy.optimize import newton  # costly to import
+        from scipy.optimize import newton  # slow to import
 
         def gap(h: float) -> float:
             return cls(a, b, q, h).tension(a) - tension
@@ -63,12 +65,12 @@ class Inextensible:
 
     @property
     def beta(self) -> float:
-        """Eq. (10)."""
+        """Dimensionless weight beta, eq. (10)."""
         return 0.5 * self.q * self.a / self.horizontal
 
     @property
     def zeta(self) -> float:
-        """Eq. (11)."""
+        """Dimensionless inclination zeta, eq. (11)."""
         return math.asinh(self.b / self.a * self.beta / math.sinh(self.beta))
 
     def vertical(self, x: float) -> float:
@@ -90,7 +92,7 @@ class Inextensible:
         return (self.vertical(self.a) - self.vertical(0.0)) / self.q
 
     def unstretched_length(self, stiffness: float) -> float:
-        """Return L0 [m] by the linearised eqs. (15), (16): L0 = L - (1 / K) int T ds over the inextensible shape."""
+        """Return L0 = L - (1 / K) int T ds [m] by the linearised eqs. (15), (16)."""
         upper = self.vertical(self.a) * self.tension(self.a)
         lower = self.vertical(0.0) * self.tension(0.0)
         return self.length - (0.5 * self.horizontal * self.a + 0.5 * (upper - lower) / self.q) / stiffness
@@ -103,14 +105,14 @@ def inextensible(p: Parameters, tension: float) -> Inextensible:
 
 
 def table1() -> xr.Dataset:
-    """Compute Table 1 by the paper's procedure and exactly, for K = EA and a hundredth of it, beside the print.
+    """Compute Table 1 by the paper's procedure and exactly, for two stiffnesses.
 
     Returns
     -------
     xarray.Dataset
         ``table1_unstretched_length (table1_row, table1_stiffness, procedure)`` [m], ``table1_stretched_length`` [m] and
-        ``table1_tension_lower`` [N] alike, ``table1_*_printed (table1_row)``, and ``table1_source (table1_row)``: the number of
-        the stiffness whose linearised L0 is nearest to the print, with ``table1_misfit`` [m].
+        ``table1_tension_lower`` [N] with the same dimensions, ``table1_*_printed (table1_row)``, and ``table1_source
+        (table1_row)``: index of the stiffness with the linearised L0 nearest to the print, with ``table1_misfit`` [m].
     """
     printed = table("table1")
     tensions = printed["top_tension_N"]
@@ -168,18 +170,18 @@ def table1() -> xr.Dataset:
 def rest_comparison(
     *, links: tuple[int, ...] = (10, 20, 40, 80, 160), moving_links: int = 20, duration: float = 4.0
 ) -> xr.Dataset:
-    """Set Example 1's guy at rest and in motion beside independent solutions.
+    """Compare the guy of Example 1 at rest and in motion with independent solutions.
 
-    The catenary equation (7) is solved as a boundary value problem by a standard routine (the paper: in Maple), the chain at
-    rest is compared with the elastic catenary at the same S, and the chain's eqs. (1)-(3), written with complex numbers as the
-    paper suggests after Wilson, are integrated by a Runge-Kutta method of order 8.
+    The catenary equation (7) is solved as a boundary value problem by SciPy (in the paper by Maple).  The chain at rest is
+    compared with the elastic catenary at equal S.  Eqs. (1)-(3) of the chain, in complex coordinates after Wilson, are integrated
+    by a Runge-Kutta method of order 8.
 
     Parameters
     ----------
     links
         Numbers of links of the chain at rest.
     moving_links, duration
-        Links and duration [s] of the motion compared: the independent routine is slow.
+        Links and duration [s] of the compared motion (the independent routine is slow).
 
     Returns
     -------
@@ -193,12 +195,12 @@ def rest_comparison(
     gaps = []
     for count in links:
         at_rest = chain.rest(guy, links=count)
-        exact = catenary.rest(guy, points=count + 1)  # equally spaced in S, as a uniform chain is
+        exact = catenary.rest(guy, points=count + 1)  # equally spaced in S, as a uniform chain
         gaps.append(float(np.sqrt(((at_rest["position"] - exact["position"]) ** 2).sum("coordinate")).max()))
     times = np.linspace(0.0, duration, 11)
     coarse = guy.assign(chain_links=moving_links)
     ours = chain.simulate(coarse, times=times)["position"].values
-    theirs = wilson.simulate(coarse, times)
+    theirs = independent_chain.simulate(coarse, times)
     result = xr.Dataset(
         {
             "rest_gap": ("rest_links", gaps),
@@ -221,8 +223,11 @@ def rest_comparison(
 
 
 def _boundary_value_gap(curve: Inextensible) -> float:
-    """Solve y'' = (q / H) sqrt(1 + y'^2), eq. (7) with its sign repaired, and compare with eq. (9)."""
-    from scipy.integrate import solve_bvp  # costly to import
+    """Return the largest difference [m] of eq. (9) from a numerical solution of eq. (7).
+
+    Eq. (7) with corrected sign: y'' = (q / H) sqrt(1 + y'^2).
+    """
+    from scipy.integrate import solve_bvp  # slow to import
 
     x = np.linspace(0.0, curve.a, 101)
     solution = solve_bvp(

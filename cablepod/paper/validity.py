@@ -1,4 +1,4 @@
-"""The question that the paper leaves open, how far the basis of the elastic chain holds for the extensible cable."""
+"""Map the range of validity of the chain's basis for the extensible cable, left open by the paper."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ from cablepod.batch._pool import map_threads
 from cablepod.conventions import label
 from cablepod.errors import NotConvergedWarning
 from cablepod.examples import scene
+from cablepod.paper.examples import fraction_of
 
-TENSIONS = (1e3, 3e3, 8e3, 20e3, 60e3)  # N
-STIFFNESSES = (2e5, 2e6, 2e7, 2e8, 2e9)  # N
+#: Tensions at the upper end at rest [N], axial stiffnesses [N], modes of each coordinate.
+TENSIONS = (1e3, 3e3, 8e3, 20e3, 60e3)
+STIFFNESSES = (2e5, 2e6, 2e7, 2e8, 2e9)
 RANKS = (2, 4)
-#: One period of Example 2's end motion [s], and 125 snapshots of it.
+#: Duration, about one period of the end motion of Example 2, and interval of 125 snapshots [s].
 DURATION, INTERVAL = 62.5, 0.5
-#: Time errors are at most this part of the motion: a hundredth of what the maps show.
+#: Tolerance of the time error (a hundredth of the errors in the maps).
 TOLERANCE = 1e-5
 PLACE = ("validity_tension", "validity_stiffness")
 VARIABLES = {
@@ -48,10 +50,10 @@ def maps(
     workers: int = 2,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
-    """Carry the chain's modes over to the extensible cable, over pretension and stiffness.
+    """Map errors of the chain's modes for the extensible cable over pretension and stiffness.
 
-    In each cell Example 2's chain of 40 links (linear law) gives modes, and the same cable with law (21), cut as finely, is
-    the truth; the reduced model of the paper runs on the chain's modes and, as control, on the cable's own.
+    In each cell, the modes are those of Example 2's chain of 40 links with the linear law.  The reference is the same chain with
+    law (21).  The reduced model of the paper uses the modes of the chain and, for comparison, those of the reference.
 
     Parameters
     ----------
@@ -62,11 +64,11 @@ def maps(
     ranks
         Modes of each coordinate.
     angular_frequency
-        Of the end motion [rad/s].
+        Angular frequency of the end motion [rad/s].
     workers
-        Threads.
+        Number of threads.
     progress
-        Called with the part that is done.
+        Callback receiving the completed fraction, 0 to 1.
 
     Returns
     -------
@@ -81,21 +83,18 @@ def maps(
     )
     for name, attributes in units.items():
         base[name].attrs = attributes
-    cells = [(i, j) for j in reversed(range(len(stiffnesses))) for i in range(len(tensions))]  # the slow ones first
+    cells = [(i, j) for j in reversed(range(len(stiffnesses))) for i in range(len(tensions))]  # slow ones first
     shape = (len(tensions), len(stiffnesses))
     values = {name: np.full((*shape, len(ranks)) if name in BY_RANK else shape, np.nan) for name in VARIABLES}
 
-    def one(cell: tuple[int, int]) -> dict[str, object]:
+    def values_of(cell: tuple[int, int]) -> dict[str, object]:
         return _cell(base, tensions[cell[0]], stiffnesses[cell[1]], ranks)
 
-    def tell(done: int) -> None:
-        if progress is not None:
-            progress(done / len(cells))
-
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NotConvergedWarning)  # the cells that warn are marked
-        for cell, found in zip(cells, map_threads(one, cells, workers, done=tell), strict=True):
-            for name, value in found.items():
+        warnings.simplefilter("ignore", NotConvergedWarning)  # such cells are marked in the map
+        computed = map_threads(values_of, cells, workers, done=fraction_of(len(cells), progress))
+        for cell, errors in zip(cells, computed, strict=True):
+            for name, value in errors.items():
                 values[name][cell] = value
     result = xr.Dataset(
         {name: ((*PLACE, "validity_rank") if value.ndim > 2 else PLACE, value) for name, value in values.items()},
@@ -124,24 +123,24 @@ def maps(
 
 
 def _cell(base: xr.Dataset, tension: float, stiffness: float, ranks: Sequence[int]) -> dict[str, object]:
-    given = base.assign(cable_top_tension=tension, cable_youngs_modulus=stiffness / base["cable_area"])
-    most = max(ranks)
-    # one scheme for all cells, so that none differs by how it was computed
+    """Return all errors of one cell."""
+    changed = base.assign(cable_top_tension=tension, cable_youngs_modulus=stiffness / base["cable_area"])
+    # the same scheme in all cells
     elastic, cable = (
-        chain.simulate(given, tolerance=TOLERANCE, scheme="velocity_verlet", law=law) for law in ("linear", "green")
+        chain.simulate(changed, tolerance=TOLERANCE, scheme="velocity_verlet", law=law) for law in ("linear", "green")
     )
     runs = [elastic, cable]
     model, basis = np.empty((2, 2, len(ranks)))
-    for i, modes in enumerate(pod.decompose(run, rank=most) for run in (elastic, cable)):
+    for i, modes in enumerate(pod.decompose(run, rank=max(ranks)) for run in (elastic, cable)):
         amplitudes = pod.project(cable, modes)
         for j, rank in enumerate(ranks):
-            back = pod.reconstruct(amplitudes.isel(mode=slice(rank)), modes)
-            basis[i, j] = compare.errors(back, cable)["error_max"]
+            projected = pod.reconstruct(amplitudes.isel(mode=slice(rank)), modes)
+            basis[i, j] = compare.errors(projected, cable)["error_max"]
             if i == 1 and j > 0:
-                continue  # one control tells whether the basis or the model errs, and these runs take most of the time
-            runs.append(galerkin.simulate(given, modes, rank=rank, tolerance=TOLERANCE))
+                continue  # one rank separates errors of basis and model; these runs take most of the time
+            runs.append(galerkin.simulate(changed, modes, rank=rank, tolerance=TOLERANCE))
             model[i, j] = compare.errors(runs[-1], cable)["error_max"]
-    at_rest = chain.rest(given)
+    at_rest = chain.rest(changed)
     mean = float(at_rest["tension"].mean())
     chord = base["ends_upper"].values - base["ends_lower"].values
     weight = float(base["cable_specific_weight"] * base["cable_area"])
