@@ -56,7 +56,7 @@ def scene(name: str) -> xr.Dataset:
 
 
 def table(name: str) -> dict[str, np.ndarray]:
-    """Read a printed table of the paper: column -> numbers (nan for empty cells) or texts."""
+    """Read the printed table `name` of the paper: column -> numbers (nan for empty cells) or texts."""
     with (data_folder() / f"{name}.csv").open(newline="") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     columns = {key: np.array([row[key] or "nan" for row in rows]) for key in rows[0]}
