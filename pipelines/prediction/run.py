@@ -361,7 +361,7 @@ def _fill(case: Case, modes: dict[str, xr.Dataset], error: np.ndarray, projected
 LONG_NAMES = {
     "error": "largest error over time, over the motion of the chain",
     "error_estimate": "error as the model estimates it, without any truth",
-    "outside_training": "distance of the scene from the training scenes, see cablepod.discretisation._similarity.outside",
+    "outside_training": "distance of the scene from the training scenes, see cablepod.reduced",
     "galerkin_error": "largest error over time of the Galerkin model, over the motion of the chain",
     "galerkin_error_estimate": "error as the Galerkin model estimates it, without any truth",
     "step_error": "error of the step before it was taken off by extrapolation",
