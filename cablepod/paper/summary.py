@@ -11,7 +11,7 @@ HEAD = ("table or figure of the paper", "command", "ours", "print")
 
 
 def summary(report: xr.Dataset) -> list[tuple[str, ...]]:
-    """Return the rows (quantity, command, computed, printed) of the summary, of which README.md has a copy.
+    """Return the rows (what, command, ours, print) of the table on the page of this folder.
 
     Parameters
     ----------
