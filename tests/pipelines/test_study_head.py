@@ -13,6 +13,7 @@ import _study
 import pytest
 from benchmarks import calls
 
+import cablepod as cp
 from cablepod.chain import _explicit
 from cablepod.integrate import _march
 
@@ -98,7 +99,7 @@ def test_files_of_both_layouts_have_a_sub_package(path, name):
 
 
 def test_calls_across_count_what_leaves_a_folder():
-    counter = calls.counted(lambda: calls.scene("example2"))
+    counter = calls.counted(lambda: cp.read_scene(calls.SCENES / "example2.toml"))
     assert 0 < counter.across.total() < counter.calls
     assert all(a != b for a, b in counter.across)
     assert counter.depth > 1
