@@ -1,4 +1,4 @@
-"""Snapshots read block by block, also from files."""
+"""Read snapshots block by block, from memory or from files."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ import xarray as xr
 from cablepod.batch._sigint import check_sigint, defer_sigint, wait_for_any
 from cablepod.pod import _normal as pod_normal
 
-#: Bytes of chunks that are computed together, and of the largest chunk that is computed while another is in use.
-BLOCK, LARGEST = 1 << 24, 1 << 28
-#: Bytes of the rows that are worked on at a time: they stay in the cache of a core.
-CACHED = 3 << 18
+#: Maximum bytes of chunks read in one call, and of a chunk read ahead while the previous one is in use.
+BLOCK_BYTES, MAX_AHEAD_BYTES = 1 << 24, 1 << 28
+#: Maximum bytes of the rows processed at a time (they fit in the cache of a core).
+CACHE_BYTES = 3 << 18
 
 
 def is_lazy(position: xr.DataArray) -> bool:
-    """Tell whether `position` is held in chunks of which nothing has been computed."""
+    """Tell whether `position` is a dask array."""
     return position.chunks is not None
 
 
@@ -31,33 +31,33 @@ def count_snapshots(position: xr.DataArray) -> int:
 
 
 def read_blocks(position: xr.DataArray) -> Iterator[np.ndarray]:
-    """Yield `position` as arrays (samples, particle, coordinate) [m] in memory, in the order of its chunks where it has some."""
+    """Yield `position` as arrays (samples, particle, coordinate) [m] in memory, in the order of its chunks."""
     position = position.transpose(..., "time", "particle", "coordinate")
     shape = position.shape[-2:]
     if not is_lazy(position):
         yield position.values.reshape(-1, *shape)
         return
-    jobs, ahead = _jobs(position.data.rechunk({position.ndim - 2: -1, position.ndim - 1: -1}))
+    readers, ahead = _readers(position.data.rechunk({position.ndim - 2: -1, position.ndim - 1: -1}))
     with ThreadPoolExecutor(1, thread_name_prefix="cablepod-read") as executor:
-        coming = None
-        for number in range(len(jobs)):
+        future = None
+        for number in range(len(readers)):
             check_sigint()
             with defer_sigint():
-                if coming is not None:
-                    wait_for_any([coming])
-                ready = coming.result() if coming is not None else jobs[number]()
-                more = ahead and number + 1 < len(jobs)
-                coming = executor.submit(jobs[number + 1]) if more else None
-            while ready:  # what has been used may go
-                yield np.asarray(ready.pop(0)).reshape(-1, *shape)
+                if future is not None:
+                    wait_for_any([future])
+                chunks = future.result() if future is not None else readers[number]()
+                more = ahead and number + 1 < len(readers)
+                future = executor.submit(readers[number + 1]) if more else None
+            while chunks:  # pop: a chunk is freed after use
+                yield np.asarray(chunks.pop(0)).reshape(-1, *shape)
 
 
-def _jobs(data: Any) -> tuple[list[Callable[[], list[np.ndarray]]], bool]:
-    """Return calls that give the chunks of a dask array, some at a time, and whether to make one ahead of its need.
+def _readers(data: Any) -> tuple[list[Callable[[], list[np.ndarray]]], bool]:
+    """Return functions that read chunks of a dask array in order, and whether to read one call ahead.
 
-    Slices of the array would be optimised as a whole graph each time, which for thousands of chunks takes longer than to read
-    them; so the graph is optimised once, and its tasks are picked out.  Where chunks are no more than ranges of something that
-    can be sliced, as a variable in a file is, that is sliced itself: small chunks in one piece, large ones in several.
+    Computing slices of the array would optimise the whole graph each time, which for thousands of chunks takes longer than
+    reading them.  The graph is therefore optimised once, and its tasks are computed one by one.  Chunks that are plain ranges of
+    a sliceable source, such as a variable of a file, are read from the source: small chunks together, large ones in parts.
     """
     import dask
     from dask.base import get_scheduler
@@ -69,32 +69,34 @@ def _jobs(data: Any) -> tuple[list[Callable[[], list[np.ndarray]]], bool]:
     sources = [_source(graph, (data.name, *index)) for index in np.ndindex(*data.numblocks)]
     if get is None and all(source is not None for source in sources):
         row = data.dtype.itemsize * math.prod(data.shape[1:])
-        pieces = _ranges(sources, max(1, BLOCK // row))
-        if row > BLOCK and data.ndim > 3:  # members so long that they are cut in time
-            most = max(1, BLOCK // (row // data.shape[1]))
-            pieces = (piece for source, region in pieces for piece in _cut(source, region, most))
-        return [functools.partial(_sliced, *item) for item in pieces], True
+        ranges = _merge_ranges(sources, max(1, BLOCK_BYTES // row))
+        if row > BLOCK_BYTES and data.ndim > 3:  # one member exceeds a block: split it along time
+            max_rows = max(1, BLOCK_BYTES // (row // data.shape[1]))
+            ranges = (part for source, region in ranges for part in _split_second(source, region, max_rows))
+        return [functools.partial(_read_range, source, region) for source, region in ranges], True
     get = get or dask.get
     (data,) = dask.optimize(data)
     graph = dict(data.__dask_graph__())
     keys = [(data.name, *index) for index in np.ndindex(*data.numblocks)]
-    together = max(1, BLOCK // max(1, largest))
-    groups = [keys[i : i + together] for i in range(0, len(keys), together)]
-    return [functools.partial(_computed, get, cull, graph, group) for group in groups], largest <= LARGEST
+    per_call = max(1, BLOCK_BYTES // max(1, largest))
+    groups = [keys[i : i + per_call] for i in range(0, len(keys), per_call)]
+    return [functools.partial(_compute_chunks, get, cull, graph, group) for group in groups], largest <= MAX_AHEAD_BYTES
 
 
-def _computed(get: Callable[..., Any], cull: Callable[..., Any], graph: dict[Any, Any], group: list[Any]) -> list[Any]:
+def _compute_chunks(
+    get: Callable[..., Any], cull: Callable[..., Any], graph: dict[Any, Any], group: list[Any]
+) -> list[Any]:
     return list(get(cull(graph, group)[0], group))
 
 
-def _sliced(source: Any, region: tuple[slice, ...]) -> list[np.ndarray]:
+def _read_range(source: Any, region: tuple[slice, ...]) -> list[np.ndarray]:
     return [np.asarray(source[region])]
 
 
 def _source(graph: dict[Any, Any], key: Any) -> tuple[Any, tuple[slice, ...]] | None:
-    """Return what chunk `key` is a range of, and the range; None where it is anything else, as a computed one."""
+    """Return the source array of chunk `key` and its range; None if the chunk is not a plain range of a source."""
     task = graph.get(key)
-    while isinstance(task, tuple) or hasattr(task, "target"):  # another name, as of the parts of what is joined
+    while isinstance(task, tuple) or hasattr(task, "target"):  # an alias, such as a part of a concatenation
         task = graph.get(getattr(task, "target", task))
     args: Any = getattr(task, "args", ())
     func = getattr(task, "func", None)
@@ -104,39 +106,39 @@ def _source(graph: dict[Any, Any], key: Any) -> tuple[Any, tuple[slice, ...]] | 
     source, region = getattr(source, "value", source), getattr(args[1], "value", args[1])
     if source is None or not isinstance(region, tuple):
         return None
-    plain = all(isinstance(item, slice) and item.step in (None, 1) for item in region)
+    plain = all(isinstance(index, slice) and index.step in (None, 1) for index in region)
     return (source, region) if plain else None
 
 
-def _ranges(sources: list[Any], most: int) -> Iterator[tuple[Any, tuple[slice, ...]]]:
-    """Join ranges that follow one another along the first dimension, and cut them again into `most` of its rows."""
+def _merge_ranges(sources: list[Any], max_rows: int) -> Iterator[tuple[Any, tuple[slice, ...]]]:
+    """Join consecutive ranges along the first dimension, and split them into ranges of at most `max_rows` rows."""
     start = 0
     while start < len(sources):
         source, (first, *others) = sources[start]
         stop, end = start + 1, first.stop
         while stop < len(sources) and sources[stop][0] is source:
-            then, *rest = sources[stop][1]
-            if rest != others or then.start != end:
+            following, *rest = sources[stop][1]
+            if rest != others or following.start != end:
                 break
-            end, stop = then.stop, stop + 1
+            end, stop = following.stop, stop + 1
         size = first.stop - first.start
-        step = most // size * size or most  # along the chunks, where they are small
+        step = max_rows // size * size or max_rows  # whole chunks, if they are small
         for low in range(first.start, end, step):
             yield source, (slice(low, min(end, low + step)), *others)
         start = stop
 
 
-def _cut(source: Any, region: tuple[slice, ...], most: int) -> Iterator[tuple[Any, tuple[slice, ...]]]:
-    """Cut a range into `most` along the second dimension."""
+def _split_second(source: Any, region: tuple[slice, ...], max_rows: int) -> Iterator[tuple[Any, tuple[slice, ...]]]:
+    """Split a range along its second dimension into ranges of at most `max_rows` rows."""
     first, second, *others = region
-    for low in range(second.start, second.stop, most):
-        yield source, (first, slice(low, min(second.stop, low + most)), *others)
+    for low in range(second.start, second.stop, max_rows):
+        yield source, (first, slice(low, min(second.stop, low + max_rows)), *others)
 
 
 def read_rows(
     position: np.ndarray, sigma: np.ndarray, root: np.ndarray | None, layout: str, reference: int | None = None
 ) -> Iterator[np.ndarray]:
-    """Yield lifted snapshots, eq. (35), as rows of inner particles, a few thousand numbers at a time.
+    """Yield lifted snapshots, eq. (35), or normal deflections as rows of inner particles, in small batches.
 
     Parameters
     ----------
@@ -145,30 +147,30 @@ def read_rows(
     sigma
         S / L0 of the particles.
     root
-        Roots of the weights of the inner particles; None for ones.
+        Square roots of the weights of the inner particles; None for ones.
     layout
         "separate" yields arrays (coordinate, samples, particle), "vector" (1, samples, coordinate * particle), coordinate
         by coordinate; "normal" (normals, samples, particle), deflections normal to the chord.
     reference
-        The axis that tells the normals apart in space, see :class:`cablepod.discretisation._chord_frame.Frame`.
+        Axis that defines the normals in space, see :class:`cablepod.discretisation._chord_frame.ChordFrame`.
     """
     samples, particles, dims = position.shape
     inner = particles - 2
     lines = np.stack([1.0 - sigma[1:-1], sigma[1:-1]])
-    step = max(64, CACHED // (8 * inner * (dims if layout == "vector" else 1)))
+    step = max(64, CACHE_BYTES // (8 * inner * (dims if layout == "vector" else 1)))
     for start in range(0, samples, step):
         part = position[start : start + step]
         if layout == "normal":
             if not np.isfinite(part[:, (0, -1)]).all():
                 raise FloatingPointError("ends are not finite")
-            hat = pod_normal.deflections(part.astype(float, copy=False), reference)[:, :, 1:-1]
-            yield np.multiply(hat, 1.0 if root is None else root, order="C")
+            lifted = pod_normal.deflections(part.astype(float, copy=False), reference)[:, :, 1:-1]
+            yield np.multiply(lifted, 1.0 if root is None else root, order="C")
             continue
-        # one product for all coordinates, in the order in which they are wanted
+        # one matrix product for all coordinates, in the order of the result
         order = (2, 0, 1) if layout == "separate" else (0, 2, 1)
-        ends, inside = (item.astype(float, copy=False).transpose(order) for item in (part[:, (0, -1)], part[:, 1:-1]))
-        hat = (ends.reshape(-1, 2) @ lines).reshape(inside.shape)
-        np.subtract(inside, hat, out=hat)
+        ends, inside = (array.astype(float, copy=False).transpose(order) for array in (part[:, (0, -1)], part[:, 1:-1]))
+        lifted = (ends.reshape(-1, 2) @ lines).reshape(inside.shape)
+        np.subtract(inside, lifted, out=lifted)
         if root is not None:
-            hat *= root
-        yield hat if layout == "separate" else hat.reshape(1, len(part), -1)
+            lifted *= root
+        yield lifted if layout == "separate" else lifted.reshape(1, len(part), -1)

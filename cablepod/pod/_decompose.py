@@ -1,7 +1,7 @@
 """Karhunen-Loeve decomposition (POD): snapshots -> modes; projection and reconstruction.
 
-Snapshots are decomposed in the lifted variables of eq. (35): what is left of the position when the straight line between the
-ends of the moment is taken off.  Modes vanish at both ends and live on sigma = S / L0.
+Snapshots are decomposed in the lifted variables of eq. (35): the position minus the straight line between the instantaneous ends.
+Modes vanish at both ends and are functions of sigma = S / L0.
 """
 
 from __future__ import annotations
@@ -18,7 +18,14 @@ from cablepod.pod import _normal as pod_normal
 from cablepod.pod._blocks import count_snapshots, is_lazy
 from cablepod.pod._gram import COMPLETE
 from cablepod.pod._label import check_options, labelled
-from cablepod.pod._snapshots import check_alike, lift, position_of, positions, relative_arc_length, weight_roots
+from cablepod.pod._snapshots import (
+    check_same_particles,
+    lift,
+    position_of,
+    positions,
+    relative_arc_length,
+    weight_roots,
+)
 from cablepod.pod._stream import Stream
 from cablepod.pod._training_range import range_of
 
@@ -39,46 +46,45 @@ def decompose(
     ----------
     snapshots
         A trajectory with ``position (time, particle, coordinate)`` [m] and ``arc_length (particle)`` [m], dimensions in any
-        order; further dimensions such as ``member`` count as more snapshots.  Or several trajectories on the same particles
-        (S / L0), of any lengths, for "svd".
+        order; further dimensions such as ``member`` count as more snapshots.  With "svd", also several trajectories of any
+        lengths on the same particles (S / L0).
     rank
-        Number of modes to keep (of each coordinate where they are separate); all by default.
+        Number of modes to keep, for each coordinate in layout "separate"; all by default.
     energy
-        Keep as many modes as are needed for this share of the sum of squared singular values, in (0, 1].
+        Keep the smallest number of modes with this fraction of the sum of squared singular values, in (0, 1].
     layout
-        "separate": modes for each coordinate, as the paper has them; "vector": one set of modes for all coordinates; "normal":
-        modes of the deflection normal to the chord of the moment, for :mod:`cablepod.condensed`, with a set of their own out of
-        the plane of chord and vertical in spatial scenes.
+        "separate": modes for each coordinate, as in the paper; "vector": one set of modes for all coordinates; "normal": modes of
+        the deflection normal to the instantaneous chord, for :mod:`cablepod.condensed`, in spatial scenes with a second set out
+        of the plane of chord and vertical.
     method
-        The route, all three of section 5.1 of the paper: "svd", the singular value decomposition of the data, eq. (30), right to
-        the last digits; "covariance", eigenvectors of the (n, n) covariance matrix, eq. (29); "snapshots", Sirovich's,
-        eigenvectors of an (m, m) matrix, for few snapshots of very many particles.  The last two square the data: below 10^-8
-        of the largest singular value they give noise.  For "svd", many snapshots and those held in chunks (as
-        ``archive.read(path, chunks=...)`` gives them) are not made into one matrix, but read once, in blocks, by
-        :class:`Stream`; the attribute ``algorithm`` says so.
+        One of the three methods of section 5.1 of the paper: "svd", the singular value decomposition of the data, eq. (30);
+        "covariance", eigenvectors of the (n, n) covariance matrix, eq. (29); "snapshots", the method of Sirovich, eigenvectors of
+        an (m, m) matrix, for few snapshots of very many particles.  The last two square the data: singular values below 10^-8 of
+        the largest are noise.  With "svd", many snapshots and lazy data (as of ``archive.read(path, chunks=...)``) are read once,
+        in blocks, by :class:`Stream`; the attribute ``algorithm`` names the algorithm used.
     weights
-        Inner product over the particles: None, the paper's, counts all alike; "length" or "mass" by the unstretched length
-        that each carries, scaled to mean 1 (the same for a uniform cable).
+        Weights of the particles in the inner product: None for equal weights, as in the paper; "length" or "mass" for the
+        tributary unstretched length, scaled to mean 1 (both are the same for a uniform cable).
     center
-        Take the time mean off first.  Deflections normal to the chord keep their mean.
+        Subtract the time mean first.  Layout "normal" is never centred.
 
     Returns
     -------
     xarray.Dataset
-        ``mode_shape (coordinate, mode, particle)``, ``singular_value (coordinate, mode)`` [m] of the plain centred, lifted
-        data matrix, or for "vector" ``mode_shape (mode, particle, coordinate)``, ``singular_value (mode)``, or for "normal"
-        ``mode_shape (mode, particle)``, ``singular_value (mode)``, with the same names and ``_out_of_plane`` in space; with
-        ``proper_orthogonal_value`` (squared singular value over the number of snapshots), ``energy_share``,
-        ``singular_value_share`` (over all singular values computed), and ``mean (particle, coordinate)`` [m].  What is not
-        known: ``truncation_error``, the root of the share of the energy that the modes do not hold;
-        ``singular_value_uncertainty`` [m], an estimate of what the chosen route may be off by, and ``mode_uncertainty`` [rad],
-        the angle that this lets a mode turn by, which grows as neighbouring singular values come close.  The first entry of a
-        mode that reaches half its largest is positive.
+        ``mode_shape (coordinate, mode, particle)`` and ``singular_value (coordinate, mode)`` [m] of the centred, lifted data
+        matrix.  Layout "vector" has ``mode_shape (mode, particle, coordinate)`` and ``singular_value (mode)``.  Layout "normal"
+        has ``mode_shape (mode, particle)`` and ``singular_value (mode)``, in space also with the suffix ``_out_of_plane``.
+        Further variables are ``proper_orthogonal_value`` (squared singular value over the number of snapshots) [m^2],
+        ``energy_share``, ``singular_value_share`` (of the sum of all singular values) and ``mean (particle, coordinate)`` [m].
+        Error measures are ``truncation_error``, the square root of the energy fraction outside the modes;
+        ``singular_value_uncertainty`` [m], an estimate of the error of the method; and ``mode_uncertainty`` [rad], the resulting
+        angular error of the mode, which grows as neighbouring singular values come close.  The first entry of a mode of at least
+        half its maximum is positive.
 
     Raises
     ------
     SceneError
-        For options that cannot be and snapshots that are not finite or too few.
+        If an option is invalid, or snapshots are not finite or too few.
 
     Examples
     --------
@@ -91,18 +97,18 @@ def decompose(
     """
     check_options(layout, method, weights, rank, energy)
     parts = [snapshots] if isinstance(snapshots, xr.Dataset) else list(snapshots)
-    check_alike(parts)
+    check_same_particles(parts)
     if len(parts) > 1 and method != "svd":
         raise scene_error("method", method, "'svd' for several trajectories")
-    if len(parts) > 1 or (method == "svd" and _in_blocks(position_of(parts[0]), layout, rank)):
+    if len(parts) > 1 or (method == "svd" and _use_stream(position_of(parts[0]), layout, rank)):
         stream = Stream(layout=layout, weights=weights, center=center)
         for part in parts:
             stream.update(part)
         return stream.modes(rank=rank, energy=energy, function="pod.decompose")
-    return _at_once(parts[0], (rank, energy), layout, method, weights, center and layout != "normal")
+    return _decompose_matrix(parts[0], (rank, energy), layout, method, weights, center and layout != "normal")
 
 
-def _at_once(
+def _decompose_matrix(
     snapshots: xr.Dataset,
     choice: tuple[int | None, float | None],
     layout: str,
@@ -110,32 +116,32 @@ def _at_once(
     weights: str | None,
     center: bool,
 ) -> xr.Dataset:
-    """Decompose the matrix of all snapshots."""
+    """Decompose the data matrix of all snapshots; `choice` is (rank, energy)."""
     position = position_of(snapshots)
     width, dims = position.sizes["particle"] - 2, position.sizes["coordinate"]
-    extent = (width * dims if layout == "vector" else width, count_snapshots(position))
-    needed = decompositions.memory_needed(*extent, method)
-    check_bytes(needed, "method", f"{method!r} for {extent[0]} by {extent[1]} values, {needed / 1e9:.3g} GB")
+    shape = (width * dims if layout == "vector" else width, count_snapshots(position))
+    needed = decompositions.memory_needed(*shape, method)
+    check_bytes(needed, "method", f"{method!r} for {shape[0]} by {shape[1]} values, {needed / 1e9:.3g} GB")
     if layout == "normal":
-        hat = np.moveaxis(pod_normal.deflections(positions(snapshots)), 0, -1)
+        lifted = np.moveaxis(pod_normal.deflections(positions(snapshots)), 0, -1)
     else:
-        hat, _ = lift(snapshots)
+        lifted, _ = lift(snapshots)
     sigma = relative_arc_length(snapshots)
-    samples, particles, dims = hat.shape
-    mean = hat.mean(axis=0) if center else np.zeros((particles, dims))
-    inner = (hat - mean)[:, 1:-1]
+    samples, particles, dims = lifted.shape
+    mean = lifted.mean(axis=0) if center else np.zeros((particles, dims))
+    inner = (lifted - mean)[:, 1:-1]
     root = weight_roots(sigma, weights)
-    # rows of the ends are zero: leaving them out keeps them from becoming modes of their own
+    # inner particles only: zero rows of the ends would give spurious modes
     if layout != "vector":
         matrices = [np.ascontiguousarray(root[:, None] * inner[:, :, c].T) for c in range(dims)]
     else:
         matrices = [np.ascontiguousarray((root[None, :, None] * inner).reshape(samples, -1).T)]
     decomposed = [decompositions.ROUTES[method](matrix) for matrix in matrices]
-    values = np.stack([item[1] for item in decomposed])
+    values = np.stack([singular_values for _, singular_values in decomposed])
     return labelled(
         [left.T.reshape(left.shape[1], particles - 2, -1) / root[:, None] for left, _ in decomposed],
         values,
-        np.stack([decompositions.uncertainty(item, extent, method) for item in values]),
+        np.stack([decompositions.uncertainty(row, shape, method) for row in values]),
         np.zeros(len(values)),
         mean,
         samples,
@@ -148,8 +154,8 @@ def _at_once(
     )
 
 
-def _in_blocks(position: xr.DataArray, layout: str, rank: int | None) -> bool:
-    """Tell whether snapshots are read in blocks: those in chunks, and in memory where that is faster than one matrix."""
+def _use_stream(position: xr.DataArray, layout: str, rank: int | None) -> bool:
+    """Tell whether snapshots are read in blocks: lazy ones, and those in memory if that is faster than one matrix."""
     samples = count_snapshots(position)
     features = position.sizes["particle"] * (position.sizes["coordinate"] if layout == "vector" else 1)
     if is_lazy(position):

@@ -1,4 +1,4 @@
-"""Gram matrices of graded rows: factors and singular values right to their own last digits."""
+"""Factors and singular values of graded Gram matrices, with high relative accuracy."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import numpy as np
 
 from cablepod.pod._decompositions import EPSILON
 
-#: Features up to which the axes are complete: turning costs 2 n^2 a snapshot and the last rotations n^3.
+#: Maximum number of features n with a complete basis (it costs 2 n^2 per snapshot, and n^3 in the Jacobi rotations).
 COMPLETE = 512
-#: Rows of the scaled Gram matrix must keep this share of themselves beside all larger ones; below, the axes are crooked.
-STRAIGHT = 0.03
-#: What a block has outside the axes is rounding, if it is no more than so many units of the size of the block.
+#: Minimum squared pivot of the scaled Gram matrix; below this the basis is considered ill-conditioned.
+MIN_SQUARED_PIVOT = 0.03
+#: Relative tolerance of the residual of a block outside the basis: smaller residuals are rounding errors.
 ROUNDING = 8.0 * EPSILON
 
 
 def _scaled(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Scale a Gram matrix to a unit diagonal.
+    """Scale a Gram matrix to a unit diagonal; return the matrix, the scales and the correction of the diagonal.
 
-    Rows below the rounding of the largest are scaled by that rounding, and given a unit diagonal too: what stands beside them
-    may be larger than they are.  Returns the matrix, the scales, and what was added to the diagonal.
+    Rows below the rounding error of the largest row are scaled by that error and get a unit diagonal too, because their
+    off-diagonal entries may exceed their diagonal.
     """
     squares = np.maximum(gram.diagonal(), 0.0)
     scales = np.sqrt(np.maximum(squares, squares.sum() * ROUNDING**2))
@@ -31,42 +31,44 @@ def _scaled(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return scaled, scales, added
 
 
-def straight(gram: np.ndarray) -> bool:
-    """Tell whether each row of a Gram matrix is mostly outside the span of the larger ones."""
+def is_well_conditioned(gram: np.ndarray) -> bool:
+    """Tell whether the scaled Gram matrix is well conditioned (squared Cholesky pivots, largest rows first)."""
     scaled, scales, _ = _scaled(gram)
     order = np.argsort(-scales)
     try:
         pivots = np.linalg.cholesky(scaled[np.ix_(order, order)]).diagonal()
     except np.linalg.LinAlgError:
         return False
-    return bool(pivots.min(initial=1.0) ** 2 >= STRAIGHT)
+    return bool(pivots.min(initial=1.0) ** 2 >= MIN_SQUARED_PIVOT)
 
 
 def graded_factor(gram: np.ndarray) -> np.ndarray:
-    """Return R with R^T R = `gram`, its columns right to their own last digits where the axes are straight."""
+    """Return R with R^T R = `gram`; each column has high relative accuracy if `gram` is well conditioned."""
     scaled, scales, added = _scaled(gram)
     if not gram.any():
         return np.zeros_like(gram)
     order = np.argsort(-scales)
     scaled, added = scaled[np.ix_(order, order)], added[order]
     lower = _leading_factor(scaled)
-    sound = len(lower)
-    pivots = lower.diagonal() ** 2 - added[:sound]
-    beside = np.linalg.solve(lower, scaled[:sound, sound:])
+    n_leading = len(lower)
+    pivots = lower.diagonal() ** 2 - added[:n_leading]
+    coupling = np.linalg.solve(lower, scaled[:n_leading, n_leading:])
     np.fill_diagonal(lower, np.sqrt(np.maximum(pivots, 0.0)))
     ordered = np.zeros_like(gram)
-    ordered[:sound, :sound], ordered[:sound, sound:] = lower.T, beside
-    if sound < len(gram):  # what rounding has left of the weakest rows; it stays in their own columns
-        rest = scaled[sound:, sound:] - beside.T @ beside - np.diag(added[sound:])
+    ordered[:n_leading, :n_leading], ordered[:n_leading, n_leading:] = lower.T, coupling
+    if n_leading < len(
+        gram
+    ):  # Schur complement of the weakest rows, dominated by rounding; it affects their columns only
+        rest = scaled[n_leading:, n_leading:] - coupling.T @ coupling - np.diag(added[n_leading:])
         squares, vectors = np.linalg.eigh(rest)
-        ordered[sound:, sound:] = np.sqrt(np.maximum(squares, 0.0))[:, None] * vectors.T
+        ordered[n_leading:, n_leading:] = np.sqrt(np.maximum(squares, 0.0))[:, None] * vectors.T
     factor = np.empty_like(gram)
     factor[:, order] = ordered * scales[order]
     return factor
 
 
 def _leading_factor(scaled: np.ndarray) -> np.ndarray:
-    """Return the Cholesky factor of as many leading rows of a scaled Gram matrix as have a good one."""
+    """Return the Cholesky factor of the largest leading block of a scaled Gram matrix with accurate pivots."""
     from scipy.linalg import lapack  # costly to import
 
     lower, failed = lapack.dpotrf(scaled, lower=1)
@@ -77,15 +79,15 @@ def _leading_factor(scaled: np.ndarray) -> np.ndarray:
 
 
 def principal(gram: np.ndarray) -> np.ndarray:
-    """Return the eigenvectors of a Gram matrix, largest first, by way of its factor, which keeps twice the digits."""
+    """Return the eigenvectors of a Gram matrix, largest first, from the SVD of its factor (no loss by squaring)."""
     return np.linalg.svd(graded_factor(gram))[2].T
 
 
 def graded_svd(factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return singular values, largest first, and right singular vectors of a square matrix of graded columns."""
+    """Return singular values, largest first, and right singular vectors of a square matrix with graded columns."""
     if not factor.any():
         return np.zeros(len(factor)), np.eye(len(factor))
-    if len(factor) > COMPLETE:  # rotations would take minutes, and what was left out is larger than their last digits
+    if len(factor) > COMPLETE:  # Jacobi rotations would take minutes, and the truncation error exceeds their accuracy
         _, values, rows = np.linalg.svd(factor)
         return values, rows.T
     from scipy.linalg import lapack  # costly to import
@@ -99,30 +101,30 @@ def graded_svd(factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def orthonormal(axes: np.ndarray) -> np.ndarray:
-    """Mend columns that are orthonormal but for rounding: one step of Newton and Schulz, which turns them least."""
+    """Re-orthonormalise nearly orthonormal columns by one Newton-Schulz step (the smallest correction)."""
     return 1.5 * axes - 0.5 * (axes @ (axes.T @ axes))
 
 
-def turned_factor(factor: np.ndarray, axes: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the factor in the axes `other` of what `factor` is in `axes`, each column right to its own last digits.
+def change_basis(factor: np.ndarray, axes: np.ndarray, new_axes: np.ndarray) -> np.ndarray:
+    """Transform `factor` from the basis `axes` to `new_axes`; each column keeps its relative accuracy.
 
-    Columns of `axes` are orthonormal only to rounding, and the vectors they stand for are Y (A^T A)^-1 A^T; to second order
-    the inverse is 2 - A^T A.
+    Columns of `axes` = A are orthonormal only to rounding, so that a factor Y represents the rows Y (A^T A)^-1 A^T; to second
+    order the inverse is 2 - A^T A.
     """
     if not factor.any():
-        return np.zeros((len(factor), other.shape[1]))
-    high, low = accurate_product(axes.T, other)
+        return np.zeros((len(factor), new_axes.shape[1]))
+    high, low = accurate_product(axes.T, new_axes)
     gram, gram_low = accurate_product(axes.T, axes)
-    skew = (gram - np.eye(len(gram))) + gram_low
+    defect = (gram - np.eye(len(gram))) + gram_low
     product, rest = accurate_product(factor, high)
-    return product + (rest + factor @ (low - skew @ high))
+    return product + (rest + factor @ (low - defect @ high))
 
 
 def accurate_product(left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Multiply in about twice the working precision: the product is the sum of the two matrices returned.
 
-    Both factors are cut into slices of so few bits that the products of slices have no rounding error (Ozaki et al. 2012);
-    what is left out lies some 2^-76 below the largest entries of row and column.
+    Both factors are split into slices of so few bits that the products of slices are exact (Ozaki et al. 2012).  The truncation
+    error is about 2^-76 of the largest entries of row and column.
     """
     bits = (53 - math.ceil(math.log2(max(2, left.shape[1])))) // 2
     rows, columns = _slices(left, 1, bits), _slices(right, 0, bits)
@@ -131,7 +133,7 @@ def accurate_product(left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, n
     for order in range(len(rows)):
         for i in range(order + 1):
             term = rows[i] @ columns[order - i]
-            total = high + term  # the sum without error, after Knuth
+            total = high + term  # error-free sum (Knuth)
             part = total - high
             low += (high - (total - part)) + (term - part)
             high = total
@@ -139,9 +141,9 @@ def accurate_product(left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _slices(matrix: np.ndarray, axis: int, bits: int, count: int = 4) -> list[np.ndarray]:
-    """Cut entries into `count` slices of `bits` bits below the largest along `axis`; what is left is dropped."""
-    size = np.abs(matrix).max(axis=axis, keepdims=True, initial=0.0)
-    unit = np.exp2(np.frexp(size)[1].astype(float))
+    """Split entries into `count` slices of `bits` bits below the largest along `axis`; drop the remainder."""
+    largest = np.abs(matrix).max(axis=axis, keepdims=True, initial=0.0)
+    unit = np.exp2(np.frexp(largest)[1].astype(float))
     rest, slices = matrix.astype(float), []
     for _ in range(count):
         unit = unit * 2.0**-bits

@@ -1,4 +1,4 @@
-"""Modes as a labelled Dataset."""
+"""Checks of options, and labelled Datasets of modes and amplitudes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.conventions import label
+from cablepod.conventions import ENDS, label
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.pod import _decompositions as decompositions
@@ -19,19 +19,19 @@ from cablepod.pod._training_range import add_training_range
 LAYOUTS = ("separate", "vector", "normal")
 METHODS = tuple(decompositions.ROUTES)
 WEIGHTS = (None, "length", "mass")
-#: Snapshots in chunks from which on two threads count them; the number is the same on every machine, and so are the bits.
-SHARED = 20_000
+#: Minimum number of lazy snapshots that are processed by two threads (fixed, so that results do not depend on the machine).
+TWO_THREAD_SAMPLES = 20_000
 
 
 def check_options(layout: str, method: str, weights: str | None, rank: int | None, energy: float | None) -> None:
-    """Refuse options of a decomposition that cannot be."""
+    """Refuse invalid options of a decomposition."""
     for key, value, allowed in (
         ("layout", layout, LAYOUTS),
         ("method", method, METHODS),
         ("weights", weights, WEIGHTS),
     ):
         if value not in allowed:
-            raise scene_error(key, value, "one of " + ", ".join(repr(item) for item in allowed))
+            raise scene_error(key, value, "one of " + ", ".join(map(repr, allowed)))
     if rank is not None and energy is not None:
         raise scene_error("rank and energy", (rank, energy), "one of them")
 
@@ -39,8 +39,8 @@ def check_options(layout: str, method: str, weights: str | None, rank: int | Non
 def labelled(
     fields: list[np.ndarray],
     values: np.ndarray,
-    unsure: np.ndarray,
-    lost: np.ndarray,
+    errors: np.ndarray,
+    discarded: np.ndarray,
     mean: np.ndarray,
     samples: int,
     *,
@@ -52,43 +52,55 @@ def labelled(
     function: str = "pod.decompose",
     trained: np.ndarray | None = None,
 ) -> xr.Dataset:
-    """Label modes (mode, inner particle, dims) of each matrix, their singular values (matrix, mode) and what was `lost` [m]."""
-    # squares of any size of snapshots stay within the range
-    unit = np.exp2(np.frexp(np.maximum(values.max(axis=1), lost))[1].astype(float))[:, None]
-    squares, outside = (values / unit) ** 2, (lost[:, None] / unit) ** 2
-    kept = _count(squares, outside, choice[0], choice[1], samples - bool(options["center"]))
+    """Return the labelled Dataset of modes, with all derived quantities.
+
+    Parameters
+    ----------
+    fields
+        Modes (mode, inner particle, dims) of each data matrix.
+    values, errors
+        Singular values and estimates of their errors (matrix, mode) [m].
+    discarded
+        Norm of the part of each matrix outside the basis (matrix) [m].
+    mean
+        Time mean of the lifted position (particle, coordinate) [m].
+    samples
+        Number of snapshots.
+    choice
+        Options ``rank`` and ``energy``.
+    options
+        All other options of the decomposition.
+    algorithm
+        Attribute of the result.
+    like
+        Dataset with the coordinates and the title.
+    inputs, function
+        For the history.
+    trained
+        Range of the training scenes (2, features), if known.
+    """
+    # a power of two as unit: squares neither underflow nor overflow
+    unit = np.exp2(np.frexp(np.maximum(values.max(axis=1), discarded))[1].astype(float))[:, None]
+    squares, outside = (values / unit) ** 2, (discarded[:, None] / unit) ** 2
+    kept = _choose_rank(squares, outside, choice[0], choice[1], samples - bool(options["center"]))
     layout = options["layout"]
     shapes = [np.pad(_fix_sign(field[:kept]), ((0, 0), (1, 1), (0, 0))) for field in fields]
 
-    def share(part: np.ndarray, rest: np.ndarray | float = 0.0) -> np.ndarray:
-        total = part.sum(axis=1, keepdims=True) + rest
-        return np.divide(part, total, out=np.zeros_like(part), where=total > 0)
-
     total = squares.sum(axis=1, keepdims=True) + outside
-    left_out = squares[:, kept:].sum(axis=1, keepdims=True) + outside
-    truncation = np.sqrt(np.divide(left_out, total, out=np.zeros_like(total), where=total > 0))[:, 0]
-    angle = decompositions.mode_angles(values, unsure)
+    truncated = squares[:, kept:].sum(axis=1, keepdims=True) + outside
+    truncation = np.sqrt(np.divide(truncated, total, out=np.zeros_like(total), where=total > 0))[:, 0]
     arc_length = arc_length_of(like)
     with np.errstate(over="ignore", under="ignore"):
         proper = values**2 / samples
     tables = {
         "singular_value": values,
-        "singular_value_uncertainty": unsure,
-        "mode_uncertainty": angle,
+        "singular_value_uncertainty": errors,
+        "mode_uncertainty": decompositions.mode_angles(values, errors),
         "proper_orthogonal_value": proper,
-        "energy_share": share(squares, outside),
-        "singular_value_share": share(values / unit),
+        "energy_share": _fractions(squares, outside),
+        "singular_value_share": _fractions(values / unit),
     }
-    shape = shapes[0][None] if layout == "vector" else np.stack([item[:, :, 0] for item in shapes])
-    shape_dims = ("mode", "particle", "coordinate") if layout == "vector" else ("mode", "particle")
-    variables: dict[str, Any] = {}
-    # separate modes stand along a dimension, modes in and out of the plane under names of their own
-    lead = ("coordinate",) if layout == "separate" else ()
-    for place, suffix in enumerate(pod_normal.SETS[: len(values)] if layout == "normal" else ("",)):
-        pick = slice(None) if lead else place
-        variables[f"mode_shape{suffix}"] = ((*lead, *shape_dims), shape[pick])
-        variables |= {f"{name}{suffix}": ((*lead, "mode"), table[:, :kept][pick]) for name, table in tables.items()}
-        variables[f"truncation_error{suffix}"] = (lead, truncation[pick])
+    variables = _variables(layout, shapes, {name: table[:, :kept] for name, table in tables.items()}, truncation)
     if layout != "normal":
         variables["mean"] = (("particle", "coordinate"), mean)
     variables["unstretched_length"] = ((), arc_length[-1])
@@ -114,7 +126,48 @@ def labelled(
     return provenance.record(result, function=function, parameters=parameters, inputs=inputs)
 
 
-def _count(squares: np.ndarray, outside: np.ndarray, rank: int | None, energy: float | None, most: int) -> int:
+def _variables(
+    layout: str, shapes: list[np.ndarray], tables: dict[str, np.ndarray], truncation: np.ndarray
+) -> dict[str, Any]:
+    """Return name -> (dimensions, values) of modes (mode, particle, dims) and tables (matrix, mode) in the form of a layout."""
+    shape = shapes[0][None] if layout == "vector" else np.stack([modes[:, :, 0] for modes in shapes])
+    shape_dims = ("mode", "particle", "coordinate") if layout == "vector" else ("mode", "particle")
+    variables: dict[str, Any] = {}
+    # "separate" has a dimension coordinate, "normal" one variable for each normal
+    lead = ("coordinate",) if layout == "separate" else ()
+    for index, suffix in enumerate(pod_normal.SETS[: len(shapes)] if layout == "normal" else ("",)):
+        pick = slice(None) if lead else index
+        variables[f"mode_shape{suffix}"] = ((*lead, *shape_dims), shape[pick])
+        variables |= {f"{name}{suffix}": ((*lead, "mode"), table[pick]) for name, table in tables.items()}
+        variables[f"truncation_error{suffix}"] = (lead, truncation[pick])
+    return variables
+
+
+def amplitude_dataset(
+    variables: dict[str, tuple[tuple[str, ...], np.ndarray]], ends: np.ndarray, time: np.ndarray, modes: xr.Dataset
+) -> xr.Dataset:
+    """Label amplitudes, name -> (dimensions, values [m]), and positions of the ends (time, 2, coordinate) [m]."""
+    rank = variables["amplitude"][1].shape[-1]
+    result = xr.Dataset(
+        {**variables, "end_position": (("time", "end", "coordinate"), ends)},
+        coords={
+            "time": time,
+            "mode": modes["mode"].values[:rank],
+            "coordinate": modes["coordinate"].values,
+            "end": list(ENDS),
+        },
+    )
+    return label(result)
+
+
+def _fractions(parts: np.ndarray, outside: np.ndarray | float = 0.0) -> np.ndarray:
+    """Return parts (matrix, mode) divided by their sum plus `outside`, zero for a zero sum."""
+    total = parts.sum(axis=1, keepdims=True) + outside
+    return np.divide(parts, total, out=np.zeros_like(parts), where=total > 0)
+
+
+def _choose_rank(squares: np.ndarray, outside: np.ndarray, rank: int | None, energy: float | None, most: int) -> int:
+    """Return the number of modes to keep, at most `most`, from squared singular values (matrix, mode)."""
     most = min(squares.shape[1], most)
     if most < 1:
         raise SceneError("snapshots: given one instant; allowed: at least two, because the time mean is taken off")
@@ -127,17 +180,17 @@ def _count(squares: np.ndarray, outside: np.ndarray, rank: int | None, energy: f
         return most
     number(above=0.0, most=1.0)("energy", energy)
     needed = 1
-    for own, rest in zip(squares, outside[:, 0], strict=True):
-        if own.sum() > 0.0:
-            gathered = np.cumsum(own) / (own.sum() + rest)
-            needed = max(needed, int(np.searchsorted(gathered, energy * (1.0 - 1e-15))) + 1)
+    for row, rest in zip(squares, outside[:, 0], strict=True):
+        if row.sum() > 0.0:
+            cumulative = np.cumsum(row) / (row.sum() + rest)
+            needed = max(needed, int(np.searchsorted(cumulative, energy * (1.0 - 1e-15))) + 1)
     return min(needed, most)
 
 
 def _fix_sign(field: np.ndarray) -> np.ndarray:
-    """Turn each mode (modes, particles, dims) so that its first entry of at least half the largest size is positive."""
+    """Choose the signs of modes (modes, particles, dims): the first entry of at least half the maximum is positive."""
     flat = field.reshape(len(field), -1)
-    size = np.abs(flat)
-    first = np.argmax(size >= 0.5 * size.max(axis=1, keepdims=True), axis=1)
+    magnitude = np.abs(flat)
+    first = np.argmax(magnitude >= 0.5 * magnitude.max(axis=1, keepdims=True), axis=1)
     sign = np.where(flat[np.arange(len(flat)), first] < 0.0, -1.0, 1.0)
     return field * sign[:, None, None]

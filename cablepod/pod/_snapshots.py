@@ -1,9 +1,4 @@
-"""Snapshots: their form, what is left of them when the straight line between the ends is taken off, and how they are read.
-
-Positions come in blocks, whether they lie in memory or in files.  A block is read while the one before is worked on, so that the
-disk and the arithmetic wait for each other as little as possible.  Blocks are so small that the allocator hands the same memory
-out again and again.
-"""
+"""Snapshots of a trajectory: checks, weights of the particles, and the lifted position of eq. (35)."""
 
 from __future__ import annotations
 
@@ -17,8 +12,8 @@ from cablepod.pod._blocks import read_blocks
 
 
 def arc_length_of(snapshots: xr.Dataset) -> np.ndarray:
-    """Return the arc length (particle) [m], of the first member where there are several."""
-    s = snapshots.variables["arc_length"]  # a tenth of the time that a DataArray takes
+    """Return the arc length (particle) [m], of the first member if there are several."""
+    s = snapshots.variables["arc_length"]  # ten times as fast as a DataArray
     return s.values if s.ndim == 1 else s.transpose("particle", ...).values.reshape(s.sizes["particle"], -1)[:, 0]
 
 
@@ -28,20 +23,20 @@ def relative_arc_length(dataset: xr.Dataset) -> np.ndarray:
     return s / s[-1]
 
 
-def shares(sigma: np.ndarray) -> np.ndarray:
-    """Return the length that each particle carries, scaled to mean 1 over the inner particles."""
+def tributary_weights(sigma: np.ndarray) -> np.ndarray:
+    """Return the tributary lengths of the particles (particle), scaled to mean 1 over the inner particles."""
     step = np.diff(sigma)
-    share = 0.5 * np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
-    return share / share[1:-1].mean()
+    length = 0.5 * np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
+    return length / length[1:-1].mean()
 
 
 def weight_roots(sigma: np.ndarray, weights: str | None) -> np.ndarray:
-    """Return the roots of the weights of the inner particles."""
-    return np.ones(sigma.size - 2) if weights is None else np.sqrt(shares(sigma)[1:-1])
+    """Return the square roots of the weights of the inner particles."""
+    return np.ones(sigma.size - 2) if weights is None else np.sqrt(tributary_weights(sigma)[1:-1])
 
 
 def position_of(snapshots: xr.Dataset) -> xr.DataArray:
-    """Return the positions, which may be lazy, after a look at their form."""
+    """Return the positions, possibly lazy, after checks of their dimensions and particles."""
     if "position" not in snapshots or "arc_length" not in snapshots.variables:
         raise SceneError("snapshots: given a Dataset without position or arc_length; allowed: a trajectory")
     position = snapshots["position"]
@@ -57,59 +52,61 @@ def position_of(snapshots: xr.Dataset) -> xr.DataArray:
 
 
 def _check_members(lengths: xr.DataArray) -> None:
-    """Refuse members whose particles lie at different S / L0: their rows cannot stand in one matrix."""
+    """Refuse members whose particles lie at different S / L0, which do not form one snapshot matrix."""
     if lengths.ndim == 1:
         return
     lead = [name for name in lengths.dims if name != "particle"]
     s = lengths.transpose(*lead, "particle").values.reshape(-1, lengths.sizes["particle"])
     names = lengths[lead[0]].values if len(lead) == 1 else np.arange(len(s))
-    # members of unlike shapes that xarray has joined are filled up with what is not a number
-    there = np.isfinite(s).sum(axis=1)
-    if there.min(initial=s.shape[1]) < s.shape[1]:
-        kinds = [f"{number} particles in {_some(names[there == number])}" for number in np.unique(there)]
+    # xarray pads members of different shapes with nan
+    counts = np.isfinite(s).sum(axis=1)
+    if counts.min(initial=s.shape[1]) < s.shape[1]:
+        kinds = [f"{number} particles in {_first_names(names[counts == number])}" for number in np.unique(counts)]
         raise SceneError(f"snapshots: given members with {', '.join(kinds)}; allowed: the same particles in all")
     sigma = s / s[:, -1:]
-    other = np.abs(sigma - sigma[0]).max(axis=1) > 1e-9
-    if other.any():
+    differs = np.abs(sigma - sigma[0]).max(axis=1) > 1e-9
+    if differs.any():
         raise SceneError(
-            "snapshots: given members whose particles lie at different S / L0, from the first one differ "
-            f"{_some(names[other])}; allowed: the same particles in all"
+            f"snapshots: given members with particles at different S / L0, the members {_first_names(names[differs])} differ "
+            "from the first one; allowed: the same particles in all"
         )
 
 
-def check_alike(parts: Sequence[xr.Dataset]) -> None:
-    """Refuse trajectories of different particles or coordinates, naming them by their place."""
+def check_same_particles(parts: Sequence[xr.Dataset]) -> None:
+    """Refuse trajectories with different particles or coordinates."""
     if not parts:
         raise SceneError("snapshots: given no trajectory; allowed: at least one")
     if len(parts) == 1:
         return
-    lines = [position_of(part).sizes["particle"] for part in parts]
-    if len(set(lines)) > 1:
+    counts = [position_of(part).sizes["particle"] for part in parts]
+    if len(set(counts)) > 1:
         places = np.arange(len(parts))
-        kinds = [f"{number} particles in {_some(places[np.equal(lines, number)])}" for number in sorted(set(lines))]
+        kinds = [
+            f"{number} particles in {_first_names(places[np.equal(counts, number)])}" for number in sorted(set(counts))
+        ]
         raise SceneError(f"snapshots: given trajectories with {', '.join(kinds)}; allowed: the same particles in all")
     first = parts[0]
-    other = [
+    different = [
         place
         for place, part in enumerate(parts)
         if np.abs(relative_arc_length(part) - relative_arc_length(first)).max() > 1e-9
         or list(part["coordinate"].values) != list(first["coordinate"].values)
     ]
-    if other:
+    if different:
         raise SceneError(
-            "snapshots: given trajectories whose particles lie at different S / L0, or of other coordinates, from the first one "
-            f"differ {_some(np.array(other))}; allowed: the same in all"
+            "snapshots: given trajectories with particles at different S / L0 or with other coordinates, the trajectories "
+            f"{_first_names(np.array(different))} differ from the first one; allowed: the same in all"
         )
 
 
-def _some(names: np.ndarray) -> str:
-    """Name the first five."""
+def _first_names(names: np.ndarray) -> str:
+    """Return the first five names as text."""
     more = f" and {len(names) - 5} more" if len(names) > 5 else ""
     return str(names[:5].tolist()) + more
 
 
 def broken_member(position: xr.DataArray) -> str:
-    """Return words for the first member whose positions are not finite; nothing where there are no members."""
+    """Return " in member ..." for the first member with positions that are not finite, or an empty text."""
     if "member" not in position.dims:
         return ""
     names = position["member"].values
@@ -120,12 +117,12 @@ def broken_member(position: xr.DataArray) -> str:
 
 
 def positions(snapshots: xr.Dataset) -> np.ndarray:
-    """Return the positions (samples, particle, coordinate) [m], all further dimensions counted as samples.
+    """Return the positions (samples, particle, coordinate) [m]; further dimensions count as samples.
 
     Raises
     ------
     SceneError
-        Where positions are missing or not finite.
+        If positions are missing or not finite.
     """
     position = position_of(snapshots).transpose(..., "time", "particle", "coordinate").values
     position = position.reshape(-1, *position.shape[-2:]).astype(float)
@@ -136,7 +133,7 @@ def positions(snapshots: xr.Dataset) -> np.ndarray:
 
 
 def lift(snapshots: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Take the straight line between the ends off the positions, eq. (35).
+    """Subtract the straight line between the ends from the positions, eq. (35).
 
     Returns
     -------

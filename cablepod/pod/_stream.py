@@ -1,4 +1,4 @@
-"""Modes as a labelled Dataset, and a stream of snapshots that becomes one."""
+"""Modes of a stream of snapshots that are not stored."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from cablepod.pod import _decompositions as decompositions
 from cablepod.pod._blocks import count_snapshots, is_lazy, read_blocks, read_rows
 from cablepod.pod._gram import COMPLETE
 from cablepod.pod._incremental import IncrementalSVD
-from cablepod.pod._label import SHARED, check_options, labelled
+from cablepod.pod._label import TWO_THREAD_SAMPLES, check_options, labelled
 from cablepod.pod._snapshots import broken_member, position_of, relative_arc_length, weight_roots
 from cablepod.pod._training_range import range_of, union_of_ranges
 
 
 class Stream:
-    """Karhunen-Loeve modes of snapshots that need not be kept: fed piece by piece, merged, asked at any time.
+    """Karhunen-Loeve modes of snapshots that are added piece by piece and not stored.
 
-    What is held is a few arrays of the size of the modes, whatever the number of snapshots; it can be pickled.  Workers may
-    each own one and merge them at the end.  The modes are those that :func:`cablepod.pod.decompose` gives of all snapshots
-    together, but for rounding, in whatever order they came; :mod:`cablepod.pod._incremental` says how.
+    The memory is a few arrays of the size of the modes, independent of the number of snapshots.  A stream can be pickled: workers
+    may own one each, and the streams are merged at the end.  Except for rounding, the modes equal those of
+    :func:`cablepod.pod.decompose` for all snapshots together, in any order; :mod:`cablepod.pod._incremental` has the algorithm.
 
     Parameters
     ----------
@@ -40,14 +40,14 @@ class Stream:
         check_options(layout, "svd", weights, None, None)
         self.layout, self.weights, self.center = layout, weights, bool(center) and layout != "normal"
         self.samples = 0
-        self._reference: int | None = None  # of the first chord, for layout "normal"
+        self._reference: int | None = None  # axis that defines the normals in space, layout "normal"
         self._sums: list[IncrementalSVD] = []
         self._like: xr.Dataset | None = None
         self._inputs: dict[str, xr.Dataset] = {}
         self._trained: np.ndarray | None = None  # range of the training scenes
 
     def update(self, snapshots: xr.Dataset) -> Stream:
-        """Count a trajectory or several, in memory or in chunks, and return the stream.
+        """Add the snapshots of a trajectory, in memory or in chunks, and return the stream.
 
         Parameters
         ----------
@@ -57,89 +57,89 @@ class Stream:
         Raises
         ------
         SceneError
-            For other particles than before, and positions that are missing or not finite; the stream is then as it was
-            before.
+            If particles or coordinates differ from those before, or positions are missing or not finite.  The stream is then
+            unchanged.
         """
         with defer_sigint_during_dask(snapshots):
-            return self._updated(snapshots)
+            return self._update(snapshots)
 
-    def _updated(self, snapshots: xr.Dataset) -> Stream:
+    def _update(self, snapshots: xr.Dataset) -> Stream:
         position = position_of(snapshots)
         sigma = relative_arc_length(snapshots)
         dims, width = position.sizes["coordinate"], sigma.size - 2
         features = {"separate": [width] * dims, "vector": [dims * width], "normal": [width] * (dims - 1)}[self.layout]
         if self._like is not None:
-            self._agrees(snapshots)
-        # copies, so that a fault in the midst of many blocks leaves the stream as it was
-        sums = copy.deepcopy(self._sums) or [IncrementalSVD(size, center=self.center) for size in features]
+            self._check_particles(snapshots)
+        # copies: an error in a later block leaves the stream unchanged
+        sums = copy.deepcopy(self._sums) or [IncrementalSVD(width, center=self.center) for width in features]
         root = None if self.weights is None else weight_roots(sigma, self.weights)
         samples, reference = count_snapshots(position), self._reference
         small = max(features, default=0) <= COMPLETE
-        # with small matrices BLAS has one thread, so that what comes from files is shared out between two, and their sums merged
-        shared = [sums]
-        if small and is_lazy(position) and samples >= SHARED:
-            shared.append([IncrementalSVD(size, center=self.center) for size in features])
+        # BLAS has one thread for small matrices: two threads then add the blocks of long lazy data to sums of their own
+        thread_sums = [sums]
+        if small and is_lazy(position) and samples >= TWO_THREAD_SAMPLES:
+            thread_sums.append([IncrementalSVD(width, center=self.center) for width in features])
         try:
             with one_blas_thread() if small else nullcontext():
                 for block in read_blocks(position):
                     if reference is None and self.layout == "normal" and len(block):
                         reference = ChordFrame.of(block[:1, -1] - block[:1, 0]).reference
-                    _share_out(shared, block, (sigma, root, self.layout, reference))
-                for part in shared[1:]:
-                    for mine, others in zip(sums, part, strict=True):
-                        mine.merge(others)
+                    _add_in_threads(thread_sums, block, (sigma, root, self.layout, reference))
+                for second_sums in thread_sums[1:]:
+                    for total, second in zip(sums, second_sums, strict=True):
+                        total.merge(second)
         except FloatingPointError:
             where = broken_member(position)
             raise SceneError(f"snapshots: position is not finite everywhere{where}; allowed: finite numbers") from None
         self._sums, self._reference = sums, reference
         self._trained = union_of_ranges(self._trained, range_of(snapshots))
-        return self._noted(samples, snapshots, [snapshots])
+        return self._record(samples, snapshots, [snapshots])
 
     def merge(self, other: Stream) -> Stream:
-        """Count all that `other` has counted, which stays as it is, and return the stream.
+        """Add all snapshots of the stream `other`, which is not changed, and return this stream.
 
         Parameters
         ----------
         other
-            A stream of the same options, particles and coordinates.
+            A stream with the same options, particles and coordinates.
 
         Raises
         ------
         SceneError
-            Where they differ.
+            If they differ.
         """
-        own, its = ((item.layout, item.weights, item.center) for item in (self, other))
-        if own != its:
-            raise scene_error("other", its, f"a stream of the same layout, weights and center, {own}")
+        options, other_options = ((stream.layout, stream.weights, stream.center) for stream in (self, other))
+        if options != other_options:
+            raise scene_error("other", other_options, f"a stream of the same layout, weights and center, {options}")
         if other._like is None:
             return self
         if self._like is not None:
-            self._agrees(other._like)
-        references = {item for item in (self._reference, other._reference) if item is not None}
+            self._check_particles(other._like)
+        references = {axis for axis in (self._reference, other._reference) if axis is not None}
         if len(references) > 1:
             raise SceneError(
-                "other: its first chord is so steep that another axis tells deflection in the plane from deflection out of it; "
-                "allowed: streams that began with chords alike"
+                "other: its first chord is so steep that its normals refer to another axis; "
+                "allowed: streams whose first chords have similar directions"
             )
-        sums = copy.deepcopy(self._sums) or [IncrementalSVD(item.features, center=self.center) for item in other._sums]
+        sums = copy.deepcopy(self._sums) or [IncrementalSVD(svd.features, center=self.center) for svd in other._sums]
         with one_blas_thread():
-            for mine, others in zip(sums, other._sums, strict=True):
-                mine.merge(others)
+            for total, added in zip(sums, other._sums, strict=True):
+                total.merge(added)
         self._sums, self._reference = sums, next(iter(references), None)
         self._trained = union_of_ranges(self._trained, other._trained)
-        return self._noted(other.samples, other._like, list(other._inputs.values()))
+        return self._record(other.samples, other._like, list(other._inputs.values()))
 
     def modes(
         self, *, rank: int | None = None, energy: float | None = None, function: str = "pod.Stream.modes"
     ) -> xr.Dataset:
-        """Return the modes of all snapshots so far; the stream may be fed further.
+        """Return the modes of all snapshots so far; more snapshots may follow.
 
         Parameters
         ----------
         rank, energy
             As in :func:`cablepod.pod.decompose`.
         function
-            The name that goes into the history.
+            Function name in the history.
         """
         check_options(self.layout, "svd", self.weights, rank, energy)
         if self._like is None or self.samples == 0:
@@ -147,25 +147,28 @@ class Stream:
         sigma = relative_arc_length(self._like)
         root = weight_roots(sigma, self.weights)
         width = sigma.size - 2
-        # all coordinates have as many modes as the one that has most
-        most = max(item.axes.shape[1] for item in self._sums)
+        # the same number of modes for all coordinates
+        most = max(svd.axes.shape[1] for svd in self._sums)
         with one_blas_thread() if most <= COMPLETE else nullcontext():
-            found = [item.decomposed(most) for item in self._sums]
+            parts = [svd.decompose(most) for svd in self._sums]
         count = min(self.samples, most)
-        values = np.stack([item.values[:count] for item in found])
-        lost = np.array([item.lost for item in found])
+        values = np.stack([part.values[:count] for part in parts])
+        discarded = np.array([part.discarded for part in parts])
         shape = (self._sums[0].features, self.samples)
-        unsure = np.stack(
-            [decompositions.uncertainty(v, shape, "blocks", lost=x) for v, x in zip(values, lost, strict=True)]
+        errors = np.stack(
+            [
+                decompositions.uncertainty(row, shape, "blocks", discarded=norm)
+                for row, norm in zip(values, discarded, strict=True)
+            ]
         )
-        # the stream has its features coordinate by coordinate
-        fields = [item.left[:, :count].T.reshape(count, -1, width).transpose(0, 2, 1) / root[:, None] for item in found]
-        mean = np.stack([item.mean().reshape(-1, width) for item in self._sums]).reshape(-1, width).T / root[:, None]
+        # features are ordered coordinate by coordinate
+        fields = [part.left[:, :count].T.reshape(count, -1, width).transpose(0, 2, 1) / root[:, None] for part in parts]
+        mean = np.stack([svd.mean().reshape(-1, width) for svd in self._sums]).reshape(-1, width).T / root[:, None]
         return labelled(
             fields,
             values,
-            unsure,
-            lost,
+            errors,
+            discarded,
             np.pad(mean, ((1, 1), (0, 0))),
             self.samples,
             choice=(rank, energy),
@@ -177,48 +180,49 @@ class Stream:
             trained=self._trained,
         )
 
-    def _agrees(self, snapshots: xr.Dataset) -> None:
+    def _check_particles(self, snapshots: xr.Dataset) -> None:
+        """Refuse snapshots with other particles or coordinates than before."""
         assert self._like is not None
-        own, its = relative_arc_length(self._like), relative_arc_length(snapshots)
-        same = own.shape == its.shape and np.abs(own - its).max() <= 1e-9
+        sigma, new_sigma = relative_arc_length(self._like), relative_arc_length(snapshots)
+        same = sigma.shape == new_sigma.shape and np.abs(sigma - new_sigma).max() <= 1e-9
         coordinates = snapshots["coordinate"].values.tolist()
         if not same or coordinates != self._like["coordinate"].values.tolist():
             members = f" in members {np.ravel(snapshots['member'])[:5].tolist()}" if "member" in snapshots else ""
             raise SceneError(
-                f"snapshots: given {its.size} particles{members} and coordinates {coordinates}; allowed: "
-                f"the {own.size} particles, at the same S / L0, and the coordinates of those before"
+                f"snapshots: given {new_sigma.size} particles{members} and coordinates {coordinates}; allowed: "
+                f"the {sigma.size} particles at the same S / L0 and the coordinates of the previous snapshots"
             )
 
-    def _noted(self, samples: int, like: xr.Dataset, inputs: list[xr.Dataset]) -> Stream:
-        """Note how many snapshots came, and whence."""
+    def _record(self, samples: int, like: xr.Dataset, inputs: list[xr.Dataset]) -> Stream:
+        """Record the number of snapshots and their history; return the stream."""
         if self._like is None:
             self._like = like[["arc_length", "coordinate"]].load().copy(deep=True)
             self._like.attrs = dict(like.attrs)
         self.samples += samples
-        for origin in inputs:
-            stub = xr.Dataset(attrs={key: origin.attrs[key] for key in ("id", "history_json") if key in origin.attrs})
-            self._inputs.setdefault(str(origin.attrs.get("id", "unknown")), stub)
+        for dataset in inputs:
+            stub = xr.Dataset(attrs={key: dataset.attrs[key] for key in ("id", "history_json") if key in dataset.attrs})
+            self._inputs.setdefault(str(dataset.attrs.get("id", "unknown")), stub)
         return self
 
 
-def _share_out(shared: list[list[IncrementalSVD]], block: np.ndarray, how: tuple[Any, ...]) -> None:
-    """Let a thread for each of the `shared` sums add its part of a block."""
-    if len(shared) == 1:
-        _count_in(shared[0], block, how)
+def _add_in_threads(thread_sums: list[list[IncrementalSVD]], block: np.ndarray, row_options: tuple[Any, ...]) -> None:
+    """Add a block (samples, particle, coordinate), split between one thread for each of `thread_sums`."""
+    if len(thread_sums) == 1:
+        _add_block(thread_sums[0], block, row_options)
         return
-    parts = list(zip(shared, np.array_split(block, len(shared)), strict=True))
-    map_threads(lambda part: _count_in(part[0], part[1], how), parts, len(shared))
+    parts = list(zip(thread_sums, np.array_split(block, len(thread_sums)), strict=True))
+    map_threads(lambda part: _add_block(part[0], part[1], row_options), parts, len(thread_sums))
 
 
-def _count_in(sums: list[IncrementalSVD], block: np.ndarray, how: tuple[Any, ...]) -> None:
-    """Add a block (samples, particle, coordinate) to sums, in rows as :func:`cablepod.pod._snapshots.rows` makes them `how`."""
+def _add_block(sums: list[IncrementalSVD], block: np.ndarray, row_options: tuple[Any, ...]) -> None:
+    """Add a block (samples, particle, coordinate) [m]; `row_options` are the other arguments of ``read_rows``."""
     if sums[0].count == 0 and len(block):
-        # snapshots from all over the block, a few for each feature: they know of motions that come late
-        some = block[:: max(1, len(block) // (4 * min(sums[0].features, COMPLETE)))]
-        for part in read_rows(some[: 8 * COMPLETE], *how):
-            for own, rows in zip(sums, part, strict=True):
-                own.prepare(rows)
+        # snapshots spread over the whole block, a few per feature, so that the basis includes late motions
+        sample = block[:: max(1, len(block) // (4 * min(sums[0].features, COMPLETE)))]
+        for batch in read_rows(sample[: 8 * COMPLETE], *row_options):
+            for svd, rows in zip(sums, batch, strict=True):
+                svd.prepare(rows)
     noise = decompositions.EPSILON * float(np.abs(block[:, (0, -1)]).max(initial=0.0))
-    for part in read_rows(block, *how):
-        for own, rows in zip(sums, part, strict=True):
-            own.add(rows, noise=noise)
+    for batch in read_rows(block, *row_options):
+        for svd, rows in zip(sums, batch, strict=True):
+            svd.add(rows, noise=noise)

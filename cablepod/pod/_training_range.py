@@ -16,7 +16,7 @@ def _bounds() -> xr.IndexVariable:
 
 
 def range_of(snapshots: xr.Dataset) -> np.ndarray:
-    """Return the least and largest of FEATURES over the scenes of snapshots (2, features); nan where they are not known."""
+    """Return minimum and maximum of FEATURES over the scenes of snapshots (2, features), nan if unknown."""
     unknown = np.full((2, len(FEATURES)), np.nan)
     if "scene_feature" not in snapshots or list(snapshots["feature"].values) != list(FEATURES):
         return unknown
@@ -24,15 +24,15 @@ def range_of(snapshots: xr.Dataset) -> np.ndarray:
     return np.stack([values.min(axis=0), values.max(axis=0)])
 
 
-def union_of_ranges(one: np.ndarray | None, other: np.ndarray | None) -> np.ndarray | None:
-    """Return the range of two sets of scenes; not known where that of one is not."""
-    if one is None or other is None:
-        return other if one is None else one
-    return np.stack([np.minimum(one[0], other[0]), np.maximum(one[1], other[1])])
+def union_of_ranges(first: np.ndarray | None, second: np.ndarray | None) -> np.ndarray | None:
+    """Return the range (2, features) of two sets of scenes; None is an empty set, nan an unknown range."""
+    if first is None or second is None:
+        return second if first is None else first
+    return np.stack([np.minimum(first[0], second[0]), np.maximum(first[1], second[1])])
 
 
 def add_training_range(modes: xr.Dataset, trained: np.ndarray | None) -> xr.Dataset:
-    """Add to modes ``training_range (bound, feature)`` where it is known; in place, returned for chaining."""
+    """Add ``training_range (bound, feature)`` to modes in place, if it is known, and return them."""
     if trained is not None and np.isfinite(trained).all():
         modes["training_range"] = (("bound", "feature"), trained)
         modes.coords["feature"], modes.coords["bound"] = feature_index(), _bounds()

@@ -92,7 +92,7 @@ def sums_alone(rows: np.ndarray) -> Answer:
     sums.prepare(rows[:: max(1, len(rows) // 320)])
     for begin in range(0, len(rows), block):
         sums.add(rows[begin : begin + block].copy())
-    found = sums.decomposed(RANK)
+    found = sums.decompose(RANK)
     return found.values[:RANK], found.left[:, :RANK]
 
 

@@ -30,7 +30,7 @@ def test_orthonormal_modes_and_the_discarded_energy(layout, weights):
     full = cp.pod.decompose(snapshots, layout=layout, weights=weights)
     fields = pod_module.mode_fields(full)
     sigma = pod_snapshots.relative_arc_length(snapshots)
-    weight = np.ones(12) if weights is None else snapshots_module.shares(sigma)
+    weight = np.ones(12) if weights is None else snapshots_module.tributary_weights(sigma)
     gram = np.einsum("ipc,p,kpc->ik", fields, weight, fields)
     np.testing.assert_allclose(gram, np.eye(len(fields)), atol=1e-12)
     assert not fields[:, [0, -1]].any()

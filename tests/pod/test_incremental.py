@@ -17,7 +17,7 @@ from cablepod.pod import _incremental as streaming
 @pytest.mark.parametrize("kind", ["random", "waves", "turns"])
 def test_small_singular_values_keep_their_digits_in_any_order(kind, parts):
     rows, left = known_rows(8000, 40, STEEP, kind)
-    found = accumulated(rows, parts=parts).decomposed()
+    found = accumulated(rows, parts=parts).decompose()
     # the matrix itself is rounded, to 2^-53 of an entry, of which some 1e-18 of the norm is along a mode of 1e-8
     np.testing.assert_allclose(found.values[:20], STEEP, rtol=2e-10)
     exact = left * np.sum(left * found.left[:, :20], axis=0)
@@ -26,8 +26,8 @@ def test_small_singular_values_keep_their_digits_in_any_order(kind, parts):
 
 
 def test_without_turned_axes_they_would_not(monkeypatch):
-    monkeypatch.setattr(streaming, "straight", lambda gram: True)
-    found = accumulated(known_rows(8000, 40, STEEP, "turns")[0]).decomposed()
+    monkeypatch.setattr(streaming, "is_well_conditioned", lambda gram: True)
+    found = accumulated(known_rows(8000, 40, STEEP, "turns")[0]).decompose()
     assert np.abs(found.values[:20] / STEEP - 1.0).max() > 1e-6
 
 
@@ -44,7 +44,7 @@ def test_turned_sums_keep_the_digits_of_small_columns():
     def worst(found):
         return (np.linalg.norm(found - exact, axis=0) / np.linalg.norm(exact, axis=0)).max()
 
-    assert worst(pod_gram.turned_factor(factor, axes, other)) < 1e-15
+    assert worst(pod_gram.change_basis(factor, axes, other)) < 1e-15
     assert worst(factor @ (axes.T @ other)) > 1e-9  # a plain product loses 2^-53 of the largest column
 
 
@@ -65,9 +65,9 @@ def test_a_mean_far_larger_than_the_motion_is_taken_off():
     mean = np.random.default_rng(4).normal(size=30)  # some 80 times the largest entry of a row
     sums = accumulated(rows + mean, parts=2)
     # rows are rounded to 2^-53 of the mean: 1e-16 / (1e-5 / sqrt(6000)) of the weakest in each entry, averaged over 6000
-    np.testing.assert_allclose(sums.decomposed().values[:12], spectrum, rtol=1e-10)
+    np.testing.assert_allclose(sums.decompose().values[:12], spectrum, rtol=1e-10)
     np.testing.assert_allclose(sums.mean(), mean, atol=1e-15 * 4)
-    raw = accumulated(rows + mean, center=False).decomposed()
+    raw = accumulated(rows + mean, center=False).decompose()
     assert raw.values[0] == pytest.approx(np.linalg.norm(mean) * np.sqrt(6000), rel=1e-3)
 
 
@@ -75,10 +75,10 @@ def test_a_mean_far_larger_than_the_motion_is_taken_off():
 def test_many_features_are_held_by_the_axes_they_need(kind):
     rows, left = known_rows(1200, 800, STEEP, kind)
     sums = accumulated(rows, parts=2, block=64)
-    found = sums.decomposed()
+    found = sums.decompose()
     assert found.left.shape[1] < 60
     np.testing.assert_allclose(found.values[:20], STEEP, rtol=1e-9)  # few rows: less averages out than in a long run
-    assert found.lost < 1e-13
+    assert found.discarded < 1e-13
     exact = left * np.sum(left * found.left[:, :20], axis=0)
     assert np.linalg.norm(found.left[:, :20] - exact, axis=0).max() < 1e-8
 
@@ -88,9 +88,9 @@ def test_what_is_left_out_of_many_features_is_told(monkeypatch):
     monkeypatch.setattr(streaming, "KEPT_AXES", 40)
     spectrum = 1.0 / np.arange(1, 201)
     with one_blas_thread():
-        found = accumulated(known_rows(900, 600, spectrum)[0], block=50).decomposed()
+        found = accumulated(known_rows(900, 600, spectrum)[0], block=50).decompose()
     error = np.abs(found.values[:20] - spectrum[:20])
-    unsure = decompositions.uncertainty(found.values, (600, 900), "blocks", lost=found.lost)[:20]
+    unsure = decompositions.uncertainty(found.values, (600, 900), "blocks", discarded=found.discarded)[:20]
     assert found.energy == pytest.approx(np.sum(spectrum**2), rel=1e-10)
     assert np.all(error <= unsure)  # a bound, which what is left out reaches only where it lies along the modes
     assert 1e-6 < error.max() < 1e-3
@@ -99,15 +99,15 @@ def test_what_is_left_out_of_many_features_is_told(monkeypatch):
 @pytest.mark.parametrize("size", [1e-220, 1e-30, 1.0, 1e30, 1e220])
 def test_any_size(size):
     rows, _ = known_rows(2000, 20, np.geomspace(1.0, 1e-6, 10))
-    found = accumulated(rows * size, parts=2).decomposed()
+    found = accumulated(rows * size, parts=2).decompose()
     np.testing.assert_allclose(found.values[:10] / size, np.geomspace(1.0, 1e-6, 10), rtol=1e-9)
 
 
 def test_small_then_large_and_nothing_then_something():
     rows, _ = known_rows(3000, 20, np.geomspace(1.0, 1e-6, 10))
     sums = accumulated(np.vstack([np.zeros((500, 20)), rows * 1e-220, rows * 1e200]), center=False)
-    np.testing.assert_allclose(sums.decomposed().values[:10] / 1e200, np.geomspace(1.0, 1e-6, 10), rtol=1e-9)
-    nothing = accumulated(np.zeros((100, 20))).decomposed()
+    np.testing.assert_allclose(sums.decompose().values[:10] / 1e200, np.geomspace(1.0, 1e-6, 10), rtol=1e-9)
+    nothing = accumulated(np.zeros((100, 20))).decompose()
     assert not nothing.values.any()
     np.testing.assert_allclose(nothing.left.T @ nothing.left, np.eye(20), atol=1e-15)
 
@@ -115,7 +115,7 @@ def test_small_then_large_and_nothing_then_something():
 @pytest.mark.parametrize("kind", ["random", "waves", "turns"])
 def test_the_uncertainty_covers_the_errors(kind):
     rows, left = known_rows(8000, 40, STEEP, kind, seed=2)
-    found = accumulated(rows).decomposed()
+    found = accumulated(rows).decompose()
     unsure = decompositions.uncertainty(found.values, (40, 8000), "blocks")
     assert np.all(np.abs(found.values[:20] - STEEP) <= unsure[:20])
     angle = decompositions.mode_angles(found.values[None], unsure[None])[0, :20]
