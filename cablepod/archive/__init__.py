@@ -1,4 +1,4 @@
-"""Datasets as netCDF files that tell where they come from: write, read, describe.
+"""netCDF files with provenance: write, read, describe, open ensembles.
 
 .. include:: README.md
 """

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Atomic replacement of files."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def atomic_file(path: Path, *, check: Callable[[], None] | None = None) -> Iterator[Path]:
-    """Give a path beside `path` to write to; on leaving it is flushed to the disk and renamed, or on any error removed.
+    """Provide a temporary path beside `path`; on exit flush the file and rename it, on an error remove it.
 
-    `check` is called just before the renaming, for a long write leaves time for somebody else's file.
+    `check` is called just before the renaming, because another process may have created the file meanwhile.
     """
     part = path.parent / f".cablepod-{uuid.uuid4().hex}.part"
     try:
@@ -23,20 +23,20 @@ def atomic_file(path: Path, *, check: Callable[[], None] | None = None) -> Itera
         if check is not None:
             check()
         os.replace(part, path)
-    finally:  # also when interrupted
+    finally:  # also after Ctrl-C
         _discard(part)
     _sync_folder(path.parent)
 
 
 def _discard(part: Path) -> None:
-    """Remove `part` if it is still there, and its contents first: a library that failed may hold it and its space."""
+    """Remove `part` if it exists; truncate it first, because a failed library may keep the file open and its space in use."""
     with contextlib.suppress(FileNotFoundError):
         os.truncate(part, 0)
         part.unlink()
 
 
 def _sync_folder(folder: Path) -> None:
-    # The file is whole and in place; without this its name may not outlive a power cut, and not every system offers it.
+    """Flush the folder entry of the new file, so that it survives a power failure (not possible on all systems)."""
     with contextlib.suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:

@@ -1,4 +1,4 @@
-"""Attributes of the root of a file: summary, history, program, content hash."""
+"""Global attributes of a file: summary, history, program, content hash."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.archive._read import SCHEMA, contents, version
-from cablepod.archive._read import texts_fixed as _texts_fixed
+from cablepod.archive._read import SCHEMA, content_types, fixed_width_texts, version
 from cablepod.errors import ArchiveError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
+#: Attributes of all files.
 ROOT = {
     "keywords": "cable, catenary, chain, proper orthogonal decomposition, Karhunen-Loeve, reduced order model",
     "comment": "Time is elapsed time in seconds since the start of the run and belongs to no date. Positions are "
@@ -31,50 +31,54 @@ ROOT = {
     "Karhunen-Loeve decomposition",
     "license": "Freely distributed: cablepod (MIT license) sets no terms on what it computes",
 }
+#: Default summary, with the function of the last stage.
 SUMMARY = (
     "What the stage {} of cablepod gave, a package for reduced-order models of the dynamics of cables. "
     "The history says from which inputs and with which parameters."
 )
 
 
-def _stamped(dataset: xr.Dataset) -> xr.Dataset:
+def with_file_attributes(dataset: xr.Dataset) -> xr.Dataset:
     """Return a copy of `dataset` without inherited encodings, with the attributes of a file."""
-    stamped = _texts_fixed(dataset.drop_encoding())
-    for name, content in contents(stamped):
+    stamped = fixed_width_texts(dataset.drop_encoding())
+    for name, content in content_types(stamped):
         stamped[name].attrs.setdefault("coverage_content_type", content)
     stamped.attrs = root_attributes(dataset)
     return stamped
 
 
 def root_attributes(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return the attributes of `dataset` as a file bears them, dates and program included; one that was read keeps its own."""
+    """Return the global attributes of a file for `dataset`; stages read from a file keep their date and program."""
     digest = _content_hash(dataset)
     attrs: dict[str, Any] = {**ROOT, **dataset.attrs}
     attrs["id"] = str(attrs.get("id") or digest[:20])
-    stages = _stages(dataset) or [{"id": attrs["id"], "function": "archive.write", "parameters": {}, "inputs": []}]
+    stages = checked_stages(dataset) or [
+        {"id": attrs["id"], "function": "archive.write", "parameters": {}, "inputs": []}
+    ]
     new = [stage for stage in stages if "written" not in stage]
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     for stage in new:
         stage.update(_program(), written=now)
-    own = _own_stage(stages, attrs["id"])
-    own["sha256"] = digest
+    last = stage_of(stages, attrs["id"])
+    last["sha256"] = digest
     if "wall_time_s" in attrs:
-        own["wall_time_s"] = float(attrs.pop("wall_time_s"))
-    # Texts made for an earlier stage may have come along with the attributes of an input.
+        last["wall_time_s"] = float(attrs.pop("wall_time_s"))
+    # default texts of earlier stages may be inherited from an input: replace them
     for name, text in (("title", "Result of {}"), ("summary", SUMMARY)):
         if attrs.get(name) in {None, *(text.format(stage["function"]) for stage in stages)}:
-            attrs[name] = text.format(own["function"])
+            attrs[name] = text.format(last["function"])
     if new or not {"source", "date_created"} <= set(attrs):
         attrs.update(source=f"cablepod {_program()['version']}", date_created=now)
     for name in ("time_coverage_duration", "time_coverage_resolution"):
-        attrs.pop(name, None)  # of an input with other times, perhaps
+        attrs.pop(name, None)  # possibly inherited from an input with other times
     attrs.update(_time_coverage(dataset))
     attrs.update(Conventions="CF-1.11, ACDD-1.3", history=_history(str(attrs.get("history", "")), stages))
     attrs.update(history_json=json.dumps(stages, sort_keys=True), cablepod_schema=SCHEMA)
     return attrs
 
 
-def _stages(dataset: xr.Dataset) -> list[dict[str, Any]]:
+def checked_stages(dataset: xr.Dataset) -> list[dict[str, Any]]:
+    """Return the stages of the history, after a check of their form."""
     try:
         stages = provenance.stages_of(dataset)
         if all(isinstance(stage["id"], str) and isinstance(stage["function"], str) for stage in stages):
@@ -84,31 +88,31 @@ def _stages(dataset: xr.Dataset) -> list[dict[str, Any]]:
     raise ArchiveError("attribute 'history_json' is not a list of stages, each with id and function; leave it out")
 
 
-def _own_stage(stages: list[dict[str, Any]], identifier: str) -> dict[str, Any]:
-    """Return the stage that made the dataset `identifier`; the last one where none bears that name."""
+def stage_of(stages: list[dict[str, Any]], identifier: str) -> dict[str, Any]:
+    """Return the stage with the id `identifier`, or the last stage if there is none."""
     return next((stage for stage in stages if stage["id"] == identifier), stages[-1])
 
 
 def _history(history: str, stages: list[dict[str, Any]]) -> str:
-    """Return `history` with a line for each stage that it does not name yet."""
+    """Return `history` with a line appended for each stage that it lacks."""
     known = set(history.split())
     lines = [history] if history else []
     for stage in stages:
         if f"id={stage['id']}" not in known:
             inputs = f" inputs={','.join(stage['inputs'])}" if stage.get("inputs") else ""
             program = f"{stage['program']} {stage['version']}"
-            lines.append(f"{stage['written']} {program}: {_call(stage)} id={stage['id']}{inputs}")
+            lines.append(f"{stage['written']} {program}: {call_text(stage)} id={stage['id']}{inputs}")
     return "\n".join(lines)
 
 
-def _call(stage: Mapping[str, Any], width: int = 160) -> str:
-    """Return a stage as a call, its parameters cut at `width` characters; history_json holds them all."""
-    given = ", ".join(f"{name}={json.dumps(value)}" for name, value in stage.get("parameters", {}).items())
-    return f"{stage['function']}({given if len(given) <= width else given[: width - 3] + '...'})"
+def call_text(stage: Mapping[str, Any], width: int = 160) -> str:
+    """Return a stage as the text of a call, with parameters truncated to `width` characters."""
+    arguments = ", ".join(f"{name}={json.dumps(value)}" for name, value in stage.get("parameters", {}).items())
+    return f"{stage['function']}({arguments if len(arguments) <= width else arguments[: width - 3] + '...'})"
 
 
 def _time_coverage(dataset: xr.Dataset) -> dict[str, str]:
-    """Return the length and, where it is constant, the step of ``time`` as ISO 8601 durations."""
+    """Return duration and, if it is constant, interval of ``time`` as ISO 8601 durations."""
     time = dataset.variables.get("time")
     if time is None or time.dims != ("time",) or time.size < 2 or time.dtype.kind not in "fi":
         return {}
@@ -120,7 +124,7 @@ def _time_coverage(dataset: xr.Dataset) -> dict[str, str]:
 
 
 def _content_hash(dataset: xr.Dataset) -> str:
-    """Return the SHA-256 of names, dimensions, types and values: no attributes, no layout, no byte order."""
+    """Return the SHA-256 of names, dimensions, types and values, independent of attributes, layout and byte order."""
     total = hashlib.sha256()
     for name in sorted(map(str, dataset.variables)):
         variable = dataset.variables[name]
@@ -133,7 +137,7 @@ def _content_hash(dataset: xr.Dataset) -> str:
 
 
 def _slabs(variable: xr.Variable) -> Iterator[np.ndarray]:
-    """Yield the values in order; those of a lazy variable chunk by chunk along its first dimension."""
+    """Yield the values in order, for a lazy variable chunk by chunk along its first dimension."""
     if variable.chunks is None or variable.dtype.kind in "UO":
         yield variable.values
         return
@@ -144,21 +148,21 @@ def _slabs(variable: xr.Variable) -> Iterator[np.ndarray]:
 
 @functools.cache
 def _program() -> dict[str, str]:
-    """Return program, version, platform and, in a checkout, commit: what stands beside every hash."""
+    """Return program, version, platform and, in a checkout, commit, for the record of a stage."""
     program = {"program": "cablepod", "version": version(), "platform": platform.platform()}
     commit = _commit(Path(__file__).resolve().parents[2])
     return program | ({"commit": commit} if commit else {})
 
 
 def _commit(root: Path) -> str | None:
-    """Return the commit of the checkout `root`, with "-dirty" behind it if files differ; None where there is none."""
-    if not (root / ".git").exists():  # git would answer for a checkout around an installed package
+    """Return the commit of the checkout `root`, with the suffix "-dirty" if files differ; None without a checkout."""
+    if not (root / ".git").exists():  # git would report a checkout around an installed package
         return None
     command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
     environment = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
-    environment["GIT_OPTIONAL_LOCKS"] = "0"  # look, but never write to the checkout
+    environment["GIT_OPTIONAL_LOCKS"] = "0"  # read only
     try:
-        answer = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=5, check=True)
-    except (OSError, subprocess.SubprocessError):  # no git, no commit yet, not our checkout
+        result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=5, check=True)
+    except (OSError, subprocess.SubprocessError):  # no git, no commit yet, another user's checkout
         return None
-    return answer.stdout.strip() or None
+    return result.stdout.strip() or None

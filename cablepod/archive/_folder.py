@@ -1,4 +1,4 @@
-"""The folder of the results of one study."""
+"""The folder for the results of one study."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from cablepod.errors import ArchiveError
 
 
 def prepare_folder(out: Path, files: Sequence[str], *, overwrite: bool) -> None:
-    """Make the folder of results, and refuse one that cannot be written or holds one of `files` already.
+    """Create the folder for results; refuse one that is not writable or contains one of `files`.
 
     Raises
     ------
     ArchiveError
-        Saying which.
+        If the folder cannot be created or written, or contains one of `files` and `overwrite` is false.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
         raise ArchiveError(f"out: given {out}, which is or lies below a file; allowed: a folder") from None
     except OSError as error:
-        raise ArchiveError(f"out: given {out}, which cannot be made: {error.strerror}; allowed: a folder") from None
+        raise ArchiveError(f"out: given {out}, which cannot be created: {error.strerror}; allowed: a folder") from None
     probe = out / f".cablepod-{os.getpid()}"
     try:
         probe.touch()
         probe.unlink()
     except OSError as error:
         raise ArchiveError(f"out: given {out}, which cannot be written: {error.strerror}; allowed: a folder") from None
-    present = [name for name in files if (out / name).exists()]
-    if present and not overwrite:
+    existing = [name for name in files if (out / name).exists()]
+    if existing and not overwrite:
         raise ArchiveError(
-            f"out: given {out}, which has {', '.join(present)} already; "
+            f"out: given {out}, which contains {', '.join(existing)} already; "
             "allowed: another folder, or overwrite=True to replace them"
         )

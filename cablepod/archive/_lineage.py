@@ -1,4 +1,4 @@
-"""Where a dataset comes from, as a list and as a Python file that makes it again."""
+"""Lineage of a dataset: list of its stages, and the Python script that reproduces it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.errors import SceneError
 
-#: What results are called in the file; others by the last part of the function's name.
+#: Function -> variable name in the script; by default a part of the function's name.
 NAMES = {
     "make_scene": "scene",
     "changed by hand": "changed",
@@ -25,39 +25,39 @@ NAMES = {
 
 
 def ancestors(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """List the stages that led to a dataset, itself last, each after those that it took.
+    """List the stages that led to a dataset, its own last, in order of execution.
 
     Returns
     -------
     list of dict
-        With ``id``, ``function``, ``parameters``, ``inputs`` and, in files, when and by what they were written.
+        With ``id``, ``function``, ``parameters``, ``inputs`` and, of files, date and program.
     """
     stages = {stage["id"]: stage for stage in provenance.stages_of(dataset)}
-    found: dict[str, dict[str, Any]] = {}
+    ordered: dict[str, dict[str, Any]] = {}
     pending = [(str(dataset.attrs.get("id")), False)]
     while pending:
         identifier, ready = pending.pop()
-        if identifier not in stages or identifier in found:
+        if identifier not in stages or identifier in ordered:
             continue
         if ready:
-            found[identifier] = stages[identifier]
+            ordered[identifier] = stages[identifier]
         else:
             pending.append((identifier, True))
             pending.extend((parent, False) for parent in reversed(stages[identifier]["inputs"]))
-    return list(found.values())
+    return list(ordered.values())
 
 
 def script(dataset: xr.Dataset) -> str:
-    """Write a Python file that makes a dataset again from its scenes, and says so where it cannot.
+    """Return a Python script that reproduces a dataset from its scenes.
 
-    It stops where an id is not the same again.
+    The script stops if an id differs, or at a stage that cannot be reproduced.
     """
     stages = ancestors(dataset)
     if not stages:
         return "# no history: nothing says where this comes from\n"
     names = _names(stages)
     lines = [f"# {dataset.attrs.get('title', stages[-1]['function'])}", "#"]
-    lines += [f"# {line}" for line in _listed(stages)]
+    lines += [f"# {line}" for line in _stage_lines(stages)]
     lines += ["", "import cablepod as cp", "import cablepod.lineage", ""]
     for stage in stages:
         lines += _statements(stage, names)
@@ -67,6 +67,7 @@ def script(dataset: xr.Dataset) -> str:
 
 
 def _names(stages: list[dict[str, Any]]) -> dict[str, str]:
+    """Return the variable names of the results in the script, id -> name."""
     names: dict[str, str] = {}
     for stage in stages:
         function = stage["function"]
@@ -76,7 +77,8 @@ def _names(stages: list[dict[str, Any]]) -> dict[str, str]:
     return names
 
 
-def _listed(stages: list[dict[str, Any]]) -> Iterator[str]:
+def _stage_lines(stages: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield a line for each stage: id, function, inputs, date and program."""
     for stage in stages:
         written = f"  {stage['written']}, {stage['program']} {stage['version']}" if "written" in stage else ""
         inputs = f" from {', '.join(stage['inputs'])}" if stage["inputs"] else ""
@@ -84,30 +86,32 @@ def _listed(stages: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def _statements(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:
-    """Statements that make the result of one stage."""
+    """Return the statements that reproduce the result of one stage."""
     name, function, parameters = names[stage["id"]], stage["function"], stage["parameters"]
     missing = [parent for parent in stage["inputs"] if parent not in names]
-    lost = list(_digests(parameters))
+    digested = list(_digests(parameters))
     if function == "changed by hand":
-        lost = [] if "values" in parameters else ["values"]
-    if missing or lost or (function != "changed by hand" and not _found(function)):
-        why = "the history lacks " + ", ".join(missing) if missing else f"only a digest is kept of {', '.join(lost)}"
-        if not (missing or lost):
+        digested = [] if "values" in parameters else ["values"]
+    if missing or digested or (function != "changed by hand" and not callable(_callable(function))):
+        why = (
+            "the history lacks " + ", ".join(missing) if missing else f"only a digest is kept of {', '.join(digested)}"
+        )
+        if not (missing or digested):
             why = "that is no function of the package to call by itself"
         text = f"{function}, {stage['id']}: cannot be made again, {why}"
         return [f"raise SystemExit({text!r})", ""]
-    taken = [names[parent] for parent in stage["inputs"]]
-    if function == "pod.decompose" and len(taken) > 1:  # several trajectories are one argument
-        taken = [f"[{', '.join(taken)}]"]
+    inputs = [names[parent] for parent in stage["inputs"]]
+    if function == "pod.decompose" and len(inputs) > 1:  # several trajectories are one argument
+        inputs = [f"[{', '.join(inputs)}]"]
     if function == "oblique.train":  # scenes, as many trajectories, modes
-        half = len(taken) // 2
-        taken = [f"[{', '.join(taken[:half])}]", f"[{', '.join(taken[half:-1])}]", taken[-1]]
+        half = len(inputs) // 2
+        inputs = [f"[{', '.join(inputs[:half])}]", f"[{', '.join(inputs[half:-1])}]", inputs[-1]]
     if function == "ensemble.run":
-        return [*_ensemble(name, taken, parameters), f'cablepod.lineage.check({name}, "{stage["id"]}")', ""]
+        return [*_ensemble(name, inputs, parameters), f'cablepod.lineage.check({name}, "{stage["id"]}")', ""]
     if function == "make_scene":
         call = f"cp.make_scene({_text(parameters['scene'])})"
     elif function == "changed by hand":
-        call = f"cablepod.lineage.changed({taken[0]}, values={_text(parameters['values'])})"
+        call = f"cablepod.lineage.changed({inputs[0]}, values={_text(parameters['values'])})"
     else:
         chosen = set(stage.get("chosen", ()))
         options = [
@@ -115,25 +119,26 @@ def _statements(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]
             for key, value in parameters.items()
             if key in _options(function) and key not in chosen
         ]
-        call = f"cp.{function}({', '.join([*taken, *options])})"
+        call = f"cp.{function}({', '.join([*inputs, *options])})"
     lines = [f"{name} = {call}"]
-    if function != "changed by hand":  # a change shows only in what is made of it
+    if function != "changed by hand":  # the id of a changed scene appears only in later stages
         lines.append(f'cablepod.lineage.check({name}, "{stage["id"]}")')
     return [*lines, ""]
 
 
-def _ensemble(name: str, taken: list[str], parameters: Mapping[str, Any]) -> Iterator[str]:
-    """Statements that run an ensemble again, and read the batch that is meant, if it is one."""
+def _ensemble(name: str, inputs: list[str], parameters: Mapping[str, Any]) -> Iterator[str]:
+    """Yield statements that run an ensemble again, and read one batch if the dataset is a batch."""
     folder = f"{name}_again"
     options = {"model": parameters["model"], "batch": parameters["batch"], **parameters["options"]}
-    given = [taken[0], repr(folder), *(f"modes={modes}" for modes in taken[1:])]
-    given += [f"{key}={_text(value)}" for key, value in options.items() if value is not None]
-    yield f"{name} = cp.ensemble.run({', '.join(given)})"
+    arguments = [inputs[0], repr(folder), *(f"modes={modes}" for modes in inputs[1:])]
+    arguments += [f"{key}={_text(value)}" for key, value in options.items() if value is not None]
+    yield f"{name} = cp.ensemble.run({', '.join(arguments)})"
     if "number" in parameters:
         yield f'{name} = cp.archive.read("{folder}/batch_{parameters["number"]:04d}.nc")'
 
 
 def _callable(function: str) -> Any:
+    """Return a public function by its name, None if there is none."""
     module, _, name = function.rpartition(".")
     try:
         return getattr(importlib.import_module(f"cablepod.{module}" if module else "cablepod"), name, None)
@@ -141,74 +146,71 @@ def _callable(function: str) -> Any:
         return None
 
 
-def _found(function: str) -> bool:
-    return callable(_callable(function))
-
-
 def _options(function: str) -> set[str]:
-    signature = inspect.signature(_callable(function))
-    return {name for name, item in signature.parameters.items() if item.kind is item.KEYWORD_ONLY or name == "ranges"}
+    """Return the names of the keyword arguments of a function."""
+    arguments = inspect.signature(_callable(function)).parameters
+    return {name for name, arg in arguments.items() if arg.kind is arg.KEYWORD_ONLY or name == "ranges"}
 
 
 def _digests(value: Any, key: str = "") -> Iterator[str]:
-    """Key paths of arrays of which only a digest is kept."""
+    """Yield the key paths of arrays stored as a digest only."""
     if isinstance(value, Mapping):
         if "sha256" in value and "shape" in value:
             yield key
-        for name, item in value.items():
-            yield from _digests(item, f"{key}.{name}" if key else str(name))
+        for name, entry in value.items():
+            yield from _digests(entry, f"{key}.{name}" if key else str(name))
 
 
 def _text(value: Any) -> str:
-    """Write a value as Python; equidistant numbers as a call that gives them bit for bit."""
+    """Return a value as Python text; equidistant numbers as a call that reproduces them bit for bit."""
     if isinstance(value, Mapping):
         if set(value) == {"equidistant", "first", "last", "count"}:
-            about = ", ".join(repr(value[key]) for key in ("equidistant", "first", "last", "count"))
-            return f"cp.provenance.equidistant({about})"
-        return "{" + ", ".join(f"{key!r}: {_text(item)}" for key, item in value.items()) + "}"
+            arguments = ", ".join(repr(value[key]) for key in ("equidistant", "first", "last", "count"))
+            return f"cp.provenance.equidistant({arguments})"
+        return "{" + ", ".join(f"{key!r}: {_text(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, list):
         return "[" + ", ".join(map(_text, value)) + "]"
     return repr(value)
 
 
 def check(dataset: xr.Dataset, identifier: str) -> None:
-    """Stop where a dataset that was made again is another.
+    """Check the id of a reproduced dataset.
 
     Raises
     ------
     SceneError
-        Naming both ids; another version of the package may have made the first.
+        If the id differs, for example because another version of the package made the original.
     """
     if dataset.attrs.get("id") != identifier:
         raise SceneError(
-            f"id: given {dataset.attrs.get('id')}, of what was made again; allowed: {identifier}, "
-            f"of what is in the file; history: {json.dumps(provenance.stages_of(dataset)[-1:])[:400]}"
+            f"id: given {dataset.attrs.get('id')}, of the reproduced dataset; allowed: {identifier}, "
+            f"of the original; history: {json.dumps(provenance.stages_of(dataset)[-1:])[:400]}"
         )
 
 
 def changed(scene: xr.Dataset, *, values: Mapping[str, Any]) -> xr.Dataset:
-    """Change a scene by hand as its history tells.
+    """Apply a manual change recorded in a history to a scene.
 
     Parameters
     ----------
     scene
-        The scene before.
+        The scene before the change.
     values
-        Of each variable its value, or dimensions, values and attributes.
+        Name of a variable -> its value, or its dimensions, values and attributes.
 
-    Raises
-    ------
-    SceneError
-        Where a variable was too long to be kept in the history.
+    Returns
+    -------
+    xarray.Dataset
+        The changed scene.
     """
-    made: dict[str, Any] = {}
+    variables: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, list):
             dims, numbers, attrs = value
             kind = scene[name].dtype if name in scene else None
-            made[name] = (tuple(dims), np.asarray(numbers, dtype=kind), attrs)
+            variables[name] = (tuple(dims), np.asarray(numbers, dtype=kind), attrs)
         else:
-            made[name] = scene[name].copy(data=value) if name in scene and not scene[name].dims else value
+            variables[name] = scene[name].copy(data=value) if name in scene and not scene[name].dims else value
     return scene.drop_vars(
-        [name for name in scene.variables if name not in made and scene[name].size <= provenance.MAX_HISTORY_ITEMS]
-    ).assign(made)
+        [name for name in scene.variables if name not in variables and scene[name].size <= provenance.MAX_HISTORY_ITEMS]
+    ).assign(variables)

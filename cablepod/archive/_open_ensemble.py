@@ -1,4 +1,4 @@
-"""Open the files of an ensemble as one Dataset, read when needed."""
+"""Open the files of an ensemble as one lazy Dataset."""
 
 from __future__ import annotations
 
@@ -13,44 +13,47 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.archive._manifest import FAILURE, SCENES, check_batch, entry_of, file_of, read_manifest, sizes_of
-from cablepod.archive._read import LIBRARY_ERRORS, alone, damaged, opened_file, restored
+from cablepod.archive._manifest import FAILURE, SCENES, check_batch, file_of, read_entry, read_manifest, sizes_of
+from cablepod.archive._read import LIBRARY_ERRORS, damaged, netcdf_lock, opened_file, restored
 from cablepod.errors import ArchiveError
+
+#: Maximum bytes of a dask chunk; longer batches are split along time.
+CHUNK = 1 << 26
 
 
 @dataclass(frozen=True)
 class _ChunkReader:
-    """Reads one variable of one batch file, called for each chunk of a dask array."""
+    """Reader of one variable, called by dask for each chunk."""
 
     files: tuple[str, ...]
-    sizes: tuple[int, ...]
+    sizes: tuple[int, ...]  #: members in each file
     name: str
     shape: tuple[int, ...]  #: without member
     dtype: np.dtype
-    time: int | None  #: which dimension is cut
-    cuts: tuple[int, ...]  #: lengths of the pieces along it
+    time: int | None  #: index of the dimension time, which is split
+    lengths: tuple[int, ...]  #: lengths of the chunks along time
 
     def __call__(self, block_id: tuple[int, ...]) -> np.ndarray:
         import netCDF4
         from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
         path = Path(self.files[block_id[0]])
-        count, shape, place = self.sizes[block_id[0]], list(self.shape), slice(None)
+        count, shape, times = self.sizes[block_id[0]], list(self.shape), slice(None)
         if self.time is not None:
-            first = sum(self.cuts[: block_id[self.time]])
-            place = slice(first, first + self.cuts[block_id[self.time]])
-            shape[self.time - 1] = self.cuts[block_id[self.time]]
+            first = sum(self.lengths[: block_id[self.time]])
+            times = slice(first, first + self.lengths[block_id[self.time]])
+            shape[self.time - 1] = self.lengths[block_id[self.time]]
         try:
-            with alone(), NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
+            with netcdf_lock(), NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
                 file.set_auto_maskandscale(False)
-                if self.name not in file.variables:  # all members failed, or none of them has it
+                if self.name not in file.variables:  # all members of the batch failed
                     return np.full((count, *shape), np.nan, self.dtype)
                 variable = file.variables[self.name]
-                along = "member" in variable.dimensions
-                where = [slice(None)] * variable.ndim
+                has_members = "member" in variable.dimensions
+                index = [slice(None)] * variable.ndim
                 if self.time is not None:
-                    where[self.time - (0 if along else 1)] = place
-                values = np.asarray(variable[tuple(where)], self.dtype)
+                    index[self.time - (0 if has_members else 1)] = times
+                values = np.asarray(variable[tuple(index)], self.dtype)
         except LIBRARY_ERRORS as error:
             if not path.exists():
                 raise ArchiveError(
@@ -65,62 +68,63 @@ CHUNK = 1 << 26
 
 
 def open_ensemble(path: str | os.PathLike[str], *, incomplete: bool = False) -> xr.Dataset:
-    """Open what :func:`cablepod.ensemble.run` wrote as one lazy dataset.
+    """Open the folder of :func:`cablepod.ensemble.run` as one lazy dataset.
 
     Parameters
     ----------
     path
         The folder.
     incomplete
-        Open an ensemble that is not finished too: the members that are there.
+        Also open an unfinished ensemble, with the members that are complete.
 
     Returns
     -------
     xarray.Dataset
-        The results along ``member`` as dask arrays, a chunk or several for each file; nothing stays open.  Parameters that vary
-        are coordinates along ``member``, in memory.  Members that failed hold nan, and ``failure (member)`` says why.  Attributes
-        are those of the ensemble; its history has the stages of scenes and modes.
+        The results along ``member`` as dask arrays with one or more chunks for each file; no file stays open.  Varied parameters
+        are coordinates along ``member``, in memory.  Failed members hold nan, and ``failure (member)`` has the reason.  The
+        attributes are those of the ensemble; its history includes the stages of scenes and modes.
 
     Raises
     ------
     ArchiveError
-        If there is no ensemble, it is unfinished, or files are missing, damaged or of another version; they are named.
+        If there is no ensemble, it is unfinished, or files are missing, damaged or of a newer version (named in the message).
     """
     folder = Path(path)
     manifest = read_manifest(folder)
     sizes = sizes_of(manifest)
-    there = [number for number in range(len(sizes)) if incomplete is False or (folder / file_of(number)).exists()]
+    numbers = [number for number in range(len(sizes)) if incomplete is False or (folder / file_of(number)).exists()]
     if not incomplete:
         _check_complete(folder, manifest, sizes)
-    _check_files(folder, manifest, there)
-    if not there:
-        raise ArchiveError(f"{folder}: no member of this ensemble is done yet; run the ensemble again, which goes on")
-    entries = {
-        number: manifest["done"].get(str(number)) or entry_of(folder / file_of(number)) for number in there
-    }  # what was written just before the run was killed is not noted yet
+    _check_files(folder, manifest, numbers)
+    if not numbers:
+        raise ArchiveError(f"{folder}: no member of this ensemble is complete yet; run the ensemble again to continue")
+    # the manifest may lack batches completed just before a crash: read their entries from the files
+    entries = {number: manifest["done"].get(str(number)) or read_entry(folder / file_of(number)) for number in numbers}
     with opened_file(folder / SCENES) as opened:
         scenes = restored(opened.load())
     first = np.cumsum([0, *sizes])
-    rows = np.concatenate([np.arange(first[number], first[number + 1]) for number in there])
+    rows = np.concatenate([np.arange(first[number], first[number + 1]) for number in numbers])
     return _EnsembleAssembler(
-        folder, manifest, entries, [sizes[number] for number in there], scenes.isel(member=rows)
+        folder, manifest, entries, [sizes[number] for number in numbers], scenes.isel(member=rows)
     ).dataset()
 
 
 def _check_complete(folder: Path, manifest: Mapping[str, Any], sizes: Sequence[int]) -> None:
-    waiting = [
+    """Refuse an ensemble with missing batches."""
+    missing = [
         number
         for number in range(len(sizes))
         if str(number) not in manifest["done"] and not (folder / file_of(number)).exists()
     ]
-    if waiting:
+    if missing:
         raise ArchiveError(
-            f"{folder}: {sum(sizes[number] for number in waiting)} of {manifest['members']} members are not done yet; run the "
-            "ensemble again, which goes on where it stopped, or open what is there with incomplete=True"
+            f"{folder}: {sum(sizes[number] for number in missing)} of {manifest['members']} members are not done yet; run the "
+            "ensemble again to continue, or open the complete members with incomplete=True"
         )
 
 
 def _check_files(folder: Path, manifest: Mapping[str, Any], numbers: Sequence[int]) -> None:
+    """Refuse missing and damaged batch files, naming up to five."""
     faults = []
     for number in numbers:
         try:
@@ -134,87 +138,94 @@ def _check_files(folder: Path, manifest: Mapping[str, Any], numbers: Sequence[in
 
 @dataclass(frozen=True)
 class _EnsembleAssembler:
-    """What an ensemble is put together from."""
+    """Assembler of the lazy dataset from scenes, manifest and batch files."""
 
     folder: Path
     manifest: Mapping[str, Any]
-    entries: Mapping[int, Mapping[str, Any]]  #: by number, in order
+    entries: Mapping[int, Mapping[str, Any]]  #: number of the batch -> entry of the manifest, in order
     sizes: Sequence[int]
     scenes: xr.Dataset
 
     def dataset(self) -> xr.Dataset:
-        """Make the lazy dataset."""
+        """Return the lazy dataset."""
         variables, attrs = {"failure": self._failures()}, dict(self.manifest["attributes"])
         coords: dict[str, xr.Variable] = {}
         for name, values in self.scenes.variables.items():
             if values.dims == ("member",):
                 coords[str(name)] = values
-        for template, entry in self._templates():
-            for name, item in template.variables.items():
-                of_member = "member" in item.dims
+        for template in self._templates():
+            for name, variable in template.variables.items():
+                has_members = "member" in variable.dims
                 if str(name) in {*variables, *coords} or (
-                    of_member and (name in self.scenes or item.dtype.kind == "U")
+                    has_members and (name in self.scenes or variable.dtype.kind == "U")
                 ):
                     continue
-                made = self._variable(str(name), item, entry)
-                (coords if name in template.coords else variables)[str(name)] = made
+                target = coords if name in template.coords else variables
+                target[str(name)] = self._variable(str(name), variable)
             attrs |= {name: value for name, value in template.attrs.items() if name.startswith("time_coverage")}
         texts = [entry["texts"] for entry in self.entries.values()]
-        for name, value in max(texts, key=len).items():  # such as model, law and scheme; a batch of failures has none
+        for name, value in max(
+            texts, key=len
+        ).items():  # such as model, law and scheme; a batch of failed members has none
             if all(other.get(name, value) == value for other in texts):
                 attrs.setdefault(name, value)
         return xr.Dataset(variables, coords, attrs)
 
-    def _templates(self) -> Iterator[tuple[xr.Dataset, Mapping[str, Any]]]:
-        """Yield the heads of one file of each layout, those with most variables first, with their entries."""
+    def _templates(self) -> Iterator[xr.Dataset]:
+        """Yield one opened file of each layout, those with most variables first."""
         seen: dict[str, tuple[int, Mapping[str, Any]]] = {}
         for number, entry in self.entries.items():
             seen.setdefault(json.dumps(entry["layout"], sort_keys=True), (number, entry))
-        for number, entry in sorted(seen.values(), key=lambda item: (-len(item[1]["layout"]["variables"]), item[0])):
+        for number, _ in sorted(seen.values(), key=lambda pair: (-len(pair[1]["layout"]["variables"]), pair[0])):
             with opened_file(self.folder / file_of(number)) as opened:
-                yield restored(opened), entry
+                yield restored(opened)
 
     def _failures(self) -> xr.Variable:
-        """Return the reasons of the members that failed."""
+        """Return the reasons of failed members (member), empty for others."""
         numbers = self.scenes["member"].values
         reasons = {key: reason for entry in self.entries.values() for key, reason in entry["failed"].items()}
         texts = np.array([reasons.get(str(number), "") for number in numbers.tolist()], dtype=str)
         return xr.Variable("member", texts, FAILURE)
 
-    def _variable(self, name: str, item: xr.Variable, entry: Mapping[str, Any]) -> xr.Variable:
-        layouts = [(number, other["layout"]) for number, other in self.entries.items()]
+    def _variable(self, name: str, template: xr.Variable) -> xr.Variable:
+        """Return a variable of the ensemble, lazy unless it is shared by all members."""
+        layouts = [(number, entry["layout"]) for number, entry in self.entries.items()]
         shared = {layout["shared"][name] for _, layout in layouts if name in layout["shared"]}
-        along = [(number, layout["variables"][name]) for number, layout in layouts if name in layout["variables"]]
-        if not along and len(shared) == 1:
-            return item.load()
-        if name in item.dims:
+        member_layouts = [
+            (number, layout["variables"][name]) for number, layout in layouts if name in layout["variables"]
+        ]
+        if not member_layouts and len(shared) == 1:
+            return template.load()
+        if name in template.dims:
             raise ArchiveError(
                 f"{self.folder}: the batches differ in the coordinate {name}; open their files one by one"
             )
-        dims: list[str] = along[0][1][0] if along else ["member", *map(str, item.dims)]
-        shape = tuple(along[0][1][1]) if along else item.shape
-        odd = [number for number, other in along if tuple(other[1]) != shape]
-        if odd:
+        dims: list[str] = member_layouts[0][1][0] if member_layouts else ["member", *map(str, template.dims)]
+        shape = tuple(member_layouts[0][1][1]) if member_layouts else template.shape
+        different = [number for number, layout in member_layouts if tuple(layout[1]) != shape]
+        if different:
             raise ArchiveError(
-                f"{self.folder / file_of(odd[0])}: {name} ({', '.join(dims)}) has another shape in this batch than in batch "
-                f"{along[0][0]}; open the files one by one"
+                f"{self.folder / file_of(different[0])}: {name} ({', '.join(dims)}) has another shape in this batch than in "
+                f"batch {member_layouts[0][0]}; open the files one by one"
             )
-        dtype = item.dtype if len(along) == len(layouts) or item.dtype.kind == "f" else np.dtype(float)
-        return xr.Variable(dims, self._lazy(name, dims, shape, dtype), item.attrs)
+        is_complete = len(member_layouts) == len(layouts)
+        dtype = template.dtype if is_complete or template.dtype.kind == "f" else np.dtype(float)
+        return xr.Variable(dims, self._lazy(name, dims, shape, dtype), template.attrs)
 
     def _lazy(self, name: str, dims: Sequence[str], shape: tuple[int, ...], dtype: np.dtype) -> Any:
+        """Return the dask array of a variable; `shape` is without member."""
         import dask.array
 
         time = list(dims).index("time") if "time" in dims else None
         length = shape[time - 1] if time is not None else 1
         row = max(self.sizes) * int(np.prod(shape)) * dtype.itemsize // max(length, 1)
-        piece = max(1, min(length, CHUNK // max(row, 1)))
-        cuts = tuple(min(piece, length - begin) for begin in range(0, length, piece)) if time is not None else ()
+        part = max(1, min(length, CHUNK // max(row, 1)))
+        lengths = tuple(min(part, length - start) for start in range(0, length, part)) if time is not None else ()
         chunks: list[Any] = [tuple(self.sizes), *((size,) for size in shape)]
         if time is not None:
-            chunks[time] = cuts
+            chunks[time] = lengths
         files = tuple(str(self.folder.resolve() / file_of(number)) for number in self.entries)
-        reader = _ChunkReader(files, tuple(self.sizes), name, shape, dtype, time, cuts)
+        reader = _ChunkReader(files, tuple(self.sizes), name, shape, dtype, time, lengths)
         stamp = hashlib.sha256(repr((files, self.sizes, self.manifest["id"])).encode()).hexdigest()[:16]
         return dask.array.map_blocks(
             reader, chunks=tuple(chunks), dtype=dtype, meta=np.empty((0,) * len(chunks), dtype), name=f"{name}-{stamp}"

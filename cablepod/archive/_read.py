@@ -1,4 +1,4 @@
-"""Read a file, and refuse truncated, foreign or newer ones by name."""
+"""Read netCDF files; errors name missing, damaged, foreign and newer files."""
 
 from __future__ import annotations
 
@@ -18,24 +18,26 @@ from cablepod import conventions
 from cablepod.batch._sigint import defer_sigint
 from cablepod.errors import ArchiveError
 
-SCHEMA = 1  # raised when files change so that an older package would misread them
+#: Version of the file layout, raised when an older package would misread new files.
+SCHEMA = 1
 _LIBRARY = threading.RLock()
+#: Exceptions of xarray and netCDF for files that they cannot read or write.
 LIBRARY_ERRORS = (OSError, RuntimeError, ValueError, TypeError, KeyError, IndexError, AttributeError)
 
 
 @contextmanager
-def alone() -> Iterator[None]:
-    """Be the only thread in the netCDF library, and let Ctrl-C wait.
+def netcdf_lock() -> Iterator[None]:
+    """Hold the lock of the netCDF library and defer SIGINT.
 
-    The library crashes if two threads are in it, and xarray locks only some of its calls.  Where other threads have to get in for
-    one to go on, as in writing what dask computes from files, it cannot be held.
+    The library is not thread-safe, and xarray locks only some of its calls.  Do not hold the lock if the call waits for other
+    threads that need it, as in writing lazy data that dask reads from files.
     """
     with defer_sigint(), _LIBRARY:
         yield
 
 
 def open_file(path: Path, chunks: Any) -> xr.Dataset:
-    """Open `path` and make sure that it is one of ours; the values are not read yet."""
+    """Open a file lazily, after a check that this package wrote it."""
     if not path.exists():
         raise ArchiveError(f"{path}: does not exist; check the path")
     if not path.is_file():
@@ -43,20 +45,20 @@ def open_file(path: Path, chunks: Any) -> xr.Dataset:
     if path.stat().st_size == 0:
         raise ArchiveError(f"{path}: is empty; make it again")
     try:
-        with alone():
+        with netcdf_lock():
             opened = xr.open_dataset(path, engine="netcdf4", chunks=chunks, decode_times=False, decode_timedelta=False)
     except PermissionError as error:
         raise ArchiveError(f"{path}: no permission to read it; change its permissions") from error
     except LIBRARY_ERRORS as error:
         raise damaged(path, error) from error
-    found = opened.attrs.get("cablepod_schema")
-    if isinstance(found, np.integer) and found <= SCHEMA:
+    schema = opened.attrs.get("cablepod_schema")
+    if isinstance(schema, np.integer) and schema <= SCHEMA:
         return opened
     opened.close()
-    if not isinstance(found, np.integer):
+    if not isinstance(schema, np.integer):
         raise ArchiveError(f"{path}: was not written by cablepod (no attribute cablepod_schema); open it with xarray")
     raise ArchiveError(
-        f"{path}: has schema version {found}, this cablepod ({version()}) knows versions up to {SCHEMA}; "
+        f"{path}: has schema version {schema}, this cablepod ({version()}) knows versions up to {SCHEMA}; "
         "install a newer cablepod"
     )
 
@@ -65,19 +67,19 @@ def version() -> str:
     """Return the version of the package."""
     try:
         return importlib.metadata.version("cablepod")
-    except importlib.metadata.PackageNotFoundError:  # run from a checkout that is not installed
+    except importlib.metadata.PackageNotFoundError:  # a checkout that is not installed
         return "unknown"
 
 
 @contextmanager
 def opened_file(path: Path) -> Iterator[xr.Dataset]:
-    """Open a file as :func:`open_file` does, alone with the library until it is closed again."""
-    with alone(), open_file(path, None) as opened:
+    """Open a file as :func:`open_file`, with the lock of the library until it is closed."""
+    with netcdf_lock(), open_file(path, None) as opened:
         yield opened
 
 
 def damaged(path: Path, error: BaseException) -> ArchiveError:
-    """Make the error for a file that netCDF does not read."""
+    """Return the error for a file that the netCDF library cannot read."""
     with path.open("rb") as file:
         is_netcdf = file.read(8) == b"\x89HDF\r\n\x1a\n"
     if not is_netcdf:
@@ -86,49 +88,51 @@ def damaged(path: Path, error: BaseException) -> ArchiveError:
 
 
 def restored(opened: xr.Dataset) -> xr.Dataset:
-    """Return `opened` without what the file added to its variables: layout, content types, objects for strings."""
-    made = texts_fixed(opened.drop_encoding())
-    for name, content in contents(made):
-        if made[name].attrs.get("coverage_content_type") == content:
-            del made[name].attrs["coverage_content_type"]
-    return made
+    """Return `opened` as it was before writing: without encodings and content types, strings as fixed-width arrays."""
+    dataset = fixed_width_texts(opened.drop_encoding())
+    for name, content in content_types(dataset):
+        if dataset[name].attrs.get("coverage_content_type") == content:
+            del dataset[name].attrs["coverage_content_type"]
+    return dataset
 
 
-def texts_fixed(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a shallow copy in which strings lie in memory with fixed width, never as objects or lazily."""
-    texts = {name: item for name, item in dataset.variables.items() if item.dtype.kind in "UO"}
-    return dataset.assign({name: (item.dims, item.values.astype(str), item.attrs) for name, item in texts.items()})
+def fixed_width_texts(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a shallow copy with all strings as fixed-width arrays in memory."""
+    texts = {name: variable for name, variable in dataset.variables.items() if variable.dtype.kind in "UO"}
+    return dataset.assign(
+        {name: (variable.dims, variable.values.astype(str), variable.attrs) for name, variable in texts.items()}
+    )
 
 
-def contents(dataset: xr.Dataset) -> Iterator[tuple[Hashable, str]]:
-    """Tell the ISO 19115-1 codes: what the vocabulary names is a result, the rest describe it; places of several dimensions."""
+def content_types(dataset: xr.Dataset) -> Iterator[tuple[Hashable, str]]:
+    """Yield names and ISO 19115-1 content codes of data variables and of coordinates with several dimensions."""
     for name in dataset.data_vars:
         yield name, "modelResult" if name in conventions.VARIABLES else "auxiliaryInformation"
-    for name, item in dataset.coords.items():
-        if item.ndim > 1:
+    for name, coordinate in dataset.coords.items():
+        if coordinate.ndim > 1:
             yield name, "coordinate"
 
 
 def read(path: str | os.PathLike[str], *, chunks: Any = None) -> xr.Dataset:
-    """Read a file that :func:`write` wrote.
+    """Read a file of :func:`write`.
 
     Parameters
     ----------
     path
         The file.
     chunks
-        None reads everything and closes the file.  Otherwise as in :func:`xarray.open_dataset` (``{}`` for the chunks
-        of the file): variables are dask arrays, and the file stays open until the dataset's ``close``.
+        None to read all values and close the file.  Otherwise as in :func:`xarray.open_dataset` (``{}`` for the chunks of the
+        file): variables are dask arrays, and the file stays open until ``close`` of the dataset.
 
     Returns
     -------
     xarray.Dataset
-        What was written, with the attributes of the root; ``time`` stays in elapsed seconds.
+        The dataset as written, with the global attributes of the file; ``time`` is elapsed time [s].
 
     Raises
     ------
     ArchiveError
-        If the file is missing, empty, truncated or damaged, not from this package, or from a newer one.
+        If the file is missing, empty, truncated or damaged, not from this package, or from a newer version.
     """
     path = Path(path)
     if chunks is not None:
@@ -138,7 +142,7 @@ def read(path: str | os.PathLike[str], *, chunks: Any = None) -> xr.Dataset:
         lazy = restored(opened)
         lazy.set_close(defer_sigint()(opened.close))
         return lazy
-    with alone(), open_file(path, None) as opened:
+    with netcdf_lock(), open_file(path, None) as opened:
         try:
             return restored(opened.load())
         except LIBRARY_ERRORS as error:

@@ -1,4 +1,4 @@
-"""Write Datasets as netCDF files that appear whole or not at all."""
+"""Write Datasets as netCDF files, atomically."""
 
 from __future__ import annotations
 
@@ -12,19 +12,23 @@ import numpy as np
 import xarray as xr
 
 from cablepod.archive._atomic import atomic_file
-from cablepod.archive._attributes import _stamped
-from cablepod.archive._read import LIBRARY_ERRORS, alone
+from cablepod.archive._attributes import with_file_attributes
+from cablepod.archive._read import LIBRARY_ERRORS, netcdf_lock
 from cablepod.batch._sigint import defer_sigint_during_dask
 from cablepod.errors import ArchiveError
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
 
-SMALL = 16_384  # bytes; below this a filter and its chunk index cost more than they save
-CHUNK = 1 << 20  # bytes; aim for the size of one chunk
-CHUNKED = ("time", "member")  # a decomposition reads complete rows of particles, so nothing else is ever cut
+#: Maximum bytes of an uncompressed variable (filter and chunk index would cost more than they save).
+MAX_UNCOMPRESSED = 16_384
+#: Target bytes of a chunk.
+CHUNK = 1 << 20
+#: Dimensions split into chunks (decompositions read complete rows of particles).
+CHUNKED = ("time", "member")
+#: Data types that netCDF-4 can store.
 DTYPES = {np.dtype(code) for code in ("i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8")}
-# xarray takes these for its own and would decode them when it reads
+#: Attribute names that xarray decodes on reading.
 RESERVED = (
     "_FillValue",
     "missing_value",
@@ -38,23 +42,28 @@ RESERVED = (
 
 
 def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-    """Write `dataset` to the netCDF-4 file `path`, whole or not at all, and return the path.
+    """Write a dataset to a netCDF-4 file, atomically.
 
     Parameters
     ----------
     dataset
-        Any dataset of the package; it is not modified.  One that is held in chunks is computed twice, for its content
-        hash and for the file.  An attribute ``wall_time_s`` [s] moves into the record of the last stage.
+        Any dataset of the package; it is not modified.  A lazy dataset is computed twice, for its content hash and for the file.
+        An attribute ``wall_time_s`` [s] moves into the record of the last stage.
     path
         The file; its folder must exist.
     overwrite
-        Replace an existing file; the old one stays whole until the new one is.
+        Replace an existing file; the old one remains until the new one is complete.
+
+    Returns
+    -------
+    pathlib.Path
+        The path of the file.
 
     Raises
     ------
     ArchiveError
-        If the file exists and `overwrite` is false, the folder is missing or not writable, the disk is full, or the
-        dataset holds what netCDF cannot.
+        If the file exists and `overwrite` is false, the folder is missing or not writable, the disk is full, or netCDF cannot
+        store a variable or attribute.
 
     Examples
     --------
@@ -68,11 +77,11 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
     path = Path(path)
     check_target(path, overwrite=overwrite)
     _check_content(dataset)
-    is_lazy = any(item.chunks is not None for item in dataset.variables.values())
+    is_lazy = any(variable.chunks is not None for variable in dataset.variables.values())
     with defer_sigint_during_dask(dataset):
-        stamped = _stamped(dataset)
-    # what is computed on the way may need other threads to read
-    library = defer_sigint_during_dask(dataset) if is_lazy else alone()
+        stamped = with_file_attributes(dataset)
+    # other threads may read files while lazy data are computed: do not hold the lock
+    library = defer_sigint_during_dask(dataset) if is_lazy else netcdf_lock()
     try:
         with atomic_file(path, check=lambda: check_target(path, overwrite=overwrite)) as part, library:
             stamped.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding_of(stamped))
@@ -84,26 +93,29 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
 
 
 def encoding_of(dataset: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
-    """Return how each variable of `dataset` is laid out in a file: fill value, compression, chunks, characters."""
-    return {name: _encoding(str(name), item, name in dataset.coords) for name, item in dataset.variables.items()}
+    """Return the netCDF encoding of each variable: fill value, compression, chunks, characters."""
+    return {
+        name: _encoding(str(name), variable, name in dataset.coords) for name, variable in dataset.variables.items()
+    }
 
 
 def _encoding(name: str, variable: xr.Variable, is_coordinate: bool) -> dict[str, Any]:
-    if variable.dtype.kind in "UO":  # fixed-width characters: many tools fail on strings of variable length
+    """Return the encoding of one variable."""
+    if variable.dtype.kind in "UO":  # fixed width: many tools fail on strings of variable length
         return {"dtype": "S1", "char_dim_name": f"{name}_characters"}
     encoding: dict[str, Any] = {"_FillValue": None}
     if variable.dtype.kind != "f":
         return encoding
-    # CF wants gaps declared, and none in coordinates; what a lazy variable holds is not known yet
+    # CF: missing values are declared, and coordinates have none; lazy variables may have some
     if not is_coordinate and (variable.chunks is not None or np.isnan(variable.values).any()):
         encoding["_FillValue"] = variable.dtype.type(np.nan)
-    if variable.nbytes > SMALL:
+    if variable.nbytes > MAX_UNCOMPRESSED:
         encoding.update(zlib=True, complevel=4, shuffle=True, chunksizes=_chunk_sizes(variable))
     return encoding
 
 
 def _chunk_sizes(variable: xr.Variable) -> tuple[int, ...]:
-    """Return sizes of about :data:`CHUNK` bytes, cut along time first, then member, and along nothing else."""
+    """Return chunk sizes of about :data:`CHUNK` bytes, split along time first, then member."""
     sizes = dict(variable.sizes)
     rows = max(1, CHUNK * int(np.prod([sizes[dim] for dim in CHUNKED if dim in sizes])) // variable.nbytes)
     for dim in CHUNKED:
@@ -114,17 +126,17 @@ def _chunk_sizes(variable: xr.Variable) -> tuple[int, ...]:
 
 
 def check_target(path: Path, *, overwrite: bool) -> None:
-    """Refuse a path to which no file can be written.
+    """Refuse a path that cannot be written.
 
     Raises
     ------
     ArchiveError
-        Saying why.
+        If the folder is missing or not writable, the path is a folder, or the file exists and `overwrite` is false.
     """
     folder = path.parent
     if not folder.is_dir():
-        what = "is not a folder; give another path" if folder.exists() else "does not exist; make that folder first"
-        raise ArchiveError(f"{path}: {folder} {what}")
+        problem = "is not a folder; give another path" if folder.exists() else "does not exist; make that folder first"
+        raise ArchiveError(f"{path}: {folder} {problem}")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise ArchiveError(f"{path}: no permission to write in the folder {folder}; change it, or give another path")
     if path.is_dir():
@@ -134,34 +146,36 @@ def check_target(path: Path, *, overwrite: bool) -> None:
 
 
 def _check_content(dataset: xr.Dataset) -> None:
-    for name, value in dataset.attrs.items():
-        _check_attribute("dataset", name, value)
-    for variable, item in dataset.variables.items():
-        for name, value in item.attrs.items():
-            _check_attribute(f"variable {variable!r}", name, value)
-        kind = item.dtype.kind
-        text = kind == "U" or (kind == "O" and all(isinstance(value, str) for value in item.values.flat))
-        if not text and not (kind in "iuf" and item.dtype.newbyteorder("=") in DTYPES):
-            raise ArchiveError(f"variable {variable!r}: {item.dtype} cannot be written; make it numbers or strings")
+    """Refuse variables and attributes that netCDF cannot store."""
+    for key, value in dataset.attrs.items():
+        _check_attribute("dataset", key, value)
+    for name, variable in dataset.variables.items():
+        for key, value in variable.attrs.items():
+            _check_attribute(f"variable {name!r}", key, value)
+        kind = variable.dtype.kind
+        is_text = kind == "U" or (kind == "O" and all(isinstance(value, str) for value in variable.values.flat))
+        if not is_text and not (kind in "iuf" and variable.dtype.newbyteorder("=") in DTYPES):
+            raise ArchiveError(f"variable {name!r}: {variable.dtype} cannot be written; make it numbers or strings")
 
 
 def _check_attribute(owner: str, name: Hashable, value: Any) -> None:
+    """Refuse an attribute that netCDF cannot store; `owner` names its variable in messages."""
     if not isinstance(name, str) or name in RESERVED:
         raise ArchiveError(f"{owner}: no attribute of a file can be named {name!r}; give it another name")
     array = np.asarray(value, dtype=object)
-    items = [item.item() if isinstance(item, np.generic) else item for item in array.flat]
-    texts = [isinstance(item, str) for item in items]
-    numbers = [isinstance(item, int | float) and not isinstance(item, bool) for item in items]
-    if not items or not (all(texts) or all(numbers)) or array.ndim > 1:
+    entries = [entry.item() if isinstance(entry, np.generic) else entry for entry in array.flat]
+    texts = [isinstance(entry, str) for entry in entries]
+    numbers = [isinstance(entry, int | float) and not isinstance(entry, bool) for entry in entries]
+    if not entries or not (all(texts) or all(numbers)) or array.ndim > 1:
         raise ArchiveError(
-            f"{owner}: attribute {name!r} is {value!r}, but a file holds only strings, numbers and lists of one of "
+            f"{owner}: attribute {name!r} is {value!r}, but a file stores only strings, numbers and lists of one of "
             "them; leave it out, or make it a variable"
         )
 
 
 def reason(error: BaseException, folder: Path) -> str:
-    """Say why nothing could be written in a folder."""
-    # On a full disk the library says "HDF error", or "Permission denied" when it cannot even begin.
+    """Return the reason of a failed write in a folder, with what to try."""
+    # on a full disk the library reports "HDF error", or "Permission denied" when it opens the file
     full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES)
     if full or "HDF error" in str(error):
         free = shutil.disk_usage(folder).free / 1e6

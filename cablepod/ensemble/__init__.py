@@ -1,4 +1,4 @@
-"""Many scenes: designed, run in parallel, archived so that an interrupted run goes on.
+"""Ensembles of scenes: design, parallel runs into a folder, continuation of interrupted runs.
 
 .. include:: README.md
 """

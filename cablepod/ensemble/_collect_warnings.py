@@ -1,4 +1,4 @@
-"""Collect the warnings of worker threads and emit each kind once."""
+"""Collect the warnings of worker threads and emit each category once."""
 
 from __future__ import annotations
 
@@ -10,25 +10,24 @@ from typing import Any
 
 from cablepod.errors import MemberFailedWarning
 
+#: Category and text of a warning.
 Note = tuple[type[Warning], str]
 
 
-# --- warnings -----------------------------------------------------------------------------------------------------------
-
-
-class _Listener:
-    """Notes the warnings of each thread; the interpreter has one place for all of them."""
+class _Collector:
+    """Record the warnings of each thread (``warnings.showwarning`` is one function for all threads)."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
         self.open = 0
         self.log: list[tuple[int, Note]] = []
-        self.held = ExitStack()
+        self.contexts = ExitStack()
 
     def begin(self) -> None:
+        """Start recording in this thread."""
         with self.lock:
             if not self.open:
-                self.held.enter_context(warnings.catch_warnings())
+                self.contexts.enter_context(warnings.catch_warnings())
                 warnings.simplefilter("always")
                 warnings.showwarning = self._note
             self.open += 1
@@ -37,35 +36,35 @@ class _Listener:
         self.log.append((threading.get_ident(), (category, str(message))))
 
     def end(self) -> list[Note]:
-        """Return the notes of this thread; the last one to go takes those of threads that nobody waits for too."""
+        """Return the warnings of this thread; the last thread also gets those of threads that never called ``begin``."""
         with self.lock:
             self.open -= 1
-            own = [note for thread, note in self.log if thread == threading.get_ident() or not self.open]
-            self.log = [item for item in self.log if item[0] != threading.get_ident() and self.open]
+            notes = [note for thread, note in self.log if thread == threading.get_ident() or not self.open]
+            self.log = [record for record in self.log if record[0] != threading.get_ident() and self.open]
             if not self.open:
-                self.held.close()
-            return own
+                self.contexts.close()
+            return notes
 
 
-_LISTENER = _Listener()
+_COLLECTOR = _Collector()
 
 
 @contextmanager
 def collect_warnings() -> Iterator[list[Note]]:
-    """Keep the warnings that come up to be told later; the list is filled on leaving."""
+    """Collect warnings instead of emitting them; the list is filled on exit."""
     notes: list[Note] = []
-    _LISTENER.begin()
+    _COLLECTOR.begin()
     try:
         yield notes
     finally:
-        notes += _LISTENER.end()
+        notes += _COLLECTOR.end()
 
 
 def emit_warnings(notes: list[Note], count: int) -> None:
-    """Warn once of each category: how often it came up, and what was said first; of failures from their number."""
+    """Emit the first warning of each category and the number of others, without MemberFailedWarning."""
     for category in dict.fromkeys(category for category, _ in notes):
-        texts = [text for own, text in notes if own is category]
+        texts = [text for note_category, text in notes if note_category is category]
         if category is MemberFailedWarning:
             continue
-        often = f" (and {len(texts) - 1} more such warnings in {count} members)" if len(texts) > 1 else ""
-        warnings.warn(texts[0] + often, category, stacklevel=4)
+        more = f" (and {len(texts) - 1} more such warnings in {count} members)" if len(texts) > 1 else ""
+        warnings.warn(texts[0] + more, category, stacklevel=4)

@@ -1,4 +1,4 @@
-"""Scenes of an ensemble: one scene, and what differs between its members."""
+"""Design of experiments: scenes of an ensemble with parameters varied over ranges."""
 
 from __future__ import annotations
 
@@ -28,40 +28,41 @@ def design(
     sampling: str | None = None,
     seed: int | None = None,
 ) -> xr.Dataset:
-    """Make the scenes of an ensemble.
+    """Create the scenes of an ensemble from one scene and parameter ranges.
 
     Parameters
     ----------
     scene
-        One scene; all that `ranges` does not name is the same in all members.
+        One scene; parameters outside `ranges` are the same in all members.
     ranges
-        From key paths of numbers, in any order, to [low, high], or to values where `sampling` says so.  Components of vectors are
-        named by their axis (``"ends.upper.x"``), point loads by their number (``"point_load.1.force.y"``).  Left out, the table
-        ``[ensemble]`` of the scene file gives this and all options that are left out too.
+        Key path of a number -> [low, high], or values for sampling "grid" and "list"; the order has no effect.  Components of
+        vectors are named by their axis (``"ends.upper.x"``), point loads by their number (``"point_load.1.force.y"``).  By
+        default the table ``[ensemble]`` of the scene file gives the ranges and all options that are None.
     members
         Number of members.
     sampling
-        "latin_hypercube" (the default): each range is cut into as many equal parts as there are members, and each part has one;
-        "sobol": points of the scrambled Sobol sequence, the first of a power of two; "grid": every combination, of equally many
-        equally spaced values of each [low, high], ends included, or of more than two given values; "list": each range gives as
-        many values as there are members.
+        "latin_hypercube" (the default): one member in each of as many equal parts of a range as there are members; "sobol": the
+        first points of a scrambled Sobol sequence, whose length is a power of two; "grid": all combinations of equally spaced
+        values of each [low, high], ends included, or of lists of more than two values; "list": each range lists the values of all
+        members.
     seed
-        Of the sampling; 0 by default.
+        Seed of the random sampling; 0 by default.
 
     Returns
     -------
     xarray.Dataset
-        The scene with the dimension coordinate ``member``, from 0; what varies lies along it under its key path with ``_`` for
-        ``.``.  A varied component of a vector makes the vector vary, and is a coordinate beside it.
+        The scene with the dimension coordinate ``member``, from 0.  Varied parameters have this dimension; their names are the
+        key paths with ``_`` for ``.``.  If a component of a vector is varied, the whole vector has the dimension, and the
+        component is an additional coordinate.
 
     Raises
     ------
     SceneError
-        For unknown key paths, reversed ranges, values at whose bounds there is no scene, a grid of another number of members, no
-        members; the message names the key, what was given and what is allowed.
+        For unknown key paths, reversed ranges, bounds that give no valid scene, a missing number of members, or one that does not
+        fit the grid.
     """
     if not isinstance(scene, xr.Dataset) or "ends_lower" not in scene or "member" in scene.dims:
-        raise SceneError("scene: given no Dataset of one scene; allowed: what make_scene or read_scene gives")
+        raise SceneError("scene: given no Dataset of one scene; allowed: a result of make_scene or read_scene")
     options: dict[str, Any] = {"members": members, "sampling": sampling, "seed": seed}
     prefix = "ranges"
     if ranges is None:
@@ -75,9 +76,9 @@ def design(
     }
     if options["members"] is None:
         raise SceneError("members: missing; allowed: a whole number of at least 1")
-    checked = _checked(scene, ranges, prefix, options)
-    points = _points(checked, **options)
-    scenes = _joined(scene, dict(zip(checked, points.T, strict=True)))
+    checked = _check_ranges(scene, ranges, prefix, options)
+    points = _sample(checked, **options)
+    scenes = _vary(scene, dict(zip(checked, points.T, strict=True)))
     scenes.attrs = {
         name: value for name, value in scene.attrs.items() if name not in ("values_sha256", "ensemble_json")
     }
@@ -88,36 +89,67 @@ def design(
     )
 
 
-def _checked(scene: xr.Dataset, given: Any, prefix: str, options: Mapping[str, Any]) -> dict[str, list[float]]:
-    """Check the ranges, each value by its key and, at the bounds, the scene that it makes."""
-    if not isinstance(given, Mapping) or not given:
-        raise scene_error(prefix, given, "a mapping from key paths to [low, high]")
+def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, Key] | None:
+    """Return variable name, index of the component (None for a scalar) and key of a key path; None if unknown."""
+    parts = path.split(".") if isinstance(path, str) else []
+    component = COORDINATES.index(parts[-1]) if parts and parts[-1] in COORDINATES else None
+    for index, key_parts in ((None, parts), (component, parts[:-1])):
+        name, key = "_".join(key_parts), _key_of(scene, key_parts)
+        if key is None or key.units is None or name not in scene or scene[name].dtype.kind not in "if":
+            continue
+        is_vector = scene[name].dims == ("coordinate",)
+        if (index is None and not scene[name].dims) or (index is not None and is_vector and index < scene[name].size):
+            return name, index, key
+    return None
+
+
+def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:
+    """Return the key of the scene vocabulary at a path, None if unknown."""
+    *tables, name = parts or [""]
+    if not tables:
+        return TOP.get(name)
+    keys: dict[str, Key] = {}
+    if len(tables) == 1:
+        keys |= TABLES.get(tables[0], {})
+    elif len(tables) == 2 and tables[0] == "point_load":
+        keys |= POINT_LOAD
+    kind = "_".join(tables) + "_kind"
+    if tables[0] in ("motion", "load", "point_load") and kind in scene and not scene[kind].dims:
+        keys |= time_function_keys("m" if tables[0] == "motion" else "1")[str(scene[kind].values)]
+    return keys.get(name)
+
+
+def _check_ranges(scene: xr.Dataset, ranges: Any, prefix: str, options: Mapping[str, Any]) -> dict[str, list[float]]:
+    """Return the ranges sorted by key path, after checks of all values and of the scenes at the bounds."""
+    if not isinstance(ranges, Mapping) or not ranges:
+        raise scene_error(prefix, ranges, "a mapping from key paths to [low, high]")
     checked: dict[str, list[float]] = {}
-    for path, item in given.items():
-        key, found = join(prefix, path), variable_of(scene, path)
-        if found is None:
-            raise SceneError(f"{key}: unknown key path; allowed: the path of a number that this scene has")
-        values = check_values(key, item, members=options["members"], sampling=options["sampling"])
-        is_whole = scene[found[0]].dtype.kind == "i"
+    for path, range_values in ranges.items():
+        key, target = join(prefix, path), variable_of(scene, path)
+        if target is None:
+            raise SceneError(f"{key}: unknown key path; allowed: the path of a number of this scene")
+        name, index, vocabulary_key = target
+        values = check_values(key, range_values, members=options["members"], sampling=options["sampling"])
+        is_whole = scene[name].dtype.kind == "i"
         listed = options["sampling"] == "list" or (options["sampling"] == "grid" and len(values) > 2)
         if is_whole and not (listed and all(value.is_integer() for value in values)):
-            raise scene_error(key, item, 'a list of whole numbers, by sampling "list" or "grid"')
+            raise scene_error(key, range_values, 'a list of whole numbers, by sampling "list" or "grid"')
         for value in sorted({min(values), max(values)}):
             try:
-                if found[1] is None:
-                    found[2].check(path, int(value) if is_whole and value.is_integer() else value)
-                one = _joined(scene, {path: np.array([value])}).isel(member=0, drop=True)
-                check_numbers(parameters(one))
+                if index is None:
+                    vocabulary_key.check(path, int(value) if is_whole and value.is_integer() else value)
+                varied = _vary(scene, {path: np.array([value])}).isel(member=0, drop=True)
+                check_numbers(parameters(varied))
             except SceneError as error:
                 raise SceneError(f"{key}: given {shown(values)}, at {value:g} no scene: {error}") from None
         checked[path] = values
     if options["sampling"] == "grid":
         points_of_grid(checked, options["members"], key="members")
-    return dict(sorted(checked.items()))  # in whatever order they are given
+    return dict(sorted(checked.items()))  # the result does not depend on the order of the ranges
 
 
-def _points(checked: Mapping[str, list[float]], *, members: int, sampling: str, seed: int) -> np.ndarray:
-    """Return the values of all members (members, ranges)."""
+def _sample(checked: Mapping[str, list[float]], *, members: int, sampling: str, seed: int) -> np.ndarray:
+    """Return the values of all members (member, range)."""
     if sampling == "list":
         return np.array(list(checked.values())).T
     if sampling == "grid":
@@ -126,30 +158,31 @@ def _points(checked: Mapping[str, list[float]], *, members: int, sampling: str, 
         return np.array(list(itertools.product(*axes)))
     from scipy.stats import qmc  # takes half a second to import
 
-    made = (qmc.Sobol if sampling == "sobol" else qmc.LatinHypercube)(len(checked), seed=np.random.default_rng(seed))
-    # of Sobol's these are the points of random(members) too, without its warning: a part of a balanced set is not balanced
-    unit = made.random_base2((members - 1).bit_length())[:members] if sampling == "sobol" else made.random(members)
+    sampler = (qmc.Sobol if sampling == "sobol" else qmc.LatinHypercube)(len(checked), seed=np.random.default_rng(seed))
+    # Sobol: the same points as random(members), without its warning on numbers that are no power of two
+    power = (members - 1).bit_length()
+    unit = sampler.random_base2(power)[:members] if sampling == "sobol" else sampler.random(members)
     low, high = np.array(list(checked.values())).T
     return low + (high - low) * unit
 
 
-def _joined(scene: xr.Dataset, varied: Mapping[str, np.ndarray]) -> xr.Dataset:
-    """Return scenes with the values of each key path along ``member``."""
+def _vary(scene: xr.Dataset, varied: Mapping[str, np.ndarray]) -> xr.Dataset:
+    """Return the scene with the values of each key path along ``member``."""
     count = len(next(iter(varied.values())))
     units, long_name = VARIABLES["member"]
-    made: dict[str, Any] = {}
+    variables: dict[str, Any] = {}
     coords: dict[str, Any] = {"member": ("member", np.arange(count), {"units": units, "long_name": long_name})}
     for path, values in varied.items():
-        found = variable_of(scene, path)
-        assert found is not None  # checked before
-        name, place, _ = found
+        target = variable_of(scene, path)
+        assert target is not None  # _check_ranges refuses unknown key paths
+        name, index, _ = target
         attrs = scene[name].attrs
-        if place is None:
-            made[name] = ("member", values.astype(scene[name].dtype), attrs)
+        if index is None:
+            variables[name] = ("member", values.astype(scene[name].dtype), attrs)
             continue
-        if name not in made:
-            made[name] = (("member", "coordinate"), np.repeat(scene[name].values[None], count, axis=0), attrs)
-        made[name][1][:, place] = values
-        axis = {**attrs, "long_name": f"{attrs.get('long_name', name)}, {COORDINATES[place]}"}
-        coords[variable_name(path)] = ("member", values, axis)
-    return scene.assign(made).assign_coords(coords)
+        if name not in variables:
+            variables[name] = (("member", "coordinate"), np.repeat(scene[name].values[None], count, axis=0), attrs)
+        variables[name][1][:, index] = values
+        component_attrs = {**attrs, "long_name": f"{attrs.get('long_name', name)}, {COORDINATES[index]}"}
+        coords[f"{name}_{COORDINATES[index]}"] = ("member", values, component_attrs)
+    return scene.assign(variables).assign_coords(coords)

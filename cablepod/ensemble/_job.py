@@ -1,4 +1,4 @@
-"""One batch of an ensemble: its members simulated, put into a form that does not depend on how they came out, and written."""
+"""One batch of an ensemble: simulate its members, assemble results of uniform layout, write the file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cablepod.archive._manifest import (
     check_batch,
     entry_of,
     file_of,
-    noted,
+    read_entry,
     read_manifest,
 )
 from cablepod.archive._write import check_target
@@ -42,79 +42,93 @@ def compute(
     options: Mapping[str, Any],
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
-    """Simulate members; failures are marked, also where all fail.
+    """Simulate members and mark failures, also if all members fail.
 
-    What a run tells in numbers lies along ``member``, whether it differs or not, and ``failure`` is always there: all batches of
-    an ensemble hold the same variables.
+    Numeric attributes of the run become variables along ``member``, and ``failure`` is always present, so that all batches of an
+    ensemble hold the same variables.
 
     Parameters
     ----------
     scenes
-        With ``member``.
+        Scenes with ``member``.
     model
         One of :data:`MODELS`.
     modes
-        Of a reduced model.
+        Modes of a reduced model, else None.
     options
-        Those of the model's ``simulate``.
+        Options of the model's ``simulate``.
     progress
-        Called with the part that is done.
+        Callback receiving the completed fraction, 0 to 1.
+
+    Returns
+    -------
+    xarray.Dataset
+        Results of all members, nan for failed ones; only ``failure (member)`` and the parameters if all failed.
     """
-    simulate = MODELS[model]
-    given = () if modes is None else (modes,)
-    count, lost = scenes.sizes["member"], 0
-    reasons: list[str] = []
-    result: xr.Dataset | None = None
-    while result is None and lost < count:
-        rest = scenes.isel(member=slice(lost, None))
-        try:
-            result = simulate(rest, *given, **options, progress=progress)
-        except (RunStopped, ValueError, ArithmeticError) as error:
-            if isinstance(error.__cause__, AllFailedError):
-                reasons += error.__cause__.reasons
-                break
-            # models that share their coefficients make them from the first member; is it this one that fails?
-            reasons.append(_reason_of_one(rest.isel(member=slice(0, 1)), simulate, given, options, error))
-            lost += 1
-    varied = {name: item for name, item in scenes.variables.items() if item.dims == ("member",)}
+    result, reasons = _simulate_members(scenes, MODELS[model], () if modes is None else (modes,), options, progress)
+    varied = {name: variable for name, variable in scenes.variables.items() if variable.dims == ("member",)}
     if result is None:
-        made = xr.Dataset({"failure": ("member", np.array(reasons, dtype=str), FAILURE)}, varied)
-        return made.assign_attrs(title=str(scenes.attrs.get("title", "scenes")))
-    failure = [*reasons, *(result["failure"].values if "failure" in result else [""] * (count - lost))]
-    bad = np.array([bool(reason) for reason in failure])
-    variables = {name: _longer(item, lost) for name, item in result.variables.items() if name not in varied}
+        failures = xr.Dataset({"failure": ("member", np.array(reasons, dtype=str), FAILURE)}, varied)
+        return failures.assign_attrs(title=str(scenes.attrs.get("title", "scenes")))
+    skipped = len(reasons)
+    later = result["failure"].values if "failure" in result else [""] * (scenes.sizes["member"] - skipped)
+    failure = [*reasons, *later]
+    failed = np.array([bool(reason) for reason in failure])
+    variables = {name: _pad(item, skipped) for name, item in result.variables.items() if name not in varied}
     for name, value in result.attrs.items():
         if isinstance(value, int | float | np.number) and not isinstance(value, bool | np.bool_):
             attrs = {"units": ATTRIBUTE_UNITS.get(str(name), "1"), "long_name": str(name).replace("_", " ")}
-            variables[name] = xr.Variable("member", np.where(bad, np.nan, float(value)), attrs)
+            variables[name] = xr.Variable("member", np.where(failed, np.nan, float(value)), attrs)
     variables["failure"] = xr.Variable("member", np.array(failure, dtype=str), FAILURE)
-    made = xr.Dataset({**variables, **varied}).set_coords(
+    batch = xr.Dataset({**variables, **varied}).set_coords(
         [*varied, *(name for name in result.coords if name in variables)]
     )
-    made.attrs = {name: value for name, value in result.attrs.items() if name not in made.variables}
-    return made
+    batch.attrs = {name: value for name, value in result.attrs.items() if name not in batch.variables}
+    return batch
 
 
-def _reason_of_one(
-    one: xr.Dataset,
+def _simulate_members(
+    scenes: xr.Dataset,
     simulate: Callable[..., xr.Dataset],
-    given: tuple[Any, ...],
+    modes: tuple[xr.Dataset, ...],
+    options: Mapping[str, Any],
+    progress: Callable[[float], None] | None,
+) -> tuple[xr.Dataset | None, list[str]]:
+    """Return the results after leading members that fail before any run, and their reasons; None if all members fail."""
+    reasons: list[str] = []
+    while len(reasons) < scenes.sizes["member"]:
+        rest = scenes.isel(member=slice(len(reasons), None))
+        try:
+            return simulate(rest, *modes, **options, progress=progress), reasons
+        except (RunStopped, ValueError, ArithmeticError) as error:
+            if isinstance(error.__cause__, AllFailedError):
+                return None, reasons + error.__cause__.reasons
+            # reduced models compute shared coefficients from the first member: check if this member alone fails
+            reasons.append(_failure_reason(rest.isel(member=slice(0, 1)), simulate, modes, options, error))
+    return None, reasons
+
+
+def _failure_reason(
+    scene: xr.Dataset,
+    simulate: Callable[..., xr.Dataset],
+    modes: tuple[xr.Dataset, ...],
     options: Mapping[str, Any],
     error: Exception,
 ) -> str:
-    """Return why a single member fails; where it does not, it is the batch as a whole that cannot be."""
+    """Return the reason of failure of a single member; raise the error of the batch if this member does not fail."""
     try:
-        simulate(one, *given, **options)
-    except (RunStopped, ValueError, ArithmeticError) as own:
-        return str(own)
+        simulate(scene, *modes, **options)
+    except (RunStopped, ValueError, ArithmeticError) as own_error:
+        return str(own_error)
     raise error
 
 
-def _longer(item: xr.Variable, lost: int) -> xr.Variable:
-    """Return a variable with rows of nan for members before it."""
-    if not lost or "member" not in item.dims or item.dtype.kind != "f":
-        return item
-    return xr.Variable(item.dims, np.concatenate([np.full((lost, *item.shape[1:]), np.nan), item.values]), item.attrs)
+def _pad(variable: xr.Variable, skipped: int) -> xr.Variable:
+    """Return a variable with rows of nan for the `skipped` leading members."""
+    if not skipped or "member" not in variable.dims or variable.dtype.kind != "f":
+        return variable
+    padding = np.full((skipped, *variable.shape[1:]), np.nan)
+    return xr.Variable(variable.dims, np.concatenate([padding, variable.values]), variable.attrs)
 
 
 # --- in a worker --------------------------------------------------------------------------------------------------------
@@ -122,34 +136,35 @@ def _longer(item: xr.Variable, lost: int) -> xr.Variable:
 
 @functools.lru_cache(maxsize=2)
 def _inputs(folder: Path, ensemble: str) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset | None]:
-    """Read what all batches share, once in each process."""
-    manifest = _own_manifest(folder, ensemble)
+    """Read manifest, scenes and modes, once in each process."""
+    manifest = _checked_manifest(folder, ensemble)
     scenes = archive.read(folder / SCENES)
     modes = archive.read(folder / MODES) if manifest["modes"] else None
     return manifest, scenes, modes
 
 
-def _own_manifest(folder: Path, ensemble: str) -> dict[str, Any]:
-    found = read_manifest(folder)
-    if found["id"] != ensemble:
+def _checked_manifest(folder: Path, ensemble: str) -> dict[str, Any]:
+    """Read the manifest of a folder, and refuse that of another ensemble."""
+    manifest = read_manifest(folder)
+    if manifest["id"] != ensemble:
         raise ArchiveError(
-            f"{folder}: holds the ensemble {found['id']} and not {ensemble}, so it was changed during the run; give another path"
+            f"{folder}: was changed during the run, it holds ensemble {manifest['id']} instead of {ensemble}; give another path"
         )
-    return found
+    return manifest
 
 
 def check_access(folder: Path, ensemble: str) -> str:
-    """Tell what keeps this process from working on an ensemble; an empty text where nothing does."""
+    """Return the reason why this process cannot write to the folder of an ensemble; an empty text if it can."""
     try:
-        _own_manifest(folder, ensemble)
+        _checked_manifest(folder, ensemble)
         check_target(folder / "any.nc", overwrite=False)
     except ArchiveError as error:
         return str(error)
     return ""
 
 
-def unscheduled() -> AbstractContextManager[Any]:
-    """Keep xarray from asking the scheduler for a lock at every step of writing a file that nobody else writes."""
+def synchronous_dask() -> AbstractContextManager[Any]:
+    """Set dask's synchronous scheduler, so that xarray requests no distributed lock for writing a file."""
     import dask
 
     return dask.config.set(scheduler="synchronous")
@@ -165,65 +180,69 @@ def run_batch(
     stop: Callable[[], bool] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[dict[str, Any], list[Note]]:
-    """Compute and write a batch, unless its file is there.
+    """Compute and write a batch, unless its file exists.
 
     Parameters
     ----------
     folder, ensemble
-        Where, and the id of the ensemble that should be there.
+        Folder, and id of the ensemble expected there.
     number
-        Of the batch.
+        Number of the batch.
     threads
-        In which members run side by side.
+        Number of threads for the members.
     alone
-        Whether this process has nothing else to do, so that BLAS may be held to one thread.
+        Whether this process runs one batch at a time, so that BLAS may be limited to one thread.
     stop
-        Asked before each member.
+        Called before each member; True cancels the batch.
     progress
-        Called with the part of the batch that is done.
+        Callback receiving the completed fraction of the batch, 0 to 1.
 
     Returns
     -------
     tuple
-        What the manifest notes of the file, and the warnings that came up.
+        Entry of the manifest for the file, and the warnings of the run.
     """
     from threadpoolctl import threadpool_limits
 
     path = folder / file_of(number)
     manifest, scenes, modes = _inputs(folder, ensemble)
-    if path.exists():  # of a worker that was thought dead
+    if path.exists():  # written by a worker that was considered dead
         check_batch(folder, manifest | {"done": {}}, number)
-        return entry_of(path), []
-    size = manifest["batch"]
-    begin = time.perf_counter()
-    with ExitStack() as held:
-        notes = held.enter_context(collect_warnings())
-        held.enter_context(thread_limit(threads))
-        held.enter_context(stop_when(stop) if stop is not None else nullcontext())
+        return read_entry(path), []
+    start = time.perf_counter()
+    with ExitStack() as contexts:
+        notes = contexts.enter_context(collect_warnings())
+        contexts.enter_context(thread_limit(threads))
+        contexts.enter_context(stop_when(stop) if stop is not None else nullcontext())
         if alone:
-            held.enter_context(threadpool_limits(1))
-            held.enter_context(unscheduled())
-        mine = scenes.isel(member=slice(number * size, (number + 1) * size))
-        batch = compute(mine, manifest["model"], modes, manifest["options"], progress)
-        stages = json.loads(manifest["attributes"]["history_json"])
-        own = stages[-1]
-        own |= {
-            "id": batch_id(ensemble, number),
-            "parameters": {**own["parameters"], "ensemble": ensemble, "number": number},
-        }
-        for name in ("written", "sha256", "wall_time_s"):
-            own.pop(name, None)  # its own are noted on writing
-        batch.attrs |= {
-            "id": own["id"],
-            "history_json": json.dumps(stages, sort_keys=True),
-            "history": manifest["inputs_history"],
-            "title": f"{manifest['attributes']['title']}, batch {number}",
-            "wall_time_s": time.perf_counter() - begin,
-        }
+            contexts.enter_context(threadpool_limits(1))
+            contexts.enter_context(synchronous_dask())
+        size = manifest["batch"]
+        members = scenes.isel(member=slice(number * size, (number + 1) * size))
+        batch = compute(members, manifest["model"], modes, manifest["options"], progress)
+        batch.attrs |= _batch_attributes(manifest, ensemble, number) | {"wall_time_s": time.perf_counter() - start}
         try:
             archive.write(batch, path)
         except ArchiveError:
             if not path.exists():
                 raise
             check_batch(folder, manifest | {"done": {}}, number)
-    return noted(batch, path), notes
+    return entry_of(batch, path), notes
+
+
+def _batch_attributes(manifest: Mapping[str, Any], ensemble: str, number: int) -> dict[str, str]:
+    """Return id, history and title of a batch, from those of its ensemble."""
+    stages = json.loads(manifest["attributes"]["history_json"])
+    stage = stages[-1]
+    stage |= {
+        "id": batch_id(ensemble, number),
+        "parameters": {**stage["parameters"], "ensemble": ensemble, "number": number},
+    }
+    for name in ("written", "sha256", "wall_time_s"):
+        stage.pop(name, None)  # archive.write sets those of the batch
+    return {
+        "id": stage["id"],
+        "history_json": json.dumps(stages, sort_keys=True),
+        "history": manifest["inputs_history"],
+        "title": f"{manifest['attributes']['title']}, batch {number}",
+    }

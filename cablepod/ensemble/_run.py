@@ -1,7 +1,7 @@
-"""Many scenes: designed, run in parallel, kept so that an interrupted run goes on where it stopped.
+"""Simulate the scenes of an ensemble in parallel, into a folder or batch by batch in memory.
 
 :func:`design` makes the scenes, :func:`run` simulates them into a folder, :func:`cablepod.archive.open_ensemble` opens it as one
-dataset.  :func:`batches` hands results over one batch after another and keeps nothing.
+dataset.  :func:`batches` yields the results batch by batch and writes nothing.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from cablepod.batch._members import stop_when, thread_limit
 from cablepod.batch._sigint import defer_sigint
 from cablepod.ensemble import _store as ensemble_store
 from cablepod.ensemble._collect_warnings import Note, collect_warnings, emit_warnings
-from cablepod.ensemble._job import check_access, compute, run_batch, unscheduled
+from cablepod.ensemble._job import check_access, compute, run_batch, synchronous_dask
 from cablepod.ensemble._models import MODELS, REDUCED, check_model
 from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, worker_pool
 from cablepod.errors import ArchiveError, MemberFailedWarning, RunStopped, SceneError, scene_error, shown
@@ -34,7 +34,7 @@ from cablepod.integrate._request import check_times
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 
-#: Members on which options are tried before anything runs.
+#: Number of members for trial runs of the options before the ensemble runs.
 N_PROBED = 5
 
 
@@ -51,71 +51,69 @@ def run(
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> xr.Dataset:
-    """Simulate many scenes into a folder; a second call does what is missing.
+    """Simulate the scenes of an ensemble into a folder; a repeated call continues an interrupted run.
 
     Parameters
     ----------
     scenes
-        With ``member``, as :func:`design` gives them.
+        Scenes with ``member``, as of :func:`design`.
     path
-        The folder, made if missing: ``manifest.json``, ``scenes.nc``, ``modes.nc``, and ``batch_0000.nc`` and so on, each of
-        which appears whole or not at all.
+        The folder, created if missing, for ``manifest.json``, ``scenes.nc``, ``modes.nc`` and the files ``batch_0000.nc``, ...;
+        all files are written atomically.
     model
         "chain", "cable", "rigid", or with `modes` "galerkin" or "condensed".
     modes
-        Of the reduced models.
+        Modes of a reduced model.
     scheduler
         None: threads of this process.  "processes": processes of this machine; a script then needs ``if __name__ ==
         "__main__":``.  The address of a dask scheduler, or a ``distributed.Client``: its workers, which must see the folder under
-        the same path.  The results are the same bit by bit.
+        the same path.  The results do not depend on the scheduler, bit by bit.
     workers
         Number of threads or processes; all cores by default.
     batch
-        Members in a file, computed by one call.
+        Number of members in a file; they are computed by one call.
     overwrite
-        Replace another ensemble in the folder, and damaged files; what is whole and of this ensemble is kept.
+        Replace another ensemble in the folder, and damaged files; complete files of this ensemble are kept.
     progress
-        Called now and then with the part that is done, from 0 to 1.
+        Callback receiving the completed fraction, 0 to 1.
     options
-        Those of the model's ``simulate``.
+        Options of the model's ``simulate``.
 
     Returns
     -------
     xarray.Dataset
-        All results, lazily, as :func:`cablepod.archive.open_ensemble` gives them.  Members that failed hold nan; ``failure`` says
-        why.
+        All results, lazily, as of :func:`cablepod.archive.open_ensemble`.  Failed members hold nan; ``failure`` has the reason.
 
     Raises
     ------
     SceneError
-        For scenes, a model, modes, options or a scheduler that cannot be; nothing has run then.
+        For invalid scenes, model, modes, options or scheduler, before anything runs.
     ArchiveError
-        For a folder that holds another ensemble (it says what differs), damaged files (it names them), or is in use or not to be
-        written; a full disk.
+        If the folder holds another ensemble or damaged files, is in use or not writable, or the disk is full.
     RunStopped
-        Where the workers are gone.
+        If the workers are lost.
 
     Warns
     -----
     MemberFailedWarning
-        Where members failed.  Other warnings of the members are gathered too, one of each kind.
+        If members failed.  Other warnings of the members are emitted once for each category.
     """
-    plan, inputs = _planned(scenes, model, modes, options, batch)
-    with defer_sigint(), ensemble_store.opened(path, plan, inputs, overwrite=overwrite) as store:
-        waiting = store.waiting()
+    plan, inputs = _prepare(scenes, model, modes, options, batch)
+    with defer_sigint(), ensemble_store.open_store(path, plan, inputs, overwrite=overwrite) as store:
+        missing = store.missing()
         notes: list[Note] = []
-        counted = Progress(progress, store.sizes, set(range(len(store.sizes))) - set(waiting))
-        if waiting:
-            with worker_pool(scheduler, workers, len(waiting)) as own:
-                _check_workers(own, store.folder, plan["id"])
+        total = Progress(progress, store.sizes, set(range(len(store.sizes))) - set(missing))
+        if missing:
+            with worker_pool(scheduler, workers, len(missing)) as pool:
+                _check_workers(pool, store.folder, plan["id"])
                 try:
-                    with closing(_done(own, store.folder, plan["id"], waiting, counted)) as results:
-                        for number, (entry, told) in results:
-                            store.note(number, entry)
-                            notes += told
-                            counted.note(number, 1.0)
+                    with closing(_run_batches(pool, store.folder, plan["id"], missing, total)) as results:
+                        for number, (entry, batch_notes) in results:
+                            store.add(number, entry)
+                            notes += batch_notes
+                            total.update(number, 1.0)
                 finally:
-                    with suppress(ArchiveError):  # the files tell what is done
+                    with suppress(ArchiveError):  # the next run finds completed batches by their files
                         store.save()
         store.save()
         emit_warnings(notes, scenes.sizes["member"])
@@ -135,7 +133,7 @@ def batches(
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> Iterator[xr.Dataset]:
-    """Simulate many scenes and hand over their results, a batch at a time and in order, without keeping them.
+    """Simulate the scenes of an ensemble and yield the results batch by batch, in memory.
 
     Parameters
     ----------
@@ -145,17 +143,17 @@ def batches(
     Returns
     -------
     iterator of xarray.Dataset
-        Each has the results of the next members, in memory, as :func:`run` would write them.  No more batches are under way or
-        waiting to be taken than there are workers, and one.
+        Results of the next members, in order, with the variables of the files of :func:`run`.  The number of batches that are
+        being computed or wait to be taken is at most the number of workers plus one.
 
     Raises
     ------
     SceneError
-        As :func:`run` does.
+        As :func:`run`.
     RunStopped
-        Where the workers are gone.
+        If the workers are lost.
     """
-    plan, inputs = _planned(scenes, model, modes, options, batch)
+    plan, inputs = _prepare(scenes, model, modes, options, batch)
     return _batches(plan, inputs, scheduler, workers, progress)
 
 
@@ -166,25 +164,26 @@ def _batches(
     workers: int | None,
     progress: Callable[[float], None] | None,
 ) -> Iterator[xr.Dataset]:
+    """Yield the results of a prepared ensemble, batch by batch."""
     scenes, modes, size = inputs[SCENES], inputs.get(MODES), plan["batch"]
     sizes = [min(size, plan["members"] - first) for first in range(0, plan["members"], size)]
-    counted = Progress(progress, sizes, ())
+    total = Progress(progress, sizes, ())
     stop = threading.Event()
-    with worker_pool(scheduler, workers, len(sizes)) as own:
+    with worker_pool(scheduler, workers, len(sizes)) as pool:
 
         def submit(number: int) -> Future[Any]:
-            some = scenes.isel(member=slice(number * size, (number + 1) * size))
-            job = functools.partial(_computed, some, plan["model"], modes, plan["options"], own.threads)
-            if own.here:
-                job = functools.partial(job, stop=stop.is_set, progress=counted.of(number))
-            return own.executor.submit(job)
+            members = scenes.isel(member=slice(number * size, (number + 1) * size))
+            job = functools.partial(_compute_in_worker, members, plan["model"], modes, plan["options"], pool.threads)
+            if pool.here:
+                job = functools.partial(job, stop=stop.is_set, progress=total.of_batch(number))
+            return pool.executor.submit(job)
 
-        under = JobQueue(own, submit, range(len(sizes)), ahead=1)
+        queue = JobQueue(pool, submit, range(len(sizes)), ahead=1)
         notes: list[Note] = []
         try:
-            for number, (result, told) in enumerate(under.in_order()):
-                notes += told
-                counted.note(number, 1.0)
+            for number, (result, batch_notes) in enumerate(queue.in_order()):
+                notes += batch_notes
+                total.update(number, 1.0)
                 record = {name: plan[name] for name in ("model", "options", "batch")} | {"number": number}
                 yield provenance.record(
                     result, function="ensemble.batches", parameters=record, inputs=list(inputs.values())
@@ -194,7 +193,7 @@ def _batches(
     emit_warnings(notes, plan["members"])
 
 
-def _computed(
+def _compute_in_worker(
     scenes: xr.Dataset,
     model: str,
     modes: xr.Dataset | None,
@@ -204,7 +203,7 @@ def _computed(
     stop: Callable[[], bool] = bool,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[xr.Dataset, list[Note]]:
-    """Compute a batch in a worker."""
+    """Compute a batch in a worker; return its results and warnings."""
     with collect_warnings() as notes, thread_limit(threads), stop_when(stop):
         result = compute(scenes, model, modes, options, progress)
     return result, notes
@@ -213,72 +212,71 @@ def _computed(
 # --- before anything runs -----------------------------------------------------------------------------------------------
 
 
-def _planned(
+def _prepare(
     scenes: Any, model: Any, modes: Any, options: dict[str, Any], batch: Any
 ) -> tuple[dict[str, Any], dict[str, xr.Dataset]]:
-    """Check everything, and return what decides the results, and the inputs under the names of their files."""
+    """Check all arguments; return the plan (all that determines the results) and the inputs, file name -> Dataset."""
     if not isinstance(scenes, xr.Dataset) or "member" not in scenes.dims or "ends_lower" not in scenes:
-        raise SceneError("scenes: given no Dataset of scenes with member; allowed: what ensemble.design gives")
+        raise SceneError("scenes: given no Dataset of scenes with member; allowed: a result of ensemble.design")
     if not scenes.sizes["member"]:
-        raise SceneError("scenes: given no members; allowed: one at least")
+        raise SceneError("scenes: given no members; allowed: at least one")
     resolved = check_model(model, modes, options)
     size = integer(least=1, most=10**6)("batch", batch)
     _check_shapes(scenes, model, resolved)
-    made = scenes
-    if "member" not in made.coords:
-        made = made.assign_coords(member=np.arange(made.sizes["member"]))
-    made = made.assign_attrs(provenance.with_manual_change(made).attrs, stage="scenes")
-    made.attrs.pop("values_sha256", None)
-    _try_options(made, model, modes, resolved, {*options, "modes", "layout", "times", "time"})
-    inputs = {SCENES: made} | ({} if modes is None else {MODES: modes})
-    return ensemble_store.plan_of(made, model, modes, resolved, size), inputs
+    if "member" not in scenes.coords:
+        scenes = scenes.assign_coords(member=np.arange(scenes.sizes["member"]))
+    scenes = scenes.assign_attrs(provenance.with_manual_change(scenes).attrs, stage="scenes")
+    scenes.attrs.pop("values_sha256", None)
+    _try_options(scenes, model, modes, resolved, {*options, "modes", "layout", "times", "time"})
+    inputs = {SCENES: scenes} | ({} if modes is None else {MODES: modes})
+    return ensemble_store.plan_of(scenes, model, modes, resolved, size), inputs
 
 
 def _check_shapes(scenes: xr.Dataset, model: str, options: dict[str, Any]) -> None:
-    """Refuse scenes whose results do not lie in one array."""
-    deciding = {"time_duration": "times", "time_interval": "times"}
+    """Refuse scenes whose results differ in shape."""
+    option_of = {"time_duration": "times", "time_interval": "times"}
     if model not in REDUCED:
-        deciding["chain_links"] = "points" if model == "cable" else "links"
-    for name, option in deciding.items():
+        option_of["chain_links"] = "points" if model == "cable" else "links"
+    for name, option in option_of.items():
         varies = name in scenes and "member" in scenes[name].dims and np.unique(scenes[name].values).size > 1
         if varies and options[option] is None:
-            allowed = f"one value for all members, whose results lie in one array, or the option {option}"
+            allowed = f"one value for all members, as all results have one shape, or the option {option}"
             raise scene_error(name.replace("_", ".", 1), "different values", allowed)
 
 
 def _try_options(
     scenes: xr.Dataset, model: str, modes: xr.Dataset | None, options: dict[str, Any], names: set[str]
 ) -> None:
-    """Refuse options that no member can run with; some are tried, over a run of no duration."""
-    given = () if modes is None else (modes,)
+    """Refuse options that are invalid for all of a few members, by trial runs of zero duration."""
+    modes_argument = () if modes is None else (modes,)
     if options.get("times") is not None:
         check_times(options["times"])
     errors = []
     for i in dict.fromkeys(np.linspace(0, scenes.sizes["member"] - 1, N_PROBED).astype(int).tolist()):
-        one = scenes.isel(member=i, drop=True)
+        scene = scenes.isel(member=i, drop=True)
         try:
             if options.get("times") is None:
-                parameters(one).times()
+                parameters(scene).times()
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                MODELS[model](one, *given, **{**options, "times": [0.0]})
+                MODELS[model](scene, *modes_argument, **{**options, "times": [0.0]})
             return
         except (ValueError, RunStopped, ArithmeticError) as error:
             errors.append(error)
             key = str(error).split(":")[0].replace(",", " ").split()
             if not names & set(key):
-                return  # this scene cannot be run, which is nothing against the options
+                return  # the error is about this scene, not about the options
     raise errors[0]
 
 
-def _check_workers(own: WorkerPool, folder: Path, ensemble: str) -> None:
-    """Refuse workers that do not see the folder."""
-    if own.here:
+def _check_workers(pool: WorkerPool, folder: Path, ensemble: str) -> None:
+    """Refuse workers that cannot import the package or write to the folder."""
+    if pool.here:
         return
-    for worker, answer in own.everywhere(check_access, folder, ensemble).items():
+    for worker, answer in pool.everywhere(check_access, folder, ensemble).items():
         if isinstance(answer, BaseException):
             raise scene_error(
-                "scheduler", worker, f"workers that can import cablepod (this one says {shown(str(answer))})"
+                "scheduler", worker, f"workers that can import cablepod (its error: {shown(str(answer))})"
             )
         if answer:
             raise ArchiveError(
@@ -289,35 +287,36 @@ def _check_workers(own: WorkerPool, folder: Path, ensemble: str) -> None:
 # --- while it runs ------------------------------------------------------------------------------------------------------
 
 
-def _done(
-    own: WorkerPool, folder: Path, ensemble: str, waiting: list[int], counted: Progress
+def _run_batches(
+    pool: WorkerPool, folder: Path, ensemble: str, missing: list[int], total: Progress
 ) -> Generator[tuple[int, tuple[dict[str, Any], list[Note]]], None, None]:
-    """Yield what each batch gave, as they come."""
+    """Run the missing batches; yield number, manifest entry and warnings in order of completion."""
     from threadpoolctl import threadpool_limits
 
     stop = threading.Event()
 
     def submit(number: int) -> Future[Any]:
-        job = functools.partial(run_batch, folder, ensemble, number, threads=own.threads)
-        if own.here:
-            job = functools.partial(job, alone=False, stop=stop.is_set, progress=counted.of(number))
-        return own.executor.submit(job)
+        job = functools.partial(run_batch, folder, ensemble, number, threads=pool.threads)
+        if pool.here:
+            job = functools.partial(job, alone=False, stop=stop.is_set, progress=total.of_batch(number))
+        return pool.executor.submit(job)
 
-    with threadpool_limits(1), unscheduled() if own.here else nullcontext():
+    with threadpool_limits(1), synchronous_dask() if pool.here else nullcontext():
         try:
-            yield from JobQueue(own, submit, waiting, ahead=own.workers).results()
-        finally:  # threads end with the member at hand
+            yield from JobQueue(pool, submit, missing, ahead=pool.workers).results()
+        finally:  # threads stop after their current member
             stop.set()
-            if own.here:
-                own.executor.shutdown(cancel_futures=True)
+            if pool.here:
+                pool.executor.shutdown(cancel_futures=True)
 
 
 def _warn_of_failures(result: xr.Dataset) -> None:
+    """Warn of the number of failed members, with the first reason."""
     failed = np.flatnonzero(result["failure"].values != "")
     if failed.size:
         warnings.warn(
-            f"{failed.size} of {result.sizes['member']} members failed and hold nan, the first of them member "
-            f"{int(result['member'][failed[0]])}: {result['failure'].values[failed[0]]}; see failure for each",
+            f"{failed.size} of {result.sizes['member']} members failed and hold nan, the first is member "
+            f"{int(result['member'][failed[0]])}: {result['failure'].values[failed[0]]}; see the variable failure for all",
             MemberFailedWarning,
             stacklevel=3,
         )

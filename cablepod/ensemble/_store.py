@@ -1,4 +1,4 @@
-"""The folder of an ensemble while it is being worked on: what it should hold, what it holds, and who may write."""
+"""The folder of an ensemble during a run: lock, manifest, inputs and checks of its files."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from cablepod.archive._manifest import (
     MODES,
     SCENES,
     check_batch,
-    entry_of,
     file_of,
+    read_entry,
     read_manifest,
     sizes_of,
 )
@@ -33,32 +33,38 @@ from cablepod.batch._sigint import check_sigint
 from cablepod.errors import ArchiveError, shown
 
 LOCK = ".cablepod-lock"
-#: The manifest is written at most once in so many seconds; what a killed run did not note is found by its files.
-SAVE_EVERY = 1.0
-NAMES = {"model": "the model", "modes": "the modes", "members": "the number of members", "batch": "the size of batches"}
+#: Minimum time between two writes of the manifest [s]; after a crash, later batches are found by their files.
+SAVE_INTERVAL = 1.0
+#: Key of a plan -> name in messages.
+PLAN_NAMES = {
+    "model": "the model",
+    "modes": "the modes",
+    "members": "the number of members",
+    "batch": "the size of batches",
+}
 
 
 class Store:
-    """The manifest of an ensemble and the files that it speaks of."""
+    """Manifest of an ensemble and its batch files."""
 
     def __init__(self, folder: Path, manifest: dict[str, Any]) -> None:
         self.folder = folder
         self.manifest = manifest
-        self.saved = -np.inf
+        self.last_save = -np.inf
 
     @property
     def sizes(self) -> list[int]:
         """Number of members in each batch."""
         return sizes_of(self.manifest)
 
-    def waiting(self) -> list[int]:
-        """Return the numbers of the batches that are not done."""
+    def missing(self) -> list[int]:
+        """Return the numbers of the batches that are not complete."""
         return [number for number in range(len(self.sizes)) if str(number) not in self.manifest["done"]]
 
-    def note(self, number: int, entry: Mapping[str, Any]) -> None:
-        """Note a batch that is done."""
+    def add(self, number: int, entry: Mapping[str, Any]) -> None:
+        """Add the entry of a complete batch to the manifest."""
         self.manifest["done"][str(number)] = dict(entry)
-        if time.monotonic() - self.saved > SAVE_EVERY:
+        if time.monotonic() - self.last_save > SAVE_INTERVAL:
             self.save()
 
     def save(self) -> None:
@@ -67,7 +73,7 @@ class Store:
         Raises
         ------
         ArchiveError
-            Where that cannot be done, as on a full disk.
+            If the file cannot be written.
         """
         path = self.folder / MANIFEST
         try:
@@ -75,15 +81,15 @@ class Store:
                 part.write_text(json.dumps(self.manifest, sort_keys=True), encoding="utf-8")
         except OSError as error:
             raise ArchiveError(f"{path}: not written: {reason(error, self.folder)}") from error
-        self.saved = time.monotonic()
+        self.last_save = time.monotonic()
 
     def check(self, *, overwrite: bool) -> None:
-        """Compare the files with what is noted: files unnoted are noted, those gone are forgotten.
+        """Update the manifest from the batch files: add complete ones, drop missing ones.
 
         Raises
         ------
         ArchiveError
-            Naming files that are damaged or of something else, unless `overwrite`, by which they are removed.
+            For damaged files and those of another ensemble, named; with `overwrite` they are removed instead.
         """
         faults = []
         done = self.manifest["done"]
@@ -96,7 +102,7 @@ class Store:
             try:
                 check_batch(self.folder, self.manifest, number)
                 if str(number) not in done:
-                    done[str(number)] = entry_of(path)
+                    done[str(number)] = read_entry(path)
             except ArchiveError as error:
                 done.pop(str(number), None)
                 if overwrite:
@@ -109,39 +115,39 @@ class Store:
 
 
 @contextlib.contextmanager
-def opened(
+def open_store(
     path: str | os.PathLike[str], plan: Mapping[str, Any], inputs: Mapping[str, xr.Dataset], *, overwrite: bool
 ) -> Iterator[Store]:
-    """Open the folder of an ensemble for work, alone, and make it where it is not there.
+    """Open the folder of an ensemble for writing, with its lock; create it if missing.
 
     Parameters
     ----------
     path
         The folder.
     plan
-        What :func:`plan_of` gives.
+        Result of :func:`plan_of`.
     inputs
-        Scenes and modes under the names of their files.
+        Scenes and modes, file name -> Dataset.
     overwrite
-        Replace what belongs to something else or is damaged.
+        Replace another ensemble and damaged files.
 
     Yields
     ------
     Store
-        With what is done noted.
+        Store with all complete batches in its manifest.
 
     Raises
     ------
     ArchiveError
-        For a folder that cannot be written or is in use, one that holds something else, damaged files.
+        If the folder is not writable, in use, or holds another ensemble or damaged files.
     """
     folder = _folder(path)
     with _locked(folder):
-        for part in folder.glob(".cablepod-*.part"):  # of runs that were killed
+        for part in folder.glob(".cablepod-*.part"):  # left by killed runs
             part.unlink(missing_ok=True)
-        manifest = _found(folder, plan, overwrite=overwrite)
-        _keep_inputs(folder, inputs, overwrite=overwrite or manifest is None)
-        store = Store(folder, manifest or _begun(folder, plan, inputs))
+        manifest = _existing_manifest(folder, plan, overwrite=overwrite)
+        _write_inputs(folder, inputs, overwrite=overwrite or manifest is None)
+        store = Store(folder, manifest or _new_manifest(folder, plan, inputs))
         store.check(overwrite=overwrite)
         store.save()
         yield store
@@ -150,8 +156,8 @@ def opened(
 def plan_of(
     scenes: xr.Dataset, model: str, modes: xr.Dataset | None, options: Mapping[str, Any], batch: int
 ) -> dict[str, Any]:
-    """Return what decides the results of an ensemble, and its id: a hash over all of it."""
-    decisive = {
+    """Return all that determines the results of an ensemble, with its id, a hash of them, varied ranges and title."""
+    arguments = {
         "model": model,
         "modes": None if modes is None else f"{modes.attrs.get('id', 'unknown')} {provenance.digest(modes)}",
         "members": scenes.sizes["member"],
@@ -162,16 +168,16 @@ def plan_of(
     head = provenance.record(
         xr.Dataset(),
         function="ensemble.run",
-        parameters=decisive,
+        parameters=arguments,
         inputs=[scenes] if modes is None else [scenes, modes],
     )
     varied = {
-        str(name): [float(item.values.min()), float(item.values.max()), item.attrs.get("units")]
-        for name, item in scenes.variables.items()
-        if item.dims == ("member",) and name != "member" and item.dtype.kind in "if"
+        str(name): [float(variable.values.min()), float(variable.values.max()), variable.attrs.get("units")]
+        for name, variable in scenes.variables.items()
+        if variable.dims == ("member",) and name != "member" and variable.dtype.kind in "if"
     }
     return {
-        **decisive,
+        **arguments,
         "id": head.attrs["id"],
         "varied": varied,
         "title": f"{scenes.attrs.get('title', 'scenes')}: {model}",
@@ -179,23 +185,24 @@ def plan_of(
 
 
 def _folder(path: str | os.PathLike[str]) -> Path:
-    folder = Path(path).resolve()  # workers may have another current folder
+    """Create the folder if missing, and check that it is writable."""
+    folder = Path(path).resolve()  # workers may have another working directory
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
         raise ArchiveError(f"{path}: is or lies below a file; give a folder") from None
     except OSError as error:
-        raise ArchiveError(f"{path}: the folder cannot be made: {error.strerror}; give another one") from None
+        raise ArchiveError(f"{path}: the folder cannot be created: {error.strerror}; give another one") from None
     check_target(folder / "any.nc", overwrite=False)
     return folder
 
 
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock; the system lets go of it however this process ends."""
+    """Hold the lock of a folder; the operating system releases it when the process ends."""
     try:
         import fcntl
-    except ImportError:  # not on this system: every file still appears whole, and with the same values from either run
+    except ImportError:  # no locks on this system: two runs write the same files atomically
         yield
         return
     with (folder / LOCK).open("a") as file:
@@ -205,14 +212,14 @@ def _locked(folder: Path) -> Iterator[None]:
             raise ArchiveError(
                 f"{folder}: another run is at work on this ensemble; wait for it, or give another folder"
             ) from None
-        except OSError:  # a file system without locks
+        except OSError:  # the file system has no locks
             pass
         yield
 
 
-def _found(folder: Path, plan: Mapping[str, Any], *, overwrite: bool) -> dict[str, Any] | None:
-    """Return the manifest of this ensemble if the folder has it; what is of another one is refused or removed."""
-    own = [*folder.glob("batch_*.nc"), *(folder / name for name in (SCENES, MODES) if (folder / name).exists())]
+def _existing_manifest(folder: Path, plan: Mapping[str, Any], *, overwrite: bool) -> dict[str, Any] | None:
+    """Return the manifest of this ensemble, if any; refuse or remove the files of another one."""
+    files = [*folder.glob("batch_*.nc"), *(folder / name for name in (SCENES, MODES) if (folder / name).exists())]
     if (folder / MANIFEST).exists():
         try:
             manifest = read_manifest(folder)
@@ -227,20 +234,20 @@ def _found(folder: Path, plan: Mapping[str, Any], *, overwrite: bool) -> dict[st
                 f"{folder}: holds another ensemble: {'; '.join(_differences(manifest, plan))}; allowed: the same again, another "
                 "folder, or overwrite=True to replace it"
             )
-    elif own and not overwrite and not _begun_before(folder, plan):
-        names = ", ".join(sorted(path.name for path in own)[:3])
+    elif files and not overwrite and not _has_only_inputs(folder, plan):
+        names = ", ".join(sorted(path.name for path in files)[:3])
         raise ArchiveError(
             f"{folder}: holds {names} but no {MANIFEST}; give another folder, or overwrite=True to replace them"
         )
     if overwrite:
-        (folder / MANIFEST).unlink(missing_ok=True)  # first: what is left of the rest belongs to nothing
-        for path in own:
+        (folder / MANIFEST).unlink(missing_ok=True)  # first: without it, remaining files belong to no ensemble
+        for path in files:
             path.unlink()
     return None
 
 
-def _begun_before(folder: Path, plan: Mapping[str, Any]) -> bool:
-    """Tell whether a run of these scenes was killed before it had written its manifest."""
+def _has_only_inputs(folder: Path, plan: Mapping[str, Any]) -> bool:
+    """Tell whether the folder holds these scenes and no batch, as after a crash before the first manifest."""
     if list(folder.glob("batch_*.nc")):
         return False
     with contextlib.suppress(ArchiveError):
@@ -249,55 +256,59 @@ def _begun_before(folder: Path, plan: Mapping[str, Any]) -> bool:
 
 
 def _differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """Tell what differs between two plans."""
-    told = []
-    for key, name in NAMES.items():
+    """Return texts for the differences between two plans."""
+    differences = []
+    for key, name in PLAN_NAMES.items():
         if old.get(key) != new[key]:
-            told.append(f"{name} was {shown(old.get(key))} and is {shown(new[key])}")
+            differences.append(f"{name} was {shown(old.get(key))} and is {shown(new[key])}")
     if old.get("model") == new["model"]:
         before = old.get("options", {})
         for name in dict.fromkeys([*before, *new["options"]]):
             if before.get(name) != new["options"].get(name):
-                told.append(f"the option {name} was {shown(before.get(name))} and is {shown(new['options'].get(name))}")
+                differences.append(
+                    f"the option {name} was {shown(before.get(name))} and is {shown(new['options'].get(name))}"
+                )
     if old.get("scenes") != new["scenes"]:
         varied = [
             name
             for name in {**old.get("varied", {}), **new["varied"]}
             if old["varied"].get(name) != new["varied"].get(name)
         ]
-        told.append("the scenes differ" + (f", in {', '.join(varied)}" if varied else ""))
-    return told or ["its id differs"]
+        differences.append("the scenes differ" + (f", in {', '.join(varied)}" if varied else ""))
+    return differences or ["its id differs"]
 
 
-def _keep_inputs(folder: Path, inputs: Mapping[str, xr.Dataset], *, overwrite: bool) -> None:
-    """Write scenes and modes unless they are there."""
+def _write_inputs(folder: Path, inputs: Mapping[str, xr.Dataset], *, overwrite: bool) -> None:
+    """Write scenes and modes, unless their files exist."""
     for name, dataset in inputs.items():
         path = folder / name
         if path.exists() and not overwrite:
             if archive.read(path).attrs["id"] != dataset.attrs.get("id", archive.read(path).attrs["id"]):
-                raise ArchiveError(f"{path}: is not that of this ensemble; take it from a backup, or overwrite=True")
+                raise ArchiveError(f"{path}: is of another ensemble; take it from a backup, or overwrite=True")
             continue
         archive.write(dataset, path, overwrite=True)
 
 
-def _begun(folder: Path, plan: Mapping[str, Any], inputs: Mapping[str, xr.Dataset]) -> dict[str, Any]:
-    """Return a new manifest."""
-    read = [archive.read(folder / name) for name in inputs]
+def _new_manifest(folder: Path, plan: Mapping[str, Any], inputs: Mapping[str, xr.Dataset]) -> dict[str, Any]:
+    """Return the manifest of an ensemble without batches."""
+    datasets = [archive.read(folder / name) for name in inputs]
     stages: dict[str, dict[str, Any]] = {}
-    for dataset in read:
-        for stage in provenance.stages_of(dataset):
-            stages.setdefault(stage["id"], stage)
-    # options as they are, for the manifest has them at length
+    for dataset in datasets:
+        for earlier in provenance.stages_of(dataset):
+            stages.setdefault(earlier["id"], earlier)
+    # long arrays among the options are shortened here; the manifest holds them in full
     parameters = {name: provenance.to_json(plan[name]) for name in ("model", "members", "batch", "options")}
-    own = {
+    stage = {
         "id": plan["id"],
         "function": "ensemble.run",
         "parameters": parameters,
-        "inputs": [str(dataset.attrs["id"]) for dataset in read],
+        "inputs": [str(dataset.attrs["id"]) for dataset in datasets],
     }
-    history = "\n".join(dict.fromkeys(line for dataset in read for line in str(dataset.attrs["history"]).split("\n")))
+    history = "\n".join(
+        dict.fromkeys(line for dataset in datasets for line in str(dataset.attrs["history"]).split("\n"))
+    )
     head = {"title": plan["title"], "id": plan["id"], "history": history}
-    head["history_json"] = json.dumps([*stages.values(), own], sort_keys=True)
+    head["history_json"] = json.dumps([*stages.values(), stage], sort_keys=True)
     attributes = root_attributes(xr.Dataset(attrs=head))
     return {
         "kind": KIND,

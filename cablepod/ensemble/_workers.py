@@ -1,7 +1,7 @@
-"""Who computes the batches of an ensemble: threads of this process, processes of this machine, or a dask cluster.
+"""Executors of the batches of an ensemble: threads of this process, processes of this machine, or a dask cluster.
 
-All three are executors in the sense of :mod:`concurrent.futures`; at any time a few more batches are under way than there are
-workers.
+All three are executors in the sense of :mod:`concurrent.futures`.  The number of submitted batches is the number of workers plus
+a few.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cablepod.batch._sigint import defer_sigint, wait_for_any
 from cablepod.errors import RunStopped, scene_error, shown
 from cablepod.parameters._checks import integer
 
-#: Seconds in which a scheduler must answer and have a worker.
+#: Maximum time until a scheduler answers and has a worker [s].
 CONNECT_TIMEOUT = 10.0
 ALLOWED = (
     'None (threads), "processes", the address of a dask scheduler such as "tcp://host:8786", or a distributed.Client'
@@ -28,62 +28,63 @@ ALLOWED = (
 
 @dataclass
 class WorkerPool:
-    """Workers that batches can be handed to."""
+    """Executor with the number and properties of its workers."""
 
     executor: Executor
     workers: int
-    here: bool  #: threads of this process, which can be asked to stop and tell how far they are
-    everywhere: Callable[..., dict[str, Any]]  #: calls a function once in each worker process, by its name
-    threads: int = 1  #: in which each batch runs its members
-    lost: tuple[type[BaseException], ...] = ()  #: what is raised where workers or the scheduler are gone
+    here: bool  #: whether workers are threads of this process (only these can be stopped and report progress)
+    everywhere: Callable[..., dict[str, Any]]  #: calls a function once in each worker process; worker name -> result
+    threads: int = 1  #: number of threads for the members of a batch
+    lost: tuple[type[BaseException], ...] = ()  #: exceptions raised after a loss of workers or scheduler
 
 
 @contextlib.contextmanager
 def worker_pool(scheduler: Any, workers: int | None, batches: int) -> Iterator[WorkerPool]:
-    """Get workers for so many batches, and let them go on leaving.
+    """Provide workers for a number of batches, and release them on exit.
 
     Raises
     ------
     SceneError
-        For a scheduler that is none, or does not answer in time, or has no worker.
+        For an unknown scheduler, or one that has no worker within CONNECT_TIMEOUT.
     """
-    with contextlib.ExitStack() as held:
+    with contextlib.ExitStack() as contexts:
         with defer_sigint():
-            own = _crew(held, scheduler, workers, batches)
+            pool = _create_pool(contexts, scheduler, workers, batches)
         try:
-            yield own
+            yield pool
         finally:
             with defer_sigint():
-                held.close()
+                contexts.close()
 
 
-def _crew(held: contextlib.ExitStack, scheduler: Any, workers: int | None, batches: int) -> WorkerPool:
-    """Get workers that leave when `held` is closed."""
+def _create_pool(contexts: contextlib.ExitStack, scheduler: Any, workers: int | None, batches: int) -> WorkerPool:
+    """Create workers, which are released when `contexts` is closed."""
     count = cores() if workers is None else integer(least=1, most=4096)("workers", workers)
     if scheduler is None:
-        return held.enter_context(_threads(count, batches))
+        return contexts.enter_context(_threads(count, batches))
     if isinstance(scheduler, str) and scheduler == "processes":
-        return held.enter_context(_processes(min(count, max(batches, 1))))
+        return contexts.enter_context(_processes(min(count, max(batches, 1))))
     if workers is not None:
-        raise scene_error("workers", workers, "none with a scheduler of your own, which has its workers")
+        raise scene_error("workers", workers, "none with a scheduler of your own, which has its own workers")
     if isinstance(scheduler, str) and "://" in scheduler:
-        return _of(held.enter_context(_reached(scheduler)), scheduler)
+        return _client_pool(contexts.enter_context(_connected(scheduler)), scheduler)
     if hasattr(scheduler, "get_executor") and hasattr(scheduler, "scheduler_info"):
-        return _of(scheduler, scheduler)
+        return _client_pool(scheduler, scheduler)
     raise scene_error("scheduler", scheduler, ALLOWED)
 
 
 @contextlib.contextmanager
 def _threads(count: int, batches: int) -> Iterator[WorkerPool]:
-    side_by_side = max(1, min(count, batches))
-    executor = ThreadPoolExecutor(side_by_side, thread_name_prefix="cablepod")
+    """Provide a thread pool; threads beyond the number of batches serve the members of a batch."""
+    parallel_batches = max(1, min(count, batches))
+    executor = ThreadPoolExecutor(parallel_batches, thread_name_prefix="cablepod")
     try:
         yield WorkerPool(
             executor,
-            side_by_side,
+            parallel_batches,
             True,
-            lambda function, *given: {"this process": function(*given)},
-            max(1, count // side_by_side),
+            lambda function, *args: {"this process": function(*args)},
+            max(1, count // parallel_batches),
         )
     finally:
         executor.shutdown(cancel_futures=True)
@@ -91,24 +92,26 @@ def _threads(count: int, batches: int) -> Iterator[WorkerPool]:
 
 @contextlib.contextmanager
 def _processes(count: int) -> Iterator[WorkerPool]:
+    """Provide processes of this machine."""
     from distributed import Client, LocalCluster
 
-    # one thread each, for BLAS too: nannies start workers with OMP_NUM_THREADS=1 and the like
+    # one thread each, also for BLAS: dask starts the workers with OMP_NUM_THREADS=1
     with (
         LocalCluster(
             n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
         ) as cluster,
         Client(cluster, timeout=CONNECT_TIMEOUT, set_as_default=False) as client,
     ):
-        yield _of(client, "processes")
+        yield _client_pool(client, "processes")
 
 
 @contextlib.contextmanager
-def _reached(address: str) -> Iterator[Any]:
+def _connected(address: str) -> Iterator[Any]:
+    """Connect to the dask scheduler at an address."""
     from distributed import Client
 
     try:
-        # as a default it would take over what others compute, and if it fails would stay there
+        # a default client would run computations of other code, and would remain after a failure
         client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TimeoutError, ImportError) as error:
         text = f"an address at which a dask scheduler answers within {CONNECT_TIMEOUT:g} s ({shown(str(error))})"
@@ -117,8 +120,8 @@ def _reached(address: str) -> Iterator[Any]:
         yield client
 
 
-def _of(client: Any, name: Any) -> WorkerPool:
-    """Make a crew of a client's workers."""
+def _client_pool(client: Any, name: Any) -> WorkerPool:
+    """Return the pool of a client's workers; `name` is the scheduler in messages."""
     from distributed import CancelledError as DaskCancelledError
     from distributed.comm import CommClosedError
     from distributed.scheduler import KilledWorker
@@ -129,39 +132,40 @@ def _of(client: Any, name: Any) -> WorkerPool:
         raise scene_error("scheduler", name, f"a scheduler that has a worker within {CONNECT_TIMEOUT:g} s") from error
     slots = sum(client.nthreads().values())
 
-    def everywhere(function: Callable[..., Any], *given: Any) -> dict[str, Any]:
-        return client.run(function, *given, on_error="return")
+    def everywhere(function: Callable[..., Any], *args: Any) -> dict[str, Any]:
+        return client.run(function, *args, on_error="return")
 
     lost = (KilledWorker, CommClosedError, DaskCancelledError, CancelledError)
     return WorkerPool(client.get_executor(pure=False), slots, False, everywhere, 1, lost)
 
 
 class JobQueue:
-    """Jobs that are under way, a bounded number of them at a time."""
+    """Submit jobs so that at most ``workers + ahead`` of them are open at a time."""
 
     def __init__(
-        self, own: WorkerPool, submit: Callable[[int], Future[Any]], numbers: Iterable[int], *, ahead: int
+        self, pool: WorkerPool, submit: Callable[[int], Future[Any]], numbers: Iterable[int], *, ahead: int
     ) -> None:
-        self.own = own
+        self.pool = pool
         self.submit = submit
         self.rest = deque(numbers)
-        self.limit = own.workers + ahead
+        self.limit = pool.workers + ahead
         self.open: dict[Future[Any], int] = {}
         self._fill()
 
-    def _fill(self, held: int = 0) -> None:
+    def _fill(self, waiting: int = 0) -> None:
+        """Submit jobs up to the limit; `waiting` results that are not yet taken count too."""
         with defer_sigint():
-            while self.rest and len(self.open) + held < self.limit:
+            while self.rest and len(self.open) + waiting < self.limit:
                 number = self.rest.popleft()
                 self.open[self.submit(number)] = number
 
     def results(self) -> Iterator[tuple[int, Any]]:
-        """Yield (number, result) as they come.
+        """Yield (number, result) in order of completion.
 
         Raises
         ------
         RunStopped
-            Where workers or the scheduler are gone.
+            If workers or the scheduler are lost.
         """
         try:
             while self.open:
@@ -172,7 +176,7 @@ class JobQueue:
             self.cancel()
 
     def in_order(self) -> Iterator[Any]:
-        """Yield results by number; as many as may be under way are kept, if an earlier one takes long."""
+        """Yield results in order of their number; waiting results count towards the limit."""
         ready: dict[int, Any] = {}
         order = deque(sorted([*self.open.values(), *self.rest]))
         try:
@@ -186,17 +190,17 @@ class JobQueue:
             self.cancel()
 
     def result(self, future: Future[Any]) -> Any:
-        """Return the result of a job that is done."""
+        """Return the result of a completed job."""
         try:
             return future.result()
-        except self.own.lost as error:
+        except self.pool.lost as error:
             raise RunStopped(
-                f"the workers of this ensemble are gone ({type(error).__name__}: {shown(str(error))}); what is done is kept; "
-                "run the same call again, which goes on where it stopped"
+                f"the workers of this ensemble are lost ({type(error).__name__}: {shown(str(error))}), completed batches are kept"
+                "; run the same call again to continue"
             ) from error
 
     def cancel(self) -> None:
-        """Begin nothing more."""
+        """Cancel all open jobs."""
         with defer_sigint():
             for future in self.open:
                 future.cancel()
@@ -204,26 +208,27 @@ class JobQueue:
 
 
 class Progress:
-    """Tells how much of all members is done; safe to be called by several threads."""
+    """Report the completed fraction of all members; safe for calls from several threads."""
 
-    def __init__(self, told: Callable[[float], None] | None, sizes: list[int], done: Iterable[int]) -> None:
-        self.told = told
+    def __init__(self, callback: Callable[[float], None] | None, sizes: list[int], done: Iterable[int]) -> None:
+        self.callback = callback
         self.sizes = sizes
-        self.parts: dict[int, float] = dict.fromkeys(done, 1.0)
+        self.fractions: dict[int, float] = dict.fromkeys(done, 1.0)
         self.lock = threading.Lock()
-        self.tell()
+        self.report()
 
-    def of(self, number: int) -> Callable[[float], None] | None:
-        """Return what a batch calls with its own part."""
-        return None if self.told is None else lambda part: self.note(number, part)
+    def of_batch(self, number: int) -> Callable[[float], None] | None:
+        """Return the callback of a batch for its own fraction."""
+        return None if self.callback is None else lambda fraction: self.update(number, fraction)
 
-    def note(self, number: int, part: float) -> None:
-        """Note the part of a batch that is done."""
+    def update(self, number: int, fraction: float) -> None:
+        """Set the completed fraction of a batch and report."""
         with self.lock:
-            self.parts[number] = max(part, self.parts.get(number, 0.0))
-            self.tell()
+            self.fractions[number] = max(fraction, self.fractions.get(number, 0.0))
+            self.report()
 
-    def tell(self) -> None:
-        """Tell the part of all."""
-        if self.told is not None:
-            self.told(sum(self.sizes[number] * part for number, part in self.parts.items()) / sum(self.sizes))
+    def report(self) -> None:
+        """Call the callback with the completed fraction of all members."""
+        if self.callback is not None:
+            done = sum(self.sizes[number] * fraction for number, fraction in self.fractions.items())
+            self.callback(done / sum(self.sizes))

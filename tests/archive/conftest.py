@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from cablepod.archive import _attributes as archive
+from cablepod.archive import _attributes as attributes
 
 
 @pytest.fixture
@@ -14,11 +14,11 @@ def stop_clock(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     """Let all files be written at one instant."""
 
     def stop(instant: str) -> None:
-        class Clock(archive.datetime):
+        class Clock(attributes.datetime):
             @classmethod
             def now(cls, tz=None):
                 return cls.strptime(instant, "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=tz)
 
-        monkeypatch.setattr(archive, "datetime", Clock)
+        monkeypatch.setattr(attributes, "datetime", Clock)
 
     return stop

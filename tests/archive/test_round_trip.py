@@ -51,14 +51,13 @@ def test_what_is_read_is_what_was_written(kind, tmp_path):
 def test_an_eager_read_closes_the_file(tmp_path, monkeypatch):
     path = write(make_trajectory(), tmp_path / "it.nc")
     opened = []
-    real = archive_read.open_file
 
-    def noted(*arguments):
-        opened.append(real(*arguments))
+    def open_file(*args, _open=archive_read.open_file):
+        opened.append(_open(*args))
         return opened[-1]
 
-    monkeypatch.setattr(archive_read, "open_file", noted)
-    monkeypatch.setattr(archive_describe, "_open", noted)
+    monkeypatch.setattr(archive_read, "open_file", open_file)
+    monkeypatch.setattr(archive_describe, "open_file", open_file)
     for task in (read, describe):
         task(path)
         assert not is_open(path)

@@ -144,7 +144,7 @@ def test_a_design_without_ranges_is_refused(soft):
             cp.ensemble.design(scene, ranges, members=3)
     with pytest.raises(cp.SceneError, match=r"no table \[ensemble\]; allowed: one of them"):
         cp.ensemble.design(scene, members=3)
-    with pytest.raises(cp.SceneError, match="allowed: what make_scene or read_scene gives"):
+    with pytest.raises(cp.SceneError, match="allowed: a result of make_scene or read_scene"):
         cp.ensemble.design(cp.ensemble.design(scene, ENSEMBLE_RANGES, members=3), ENSEMBLE_RANGES, members=3)
 
 

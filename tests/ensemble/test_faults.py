@@ -281,7 +281,10 @@ def test_damaged_files_are_named_and_computed_again_only_on_demand(soft, tmp_pat
     scenes, folder = scenes_of(soft, 6), tmp_path / "it"
     whole = cp.ensemble.run(scenes, folder, batch=2, step=1e-3).compute()
     content = (folder / "batch_0001.nc").read_bytes()
-    for damage, match in ((content[:2000], "is truncated or damaged"), (content + b"\0", "its size is not that noted")):
+    for damage, match in (
+        (content[:2000], "is truncated or damaged"),
+        (content + b"\0", "its size differs from that in manifest"),
+    ):
         (folder / "batch_0001.nc").write_bytes(damage)
         with pytest.raises(
             cp.ArchiveError, match=rf"batch_0001\.nc: .*{match}.*; give overwrite=True to compute them again"
