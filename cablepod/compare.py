@@ -1,4 +1,4 @@
-"""Two trajectories -> the error of one against the other."""
+"""Error of a trajectory against a reference trajectory."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ __all__ = ["errors"]
 
 
 def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
-    """Measure the error of a run against a truth.
+    """Compute the error of a trajectory against a reference.
 
     Parameters
     ----------
     run, truth
-        Trajectories with ``position (time, particle, coordinate)`` [m] and ``arc_length (particle)`` [m] on the same instants.
-        The truth is interpolated to the particles of the run in sigma = S / L0, by cubic splines where they differ.
+        Trajectory and reference, with ``position (time, particle, coordinate)`` [m] and ``arc_length (particle)`` [m] at the same
+        instants.  If the particles differ, cubic splines in sigma = S / L0 interpolate the reference to those of the run.
 
     Returns
     -------
     xarray.Dataset
-        ``error (time)``: rms distance over the particles, all counted alike, divided by the largest rms displacement of the
-        truth from its first shape (by the chord where nothing moves); ``error_max`` and ``error_rms`` over time, all
-        fractions; ``displacement_scale`` [m], the divisor.
+        ``error (time)``, the rms distance over the particles with equal weights, divided by the largest rms displacement of the
+        reference from its first shape (by the chord if nothing moves); ``error_max`` and ``error_rms`` over time; and
+        ``displacement_scale`` [m], the divisor.  Errors are fractions.
 
     Raises
     ------
     SceneError
-        Where instants or coordinates differ, or positions are missing or not finite.
+        If instants, coordinates or members differ, or positions are missing or not finite.
 
     Notes
     -----
-    With a dimension ``member`` on either side the errors have it too.
+    If the run or the reference has the dimension ``member``, the errors have it too.
 
     Examples
     --------
@@ -52,21 +52,21 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
         if "position" not in dataset or "arc_length" not in dataset.variables:
             raise SceneError(f"{name}: given a Dataset without position or arc_length; allowed: a trajectory")
     if "member" in run.dims or "member" in truth.dims:
-        return _of_members(run, truth)
+        return _member_errors(run, truth)
     _check_instants(run["time"].values, truth["time"].values)
     if list(run["coordinate"].values) != list(truth["coordinate"].values):
         raise scene_error(
             "run", list(run["coordinate"].values), f"the coordinates of the truth, {list(truth['coordinate'].values)}"
         )
     order = ("time", "particle", "coordinate")
-    x, y = (dataset["position"].transpose(*order).values for dataset in (run, truth))
-    for name, position in (("run", x), ("truth", y)):
-        if not np.isfinite(position).all():
+    position, reference = (dataset["position"].transpose(*order).values for dataset in (run, truth))
+    for name, values in (("run", position), ("truth", reference)):
+        if not np.isfinite(values).all():
             raise SceneError(f"{name}: position is not finite everywhere; allowed: finite numbers")
-    y = _at(relative_arc_length(run), relative_arc_length(truth), y)
-    chord = float(np.linalg.norm(y[0, -1] - y[0, 0]))
-    scale = motion_scale(y, y[0], chord)
-    error = np.sqrt(np.mean(np.sum((x - y) ** 2, axis=-1), axis=-1)) / scale
+    reference = _interpolate(relative_arc_length(run), relative_arc_length(truth), reference)
+    chord = float(np.linalg.norm(reference[0, -1] - reference[0, 0]))
+    scale = motion_scale(reference, reference[0], chord)
+    error = np.sqrt(np.mean(np.sum((position - reference) ** 2, axis=-1), axis=-1)) / scale
     result = xr.Dataset(
         {
             "error": ("time", error),
@@ -84,34 +84,38 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     return provenance.record(result, function="compare.errors", parameters={}, inputs=[run, truth])
 
 
-def _check_instants(a: np.ndarray, b: np.ndarray) -> None:
-    if a.shape != b.shape:
-        raise SceneError(f"run: given {a.size} instants; allowed: the instants of the truth, {b.size}")
-    if not np.allclose(a, b, rtol=1e-12, atol=1e-12):
-        where = int(np.argmax(np.abs(a - b)))
-        raise SceneError(f"run: given instant {a[where]:g} s; allowed: the instants of the truth, here {b[where]:g} s")
+def _check_instants(times: np.ndarray, reference: np.ndarray) -> None:
+    """Refuse times [s] that differ from those of the reference."""
+    if times.shape != reference.shape:
+        raise SceneError(f"run: given {times.size} instants; allowed: the instants of the truth, {reference.size}")
+    if not np.allclose(times, reference, rtol=1e-12, atol=1e-12):
+        index = int(np.argmax(np.abs(times - reference)))
+        raise SceneError(
+            f"run: given instant {times[index]:g} s; allowed: the instants of the truth, here {reference[index]:g} s"
+        )
 
 
-def _at(sigma: np.ndarray, own: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Interpolate positions (time, particle, coordinate) from `own` to `sigma`."""
-    if sigma.shape == own.shape and np.abs(sigma - own).max() <= 1e-9:
+def _interpolate(sigma: np.ndarray, known_sigma: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Interpolate positions (time, particle, coordinate) [m] from particles at `known_sigma` to `sigma`."""
+    if sigma.shape == known_sigma.shape and np.abs(sigma - known_sigma).max() <= 1e-9:
         return position
-    from scipy.interpolate import CubicSpline  # equal particles need no spline
+    from scipy.interpolate import CubicSpline  # costly to import, not needed for equal particles
 
-    return CubicSpline(own, position, axis=1)(sigma)
+    return CubicSpline(known_sigma, position, axis=1)(sigma)
 
 
-def _of_members(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
+def _member_errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
+    """Return the errors of all members along ``member``."""
     count = max(run.sizes.get("member", 1), truth.sizes.get("member", 1))
 
-    def pick(dataset: xr.Dataset, i: int) -> xr.Dataset:
+    def select(dataset: xr.Dataset, i: int) -> xr.Dataset:
         return dataset.isel(member=i, drop=True) if "member" in dataset.dims else dataset
 
     if {run.sizes.get("member", count), truth.sizes.get("member", count)} != {count}:
         raise SceneError(
             f"run: given {run.sizes['member']} members; allowed: the members of the truth, {truth.sizes['member']}"
         )
-    results = [errors(pick(run, i), pick(truth, i)) for i in range(count)]
+    results = [errors(select(run, i), select(truth, i)) for i in range(count)]
     joined = xr.concat(results, dim="member", data_vars="all", coords="minimal", compat="override", join="exact")
     joined.attrs = dict(results[0].attrs)
     return provenance.record(joined, function="compare.errors", parameters={"members": count}, inputs=[run, truth])

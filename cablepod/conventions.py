@@ -1,7 +1,7 @@
-"""The one vocabulary: dimensions, variable names, units and long names.
+"""Vocabulary of results: dimensions, variable names, units and long names.
 
-Every public function labels its result with :func:`label`, so that attributes never depend on what arithmetic happened
-to propagate.  Units are UDUNITS strings that pint reads too.
+Every public function labels its result with :func:`label`, so that attributes do not depend on their propagation through
+arithmetic.  Units are UDUNITS strings, which pint reads too.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 COORDINATES = ("x", "y", "z")
 ENDS = ("lower", "upper")
 OUTPUTS = ("position", "velocity", "tension", "tension_extremes")
-#: name -> (units, long name); the scene's own parameters are named in :mod:`cablepod.parameters._keys`.
+#: Name -> (units, long name) of results; :mod:`cablepod.parameters._keys` has the parameters of scenes.
 VARIABLES: dict[str, tuple[str, str]] = {
     # coordinates
     "time": ("s", "time since the start of the run"),
@@ -69,7 +69,7 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "error_rms": ("1", "root mean square of the error over time"),
     "displacement_scale": ("m", "length by which the error is divided"),
 }
-#: Units of attributes that become variables where they differ between members; "1" for others.
+#: Units of attributes that become variables along ``member``; "1" for others.
 ATTRIBUTE_UNITS = {
     "step": "s",
     "step_limit": "s",
@@ -94,11 +94,11 @@ VARIABLES |= {
 def label(dataset: xr.Dataset, **extra: tuple[str, str]) -> xr.Dataset:
     """Set ``units`` and ``long_name`` on every variable and coordinate of `dataset`, in place, and return it.
 
-    `extra` names (units, long name) of variables outside :data:`VARIABLES`.  A variable that neither knows keeps its
-    attributes and must have units already.
+    `extra` has (units, long name) of variables outside :data:`VARIABLES`.  All other variables keep their attributes and must
+    have units.
     """
     known = {**VARIABLES, **extra}
-    for name, variable in dataset.variables.items():  # to make a DataArray of each would take ten times as long
+    for name, variable in dataset.variables.items():  # ten times as fast as DataArrays
         if str(name) in known:
             units, long_name = known[str(name)]
             variable.attrs.update(units=units, long_name=long_name)
