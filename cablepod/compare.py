@@ -109,6 +109,7 @@ def _member_errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     count = max(run.sizes.get("member", 1), truth.sizes.get("member", 1))
 
     def select(dataset: xr.Dataset, i: int) -> xr.Dataset:
+        """Return member `i`, or the dataset if it has no members."""
         return dataset.isel(member=i, drop=True) if "member" in dataset.dims else dataset
 
     if {run.sizes.get("member", count), truth.sizes.get("member", count)} != {count}:

@@ -1,4 +1,4 @@
-"""Alias of what lineage scripts in users' files name; it lives in :mod:`cablepod.archive`."""
+"""Alias of :mod:`cablepod.archive._lineage` for the names that lineage scripts of users call."""
 
 from cablepod.archive._lineage import ancestors, changed, check, script
 

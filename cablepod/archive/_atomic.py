@@ -11,9 +11,10 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def atomic_file(path: Path, *, check: Callable[[], None] | None = None) -> Iterator[Path]:
-    """Provide a temporary path beside `path`; on exit flush the file and rename it, on an error remove it.
+    """Provide a temporary path that replaces `path` on exit, or is removed on an error.
 
-    `check` is called just before the renaming, because another process may have created the file meanwhile.
+    The file is flushed to the disk first.  `check` is called just before the renaming, because another process may have created
+    the file meanwhile.
     """
     part = path.parent / f".cablepod-{uuid.uuid4().hex}.part"
     try:
@@ -29,14 +30,14 @@ def atomic_file(path: Path, *, check: Callable[[], None] | None = None) -> Itera
 
 
 def _discard(part: Path) -> None:
-    """Remove `part` if it exists; truncate it first, because a failed library may keep the file open and its space in use."""
+    """Truncate and remove `part` if it exists."""
     with contextlib.suppress(FileNotFoundError):
-        os.truncate(part, 0)
+        os.truncate(part, 0)  # frees the space even if a failed library keeps the file open
         part.unlink()
 
 
 def _sync_folder(folder: Path) -> None:
-    """Flush the folder entry of the new file, so that it survives a power failure (not possible on all systems)."""
+    """Flush the folder entry of a new file to the disk, where the system allows it."""
     with contextlib.suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:

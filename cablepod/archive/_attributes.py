@@ -48,7 +48,10 @@ def with_file_attributes(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def root_attributes(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return the global attributes of a file for `dataset`; stages read from a file keep their date and program."""
+    """Return the global attributes of a file for `dataset`, with its history.
+
+    Stages that were read from a file keep their date and program.
+    """
     digest = _content_hash(dataset)
     attrs: dict[str, Any] = {**ROOT, **dataset.attrs}
     attrs["id"] = str(attrs.get("id") or digest[:20])

@@ -167,7 +167,7 @@ class _EnsembleAssembler:
         for name, value in max(
             texts, key=len
         ).items():  # such as model, law and scheme; a batch of failed members has none
-            if all(other.get(name, value) == value for other in texts):
+            if all(batch.get(name, value) == value for batch in texts):
                 attrs.setdefault(name, value)
         return xr.Dataset(variables, coords, attrs)
 

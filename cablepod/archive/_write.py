@@ -174,7 +174,7 @@ def _check_attribute(owner: str, name: Hashable, value: Any) -> None:
 
 
 def reason(error: BaseException, folder: Path) -> str:
-    """Return the reason of a failed write in a folder, with what to try."""
+    """Return the reason of a failed write in a folder, with a remedy."""
     # on a full disk the library reports "HDF error", or "Permission denied" when it opens the file
     full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES)
     if full or "HDF error" in str(error):

@@ -33,6 +33,7 @@ class _Collector:
             self.open += 1
 
     def _note(self, message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+        """Record a warning; replaces ``warnings.showwarning``."""
         self.log.append((threading.get_ident(), (category, str(message))))
 
     def end(self) -> list[Note]:

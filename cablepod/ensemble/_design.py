@@ -42,7 +42,7 @@ def design(
         Number of members.
     sampling
         "latin_hypercube" (the default): one member in each of as many equal parts of a range as there are members; "sobol": the
-        first points of a scrambled Sobol sequence, whose length is a power of two; "grid": all combinations of equally spaced
+        first points of a scrambled Sobol sequence; "grid": all combinations of equally spaced
         values of each [low, high], ends included, or of lists of more than two values; "list": each range lists the values of all
         members.
     seed
@@ -90,7 +90,10 @@ def design(
 
 
 def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, Key] | None:
-    """Return variable name, index of the component (None for a scalar) and key of a key path; None if unknown."""
+    """Return variable name, component index and key of a key path; None if unknown.
+
+    The component index is None for a scalar.
+    """
     parts = path.split(".") if isinstance(path, str) else []
     component = COORDINATES.index(parts[-1]) if parts and parts[-1] in COORDINATES else None
     for index, key_parts in ((None, parts), (component, parts[:-1])):
@@ -120,7 +123,7 @@ def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:
 
 
 def _check_ranges(scene: xr.Dataset, ranges: Any, prefix: str, options: Mapping[str, Any]) -> dict[str, list[float]]:
-    """Return the ranges sorted by key path, after checks of all values and of the scenes at the bounds."""
+    """Check all values and the scenes at the bounds; return the ranges sorted by key path."""
     if not isinstance(ranges, Mapping) or not ranges:
         raise scene_error(prefix, ranges, "a mapping from key paths to [low, high]")
     checked: dict[str, list[float]] = {}

@@ -74,7 +74,7 @@ def compute(
     later = result["failure"].values if "failure" in result else [""] * (scenes.sizes["member"] - skipped)
     failure = [*reasons, *later]
     failed = np.array([bool(reason) for reason in failure])
-    variables = {name: _pad(item, skipped) for name, item in result.variables.items() if name not in varied}
+    variables = {name: _pad(variable, skipped) for name, variable in result.variables.items() if name not in varied}
     for name, value in result.attrs.items():
         if isinstance(value, int | float | np.number) and not isinstance(value, bool | np.bool_):
             attrs = {"units": ATTRIBUTE_UNITS.get(str(name), "1"), "long_name": str(name).replace("_", " ")}
@@ -94,7 +94,10 @@ def _simulate_members(
     options: Mapping[str, Any],
     progress: Callable[[float], None] | None,
 ) -> tuple[xr.Dataset | None, list[str]]:
-    """Return the results after leading members that fail before any run, and their reasons; None if all members fail."""
+    """Simulate members; return the results (None if all fail) and the reasons of skipped leading members.
+
+    Leading members are skipped if they alone make the whole call fail.
+    """
     reasons: list[str] = []
     while len(reasons) < scenes.sizes["member"]:
         rest = scenes.isel(member=slice(len(reasons), None))
@@ -115,7 +118,7 @@ def _failure_reason(
     options: Mapping[str, Any],
     error: Exception,
 ) -> str:
-    """Return the reason of failure of a single member; raise the error of the batch if this member does not fail."""
+    """Return the reason of failure of a single member; raise `error` if it does not fail."""
     try:
         simulate(scene, *modes, **options)
     except (RunStopped, ValueError, ArithmeticError) as own_error:
@@ -154,7 +157,7 @@ def _checked_manifest(folder: Path, ensemble: str) -> dict[str, Any]:
 
 
 def check_access(folder: Path, ensemble: str) -> str:
-    """Return the reason why this process cannot write to the folder of an ensemble; an empty text if it can."""
+    """Return why this process cannot write to the folder of an ensemble, or an empty text."""
     try:
         _checked_manifest(folder, ensemble)
         check_target(folder / "any.nc", overwrite=False)

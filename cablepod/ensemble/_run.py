@@ -172,6 +172,7 @@ def _batches(
     with worker_pool(scheduler, workers, len(sizes)) as pool:
 
         def submit(number: int) -> Future[Any]:
+            """Submit a batch."""
             members = scenes.isel(member=slice(number * size, (number + 1) * size))
             job = functools.partial(_compute_in_worker, members, plan["model"], modes, plan["options"], pool.threads)
             if pool.here:
@@ -215,7 +216,7 @@ def _compute_in_worker(
 def _prepare(
     scenes: Any, model: Any, modes: Any, options: dict[str, Any], batch: Any
 ) -> tuple[dict[str, Any], dict[str, xr.Dataset]]:
-    """Check all arguments; return the plan (all that determines the results) and the inputs, file name -> Dataset."""
+    """Check all arguments; return plan and inputs (file name -> Dataset)."""
     if not isinstance(scenes, xr.Dataset) or "member" not in scenes.dims or "ends_lower" not in scenes:
         raise SceneError("scenes: given no Dataset of scenes with member; allowed: a result of ensemble.design")
     if not scenes.sizes["member"]:
@@ -296,6 +297,7 @@ def _run_batches(
     stop = threading.Event()
 
     def submit(number: int) -> Future[Any]:
+        """Submit a batch."""
         job = functools.partial(run_batch, folder, ensemble, number, threads=pool.threads)
         if pool.here:
             job = functools.partial(job, alone=False, stop=stop.is_set, progress=total.of_batch(number))

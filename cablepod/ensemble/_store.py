@@ -156,7 +156,10 @@ def open_store(
 def plan_of(
     scenes: xr.Dataset, model: str, modes: xr.Dataset | None, options: Mapping[str, Any], batch: int
 ) -> dict[str, Any]:
-    """Return all that determines the results of an ensemble, with its id, a hash of them, varied ranges and title."""
+    """Return the arguments that determine the results of an ensemble, with id, varied ranges and title.
+
+    The id is a hash of these arguments.
+    """
     arguments = {
         "model": model,
         "modes": None if modes is None else f"{modes.attrs.get('id', 'unknown')} {provenance.digest(modes)}",

@@ -1,4 +1,4 @@
-"""Executors of the batches of an ensemble: threads of this process, processes of this machine, or a dask cluster.
+"""Executors of the batches of an ensemble: threads, local processes, or a dask cluster.
 
 All three are executors in the sense of :mod:`concurrent.futures`.  The number of submitted batches is the number of workers plus
 a few.
@@ -58,7 +58,7 @@ def worker_pool(scheduler: Any, workers: int | None, batches: int) -> Iterator[W
 
 
 def _create_pool(contexts: contextlib.ExitStack, scheduler: Any, workers: int | None, batches: int) -> WorkerPool:
-    """Create workers, which are released when `contexts` is closed."""
+    """Create workers that are released when `contexts` is closed."""
     count = cores() if workers is None else integer(least=1, most=4096)("workers", workers)
     if scheduler is None:
         return contexts.enter_context(_threads(count, batches))
@@ -133,6 +133,7 @@ def _client_pool(client: Any, name: Any) -> WorkerPool:
     slots = sum(client.nthreads().values())
 
     def everywhere(function: Callable[..., Any], *args: Any) -> dict[str, Any]:
+        """Call a function once in each worker process."""
         return client.run(function, *args, on_error="return")
 
     lost = (KilledWorker, CommClosedError, DaskCancelledError, CancelledError)

@@ -86,15 +86,17 @@ def _readers(data: Any) -> tuple[list[Callable[[], list[np.ndarray]]], bool]:
 def _compute_chunks(
     get: Callable[..., Any], cull: Callable[..., Any], graph: dict[Any, Any], group: list[Any]
 ) -> list[Any]:
+    """Compute the chunks with the keys `group` by the scheduler function `get`."""
     return list(get(cull(graph, group)[0], group))
 
 
 def _read_range(source: Any, region: tuple[slice, ...]) -> list[np.ndarray]:
+    """Read a range of a source as a list of one array."""
     return [np.asarray(source[region])]
 
 
 def _source(graph: dict[Any, Any], key: Any) -> tuple[Any, tuple[slice, ...]] | None:
-    """Return the source array of chunk `key` and its range; None if the chunk is not a plain range of a source."""
+    """Return source array and range of chunk `key`; None if it is no plain range."""
     task = graph.get(key)
     while isinstance(task, tuple) or hasattr(task, "target"):  # an alias, such as a part of a concatenation
         task = graph.get(getattr(task, "target", task))

@@ -155,7 +155,7 @@ def _decompose_matrix(
 
 
 def _use_stream(position: xr.DataArray, layout: str, rank: int | None) -> bool:
-    """Tell whether snapshots are read in blocks: lazy ones, and those in memory if that is faster than one matrix."""
+    """Tell whether reading in blocks is required (lazy data) or faster than one matrix."""
     samples = count_snapshots(position)
     features = position.sizes["particle"] * (position.sizes["coordinate"] if layout == "vector" else 1)
     if is_lazy(position):

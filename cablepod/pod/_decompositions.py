@@ -16,13 +16,13 @@ EPSILON = float(np.finfo(float).eps)
 
 
 def by_svd(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Decompose `data` itself, eq. (30): X = U S V^T."""
+    """Decompose the data by SVD, eq. (30): X = U S V^T."""
     left, values, _ = np.linalg.svd(data, full_matrices=False)
     return left, values
 
 
 def by_covariance(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Take the eigenvectors of the covariance matrix (features, features), eq. (29): C = X X^T / m."""
+    """Decompose by eigenvectors of the covariance matrix, eq. (29): C = X X^T / m (features, features)."""
     samples = data.shape[1]
     eigenvalues, vectors = np.linalg.eigh(data @ data.T / samples)
     count = min(data.shape)
@@ -30,7 +30,7 @@ def by_covariance(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def by_snapshots(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Take the eigenvectors of the matrix (samples, samples) of the method of snapshots (Sirovich 1987), G = X^T X / m.
+    """Decompose by the method of snapshots (Sirovich 1987), eigenvectors of G = X^T X / m (samples, samples).
 
     The modes are the normalised products of X with the eigenvectors.  Modes of eigenvalues at rounding level are not orthogonal;
     a QR factorisation in the order of the modes corrects them and leaves the accurate ones unchanged.

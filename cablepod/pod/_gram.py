@@ -17,7 +17,7 @@ ROUNDING = 8.0 * EPSILON
 
 
 def _scaled(gram: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Scale a Gram matrix to a unit diagonal; return the matrix, the scales and the correction of the diagonal.
+    """Return a Gram matrix scaled to unit diagonal, the scales and the correction of the diagonal.
 
     Rows below the rounding error of the largest row are scaled by that error and get a unit diagonal too, because their
     off-diagonal entries may exceed their diagonal.
@@ -79,7 +79,7 @@ def _leading_factor(scaled: np.ndarray) -> np.ndarray:
 
 
 def principal(gram: np.ndarray) -> np.ndarray:
-    """Return the eigenvectors of a Gram matrix, largest first, from the SVD of its factor (no loss by squaring)."""
+    """Return the eigenvectors of a Gram matrix, largest first, from the SVD of its factor."""
     return np.linalg.svd(graded_factor(gram))[2].T
 
 

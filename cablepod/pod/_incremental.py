@@ -194,7 +194,7 @@ class IncrementalSVD:
         return Decomposition(left, values, energy, math.sqrt(self.discarded_energy) / self.scale)
 
     def _rescale(self, rows: np.ndarray) -> None:
-        """Scale `rows` to the units of the sums, in place; change these units if squares would underflow or overflow."""
+        """Scale `rows` in place; adapt the scale if squares would underflow or overflow."""
         with np.errstate(over="ignore", under="ignore"):
             energy = float(np.vdot(rows, rows)) * self.scale * self.scale
         if not MIN_ENERGY < energy < MAX_ENERGY:
@@ -209,6 +209,7 @@ class IncrementalSVD:
             rows *= self.scale
 
     def _to_units(self, scale: float) -> None:
+        """Convert all sums to another scale."""
         with np.errstate(under="ignore"):
             ratio = scale / self.scale
             self.gram = self.gram * ratio * ratio

@@ -129,7 +129,10 @@ def labelled(
 def _variables(
     layout: str, shapes: list[np.ndarray], tables: dict[str, np.ndarray], truncation: np.ndarray
 ) -> dict[str, Any]:
-    """Return name -> (dimensions, values) of modes (mode, particle, dims) and tables (matrix, mode) in the form of a layout."""
+    """Return the variables of a layout, name -> (dimensions, values).
+
+    `shapes` are the modes (mode, particle, dims) of each matrix, `tables` have (matrix, mode), `truncation` has (matrix).
+    """
     shape = shapes[0][None] if layout == "vector" else np.stack([modes[:, :, 0] for modes in shapes])
     shape_dims = ("mode", "particle", "coordinate") if layout == "vector" else ("mode", "particle")
     variables: dict[str, Any] = {}
@@ -188,7 +191,10 @@ def _choose_rank(squares: np.ndarray, outside: np.ndarray, rank: int | None, ene
 
 
 def _fix_sign(field: np.ndarray) -> np.ndarray:
-    """Choose the signs of modes (modes, particles, dims): the first entry of at least half the maximum is positive."""
+    """Choose the signs of modes (mode, particle, dims).
+
+    The first entry of at least half the maximum is positive.
+    """
     flat = field.reshape(len(field), -1)
     magnitude = np.abs(flat)
     first = np.argmax(magnitude >= 0.5 * magnitude.max(axis=1, keepdims=True), axis=1)

@@ -123,6 +123,7 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
 
 
 def _mean(modes: xr.Dataset) -> np.ndarray:
+    """Return the mean of the lifted position (particle, coordinate) [m]."""
     return modes["mean"].transpose("particle", "coordinate").values
 
 

@@ -106,7 +106,7 @@ def _first_names(names: np.ndarray) -> str:
 
 
 def broken_member(position: xr.DataArray) -> str:
-    """Return " in member ..." for the first member with positions that are not finite, or an empty text."""
+    """Return " in member ..." for the first member with non-finite positions, or an empty text."""
     if "member" not in position.dims:
         return ""
     names = position["member"].values

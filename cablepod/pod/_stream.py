@@ -64,6 +64,7 @@ class Stream:
             return self._update(snapshots)
 
     def _update(self, snapshots: xr.Dataset) -> Stream:
+        """Add snapshots to copies of the sums, and keep these if there was no error."""
         position = position_of(snapshots)
         sigma = relative_arc_length(snapshots)
         dims, width = position.sizes["coordinate"], sigma.size - 2

@@ -12,6 +12,7 @@ from cablepod.discretisation._similarity import FEATURES, feature_index
 
 @lru_cache
 def _bounds() -> xr.IndexVariable:
+    """Return the coordinate ``bound``."""
     return xr.IndexVariable("bound", ["least", "largest"])
 
 
@@ -25,7 +26,10 @@ def range_of(snapshots: xr.Dataset) -> np.ndarray:
 
 
 def union_of_ranges(first: np.ndarray | None, second: np.ndarray | None) -> np.ndarray | None:
-    """Return the range (2, features) of two sets of scenes; None is an empty set, nan an unknown range."""
+    """Return the range (2, features) of the union of two sets of scenes.
+
+    None is the range of an empty set, nan an unknown range.
+    """
     if first is None or second is None:
         return second if first is None else first
     return np.stack([np.minimum(first[0], second[0]), np.maximum(first[1], second[1])])

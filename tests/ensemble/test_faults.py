@@ -166,9 +166,9 @@ def test_processes_of_this_machine_give_the_same_bits(soft, tmp_path):
 
 def test_a_scheduler_that_cannot_be_reached(soft, tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
-    from cablepod.ensemble import _workers as ensemble_runs
+    from cablepod.ensemble import _workers as ensemble_workers
 
-    monkeypatch.setattr(ensemble_runs, "CONNECT_TIMEOUT", 0.5)
+    monkeypatch.setattr(ensemble_workers, "CONNECT_TIMEOUT", 0.5)
     begin = time.monotonic()
     for address in ("tcp://127.0.0.1:9", "tcp://no.such.host.invalid:8786", "ftp://x"):
         with pytest.raises(

@@ -9,7 +9,7 @@ import pytest
 from scenes import full_modes
 
 import cablepod as cp
-from cablepod.archive import _manifest as archive_ensemble
+from cablepod.archive import _manifest as archive_manifest
 
 RANGES = {"cable.top_tension": [200.0, 300.0], "motion.upper.x.amplitude": [-0.05, -0.02]}
 #: Rigid links do not move along a straight line between their ends: a slack cable whose length is given.
@@ -60,4 +60,4 @@ def test_each_model_gives_its_single_runs(soft, tmp_path, model):
     stage = json.loads(run.attrs["history_json"])[-1]
     assert stage["parameters"]["model"] == model
     assert stage["inputs"][1:] == [item.attrs["id"] for item in modes]
-    assert archive_ensemble.read_manifest(tmp_path / "it")["model"] == model
+    assert archive_manifest.read_manifest(tmp_path / "it")["model"] == model

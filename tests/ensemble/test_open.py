@@ -13,7 +13,7 @@ from scenes import ENSEMBLE_STEP
 
 import cablepod as cp
 from cablepod import cli
-from cablepod.archive import _open_ensemble as archive_ensemble
+from cablepod.archive import _open_ensemble as open_module
 from cablepod.archive import _read as read
 from cablepod.archive._manifest import describe_ensemble
 
@@ -57,7 +57,7 @@ def test_what_was_opened_can_be_written_again(finished, tmp_path):
 
 
 def test_long_batches_are_cut_along_time(finished, monkeypatch):
-    monkeypatch.setattr(archive_ensemble, "CHUNK", 4 * 9 * 2 * 8 * 2)
+    monkeypatch.setattr(open_module, "CHUNK", 4 * 9 * 2 * 8 * 2)
     whole = cp.archive.open_ensemble(finished)
     assert whole["position"].chunks[1] == (2, 2, 2, 2, 1)
     monkeypatch.undo()
@@ -135,7 +135,7 @@ def test_ten_thousand_members_open_by_the_manifest_and_heads_alone(finished, tmp
     # the clock is in pipelines/benchmarks; here: that no batch but one of each kind is opened by xarray
     opened = []
     real = read.opened_file
-    monkeypatch.setattr(archive_ensemble, "opened_file", lambda path: opened.append(path.name) or real(path))
+    monkeypatch.setattr(open_module, "opened_file", lambda path: opened.append(path.name) or real(path))
     cp.archive.open_ensemble(finished)
     assert opened == ["scenes.nc", "batch_0000.nc"]
 

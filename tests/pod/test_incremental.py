@@ -10,7 +10,7 @@ from spectra import STEEP, accumulated, known_rows
 from cablepod.batch._blas import one_blas_thread
 from cablepod.pod import _decompositions as decompositions
 from cablepod.pod import _gram as pod_gram
-from cablepod.pod import _incremental as streaming
+from cablepod.pod import _incremental as incremental
 
 
 @pytest.mark.parametrize("parts", [1, 3])
@@ -26,7 +26,7 @@ def test_small_singular_values_keep_their_digits_in_any_order(kind, parts):
 
 
 def test_without_turned_axes_they_would_not(monkeypatch):
-    monkeypatch.setattr(streaming, "is_well_conditioned", lambda gram: True)
+    monkeypatch.setattr(incremental, "is_well_conditioned", lambda gram: True)
     found = accumulated(known_rows(8000, 40, STEEP, "turns")[0]).decompose()
     assert np.abs(found.values[:20] / STEEP - 1.0).max() > 1e-6
 
@@ -84,8 +84,8 @@ def test_many_features_are_held_by_the_axes_they_need(kind):
 
 
 def test_what_is_left_out_of_many_features_is_told(monkeypatch):
-    monkeypatch.setattr(streaming, "MAX_AXES", 60)
-    monkeypatch.setattr(streaming, "KEPT_AXES", 40)
+    monkeypatch.setattr(incremental, "MAX_AXES", 60)
+    monkeypatch.setattr(incremental, "KEPT_AXES", 40)
     spectrum = 1.0 / np.arange(1, 201)
     with one_blas_thread():
         found = accumulated(known_rows(900, 600, spectrum)[0], block=50).decompose()

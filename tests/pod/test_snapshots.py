@@ -14,7 +14,7 @@ from spectra import STEEP, sines, trajectory, turning
 import cablepod as cp
 from cablepod.archive import _lineage as lineage
 from cablepod.batch._blas import one_blas_thread
-from cablepod.pod import _blocks as reading
+from cablepod.pod import _blocks as pod_blocks
 from cablepod.pod import _stream as pod_stream
 
 
@@ -162,15 +162,15 @@ def test_members_are_pooled_also_in_chunks():
 def test_an_archive_is_read_once_and_in_small_pieces(tmp_path, monkeypatch):
     snapshots, left = trajectory(samples=20000)
     path = cp.archive.write(snapshots, tmp_path / "it.nc")
-    monkeypatch.setattr(reading, "BLOCK_BYTES", 1 << 20)
-    read, sizes = reading._read_range, []
+    monkeypatch.setattr(pod_blocks, "BLOCK_BYTES", 1 << 20)
+    read, sizes = pod_blocks._read_range, []
 
     def counted(source, region):
         found = read(source, region)
         sizes.append(found[0].nbytes)
         return found
 
-    monkeypatch.setattr(reading, "_read_range", counted)
+    monkeypatch.setattr(pod_blocks, "_read_range", counted)
     for chunks in ({}, -1, {"time": 2 * (2**20 // (22 * 2 * 8))}):
         sizes.clear()
         with cp.archive.read(path, chunks=chunks) as lazy:
