@@ -89,39 +89,6 @@ def design(
     )
 
 
-def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, Key] | None:
-    """Return variable name, component index and key of a key path; None if unknown.
-
-    The component index is None for a scalar.
-    """
-    parts = path.split(".") if isinstance(path, str) else []
-    component = COORDINATES.index(parts[-1]) if parts and parts[-1] in COORDINATES else None
-    for index, key_parts in ((None, parts), (component, parts[:-1])):
-        name, key = "_".join(key_parts), _key_of(scene, key_parts)
-        if key is None or key.units is None or name not in scene or scene[name].dtype.kind not in "if":
-            continue
-        is_vector = scene[name].dims == ("coordinate",)
-        if (index is None and not scene[name].dims) or (index is not None and is_vector and index < scene[name].size):
-            return name, index, key
-    return None
-
-
-def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:
-    """Return the key of the scene vocabulary at a path, None if unknown."""
-    *tables, name = parts or [""]
-    if not tables:
-        return TOP.get(name)
-    keys: dict[str, Key] = {}
-    if len(tables) == 1:
-        keys |= TABLES.get(tables[0], {})
-    elif len(tables) == 2 and tables[0] == "point_load":
-        keys |= POINT_LOAD
-    kind = "_".join(tables) + "_kind"
-    if tables[0] in ("motion", "load", "point_load") and kind in scene and not scene[kind].dims:
-        keys |= time_function_keys("m" if tables[0] == "motion" else "1")[str(scene[kind].values)]
-    return keys.get(name)
-
-
 def _check_ranges(scene: xr.Dataset, ranges: Any, prefix: str, options: Mapping[str, Any]) -> dict[str, list[float]]:
     """Check all values and the scenes at the bounds; return the ranges sorted by key path."""
     if not isinstance(ranges, Mapping) or not ranges:
@@ -187,5 +154,5 @@ def _vary(scene: xr.Dataset, varied: Mapping[str, np.ndarray]) -> xr.Dataset:
             variables[name] = (("member", "coordinate"), np.repeat(scene[name].values[None], count, axis=0), attrs)
         variables[name][1][:, index] = values
         component_attrs = {**attrs, "long_name": f"{attrs.get('long_name', name)}, {COORDINATES[index]}"}
-        coords[f"{name}_{COORDINATES[index]}"] = ("member", values, component_attrs)
+        coords[variable_name(path)] = ("member", values, component_attrs)
     return scene.assign(variables).assign_coords(coords)
