@@ -32,6 +32,6 @@ def prepare_folder(out: Path, files: Sequence[str], *, overwrite: bool) -> None:
     existing = [name for name in files if (out / name).exists()]
     if existing and not overwrite:
         raise ArchiveError(
-            f"out: given {out}, which contains {', '.join(existing)} already; "
+            f"out: given {out}, which has {', '.join(existing)} already; "
             "allowed: another folder, or overwrite=True to replace them"
         )
