@@ -22,6 +22,8 @@ NAMES = {
     "ensemble.design": "scenes",
     "ensemble.run": "runs",
 }
+#: Module of a stage in older histories -> its present name.
+MOVED = {"paper.statics": "paper.table1", "paper.starts": "paper.initial_shape"}
 
 
 def ancestors(dataset: xr.Dataset) -> list[dict[str, Any]]:
@@ -119,7 +121,7 @@ def _statements(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]
             for key, value in parameters.items()
             if key in _options(function) and key not in chosen
         ]
-        call = f"cp.{function}({', '.join([*inputs, *options])})"
+        call = f"cp.{_present_name(function)}({', '.join([*inputs, *options])})"
     lines = [f"{name} = {call}"]
     if function != "changed by hand":  # the id of a changed scene appears only in later stages
         lines.append(f'cablepod.lineage.check({name}, "{stage["id"]}")')
@@ -137,9 +139,15 @@ def _ensemble(name: str, inputs: list[str], parameters: Mapping[str, Any]) -> It
         yield f'{name} = cp.archive.read("{folder}/batch_{parameters["number"]:04d}.nc")'
 
 
+def _present_name(function: str) -> str:
+    """Return the name that the function of a stage has now; histories keep the names of their time."""
+    module, point, name = function.rpartition(".")
+    return f"{MOVED.get(module, module)}{point}{name}"
+
+
 def _callable(function: str) -> Any:
-    """Return a public function by its name, None if there is none."""
-    module, _, name = function.rpartition(".")
+    """Return a public function by its name in a history, None if there is none."""
+    module, _, name = _present_name(function).rpartition(".")
     try:
         return getattr(importlib.import_module(f"cablepod.{module}" if module else "cablepod"), name, None)
     except ImportError:
