@@ -15,6 +15,7 @@ from cablepod.integrate._request import Request
 from cablepod.integrate._run import Trajectory
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
+    ComparableRuns,
     halve_step_while_cheaper,
     motion_scale,
     observed_order,
@@ -78,7 +79,7 @@ def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> CableResult:
         reason = f"explicit: all its runs take about {cost:.1g} s"
         return CableResult(explicit, *_refine_in_time(explicit, tolerance), reason)
     maximum = steps_per_second / IMPLICIT_COST
-    halved = halve_step_while_cheaper(*_comparison(implicit), tolerance, maximum, _duration_and_links(implicit))
+    halved = halve_step_while_cheaper(_comparable_runs(implicit), tolerance, maximum)
     if halved is not None:
         ratio = 1.0 / (halved[1] * step_limit_of(explicit))
         return CableResult(implicit, *halved, f"implicit: its steps may be {ratio:.3g} times the explicit limit")
@@ -88,23 +89,11 @@ def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> CableResult:
 
 def _refine_in_time(run: CableRun, tolerance: float) -> tuple[Trajectory, float, float]:
     """Shorten the step until two runs agree; return trajectory, steps per second and time error."""
-
-    def slackened(trajectory: Trajectory) -> bool:
-        # only the linear law has a kink at stretch 1
-        return not run.chain.green and bool((run.chain.stretch(trajectory.position) < 1.0).any())
-
-    return refine_step(*_comparison(run), tolerance, slackened, _duration_and_links(run))
+    return refine_step(_comparable_runs(run), tolerance)
 
 
-def _duration_and_links(run: CableRun) -> tuple[float, int]:
-    """Duration of a run [s] and its number of nodes minus one, which bound its work."""
-    return float(run.times[-1]), run.chain.links
-
-
-def _comparison(
-    run: CableRun,
-) -> tuple[CableRun, Callable[[Trajectory], np.ndarray], Callable[[Trajectory], float], float]:
-    """Return a run, functions for compared positions and motion, and the steps per second of the first run."""
+def _comparable_runs(run: CableRun) -> ComparableRuns:
+    """Describe runs with any step for the step control."""
 
     def positions(trajectory: Trajectory) -> np.ndarray:
         return _at_compared_points(run, trajectory.position)
@@ -112,7 +101,12 @@ def _comparison(
     def motion(trajectory: Trajectory) -> float:
         return _motion(run, trajectory)
 
-    return run, positions, motion, preferred_steps_per_second(1.0 / _first_step(run))
+    def slackened(trajectory: Trajectory) -> bool:
+        # only the linear law has a kink at stretch 1
+        return not run.chain.green and bool((run.chain.stretch(trajectory.position) < 1.0).any())
+
+    steps_per_second = preferred_steps_per_second(1.0 / _first_step(run))
+    return ComparableRuns(run, positions, motion, steps_per_second, float(run.times[-1]), run.chain.links, slackened)
 
 
 def _at_compared_points(run: CableRun, position: np.ndarray) -> np.ndarray:

@@ -27,7 +27,7 @@ MAX_BLOCK_STEPS, MIN_BLOCK_STEPS = march.BLOCK, 1024
 #: Links times steps of all members in a block, at most: some tenths of a second, in which nobody can stop them.
 BLOCK_WORK = 2e8
 #: Bytes that a chunk keeps of its steps before they are results, at most; members beyond go the way of single scenes.
-MEMORY_SHARE = 2**27
+MAX_KEPT_BYTES = 2**27
 
 
 def plan(scene: xr.Dataset, **given: Any) -> BatchPlan | None:
@@ -54,7 +54,7 @@ class ChainBatch:
         """Step the members `first` ... `last - 1` abreast, those that are explicit and whose step is given."""
         shapes: dict[Any, list[int]] = {}
         begun: dict[int, PreparedRun] = {}
-        room = MEMORY_SHARE
+        room = MAX_KEPT_BYTES
         for i in range(first, last):
             check()
             item = self._begin(i)

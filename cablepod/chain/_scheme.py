@@ -23,6 +23,7 @@ from cablepod.integrate._request import Request, check_scheme, check_step, impli
 from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
+    ComparableRuns,
     halve_step_while_cheaper,
     motion_scale,
     preferred_steps_per_second,
@@ -146,9 +147,9 @@ def solve(ready: PreparedScene, request: ChainRequest, state: Trajectory | None 
         state = run(rate) if state is None else state
         if state.diagnostics["energy_excess"] > ENERGY_WARN:
             warnings.warn(
-                f"the links hold up to {state.diagnostics['energy_excess']:.2g} times the energy that rest, loads and ends explain: a "
-                "resonance, or a step too long for links that slacken and snap taut; compare with half the step or with scheme "
-                "energy_momentum",
+                f"the links hold up to {state.diagnostics['energy_excess']:.2g} times the energy that rest, loads and ends "
+                "explain: a resonance, or a step too long for links that slacken and snap taut; compare with half the step or "
+                "with scheme energy_momentum",
                 NotConvergedWarning,
                 stacklevel=4,
             )
@@ -181,38 +182,32 @@ STEPS_PER_PERIOD = 8.0
 
 
 def _choose_scheme(
-    explicit: ExplicitChainRun, trapezoidal: ImplicitChainRun, limit: float, goal: float, *, asked: bool
+    explicit: ExplicitChainRun, trapezoidal: ImplicitChainRun, limit: float, tolerance: float, *, asked: bool
 ) -> tuple[ChainRun, tuple[Trajectory, float, float], str]:
     """Pick scheme and step for a tolerance: implicit as long as its steps are so long that it is the faster one."""
     rate = 1.0 / _first_step(explicit, limit)
     cost = 3.0 * float(explicit.times[-1]) * rate * explicit.chain.links * LINK_STEP
     if not asked and cost < CHOICE_MIN_SECONDS:
-        return explicit, _refine_in_time(explicit, limit, goal), f"explicit: all its runs take about {cost:.1g} s"
+        return explicit, _refine_in_time(explicit, limit, tolerance), f"explicit: all its runs take about {cost:.1g} s"
     most = 2.0 * rate / IMPLICIT_COST
-    found = halve_step_while_cheaper(
-        *_comparison(trapezoidal, limit), goal, most, (float(explicit.times[-1]), explicit.chain.links)
-    )
-    if found is not None:
-        return trapezoidal, found, f"implicit: its steps may be {1.0 / (found[1] * limit):.3g} times the explicit limit"
+    accepted = halve_step_while_cheaper(_comparable_runs(trapezoidal, limit), tolerance, most)
+    if accepted is not None:
+        ratio = 1.0 / (accepted[1] * limit)
+        return trapezoidal, accepted, f"implicit: its steps may be {ratio:.3g} times the explicit limit"
     return (
         explicit,
-        _refine_in_time(explicit, limit, goal),
+        _refine_in_time(explicit, limit, tolerance),
         f"explicit: implicit steps would have to be shorter than {1 / most:.3g} s",
     )
 
 
-def _refine_in_time(run: ChainRun, limit: float, goal: float) -> tuple[Trajectory, float, float]:
-    def slackened(state: Trajectory) -> bool:
-        # law (21) pulls and pushes without a kink
-        return not run.chain.green and bool((run.chain.stretch(state.position) < 1.0).any())
-
-    return refine_step(*_comparison(run, limit), goal, slackened, (float(run.times[-1]), run.chain.links))
+def _refine_in_time(run: ChainRun, limit: float, tolerance: float) -> tuple[Trajectory, float, float]:
+    """Shorten the step until two runs agree; returns the trajectory, its steps per second, the estimate of its error."""
+    return refine_step(_comparable_runs(run, limit), tolerance)
 
 
-def _comparison(
-    run: ChainRun, limit: float
-) -> tuple[ChainRun, Callable[[Trajectory], np.ndarray], Callable[[Trajectory], float], float]:
-    """Return a run, how two of them are compared, and the number of steps per second to begin with."""
+def _comparable_runs(run: ChainRun, limit: float) -> ComparableRuns:
+    """Describe runs with any step for the step control."""
     chord = float(np.linalg.norm(run.chain.p.upper - run.chain.p.lower))
 
     def position(state: Trajectory) -> np.ndarray:
@@ -221,7 +216,12 @@ def _comparison(
     def scale(state: Trajectory) -> float:
         return motion_scale(state.position, run.initial, chord)
 
-    return run, position, scale, preferred_steps_per_second(1.0 / _first_step(run, limit))
+    def slackened(state: Trajectory) -> bool:
+        # law (21) has no kink
+        return not run.chain.green and bool((run.chain.stretch(state.position) < 1.0).any())
+
+    first = preferred_steps_per_second(1.0 / _first_step(run, limit))
+    return ComparableRuns(run, position, scale, first, float(run.times[-1]), run.chain.links, slackened)
 
 
 def _first_step(run: ChainRun, limit: float) -> float:

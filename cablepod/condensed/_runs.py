@@ -22,6 +22,7 @@ from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._request import Request, check_resolved, check_step
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
+    ComparableRuns,
     motion_scale,
     preferred_steps_per_second,
     refine_step,
@@ -93,14 +94,12 @@ def solve(
     def position(state: CondensedTrajectory) -> np.ndarray:
         return positions(model, state.q, state.instants.times)
 
-    state, steps_per_second, estimate = refine_step(
-        run,
-        position,
-        lambda state: motion_scale(position(state), initial, chord),
-        preferred_steps_per_second(1.0 / first_step),
-        request.tolerance,
-        size=(float(times[-1]), model.chain.links),
-    )
+    def motion(state: CondensedTrajectory) -> float:
+        return motion_scale(position(state), initial, chord)
+
+    steps_per_second = preferred_steps_per_second(1.0 / first_step)
+    runs = ComparableRuns(run, position, motion, steps_per_second, float(times[-1]), model.chain.links)
+    state, steps_per_second, estimate = refine_step(runs, request.tolerance)
     return CondensedResult(run, state, steps_per_second, limit, estimate)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from cablepod.galerkin._runs import GalerkinRun, GalerkinTrajectory
 from cablepod.integrate._request import Request
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
+    ComparableRuns,
     halve_step_while_cheaper,
     motion_scale,
     preferred_steps_per_second,
@@ -64,19 +65,10 @@ def solve(
     return _choose_scheme(runs, limit, request.tolerance, asked=request.given_tolerance is not None)
 
 
-class Comparison(NamedTuple):
-    """First arguments of the step control: a run and functions that compare two of its trajectories."""
-
-    run: GalerkinRun
-    positions: Callable[[GalerkinTrajectory], np.ndarray]
-    motion: Callable[[GalerkinTrajectory], float]
-    steps_per_second: float  #: of the first run
-
-
 def _choose_scheme(runs: dict[str, GalerkinRun], limit: float, tolerance: float, *, asked: bool) -> GalerkinResult:
     """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
     explicit, implicit = runs["velocity_verlet"], runs["trapezoidal"]
-    steps_per_second = _comparison(explicit, limit).steps_per_second
+    steps_per_second = _comparable_runs(explicit, limit).steps_per_second
     amplitudes = explicit.q0.size
     cost = 3.0 * float(explicit.times[-1]) * steps_per_second * (STEP_TIME + TIME_OF_AMPLITUDE * amplitudes)
     if not asked and cost < CHOICE_MIN_SECONDS:
@@ -84,7 +76,7 @@ def _choose_scheme(runs: dict[str, GalerkinRun], limit: float, tolerance: float,
         return GalerkinResult(explicit, *refined, f"explicit: all its runs take about {cost:.1g} s")
     # two explicit runs take 1 + 2 times these steps, all implicit ones together at most twice the maximum
     maximum = 1.5 * steps_per_second / (IMPLICIT_COST + COST_OF_AMPLITUDE * amplitudes)
-    halved = halve_step_while_cheaper(*_comparison(implicit, limit), tolerance, maximum, _duration_and_links(implicit))
+    halved = halve_step_while_cheaper(_comparable_runs(implicit, limit), tolerance, maximum)
     if halved is not None:
         reason = f"implicit: its steps may be {1.0 / (halved[1] * limit):.3g} times the explicit limit"
         return GalerkinResult(implicit, *halved, reason)
@@ -94,30 +86,18 @@ def _choose_scheme(runs: dict[str, GalerkinRun], limit: float, tolerance: float,
 
 def _refine_in_time(run: GalerkinRun, limit: float, tolerance: float) -> tuple[GalerkinTrajectory, float, float]:
     """Shorten the step until two runs agree; return trajectory, steps per second and time error."""
-    model = run.model
-
-    def slackened(trajectory: GalerkinTrajectory) -> bool:
-        # only the linear law has a kink at stretch 1
-        position = model.positions(trajectory.q, run.times)
-        return model.law == "linear" and bool((model.chain.stretch(position) < 1.0).any())
-
-    duration_and_links, comparison = _duration_and_links(run), _comparison(run, limit)
+    runs = _comparable_runs(run, limit)
     if isinstance(run, ImplicitGalerkinRun):
-        maximum = TRIAL_RATIO * comparison.steps_per_second
-        halved = halve_step_while_cheaper(*comparison, tolerance, maximum, duration_and_links)
+        maximum = TRIAL_RATIO * runs.steps_per_second
+        halved = halve_step_while_cheaper(runs, tolerance, maximum)
         if halved is not None:
             return halved
-        comparison = comparison._replace(steps_per_second=maximum)
-    return refine_step(*comparison, tolerance, slackened, duration_and_links)
+        runs = replace(runs, steps_per_second=maximum)
+    return refine_step(runs, tolerance)
 
 
-def _duration_and_links(run: GalerkinRun) -> tuple[float, int]:
-    """Duration of a run [s] and its number of links, which bound its work."""
-    return float(run.times[-1]), run.model.chain.links
-
-
-def _comparison(run: GalerkinRun, limit: float) -> Comparison:
-    """Return the comparison of a run, with the number of steps per second of the first trajectory."""
+def _comparable_runs(run: GalerkinRun, limit: float) -> ComparableRuns:
+    """Describe runs with any step for the step control."""
     model, p = run.model, run.model.chain.p
     chord = float(np.linalg.norm(p.upper - p.lower))
     initial = model.positions(run.q0[None], np.zeros(1))[0]
@@ -128,10 +108,15 @@ def _comparison(run: GalerkinRun, limit: float) -> Comparison:
     def motion(trajectory: GalerkinTrajectory) -> float:
         return motion_scale(positions(trajectory), initial, chord)
 
+    def slackened(trajectory: GalerkinTrajectory) -> bool:
+        # only the linear law has a kink at stretch 1
+        position = model.positions(trajectory.q, run.times)
+        return model.law == "linear" and bool((model.chain.stretch(position) < 1.0).any())
+
     step = 0.8 * limit
     if isinstance(run, ImplicitGalerkinRun):
         tension = max(float(model.tension(initial).mean()), 1e-300)
         period = 2.0 * model.chain.total_length / np.sqrt(tension / p.mass)
         step = float(max(min(float(run.times[-1]) / 20.0, period / STEPS_PER_PERIOD), limit))
     steps_per_second = preferred_steps_per_second(1.0 / min(step, p.shortest_time_scale / STEPS_PER_CHANGE))
-    return Comparison(run, positions, motion, steps_per_second)
+    return ComparableRuns(run, positions, motion, steps_per_second, float(run.times[-1]), model.chain.links, slackened)

@@ -5,103 +5,117 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cablepod.errors import NotConvergedWarning, RunStopped, SceneError
 
-#: A scheme that twice shows less than this order is not converging: runs that differ whatever their steps seem to have 0.1 to
-#: 0.7.  One that converges may take so many runs after the first, each at most so many times finer than the last.
-MIN_ORDER, FIRST_ORDER, SECOND_ORDER, MAX_REFINEMENTS, MAX_FACTOR = 0.8, 1.0, 2.0, 6, 4.0
-#: A run with more than so many times the steps of the first is not begun: the user would wait long for a motion that is hardly
-#: resolved.
+#: Minimum observed order of a converging scheme: runs that differ whatever their steps seem to have 0.1 to 0.7.
+MIN_ORDER = 0.8
+#: Orders that are assumed where forces have kinks, and otherwise.
+FIRST_ORDER, SECOND_ORDER = 1.0, 2.0
+#: Maximum number of refinements after the first run, and maximum factor of the number of steps in one of them.
+MAX_REFINEMENTS, MAX_FACTOR = 6, 4.0
+#: Maximum number of steps of a run over that of the first (more steps would take long for a motion that is hardly resolved).
 MAX_GROWTH = 512.0
-#: A run whose step is not given begins with at most so many steps times links, half an hour (chain) to some hours; one that only
-#: looks whether long implicit steps will do has at most so many, a minute or two.  A given step runs however long it takes.
+#: Maximum steps times links of a run without a given step (half an hour to some hours), and of a trial run with long implicit
+#: steps (a minute or two).  A run with a given step has no such bound.
 MAX_WORK, MAX_TRIAL_WORK = 1e12, 1e9
-#: No run that chooses its step has fewer steps in the shortest time over which motions and loads change.  Steps that are
-#: multiples of a period all see the same phase: two runs would agree, and both be wrong.
+#: Minimum number of steps in the shortest time scale of motions and loads: steps that are multiples of a period all see the same
+#: phase, so that two wrong runs would agree.
 STEPS_PER_CHANGE = 8.0
-#: Two implicit runs must agree by so much better than the tolerance: their steps need not resolve all that moves.
+#: Tolerance over the distance at which two implicit runs agree: their long steps need not resolve all frequencies.
 HALVING_MARGIN = 4.0
-#: Damping times an explicit step, at most: velocities half a step before the start, exp(c h / 2) times larger, and their squares
+#: Maximum of damping times an explicit step: the velocity half a step before the start grows by exp(c h / 2), and its square must
 #: stay finite.
 MAX_DAMPING_EXPONENT = 600.0
-# Steps per second are rounded up to one of these times a power of ten: a step then hits round instants, and neither it nor
-# any bit of the result depends on the instants asked for.
+# Mantissas to which steps per second are rounded up: a step then hits round instants, and no bit of the result depends on the
+# output times.
 _PREFERRED_MANTISSAS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0)
 
 
+def _without_kinks(run: Any) -> bool:
+    """Default of :attr:`ComparableRuns.has_kinks`."""
+    return False
+
+
+@dataclass(frozen=True)
+class ComparableRuns:
+    """Runs of one scene with any step, and how two of them are compared."""
+
+    run: Callable[[float], Any]  #: computes a run from its steps per second; may raise :class:`RunStopped`
+    position: Callable[[Any], np.ndarray]  #: positions of a run (time, particle, dims) [m]
+    scale: Callable[[Any], float]  #: length by which distances of runs are divided, see :func:`motion_scale` [m]
+    steps_per_second: float  #: of the first run
+    end_time: float = 0.0  #: [s]
+    links: int = 0  #: links, or nodes but one: the factor of the cost of a step
+    #: Whether the forces of a run have kinks, as where links slacken and snap taut.  Each kink adds an error that depends on its
+    #: place in the step, so that at most first order is assumed.
+    has_kinks: Callable[[Any], bool] = _without_kinks
+
+    def distance(self, fine: Any, coarse: Any) -> float:
+        """Return the largest rms distance of two runs over the motion of the finer one."""
+        gap = self.position(fine) - self.position(coarse)
+        return float(np.sqrt(np.mean(np.sum(gap**2, axis=-1), axis=-1)).max()) / self.scale(fine)
+
+    def max_steps_per_second(self, work: float) -> float:
+        """Return the steps per second at which a run has `work` steps times links."""
+        return work / max(self.end_time * self.links, 1e-300)
+
+
 def damped_growth(damping: float, step: float) -> float:
-    """Return exp(c h / 2) - 1, by which a velocity grows that is followed back over half a step against damping c [1/s]."""
+    """Return exp(c h / 2) - 1, the relative growth of a velocity traced back over half a step [s] against damping c [1/s]."""
     if damping * step > MAX_DAMPING_EXPONENT:
         raise SceneError(
-            f"damping.mass_proportional: given {damping:g}; allowed: at most {MAX_DAMPING_EXPONENT / step:.4g} 1/s with explicit steps of "
-            f"{step:.4g} s; an implicit scheme, or a shorter step, takes more"
+            f"damping.mass_proportional: given {damping:g}; allowed: at most {MAX_DAMPING_EXPONENT / step:.4g} 1/s with explicit "
+            f"steps of {step:.4g} s; an implicit scheme, or a shorter step, takes more"
         )
     return math.expm1(0.5 * damping * step)
 
 
-def preferred_steps_per_second(rate: float) -> float:
+def preferred_steps_per_second(steps_per_second: float) -> float:
     """Round a number of steps per second up to the next preferred one."""
-    power = 10.0 ** math.floor(math.log10(rate))
-    return next(p for p in _PREFERRED_MANTISSAS if p * power >= rate * (1.0 - 1e-12)) * power
+    power = 10.0 ** math.floor(math.log10(steps_per_second))
+    return next(p for p in _PREFERRED_MANTISSAS if p * power >= steps_per_second * (1.0 - 1e-12)) * power
 
 
 def motion_scale(position: np.ndarray, initial: np.ndarray, chord: float) -> float:
-    """Largest rms displacement from the initial shape, or the chord where nothing moves: what errors are divided by [m]."""
+    """Return the largest rms displacement from the initial shape, or the chord if nothing moves: the divisor of errors [m]."""
     largest = float(np.sqrt(np.mean(np.sum((position - initial) ** 2, axis=-1), axis=-1)).max(initial=0.0))
     return largest if largest > 1e-9 * chord else chord
 
 
-def check_work(rate: float, until: float, links: int) -> None:
-    """Refuse a run that nobody means, with so many steps per second until a time [s], where no step is given.
+def check_work(steps_per_second: float, end_time: float, links: int) -> None:
+    """Refuse a run whose steps times links exceed MAX_WORK.
 
     Raises
     ------
     SceneError
-        With the number of steps, and what to do about it.
+        With the number of steps, and what to change.
     """
-    if rate * until * links > MAX_WORK:
+    if steps_per_second * end_time * links > MAX_WORK:
         raise SceneError(
-            f"time.duration: given {until:g} s, which {links} links take {rate * until:.3g} steps of {1.0 / rate:.3g} s for; "
-            f"allowed: {MAX_WORK:g} steps times links where no step is given; take a shorter duration or times, fewer links, "
-            f"another scheme, or step={1.0 / rate:.3g}, which is run however long it takes"
+            f"time.duration: given {end_time:g} s, which with {links} links needs {steps_per_second * end_time:.3g} steps of "
+            f"{1.0 / steps_per_second:.3g} s; allowed: {MAX_WORK:g} steps times links if no step is given; try a "
+            f"shorter duration, fewer links, another scheme, or step={1.0 / steps_per_second:.3g}, which has no such bound"
         )
 
 
-def refine_step(
-    run: Callable[[float], Any],
-    position: Callable[[Any], np.ndarray],
-    scale: Callable[[Any], float],
-    rate: float,
-    tolerance: float,
-    kinked: Callable[[Any], bool] = lambda run: False,
-    size: tuple[float, int] = (0.0, 0),
-) -> tuple[Any, float, float]:
+def refine_step(runs: ComparableRuns, tolerance: float) -> tuple[Any, float, float]:
     """Run with rising numbers of steps per second until two runs agree within `tolerance`.
 
-    Two runs alone tell the time error of the finer one only if the order is known, and a scheme of second order has it only for
+    Two runs tell the time error of the finer one only if the order is known.  A scheme of second order shows that order only for
     motion that its steps resolve (a jump in the velocity of an end makes waves that they do not).  So the distance of the first
-    two runs counts as it is, and from the third run on the order that the distances show.
+    two runs counts as it is; from the third run on the observed order enters.
 
     Parameters
     ----------
-    run
-        Makes a run from a number of steps per second; may raise :class:`RunStopped`.
-    position, scale
-        Take the positions (time, particle, dims) from a run, and the length that counts as its motion [m].
-    rate
-        First number of steps per second.
+    runs
+        The runs and their comparison.
     tolerance
-        Wanted error as a fraction of the motion.
-    kinked
-        Tells of a run whether its forces had kinks, as where links slacken and snap taut.  Then each kink adds an error that
-        depends on where in a step it falls: distances fall by luck as well as by order, and no more than first order is believed.
-    size
-        Until when a run lasts [s], and its number of links: the first run must not be longer than :func:`check_work` allows, and
-        no later one is, but for one that is twice the first.
+        Maximum error as a fraction of the motion.
 
     Returns
     -------
@@ -111,45 +125,47 @@ def refine_step(
     Raises
     ------
     SceneError
-        For a run that would be absurdly long.
+        For a first run that costs more than :func:`check_work` allows.  No later run costs more, except for the second one,
+        which has twice the steps of the first.
 
     Warns
     -----
     NotConvergedWarning
-        Where shorter steps do not bring the runs together, or only too slowly.
+        If shorter steps do not bring the runs together, or only too slowly.
     """
-    check_work(rate, *size)
-    coarse, rate = _first_finite_run(run, rate)
-    most = min(MAX_GROWTH * rate, _max_steps_per_second(MAX_WORK, size))
-    factor, last, last_factor, slow = 2.0, math.inf, math.inf, 0
+    # rate: steps per second
+    check_work(runs.steps_per_second, runs.end_time, runs.links)
+    coarse, rate = _first_finite_run(runs)
+    max_rate = min(MAX_GROWTH * rate, runs.max_steps_per_second(MAX_WORK))
+    factor, last_distance, last_factor, slow = 2.0, math.inf, math.inf, 0
     for _ in range(MAX_REFINEMENTS):
-        # the first doubling is exact, so that its runs share their instants; later rates are preferred ones again
-        new = 2.0 * rate if last == math.inf else preferred_steps_per_second(rate * factor)
-        factor, rate = new / rate, new
-        fine = run(rate)
-        distance = _distance(position(fine), position(coarse)) / scale(fine)
-        most_order = FIRST_ORDER if kinked(fine) else SECOND_ORDER
-        margin = 0.5 if rate < most else 1.0  # while there is a choice
-        if last == math.inf:
-            order = most_order
-            # the order is not known to be the second yet, so nothing is gained from it
+        # the first doubling is exact, so that its runs share their instants; later numbers are preferred ones again
+        new_rate = 2.0 * rate if last_distance == math.inf else preferred_steps_per_second(rate * factor)
+        factor, rate = new_rate / rate, new_rate
+        fine = runs.run(rate)
+        distance = runs.distance(fine, coarse)
+        max_order = FIRST_ORDER if runs.has_kinks(fine) else SECOND_ORDER
+        margin = 0.5 if rate < max_rate else 1.0  # while a finer run is possible
+        if last_distance == math.inf:
+            order = max_order
+            # second order is not observed yet, so the estimate does not use it
             estimate, accepted = distance, distance <= (tolerance if order > FIRST_ORDER else margin * tolerance)
         else:
-            order = min(most_order, observed_order(distance / last, last_factor, factor))
+            order = min(max_order, observed_order(distance / last_distance, last_factor, factor))
             estimate = distance / (factor**order - 1.0)
             accepted = estimate <= margin * tolerance
         if accepted:
             return fine, rate, estimate
         slow = slow + 1 if order < MIN_ORDER else 0
-        if slow == 2 or rate >= (1.0 - 1e-9) * most:  # once may be a wave that the steps only begin to resolve
+        if slow == 2 or rate >= (1.0 - 1e-9) * max_rate:  # once may be a wave that the steps only begin to resolve
             break
-        coarse, last, last_factor = fine, distance, factor
+        coarse, last_distance, last_factor = fine, distance, factor
         expected = distance / (factor**order - 1.0)
-        factor = min(MAX_FACTOR, most / rate, max(1.25, (4.0 * expected / tolerance) ** (1.0 / order)))
+        factor = min(MAX_FACTOR, max_rate / rate, max(1.25, (4.0 * expected / tolerance) ** (1.0 / order)))
     warnings.warn(
-        f"two steps disagree: an error of {estimate:.2g} of the motion is left at step {1 / rate:.3g} s, more than the tolerance "
-        f"{tolerance:.2g}; the motion is chaotic (judge it by statistics) or too abrupt for this scheme; give a shorter "
-        "step, or a larger tolerance",
+        f"not converged in time: an error of {estimate:.2g} of the motion is left at step {1 / rate:.3g} s, more than the "
+        f"tolerance {tolerance:.2g}; the motion is chaotic (judge it by statistics) or too abrupt for this scheme; give a "
+        "shorter step, or a larger tolerance",
         NotConvergedWarning,
         stacklevel=4,
     )
@@ -157,57 +173,47 @@ def refine_step(
 
 
 def halve_step_while_cheaper(
-    run: Callable[[float], Any],
-    position: Callable[[Any], np.ndarray],
-    scale: Callable[[Any], float],
-    rate: float,
-    tolerance: float,
-    most_rate: float,
-    size: tuple[float, int] = (0.0, 0),
+    runs: ComparableRuns, tolerance: float, max_steps_per_second: float
 ) -> tuple[Any, float, float] | None:
-    """Run with halved steps, as long as they are so long that they pay, until two runs agree well within `tolerance`.
+    """Run with halved long implicit steps until two runs agree well within `tolerance`.
 
-    Long implicit steps do not resolve all that moves, and so show no order: the distance of two runs counts as it is, and must
-    be smaller than the tolerance by a margin.  Parameters as in :func:`refine`; no run with more than `most_rate` steps per
-    second is begun, nor one with more than :data:`MOST_TRIED` steps times links.
+    Long implicit steps do not resolve all frequencies, and so show no order: the distance of two runs counts as it is, and must
+    be smaller than the tolerance by HALVING_MARGIN.  No run has more than `max_steps_per_second`, beyond which explicit steps are
+    cheaper, nor more than MAX_TRIAL_WORK steps times links.
 
     Returns
     -------
     tuple or None
-        The finer of the two runs, its steps per second, their distance; None where none met the tolerance.
+        The finer of the two runs, its steps per second, their distance; None if no two runs agree.
     """
-    coarse, most_rate = None, min(most_rate, _max_steps_per_second(MAX_TRIAL_WORK, size))
-    while rate <= most_rate:
+    coarse, steps_per_second = None, runs.steps_per_second
+    upper_limit = min(max_steps_per_second, runs.max_steps_per_second(MAX_TRIAL_WORK))
+    while steps_per_second <= upper_limit:
         try:
-            fine = run(rate)
+            fine = runs.run(steps_per_second)
         except RunStopped:
             fine = None
         if fine is not None and coarse is not None:
-            distance = _distance(position(fine), position(coarse)) / scale(fine)
+            distance = runs.distance(fine, coarse)
             if distance <= tolerance / HALVING_MARGIN:
-                return fine, rate, distance
-        coarse, rate = fine, 2.0 * rate
+                return fine, steps_per_second, distance
+        coarse, steps_per_second = fine, 2.0 * steps_per_second
     return None
 
 
-def _max_steps_per_second(work: float, size: tuple[float, int]) -> float:
-    """Return the most steps per second that a run of some size may have for so many steps times links."""
-    until, links = size
-    return work / max(until * links, 1e-300)
-
-
-def _first_finite_run(run: Callable[[float], Any], rate: float) -> tuple[Any, float]:
-    """Run with `rate`, or twice or four times as many steps where that breaks down."""
+def _first_finite_run(runs: ComparableRuns) -> tuple[Any, float]:
+    """Run with the first step, or a half or a quarter of it if that breaks down."""
+    steps_per_second = runs.steps_per_second
     for _ in range(2):
         try:
-            return run(rate), rate
+            return runs.run(steps_per_second), steps_per_second
         except RunStopped:
-            rate *= 2.0
-    return run(rate), rate
+            steps_per_second *= 2.0
+    return runs.run(steps_per_second), steps_per_second
 
 
 def observed_order(ratio: float, factor: float, next_factor: float) -> float:
-    """Order p between 0.1 and 2 that explains how the distance of two runs fell.
+    """Return the order p, from 0.1 to 2, that explains the ratio of successive distances of runs.
 
     With errors C h^p the distances of a run to the next, whose steps are `factor` and then `next_factor` times shorter, have the
     ratio factor^-p (1 - next_factor^-p) / (1 - factor^-p).
@@ -221,7 +227,3 @@ def observed_order(ratio: float, factor: float, next_factor: float) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if expected(middle) > ratio else (low, middle)
     return 0.5 * (low + high)
-
-
-def _distance(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.sum((a - b) ** 2, axis=-1), axis=-1)).max())

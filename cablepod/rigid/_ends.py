@@ -50,9 +50,9 @@ def check_ends(chain: LumpedChain, until: float) -> None:
     if far >= total * (1.0 - STRAIGHT):
         since = when["far"] if first is None else min(first, when["far"])
         raise SceneError(
-            f"motion: given ends {far:.9g} m apart at {when['far']:.6g} s, {_lengthened(far, total)} the length of the rigid links, "
-            f"and too far apart from {since:.6g} s on; allowed: always less than {total:.9g} m (cable.{p.length_key} makes it so "
-            "long)"
+            f"motion: given ends {far:.9g} m apart at {when['far']:.6g} s, {_lengthened(far, total)} the length of the rigid "
+            f"links, and too far apart from {since:.6g} s on; allowed: always less than {total:.9g} m "
+            f"(cable.{p.length_key} makes it so long)"
         )
     if least >= 0.0 and near <= least + STRAIGHT * total:
         raise SceneError(

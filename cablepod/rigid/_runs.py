@@ -118,7 +118,7 @@ class RigidRun(ChainRun):
         )
         self.stop(partial, done, rate, why)
 
-    def jolt(self) -> dict[str, float]:
+    def initial_velocity_jump(self) -> dict[str, float]:
         """Attributes of a run whose ends start to move at once, at a speed other than 0; empty for others.
 
         Rigid links pass the jump on at once: velocities after it are those at rest, projected orthogonally by mass.
@@ -214,7 +214,7 @@ class RigidStepper:
                 f"initial.points: at the start {self.why(0)}; allowed: a shape from which the links can move"
             )
         s[[layout.T, layout.T_BEFORE], : self.links] = tension[0]
-        self.tensions_and_forces = float(np.abs(self.run.chain.loads(0.0)).sum() + np.abs(tension).max())
+        self.force_scale = float(np.abs(self.run.chain.loads(0.0)).sum() + np.abs(tension).max())
         velocity = s[layout.V : layout.V + x.shape[1], : self.links + 1]
         self.counts[[layout.FIRST_KINETIC, layout.KINETIC, layout.MOST_KINETIC]] = 0.5 * float(
             (s[layout.MASS, : self.links + 1] * square(velocity.T)).sum()
@@ -332,7 +332,7 @@ class RigidStepper:
         counts = self.counts
         exchanged = max(counts[layout.MOST_KINETIC], counts[layout.MOST_LOADS], counts[layout.MOST_ENDS])
         # below this rounding alone is left
-        rounding = 1e3 * _EPS * self.tensions_and_forces * self.run.chain.total_length
+        rounding = 1e3 * _EPS * self.force_scale * self.run.chain.total_length
         notes = {
             "length_error": float(counts[layout.LENGTH_ERROR]),
             "energy_drift": float(counts[layout.BALANCE] / max(exchanged, rounding, 1e-300)),

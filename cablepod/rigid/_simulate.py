@@ -18,7 +18,13 @@ from cablepod.discretisation._chain import LumpedChain, chain_of, square
 from cablepod.errors import NotConvergedWarning, RunStopped, scene_error
 from cablepod.integrate._request import Request, implicit_steps_per_second
 from cablepod.integrate._run import Trajectory, chain_coordinates
-from cablepod.integrate._step_control import check_work, motion_scale, preferred_steps_per_second, refine_step
+from cablepod.integrate._step_control import (
+    ComparableRuns,
+    check_work,
+    motion_scale,
+    preferred_steps_per_second,
+    refine_step,
+)
 from cablepod.parameters._checks import number
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
@@ -228,7 +234,8 @@ def _check_baumgarte(rate: float | None, formulation: str) -> float | None:
     return number(least=0.0)("baumgarte", rate)
 
 
-def _refine_in_time(run: RigidRun, goal: float) -> tuple[Trajectory, float, float]:
+def _refine_in_time(run: RigidRun, tolerance: float) -> tuple[Trajectory, float, float]:
+    """Shorten the step until two runs agree; returns the trajectory, its steps per second, the estimate of its error."""
     chord = float(np.linalg.norm(run.chain.p.upper - run.chain.p.lower))
 
     def position(state: Trajectory) -> np.ndarray:
@@ -237,11 +244,11 @@ def _refine_in_time(run: RigidRun, goal: float) -> tuple[Trajectory, float, floa
     def scale(state: Trajectory) -> float:
         return motion_scale(state.position, run.initial, chord)
 
-    rate, size = preferred_steps_per_second(1.0 / run.first_step()), (float(run.times[-1]), run.chain.links)
-    check_work(rate, *size)
-    try:  # the start does not tell how fast links will turn, as where a chain whips round
-        turn = replace(run, progress=None)(rate).diagnostics["largest_turn_rate"]
+    first, end_time, links = preferred_steps_per_second(1.0 / run.first_step()), float(run.times[-1]), run.chain.links
+    check_work(first, end_time, links)
+    try:  # the initial shape does not tell how fast links will rotate
+        rotation_rate = replace(run, progress=None)(first).diagnostics["largest_turn_rate"]
     except RunStopped:
-        turn = 0.0
-    rate = max(rate, preferred_steps_per_second(max(turn, 1e-300) / ROTATION_PER_STEP))
-    return refine_step(run, position, scale, rate, goal, size=size)
+        rotation_rate = 0.0
+    first = max(first, preferred_steps_per_second(max(rotation_rate, 1e-300) / ROTATION_PER_STEP))
+    return refine_step(ComparableRuns(run, position, scale, first, end_time, links), tolerance)

@@ -58,8 +58,8 @@ def check_chord(chain: LumpedChain, chord: np.ndarray) -> None:
     size, total = float(np.hypot.reduce(chord)), chain.total_length
     if size > total * (1.0 + LENGTH_TOLERANCE) or (chain.p.free_end is None and size >= total * (1.0 - STRAIGHT)):
         raise SceneError(
-            f"ends: given {size:.9g} m apart at the start, {_lengthened(size, total)} the length of the rigid links; allowed: less "
-            f"than {total:.9g} m (cable.{chain.p.length_key} makes it so long), as rigid links do not stretch"
+            f"ends: given {size:.9g} m apart at the start, {_lengthened(size, total)} the length of the rigid links; allowed: "
+            f"less than {total:.9g} m (cable.{chain.p.length_key} makes it so long), as rigid links do not stretch"
         )
 
 
@@ -138,8 +138,8 @@ def place_on_polyline(chain: LumpedChain, line: np.ndarray) -> np.ndarray:
         return march_links(chain, line)
     if reach[-1] > total * (1.0 + LENGTH_TOLERANCE) or reach[-1] < total * (1.0 - SHORTER):
         raise SceneError(
-            f"initial.points: given a line of {reach[-1]:.9g} m between the held ends, {_lengthened(float(reach[-1]), total)} the "
-            f"length of the rigid links; allowed: {total:.9g} m, or up to {SHORTER:.0%} less for the corners that links cut"
+            f"initial.points: given a line of {reach[-1]:.9g} m between the held ends, {_lengthened(float(reach[-1]), total)} "
+            f"the length of the rigid links; allowed: {total:.9g} m, or up to {SHORTER:.0%} less for the corners that links cut"
         )
     place = chain.arc_length / total * reach[-1]
     position = np.stack([np.interp(place, reach, line[:, c]) for c in range(p.dims)], axis=1)

@@ -210,11 +210,11 @@ class Counted:
     ("name", "value", "longest", "left"),
     # what a member keeps is 3888 bytes here, three are in a chunk
     [
-        ("BLOCK", 1024, 1024, 0),
-        ("WORK", 0.0, 1024, 0),
-        ("ROOM", 3 * 3888, 8001, 0),
-        ("ROOM", 3 * 3888 - 1, 8001, 4),
-        ("ROOM", 0, 8001, 12),
+        ("MAX_BLOCK_STEPS", 1024, 1024, 0),
+        ("BLOCK_WORK", 0.0, 1024, 0),
+        ("MAX_KEPT_BYTES", 3 * 3888, 8001, 0),
+        ("MAX_KEPT_BYTES", 3 * 3888 - 1, 8001, 4),
+        ("MAX_KEPT_BYTES", 0, 8001, 12),
     ],
 )
 def test_how_they_are_cut_changes_no_bit(soft, monkeypatch, name, value, longest, left):

@@ -432,7 +432,7 @@ def test_a_run_that_fails_on_the_way_keeps_what_was_computed(soft, monkeypatch):
         return plain(self, start, min(steps, 12 - start)) if start < 12 else 0
 
     monkeypatch.setattr(implicit.ImplicitStepper, "advance", until_the_twelfth)
-    monkeypatch.setattr(implicit.ImplicitStepper, "cut", lambda self, number: False)
+    monkeypatch.setattr(implicit.ImplicitStepper, "substep", lambda self, number: False)
     with pytest.raises(cp.RunStopped, match=r"at 0\.6 s \(trapezoidal, step 0\.05 s, step number 12\); try") as stopped:
         cp.chain.simulate(scene, scheme="trapezoidal", step=0.05, outputs=("position", "velocity"))
     partial = stopped.value.partial

@@ -158,7 +158,7 @@ def test_a_chaotic_scene_is_said_to_be_one(scenes):
         motion_upper_x_amplitude=scene.motion_upper_x_amplitude * 2,
         motion_upper_x_angular_frequency=scene.gravity * 0 + 2.0,
     )
-    with pytest.warns(cp.NotConvergedWarning, match="two steps disagree: an error of"):
+    with pytest.warns(cp.NotConvergedWarning, match="not converged in time: an error of"):
         cp.chain.simulate(wild, links=10, times=[45.0])
 
 

@@ -48,11 +48,19 @@ class MadeUp:
         self.calls.append(rate)
         return rate, self.size * (rate / self.first) ** -self.order
 
-    def refine(self, tolerance, *kinked):
+    def runs(self, end_time=0.0, links=0, **options):
         def position(run):
             return np.full((1, 1, 1), run[1])
 
-        return stepping.refine_step(self, position, lambda run: 1.0, self.first, tolerance, *kinked)
+        return stepping.ComparableRuns(self, position, lambda run: 1.0, self.first, end_time, links, **options)
+
+    def refine(self, tolerance, **options):
+        return stepping.refine_step(self.runs(**options), tolerance)
+
+
+def runs_without_error(run):
+    """Runs that all have the same positions."""
+    return stepping.ComparableRuns(run, lambda run: np.zeros((1, 1, 1)), lambda run: 1.0, 100.0)
 
 
 @pytest.mark.parametrize(
@@ -72,7 +80,7 @@ def test_the_step_meets_the_tolerance_whatever_the_order(order, size):
 def test_of_forces_with_kinks_no_more_than_first_order_is_believed(size):
     # second order may be luck: of a kink in each step one run knows more than the next
     made_up = MadeUp(size, 2.0)
-    _, rate, estimate = made_up.refine(1e-6, lambda run: True)
+    _, rate, estimate = made_up.refine(1e-6, has_kinks=lambda run: True)
     last, before = made_up.calls[-1], made_up.calls[-2]
     distance = size * ((before / 100.0) ** -2 - (last / 100.0) ** -2)
     assert estimate == pytest.approx(distance / (last / before - 1.0), rel=1e-6)
@@ -104,16 +112,13 @@ def test_runs_do_not_grow_without_bound():
 def test_no_run_that_chooses_its_step_takes_absurdly_long(first, runs):
     # of no convergence at all; the first run has `first` times the most steps times links
     made_up = MadeUp(1.0, 0.9)
-    size = (first * stepping.MAX_WORK / (made_up.first * 40), 40)
 
     def refine():
-        return stepping.refine_step(
-            made_up, lambda run: np.full((1, 1, 1), run[1]), lambda run: 1.0, made_up.first, 1e-6, size=size
-        )
+        return made_up.refine(1e-6, end_time=first * stepping.MAX_WORK / (made_up.first * 40), links=40)
 
     if runs == 0:
         with pytest.raises(
-            cp.SceneError, match=r"time\.duration: given .* 40 links .* 1\.1e\+10|allowed: .* step=0\.01,"
+            cp.SceneError, match=r"time\.duration: given .* 40 links needs 2\.75e\+10 steps .*; allowed: .* step=0\.01,"
         ):
             refine()
     else:
@@ -126,9 +131,8 @@ def test_no_run_that_chooses_its_step_takes_absurdly_long(first, runs):
 
 def test_long_implicit_steps_are_not_looked_for_without_end():
     made_up = MadeUp(1.0, 0.1)
-    size = (stepping.MAX_TRIAL_WORK / (1000.0 * 40), 40)
-    values = (lambda run: np.full((1, 1, 1), run[1]), lambda run: 1.0)
-    assert stepping.halve_step_while_cheaper(made_up, *values, made_up.first, 1e-6, 1e9, size) is None
+    runs = made_up.runs(end_time=stepping.MAX_TRIAL_WORK / (1000.0 * 40), links=40)
+    assert stepping.halve_step_while_cheaper(runs, 1e-6, 1e9) is None
     assert made_up.calls == [100.0, 200.0, 400.0, 800.0]
 
 
@@ -149,7 +153,8 @@ def test_a_run_that_nobody_means_is_refused_before_it_begins(soft, model, monkey
     monkeypatch.setattr(cable_runs, "advance_in_blocks", None)  # nothing is run
     monkeypatch.setattr(rigid_runs.RigidRun, "__call__", None)
     with pytest.raises(
-        cp.SceneError, match=r"time\.duration: given 4 s, which \d+ links take .* steps of .*; allowed: 1000 .* step="
+        cp.SceneError,
+        match=r"time\.duration: given 4 s, which with \d+ links needs .* steps of .*; allowed: 1000 .* step=",
     ):
         simulate(scene, **options)
     monkeypatch.undo()
@@ -162,7 +167,7 @@ def test_a_month_of_a_cable_that_hardly_stretches_needs_its_step(soft):
     soft["time"] = {"duration": 2.6e6, "interval": 1e5}
     scene = cp.make_scene(soft)
     with pytest.raises(
-        cp.SceneError, match=r"time\.duration: given 2\.6e\+06 s, which 8 links take .*; allowed: 1e\+12 steps"
+        cp.SceneError, match=r"time\.duration: given 2\.6e\+06 s, which with 8 links needs .*; allowed: 1e\+12 steps"
     ):
         cp.chain.simulate(scene, scheme="velocity_verlet")
     run = cp.chain.simulate(scene, scheme="velocity_verlet", times=[0.0, 1e-4])  # as the message says
@@ -179,10 +184,7 @@ def test_steps_are_counted_in_doubles(soft):
 
 def halved(size, order, tolerance, most_rate):
     made_up = MadeUp(size, order)
-    found = stepping.halve_step_while_cheaper(
-        made_up, lambda run: np.full((1, 1, 1), run[1]), lambda run: 1.0, made_up.first, tolerance, most_rate
-    )
-    return found, made_up.calls
+    return stepping.halve_step_while_cheaper(made_up.runs(), tolerance, most_rate), made_up.calls
 
 
 def test_halving_stops_where_two_runs_agree_by_a_margin():
@@ -211,7 +213,7 @@ def test_halving_passes_over_steps_that_break_down():
             raise cp.RunStopped("too long")
         return 0.0
 
-    found = stepping.halve_step_while_cheaper(run, lambda run: np.zeros((1, 1, 1)), lambda run: 1.0, 100.0, 1e-3, 1e9)
+    found = stepping.halve_step_while_cheaper(runs_without_error(run), 1e-3, 1e9)
     assert calls == [100.0, 200.0, 400.0, 800.0]
     assert found[1] == 800.0
 
@@ -223,8 +225,9 @@ def test_runs_that_differ_whatever_their_steps_are_given_up_soon():
         calls.append(rate)
         return 1e-2 * (-1.0) ** len(calls)
 
+    runs = stepping.ComparableRuns(run, lambda run: np.full((1, 1, 1), run), lambda run: 1.0, 100.0)
     with pytest.warns(cp.NotConvergedWarning, match="an error of .* is left at step"):
-        stepping.refine_step(run, lambda run: np.full((1, 1, 1), run), lambda run: 1.0, 100.0, 1e-6)
+        stepping.refine_step(runs, 1e-6)
     assert len(calls) == 4
 
 
@@ -239,7 +242,7 @@ def test_a_first_step_that_breaks_down_is_halved():
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        _, rate, _ = stepping.refine_step(run, lambda run: np.zeros((1, 1, 1)), lambda run: 1.0, 100.0, 1e-6)
+        _, rate, _ = stepping.refine_step(runs_without_error(run), 1e-6)
     assert calls == [100.0, 200.0, 400.0, 800.0]
     assert rate == 800.0
 
