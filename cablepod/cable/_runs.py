@@ -173,7 +173,7 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
         result = self._gather(instants, saved, self._of_all_nodes(half_step_rates), extremes)
         result = self.add_slack_attributes(result, slack)
         self._check_limit(result)
-        return self.watch(result)
+        return self.check_energy(result)
 
     def _of_all_nodes(self, half_step_rates: np.ndarray) -> np.ndarray | None:
         """Velocities of all nodes (saves, 2, dims, nodes) from those of the free nodes; 0 at held nodes."""
@@ -187,7 +187,7 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
 class ImplicitCableRun(CableRun, ImplicitChainRun):
     """Trapezoidal rule: second order, unconditionally stable in linear theory."""
 
-    def march(self, instants: OutputTimes) -> ImplicitStepper:
+    def new_stepper(self, instants: OutputTimes) -> ImplicitStepper:
         """Return the stepper of a run."""
         return _CableStepper(self, instants)
 

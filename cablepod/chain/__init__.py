@@ -1,4 +1,4 @@
-"""The elastic chain of lumped masses, eqs. (1)-(3) of the paper with the signs repaired.
+"""Elastic chain of lumped masses, eqs. (1)-(3) of the paper with corrected signs.
 
 .. include:: README.md
 """

@@ -1,4 +1,4 @@
-"""Runs of the chain as they are asked for: request checked, scheme and step given or chosen by a tolerance."""
+"""Request, preparation and run of a chain, with scheme and step given or chosen by a tolerance."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ SCHEMES = ("velocity_verlet", *implicit.SCHEMES)
 
 @dataclass(frozen=True, kw_only=True)
 class ChainRequest(Request):
-    """What is asked of a run of the chain, checked as far as no scene is needed for that."""
+    """Options of a run of the chain, checked as far as possible without a scene."""
 
     links: int | None = None
     law: str = LAWS[0]
@@ -45,53 +45,53 @@ class ChainRequest(Request):
 
     @classmethod
     def of(
-        cls, *, scheme: str | None = None, law: str = LAWS[0], spectral_radius: float | None = None, **given: Any
+        cls, *, scheme: str | None = None, law: str = LAWS[0], spectral_radius: float | None = None, **options: Any
     ) -> Self:
-        """Check what a caller gives; options as those of :func:`cablepod.chain.simulate`."""
+        """Check the options of :func:`cablepod.chain.simulate`."""
         check_law(law)
         check_scheme(scheme, SCHEMES)
         radius = _check_radius(spectral_radius, scheme)
-        return super().of(scheme=scheme, law=law, radius=radius, **given)
+        return super().of(scheme=scheme, law=law, radius=radius, **options)
 
 
 class PreparedScene(NamedTuple):
-    """A scene ready to be run."""
+    """A scene prepared for runs."""
 
     explicit: ExplicitChainRun
-    run: ChainRun  #: by the scheme asked for, explicit where none is
+    run: ChainRun  #: by the requested scheme, explicit if there is none
     limit: float  #: largest stable explicit step at the start [s]
-    steps_per_second: float | None  #: steps per second, where the step is given
+    steps_per_second: float | None  #: by the given step, None without
 
 
 class ChainResult(NamedTuple):
-    """A run and how it was chosen."""
+    """A trajectory, its run, and the reason for its scheme."""
 
     run: ChainRun
     state: Trajectory
-    steps_per_second: float  #: steps per second
-    estimate: float | None  #: of the time error, where a tolerance chose the step
+    steps_per_second: float
+    estimate: float | None  #: of the time error; None for a given step
     reason: str  #: for the scheme
 
     @property
     def diagnostics(self) -> dict[str, Any]:
-        """Attributes of the result that follow those of the run."""
-        found = {} if self.estimate is None else {"time_error_estimate": self.estimate}
-        return found | {"choice_of_scheme": self.reason}
+        """Attributes of the result in addition to those of the run."""
+        estimate = {} if self.estimate is None else {"time_error_estimate": self.estimate}
+        return estimate | {"choice_of_scheme": self.reason}
 
     def dataset(self) -> xr.Dataset:
-        """Label what the run gave."""
+        """Make the result of the run."""
         return self.run.dataset(self.state).assign_attrs(self.diagnostics)
 
 
 def prepare(
     p: Parameters, request: ChainRequest, title: str, progress: Callable[[float], None] | None = None
 ) -> PreparedScene:
-    """Check a scene against what is asked for, and find where it starts from.
+    """Check a scene against the request and compute the initial shape.
 
     Raises
     ------
     SceneError
-        For options that cannot be with this scene, a scene without rest, an output that would not fit in memory.
+        For options that do not fit this scene, a scene without equilibrium, an output that would not fit in memory.
     """
     if request.law == "green" and p.link_viscosity is not None:
         raise scene_error(
@@ -105,46 +105,47 @@ def prepare(
     check_memory(instants.size, chain.links, p.dims, key=key, variables=3)
     initial = start(chain)
     limit = chain.step_limit(chain.tangent_stiffness_ratio(initial))
-    about = (chain, instants, initial, request.outputs, progress, title)
-    explicit = ExplicitChainRun(*about)
+    arguments = (chain, instants, initial, request.outputs, progress, title)
+    explicit = ExplicitChainRun(*arguments)
     run: ChainRun = explicit
     if request.scheme not in (None, explicit.scheme):
-        run = ImplicitChainRun(*about, method=request.scheme, spectral_radius=request.radius)
-    rate = None
+        run = ImplicitChainRun(*arguments, method=request.scheme, spectral_radius=request.radius)
+    steps_per_second = None
     if request.step is not None:
         if run is explicit:
-            why = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
-            rate = 1.0 / check_step(request.step, limit, why)
+            formula = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
+            steps_per_second = 1.0 / check_step(request.step, limit, formula)
         else:
-            rate = implicit_steps_per_second(request.step, float(instants[-1]), p.shortest_time_scale)
-    return PreparedScene(explicit, run, limit, rate)
+            end_time = float(instants[-1])
+            steps_per_second = implicit_steps_per_second(request.step, end_time, p.shortest_time_scale)
+    return PreparedScene(explicit, run, limit, steps_per_second)
 
 
 def solve(ready: PreparedScene, request: ChainRequest, state: Trajectory | None = None) -> ChainResult:
-    """Run a scene with the scheme and step given, or chosen by tolerance.
+    """Run a scene with the given scheme and step, or with those chosen by tolerance.
 
     Parameters
     ----------
     ready
-        The scene.
+        The prepared scene.
     request
-        What is asked for.
+        Options of the run.
     state
-        What a run with the given step gave, where it was made already.
+        Trajectory with the given step, if it was computed before.
 
     Raises
     ------
     RunStopped
-        Where the motion leaves the finite numbers, or its links hold far more energy than can be explained.
+        If the motion is no longer finite, or the links hold excessive strain energy.
 
     Warns
     -----
     NotConvergedWarning
-        Where no step meets the tolerance, and where a given step leaves more energy than can be explained.
+        If no step meets the tolerance, and if the links hold excessive strain energy with a given step.
     """
-    explicit, run, limit, rate = ready
-    if rate is not None:
-        state = run(rate) if state is None else state
+    explicit, run, limit, steps_per_second = ready
+    if steps_per_second is not None:
+        state = run(steps_per_second) if state is None else state
         if state.diagnostics["energy_excess"] > ENERGY_WARN:
             warnings.warn(
                 f"the links hold up to {state.diagnostics['energy_excess']:.2g} times the energy that rest, loads and ends "
@@ -153,19 +154,20 @@ def solve(ready: PreparedScene, request: ChainRequest, state: Trajectory | None 
                 NotConvergedWarning,
                 stacklevel=4,
             )
-        return ChainResult(run, state, rate, None, "given")
+        return ChainResult(run, state, steps_per_second, None, "given")
     if request.scheme is not None:
         return ChainResult(run, *_refine_in_time(run, limit, request.tolerance), "given")
     trapezoidal = ImplicitChainRun(
         explicit.chain, explicit.times, explicit.initial, explicit.outputs, explicit.progress, explicit.title
     )
-    run, found, reason = _choose_scheme(
+    run, accepted, reason = _choose_scheme(
         explicit, trapezoidal, limit, request.tolerance, asked=request.given_tolerance is not None
     )
-    return ChainResult(run, *found, reason)
+    return ChainResult(run, *accepted, reason)
 
 
 def _check_radius(radius: float | None, scheme: str | None) -> float:
+    """Return the spectral radius of generalized alpha; refuse it with other schemes."""
     if radius is None:
         return ImplicitChainRun.spectral_radius
     if scheme != "generalized_alpha":
@@ -173,31 +175,32 @@ def _check_radius(radius: float | None, scheme: str | None) -> float:
     return number(least=0.0, most=1.0)("spectral_radius", radius)
 
 
-#: An implicit step costs about as much as so many explicit ones, with the iterations of Newton's method.
+#: Cost of an implicit step, with its Newton iterations, in explicit steps.
 IMPLICIT_COST = 25.0
-#: Below so many seconds of explicit run time, at about 2 ns per link and step, no other scheme is tried unasked.
+#: Minimum time of the explicit runs for which an implicit scheme is tried without a given tolerance, and their time per link and
+#: step [s].
 CHOICE_MIN_SECONDS, LINK_STEP = 0.3, 2e-9
-#: Steps of the first implicit run in the period of the first transverse vibration.
+#: Steps of the first implicit run per period of the first transverse mode.
 STEPS_PER_PERIOD = 8.0
 
 
 def _choose_scheme(
     explicit: ExplicitChainRun, trapezoidal: ImplicitChainRun, limit: float, tolerance: float, *, asked: bool
 ) -> tuple[ChainRun, tuple[Trajectory, float, float], str]:
-    """Pick scheme and step for a tolerance: implicit as long as its steps are so long that it is the faster one."""
-    rate = 1.0 / _first_step(explicit, limit)
-    cost = 3.0 * float(explicit.times[-1]) * rate * explicit.chain.links * LINK_STEP
+    """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
+    steps_per_second = 1.0 / _first_step(explicit, limit)
+    cost = 3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * LINK_STEP
     if not asked and cost < CHOICE_MIN_SECONDS:
         return explicit, _refine_in_time(explicit, limit, tolerance), f"explicit: all its runs take about {cost:.1g} s"
-    most = 2.0 * rate / IMPLICIT_COST
-    accepted = halve_step_while_cheaper(_comparable_runs(trapezoidal, limit), tolerance, most)
+    upper_limit = 2.0 * steps_per_second / IMPLICIT_COST
+    accepted = halve_step_while_cheaper(_comparable_runs(trapezoidal, limit), tolerance, upper_limit)
     if accepted is not None:
         ratio = 1.0 / (accepted[1] * limit)
         return trapezoidal, accepted, f"implicit: its steps may be {ratio:.3g} times the explicit limit"
     return (
         explicit,
         _refine_in_time(explicit, limit, tolerance),
-        f"explicit: implicit steps would have to be shorter than {1 / most:.3g} s",
+        f"explicit: implicit steps would have to be shorter than {1 / upper_limit:.3g} s",
     )
 
 
@@ -225,20 +228,21 @@ def _comparable_runs(run: ChainRun, limit: float) -> ComparableRuns:
 
 
 def _first_step(run: ChainRun, limit: float) -> float:
-    """Choose the step to begin with [s]."""
+    """Return the step of the first run [s]."""
     return min(_unforced_step(run, limit), run.chain.p.shortest_time_scale / STEPS_PER_CHANGE)
 
 
 def _unforced_step(run: ChainRun, limit: float) -> float:
-    chain, initial, until = run.chain, run.initial, float(run.times[-1])
+    """Return the step of the first run without regard to motions and loads [s]."""
+    chain, initial, end_time = run.chain, run.initial, float(run.times[-1])
     if isinstance(run, ImplicitChainRun):
         period = (
             2.0 * chain.total_length / np.sqrt(max(chain.tensions_and_forces(initial)[0].mean(), 1e-300) / chain.p.mass)
         )
-        return float(max(min(until / 20.0, period / STEPS_PER_PERIOD), limit))
+        return float(max(min(end_time / 20.0, period / STEPS_PER_PERIOD), limit))
     if not chain.green:
         return 0.9 * limit
-    # for the stretch to come, as far as the ends enforce it, and waves on top
+    # with a margin for waves beyond the stretch that the ends enforce in the run
     return 0.8 * chain.step_limit(
-        np.maximum(chain.tangent_stiffness_ratio(initial), chain.largest_enforced_ratio(until))
+        np.maximum(chain.tangent_stiffness_ratio(initial), chain.largest_enforced_ratio(end_time))
     )

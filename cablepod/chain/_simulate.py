@@ -1,4 +1,4 @@
-"""The elastic chain, eqs. (1)-(3) of the paper with the signs repaired: scene -> chain at rest, scene -> trajectory."""
+"""Equilibrium and simulation of the elastic chain, eqs. (1)-(3) of the paper with corrected signs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.batch._members import over_members, over_members_by
-from cablepod.chain import _batch as chain_many
+from cablepod.chain._batch import plan
 from cablepod.chain._scheme import ChainRequest, prepare, solve
 from cablepod.chain._start import rest_shape
 from cablepod.conventions import label
@@ -24,12 +24,12 @@ from cablepod.parameters._from_scene import parameters
 
 @over_members
 def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> xr.Dataset:
-    """Compute the chain at rest between its ends, under all loads of the scene at time 0.
+    """Compute the equilibrium of the chain under all loads of the scene at time 0.
 
     Parameters
     ----------
     scene
-        A scene; an end that is free during the run is held here.
+        A scene; an end that is free in the run is held here.
     links
         Number of links, instead of the scene's.
     law
@@ -44,17 +44,17 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
     Raises
     ------
     SceneError
-        For a law that is not known, a scene without rest, and a chain that at rest has a link without force (folded on itself).
+        For an unknown law, a scene without equilibrium, and a chain with a link without force at rest (folded on itself).
 
     Notes
     -----
-    Newton's method on the force in the first link, which determines all else (the discrete catenary).  The residual is
-    that of the tensions along the links as they are stored; tensions computed again from the positions carry the rounding
-    of these, about K/l 2^-53 times the chord.
+    Newton's method solves for the force in the first link, which determines all others (discrete catenary).  ``residual`` is the
+    largest force on an inner particle by the stored tensions.  Tensions computed from the stored positions have rounding errors
+    of about K/l 2^-53 times the chord.
 
-    Where a scene gives a tension, its unstretched length follows by the linear law whatever `law` is: both laws have the same
-    cable, and by law (21), T = K xi (xi^2 - 1) / 2, the tension at rest is not quite the one given: with a strain e it is off by
-    1.5 e at most, relatively, and by much less where the sag decides.
+    If a scene gives a tension, its unstretched length follows from the linear law for either `law`, so that both laws have the
+    same cable.  By law (21), T = K xi (xi^2 - 1) / 2, the tension at rest then differs from the given one: with a strain e by
+    a relative 1.5 e at most, and by much less if the sag determines the tension.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
 # --- motion ---------------------------------------------------------------------------------------------------------
 
 
-@over_members_by(chain_many.plan)
+@over_members_by(plan)
 def simulate(
     scene: xr.Dataset,
     *,
@@ -127,71 +127,68 @@ def simulate(
     links
         Number of links, instead of the scene's.
     times
-        Instants of the output [s], rising from 0 on; by default 0, interval, ... up to the scene's duration.  They change
-        no bit of the motion: what lies between two steps is interpolated to the order of the scheme.
+        Output times [s], rising from 0 on; by default 0, interval, ... up to the scene's duration.  They do not change the
+        motion: output between two steps is interpolated, with an error far below that of the scheme.
     law
-        "linear": T = K (xi - 1), xi = |R| / l, where that is positive; a slack link carries nothing.  "green": eq. (21) of the
-        paper, T / xi = K (xi^2 - 1) / 2, the extensible cable cut into lumped linear elements; it resists compression.  A run
-        from equilibrium starts from that of its law.
+        "linear": T = K (xi - 1) with xi = |R| / l if positive, else 0 (slack).  "green": eq. (21) of the paper,
+        T / xi = K (xi^2 - 1) / 2, the extensible cable with lumped linear elements; it resists compression.  A run from
+        equilibrium starts from that of its law.
     scheme
-        By default picked by `tolerance`; the attribute ``choice_of_scheme`` says why.  "velocity_verlet" is explicit.  Implicit,
-        in O(n) per step and stable at any step as far as linear theory goes, are "trapezoidal" (average acceleration),
-        "generalized_alpha" (Chung and Hulbert; damps what its steps do not resolve) and "energy_momentum" (Simo and Tarnow;
-        keeps the energy).
+        By default chosen for `tolerance`; the attribute ``choice_of_scheme`` gives the reason.  "velocity_verlet" is explicit.
+        Implicit, with O(n) operations per step and unconditionally stable in linear theory, are "trapezoidal" (average
+        acceleration), "generalized_alpha" (Chung and Hulbert; damps unresolved frequencies) and "energy_momentum" (Simo and
+        Tarnow; conserves the energy).
     spectral_radius
-        Of "generalized_alpha" for the highest frequencies, in [0, 1]; 0.8 by default.
+        Spectral radius of "generalized_alpha" at high frequencies, in [0, 1]; 0.8 by default.
     step
-        Time step [s].  By default it follows from the highest frequency and is then halved or shortened until two runs agree
-        within `tolerance`; with a given step there is one run and no such check.
+        Time step [s].  By default it follows from the highest frequency and is shortened until two runs agree within
+        `tolerance`; a given step is run once, without this check.
     tolerance
-        Wanted time error as a fraction of the largest rms displacement; 1e-6 by default.
+        Tolerance of the time error, as a fraction of the largest rms displacement; 1e-6 by default.
     outputs
-        Some of "position", "velocity", "tension", "tension_extremes" (over all steps); nothing else is computed.
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps); only these are computed.
     progress
-        Called now and then with the part of the run that is done, from 0 to 1.
+        Callback receiving the completed fraction, 0 to 1.
 
     Returns
     -------
     xarray.Dataset
         ``position (time, particle, coordinate)`` [m], ``velocity`` [m/s], ``tension (time, link)`` [N],
-        ``tension_minimum``, ``tension_maximum (link)`` [N] as asked for; by law "green" compression is negative.  Attributes say
+        ``tension_minimum``, ``tension_maximum (link)`` [N], as requested; by law "green" compression is negative.  Attributes:
         law, scheme, step [s], number of steps, stability limit of the step [s], highest angular frequency [rad/s] and the
-        estimate of the time error; with law "green" limit and frequency are those of the start, and ``smallest_stretch`` says
-        the least xi at the instants of the output.  ``energy_excess`` is the largest strain energy over what start, loads and
-        ends explain; implicit runs add ``newton_iterations`` and ``steps_cut``.  Ends whose speed jumps at the start are
-        accepted; the energy that this injects is then in ``start_jolt_energy`` [J], with ``start_jolt_speed`` [m/s] and
-        ``start_jolt_tension`` [N], see Notes.
+        estimate of the time error.  With law "green" limit and frequency hold at the start, and ``smallest_stretch`` is the
+        minimum of xi at the output times.  ``energy_excess`` is the largest ratio of the strain energy to the energy that start,
+        loads and ends can supply.  Implicit runs add ``newton_iterations`` and ``steps_cut``.  Ends that start with a nonzero
+        speed add ``start_jolt_speed`` [m/s], ``start_jolt_tension`` [N] and ``start_jolt_energy`` [J], see Notes.
 
     Raises
     ------
     SceneError
-        For options that cannot be, law "green" with viscous links, a step above the stability limit, an output that would not
-        fit in memory.
+        For invalid options, law "green" with viscous links, a step above the stability limit, an output that would not fit in
+        memory.
     RunStopped
-        Where the motion leaves the finite numbers, or its links hold far more energy than can be explained; its ``partial`` holds
-        what was computed until then.  With law "green" also where at an instant of the output the links have become too stiff for
-        a given step.
+        If the motion is no longer finite, or the links hold excessive strain energy; ``partial`` is the result until then.  With
+        law "green" also if the links have become too stiff for a given step at an output time.
 
     Warns
     -----
     NotConvergedWarning
-        Where no step meets the tolerance, as in chaotic scenes, and where a given step leaves more energy than can be explained,
-        or does not resolve how the ends or the loads move.
+        If no step meets the tolerance, as in chaotic scenes, and if a given step leads to excessive strain energy or does not
+        resolve the motion of the ends or the loads.
 
     Notes
     -----
-    m r'' = P + T_j - T_(j-1) with T = k (1 - l/|R|) R for |R| > l, else 0; eqs. (1)-(3) of the paper.  Second order in step
-    and in 1/n.  Damping by mass is integrated exactly; viscous links use a velocity predicted from the last two half steps,
-    which keeps the order.
+    m r'' = P + T_j - T_(j-1) with T = k (1 - l/|R|) R for |R| > l, else 0; eqs. (1)-(3) of the paper.  Second order in the step
+    and in 1/n.  Damping by mass is integrated exactly; viscous links use a velocity extrapolated from the last two half steps,
+    which preserves the order.
 
-    No motion can jump in position: each kind is continuous and starts from where the end is, a record being a spline.  A jump of
-    its speed by v along the cable, at the start, sends out an axial wave that changes the tension by v sqrt(K mu) and, when it
-    has run along the cable once, carries the energy mu L v^2 (of both ends the sum).
+    End motions are continuous in position and start from the position of the end; records are splines.  A jump v of the speed
+    along the cable at the start sends out an axial wave, which changes the tension by v sqrt(K mu).  After one passage the wave
+    carries the energy mu L v^2 (for two ends the sum).
 
-    By law (21) T = k/2 (|R|^2/l^2 - 1) R, from the energy K (xi^2 - 1)^2 / 8 per unstretched length.  Along a link it is
-    (3 xi^2 - 1) / 2 times as stiff as unstretched, so the limit of the step is that of the stretch at the start and falls as the
-    links are pulled; the step that is chosen here counts on the largest distance of the ends, keeps a margin, and is halved where
-    that is not enough.
+    By law (21) T = k/2 (|R|^2/l^2 - 1) R, with the energy K (xi^2 - 1)^2 / 8 per unstretched length.  The tangent stiffness of a
+    link is (3 xi^2 - 1) / 2 times that of the unstretched link, so that the stability limit falls with the stretch.  The step
+    chosen here takes the largest distance of the ends into account with a margin, and is halved if that is not enough.
 
     Examples
     --------

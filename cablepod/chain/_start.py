@@ -1,4 +1,4 @@
-"""The shape from which a chain starts: at rest between its ends, or on a line."""
+"""Initial shape of a chain: equilibrium between its ends, or particles on a given line."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cablepod.errors import SceneError
 
 
 def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (n + 1, dims) [m] and tensions (n,) [N] of a chain at rest."""
+    """Return positions (n + 1, dims) [m] and tensions (n,) [N] of a chain at rest."""
     from cablepod.chain import _kernels_explicit as kernel_explicit
     from cablepod.chain import _kernels_rest as kernel_rest  # numba is imported only to compute
 
@@ -25,7 +25,7 @@ def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
     v0 = solution[3] - 0.5 * q * (chain.total_length - chain.length[0])
     force = solution[2] * across + v0 * against
     if not np.isfinite(force).all() or not force.any():
-        # weightless and slack but for point loads, or just without tension: begin with any pull along the chord
+        # a catenary without tension, as without weight: start from any force along the chord
         force = chord / np.linalg.norm(chord) * max(float(np.abs(loads).sum()), 1e-6 * p.stiffness)
     gap = kernel_rest.equilibrium(chord, loads, chain.length, p.stiffness, chain.green, force)
     scale = max(float(np.linalg.norm(chord)), chain.total_length)
@@ -46,22 +46,22 @@ def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
 
 
 def start(chain: LumpedChain) -> np.ndarray:
-    """Positions from which a run starts (n + 1, dims) [m]: at rest, or the shape that the scene's initial table says."""
+    """Return the initial positions of a run (n + 1, dims) [m], by the scene's initial table or at rest."""
     p = chain.p
     if "points" in p.initial:
         return particles_on_line(chain, np.asarray(p.initial["points"], dtype=float))
     for key in ("top_tension", "unstretched_length"):
         if key in p.initial:
-            other = solve_statics(p, key, p.initial[key], prefix="initial")[0]
-            factor = other / chain.total_length
+            length = solve_statics(p, key, p.initial[key], prefix="initial")[0]
+            factor = length / chain.total_length
             return rest_shape(replace(chain, length=factor * chain.length, arc_length=factor * chain.arc_length))[0]
     return rest_shape(chain)[0]
 
 
 def particles_on_line(chain: LumpedChain, line: np.ndarray) -> np.ndarray:
-    """Lay the particles on a line: one on each point, or by unstretched length.
+    """Place the particles on a polyline (points, dims) [m]: one on each point, or by unstretched length.
 
-    Between two held ends the line is shared out in proportion; a free end lies where the unstretched length ends.
+    Between two held ends arc length and unstretched length are proportional; otherwise they are equal from the held end on.
     """
     if len(line) == chain.links + 1:
         position = line.copy()

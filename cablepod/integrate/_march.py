@@ -1,4 +1,4 @@
-"""Advance a state in blocks, watching for the loss of finite numbers."""
+"""Advance a state in blocks and stop at the first step that is no longer finite."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-#: Steps between two looks at the state: few enough to stop early, many enough to cost nothing.
+#: Steps between two checks of the state (few enough to stop early, many enough to cost nothing).
 BLOCK = 65536
 
 
@@ -16,37 +16,37 @@ def advance_in_blocks(
     total: int,
     progress: Callable[[float], None] | None,
 ) -> int | None:
-    """Advance a state by `total` steps in blocks, looking at it between them.
+    """Advance a state by `total` steps in blocks, with a check after each block.
 
     Parameters
     ----------
     advance
-        Takes the number of the first step and how many, changes `state`, tells whether it is still sound.
+        Takes the number of the first step and the number of steps, changes `state`, returns whether it is still finite.
     state
         All arrays that a step changes.
     total
         Number of steps.
     progress
-        Called with the part that is done.
+        Callback receiving the completed fraction, 0 to 1.
 
     Returns
     -------
     int or None
-        The step that left the finite numbers, None where none did.
+        The step after which the state is not finite, None if there is none.
     """
     done = 0
     while done < total:
         steps = min(BLOCK, total - done)
-        keep = [array.copy() for array in state]
+        before = [array.copy() for array in state]
         if not advance(done, steps):
-            for target, source in zip(state, keep, strict=True):
+            for target, source in zip(state, before, strict=True):
                 target[:] = source
             end = done + steps
-            while done < end and advance(done, 1):  # once more, step by step, to say when
+            while done < end and advance(done, 1):  # repeat step by step to find the failing one
                 done += 1
             if done < end:
                 return done
-            # iterations that begin anew at each step may succeed where those of the block did not
+            # Newton's method restarts at each step here, and may converge where it did not within the block
         else:
             done += steps
         if progress is not None:

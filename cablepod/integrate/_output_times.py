@@ -1,4 +1,4 @@
-"""Output times between the steps of a run, and dense output there."""
+"""Output times on the steps of a run, and dense output between the steps."""
 
 from __future__ import annotations
 
@@ -9,46 +9,49 @@ import numpy as np
 
 from cablepod.errors import scene_error
 
-#: Steps are counted in doubles.
+#: Maximum number of steps: doubles count them exactly up to here.
 MAX_STEPS = 2.0**53
 
 
 @dataclass(frozen=True)
 class OutputTimes:
-    """Which steps to save for the instants asked for, and how to get from the former to the latter."""
+    """Steps to save for the output times, and the place of each output time between two of them."""
 
     times: np.ndarray  #: (times,) [s]
-    steps_per_second: float  #: steps per second
+    steps_per_second: float  #: [1/s]
     steps: np.ndarray  #: numbers of the steps to save, rising
-    left: np.ndarray  #: for each instant the index in `steps` of the step at or before it
-    fraction: np.ndarray  #: how far it lies beyond, in steps; 0 where it is a step
+    left: np.ndarray  #: index in `steps` of the step at or before each output time (times,)
+    fraction: np.ndarray  #: time after that step, in steps, from 0 to below 1 (times,)
 
     @classmethod
-    def of(cls, times: np.ndarray, rate: float) -> OutputTimes:
-        """Place `times` [s] on the grid of `rate` steps per second."""
-        place = times * rate
+    def of(cls, times: np.ndarray, steps_per_second: float) -> OutputTimes:
+        """Place `times` [s] on a grid of equal steps."""
+        place = times * steps_per_second
         if not place[-1] <= MAX_STEPS:
             raise scene_error(
-                "step", 1.0 / rate, f"at least {times[-1] / MAX_STEPS:.3g} s, for {times[-1]:g} s of time"
+                "step", 1.0 / steps_per_second, f"at least {times[-1] / MAX_STEPS:.3g} s, for {times[-1]:g} s of time"
             )
         nearest = np.rint(place)
-        on = np.abs(place - nearest) <= 1e-9 * np.maximum(1.0, 1e-3 * nearest)
-        if on.all():  # the common case, in a third of the time
+        on_step = np.abs(place - nearest) <= 1e-9 * np.maximum(1.0, 1e-3 * nearest)
+        if on_step.all():  # the common case takes a third of the time
             steps = nearest.astype(np.int64)
             if (steps[1:] > steps[:-1]).all():
-                return cls(times, rate, steps, np.arange(steps.size), np.zeros(steps.size))
-        floor = np.where(on, nearest, np.floor(place)).astype(np.int64)
-        fraction = np.where(on, 0.0, place - floor)
-        steps = np.unique(np.concatenate([floor, floor[~on] + 1]))
-        return cls(times, rate, steps, np.searchsorted(steps, floor), fraction)
+                return cls(times, steps_per_second, steps, np.arange(steps.size), np.zeros(steps.size))
+        floor = np.where(on_step, nearest, np.floor(place)).astype(np.int64)
+        fraction = np.where(on_step, 0.0, place - floor)
+        steps = np.unique(np.concatenate([floor, floor[~on_step] + 1]))
+        return cls(times, steps_per_second, steps, np.searchsorted(steps, floor), fraction)
 
     @cached_property
     def needs_interpolation(self) -> bool:
-        """Whether any instant lies between two steps."""
+        """Whether any output time lies between two steps."""
         return bool((self.fraction > 0).any())
 
     def at_times(self, x: np.ndarray, v: np.ndarray | None, a: np.ndarray | None) -> np.ndarray:
-        """Values at the instants from those at the saved steps, by the quintic with values, rates, second rates."""
+        """Interpolate values from the saved steps to the output times, by quintic Hermite polynomials.
+
+        `x`, `v`, `a` are values and their first and second time derivatives at the saved steps (steps, ...).
+        """
         result = x[self.left]
         between = np.flatnonzero(self.fraction)
         if between.size == 0:
@@ -58,7 +61,7 @@ class OutputTimes:
         i = self.left[between]
         s = self.fraction[between].reshape(-1, *[1] * (x.ndim - 1))
         h = 1.0 / self.steps_per_second
-        b = [
+        weights = [
             1 - 10 * s**3 + 15 * s**4 - 6 * s**5,
             h * (s - 6 * s**3 + 8 * s**4 - 3 * s**5),
             h * h * (s**2 - 3 * s**3 + 3 * s**4 - s**5) / 2,
@@ -67,11 +70,11 @@ class OutputTimes:
             h * h * (s**3 - 2 * s**4 + s**5) / 2,
         ]
         values = (x[i], v[i], a[i], x[i + 1], v[i + 1], a[i + 1])
-        result[between] = sum(weight * value for weight, value in zip(b, values, strict=True))
+        result[between] = sum(weight * value for weight, value in zip(weights, values, strict=True))
         return result
 
     def rates_at_times(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Rates at the instants from those at the saved steps and their rates, by the cubic Hermite polynomial."""
+        """Interpolate velocities `v` from the saved steps to the output times, by cubic Hermite polynomials with slopes `a`."""
         result = v[self.left]
         between = np.flatnonzero(self.fraction)
         if between.size == 0:

@@ -1,4 +1,4 @@
-"""What a caller asks of a run: instants, outputs, scheme, step and tolerance, checked."""
+"""Checks of a requested run: output times, outputs, scheme, step and tolerance."""
 
 from __future__ import annotations
 
@@ -14,31 +14,26 @@ from cablepod.errors import NotConvergedWarning, SceneError, scene_error
 from cablepod.parameters._checks import number
 from cablepod.parameters._parameters import Parameters
 
-#: Time error that a run without scheme, step or tolerance keeps, as a fraction of the motion.
+#: Default tolerance of the time error, as a fraction of the motion.
 DEFAULT_TOLERANCE = 1e-6
-#: A given step longer than this part of that time is warned of.
-MAX_STEP_SHARE = 0.25
+#: Maximum given step without a warning, as a fraction of the shortest time scale of motions and loads.
+MAX_STEP_RATIO = 0.25
 
 
 def check_times(times: Any) -> np.ndarray:
-    """Check instants that a caller gives: finite, from 0 on, rising; returns them as floats [s]."""
+    """Return output times as floats [s]; refuse them unless they are finite, rising and not negative."""
     try:
         result = np.atleast_1d(np.asarray(times, dtype=float))
     except (TypeError, ValueError):
         raise scene_error("times", times, "finite, rising instants from 0 on [s]") from None
-    if (
-        result.ndim != 1
-        or result.size == 0
-        or not np.isfinite(result).all()
-        or result[0] < 0
-        or (np.diff(result) <= 0).any()
-    ):
+    is_valid = result.ndim == 1 and result.size > 0 and np.isfinite(result).all() and result[0] >= 0
+    if not is_valid or (np.diff(result) <= 0).any():
         raise scene_error("times", times, "finite, rising instants from 0 on [s]")
     return result
 
 
 def check_outputs(outputs: Any, allowed: tuple[str, ...] = OUTPUTS) -> tuple[str, ...]:
-    """Check the names of the outputs."""
+    """Return the names of the outputs as a tuple; refuse unknown ones."""
     names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
     for name in names:
         if name not in allowed:
@@ -47,12 +42,12 @@ def check_outputs(outputs: Any, allowed: tuple[str, ...] = OUTPUTS) -> tuple[str
 
 
 def check_positive(key: str, value: Any) -> float:
-    """Check an option that must be a finite positive number."""
+    """Return an option as a float; refuse it unless it is finite and positive."""
     return number(above=0.0)(key, value)
 
 
 def check_scheme(scheme: str | None, allowed: tuple[str, ...]) -> str:
-    """Check the name of a scheme; None means the first of those allowed."""
+    """Return the name of a scheme, the first one for None; refuse unknown names."""
     if scheme is None:
         return allowed[0]
     if scheme not in allowed:
@@ -60,33 +55,34 @@ def check_scheme(scheme: str | None, allowed: tuple[str, ...]) -> str:
     return scheme
 
 
-def implicit_steps_per_second(step: Any, until: float, time_scale: float) -> float:
-    """Return the steps per second of an implicit run to a time [s], whose step a caller gives; see :func:`check_resolved`."""
-    value = number(above=0.0, most=until or math.inf)("step", step)
+def implicit_steps_per_second(step: Any, end_time: float, time_scale: float) -> float:
+    """Return the steps per second of an implicit run from its given step [s], see :func:`check_resolved`."""
+    value = number(above=0.0, most=end_time or math.inf)("step", step)
     check_resolved(value, time_scale, stacklevel=5)
     return 1.0 / value
 
 
 def check_resolved(step: float, time_scale: float, *, stacklevel: int = 4) -> None:
-    """Warn where a given step [s] does not resolve motions and loads that change within `time_scale` [s].
+    """Warn if a given step [s] does not resolve motions and loads with the shortest time scale `time_scale` [s].
 
     Warns
     -----
     NotConvergedWarning
-        With both numbers; no limit of stability forbids such steps.
+        With both numbers; the stability limit does not exclude such steps.
     """
-    if step > MAX_STEP_SHARE * time_scale:
+    if step > MAX_STEP_RATIO * time_scale:
         warnings.warn(
-            f"step: given {step:.6g} s, of which only {time_scale / step:.2g} fit into the shortest time over which motions and "
-            f"loads change, {time_scale:.4g} s: they are not resolved, though the run is stable; give a step below "
-            f"{MAX_STEP_SHARE * time_scale:.3g} s, or a tolerance instead",
+            f"step: given {step:.6g} s does not resolve motions and loads, with {time_scale / step:.2g} steps in their shortest "
+            f"time scale of {time_scale:.4g} s; give a step below {MAX_STEP_RATIO * time_scale:.3g} s, or a tolerance instead",
             NotConvergedWarning,
             stacklevel=stacklevel,
         )
 
 
-def check_step(step: Any, limit: float, what: str) -> float:
-    """Check a step that a caller gives against the stability limit [s].
+def check_step(step: Any, limit: float, formula: str) -> float:
+    """Return a given step [s] as a float; refuse it at or above the stability limit [s].
+
+    `formula` says how the limit follows.
 
     Raises
     ------
@@ -95,16 +91,16 @@ def check_step(step: Any, limit: float, what: str) -> float:
     """
     value = check_positive("step", step)
     if value >= limit:
-        raise SceneError(f"step: given {value:.6g} s; allowed: below the stability limit, {limit:.6g} s, {what}")
+        raise SceneError(f"step: given {value:.6g} s; allowed: below the stability limit, {limit:.6g} s, {formula}")
     return value
 
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What a caller asks of a run, checked as far as no scene is needed for that."""
+    """Options of a run, checked as far as possible without a scene."""
 
-    times: np.ndarray | None = None  #: instants of the output [s], those of the scene by default
-    scheme: str | None = None  #: by default the model chooses
+    times: np.ndarray | None = None  #: output times [s], by default those of the scene
+    scheme: str | None = None  #: by default chosen by the model
     step: float | None = None  #: [s], by default chosen by the tolerance
     given_tolerance: float | None = None  #: of the time error, as a fraction of the motion
     outputs: tuple[str, ...] = ("position",)
@@ -122,12 +118,12 @@ class Request:
         allowed: tuple[str, ...] = OUTPUTS,
         **others: Any,
     ) -> Self:
-        """Check what a caller gives.
+        """Check the options of a run.
 
         Parameters
         ----------
         times, scheme, step, tolerance, outputs
-            As the caller gives them; None for those left to the model.
+            As given by the caller; None for the default of the model.
         schemes, allowed
             Names of the schemes and outputs that the model has.
         **others
@@ -136,8 +132,7 @@ class Request:
         Raises
         ------
         SceneError
-            For names that the model does not have, instants that do not rise, a step beside a tolerance, and numbers that are
-            not positive.
+            For unknown names, times that do not rise, a step together with a tolerance, and numbers that are not positive.
         """
         if schemes:
             check_scheme(scheme, schemes)
@@ -155,22 +150,22 @@ class Request:
 
     @property
     def tolerance(self) -> float:
-        """Time error that a run without a given step keeps, as a fraction of the motion."""
+        """Tolerance of the time error of a run without a given step, as a fraction of the motion."""
         return DEFAULT_TOLERANCE if self.given_tolerance is None else self.given_tolerance
 
     @property
     def recorded_tolerance(self) -> float | None:
-        """Tolerance as the history of a result tells it: none where the step is given."""
+        """Tolerance for the history of a result: None if the step is given."""
         return None if self.step is not None else self.tolerance
 
     def instants(self, p: Parameters) -> np.ndarray:
-        """Return the instants of the output [s], which records of motions and loads must cover.
+        """Return the output times [s], within the records of motions and loads.
 
         Raises
         ------
         SceneError
-            For a record that is too short, and a scene without instants where none are asked for.
+            For a record that ends too early, and for a scene without times if none are given.
         """
-        instants = p.times() if self.times is None else self.times
-        p.check_reach(float(instants[-1]))
-        return instants
+        times = p.times() if self.times is None else self.times
+        p.check_reach(float(times[-1]))
+        return times

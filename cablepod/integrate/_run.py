@@ -1,4 +1,4 @@
-"""What runs of a chain share, whatever the scheme: the scene made ready, what is kept of a run, how it is labelled."""
+"""Run of one scene on a chain: output times, energy check, labels of the result, for all schemes."""
 
 from __future__ import annotations
 
@@ -22,41 +22,41 @@ from cablepod.integrate._output_times import OutputTimes
 
 @dataclass
 class Trajectory:
-    """What one run gives."""
+    """Arrays of one run at the output times."""
 
     instants: OutputTimes
     position: np.ndarray  #: (times, n + 1, dims) [m]
-    velocity: np.ndarray | None  #: the same [m/s]
-    extremes: tuple[np.ndarray, np.ndarray] | None  #: of the tensions (n,) [N]
-    diagnostics: dict[str, Any] = field(default_factory=dict)  #: attributes of the result that this run alone knows
+    velocity: np.ndarray | None  #: as `position` [m/s]
+    extremes: tuple[np.ndarray, np.ndarray] | None  #: minimum and maximum of the tensions (n,) [N]
+    diagnostics: dict[str, Any] = field(default_factory=dict)  #: attributes of the result from the run itself
 
 
 def chain_coordinates(chain: LumpedChain) -> dict[str, Any]:
-    """Coordinates of a result on the particles of a chain."""
+    """Return the coordinates of a result on the particles of a chain."""
     return {"arc_length": ("particle", chain.arc_length), "coordinate": _axes(chain.p.dims)}
 
 
 @lru_cache
 def _axes(dims: int) -> xr.IndexVariable:
-    """Names of the axes; to make their index takes as long as a hundred steps of a chain."""
+    """Return the index of the axes (cached: it costs as much as a hundred steps of a chain)."""
     return xr.IndexVariable("coordinate", list(COORDINATES[:dims]))
 
 
 def law_suffix(chain: LumpedChain) -> str:
-    """Return what a title says of the law."""
+    """Return the part of a title that names the law, empty for the linear one."""
     return f", {chain.law} law" if chain.green else ""
 
 
 @dataclass(frozen=True)
 class ChainRun:
-    """One scene, ready to be run with any step by one scheme."""
+    """One scene, prepared for runs with any step by one scheme."""
 
     chain: LumpedChain
-    times: np.ndarray
-    initial: np.ndarray
+    times: np.ndarray  #: output times [s]
+    initial: np.ndarray  #: positions at the start (n + 1, dims) [m]
     outputs: tuple[str, ...]
-    progress: Callable[[float], None] | None
-    title: str
+    progress: Callable[[float], None] | None  #: receives the completed fraction, 0 to 1
+    title: str  #: of the scene
 
     @property
     def scheme(self) -> str:
@@ -65,44 +65,44 @@ class ChainRun:
 
     @property
     def remedy(self) -> str:
-        """What to try where a run gains energy from nothing."""
+        """Advice for a run that gains energy from numerical errors."""
         return "a step half as long" + ("" if self.scheme == "energy_momentum" else ", or scheme energy_momentum")
 
-    def __call__(self, rate: float) -> Trajectory:
-        """Run with so many steps per second."""
+    def __call__(self, steps_per_second: float) -> Trajectory:
+        """Run with a number of steps per second."""
         raise NotImplementedError
 
     @cached_property
     def moving(self) -> set[str]:
-        """The ends that move as the scene says."""
+        """Names of the ends with a motion."""
         return {end for end, _ in self.chain.p.motions}
 
     @cached_property
     def divergence_bound(self) -> float:
-        """A distance that no sound run reaches [m]."""
+        """Coordinate above which a run is considered divergent [m]."""
         return 1e6 * (self.chain.total_length + float(np.abs(self.initial).max()))
 
-    def instants(self, rate: float) -> OutputTimes:
-        """Place the instants of the output on the steps."""
-        instants = OutputTimes.of(self.times, rate)
-        if instants.needs_interpolation:  # both neighbours of an instant are kept, with rates on either side
+    def instants(self, steps_per_second: float) -> OutputTimes:
+        """Place the output times on the steps."""
+        instants = OutputTimes.of(self.times, steps_per_second)
+        if instants.needs_interpolation:  # positions, velocities and accelerations at both neighbours are kept
             links, dims = self.chain.links, self.chain.p.dims
             check_memory(instants.times.size, links, dims, key="times between two steps", variables=12)
         return instants
 
     def wants_velocity(self, instants: OutputTimes) -> bool:
-        """Whether velocities are needed for what is asked for."""
+        """Whether the outputs need velocities at the saved steps."""
         viscous = "tension" in self.outputs and self.chain.p.link_viscosity is not None
         return instants.needs_interpolation or "velocity" in self.outputs or viscous
 
     def extremes(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Extremes of the tensions before the run, where they are asked for."""
+        """Return initial values of the tension extremes, None if they are not an output."""
         if "tension_extremes" not in self.outputs:
             return None
         return np.full(self.chain.links, np.inf), np.full(self.chain.links, -np.inf)
 
     def first_force(self) -> np.ndarray:
-        """Total forces on all particles (n + 1, dims) at the start, which is from rest [N]."""
+        """Return the total forces on all particles at the start from rest (n + 1, dims) [N]."""
         p, free = self.chain.p, self.chain.free_particles
         rates = np.zeros_like(self.initial)
         rates[0], rates[-1] = p.end_positions(np.zeros(1), 1)[0]
@@ -119,23 +119,23 @@ class ChainRun:
         a: np.ndarray | None,
         extremes: tuple[np.ndarray, np.ndarray] | None,
     ) -> Trajectory:
-        """Take what was saved at steps to the instants of the output.
+        """Interpolate a trajectory from the saved steps to the output times.
 
         Parameters
         ----------
         instants
-            Where they are.
+            Output times on the steps.
         x, v, a
-            Positions (saves, n + 1, dims), velocities and accelerations at the saved steps; the latter two None where not wanted,
-            and of the ends filled in here.
+            Positions, velocities and accelerations at the saved steps (saves, n + 1, dims); the latter two None if they are not
+            needed.  Values of the held ends are filled in here.
         extremes
-            Of the tensions.
+            Minimum and maximum of the tensions (n,) [N].
         """
         if v is None or a is None:
             return Trajectory(instants, instants.at_times(x, None, None), None, extremes)
-        p, free, rate = self.chain.p, self.chain.free_particles, instants.steps_per_second
+        p, free = self.chain.p, self.chain.free_particles
         held = [end for end in (0, -1) if not free.start <= end % len(self.initial) < free.stop]
-        time = instants.steps / rate
+        time = instants.steps / instants.steps_per_second
         for target, order in ((v, 1), (a, 2)):
             target[:, held] = p.end_positions(time, order)[:, held]
         velocity = None
@@ -144,70 +144,67 @@ class ChainRun:
         return Trajectory(instants, instants.at_times(x, v, a), velocity, extremes)
 
     def initial_velocity_jump(self) -> dict[str, float]:
-        """Attributes of a run whose ends start to move at once, at a speed other than 0; empty for others.
+        """Return attributes about ends that start with a nonzero speed; empty for all other runs.
 
-        The chain is at rest until then.  A jump of the speed along the cable by v sends out an axial wave, behind which the
-        tension has changed by v sqrt(K mu); when it has run along the cable once it carries the energy mu L v^2.
+        The chain itself starts from rest.  A jump v of the end speed along the cable sends out an axial wave, behind which the
+        tension has changed by v sqrt(K mu).  After one passage the wave carries the energy mu L v^2.
         """
         p, total = self.chain.p, self.chain.total_length
         rates = p.end_positions(np.zeros(1), 1)[0]
         reach = np.diff(self.initial[[0, 1, -2, -1]], axis=0)[[0, 2]]
-        size = np.sqrt(square(reach))
-        if not rates.any() or not size.all():
+        length = np.sqrt(square(reach))
+        if not rates.any() or not length.all():
             return {}
-        along = (rates * reach).sum(axis=1) / size
+        along = (rates * reach).sum(axis=1) / length
         return {
             "start_jolt_speed": math.sqrt(square(rates).max()),
             "start_jolt_tension": float(np.abs(along).max()) * math.sqrt(p.stiffness * p.mass),
             "start_jolt_energy": p.mass * total * float((along**2).sum()),
         }
 
-    def watch(self, state: Trajectory) -> Trajectory:
-        """Stop a run whose links hold more energy than anything can explain, see :mod:`cablepod.integrate._energy_check`."""
+    def check_energy(self, state: Trajectory) -> Trajectory:
+        """Stop a run with excessive strain energy, see :mod:`cablepod.integrate._energy_check`."""
         energy, excess, broken = check_energy(
             self.chain, self.initial, self.times, state.instants.times, state.position
         )
         state.diagnostics["energy_excess"] = float(excess.max(initial=0.0))
         if not broken.any():
             return state
-        first, rate = int(np.argmax(broken > 0.0)), state.instants.steps_per_second
-        when = float(state.instants.times[first])
-        limit = (
-            f", limit {state.diagnostics['step_limit']:.4g} s for taut links"
-            if "step_limit" in state.diagnostics
-            else ""
-        )
-        kept = None
+        first, steps_per_second = int(np.argmax(broken > 0.0)), state.instants.steps_per_second
+        when, limit = float(state.instants.times[first]), ""
+        if "step_limit" in state.diagnostics:
+            limit = f", limit {state.diagnostics['step_limit']:.4g} s for taut links"
+        partial = None
         if first:
-            kept = (
+            partial = (
                 self.dataset(state)
                 .isel(time=slice(first))
                 .drop_vars(["tension_minimum", "tension_maximum"], errors="ignore")
             )
-            kept.attrs["incomplete"] = f"stopped at {when:.6g} s of {self.times[-1]:.6g} s"
+            partial.attrs["incomplete"] = f"stopped at {when:.6g} s of {self.times[-1]:.6g} s"
         raise RunStopped(
             f"the run broke down: at {when:.6g} s the links hold {energy[first]:.3g} J, {broken[first]:.1g} times what rest, "
-            f"loads and ends explain ({self.scheme}, step {1 / rate:.4g} s{limit}); try {self.remedy}",
-            kept,
+            f"loads and ends explain ({self.scheme}, step {1 / steps_per_second:.4g} s{limit}); try {self.remedy}",
+            partial,
         )
 
-    def stop(self, partial: Trajectory | None, done: int, rate: float, why: str) -> None:
-        """Raise :class:`RunStopped`, with what was computed before step `done`."""
-        kept = None
-        if partial is not None:
-            kept = self.dataset(partial)
-            kept.attrs["incomplete"] = f"stopped at {done / rate:.6g} s of {self.times[-1]:.6g} s"
-        raise RunStopped(why, kept)
+    def stop(self, computed: Trajectory | None, done: int, steps_per_second: float, why: str) -> None:
+        """Raise :class:`RunStopped` with the trajectory before step `done`."""
+        partial = None
+        if computed is not None:
+            partial = self.dataset(computed)
+            partial.attrs["incomplete"] = f"stopped at {done / steps_per_second:.6g} s of {self.times[-1]:.6g} s"
+        raise RunStopped(why, partial)
 
     def dataset(self, state: Trajectory) -> xr.Dataset:
-        """Label what a run gave."""
+        """Make the result of a run: variables with units, attributes."""
         result = xr.Dataset(*self.arrays(state))
         label(result)
         result.attrs.update(self.attributes(state))
         return result
 
     def arrays(self, state: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Variables of the result, and its coordinates."""
+        """Return the variables of the result and its coordinates."""
         chain = self.chain
         variables: dict[str, Any] = {}
         if "position" in self.outputs:
@@ -217,26 +214,28 @@ class ChainRun:
         if "tension" in self.outputs:
             variables["tension"] = (("time", "link"), chain.tensions_and_forces(state.position, state.velocity)[0])
         if state.extremes is not None:
-            variables["tension_minimum"], variables["tension_maximum"] = (("link", item) for item in state.extremes)
+            variables["tension_minimum"], variables["tension_maximum"] = (
+                ("link", extreme) for extreme in state.extremes
+            )
         variables["unstretched_length"] = ((), chain.total_length)
-        about, names = describe(
+        features, feature_names = describe(
             chain.p,
             chain.total_length,
             float(state.instants.times[-1]),
             0.5 * float(chain.statics[4] + chain.statics[5]),
         )
-        return {**variables, **about}, {"time": state.instants.times, **chain_coordinates(chain), **names}
+        return {**variables, **features}, {"time": state.instants.times, **chain_coordinates(chain), **feature_names}
 
     def attributes(self, state: Trajectory) -> dict[str, Any]:
-        """Attributes of the result."""
-        chain, rate = self.chain, state.instants.steps_per_second
+        """Return the attributes of the result."""
+        chain = self.chain
         attrs = {
             "title": f"{self.title}: elastic chain of {chain.links} links{law_suffix(chain)}",
             "stage": "trajectory",
             "model": "elastic chain",
             "law": chain.law,
             "scheme": self.scheme,
-            "step": 1.0 / rate,
+            "step": 1.0 / state.instants.steps_per_second,
             "number_of_steps": int(state.instants.steps[-1]),
             "highest_angular_frequency": chain.highest_frequency(chain.tangent_stiffness_ratio(self.initial)),
             **state.diagnostics,

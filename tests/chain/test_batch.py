@@ -169,7 +169,7 @@ def test_members_with_other_instants_are_refused(soft):
 
 def test_a_march_leaves_alone_what_is_not_sound(soft):
     batch = chain_many.plan(scenes_of(soft, ONE, TENSIONS), step=STEP)
-    begun = [batch.run_member.__self__._begin(i) for i in range(3)]
+    begun = [batch.run_member.__self__._prepare(i) for i in range(3)]
     march = ExplicitStepper(begun)
     assert march.states.ctypes.data % 64 == 0
     assert march.states.strides[0] % 64 == march.states.strides[1] % 64 == 0
