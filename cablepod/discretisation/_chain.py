@@ -1,4 +1,4 @@
-"""Links and masses: the cable cut into pieces, which the chain and the reduced models share."""
+"""Lumped-mass discretisation of a cable: links, masses, loads, tensions, bound of the frequencies."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from cablepod.parameters._time_functions import TimeFunction
 class LumpedChain:
     """Links and masses of the chain of a scene.
 
-    A particle carries half the mass and load of the links beside it.  A point load is shared by the two particles of the
-    link on which it stands, by the lever rule.
+    A particle carries half the mass and load of the links beside it.  A point load acts on the two particles of its link by the
+    lever rule.
     """
 
     p: Parameters
@@ -33,7 +33,7 @@ class LumpedChain:
 
     @cached_property
     def green(self) -> bool:
-        """Whether law (21) holds."""
+        """Whether the law is "green", eq. (21) of the paper."""
         return self.law == "green"
 
     @cached_property
@@ -53,7 +53,7 @@ class LumpedChain:
 
     @cached_property
     def inverse_squares(self) -> np.ndarray | None:
-        """One over the squares of the unstretched lengths (n,) [1/m^2] for law (21), None for the linear one."""
+        """Inverse squares of the unstretched lengths (n,) [1/m^2] for law (21), None for the linear law."""
         return 1.0 / (self.length * self.length) if self.green else None
 
     @cached_property
@@ -64,17 +64,17 @@ class LumpedChain:
 
     @cached_property
     def statics(self) -> np.ndarray:
-        """The elastic catenary of this length at rest, as :func:`cablepod.parameters._parameters.solve_statics` gives it."""
+        """Elastic catenary of this length at rest, see :func:`cablepod.catenary._statics.solve_statics`."""
         return solve_statics(self.p, "unstretched_length", self.total_length)
 
     @cached_property
     def free_particles(self) -> slice:
-        """The particles that move freely."""
+        """Indices of the particles that are not held."""
         n = self.links
         return slice(0 if self.p.free_end == "lower" else 1, n + 1 if self.p.free_end == "upper" else n)
 
     def loads(self, time: float | None = None) -> np.ndarray:
-        """Return forces on the particles (n + 1, dims) [N]: the constant ones, or all at `time` [s]."""
+        """Return the loads on the particles (n + 1, dims) [N]: the constant ones, or all at `time` [s]."""
         total = self.tributary_length[:, None] * self.p.weight
         for pattern, factor in self._patterns:
             if factor is None:
@@ -84,32 +84,33 @@ class LumpedChain:
         return total
 
     def time_dependent_loads(self) -> list[tuple[np.ndarray, TimeFunction]]:
-        """Return loads that vary in time: patterns (n + 1, dims) [N] and their factors."""
+        """Return the time-dependent loads: patterns (n + 1, dims) [N] and their factors."""
         return [(pattern, factor) for pattern, factor in self._patterns if factor is not None]
 
     def lever(self, fraction: float) -> tuple[int, float]:
-        """Find the link of a place, given as a fraction of the length: its left particle, and the share of the right one."""
+        """Return the link at a fraction of the length: its lower particle, and the lever-rule weight of its upper one."""
         s = fraction * self.total_length
         j = min(int(np.searchsorted(self.arc_length, s, side="right")) - 1, self.links - 1)
         return j, (s - self.arc_length[j]) / self.length[j]
 
     @cached_property
     def _patterns(self) -> list[tuple[np.ndarray, Any]]:
+        """Loads (n + 1, dims) [N] and their factors, None for constant ones."""
         patterns: list[tuple[np.ndarray, Any]] = []
         if self.p.load is not None:
             patterns.append((self.tributary_length[:, None] * self.p.load, self.p.load_factor))
         for load in self.p.point_loads:
-            j, right = self.lever(load.fraction)
+            j, weight = self.lever(load.fraction)
             pattern = np.zeros((self.links + 1, self.p.dims))
-            pattern[j] = (1.0 - right) * load.force
-            pattern[j + 1] = right * load.force
+            pattern[j] = (1.0 - weight) * load.force
+            pattern[j + 1] = weight * load.force
             patterns.append((pattern, load.factor))
         return patterns
 
     def tensions_and_forces(
         self, position: np.ndarray, velocity: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Tensions (..., n) [N] and forces of the links (..., n, dims) [N] at positions (..., n + 1, dims) [m].
+        """Return tensions (..., n) and forces of the links (..., n, dims) [N] at positions (..., n + 1, dims) [m].
 
         By law (21) a compressed link pushes: its tension is negative.
         """
@@ -117,64 +118,65 @@ class LumpedChain:
         inverse = self.inverse_squares
         if inverse is not None:
             squares = square(reach)
-            s = green_secant(squares * inverse, self.k)
-            return s * np.sqrt(squares), s[..., None] * reach
-        size = np.sqrt(square(reach))
+            secant = green_secant(squares * inverse, self.k)
+            return secant * np.sqrt(squares), secant[..., None] * reach
+        stretched = np.sqrt(square(reach))
         with np.errstate(divide="ignore", invalid="ignore"):
-            s = self.k * (1.0 - self.length / size)
-            total = s
+            elastic = self.k * (1.0 - self.length / stretched)
+            total = elastic
             if velocity is not None and self.p.link_viscosity is not None:
-                rate = np.sum(reach * np.diff(velocity, axis=-2), axis=-1)
-                total = s + self.p.link_viscosity * self.k * rate / size**2
-        s = np.where((s > 0.0) & (total > 0.0), total, 0.0)
-        return s * size, s[..., None] * reach
+                reach_times_rate = np.sum(reach * np.diff(velocity, axis=-2), axis=-1)
+                total = elastic + self.p.link_viscosity * self.k * reach_times_rate / stretched**2
+        secant = np.where((elastic > 0.0) & (total > 0.0), total, 0.0)
+        return secant * stretched, secant[..., None] * reach
 
     def stretch(self, position: np.ndarray) -> np.ndarray:
-        """Stretch xi = |R| / l of the links (..., n) at positions (..., n + 1, dims) [m]."""
+        """Return the stretch xi = |R| / l of the links (..., n) at positions (..., n + 1, dims) [m]."""
         return np.sqrt(square(np.diff(position, axis=-2))) / self.length
 
     def strain_energy(self, position: np.ndarray) -> np.ndarray:
-        """Strain energy of all links (...) at positions (..., n + 1, dims) [J]."""
+        """Return the strain energy of all links (...) [J] at positions (..., n + 1, dims) [m]."""
         per_length = strain_energy_density(self.stretch(position), green=self.green)
         return self.p.stiffness * (per_length * self.length).sum(axis=-1)
 
     def tangent_stiffness_ratio(self, position: np.ndarray) -> np.ndarray:
-        """Tangent stiffness of the links over `k` (..., n) at positions (..., n + 1, dims) [m]; 1 by the linear law.
+        """Return the tangent stiffness of the links over `k` (..., n) at positions (..., n + 1, dims) [m].
 
-        By law (21) it is (3 xi^2 - 1) / 2, but no less than 1 is returned: a compressed link comes back through xi = 1.
+        It is 1 by the linear law, and max(1, (3 xi^2 - 1) / 2) by law (21): a compressed link returns through xi = 1.
         """
         return tangent_stiffness_ratio(self.stretch(position) ** 2) if self.green else np.ones(self.links)
 
-    def largest_enforced_ratio(self, until: float) -> float:
-        """Tangent stiffness over `k` at the stretch that the distance of the ends enforces at some time until then [s].
+    def largest_enforced_ratio(self, end_time: float) -> float:
+        """Return the tangent stiffness over `k` at the largest stretch that the ends enforce until `end_time` [s].
 
-        It is looked for at times of its own, so that it does not depend on the instants of an output.
+        The distance of the ends is sampled at 1001 instants, independently of the output times.
         """
-        ends = self.p.end_positions(np.linspace(0.0, until, 1001))
+        ends = self.p.end_positions(np.linspace(0.0, end_time, 1001))
         stretch = np.sqrt(square(ends[:, 1] - ends[:, 0])).max() / self.total_length
         return float(tangent_stiffness_ratio(float(stretch) ** 2)) if self.green else 1.0
 
-    def highest_frequency(self, stiffening: np.ndarray | float = 1.0) -> float:
-        """Bound of the angular frequencies [rad/s] of the chain in any shape in which its links are no stiffer than said.
+    def highest_frequency(self, stiffness_ratio: np.ndarray | float = 1.0) -> float:
+        """Return a bound of the angular frequencies [rad/s] for links of at most `stiffness_ratio` times `k`.
 
-        A link resists no direction more than its own, so no shape has a higher frequency than the straight chain moved along
-        itself, whose frequencies are the eigenvalues of a tridiagonal matrix.
+        A link is stiffest along itself, so that no shape has a higher frequency than the axial motion of the straight chain.  Its
+        frequencies are the eigenvalues of a tridiagonal matrix.
         """
         if not self.green:
-            return self._frequency
-        return self._highest(stiffening)
+            return self._linear_frequency
+        return self._axial_frequency(stiffness_ratio)
 
     @cached_property
-    def _frequency(self) -> float:
-        """Highest angular frequency of links that do not stiffen [rad/s]; asked for several times in a run."""
-        return self._highest(1.0)
+    def _linear_frequency(self) -> float:
+        """Highest axial frequency of links that do not stiffen [rad/s] (cached: a run needs it several times)."""
+        return self._axial_frequency(1.0)
 
-    def _highest(self, stiffening: np.ndarray | float) -> float:
+    def _axial_frequency(self, stiffness_ratio: np.ndarray | float) -> float:
+        """Return the highest axial frequency of the straight chain [rad/s]."""
         from scipy.linalg import eigvalsh_tridiagonal  # takes longer to import than a short run
 
         first, last = self.free_particles.start, self.free_particles.stop
         m = self.p.mass * self.tributary_length[first:last]
-        k = np.concatenate([[0.0], stiffening * self.k, [0.0]])
+        k = np.concatenate([[0.0], stiffness_ratio * self.k, [0.0]])
         diagonal = (k[first:last] + k[first + 1 : last + 1]) / m
         if diagonal.size == 1:
             return math.sqrt(diagonal[0])
@@ -182,27 +184,27 @@ class LumpedChain:
         top = diagonal.size - 1
         return math.sqrt(eigvalsh_tridiagonal(diagonal, off, select="i", select_range=(top, top))[0])
 
-    def step_limit(self, stiffening: np.ndarray | float = 1.0) -> float:
-        """Stability limit of the step of velocity Verlet [s]: 2 over the highest frequency, less with viscous links."""
-        omega = self.highest_frequency(stiffening)
+    def step_limit(self, stiffness_ratio: np.ndarray | float = 1.0) -> float:
+        """Return the stability limit of velocity Verlet [s]: 2 over the highest frequency, less with viscous links."""
+        omega = self.highest_frequency(stiffness_ratio)
         if self.p.link_viscosity is None:
-            # damping by mass, integrated exactly, only widens the limit
+            # damping by mass is integrated exactly and only increases the limit
             return 2.0 / omega
         return _viscous_limit(omega, self.p.link_viscosity)
 
 
 def square(vectors: np.ndarray) -> np.ndarray:
-    """Square of the length of vectors (..., dims), summed in the order of the kernels: planar and spatial agree bit for bit."""
+    """Return the squared length of vectors (..., dims), summed in the order of the kernels for equal bits."""
     total = vectors[..., 0] * vectors[..., 0] + vectors[..., 1] * vectors[..., 1]
     return total + vectors[..., 2] * vectors[..., 2] if vectors.shape[-1] == 3 else total
 
 
 def _viscous_limit(omega: float, viscosity: float) -> float:
-    """Largest stable step [s] of the scheme with predicted velocity for one frequency, by its amplification matrix."""
+    """Return the largest stable step [s] with predicted velocity for one frequency, by the amplification matrix."""
     damping = viscosity * omega  # twice the damping ratio
 
-    def radius(h: float) -> float:
-        # state: position, velocity half a step before, and that a step earlier; times in 1/omega
+    def spectral_radius(h: float) -> float:
+        # state: position, velocity half a step before, velocity three half steps before; unit of time 1/omega
         a = np.array([-1.0, -1.5 * damping, 0.5 * damping])
         v = np.array([0.0, 1.0, 0.0]) + h * a
         return float(np.abs(np.linalg.eigvals(np.array([np.array([1.0, 0.0, 0.0]) + h * v, v, [0.0, 1.0, 0.0]]))).max())
@@ -210,12 +212,12 @@ def _viscous_limit(omega: float, viscosity: float) -> float:
     low, high = 0.0, 2.0
     for _ in range(60):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if radius(middle) <= 1.0 + 1e-12 else (low, middle)
+        low, high = (middle, high) if spectral_radius(middle) <= 1.0 + 1e-12 else (low, middle)
     return low / omega
 
 
 def chain_of(p: Parameters, links: int | None = None, law: str = LAWS[0], *, least: int = 2) -> LumpedChain:
-    """Make the chain of a scene's parameters, with `links` links in place of the scene's, at least `least`, by one of LAWS."""
+    """Discretise a scene's parameters into a chain, with `links` (at least `least`) in place of the scene's."""
     if links is not None:
         integer(least=least)("links", links)
     count = p.links if links is None else int(links)

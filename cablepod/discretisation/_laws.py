@@ -1,8 +1,8 @@
-"""Strain laws: tension, tangent stiffness and strain energy of a stretched piece of cable.
+"""Material laws: tension, tangent stiffness and strain energy at a stretch.
 
 With the stretch xi (length over unstretched length) and the axial stiffness K the law "linear" is T = K (xi - 1), and "green" is
-eq. (21) of the paper, T / xi = K (xi^2 - 1) / 2, whose strain energy is quadratic in the Green strain (xi^2 - 1) / 2.  Where
-compression carries nothing, the callers say so; kernels have the laws in compiled form.
+eq. (21) of the paper, T / xi = K (xi^2 - 1) / 2, whose strain energy is quadratic in the Green strain (xi^2 - 1) / 2.  Slack
+links of the linear law are handled by the callers; kernels have the laws in compiled form.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ LAWS = ("linear", "green")
 
 
 def check_law(law: str) -> None:
-    """Check the name of a law."""
+    """Refuse unknown names of laws."""
     if law not in LAWS:
         raise scene_error("law", law, "one of " + ", ".join(f'"{name}"' for name in LAWS))
 
 
 def law_tension(stretch: Any, stiffness: float, *, green: bool) -> Any:
-    """Return the tension [N] at a stretch, negative where compressed."""
+    """Return the tension [N] at a stretch, negative in compression."""
     if green:
         return 0.5 * stiffness * stretch * (stretch * stretch - 1.0)
     return stiffness * (stretch - 1.0)
@@ -35,12 +35,12 @@ def green_secant(squared_stretch: Any, stiffness: Any) -> Any:
 
 
 def tangent_stiffness_ratio(squared_stretch: Any) -> Any:
-    """Return (dT/dxi) / K of law "green", (3 xi^2 - 1) / 2, but at least 1: a compressed link comes back through xi = 1."""
+    """Return max(1, (3 xi^2 - 1) / 2), (dT/dxi) / K of law "green"; a compressed link returns through xi = 1."""
     return np.maximum(1.0, 1.5 * squared_stretch - 0.5)
 
 
 def strain_energy_density(stretch: np.ndarray, *, green: bool) -> np.ndarray:
-    """Return the strain energy over K and unstretched length; by the linear law compression holds none."""
+    """Return the strain energy over K and unstretched length; 0 in compression by the linear law."""
     if green:
         return (stretch**2 - 1.0) ** 2 / 8.0
     return 0.5 * np.maximum(stretch - 1.0, 0.0) ** 2
