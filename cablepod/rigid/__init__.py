@@ -1,4 +1,4 @@
-"""The chain of rigid links, a system of differential and algebraic equations.
+"""Chain of rigid links, a system of differential and algebraic equations.
 
 .. include:: README.md
 """

@@ -1,4 +1,4 @@
-"""The chain of rigid links, as a system of differential and algebraic equations: scene -> rest, scene -> trajectory."""
+"""Equilibrium and simulation of the chain of rigid links, a system of differential and algebraic equations."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from cablepod.parameters._checks import number
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.rigid._ends import check_ends
-from cablepod.rigid._runs import DRIFT_WARN, FORMULATIONS, TURN_WARN, RigidRun
+from cablepod.rigid._runs import DRIFT_WARN, FORMULATIONS, ROTATION_WARN, RigidRun
 from cablepod.rigid._start import rest_shape, start
 
-#: No link turns by more than about this [rad] in a step of the first of the runs that are compared.
+#: Maximum rotation of a link per step of the first run [rad].
 ROTATION_PER_STEP = 0.1
 
 
 @over_members
 def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
-    """Compute the chain of rigid links at rest between its ends, under all loads of the scene at time 0.
+    """Compute the equilibrium of the chain of rigid links under all loads of the scene at time 0.
 
     Parameters
     ----------
     scene
-        A scene; an end that is free during the run is held here.
+        A scene; an end that is free in the run is held here.
     links
         Number of links, instead of the scene's.
 
@@ -56,7 +56,7 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
     Raises
     ------
     SceneError
-        For ends further apart than the links are long, and for a chain that at rest is straight or folded on itself.
+        For ends further apart than the length of the chain, and for a chain that is straight or folded on itself at rest.
     """
     p = parameters(scene)
     chain = chain_of(p, links)
@@ -98,101 +98,100 @@ def simulate(
     outputs: tuple[str, ...] = ("position",),
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
-    """Simulate the chain of a scene with rigid links, which neither stretch nor bend, and pull as well as push.
+    """Simulate the chain of a scene with rigid links, which carry tension and compression.
 
     Parameters
     ----------
     scene
-        A scene, with or without ``member``.  Its cable gives mass and unstretched length; the stiffness plays no part but where
-        a tension gives the length.
+        A scene, with or without ``member``.  Its cable gives mass and unstretched length; the stiffness enters only if a tension
+        defines the length.
     links
         Number of links, instead of the scene's; a chain with a free end may have a single one.
     times
-        Instants of the output [s], rising from 0 on; by default 0, interval, ... up to the scene's duration.  They change
-        no bit of the motion; between two steps it is interpolated and put back on the constraints.
+        Output times [s], rising from 0 on; by default 0, interval, ... up to the scene's duration.  They do not change the
+        motion; output between two steps is interpolated and projected onto the constraints.
     formulation
-        "rattle": index 3, the positions and velocities kept on the constraints directly; symplectic and symmetric in time, second
-        order.  "index1": the constraints differentiated twice give the multipliers, the resulting equations are integrated by the
-        classical Runge-Kutta scheme and projected on the constraints after each step; fourth order, more work for a step.
+        "rattle": index 3, positions and velocities satisfy the constraints; symplectic, symmetric in time, second order.
+        "index1": the constraints differentiated twice give the multipliers, and the classical Runge-Kutta scheme with projection
+        onto the constraints after each step integrates the resulting equations; fourth order, more work per step.
     baumgarte
-        Rate [1/s] of Baumgarte's stabilisation in place of the projection, with "index1" only, for comparison: lengths drift.
+        Rate [1/s] of Baumgarte's stabilisation in place of the projection, with "index1" only; for comparison, as lengths drift.
     step
         Time step [s].  By default it is shortened until two runs agree within `tolerance`.
     tolerance
-        Wanted time error as a fraction of the largest rms displacement; 1e-6 by default.
+        Tolerance of the time error, as a fraction of the largest rms displacement; 1e-6 by default.
     outputs
-        Some of "position", "velocity", "tension", "tension_extremes" (over all steps); nothing else is computed.
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps); only these are computed.
     progress
-        Called now and then with the part of the run that is done, from 0 to 1.
+        Callback receiving the completed fraction, 0 to 1.
 
     Returns
     -------
     xarray.Dataset
         ``position (time, particle, coordinate)`` [m], ``velocity`` [m/s], ``tension (time, link)`` [N],
-        ``tension_minimum``, ``tension_maximum (link)`` [N] as asked for; negative tensions are compression.  Attributes:
-        ``formulation``, ``step`` [s], ``number_of_steps``, ``length_error`` (largest relative one of any link at any step),
-        ``energy_drift`` (largest imbalance of kinetic energy, work of loads and ends, and damping, over ``energy_exchanged`` [J],
-        the largest of them), ``largest_turn_rate`` of any link [rad/s], ``newton_iterations``, ``steps_cut``, the estimate of the
-        time error, and where tensions are asked for ``smallest_tension`` [N], ``links_in_compression`` and ``first_compression``
-        [s].  Ends whose speed jumps at the start pass the jump on at once: ``start_jolt_speed`` [m/s], ``start_jolt_energy`` [J].
+        ``tension_minimum``, ``tension_maximum (link)`` [N], as requested; compression is negative.  Attributes: ``formulation``,
+        ``step`` [s], ``number_of_steps``, ``length_error`` (maximum relative error over all links and steps), ``energy_drift``
+        (largest imbalance of kinetic energy, work of loads and ends, and damping, over ``energy_exchanged`` [J], the largest of
+        them), ``largest_turn_rate`` (maximum rotation rate of a link [rad/s]), ``newton_iterations``, ``steps_cut`` and the
+        estimate of the time error.  Tensions add ``smallest_tension`` [N], ``links_in_compression`` and ``first_compression``
+        [s].  Ends that start with a nonzero speed add ``start_jolt_speed`` [m/s] and ``start_jolt_energy`` [J].
 
     Raises
     ------
     SceneError
-        For options that cannot be, viscous links, a stretched start, ends that are or come too far apart (it says by how much and
-        when), a straight chain between two held ends, an output that would not fit in memory.
+        For invalid options, viscous links, an initial shape with stretched links, ends that are or come too far apart (with
+        distance and time), a straight chain between two held ends, an output that would not fit in memory.
     RunStopped
-        Where the multipliers become singular, as for a chain that is pulled straight, and where the motion leaves the finite
-        numbers or its energies their balance; its ``partial`` holds what was computed until then.
+        If the multipliers become singular, as for a chain that is pulled straight, if the motion is no longer finite, or if the
+        energies are out of balance; ``partial`` is the result until then.
 
     Warns
     -----
     NotConvergedWarning
-        Where no step meets the tolerance, as in chaotic scenes, and where a given step is so long that links turn by a radian in
-        it, that it had to be cut, that the energies are off by a tenth, or that it does not resolve how the ends or loads move.
+        If no step meets the tolerance, as in chaotic scenes, and if a given step is too long: links turn by more than a radian
+        in it, it needs substeps, the energies are out of balance by a tenth, or it does not resolve the motion of ends or loads.
 
     Notes
     -----
-    m_j r_j'' = P_j + T_j e_j - T_(j-1) e_(j-1), with |R_j| = l_j for R_j = r_(j+1) - r_j = l_j e_j: the multipliers are the
-    tensions.  They follow from tridiagonal systems, so that a step costs O(n).  RATTLE: Andersen (1983), J. Comput. Phys. 52; the
-    index-1 form and its stabilisation: Baumgarte (1972), Comput. Methods Appl. Mech. Eng. 1; Hairer and Wanner, Solving Ordinary
+    m_j r_j'' = P_j + T_j e_j - T_(j-1) e_(j-1), with |R_j| = l_j for R_j = r_(j+1) - r_j = l_j e_j.  The tensions T_j are
+    Lagrange multipliers and follow from tridiagonal systems, so that a step costs O(n).  RATTLE: Andersen (1983), J. Comput. Phys. 52;
+    index-1 form and stabilisation: Baumgarte (1972), Comput. Methods Appl. Mech. Eng. 1; Hairer and Wanner, Solving Ordinary
     Differential Equations II, chapter VII.
 
-    A particle carries half the mass of the links beside it, a free end half a link's.  A run starts from the rest of the rigid
-    chain, from a straight line towards a free end where the ends are as far apart as the links are long, or from initial.points:
-    one for each particle with the links' lengths to a part of 1e-9, or a line.  On a line towards a free end, link after link is
-    laid with its own length; between held ends the particles are shared out and moved by as little as gives the links their
-    lengths.
+    A particle carries half the mass of the links beside it, a free end half a link's.  A run starts from the equilibrium of the
+    rigid chain, from a straight line towards a free end at full length, or from initial.points: one point for each particle, with
+    link lengths to a relative 1e-9, or a polyline.  On a polyline towards a free end, links are placed one after the other;
+    between held ends particles are placed by unstretched length, and the smallest corrections then give the links their lengths.
     """
     if formulation not in FORMULATIONS:
         raise scene_error("formulation", formulation, "one of " + ", ".join(f'"{name}"' for name in FORMULATIONS))
     request = Request.of(times=times, step=step, tolerance=tolerance, outputs=outputs)
-    rate_of_drift = _check_baumgarte(baumgarte, formulation)
+    baumgarte_rate = _check_baumgarte(baumgarte, formulation)
     p = parameters(scene)
     chain = _chain(p, links)
     instants = request.instants(p)
-    until = float(instants[-1])
+    end_time = float(instants[-1])
     check_memory(
         instants.size, chain.links, p.dims, key="links" if links is not None else "chain.links and times", variables=3
     )
-    check_ends(chain, until)
+    check_ends(chain, end_time)
     title = str(scene.attrs.get("title", "scene"))
-    run = RigidRun(chain, instants, start(chain), request.outputs, progress, title, formulation, rate_of_drift)
+    run = RigidRun(chain, instants, start(chain), request.outputs, progress, title, formulation, baumgarte_rate)
     if step is not None:
-        rate = implicit_steps_per_second(step, until, p.shortest_time_scale)
-        state, estimate = run(rate), None
-        turn = state.diagnostics["largest_turn_rate"] / rate
-        if state.diagnostics["energy_drift"] > DRIFT_WARN or turn > TURN_WARN or state.diagnostics["steps_cut"]:
+        steps_per_second = implicit_steps_per_second(step, end_time, p.shortest_time_scale)
+        state, estimate = run(steps_per_second), None
+        diagnostics = state.diagnostics
+        rotation = diagnostics["largest_turn_rate"] / steps_per_second
+        if diagnostics["energy_drift"] > DRIFT_WARN or rotation > ROTATION_WARN or diagnostics["steps_cut"]:
             warnings.warn(
-                f"the step is too long for this motion: a link turns by up to {turn:.2g} rad in it, "
-                f"{state.diagnostics['steps_cut']} steps had to be cut, and the energies are out of balance by "
-                f"{state.diagnostics['energy_drift']:.2g} of what was exchanged; "
-                "compare with half of it",
+                f"the step is too long for this motion: a link turns by up to {rotation:.2g} rad per step, "
+                f"{diagnostics['steps_cut']} steps needed substeps, and the energies are out of balance by "
+                f"{diagnostics['energy_drift']:.2g} of the exchanged energy; compare with half the step",
                 NotConvergedWarning,
                 stacklevel=3,
             )
     else:
-        state, rate, estimate = _refine_in_time(run, request.tolerance)
+        state, steps_per_second, estimate = _refine_in_time(run, request.tolerance)
     result = run.dataset(state)
     if estimate is not None:
         result.attrs["time_error_estimate"] = estimate
@@ -200,8 +199,8 @@ def simulate(
         "links": chain.links,
         "times": instants,
         "formulation": formulation,
-        "baumgarte": rate_of_drift,
-        "step": 1.0 / rate,
+        "baumgarte": baumgarte_rate,
+        "step": 1.0 / steps_per_second,
         "tolerance": request.recorded_tolerance,
         "outputs": list(request.outputs),
     }
@@ -217,6 +216,7 @@ def simulate(
 
 
 def _chain(p: Parameters, links: int | None) -> LumpedChain:
+    """Discretise a scene into rigid links; refuse viscous ones."""
     if p.link_viscosity is not None:
         raise scene_error(
             "damping.link_viscosity",
@@ -227,6 +227,7 @@ def _chain(p: Parameters, links: int | None) -> LumpedChain:
 
 
 def _check_baumgarte(rate: float | None, formulation: str) -> float | None:
+    """Return the rate of Baumgarte's stabilisation [1/s]; refuse it with other formulations."""
     if rate is None:
         return None
     if formulation != "index1":

@@ -1,4 +1,4 @@
-"""Where chains of rigid links start, and which starts and motions of the ends rigid links cannot follow."""
+"""Equilibrium and initial shape of a chain of rigid links, with checks of its lengths."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.errors import SceneError, scene_error
 
-#: Relative length error that a start may have: decimals of points in a file.  It is then put right to rounding.
+#: Maximum relative length error of an initial shape (decimals of points in a file), which is then corrected to rounding.
 LENGTH_TOLERANCE = 1e-9
-#: Ends nearer to the full length than this, relatively, leave the multipliers hardly a digit.
+#: Minimum relative distance of the ends from the full length (the multipliers are ill-conditioned below).
 STRAIGHT = 1e-12
-#: A line between two held ends may be shorter than the chain by this part of it: chords cut the corners of a bent line.
-SHORTER = 1e-2
+#: Maximum relative deficit of the length of a line between two held ends (links cut the corners of a bent line).
+MAX_DEFICIT = 1e-2
 
 
 # --- rest -----------------------------------------------------------------------------------------------------------
 
 
 def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (n + 1, dims) [m] and tensions (n,) [N] of rigid links at rest between the ends of the scene.
+    """Return positions (n + 1, dims) [m] and tensions (n,) [N] of rigid links at rest.
 
-    The elastic chain without its elasticity: the force in the first link determines all others, and with them the directions.
+    As in the elastic chain, the force in the first link determines all others, and thus the directions of the links.
     """
     from cablepod.chain import _kernels_rest as kernel  # numba is imported only to compute
 
@@ -35,7 +35,7 @@ def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
     check_chord(chain, chord)
     loads = chain.loads(0.0)[1:-1]
     _, _, _, q, across, against = load_plane(p)
-    # as stiff as it takes to be a guess of the rigid one
+    # initial guess: an elastic catenary stiff enough to be close to the rigid one
     solution = solve_statics(replace(p, stiffness=max(p.stiffness, 1e7 * q * total)), "unstretched_length", total)
     force = solution[2] * across + (solution[3] - 0.5 * q * (total - chain.length[0])) * against
     if not np.isfinite(force).all() or not force.any():
@@ -54,35 +54,38 @@ def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check_chord(chain: LumpedChain, chord: np.ndarray) -> None:
-    """Refuse a stretched start."""
-    size, total = float(np.hypot.reduce(chord)), chain.total_length
-    if size > total * (1.0 + LENGTH_TOLERANCE) or (chain.p.free_end is None and size >= total * (1.0 - STRAIGHT)):
+    """Refuse an initial chord (dims,) [m] that is not shorter than the chain."""
+    distance, total = float(np.hypot.reduce(chord)), chain.total_length
+    is_straight = chain.p.free_end is None and distance >= total * (1.0 - STRAIGHT)
+    if distance > total * (1.0 + LENGTH_TOLERANCE) or is_straight:
         raise SceneError(
-            f"ends: given {size:.9g} m apart at the start, {_lengthened(size, total)} the length of the rigid links; allowed: "
-            f"less than {total:.9g} m (cable.{chain.p.length_key} makes it so long), as rigid links do not stretch"
+            f"ends: given {distance:.9g} m apart at the start, {_lengthened(distance, total)} the length of the rigid links; "
+            f"allowed: less than {total:.9g} m (cable.{chain.p.length_key} makes it so long), as rigid links do not stretch"
         )
 
 
-def _lengthened(size: float, total: float) -> str:
-    if abs(size - total) <= 1e-9 * total:
+def _lengthened(length: float, total: float) -> str:
+    """Compare a length with `total` in words."""
+    if abs(length - total) <= 1e-9 * total:
         return "just"
-    return f"{abs(size - total):.3g} m ({abs(size / total - 1.0):.3g} of it) {'more' if size > total else 'less'} than"
+    more_or_less = "more" if length > total else "less"
+    return f"{abs(length - total):.3g} m ({abs(length / total - 1.0):.3g} of it) {more_or_less} than"
 
 
 # --- starts ---------------------------------------------------------------------------------------------------------
 
 
 def start(chain: LumpedChain) -> np.ndarray:
-    """Positions from which a run starts (n + 1, dims) [m], each link as long as it is to LENGTH_TOLERANCE."""
+    """Return the initial positions of a run (n + 1, dims) [m], with link lengths to LENGTH_TOLERANCE."""
     p = chain.p
     for key in ("top_tension", "unstretched_length"):
         if key in p.initial:
-            other = solve_statics(p, key, p.initial[key], prefix="initial")[0]
-            if abs(other / chain.total_length - 1.0) > LENGTH_TOLERANCE:
+            length = solve_statics(p, key, p.initial[key], prefix="initial")[0]
+            if abs(length / chain.total_length - 1.0) > LENGTH_TOLERANCE:
                 raise scene_error(
                     f"initial.{key}",
                     p.initial[key],
-                    f"equilibrium or initial.points, as the links of that shape are {_lengthened(other, chain.total_length)} "
+                    f"equilibrium or initial.points, as the links of that shape are {_lengthened(length, chain.total_length)} "
                     "these rigid ones all together",
                 )
     if "points" in p.initial:
@@ -96,29 +99,30 @@ def start(chain: LumpedChain) -> np.ndarray:
 
 
 def _straight(chain: LumpedChain) -> bool:
-    """Whether the ends are as far apart at the start as the links are long, all together."""
+    """Whether the distance of the ends at the start equals the length of the chain."""
     chord = np.diff(chain.p.end_positions(np.zeros(1))[0], axis=0)[0]
     return abs(float(np.hypot.reduce(chord)) / chain.total_length - 1.0) <= LENGTH_TOLERANCE
 
 
 def _check_lengths(chain: LumpedChain, position: np.ndarray) -> None:
+    """Refuse positions (n + 1, dims) [m] with a link of the wrong length."""
     relative = np.sqrt(square(np.diff(position, axis=0))) / chain.length - 1.0
     worst = int(np.argmax(np.abs(relative)))
     if not abs(relative[worst]) <= LENGTH_TOLERANCE:
-        size = chain.length[worst] * (1.0 + relative[worst])
+        length = chain.length[worst] * (1.0 + relative[worst])
         raise SceneError(
-            f"initial.points: given points that leave link {worst + 1} a length of {size:.12g} m, "
-            f"{_lengthened(size, float(chain.length[worst]))} its own; allowed: {chain.length[worst]:.12g} m to within a part of "
-            f"{LENGTH_TOLERANCE:g}, as rigid links do not stretch"
+            f"initial.points: given points that leave link {worst + 1} a length of {length:.12g} m, "
+            f"{_lengthened(length, float(chain.length[worst]))} its own; allowed: {chain.length[worst]:.12g} m to within a "
+            f"part of {LENGTH_TOLERANCE:g}, as rigid links do not stretch"
         )
 
 
 def place_on_polyline(chain: LumpedChain, line: np.ndarray) -> np.ndarray:
-    """Lay the particles on a line: one on each point, or link by link with their lengths.
+    """Place the particles on a polyline (points, dims) [m]: one on each point, or by the link lengths.
 
-    Towards a free end each particle lies where the line, going on, is a link's length from the last one; where the corners that
-    the links cut leave too little of it, its last part is prolonged.  Between two held ends that does not close in general: the
-    particles are shared out by unstretched length and then moved by as little as gives the links their lengths.
+    Towards a free end, each particle lies on the line at a link's length from the last particle; the last segment is extended if
+    the links cut corners.  Between two held ends this does not close in general: the particles are placed by unstretched length
+    and then moved by the smallest corrections that give the links their lengths.
     """
     p = chain.p
     ends = p.end_positions(np.zeros(1))[0]
@@ -136,10 +140,11 @@ def place_on_polyline(chain: LumpedChain, line: np.ndarray) -> np.ndarray:
                 "so that the free end can lie on it"
             )
         return march_links(chain, line)
-    if reach[-1] > total * (1.0 + LENGTH_TOLERANCE) or reach[-1] < total * (1.0 - SHORTER):
+    if reach[-1] > total * (1.0 + LENGTH_TOLERANCE) or reach[-1] < total * (1.0 - MAX_DEFICIT):
         raise SceneError(
             f"initial.points: given a line of {reach[-1]:.9g} m between the held ends, {_lengthened(float(reach[-1]), total)} "
-            f"the length of the rigid links; allowed: {total:.9g} m, or up to {SHORTER:.0%} less for the corners that links cut"
+            f"the length of the rigid links; allowed: {total:.9g} m, or up to {MAX_DEFICIT:.0%} less for the corners that "
+            "links cut"
         )
     place = chain.arc_length / total * reach[-1]
     position = np.stack([np.interp(place, reach, line[:, c]) for c in range(p.dims)], axis=1)
@@ -148,7 +153,7 @@ def place_on_polyline(chain: LumpedChain, line: np.ndarray) -> np.ndarray:
 
 
 def march_links(chain: LumpedChain, line: np.ndarray) -> np.ndarray:
-    """Lay link after link on a line from the held end on, each with its own length."""
+    """Place link after link on a polyline from the held end on, each with its own length."""
     backwards = chain.p.free_end == "lower"
     line, length = (line[::-1], chain.length[::-1]) if backwards else (line, chain.length)
     line = line[np.concatenate([[True], np.any(np.diff(line, axis=0) != 0.0, axis=1)])]
@@ -157,38 +162,38 @@ def march_links(chain: LumpedChain, line: np.ndarray) -> np.ndarray:
     position = np.empty((chain.links + 1, chain.p.dims))
     position[0] = line[0]
     segment = 0
-    for j, size in enumerate(length):
-        # what lies before is nearer than a link, so the line leaves the reach of the link on the first part that ends beyond it
-        while segment < len(line) - 2 and math.dist(line[segment + 1], position[j]) < size * (1.0 - 1e-12):
+    for j, link in enumerate(length):
+        # the next particle lies on the first segment that ends beyond a link's length
+        while segment < len(line) - 2 and math.dist(line[segment + 1], position[j]) < link * (1.0 - 1e-12):
             segment += 1
         a, d = line[segment] - position[j], line[segment + 1] - line[segment]
-        # the larger t with |a + t d| = size
-        dd, ad, aa = float(d @ d), float(a @ d), float(a @ a) - float(size) ** 2
+        # the larger t with |a + t d| = link
+        dd, ad, aa = float(d @ d), float(a @ d), float(a @ a) - float(link) ** 2
         step = a + (-ad + math.sqrt(max(ad * ad - dd * aa, 0.0))) / dd * d
-        position[j + 1] = position[j] + step * (float(size) / float(np.sqrt(square(step))))
+        position[j + 1] = position[j] + step * (float(link) / float(np.sqrt(square(step))))
     return position[::-1].copy() if backwards else position
 
 
 def project_lengths(chain: LumpedChain, position: np.ndarray) -> np.ndarray:
-    """Move the inner particles as little as gives all links their lengths (Gauss and Newton)."""
+    """Move the inner particles by the smallest corrections that give all links their lengths (Gauss-Newton)."""
     inner = np.zeros(chain.links + 1)
     inner[1:-1] = 1.0
     from scipy.linalg import solveh_banded  # takes longer to import than a short run
 
     for _ in range(50):
         reach = np.diff(position, axis=0)
-        size = np.sqrt(square(reach))
-        wrong = size - chain.length
-        if np.abs(wrong / chain.length).max() <= 1e-13:
+        stretched = np.sqrt(square(reach))
+        error = stretched - chain.length
+        if np.abs(error / chain.length).max() <= 1e-13:
             break
-        unit = reach / size[:, None]
+        unit = reach / stretched[:, None]
         band = np.zeros((2, chain.links))
         band[1] = inner[:-1] + inner[1:]
         band[0, 1:] = -inner[1:-1] * np.einsum("ij,ij->i", unit[:-1], unit[1:])
         try:
-            force = solveh_banded(band, wrong)[:, None] * unit
+            force = solveh_banded(band, error)[:, None] * unit
         except np.linalg.LinAlgError:
-            break  # straight: the check of the lengths says the rest
+            break  # a straight chain, which the check of the lengths refuses
         zero = np.zeros((1, chain.p.dims))
         position = position + inner[:, None] * np.diff(np.concatenate([zero, force, zero]), axis=0)
     return position
