@@ -6,22 +6,20 @@ import numpy as np
 
 from cablepod._jit import compiled
 from cablepod.rigid._kernels_constraints import (
-    _accelerations,
-    _dims,
-    _directions,
-    _dot,
-    _length_error,
-    _onto_manifold,
-    _onto_velocities,
+    dimensions,
+    dot,
+    index1_accelerations,
+    length_error,
+    link_vectors,
+    project_positions,
+    project_velocities,
 )
 from cablepod.rigid._kernels_layout import (
     ACCELERATION,
     BALANCE,
     BASE,
-    BROKEN,
     CORRECTION,
     DONE,
-    DRIVE,
     ENDS,
     FIRST_KINETIC,
     FLOOR,
@@ -32,22 +30,24 @@ from cablepod.rigid._kernels_layout import (
     INVERSE_MASS,
     KINETIC,
     LENGTH_ERROR,
+    LOAD,
     LOADS,
     LOST,
     LOW,
     MASS,
-    MOST_ENDS,
-    MOST_KINETIC,
-    MOST_LOADS,
+    MAX_ENDS,
+    MAX_KINETIC,
+    MAX_LOADS,
+    MAX_ROTATION_SQUARED,
     NOT_CONVERGED,
     NX,
+    OUT_OF_BALANCE,
     ROWS,
     SINGULAR,
     STEADY,
     SUM_V,
     SUM_X,
     T_BEFORE,
-    TURN,
     E,
     N,
     T,
@@ -55,31 +55,31 @@ from cablepod.rigid._kernels_layout import (
     X,
 )
 
-#: A run whose energies are out of balance by more than so many times what the start, loads and ends have given has broken down.
-MOST_IMBALANCE = 10.0
+#: Maximum energy imbalance over the energy supplied by start, loads and ends; a run beyond it is stopped.
+MAX_IMBALANCE = 10.0
 
 
 def new_state(links):
-    """Make a state of zeros (ROWS, at least links + 2), an odd number of cache lines to a row."""
+    """Allocate a state of zeros (ROWS, at least links + 2), with an odd number of cache lines per row."""
     return np.zeros((ROWS, 8 * ((links + 9) // 8 | 1)))
 
 
 @compiled
-def _drive(s, links, spatial, patterns, factors):
-    """Make the accelerations by the loads: the constant ones and those that vary in time."""
-    for c in range(_dims(spatial)):
+def _load_accelerations(s, links, spatial, patterns, factors):
+    """Compute the accelerations by constant and time-dependent loads."""
+    for c in range(dimensions(spatial)):
         for j in range(links + 1):
-            s[DRIVE + c, j] = s[STEADY + c, j]
+            s[LOAD + c, j] = s[STEADY + c, j]
         for load in range(patterns.shape[0]):
             factor = factors[load]
             for j in range(links + 1):
-                s[DRIVE + c, j] += factor * patterns[load, c, j]
+                s[LOAD + c, j] += factor * patterns[load, c, j]
 
 
 @compiled
 def _set_ends(s, links, spatial, row, ends):
     """Put values (end, dims) of the held ends into the rows from `row` on."""
-    for c in range(_dims(spatial)):
+    for c in range(dimensions(spatial)):
         if s[INVERSE_MASS, 0] == 0.0:
             s[row + c, 0] = ends[0, c]
         if s[INVERSE_MASS, links] == 0.0:
@@ -87,10 +87,10 @@ def _set_ends(s, links, spatial, row, ends):
 
 
 @compiled
-def _pulled(s, links, spatial, multiplier, unit, row):
-    """Force of the held ends on the chain times their vectors in the rows from `row` on: power, or work."""
+def _end_work(s, links, spatial, multiplier, unit, row):
+    """Return the forces of the held ends times the vectors in the rows from `row` on: power, or work."""
     total = 0.0
-    for c in range(_dims(spatial)):
+    for c in range(dimensions(spatial)):
         if s[INVERSE_MASS, 0] == 0.0:
             total -= s[multiplier, 0] * s[unit + c, 0] * s[row + c, 0]
         if s[INVERSE_MASS, links] == 0.0:
@@ -100,16 +100,16 @@ def _pulled(s, links, spatial, multiplier, unit, row):
 
 @compiled
 def _kinetic(s, links, spatial, velocity):
-    """Kinetic energy [J] of the velocities in the rows `velocity`."""
+    """Return the kinetic energy [J] of the velocities in the rows `velocity`."""
     total = 0.0
     for j in range(links + 1):
-        total += s[MASS, j] * _dot(s, velocity, j, velocity, j, spatial)
+        total += s[MASS, j] * dot(s, velocity, j, velocity, j, spatial)
     return 0.5 * total
 
 
 @compiled
-def _turn(s, links, spatial):
-    """Square of the largest rate at which a link turns [1/s2]."""
+def _max_rotation_squared(s, links, spatial):
+    """Return the square of the maximum rotation rate of a link [1/s2]."""
     largest = 0.0
     for j in range(links):
         square = (s[V, j + 1] - s[V, j]) ** 2 + (s[V + 1, j + 1] - s[V + 1, j]) ** 2
@@ -120,20 +120,21 @@ def _turn(s, links, spatial):
 
 
 @compiled
-def _weigh(counts):
-    """Update the balance of the energies and their largest sizes; returns whether the run is sound."""
+def _check_balance(counts):
+    """Update the energy balance and the maximum energies; returns whether the imbalance is acceptable."""
     balance = counts[KINETIC] - counts[FIRST_KINETIC] - counts[LOADS] - counts[ENDS] + counts[LOST]
     if not abs(balance) <= counts[BALANCE]:
         counts[BALANCE] = abs(balance)
-    counts[MOST_KINETIC] = max(counts[MOST_KINETIC], counts[KINETIC])
-    counts[MOST_LOADS] = max(counts[MOST_LOADS], abs(counts[LOADS]))
-    counts[MOST_ENDS] = max(counts[MOST_ENDS], abs(counts[ENDS]))
-    given = counts[FIRST_KINETIC] + counts[MOST_LOADS] + counts[MOST_ENDS]
-    return counts[BALANCE] <= MOST_IMBALANCE * given + counts[FLOOR]
+    counts[MAX_KINETIC] = max(counts[MAX_KINETIC], counts[KINETIC])
+    counts[MAX_LOADS] = max(counts[MAX_LOADS], abs(counts[LOADS]))
+    counts[MAX_ENDS] = max(counts[MAX_ENDS], abs(counts[ENDS]))
+    supplied = counts[FIRST_KINETIC] + counts[MAX_LOADS] + counts[MAX_ENDS]
+    return counts[BALANCE] <= MAX_IMBALANCE * supplied + counts[FLOOR]
 
 
 @compiled
 def _extremes(s, links):
+    """Update the extremes of the tensions from the multipliers in CORRECTION."""
     for j in range(links):
         s[LOW, j] = min(s[LOW, j], s[CORRECTION, j])
         s[HIGH, j] = max(s[HIGH, j], s[CORRECTION, j])
@@ -141,13 +142,15 @@ def _extremes(s, links):
 
 @compiled
 def _copy(s, links, spatial, source, target):
-    for c in range(_dims(spatial)):
+    """Copy the vectors in the rows `source` to the rows `target`."""
+    for c in range(dimensions(spatial)):
         for j in range(links + 1):
             s[target + c, j] = s[source + c, j]
 
 
 @compiled
-def _keep(s, links, save, saved):
+def _save(s, links, save, saved):
+    """Save positions and velocities as number `save`."""
     dims = saved.shape[2]
     saved[save, 0] = s[X : X + dims, : links + 1]
     saved[save, 1] = s[V : V + dims, : links + 1]
@@ -155,19 +158,19 @@ def _keep(s, links, save, saved):
 
 @compiled
 def rattle(
-    s, links, spatial, ends, patterns, factors, step, half, decay, damping, tolerance, extremes,
+    s, links, spatial, ends, patterns, factors, step, half, damping_factor, damping, tolerance, extremes,
     steps, number, save_steps, saved, counts,
 ):  # fmt: skip
     """Advance a chain by `steps` steps of RATTLE (Andersen 1983), symplectic and symmetric in time.
 
-    Half a kick by the loads and by multipliers such that the links have their lengths after the drift, the drift, and the other
-    half with multipliers such that no link is stretched by the velocities.  With damping the kicks are exact: `half` is
-    (1 - decay) / damping instead of half a step.
+    A step has three parts.  The first half of the impulse of loads and multipliers is such that the links have their lengths
+    after the drift; then the positions drift; the second half of the impulse is such that the velocities stretch no link.
+    Damping is integrated exactly: `half` is (1 - damping_factor) / damping instead of half a step.
 
     Parameters
     ----------
     s : float array (ROWS, columns)
-        The state, see the constants of this module; advanced in place.
+        State, see :mod:`cablepod.rigid._kernels_layout`; advanced in place.
     links : int
         Number of links n.
     spatial : True or None
@@ -175,13 +178,13 @@ def rattle(
     extremes : bool
         Whether extremes of the tensions are kept.
     ends : float array (steps + 1, 3, end, dims)
-        Positions, velocities and accelerations of the ends; a table without rows where they stand still.
+        Positions, velocities and accelerations of the ends; a table without rows if they are at rest.
     patterns, factors : float arrays (loads, dims, n + 1), (steps + 1, loads)
-        Loads that vary in time, as accelerations [m/s2], and their factors at the steps; none is a table without rows.
-    step, half, decay, damping : float
+        Accelerations by time-dependent loads at factor 1 [m/s2], and the factors at the steps; without rows if there are none.
+    step, half, damping_factor, damping : float
         [s], [s], exp(-damping step / 2), [1/s].
     tolerance : float
-        Relative length error that ends Newton's method.
+        Newton tolerance: relative length error.
     steps, number : int
         Number of steps, number of the first.
     save_steps : int array (saves,)
@@ -189,37 +192,37 @@ def rattle(
     saved : float array (saves, 2, dims, n + 1)
         Filled with positions and velocities.
     counts : float array (COUNTS,)
-        Energies and iterations, updated.
+        Energy account and iterations, updated.
 
     Returns
     -------
     tuple
-        Number of steps done, and how the last went.
+        Number of steps done, and the status of the last one.
     """
     save = 0
-    dims = _dims(spatial)
+    dims = dimensions(spatial)
     moving = ends.shape[0] > 0
     for i in range(steps):
         if save < save_steps.size and save_steps[save] == number + i:
-            _keep(s, links, save, saved)
+            _save(s, links, save, saved)
             save += 1
         if extremes:
             if moving:
                 _set_ends(s, links, spatial, ACCELERATION, ends[i, 2])
-            if not _accelerations(s, links, spatial, V, E, damping, -1.0):
+            if not index1_accelerations(s, links, spatial, V, E, damping, -1.0):
                 return i, SINGULAR
             _extremes(s, links)
         for c in range(dims):
             for j in range(links + 1):
-                s[HALF + c, j] = decay * s[V + c, j] + half * s[DRIVE + c, j]
+                s[HALF + c, j] = damping_factor * s[V + c, j] + half * s[LOAD + c, j]
                 s[BASE + c, j] = s[X + c, j] + step * s[HALF + c, j]
-        if moving:  # ends that stand still have no velocity
+        if moving:  # ends at rest keep their place
             _set_ends(s, links, spatial, BASE, ends[i + 1, 0])
         for j in range(links):
             before = s[T_BEFORE, j]
             s[T_BEFORE, j] = s[T, j]
             s[T, j] = 2.0 * s[T, j] - before
-        status = _onto_manifold(s, links, spatial, step * half, tolerance, counts)
+        status = project_positions(s, links, spatial, step * half, tolerance, counts)
         if status != DONE:
             for j in range(links):
                 s[T, j] = s[T_BEFORE, j]
@@ -229,54 +232,54 @@ def rattle(
             for j in range(links + 1):
                 force = s[FORCE + c, j + 1] - s[FORCE + c, j]
                 s[HALF + c, j] += half * s[INVERSE_MASS, j] * force
-                s[SUM_X + c, j] = s[NX + c, j] - s[X + c, j]  # how far it moved
+                s[SUM_X + c, j] = s[NX + c, j] - s[X + c, j]  # displacement
         for j in range(links + 1):
-            work += s[MASS, j] * _dot(s, DRIVE, j, SUM_X, j, spatial)
+            work += s[MASS, j] * dot(s, LOAD, j, SUM_X, j, spatial)
         if moving:
-            counts[ENDS] += 0.5 * _pulled(s, links, spatial, T, E, SUM_X)
+            counts[ENDS] += 0.5 * _end_work(s, links, spatial, T, E, SUM_X)
         if patterns.shape[0] > 0:
-            _drive(s, links, spatial, patterns, factors[i + 1])
-            other = 0.0
+            _load_accelerations(s, links, spatial, patterns, factors[i + 1])
+            work_after = 0.0
             for j in range(links + 1):
-                other += s[MASS, j] * _dot(s, DRIVE, j, SUM_X, j, spatial)
-            work = 0.5 * (work + other)
+                work_after += s[MASS, j] * dot(s, LOAD, j, SUM_X, j, spatial)
+            work = 0.5 * (work + work_after)
         for c in range(dims):
             for j in range(links + 1):
-                s[V + c, j] = decay * s[HALF + c, j] + half * s[DRIVE + c, j]
+                s[V + c, j] = damping_factor * s[HALF + c, j] + half * s[LOAD + c, j]
         if moving:
             _set_ends(s, links, spatial, V, ends[i + 1, 1])
-        if not _onto_velocities(s, links, spatial, V, N):
+        if not project_velocities(s, links, spatial, V, N):
             return i, SINGULAR
         if moving:
-            counts[ENDS] += 0.5 * _pulled(s, links, spatial, CORRECTION, N, SUM_X) / half
+            counts[ENDS] += 0.5 * _end_work(s, links, spatial, CORRECTION, N, SUM_X) / half
         _copy(s, links, spatial, NX, X)
         _copy(s, links, spatial, N, E)
         kinetic = _kinetic(s, links, spatial, V)
         counts[LOADS] += work
         counts[LOST] += step * damping * (counts[KINETIC] + kinetic)
         counts[KINETIC] = kinetic
-        counts[TURN] = max(counts[TURN], _turn(s, links, spatial))
-        if not _weigh(counts):
-            return i + 1, BROKEN
+        counts[MAX_ROTATION_SQUARED] = max(counts[MAX_ROTATION_SQUARED], _max_rotation_squared(s, links, spatial))
+        if not _check_balance(counts):
+            return i + 1, OUT_OF_BALANCE
     return steps, DONE
 
 
 @compiled
 def _stage(s, links, spatial, velocity, unit, ends, patterns, factors, i, damping, stabilise, weight, powers):
-    """Accelerations at stage `i` of the tables, with what its powers [W] add to the sums."""
+    """Compute accelerations at place `i` of the tables, and add the weighted powers [W] of loads, ends and damping."""
     moving = ends.shape[0] > 0
     if moving:
         _set_ends(s, links, spatial, ACCELERATION, ends[i, 2])
     if patterns.shape[0] > 0:
-        _drive(s, links, spatial, patterns, factors[i])
-    if not _accelerations(s, links, spatial, velocity, unit, damping, stabilise):
+        _load_accelerations(s, links, spatial, patterns, factors[i])
+    if not index1_accelerations(s, links, spatial, velocity, unit, damping, stabilise):
         return False
     total = 0.0
     for j in range(links + 1):
-        total += s[MASS, j] * _dot(s, DRIVE, j, velocity, j, spatial)
+        total += s[MASS, j] * dot(s, LOAD, j, velocity, j, spatial)
     powers[0] += weight * total
     if moving:
-        powers[1] += weight * _pulled(s, links, spatial, CORRECTION, unit, velocity)
+        powers[1] += weight * _end_work(s, links, spatial, CORRECTION, unit, velocity)
     if damping > 0.0:
         powers[2] += weight * 2.0 * damping * _kinetic(s, links, spatial, velocity)
     return True
@@ -287,22 +290,21 @@ def index1(
     s, links, spatial, ends, patterns, factors, step, damping, stabilise, tolerance, extremes,
     steps, number, save_steps, saved, counts,
 ):  # fmt: skip
-    """Advance a chain by `steps` steps of the index-1 form, by the classical Runge-Kutta scheme of fourth order.
+    """Advance a chain by `steps` classical Runge-Kutta steps (fourth order) of the index-1 form.
 
-    The multipliers follow from the constraint differentiated twice.  After each step positions and velocities are projected on
-    the manifold, orthogonally by mass; with a rate `stabilise` [1/s] of at least 0 Baumgarte's terms take the place of the
-    projection.
+    The multipliers follow from the constraint differentiated twice.  After each step positions and velocities are projected onto
+    the constraints, orthogonally by mass; a rate `stabilise` [1/s] of at least 0 replaces the projection by Baumgarte's terms.
 
-    Parameters are those of :func:`rattle` but that the tables `ends` (2 steps + 1, 3, end, dims) and `factors` (2 steps + 1,
-    loads) have the middles of the steps too.
+    Parameters are those of :func:`rattle`; the tables `ends` (2 steps + 1, 3, end, dims) and `factors` (2 steps + 1, loads) also
+    have the middles of the steps.
     """
     save = 0
-    dims = _dims(spatial)
+    dims = dimensions(spatial)
     moving = ends.shape[0] > 0
     powers = np.zeros(3)
     for i in range(steps):
         if save < save_steps.size and save_steps[save] == number + i:
-            _keep(s, links, save, saved)
+            _save(s, links, save, saved)
             save += 1
         powers[:] = 0.0
         for c in range(dims):
@@ -312,13 +314,15 @@ def index1(
                 s[SUM_X + c, j] = 0.0
                 s[SUM_V + c, j] = 0.0
         for stage in range(4):
-            at = 2 * i + (stage + 1) // 2
+            place = 2 * i + (stage + 1) // 2
             weight = 2.0 if stage == 1 or stage == 2 else 1.0
             if moving:
-                _set_ends(s, links, spatial, NX, ends[at, 0])
-                _set_ends(s, links, spatial, HALF, ends[at, 1])
-            _directions(s, links, spatial, NX, N)
-            if not _stage(s, links, spatial, HALF, N, ends, patterns, factors, at, damping, stabilise, weight, powers):
+                _set_ends(s, links, spatial, NX, ends[place, 0])
+                _set_ends(s, links, spatial, HALF, ends[place, 1])
+            link_vectors(s, links, spatial, NX, N)
+            if not _stage(
+                s, links, spatial, HALF, N, ends, patterns, factors, place, damping, stabilise, weight, powers
+            ):
                 return i, SINGULAR
             if stage == 0 and extremes:
                 _extremes(s, links)
@@ -338,25 +342,25 @@ def index1(
             _set_ends(s, links, spatial, BASE, ends[2 * (i + 1), 0])
             _set_ends(s, links, spatial, HALF, ends[2 * (i + 1), 1])
         if stabilise < 0.0:
-            _directions(s, links, spatial, BASE, N)
+            link_vectors(s, links, spatial, BASE, N)
             for j in range(links):
-                if not _dot(s, N, j, E, j, spatial) > 0.0:
+                if not dot(s, N, j, E, j, spatial) > 0.0:
                     return i, NOT_CONVERGED
                 s[T, j] = 0.0
             _copy(s, links, spatial, N, E)
-            status = _onto_manifold(s, links, spatial, 1.0, tolerance, counts)
+            status = project_positions(s, links, spatial, 1.0, tolerance, counts)
             if status != DONE:
-                _directions(s, links, spatial, X, E)
+                link_vectors(s, links, spatial, X, E)
                 return i, status
-            if not _onto_velocities(s, links, spatial, HALF, N):
-                _directions(s, links, spatial, X, E)
+            if not project_velocities(s, links, spatial, HALF, N):
+                link_vectors(s, links, spatial, X, E)
                 return i, SINGULAR
             _copy(s, links, spatial, NX, X)
             _copy(s, links, spatial, N, E)
         else:
             _copy(s, links, spatial, BASE, X)
-            _directions(s, links, spatial, X, E)
-            worst = _length_error(s, links, spatial, E)
+            link_vectors(s, links, spatial, X, E)
+            worst = length_error(s, links, spatial, E)
             if not worst < 1e3:
                 return i, NOT_CONVERGED
             counts[LENGTH_ERROR] = max(counts[LENGTH_ERROR], worst)
@@ -365,60 +369,60 @@ def index1(
         counts[ENDS] += step / 6.0 * powers[1]
         counts[LOST] += step / 6.0 * powers[2]
         counts[KINETIC] = _kinetic(s, links, spatial, V)
-        counts[TURN] = max(counts[TURN], _turn(s, links, spatial))
-        if not _weigh(counts):
-            return i + 1, BROKEN
+        counts[MAX_ROTATION_SQUARED] = max(counts[MAX_ROTATION_SQUARED], _max_rotation_squared(s, links, spatial))
+        if not _check_balance(counts):
+            return i + 1, OUT_OF_BALANCE
     return steps, DONE
 
 
 @compiled
-def states(s, links, spatial, ends, patterns, factors, damping, onto, tolerance, x, v, a, tension, counts):
-    """Accelerations and tensions at given states, and the states themselves put on the manifold.
+def states(s, links, spatial, ends, patterns, factors, damping, is_projected, tolerance, x, v, a, tension, counts):
+    """Compute accelerations and tensions at given states, and project the states onto the constraints.
 
     Parameters
     ----------
     s, links, spatial, patterns, damping, tolerance, counts
-        As in :func:`rattle`; the last of the states is left in `s`, ready to be advanced but for T.
+        As in :func:`rattle`; `s` holds the last state on return, without T.
     ends : float array (times, 3, end, dims)
         Positions, velocities and accelerations of the ends.
     factors : float array (times, loads)
         Factors of the loads.
-    onto : bool array (times,)
-        Whether to project positions and velocities.
+    is_projected : bool array (times,)
+        Whether to project the positions and velocities of a state.
     x, v : float arrays (times, dims, n + 1)
-        Positions and velocities; overwritten where projected.
+        Positions and velocities; overwritten by projected ones.
     a, tension : float arrays (times, dims, n + 1), (times, n)
         Filled.
 
     Returns
     -------
     tuple
-        Number of instants before the first at which it failed, and how that one went.
+        Number of states before the first failure, and the status of that one.
     """
-    dims = _dims(spatial)
+    dims = dimensions(spatial)
     for i in range(x.shape[0]):
         s[X : X + dims, : links + 1] = x[i]
         s[V : V + dims, : links + 1] = v[i]
         _set_ends(s, links, spatial, X, ends[i, 0])
         _set_ends(s, links, spatial, V, ends[i, 1])
-        _directions(s, links, spatial, X, E)
-        if onto[i]:
+        link_vectors(s, links, spatial, X, E)
+        if is_projected[i]:
             _copy(s, links, spatial, X, BASE)
             for j in range(links):
                 s[T, j] = 0.0
-            status = _onto_manifold(s, links, spatial, 1.0, tolerance, counts)
+            status = project_positions(s, links, spatial, 1.0, tolerance, counts)
             if status != DONE:
                 return i, status
             _copy(s, links, spatial, NX, X)
             _copy(s, links, spatial, N, E)
-            if not _onto_velocities(s, links, spatial, V, E):
+            if not project_velocities(s, links, spatial, V, E):
                 return i, SINGULAR
             x[i] = s[X : X + dims, : links + 1]
             v[i] = s[V : V + dims, : links + 1]
         if patterns.shape[0] > 0:
-            _drive(s, links, spatial, patterns, factors[i])
+            _load_accelerations(s, links, spatial, patterns, factors[i])
         _set_ends(s, links, spatial, ACCELERATION, ends[i, 2])
-        if not _accelerations(s, links, spatial, V, E, damping, -1.0):
+        if not index1_accelerations(s, links, spatial, V, E, damping, -1.0):
             return i, SINGULAR
         a[i] = s[ACCELERATION : ACCELERATION + dims, : links + 1]
         tension[i] = s[CORRECTION, :links]

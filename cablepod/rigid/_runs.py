@@ -62,7 +62,7 @@ class RigidRun(ChainRun):
             steps = min(BLOCK, total - done)
             reached = stepper.advance(done, steps)
             done += reached
-            if stepper.status == layout.BROKEN:
+            if stepper.status == layout.OUT_OF_BALANCE:
                 self._stop(stepper, done, "the energies are far out of balance")
             if reached < steps:
                 if not stepper.substep(done):
@@ -98,13 +98,8 @@ class RigidRun(ChainRun):
 
     def _stop(self, stepper: RigidStepper, done: int, failure: str) -> None:
         """Raise :class:`RunStopped` with the trajectory before step `done`."""
-        steps_per_second, times = stepper.instants.steps_per_second, stepper.instants.times
-        # steps are saved at their beginning: all up to `done` - 1 are complete
-        end_time = (done - 1) / steps_per_second
-        count = int(np.searchsorted(times, end_time * (1.0 + 1e-12), side="right")) if done > 0 else 0
-        partial = None
-        if count:
-            partial = self._gather(stepper, OutputTimes.of(times[:count], steps_per_second), None)
+        steps_per_second, before = stepper.instants.steps_per_second, stepper.instants.before_step(done)
+        partial = None if before is None else self._gather(stepper, before, None)
         why = (
             f"{failure} at {done / steps_per_second:.6g} s ({self.formulation}, step {1 / steps_per_second:.4g} s, step number "
             f"{done}); try a shorter step, gentler loads or motion, or damping"
@@ -188,7 +183,7 @@ class RigidStepper:
         per_mass = s[layout.INVERSE_MASS, particles, None]
         s[layout.X : layout.X + p.dims, particles] = run.initial.T
         s[layout.STEADY : layout.STEADY + p.dims, particles] = (per_mass * chain.loads()).T
-        s[layout.DRIVE : layout.DRIVE + p.dims, particles] = (per_mass * chain.loads(0.0)).T
+        s[layout.LOAD : layout.LOAD + p.dims, particles] = (per_mass * chain.loads(0.0)).T
         s[layout.LOW], s[layout.HIGH] = np.inf, -np.inf
         self.varying = chain.time_dependent_loads()
         self.patterns = np.zeros((len(self.varying), p.dims, self.links + 1))
@@ -211,7 +206,7 @@ class RigidStepper:
         s[[layout.T, layout.T_BEFORE], : self.links] = tension[0]
         self.force_scale = float(np.abs(self.run.chain.loads(0.0)).sum() + np.abs(tension).max())
         velocity = s[layout.V : layout.V + x.shape[1], : self.links + 1]
-        self.counts[[layout.FIRST_KINETIC, layout.KINETIC, layout.MOST_KINETIC]] = 0.5 * float(
+        self.counts[[layout.FIRST_KINETIC, layout.KINETIC, layout.MAX_KINETIC]] = 0.5 * float(
             (s[layout.MASS, : self.links + 1] * square(velocity.T)).sum()
         )
 
@@ -332,14 +327,14 @@ class RigidStepper:
     def diagnostics(self) -> dict[str, Any]:
         """Return the attributes of the result from the run itself."""
         counts = self.counts
-        exchanged = max(counts[layout.MOST_KINETIC], counts[layout.MOST_LOADS], counts[layout.MOST_ENDS])
+        exchanged = max(counts[layout.MAX_KINETIC], counts[layout.MAX_LOADS], counts[layout.MAX_ENDS])
         # exchanged energies below this are rounding errors
         rounding = 1e3 * _EPS * self.force_scale * self.run.chain.total_length
         diagnostics = {
             "length_error": float(counts[layout.LENGTH_ERROR]),
             "energy_drift": float(counts[layout.BALANCE] / max(exchanged, rounding, 1e-300)),
             "energy_exchanged": float(exchanged),
-            "largest_turn_rate": math.sqrt(counts[layout.TURN]),
+            "largest_turn_rate": math.sqrt(counts[layout.MAX_ROTATION_SQUARED]),
             "newton_iterations": int(counts[layout.ITERATIONS]),
             "steps_cut": self.substepped,
         }

@@ -154,9 +154,9 @@ def simulate(
     Notes
     -----
     m_j r_j'' = P_j + T_j e_j - T_(j-1) e_(j-1), with |R_j| = l_j for R_j = r_(j+1) - r_j = l_j e_j.  The tensions T_j are
-    Lagrange multipliers and follow from tridiagonal systems, so that a step costs O(n).  RATTLE: Andersen (1983), J. Comput. Phys. 52;
-    index-1 form and stabilisation: Baumgarte (1972), Comput. Methods Appl. Mech. Eng. 1; Hairer and Wanner, Solving Ordinary
-    Differential Equations II, chapter VII.
+    Lagrange multipliers and follow from tridiagonal systems, so that a step costs O(n).  RATTLE: Andersen (1983), J. Comput.
+    Phys. 52; index-1 form and stabilisation: Baumgarte (1972), Comput. Methods Appl. Mech. Eng. 1; Hairer and Wanner, Solving
+    Ordinary Differential Equations II, chapter VII.
 
     A particle carries half the mass of the links beside it, a free end half a link's.  A run starts from the equilibrium of the
     rigid chain, from a straight line towards a free end at full length, or from initial.points: one point for each particle, with

@@ -1,4 +1,4 @@
-"""The chain of rigid links: starts, what cannot be a start or a motion, and runs that stop."""
+"""Chain of rigid links: initial shapes, refused shapes and motions, runs that stop."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_a_chain_as_long_as_its_span_starts_straight():
     np.testing.assert_allclose(first(scene), np.arange(6)[:, None] * [0.6, 0.8], atol=1e-14)
 
 
-def test_a_chain_is_laid_on_a_line_link_by_link():
+def test_links_are_placed_on_a_line_one_by_one():
     line = first(folded())
     expected = np.array(
         [[0, 0], [0, -1], [0, -2], [0, -3], [0, -4], [1, -4], [2, -4], [2, -3], [2, -2], [2, -1], [2, 0]]
@@ -88,7 +88,7 @@ def refused(scene, match, **options):
         cp.rigid.simulate(scene, **options)
 
 
-def test_options_that_cannot_be(soft):
+def test_invalid_options_are_refused(soft):
     scene = rigid_scene(soft)
     refused(scene, r"^formulation: given 'index2'; allowed: one of \"rattle\", \"index1\"", formulation="index2")
     refused(scene, r"^baumgarte: given 3\.0; allowed: none, but for formulation \"index1\"", baumgarte=3.0)
@@ -104,7 +104,7 @@ def test_options_that_cannot_be(soft):
     refused(viscous, r"^damping\.link_viscosity: given 0\.001; allowed: none, as rigid links do not stretch")
 
 
-def test_a_stretched_start_is_refused_by_how_much(soft):
+def test_a_stretched_start_is_refused_with_its_excess(soft):
     short = {**RIGID_CABLE, "unstretched_length": 9.9}
     expected = r"ends: given 10 m apart at the start, 0\.1 m \(0\.0101 of it\) more than .*; allowed: less than 9\.9 m"
     refused(
@@ -163,7 +163,7 @@ def test_a_straight_chain_between_held_ends_is_refused(soft):
 
 
 @pytest.mark.parametrize("chunk", [65536, 50])
-def test_ends_that_come_too_far_apart_are_refused_with_when_and_by_how_much(soft, chunk, monkeypatch):
+def test_ends_that_come_too_far_apart_are_refused_with_time_and_distance(soft, chunk, monkeypatch):
     monkeypatch.setattr("cablepod.rigid._ends._BLOCK", chunk)
     # along the chord, 10 + 0.5 (1 - cos 2t): 11 m at pi/2, so 11 m of links are just too short; found between the looks
     motion = {
@@ -198,7 +198,7 @@ def test_ends_that_one_long_link_holds_apart(soft):
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_a_chain_that_is_torn_stops_and_keeps_what_it_had(soft, formulation, monkeypatch):
+def test_a_chain_pulled_straight_stops_with_its_partial_result(soft, formulation, monkeypatch):
     # as if nobody had looked at the distance of the ends: 11 m at 0.5 s
     monkeypatch.setattr(rigid, "check_ends", lambda *_: None)
     motion = {
@@ -212,18 +212,18 @@ def test_a_chain_that_is_torn_stops_and_keeps_what_it_had(soft, formulation, mon
             step=0.01,
             outputs=ALL,
         )
-    kept = caught.value.partial
-    assert 0.3 <= float(kept.time[-1]) <= 0.5
-    # it says when: after what was kept, and not after the chain is straight
+    partial = caught.value.partial
+    assert 0.3 <= float(partial.time[-1]) <= 0.5
+    # it says when: after what was partial, and not after the chain is straight
     when = float(re.search(r" at (0\.\d+) s", str(caught.value))[1])
-    assert float(kept.time[-1]) <= when <= 0.5
-    assert np.isfinite(kept.position).all()
-    assert np.abs(link_length_errors(kept)).max() < 1e-12
-    assert kept.attrs["incomplete"].startswith("stopped at 0.")
+    assert float(partial.time[-1]) <= when <= 0.5
+    assert np.isfinite(partial.position).all()
+    assert np.abs(link_length_errors(partial)).max() < 1e-12
+    assert partial.attrs["incomplete"].startswith("stopped at 0.")
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_a_long_step_is_cut_where_links_turn_fast_and_never_gives_garbage(formulation):
+def test_a_long_step_is_substepped_where_links_rotate_fast(formulation):
     # the falling fold whips round: its end reaches 15 m/s, and 0.1 m of it turns by a right angle in 5 ms
     for step in (0.02, 0.005):
         with warnings.catch_warnings(record=True) as caught:

@@ -1,4 +1,4 @@
-"""The chain of rigid links: against known solutions, its orders, identities, energies and lengths."""
+"""Chain of rigid links: known solutions, orders, identities, energies and lengths."""
 
 from __future__ import annotations
 
@@ -277,16 +277,16 @@ def test_rattle_can_be_turned_back(soft):
     chain = chain_of(p)
     initial = rigid_module.start(chain)
     run = RigidRun(chain, np.array([10.0]), initial, ("position",), None, "turned")
-    march = RigidStepper(run, OutputTimes.of(run.times, 50.0))
-    k = march.kernel
-    first = march.s[:3].copy()
-    assert march.advance(0, 100) == 100
-    assert np.abs(march.s[:3] - first).max() > 0.5
-    march.s[k.V : k.V + 3] *= -1.0
-    assert march.advance(0, 100) == 100
+    stepper = RigidStepper(run, OutputTimes.of(run.times, 50.0))
+    k = stepper.kernel
+    first = stepper.s[:3].copy()
+    assert stepper.advance(0, 100) == 100
+    assert np.abs(stepper.s[:3] - first).max() > 0.5
+    stepper.s[k.V : k.V + 3] *= -1.0
+    assert stepper.advance(0, 100) == 100
     # 200 steps that each solve their constraints to 1e-14, in a motion that is not chaotic yet
-    assert np.abs(march.s[:3] - first).max() < 1e-10
-    assert np.abs(march.s[k.V : k.V + 3]).max() < 1e-9
+    assert np.abs(stepper.s[:3] - first).max() < 1e-10
+    assert np.abs(stepper.s[k.V : k.V + 3]).max() < 1e-9
 
 
 def test_the_energy_error_of_rattle_stays_bounded(soft):
@@ -311,7 +311,7 @@ def start_of_swing():
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_the_ends_do_the_work(formulation):
+def test_the_work_of_the_ends_balances_the_energy(formulation):
     # a weightless link towed along itself: all energy of its free end comes from the held one
     scene = pendulum(
         2.0,
@@ -331,7 +331,7 @@ def test_the_ends_do_the_work(formulation):
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_a_jolt_is_passed_on_at_once(formulation):
+def test_a_velocity_jump_is_transmitted_without_delay(formulation):
     # the end of a straight chain starts along it at 2 m/s: all of it moves at that speed
     along = {"lower": {"y": {"kind": "polynomial", "coefficients": [2.0]}}}
     scene = pendulum(2.0, [0.0, -2.0], gravity=0.0, motion=along, chain={"links": 5})
@@ -358,7 +358,7 @@ def test_baumgarte_lets_the_lengths_drift(soft):
 
 @pytest.mark.parametrize("name", ["uniform load", "free end", "line", "unequal links"])
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_the_default_step_keeps_its_promise(soft, name, formulation):
+def test_the_default_step_meets_the_tolerance(soft, name, formulation):
     scene, times = rigid_scene(soft, **TERMS[name]), np.linspace(0.0, 2.0, 9)
     run = cp.rigid.simulate(scene, times=times, formulation=formulation)
     truth = cp.rigid.simulate(scene, times=times, formulation="index1", step=1 / 2000)
