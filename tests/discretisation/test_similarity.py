@@ -25,9 +25,9 @@ def guy(**changes):
     return cp.make_scene({**tables, **changes})
 
 
-def numbers(scene, until=5.0):
+def numbers(scene, end_time=5.0):
     length = float(cp.chain.rest(scene)["unstretched_length"])
-    values = training.features(parameters(scene), length, until)
+    values = training.features(parameters(scene), length, end_time)
     return dict(zip(training.FEATURES, values, strict=True)), length
 
 
