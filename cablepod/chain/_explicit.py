@@ -91,7 +91,7 @@ class ExplicitChainRun(ChainRun):
         for c in range(p.dims):
             state[layout.X + c, particles] = self.initial[:, c]
             state[layout.VX + c, free] = -half * force[free, c] / mass
-            state[(layout.STEADY_X if varying else layout.DRIVE_X) + c, particles] = per_mass * loads[:, c]
+            state[(layout.STEADY_X if varying else layout.LOAD_X) + c, particles] = per_mass * loads[:, c]
             # with viscosity the predicted velocity, 1.5 v - 0.5 v_before, is then 0 at the start
             state[layout.BX + c] = 3.0 * state[layout.VX + c]
         state[layout.STIFFNESS, links], state[layout.LENGTH, links] = chain.k, chain.length

@@ -103,14 +103,8 @@ class ImplicitChainRun(ChainRun):
 
     def _stop(self, stepper: ImplicitStepper, done: int, failure: str) -> None:
         """Raise :class:`RunStopped` with the trajectory before step `done`."""
-        steps_per_second, times = stepper.instants.steps_per_second, stepper.instants.times
-        # steps are saved at their beginning: all up to `done` - 1 are complete
-        end_time = (done - 1) / steps_per_second
-        count = int(np.searchsorted(times, end_time * (1.0 + 1e-12), side="right")) if done > 0 else 0
-        partial = None
-        if count:
-            before = OutputTimes.of(times[:count], steps_per_second)
-            partial = self._gather(stepper, before, before.steps.size, None)
+        steps_per_second, before = stepper.instants.steps_per_second, stepper.instants.before_step(done)
+        partial = None if before is None else self._gather(stepper, before, before.steps.size, None)
         why = (
             f"{failure} at {done / steps_per_second:.6g} s ({self.method}, step {1 / steps_per_second:.4g} s, step number "
             f"{done}); try a shorter step, scheme velocity_verlet, gentler loads or motion, or damping"

@@ -11,52 +11,52 @@ from cablepod._jit import FUSED, compiled
 def _eliminate(a, b, c, s, rx, ry):
     """Eliminate a particle with the block D = [[a, b], [b, c]], the link S to the next one and the right side r.
 
-    Returns D^-1 S (four numbers), D^-1 r, and what the next one loses, S D^-1 S (three), and gains, S D^-1 r.  The products wait
-    for no division: that by the determinant, the slowest operation, goes on beside them.
+    Returns D^-1 S (four numbers), D^-1 r, and the changes of the next particle's block and right side, S D^-1 S (three numbers)
+    and S D^-1 r.  The products do not depend on the division by the determinant, the slowest operation, which runs in parallel.
     """
     scale = 1.0 / (a * c - b * b)
     sxx, sxy, syy = s
     # the adjugate of D times S, and S times that
     mxx, mxy = c * sxx - b * sxy, c * sxy - b * syy
     myx, myy = a * sxy - b * sxx, a * syy - b * sxy
-    lost = (sxx * mxx + sxy * myx) * scale, (sxx * mxy + sxy * myy) * scale, (sxy * mxy + syy * myy) * scale
+    update = (sxx * mxx + sxy * myx) * scale, (sxx * mxy + sxy * myy) * scale, (sxy * mxy + syy * myy) * scale
     tx, ty = (c * rx - b * ry) * scale, (a * ry - b * rx) * scale
     return (
         (mxx * scale, mxy * scale, myx * scale, myy * scale),
         (tx, ty),
-        lost,
+        update,
         (sxx * tx + sxy * ty, sxy * tx + syy * ty),
     )
 
 
 @compiled(fastmath=FUSED)
-def solve_planar(diagonal, s, b, kept, first, last):
-    """Solve the system of the chain, planar.
+def solve_planar(diagonal, s, b, workspace, first, last):
+    """Solve the block tridiagonal system of a planar chain.
 
-    Row p, for the free particle p, is (diagonal_p + S_below + S_above) d_p - S_below d_(p-1) - S_above d_(p+1) = b_p; the
-    particles before `first` and from `last` on do not move.
+    The row of the free particle p is (diagonal_p + S_below + S_above) d_p - S_below d_(p-1) - S_above d_(p+1) = b_p; the
+    particles before `first` and from `last` on are held.
 
     Parameters
     ----------
     diagonal : float array (n + 1,)
-        What is added to the diagonal of each block, inertia over the square of the step [N/m].
+        Inertia over the square of the step, added to the diagonal of each block [N/m].
     s : tuple of 3 float arrays (n + 2,)
         xx, xy, yy of the tangent stiffness of the links [N/m].
     b : tuple of 2 float arrays (n + 1,)
         Right side [N]; overwritten by the solution [m] from `first` to `last` - 1.
-    kept : tuple of 4 float arrays (n + 1,)
-        To work in.
+    workspace : tuple of 4 float arrays (n + 1,)
+        Workspace.
     first, last : int
         The free particles.
     """
     sxx, sxy, syy = s
     bx, by = b
-    mxx, mxy, myx, myy = kept
+    mxx, mxy, myx, myy = workspace
     half = (last - first) // 2
     up, u = (0.0, 0.0, 0.0), (0.0, 0.0)
     down, w = up, u
     for i in range(half):
-        # from the lower end upwards
+        # from the lower end
         p = first + i
         above = (sxx[p + 1], sxy[p + 1], syy[p + 1])
         matrix, t, up, u = _eliminate(
@@ -67,7 +67,7 @@ def solve_planar(diagonal, s, b, kept, first, last):
         )  # fmt: skip
         mxx[p], mxy[p], myx[p], myy[p] = matrix
         bx[p], by[p] = t
-        # from the upper end downwards
+        # from the upper end
         p = last - 1 - i
         if p > first + half:
             below = (sxx[p], sxy[p], syy[p])
@@ -101,7 +101,7 @@ def solve_planar(diagonal, s, b, kept, first, last):
 
 @compiled(fastmath=FUSED)
 def _inverse3(a, b, c, d, e, f):
-    """Inverse of the symmetric matrix [[a, b, c], [b, d, e], [c, e, f]], as six numbers in the same order."""
+    """Return the inverse of the symmetric matrix [[a, b, c], [b, d, e], [c, e, f]] as six numbers in the same order."""
     p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
     scale = 1.0 / (a * p + b * q + c * r)
     return p * scale, q * scale, r * scale, (a * f - c * c) * scale, (b * c - a * e) * scale, (a * d - b * b) * scale
@@ -109,13 +109,13 @@ def _inverse3(a, b, c, d, e, f):
 
 @compiled(fastmath=FUSED)
 def _times3(s, x, y, z):
-    """Product of a symmetric matrix and a vector."""
+    """Return the product of a symmetric matrix (six numbers) and a vector."""
     return s[0] * x + s[1] * y + s[2] * z, s[1] * x + s[3] * y + s[4] * z, s[2] * x + s[4] * y + s[5] * z
 
 
 @compiled(fastmath=FUSED)
 def _sandwich3(s, i):
-    """S I S of symmetric matrices, as six numbers."""
+    """Return the product S I S of symmetric matrices as six numbers."""
     a = _times3(i, s[0], s[1], s[2])
     b = _times3(i, s[1], s[3], s[4])
     c = _times3(i, s[2], s[4], s[5])
@@ -127,25 +127,29 @@ def _sandwich3(s, i):
 
 @compiled
 def _at3(s, p):
+    """Return the six numbers of column p."""
     return s[0][p], s[1][p], s[2][p], s[3][p], s[4][p], s[5][p]
 
 
 @compiled(fastmath=FUSED)
-def _block3(diagonal, below, above, taken, also):
-    """Inverse of the block of a particle, less what elimination took off."""
+def _block3(diagonal, below, above, update, second_update):
+    """Return the inverse of a particle's block after the updates by elimination."""
     return _inverse3(
-        diagonal + below[0] + above[0] - taken[0] - also[0],
-        below[1] + above[1] - taken[1] - also[1],
-        below[2] + above[2] - taken[2] - also[2],
-        diagonal + below[3] + above[3] - taken[3] - also[3],
-        below[4] + above[4] - taken[4] - also[4],
-        diagonal + below[5] + above[5] - taken[5] - also[5],
+        diagonal + below[0] + above[0] - update[0] - second_update[0],
+        below[1] + above[1] - update[1] - second_update[1],
+        below[2] + above[2] - update[2] - second_update[2],
+        diagonal + below[3] + above[3] - update[3] - second_update[3],
+        below[4] + above[4] - update[4] - second_update[4],
+        diagonal + below[5] + above[5] - update[5] - second_update[5],
     )
 
 
 @compiled(fastmath=FUSED)
-def solve_spatial(diagonal, s, b, kept, first, last):
-    """Solve the system of the chain, spatial; s and kept are tuples of 6 arrays (xx, xy, xz, yy, yz, zz), b one of 3."""
+def solve_spatial(diagonal, s, b, inverses, first, last):
+    """Solve the system of a spatial chain; `s` and the workspace `inverses` are tuples of 6 arrays, `b` is one of 3.
+
+    The six arrays of a symmetric matrix are xx, xy, xz, yy, yz, zz; else as in :func:`solve_planar`.
+    """
     bx, by, bz = b
     half = (last - first) // 2
     none = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -155,7 +159,7 @@ def solve_spatial(diagonal, s, b, kept, first, last):
         p = first + i
         above = _at3(s, p + 1)
         inverse = _block3(diagonal[p], _at3(s, p), above, up, none)
-        kept[0][p], kept[1][p], kept[2][p], kept[3][p], kept[4][p], kept[5][p] = inverse
+        inverses[0][p], inverses[1][p], inverses[2][p], inverses[3][p], inverses[4][p], inverses[5][p] = inverse
         bx[p] += u[0]
         by[p] += u[1]
         bz[p] += u[2]
@@ -166,7 +170,7 @@ def solve_spatial(diagonal, s, b, kept, first, last):
         if p > first + half:
             below = _at3(s, p)
             inverse = _block3(diagonal[p], below, _at3(s, p + 1), down, none)
-            kept[0][p], kept[1][p], kept[2][p], kept[3][p], kept[4][p], kept[5][p] = inverse
+            inverses[0][p], inverses[1][p], inverses[2][p], inverses[3][p], inverses[4][p], inverses[5][p] = inverse
             bx[p] += w[0]
             by[p] += w[1]
             bz[p] += w[2]
@@ -181,10 +185,10 @@ def solve_spatial(diagonal, s, b, kept, first, last):
     for i in range(half):
         p = first + half - 1 - i
         r = _times3(_at3(s, p + 1), t[0], t[1], t[2])
-        t = _times3(_at3(kept, p), bx[p] + r[0], by[p] + r[1], bz[p] + r[2])
+        t = _times3(_at3(inverses, p), bx[p] + r[0], by[p] + r[1], bz[p] + r[2])
         bx[p], by[p], bz[p] = t
         p = first + half + 1 + i
         if p < last:
             r = _times3(_at3(s, p), q[0], q[1], q[2])
-            q = _times3(_at3(kept, p), bx[p] + r[0], by[p] + r[1], bz[p] + r[2])
+            q = _times3(_at3(inverses, p), bx[p] + r[0], by[p] + r[1], bz[p] + r[2])
             bx[p], by[p], bz[p] = q

@@ -1,10 +1,10 @@
-"""Implicit steps of the elastic chain: generalized alpha (the trapezoidal rule is one) and energy-momentum; O(n) per step.
+"""Compiled implicit steps of the elastic chain: generalized alpha with the trapezoidal rule, and energy-momentum; O(n) per step.
 
-Every step solves for the displacements by Newton's method.  A link couples its two particles alone, so the tangent is block
-tridiagonal with blocks of 2 x 2 or 3 x 3; it is eliminated from both ends towards the middle, two chains of operations that do
-not wait for each other, which halves the time.
+Every step solves for the displacements by Newton's method.  A link couples its two particles only, so that the tangent is block
+tridiagonal with blocks of 2 x 2 or 3 x 3.  It is eliminated from both ends towards the middle: two independent chains of
+operations, which halve the time.
 
-Arrays over links have n + 2 places: link j stands at j + 1, and the zeros at both ends stand for the links that a free end lacks.
+Arrays over links have n + 2 places: link j is at j + 1, and the zeros at both ends are the missing links of a free end.
 """
 
 from __future__ import annotations
@@ -15,42 +15,45 @@ import numpy as np
 
 from cablepod._jit import REORDERED, compiled
 from cablepod.chain._kernels_banded import solve_planar, solve_spatial
-from cablepod.chain._kernels_links import _pull_conserving, _pull_planar, _pull_spatial
+from cablepod.chain._kernels_links import link_forces_conserving, link_forces_planar, link_forces_spatial
 
-MOST_ITERATIONS = 30
+#: Maximum number of Newton iterations per step.
+MAX_ITERATIONS = 30
 
 
 @compiled
-def _correction(f, s, held, diagonal, d, b, kept, first, last, per_length):
-    """Compute the correction b of the displacements d, and by how much it turns the links.
+def _correction(f, s, fixed_force, diagonal, d, b, workspace, first, last, per_length):
+    """Compute the Newton correction b of the displacements d; returns its mean rotation of the links.
 
-    The right side is the forces of the links and what is `held` during a step, less what grows with d.
+    The right side is the sum of link forces and `fixed_force` less `diagonal` d.
     """
     dims, particles = b.shape
     flat = b.reshape(-1)
-    # one loop for all coordinates: the place before the first link of one is that after the last link of the other
+    # one loop for all coordinates: the places after the last link of one and before the first of the next are the same
     for q in range(flat.size):
-        flat[q] = f[q + 1] - f[q] + (held[q] - diagonal[q] * d[q])
+        flat[q] = f[q + 1] - f[q] + (fixed_force[q] - diagonal[q] * d[q])
     for c in range(dims):
         if first == 1:
             b[c, 0] = 0.0
         if last == particles - 1:
             b[c, last] = 0.0
     if dims == 2:
-        solve_planar(diagonal, (s[0], s[1], s[2]), (b[0], b[1]), (kept[0], kept[1], kept[2], kept[3]), first, last)
+        solve_planar(
+            diagonal, (s[0], s[1], s[2]), (b[0], b[1]), (workspace[0], workspace[1], workspace[2], workspace[3]), first, last,
+        )  # fmt: skip
     else:
         solve_spatial(
             diagonal, (s[0], s[1], s[2], s[3], s[4], s[5]), (b[0], b[1], b[2]),
-            (kept[0], kept[1], kept[2], kept[3], kept[4], kept[5]), first, last,
+            (workspace[0], workspace[1], workspace[2], workspace[3], workspace[4], workspace[5]), first, last,
         )  # fmt: skip
-    return _turn(flat, per_length)
+    return _mean_rotation(flat, per_length)
 
 
 @compiled(fastmath=REORDERED)
-def _turn(b, per_length):
-    """Root of the mean square by which a correction turns and stretches the links, in any order of addition.
+def _mean_rotation(b, per_length):
+    """Return the root mean square rotation and stretch of the links by a correction, summed in any order.
 
-    Not a number where a correction is not: the options of the compiler assume nothing about that.
+    It is NaN for a NaN correction: the fast-math options do not assume finite numbers.
     """
     total = 0.0
     for q in range(b.size - 1):
@@ -61,7 +64,7 @@ def _turn(b, per_length):
 
 @compiled(inline="always")
 def _correct(d, b, x, trial):
-    """Add the correction b to the displacements d and put the particles there."""
+    """Add the correction b to the displacements d and update the trial positions."""
     for q in range(d.size):
         new = d[q] + b[q]
         d[q] = new
@@ -69,17 +72,18 @@ def _correct(d, b, x, trial):
 
 
 @compiled
-def _hold(held, patterns, factors):
-    """Add loads that vary in time to what is held during a step."""
-    flat = patterns.reshape((patterns.shape[0], held.size))
+def _add_loads(fixed_force, patterns, factors):
+    """Add time-dependent loads to the part of the right side that does not change in a step."""
+    flat = patterns.reshape((patterns.shape[0], fixed_force.size))
     for load in range(patterns.shape[0]):
         factor = factors[load]
-        for q in range(held.size):
-            held[q] += factor * flat[load, q]
+        for q in range(fixed_force.size):
+            fixed_force[q] += factor * flat[load, q]
 
 
 @compiled
 def _set_ends(trial, lower, upper, i):
+    """Put the moving ends at their positions at step `i` of the tables."""
     last = trial.shape[1] - 1
     for c in range(trial.shape[0]):
         if lower is not None:
@@ -89,19 +93,19 @@ def _set_ends(trial, lower, upper, i):
 
 
 @compiled
-def _note_tension(x, low, high, inverse, k, length):
-    """Update the extremes of the tensions [N] at positions x."""
+def _update_extremes(x, low, high, inverse_squares, k, length):
+    """Update the extremes of the tensions [N] at positions x (dims, n + 1)."""
     for j in range(low.size):
         square = 0.0
         for c in range(x.shape[0]):
             reach = x[c, j + 1] - x[c, j]
             square += reach * reach
-        size = math.sqrt(square)
-        if inverse is None:  # an if that the compiler can prune
-            low[j] = min(low[j], max(k[j] * (size - length[j]), 0.0))
-            high[j] = max(high[j], k[j] * (size - length[j]), 0.0)
+        stretched = math.sqrt(square)
+        if inverse_squares is None:  # an if that the compiler can prune
+            low[j] = min(low[j], max(k[j] * (stretched - length[j]), 0.0))
+            high[j] = max(high[j], k[j] * (stretched - length[j]), 0.0)
         else:
-            tension = 0.5 * k[j] * (square * inverse[j] - 1.0) * size
+            tension = 0.5 * k[j] * (square * inverse_squares[j] - 1.0) * stretched
             low[j] = min(low[j], tension)
             high[j] = max(high[j], tension)
 
@@ -111,21 +115,21 @@ def _note_tension(x, low, high, inverse, k, length):
 
 @compiled
 def generalized_alpha(
-    x, v, a, g, first, last, k, length, inverse, mass, damping, loads, patterns, factors, viscosity, lower, upper, end_rates,
-    step, alpha_m, alpha_f, beta, gamma, enough, start, steps, save_steps, saved, low, high,
+    x, v, a, g, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity, lower, upper,
+    end_rates, step, alpha_m, alpha_f, beta, gamma, rotation_tolerance, start, steps, save_steps, saved, low, high,
 ):  # fmt: skip
-    """Advance a chain by `steps` steps of the generalized-alpha method (Chung and Hulbert 1993); trapezoidal with alphas 0.
+    """Advance a chain by `steps` steps of generalized alpha (Chung and Hulbert 1993); alphas 0 give the trapezoidal rule.
 
     Parameters
     ----------
     x, v, a, g : float arrays (dims, n + 1)
         Positions [m], velocities [m/s], accelerations [m/s2] and total forces [N]; advanced in place.  All but the positions are
-        0 at particles that are held, which so take part in every loop and stay.
+        0 at held particles, which take part in every loop.
     first, last : int
         The free particles, first ... last - 1.
     k, length : float arrays (n,)
         Stiffness [N/m] and unstretched length [m] of the links.
-    inverse : float array (n,) or None
+    inverse_squares : float array (n,) or None
         1 / length^2 for law (21), None for the linear law.
     mass : float array (n + 1,)
         [kg]; 0 at held particles, and so the loads.
@@ -134,7 +138,7 @@ def generalized_alpha(
     loads : float array (dims, n + 1)
         Constant loads [N].
     patterns, factors : float arrays (loads, dims, n + 1), (steps + 1, loads) or None
-        Loads that vary in time [N] and their factors at the steps.
+        Time-dependent loads [N] and their factors at the steps.
     viscosity : float or None
         Viscosity of the links over their stiffness [s].
     lower, upper : float arrays (steps + 1, dims) or None
@@ -144,9 +148,9 @@ def generalized_alpha(
     step : float
         [s].
     alpha_m, alpha_f, beta, gamma : float
-        Of the method.
-    enough : float
-        A correction that turns the links by as little as this, in the mean, ends Newton's method.
+        Parameters of the method.
+    rotation_tolerance : float
+        Newton tolerance: root mean square rotation of the links by the last correction.
     start, steps : int
         Number of the first step, number of steps.
     save_steps : int array (saves,)
@@ -159,14 +163,15 @@ def generalized_alpha(
     Returns
     -------
     tuple of int
-        Steps done, fewer than `steps` where Newton's method did not converge (the state is then that before the step), and
-        iterations.
+        Number of steps done and of iterations.  If Newton's method does not converge, fewer steps are done, and the state is that
+        before the failing step.
     """
     dims, particles = x.shape
     f, s = np.zeros(dims * particles + 1), np.zeros((3 if dims == 2 else 6, particles + 1))
-    d, b, kept, held = np.zeros(x.size), np.zeros((dims, particles)), np.zeros((2 * dims, particles)), np.zeros(x.size)
+    d, b, fixed_force = np.zeros(x.size), np.zeros((dims, particles)), np.zeros(x.size)
+    workspace = np.zeros((2 * dims, particles))
     trial, rates = x.copy(), np.zeros((dims, particles))
-    inert, per_length = _for_each(mass, dims), _for_each(np.append(1.0 / length, 0.0), dims)
+    masses, per_length = _repeat(mass, dims), _repeat(np.append(1.0 / length, 0.0), dims)
     flat_x, flat_v, flat_a, flat_g, flat_trial = (
         x.reshape(-1),
         v.reshape(-1),
@@ -178,7 +183,7 @@ def generalized_alpha(
     per_d, per_v, per_a = 1.0 / (beta * step * step), 1.0 / (beta * step), 0.5 / beta - 1.0
     rate, inertia = gamma / (beta * step), (1.0 - alpha_m) / (1.0 - alpha_f)
     old_g, old_a = alpha_f / (1.0 - alpha_f), alpha_m / (1.0 - alpha_f)
-    diagonal = inert * (inertia * per_d + (0.0 if damping is None else damping * rate))
+    diagonal = masses * (inertia * per_d + (0.0 if damping is None else damping * rate))
     steady, last_a, first_a = loads.reshape(-1), flat_a.copy(), flat_a.copy()
     iterations, save = 0, 0
     for i in range(steps):
@@ -188,24 +193,24 @@ def generalized_alpha(
             saved[save, 2] = a
             save += 1
         if low is not None:
-            _note_tension(x, low, high, inverse, k, length)
+            _update_extremes(x, low, high, inverse_squares, k, length)
         for q in range(d.size):
             vq, aq = flat_v[q], flat_a[q]
-            # what is resolved goes on linearly, what is not swings from step to step: a1 = a + a(-1) - a(-2) is right for both
+            # prediction a1 = a + a(-1) - a(-2): exact for resolved linear motion and for oscillation from step to step
             d[q] = step * (vq + step * ((0.5 - beta) * aq + beta * (aq + last_a[q] - first_a[q])))
             flat_trial[q] = flat_x[q] + d[q]
-            # all of the balance that the unknowns of the step do not change
-            balance = old_g * flat_g[q] + inert[q] * (inertia * (per_v * vq + per_a * aq) - old_a * aq)
-            held[q] = steady[q] + balance
+            # terms of the balance that do not depend on the unknowns of the step
+            balance = old_g * flat_g[q] + masses[q] * (inertia * (per_v * vq + per_a * aq) - old_a * aq)
+            fixed_force[q] = steady[q] + balance
         if damping is not None:
             for q in range(d.size):
                 after = (1.0 - gamma) * flat_a[q] - gamma * (per_v * flat_v[q] + per_a * flat_a[q])
-                held[q] -= damping * inert[q] * (flat_v[q] + step * after)
+                fixed_force[q] -= damping * masses[q] * (flat_v[q] + step * after)
         if patterns is not None:
-            _hold(held, patterns, factors[i + 1])
+            _add_loads(fixed_force, patterns, factors[i + 1])
         _set_ends(trial, lower, upper, i + 1)
         converged = False
-        for _ in range(MOST_ITERATIONS):
+        for _ in range(MAX_ITERATIONS):
             iterations += 1
             if viscosity is not None:
                 flat_rates = rates.reshape(-1)
@@ -218,22 +223,22 @@ def generalized_alpha(
                     if last == particles - 1:
                         rates[c, last] = end_rates[i + 1, 1, c]
             if dims == 2:
-                _pull_planar(
-                    trial[0], trial[1], rates[0], rates[1], k, length, inverse, viscosity, rate,
+                link_forces_planar(
+                    trial[0], trial[1], rates[0], rates[1], k, length, inverse_squares, viscosity, rate,
                     f, f[particles:], s[0], s[1], s[2],
                 )  # fmt: skip
             else:
-                _pull_spatial(
-                    trial[0], trial[1], trial[2], rates[0], rates[1], rates[2], k, length, inverse, viscosity, rate,
+                link_forces_spatial(
+                    trial[0], trial[1], trial[2], rates[0], rates[1], rates[2], k, length, inverse_squares, viscosity, rate,
                     f, f[particles:], f[2 * particles :], s,
                 )  # fmt: skip
-            size = _correction(f, s, held, diagonal, d, b, kept, first, last, per_length)
+            rotation = _correction(f, s, fixed_force, diagonal, d, b, workspace, first, last, per_length)
             _correct(d, b.reshape(-1), flat_x, flat_trial)
             _set_ends(trial, lower, upper, i + 1)
-            if size <= enough:
+            if rotation <= rotation_tolerance:
                 converged = True
                 break
-            if not size < 1e300:
+            if not rotation < 1e300:
                 break
         if not converged:
             return i, iterations
@@ -241,7 +246,7 @@ def generalized_alpha(
             vq, aq = flat_v[q], flat_a[q]
             new = per_d * (d[q] - step * vq) - per_a * aq
             flat_v[q] = vq + step * ((1.0 - gamma) * aq + gamma * new)
-            flat_g[q] = inert[q] * (inertia * new + old_a * aq) - old_g * flat_g[q]
+            flat_g[q] = masses[q] * (inertia * new + old_a * aq) - old_g * flat_g[q]
             first_a[q], last_a[q] = last_a[q], aq
             flat_a[q] = new
             flat_x[q] = flat_trial[q]
@@ -250,24 +255,24 @@ def generalized_alpha(
 
 @compiled
 def energy_momentum(
-    x, v, first, last, k, length, inverse, mass, damping, loads, patterns, factors, viscosity, lower, upper, step,
-    enough, rounding, start, steps, save_steps, saved, low, high,
+    x, v, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity, lower, upper, step,
+    rotation_tolerance, rounding, start, steps, save_steps, saved, low, high,
 ):  # fmt: skip
     """Advance a chain by `steps` steps of the energy-momentum method (Simo and Tarnow 1992).
 
-    The forces of the links over a step are difference quotients of their energies, so that with ends and loads at rest the sum of
-    kinetic, strain and potential energy stays what it is, at any step, as far as Newton's method is carried.  Parameters and
-    result as in :func:`generalized_alpha`; loads that vary are taken as the mean of both ends of the step.  What Newton's method
-    leaves has a sign, and adds up in the energy over many steps: so corrections are made until they turn the links by as little
-    as `enough`, or, below `rounding`, no longer shrink.
+    The forces of the links over a step are difference quotients of their energies.  With ends and loads at rest, the total energy
+    is then conserved at any step, up to the residual of Newton's method.  Parameters and result as in :func:`generalized_alpha`;
+    time-dependent loads are means of both ends of the step.  The residual has a systematic sign and accumulates in the energy:
+    iterations continue until a correction rotates the links by `rotation_tolerance`, or is below `rounding` and not decreasing.
     """
     dims, particles = x.shape
     f, s = np.zeros(dims * particles + 1), np.zeros((3 if dims == 2 else 6, particles + 1))
-    d, b, kept, held = np.zeros(x.size), np.zeros((dims, particles)), np.zeros((2 * dims, particles)), np.zeros(x.size)
-    trial, before = x.copy(), step * v.reshape(-1)
-    inert, per_length = _for_each(mass, dims), _for_each(np.append(1.0 / length, 0.0), dims)
+    d, b, fixed_force = np.zeros(x.size), np.zeros((dims, particles)), np.zeros(x.size)
+    workspace = np.zeros((2 * dims, particles))
+    trial, last_displacement = x.copy(), step * v.reshape(-1)
+    masses, per_length = _repeat(mass, dims), _repeat(np.append(1.0 / length, 0.0), dims)
     flat_x, flat_v, flat_trial, steady = x.reshape(-1), v.reshape(-1), trial.reshape(-1), loads.reshape(-1)
-    diagonal = inert * (2.0 / (step * step) + (0.0 if damping is None else damping / step))
+    diagonal = masses * (2.0 / (step * step) + (0.0 if damping is None else damping / step))
     iterations, save = 0, 0
     for i in range(steps):
         if save < save_steps.size and save_steps[save] == start + i:
@@ -275,40 +280,40 @@ def energy_momentum(
             saved[save, 1] = v
             save += 1
         if low is not None:
-            _note_tension(x, low, high, inverse, k, length)
+            _update_extremes(x, low, high, inverse_squares, k, length)
         for q in range(d.size):
-            # what the last step moved, and as much more as it moved more than the velocity then said
-            d[q] = 2.0 * step * flat_v[q] - before[q]
+            # predictor: last displacement plus twice the difference of step * velocity from it
+            d[q] = 2.0 * step * flat_v[q] - last_displacement[q]
             flat_trial[q] = flat_x[q] + d[q]
-            held[q] = steady[q] + 2.0 * inert[q] * flat_v[q] / step
+            fixed_force[q] = steady[q] + 2.0 * masses[q] * flat_v[q] / step
         if patterns is not None:
-            _hold(held, patterns, 0.5 * (factors[i] + factors[i + 1]))
+            _add_loads(fixed_force, patterns, 0.5 * (factors[i] + factors[i + 1]))
         _set_ends(trial, lower, upper, i + 1)
-        converged, before_size = False, np.inf
-        for _ in range(MOST_ITERATIONS):
+        converged, last_rotation = False, np.inf
+        for _ in range(MAX_ITERATIONS):
             iterations += 1
-            _pull_conserving(x, trial, k, length, inverse, viscosity, 1.0 / step, f, s)
-            size = _correction(f, s, held, diagonal, d, b, kept, first, last, per_length)
+            link_forces_conserving(x, trial, k, length, inverse_squares, viscosity, 1.0 / step, f, s)
+            rotation = _correction(f, s, fixed_force, diagonal, d, b, workspace, first, last, per_length)
             _correct(d, b.reshape(-1), flat_x, flat_trial)
             _set_ends(trial, lower, upper, i + 1)
-            if size <= enough or (size <= rounding and size > 0.5 * before_size):
+            if rotation <= rotation_tolerance or (rotation <= rounding and rotation > 0.5 * last_rotation):
                 converged = True
                 break
-            if not size < 1e300:
+            if not rotation < 1e300:
                 break
-            before_size = size
+            last_rotation = rotation
         if not converged:
             return i, iterations
         for q in range(d.size):
             flat_v[q] = 2.0 * d[q] / step - flat_v[q]
-            before[q] = d[q]
+            last_displacement[q] = d[q]
             flat_x[q] = flat_trial[q]
     return steps, iterations
 
 
 @compiled
-def _for_each(values, dims):
-    """Values at the particles once for each coordinate (dims (n + 1),)."""
+def _repeat(values, dims):
+    """Repeat values at the particles for each coordinate (dims (n + 1),)."""
     result = np.empty(dims * values.size)
     for c in range(dims):
         result[c * values.size : (c + 1) * values.size] = values

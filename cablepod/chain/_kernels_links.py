@@ -10,12 +10,16 @@ from cablepod._jit import compiled
 
 
 @compiled
-def _pull_planar(x, y, u, v, k, length, inverse, viscosity, rate, fx, fy, sxx, sxy, syy):
-    """Compute forces of the links [N] and tangent stiffness [N/m]; `rate` [1/s] is d velocity / d position of the step."""
+def link_forces_planar(x, y, u, v, k, length, inverse_squares, viscosity, rate, fx, fy, sxx, sxy, syy):
+    """Compute forces [N] and tangent stiffness [N/m] of planar links.
+
+    `x`, `y`, `u`, `v` are positions and velocities (n + 1,), `rate` the derivative of the new velocity by the new position [1/s].
+    `fx`, `fy`, `sxx`, `sxy`, `syy` are filled for link j at j + 1.
+    """
     for j in range(k.size):
         dx, dy = x[j + 1] - x[j], y[j + 1] - y[j]
         square = dx * dx + dy * dy
-        if inverse is None:
+        if inverse_squares is None:
             part = length[j] / math.sqrt(square)
             s = k[j] * (1.0 - part)
             g = k[j] * part / square
@@ -28,8 +32,8 @@ def _pull_planar(x, y, u, v, k, length, inverse, viscosity, rate, fx, fy, sxx, s
             s = s if taut else 0.0
             g = g if taut else 0.0
         else:
-            s = 0.5 * k[j] * (square * inverse[j] - 1.0)
-            g = k[j] * inverse[j]
+            s = 0.5 * k[j] * (square * inverse_squares[j] - 1.0)
+            g = k[j] * inverse_squares[j]
         fx[j + 1] = s * dx
         fy[j + 1] = s * dy
         sxx[j + 1] = s + g * dx * dx
@@ -38,12 +42,12 @@ def _pull_planar(x, y, u, v, k, length, inverse, viscosity, rate, fx, fy, sxx, s
 
 
 @compiled
-def _pull_spatial(x, y, z, u, v, w, k, length, inverse, viscosity, rate, fx, fy, fz, s):
-    """Do the same in space; s (6, n + 2) is filled with xx, xy, xz, yy, yz, zz."""
+def link_forces_spatial(x, y, z, u, v, w, k, length, inverse_squares, viscosity, rate, fx, fy, fz, s):
+    """Compute forces and tangent stiffness of spatial links; s (6, n + 2) is filled with xx, xy, xz, yy, yz, zz."""
     for j in range(k.size):
         dx, dy, dz = x[j + 1] - x[j], y[j + 1] - y[j], z[j + 1] - z[j]
         square = dx * dx + dy * dy + dz * dz
-        if inverse is None:
+        if inverse_squares is None:
             part = length[j] / math.sqrt(square)
             t = k[j] * (1.0 - part)
             g = k[j] * part / square
@@ -56,8 +60,8 @@ def _pull_spatial(x, y, z, u, v, w, k, length, inverse, viscosity, rate, fx, fy,
             t = t if taut else 0.0
             g = g if taut else 0.0
         else:
-            t = 0.5 * k[j] * (square * inverse[j] - 1.0)
-            g = k[j] * inverse[j]
+            t = 0.5 * k[j] * (square * inverse_squares[j] - 1.0)
+            g = k[j] * inverse_squares[j]
         fx[j + 1] = t * dx
         fy[j + 1] = t * dy
         fz[j + 1] = t * dz
@@ -66,6 +70,7 @@ def _pull_spatial(x, y, z, u, v, w, k, length, inverse, viscosity, rate, fx, fy,
 
 @compiled
 def _fill3(s, p, t, g, dx, dy, dz):
+    """Fill column p of s with the six numbers of t I + g d d^T."""
     s[0, p] = t + g * dx * dx
     s[1, p] = g * dx * dy
     s[2, p] = g * dx * dz
@@ -75,50 +80,52 @@ def _fill3(s, p, t, g, dx, dy, dz):
 
 
 @compiled
-def _secant(square0, square1, k, length, inverse):
-    """Difference quotient of a link's energy, 2 (W1 - W0) / (|R1|^2 - |R0|^2) [N/m], and its slope by |R1|^2 / 2.
+def _secant(square0, square1, k, length, inverse_squares):
+    """Return the difference quotient of a link's energy, 2 (W1 - W0) / (|R1|^2 - |R0|^2) [N/m], and its derivative by |R1|^2 / 2.
 
-    Written so that nothing cancels where both lengths are nearly the same.
+    The form avoids cancellation for nearly equal lengths.
     """
-    if inverse is not None:
-        return 0.25 * k * ((square0 + square1) * inverse - 2.0), 0.5 * k * inverse
-    size0, size1 = math.sqrt(square0), math.sqrt(square1)
-    over0, over1 = size0 - length, size1 - length
-    total = size0 + size1
+    if inverse_squares is not None:
+        return 0.25 * k * ((square0 + square1) * inverse_squares - 2.0), 0.5 * k * inverse_squares
+    length0, length1 = math.sqrt(square0), math.sqrt(square1)
+    over0, over1 = length0 - length, length1 - length
+    total = length0 + length1
     if over0 > 0.0 and over1 > 0.0:
-        return k * (1.0 - 2.0 * length / total), 2.0 * k * length / (total * total * size1)
+        return k * (1.0 - 2.0 * length / total), 2.0 * k * length / (total * total * length1)
     if over0 <= 0.0 and over1 <= 0.0:
         return 0.0, 0.0
-    # one end of the step is slack: only the part beyond the unstretched length counts
+    # the link is slack at one end of the step: only the part beyond the unstretched length has energy
     over = max(over0, over1)
-    gap = abs(size1 - size0)
-    value = k * over * over / (gap * total)
-    # by |R1|: of over^2 / (|R1|^2 - |R0|^2) where the end is taut, else of -over^2 / (...)
+    gap = abs(length1 - length0)
+    quotient = k * over * over / (gap * total)
+    # derivative by |R1| of over^2 / (|R1|^2 - |R0|^2) if taut at the end, else of -over^2 / (...)
     slope = (
-        (2.0 * k * over - 2.0 * value * size1) / (gap * total) if over1 > 0.0 else 2.0 * value * size1 / (gap * total)
+        (2.0 * k * over - 2.0 * quotient * length1) / (gap * total)
+        if over1 > 0.0
+        else 2.0 * quotient * length1 / (gap * total)
     )
-    return value, max(slope, 0.0) / size1
+    return quotient, max(slope, 0.0) / length1
 
 
 @compiled
-def _pull_conserving(x0, x1, k, length, inverse, viscosity, per_step, f, s):
-    """Compute forces that keep the energy over a step from x0 to x1, and their tangent, exact but for the turn of the links."""
+def link_forces_conserving(x0, x1, k, length, inverse_squares, viscosity, per_step, f, s):
+    """Compute energy-conserving forces over a step from x0 to x1, and their tangent without the rotation of the links."""
     dims, particles = x0.shape
     for j in range(k.size):
-        square0, square1, middle, growth = 0.0, 0.0, 0.0, 0.0
+        square0, square1, middle_square, stretching = 0.0, 0.0, 0.0, 0.0
         for c in range(dims):
             a, b = x0[c, j + 1] - x0[c, j], x1[c, j + 1] - x1[c, j]
             square0 += a * a
             square1 += b * b
-            middle += 0.25 * (a + b) * (a + b)
-            growth += 0.5 * (a + b) * (b - a)
-        if inverse is None:
+            middle_square += 0.25 * (a + b) * (a + b)
+            stretching += 0.5 * (a + b) * (b - a)
+        if inverse_squares is None:
             t, g = _secant(square0, square1, k[j], length[j], None)
         else:
-            t, g = _secant(square0, square1, k[j], length[j], inverse[j])
+            t, g = _secant(square0, square1, k[j], length[j], inverse_squares[j])
         if viscosity is not None and t > 0.0:
-            damper = viscosity * k[j] * per_step / middle
-            total = t + damper * growth
+            damper = viscosity * k[j] * per_step / middle_square
+            total = t + damper * stretching
             t, g = (total, g + damper) if total > 0.0 else (0.0, 0.0)
         dx, dy = (
             0.5 * (x0[0, j + 1] - x0[0, j] + x1[0, j + 1] - x1[0, j]),

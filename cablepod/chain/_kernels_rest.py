@@ -11,11 +11,11 @@ from cablepod.chain._kernels_explicit import green_strain, secant_modulus
 
 
 @compiled
-def _stretch(force, loads, length, stiffness, green, gap, hessian):
-    """Gap between the end of a chain of given first link force and `gap`'s target (added in place); also its Jacobian.
+def _end_gap(force, loads, length, stiffness, green, gap, hessian):
+    """Add the end position of a chain with a given first link force to `gap`, and compute the Jacobian `hessian`.
 
-    Returns the complementary energy's part that depends on the force, sum l c(|F|): by the linear law c = T + T^2 / (2 K), by law
-    (21) c = T xi - K (xi^2 - 1)^2 / 8.
+    Returns the complementary energy without its linear part, sum l c(|F|), with c = T + T^2 / (2 K) by the linear law and
+    c = T xi - K (xi^2 - 1)^2 / 8 by law (21).
     """
     dims = force.size
     f = force.copy()
@@ -28,33 +28,33 @@ def _stretch(force, loads, length, stiffness, green, gap, hessian):
         square = 0.0
         for c in range(dims):
             square += f[c] * f[c]
-        size = math.sqrt(square)
+        norm = math.sqrt(square)
         if green:
-            e = green_strain(size / stiffness)
+            e = green_strain(norm / stiffness)
             strain = e * (1.0 + 0.5 * e)
-            energy += length[j] * (size * (1.0 + e) - 0.5 * stiffness * strain * strain)
+            energy += length[j] * (norm * (1.0 + e) - 0.5 * stiffness * strain * strain)
         else:
-            energy += length[j] * size * (1.0 + 0.5 * size / stiffness)
-        if size == 0.0:
+            energy += length[j] * norm * (1.0 + 0.5 * norm / stiffness)
+        if norm == 0.0:
             continue
-        secant = secant_modulus(size, stiffness, green)
+        secant = secant_modulus(norm, stiffness, green)
         for c in range(dims):
-            gap[c] += length[j] * (f[c] / size + f[c] / secant)
+            gap[c] += length[j] * (f[c] / norm + f[c] / secant)
             for d in range(dims):
-                hessian[c, d] -= length[j] * (f[c] / size) * (f[d] / size) / size
-            hessian[c, c] += length[j] * (1.0 / size + 1.0 / secant)
+                hessian[c, d] -= length[j] * (f[c] / norm) * (f[d] / norm) / norm
+            hessian[c, c] += length[j] * (1.0 / norm + 1.0 / secant)
         if green:
-            # along the link the tangent counts: d xi / dT = 1 / (K (3 xi^2 - 1) / 2)
-            excess = 1.0 / (stiffness * (1.0 + 3.0 * e + 1.5 * e * e)) - 1.0 / secant
+            # along the link the tangent modulus enters: d xi / dT = 1 / (K (3 xi^2 - 1) / 2)
+            compliance = 1.0 / (stiffness * (1.0 + 3.0 * e + 1.5 * e * e)) - 1.0 / secant
             for c in range(dims):
                 for d in range(dims):
-                    hessian[c, d] += length[j] * (f[c] / size) * (f[d] / size) * excess
+                    hessian[c, d] += length[j] * (f[c] / norm) * (f[d] / norm) * compliance
     return energy
 
 
 @compiled
 def _solve_small(matrix, right):
-    """Solve a positive definite system of 2 or 3 unknowns in place; elementary order, so that dimensions agree bit for bit."""
+    """Solve a positive definite system of 2 or 3 unknowns in place, in a fixed order, so that dimensions agree bit for bit."""
     n = right.size
     for i in range(n):
         for j in range(i):
@@ -70,10 +70,10 @@ def _solve_small(matrix, right):
 
 @compiled
 def equilibrium(chord, loads, length, stiffness, green, force):
-    """Find the force in the first link of a chain at rest between two points, by Newton's method.
+    """Solve for the force in the first link of a chain at rest between two points, by Newton's method.
 
-    The force minimises the complementary energy, sum l c(|F|) - F . chord with c(T) = T + T^2 / 2K or its like by law (21), which
-    is strictly convex: the steps, shortened until the energy falls, converge from anywhere where no link ends up without force.
+    The force minimises the strictly convex complementary energy, sum l c(|F|) - F . chord, with c as in :func:`_end_gap`.  Steps
+    are shortened until the energy decreases, so that the method converges from any start unless a link has no force at rest.
 
     Parameters
     ----------
@@ -88,45 +88,46 @@ def equilibrium(chord, loads, length, stiffness, green, force):
     green : bool
         Whether law (21) holds instead of the linear one.
     force : float array (dims,)
-        A guess of the force in the first link, pointing up the chain; overwritten by the solution [N].
+        Initial guess of the force in the first link, pointing up the chain; overwritten by the solution [N].
 
     Returns
     -------
     float
-        Largest component of the closing gap that is left [m].
+        Largest component of the remaining gap [m].
     """
     dims = chord.size
     gap, trial_gap = -chord, np.empty(dims)
     hessian, trial_hessian = np.empty((dims, dims)), np.empty((dims, dims))
-    energy = _stretch(force, loads, length, stiffness, green, gap, hessian)
+    energy = _end_gap(force, loads, length, stiffness, green, gap, hessian)
     energy -= _dot(force, chord)
     for _ in range(200):
         move = -gap
         _solve_small(hessian.copy(), move)
         slope = _dot(gap, move)
-        part = 1.0
-        size = _size(gap)
+        fraction = 1.0
+        gap_norm = _max_norm(gap)
         for _ in range(60):
-            trial = force + part * move
+            trial = force + fraction * move
             trial_gap[:] = -chord
-            trial_energy = _stretch(trial, loads, length, stiffness, green, trial_gap, trial_hessian)
+            trial_energy = _end_gap(trial, loads, length, stiffness, green, trial_gap, trial_hessian)
             trial_energy -= _dot(trial, chord)
-            if trial_energy <= energy + 1e-4 * part * slope or _size(trial_gap) < 0.5 * size:
+            if trial_energy <= energy + 1e-4 * fraction * slope or _max_norm(trial_gap) < 0.5 * gap_norm:
                 break
-            part *= 0.5
-        if not _size(trial_gap) < size and _size(move) <= 1e-9 * _size(force):
-            break  # rounding: no step makes the gap smaller
+            fraction *= 0.5
+        if not _max_norm(trial_gap) < gap_norm and _max_norm(move) <= 1e-9 * _max_norm(force):
+            break  # the gap is at rounding
         force[:] = trial
         gap[:] = trial_gap
         hessian[:] = trial_hessian
         energy = trial_energy
-        if _size(gap) == 0.0:
+        if _max_norm(gap) == 0.0:
             break
-    return _size(gap)
+    return _max_norm(gap)
 
 
 @compiled
-def _size(vector):
+def _max_norm(vector):
+    """Return the maximum norm."""
     largest = 0.0
     for c in range(vector.size):
         if not abs(vector[c]) <= largest:
@@ -136,6 +137,7 @@ def _size(vector):
 
 @compiled
 def _dot(a, b):
+    """Return the inner product."""
     total = 0.0
     for c in range(a.size):
         total += a[c] * b[c]

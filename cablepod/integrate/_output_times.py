@@ -47,6 +47,17 @@ class OutputTimes:
         """Whether any output time lies between two steps."""
         return bool((self.fraction > 0).any())
 
+    def before_step(self, done: int) -> OutputTimes | None:
+        """Return the output times up to step `done` - 1, None if there are none.
+
+        Steppers that save at the beginning of steps have saved all of these after `done` steps.
+        """
+        if done <= 0:
+            return None
+        end_time = (done - 1) / self.steps_per_second
+        count = int(np.searchsorted(self.times, end_time * (1.0 + 1e-12), side="right"))
+        return OutputTimes.of(self.times[:count], self.steps_per_second) if count else None
+
     def at_times(self, x: np.ndarray, v: np.ndarray | None, a: np.ndarray | None) -> np.ndarray:
         """Interpolate values from the saved steps to the output times, by quintic Hermite polynomials.
 

@@ -1,4 +1,4 @@
-"""Chains of many scenes stepped abreast: each member is, bit for bit, the run of its scene alone."""
+"""Batched chains: each member equals the run of its scene alone, bit for bit."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ LOADED = {
 }
 FREE = {"ends": {"lower": [0.0, 0.0], "upper": [8.0, 6.0], "free": "upper"}, "motion": {}}
 TENSIONS = {"cable_top_tension": [200.0, 300.0, 230.0]}
-#: What the scene has, what each batch varies, what is asked for.
+#: Tables of the scene, varied parameters, options.
 CASES = {
     "tension": (ONE, TENSIONS, {"step": STEP}),
     "all outputs": (ONE, TENSIONS, {"step": STEP, "outputs": ALL}),
@@ -65,7 +65,7 @@ CASES = {
     "between steps": (ONE, TENSIONS, {"step": STEP, "times": [0.0, 0.333, 1.7, 3.3], "outputs": ALL}),
     "other links": (ONE, TENSIONS, {"step": STEP, "links": 5}),
 }  # fmt: skip
-#: What is not stepped abreast, but still makes no Dataset of each member.
+#: Cases that are not advanced together, but still make no Dataset of each member.
 ALONE = {
     "default": (ONE, TENSIONS, {}),
     "tolerance": (ONE, TENSIONS, {"tolerance": 1e-3, "scheme": "velocity_verlet", "outputs": ALL}),
@@ -74,7 +74,7 @@ ALONE = {
 
 
 def scenes_of(soft, tables, varied, dims=2):
-    """Members of a soft scene with these tables, in space if so wanted."""
+    """Members of a soft scene with these tables, planar or spatial."""
     mapping = {**soft, **tables}
     if dims == 3:
         mapping = spatial(mapping)
@@ -89,8 +89,8 @@ def scenes_of(soft, tables, varied, dims=2):
     return scene.assign(new)
 
 
-def abreast(scenes, options):
-    """Run members four times over, so that a chunk has all of them; return the last of the four."""
+def run_batched(scenes, options):
+    """Run four copies of the members, so that a chunk has all of them; return the last copy."""
     count = scenes.sizes["member"]
     with members.thread_limit(1):
         run = cp.chain.simulate(scenes.isel(member=np.tile(np.arange(count), 4)), **options)
@@ -116,28 +116,28 @@ def assert_same_bits(run, scenes, options):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_members_abreast_are_single_runs(soft, monkeypatch, case):
+def test_batched_members_equal_single_runs(soft, monkeypatch, case):
     tables, varied, options = CASES[case]
     scenes = scenes_of(soft, tables, varied)
     with monkeypatch.context() as patch:  # no member is left to a single run
         patch.setattr(ExplicitChainRun, "__call__", None)
-        run = abreast(scenes, options)
+        run = run_batched(scenes, options)
     assert_same_bits(run, scenes, options)
 
 
 @pytest.mark.parametrize("case", ["a motion", "loads and damping"])
-def test_in_space_too(soft, monkeypatch, case):
+def test_batched_members_equal_single_runs_in_space(soft, monkeypatch, case):
     tables, varied, options = CASES[case]
     scenes = scenes_of(soft, tables, varied, 3)
     with monkeypatch.context() as patch:
         patch.setattr(ExplicitChainRun, "__call__", None)
-        run = abreast(scenes, options)
+        run = run_batched(scenes, options)
     assert run.sizes["coordinate"] == 3
     assert_same_bits(run, scenes, options)
 
 
 @pytest.mark.parametrize("case", ALONE)
-def test_what_does_not_go_abreast_is_single_runs_too(soft, monkeypatch, case):
+def test_members_outside_a_batch_equal_single_runs(soft, monkeypatch, case):
     tables, varied, options = ALONE[case]
     scenes = scenes_of(soft, tables, varied)
     made = []
@@ -151,7 +151,7 @@ def test_what_does_not_go_abreast_is_single_runs_too(soft, monkeypatch, case):
 
 
 @pytest.mark.parametrize("case", ["all outputs", "starts with a jump", "default"])
-def test_the_result_is_the_one_that_was_made_of_single_runs(soft, case):
+def test_the_result_equals_that_of_single_runs(soft, case):
     tables, varied, options = (CASES | ALONE)[case]
     scenes = scenes_of(soft, tables, varied)
     truth = members.over_members(cp.chain.simulate.__wrapped__)(scenes, **options)
@@ -164,32 +164,32 @@ def test_the_result_is_the_one_that_was_made_of_single_runs(soft, case):
 def test_members_with_other_instants_are_refused(soft):
     varied = {"time_duration": [4.0, 2.0], "time_interval": [0.5, 0.25]}
     with pytest.raises(cp.SceneError, match=r"members: they differ in time; allowed: members with the same time"):
-        abreast(scenes_of(soft, ONE, varied), {"step": STEP})
+        run_batched(scenes_of(soft, ONE, varied), {"step": STEP})
 
 
-def test_a_march_leaves_alone_what_is_not_sound(soft):
+def test_inactive_members_are_not_advanced(soft):
     batch = chain_many.plan(scenes_of(soft, ONE, TENSIONS), step=STEP)
-    begun = [batch.run_member.__self__._prepare(i) for i in range(3)]
-    march = ExplicitStepper(begun)
-    assert march.states.ctypes.data % 64 == 0
-    assert march.states.strides[0] % 64 == march.states.strides[1] % 64 == 0
-    march.is_finite[1] = False
-    before = march.states.copy()
-    assert march.advance(0, 10).all()
-    moved = (march.states != before).any(axis=(1, 2))
+    prepared = [batch.run_member.__self__._prepare(i) for i in range(3)]
+    stepper = ExplicitStepper(prepared)
+    assert stepper.states.ctypes.data % 64 == 0
+    assert stepper.states.strides[0] % 64 == stepper.states.strides[1] % 64 == 0
+    stepper.is_finite[1] = False
+    before = stepper.states.copy()
+    assert stepper.advance(0, 10).all()
+    moved = (stepper.states != before).any(axis=(1, 2))
     assert moved.tolist() == [True, False, True]
-    march.states[2] = np.inf
-    assert march.advance(10, 10).tolist() == [True, True, False]
+    stepper.states[2] = np.inf
+    assert stepper.advance(10, 10).tolist() == [True, True, False]
 
 
-def test_members_of_different_kind_go_with_their_like(soft, monkeypatch):
+def test_members_are_grouped_by_shape(soft, monkeypatch):
     ramp, sine = (scenes_of(soft, {"motion": {"upper": {"x": motion}}}, {}) for motion in (RAMP, HARMONIC))
     still = cp.make_scene({name: table for name, table in soft.items() if name != "motion"})
     scenes = xr.concat([ramp, sine, still, ramp, sine], "member", data_vars="all", combine_attrs="override")
     with monkeypatch.context() as patch:
         patch.setattr(ExplicitChainRun, "__call__", None)
         patch.setattr(chain_many, "ExplicitStepper", seen := Counted())
-        run = abreast(scenes, {"step": STEP})
+        run = run_batched(scenes, {"step": STEP})
     # whether a motion is a sine does not matter, whether there is one does
     assert sorted(seen.sizes) == [1] * 4 + [4] * 4
     assert_same_bits(run, scenes, {"step": STEP})
@@ -217,7 +217,7 @@ class Counted:
         ("MAX_KEPT_BYTES", 0, 8001, 12),
     ],
 )
-def test_how_they_are_cut_changes_no_bit(soft, monkeypatch, name, value, longest, left):
+def test_block_and_chunk_sizes_change_no_bit(soft, monkeypatch, name, value, longest, left):
     scenes = scenes_of(soft, BOTH | LOADED, {"cable_top_tension": np.linspace(200.0, 300.0, 12)})
     with members.thread_limit(1):
         run = cp.chain.simulate(scenes, step=5e-4, outputs=ALL)  # 8000 steps
@@ -232,7 +232,7 @@ def test_how_they_are_cut_changes_no_bit(soft, monkeypatch, name, value, longest
     assert len(alone) == left
 
 
-def test_members_that_fail_say_why_as_single_runs_do(soft):
+def test_failing_members_report_the_reason_of_single_runs(soft):
     # no such cable; a limit below the step; a motion that leaves the finite numbers
     motion = {"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}}
     coefficients = np.zeros((5, 30))
@@ -244,7 +244,7 @@ def test_members_that_fail_say_why_as_single_runs_do(soft):
     dims = ("member", *scenes["motion_upper_x_coefficients"].dims)
     scenes = scenes.assign(motion_upper_x_coefficients=(dims, coefficients))
     with pytest.warns(errors.MemberFailedWarning, match="12 of 20 members failed"):
-        run = abreast(scenes, options)
+        run = run_batched(scenes, options)
     for i, (kind, why) in {
         1: (cp.SceneError, r"cable.top_tension: given 1.0"),
         2: (cp.SceneError, r"step: given 0.002 s; allowed: below"),
@@ -259,7 +259,7 @@ def test_members_that_fail_say_why_as_single_runs_do(soft):
     assert_same_bits(run.isel(member=[0, 4]), good, options)
 
 
-def test_options_that_cannot_be_fail_as_before(soft):
+def test_invalid_options_fail_as_in_single_runs(soft):
     scenes = scenes_of(soft, ONE, TENSIONS)
     with pytest.raises(cp.SceneError, match="step and tolerance") as refused:
         cp.chain.simulate(scenes, step=STEP, tolerance=1e-3)
@@ -269,7 +269,7 @@ def test_options_that_cannot_be_fail_as_before(soft):
 # --- stopping ---------------------------------------------------------------------------------------------------------------
 
 
-def test_they_stop_between_blocks(soft, monkeypatch):
+def test_batches_stop_between_blocks(soft, monkeypatch):
     scenes = scenes_of(soft, ONE, {"cable_top_tension": np.linspace(200.0, 300.0, 9)})
     monkeypatch.setattr(chain_many, "MAX_BLOCK_STEPS", 1024)
     done = []
@@ -304,7 +304,7 @@ def test_ctrl_c_ends_the_blocks_of_other_threads(soft, ctrl_c, monkeypatch):
     assert done in ([0], [0, 0])  # the blocks that were under way
 
 
-def test_the_error_of_one_is_told_not_that_others_were_stopped():
+def test_the_first_error_is_reported_not_the_cancellation():
     running = threading.Event()
 
     def ahead(first, last, check):

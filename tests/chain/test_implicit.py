@@ -1,4 +1,4 @@
-"""Implicit schemes of the chain: orders, energy, links that slacken inside a step, and agreement with what is known."""
+"""Implicit schemes of the chain: order, energy, links that slacken within a step, known solutions."""
 
 from __future__ import annotations
 
@@ -55,18 +55,20 @@ def test_block_elimination_against_a_dense_solution(dims, m, first):
     exact = np.linalg.solve(dense.reshape(m * dims, -1), right.T.ravel()).reshape(m, dims).T
     s = tuple(np.ascontiguousarray(stiff[:, i, j]) for i, j in pairs)
     particles = m + 2
-    b, kept = tuple(np.full((dims, particles), np.nan)), tuple(np.zeros((2 * dims, particles)))
+    b, workspace = tuple(np.full((dims, particles), np.nan)), tuple(np.zeros((2 * dims, particles)))
     inertia, free = np.full(particles, np.nan), slice(first, first + m)
     inertia[free] = diagonal
     for row, values in zip(b, right, strict=True):
         row[free] = values
-    (kernels_banded.solve_planar if dims == 2 else kernels_banded.solve_spatial)(inertia, s, b, kept, first, first + m)
+    (kernels_banded.solve_planar if dims == 2 else kernels_banded.solve_spatial)(
+        inertia, s, b, workspace, first, first + m
+    )
     np.testing.assert_allclose(np.array(b)[:, free], exact, rtol=1e-9, atol=1e-11)
     assert np.isnan(b[0][:first]).all()
     assert np.isnan(b[0][first + m :]).all()
 
 
-def test_the_secant_keeps_the_energy_in_every_case():
+def test_the_difference_quotient_conserves_energy_in_every_case():
     def energy(square, law):
         over = max(math.sqrt(square) - 2.0, 0.0)
         return 0.5 * 3.0 * over**2 if law is None else 3.0 * 4.0 / 8.0 * (square / 4.0 - 1.0) ** 2
@@ -146,7 +148,7 @@ def test_planar_and_spatial_agree(soft, scheme):
 @pytest.mark.parametrize("damping", [{}, {"damping": {"mass_proportional": 0.5, "link_viscosity": 0.01}}])
 @pytest.mark.parametrize("free", ["upper", "lower"])
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_an_end_that_is_let_go(soft, scheme, free, damping):
+def test_a_released_end(soft, scheme, free, damping):
     ends = {**soft["ends"], "free": free}
     soft_cable = {**soft["cable"], "youngs_modulus": 4e5}
     time = {"duration": 0.6, "interval": 0.2}
@@ -161,7 +163,7 @@ def test_an_end_that_is_let_go(soft, scheme, free, damping):
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_a_run_of_no_length_is_the_start(soft, scheme):
+def test_a_run_of_zero_duration_is_the_start(soft, scheme):
     run = cp.chain.simulate(
         pulled(soft), scheme=scheme, step=0.1, times=[0.0], outputs=("position", "tension_extremes")
     )
@@ -255,7 +257,7 @@ def test_the_energy_does_not_drift(soft, law):
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.5, 0.9, 1.0])
-def test_generalized_alpha_damps_what_its_steps_do_not_resolve(soft, radius):
+def test_generalized_alpha_damps_unresolved_frequencies(soft, radius):
     # one mass between two stiff links, moved along them by far less than their stretch: a linear oscillator of 2.8e4 rad/s
     taut = {**soft["cable"], "youngs_modulus": 2e12, "density": 1.0, "top_tension": 2e6}
     start = [[0.0, 0.0], [4.0 * (1.0 + 1e-5), 3.0 * (1.0 + 1e-5)], [8.0, 6.0]]
@@ -288,7 +290,7 @@ def test_a_tolerance_is_met(soft, scheme):
     assert float(cp.compare.errors(run, truth).error_max) < 1e-4
 
 
-def test_the_pick_follows_the_tolerance(scenes):
+def test_the_choice_of_scheme_follows_the_tolerance(scenes):
     scene = cp.read_scene(scenes / "example2.toml")
     loose = cp.chain.simulate(scene, tolerance=1e-3)
     assert loose.attrs["scheme"] == "trapezoidal"
@@ -336,12 +338,12 @@ def test_steps_do_not_alias_a_fast_load(period, tolerance):
         ({"scheme": "trapezoidal", "step": 100.0}, r"step: given 100\.0; allowed: .* at most 4"),
     ],
 )
-def test_options_that_cannot_be(soft, options, match):
+def test_invalid_options_are_refused(soft, options, match):
     with pytest.raises(cp.SceneError, match=match):
         cp.chain.simulate(cp.make_scene(soft), **options)
 
 
-def test_a_step_that_does_not_converge_is_cut(soft, monkeypatch):
+def test_a_step_that_does_not_converge_is_substepped(soft, monkeypatch):
     # a tangle that is let go: links slacken and snap taut within a step
     tangle = np.random.default_rng(1).normal(size=(9, 2)) * 2 + np.linspace(0, 1, 9)[:, None] * [8, 6]
     tangle[0], tangle[-1] = 0.0, [8, 6]
@@ -358,7 +360,7 @@ def test_a_step_that_does_not_converge_is_cut(soft, monkeypatch):
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_an_attempt_to_cut_a_step_that_fails_leaves_no_trace(soft, monkeypatch, scheme):
+def test_failed_substeps_leave_the_state_unchanged(soft, monkeypatch, scheme):
     name = "energy_momentum" if scheme == "energy_momentum" else "generalized_alpha"
     step_position, plain = {"energy_momentum": 15, "generalized_alpha": 18}[name], getattr(kernel, name)
 
@@ -412,7 +414,7 @@ def test_newton_converges_where_the_chain_is_towed_far_away(soft, scheme):
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_finite_numbers_beyond_all_bounds_are_stopped(soft, any_load, scheme):
+def test_divergent_finite_runs_are_stopped(soft, any_load, scheme):
     blown = scene_with(
         soft, motion={}, ends={**soft["ends"], "free": "upper"}, load={"uniform": [1e6, 0.0]},
         time={"duration": 100.0, "interval": 10.0},
@@ -423,7 +425,7 @@ def test_finite_numbers_beyond_all_bounds_are_stopped(soft, any_load, scheme):
         cp.chain.simulate(blown, scheme=scheme, step=0.01)
 
 
-def test_a_run_that_fails_on_the_way_keeps_what_was_computed(soft, monkeypatch):
+def test_a_run_that_fails_keeps_its_partial_result(soft, monkeypatch):
     scene = pulled(soft)
     whole = cp.chain.simulate(scene, scheme="trapezoidal", step=0.05, outputs=("position", "velocity"))
     plain = implicit.ImplicitStepper.advance

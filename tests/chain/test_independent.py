@@ -1,4 +1,4 @@
-"""The whole chain with every term at once against SciPy's DOP853 on the equations of motion, written down anew."""
+"""Chain with every term at once against SciPy's DOP853 on independently written equations of motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The chain with law (21): against the Galerkin model of all modes, by hand, its order and energy, its limit of the step."""
+"""Chain with law (21): Galerkin model of all modes, hand calculation, order, energy, stability limit."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ def test_gap_and_hessian_of_the_rest_are_derivatives_of_its_energy(law_is_green)
 
     def at(force):
         gap, hessian = np.zeros(3), np.empty((3, 3))
-        energy = kernels_rest._stretch(force, loads, length, 9.0, law_is_green, gap, hessian)  # strains of some 0.5
+        energy = kernels_rest._end_gap(force, loads, length, 9.0, law_is_green, gap, hessian)  # strains of some 0.5
         return energy, gap, hessian
 
     h = 1e-5
@@ -309,7 +309,7 @@ def test_other_threads_go_on_during_a_run(soft, monkeypatch, name):
     assert waits > 10
 
 
-def test_the_law_is_said(soft):
+def test_results_name_the_law(soft):
     scene = cp.make_scene(soft)
     runs = {name: cp.chain.simulate(scene, step=1e-3, law=name) for name in ("linear", "green")}
     default = cp.chain.simulate(scene, step=1e-3)
@@ -373,7 +373,7 @@ def test_a_chain_that_outgrows_a_given_step_stops():
 
 
 @pytest.mark.parametrize("amplitude", [0.5, 3.6, 39.0])
-def test_the_chosen_step_is_short_enough_for_what_comes(amplitude):
+def test_the_chosen_step_allows_for_later_stiffening(amplitude):
     scene = cp.make_scene(pulled(amplitude))
     run = cp.chain.simulate(scene, law="green")
     exact = cp.chain.simulate(scene, law="green", step=run.attrs["step"] / 8)
@@ -395,7 +395,7 @@ def test_links_that_are_stiffest_at_different_times_do_not_stop_a_run():
 # --- what is refused --------------------------------------------------------------------------------------------------
 
 
-def test_options_that_cannot_be(soft):
+def test_invalid_options_are_refused(soft):
     scene = cp.make_scene(soft)
     for function in (cp.chain.simulate, cp.chain.rest):
         with pytest.raises(cp.SceneError, match='law: given \'hooke\'; allowed: one of "linear", "green"'):

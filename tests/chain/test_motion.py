@@ -1,4 +1,4 @@
-"""The elastic chain in motion: against analytic results, its order, and identities."""
+"""Motion of the elastic chain: analytic results, order, identities."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_a_released_end_carries_half_a_link(soft):
     np.testing.assert_allclose(run.velocity[1, -1], 1e-3 * (pull / mass + [0, -9.81]), rtol=0.05)
 
 
-def test_a_line_is_shared_out_between_held_ends_and_laid_out_to_a_free_one(soft):
+def test_a_line_is_scaled_between_held_ends_and_cut_at_a_free_one(soft):
     cable = {**soft["cable"], "unstretched_length": 8.0}
     del cable["top_tension"]
     ends = {"lower": [0.0, 0.0], "upper": [8.0, 0.0]}
@@ -213,7 +213,7 @@ def test_energy_is_kept_and_time_can_be_turned_back(soft):
     assert energies[500] / energies[1000] == pytest.approx(4.0, rel=0.15)
 
 
-def test_viscous_links_take_out_the_axial_motion_and_only_that(soft):
+def test_viscous_links_damp_only_the_axial_motion(soft):
     # one longitudinal mode of a straight weightless chain decays as exp(-nu omega^2 t / 2)
     n, span = 8, 4.0
     length = span / 1.01

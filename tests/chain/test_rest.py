@@ -1,4 +1,4 @@
-"""The elastic chain at rest: equilibrium, the catenary as its limit, hand calculation."""
+"""Equilibrium of the elastic chain: balance, the catenary as its limit, hand calculation."""
 
 from __future__ import annotations
 

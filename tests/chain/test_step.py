@@ -1,4 +1,4 @@
-"""The step of the elastic chain: stability limit, tolerance, runs that break down, and ends that start with a jolt."""
+"""Step of the elastic chain: stability limit, tolerance, broken runs, ends that start with a speed."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_step_above_the_limit_is_refused_with_both_numbers(soft):
         cp.chain.simulate(scene, step=1.01 * limit)
 
 
-def test_a_run_that_leaves_the_finite_numbers_stops_and_keeps_what_it_had(soft):
+def test_a_run_that_is_no_longer_finite_stops_with_its_partial_result(soft):
     scene = scene_with(
         soft,
         motion={"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}},
@@ -113,7 +113,7 @@ def test_the_tolerance_is_met_where_the_motion_begins_with_a_jump(soft):
     assert float(cp.compare.errors(run, exact).error_max) < 1e-6
 
 
-def test_finite_garbage_is_stopped(scenes):
+def test_a_broken_finite_run_is_stopped_at_the_first_sign(scenes):
     # links slacken and snap taut: the step is below the limit of taut links, 3.4e-4 s, yet every snap adds energy
     scene = cp.read_scene(scenes / "example3_swapped_rows.toml")
     said = r"the run broke down: at 99 s the links hold .* J, .* explain \(velocity_verlet, step 0\.00025 s, limit 0\.0"
@@ -126,14 +126,14 @@ def test_finite_garbage_is_stopped(scenes):
     assert sound.attrs["energy_excess"] < 0.01
 
 
-def test_a_run_that_breaks_down_is_told_only_of_other_schemes(soft):
+def test_the_remedy_names_other_schemes_only(soft):
     about = (links.chain_of(parameters(cp.make_scene(soft))), np.zeros(1), np.zeros((9, 2)), ("position",), None, "")
     assert ImplicitChainRun(*about, method="trapezoidal").remedy.endswith("or scheme energy_momentum")
     assert ImplicitChainRun(*about, method="energy_momentum").remedy == "a step half as long"
     assert "energy_momentum" not in cable_runs.ExplicitCableRun(*about).remedy
 
 
-def test_an_unexplained_energy_is_warned_of(soft, monkeypatch):
+def test_excessive_energy_is_warned_of(soft, monkeypatch):
     # with the limit set to what any motion holds
     monkeypatch.setattr(chain_runs, "ENERGY_WARN", 1e-9)
     with pytest.warns(cp.NotConvergedWarning, match="times the energy that rest, loads and ends explain"):
@@ -152,7 +152,7 @@ def test_the_energy_of_links(soft, law):
     assert run.chain.strain_energy(stretched[None])[0] == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_chaotic_scene_is_said_to_be_one(scenes):
+def test_a_chaotic_scene_is_warned_of(scenes):
     scene = cp.read_scene(scenes / "example2.toml")
     wild = scene.assign(
         motion_upper_x_amplitude=scene.motion_upper_x_amplitude * 2,
@@ -181,12 +181,12 @@ def test_a_chaotic_scene_is_said_to_be_one(scenes):
         ({"outputs": ("positions",)}, "outputs: given 'positions'; allowed: some of position"),
     ],
 )
-def test_options_that_cannot_be(soft, options, match):
+def test_invalid_options_are_refused(soft, options, match):
     with pytest.raises(cp.SceneError, match=match):
         cp.chain.simulate(scene_with(soft), **options)
 
 
-def test_the_energy_of_a_jolt_is_that_of_the_axial_wave():
+def test_the_energy_of_a_velocity_jump_is_that_of_the_axial_wave():
     # a straight cable without weight: until the wave arrives, the chain has its energy and the work against the first tension
     speed, stiffness, mass, length = 0.5, 2e4, 1.0, 10.0
     scene = cp.make_scene(
@@ -215,6 +215,6 @@ def test_the_energy_of_a_jolt_is_that_of_the_axial_wave():
     assert behind == pytest.approx(run.attrs["start_jolt_tension"], rel=0.01)
 
 
-def test_ends_that_start_smoothly_give_no_jolt(soft):
+def test_ends_that_start_smoothly_have_no_velocity_jump(soft):
     run = cp.chain.simulate(cp.make_scene(soft), times=[0.0], scheme="trapezoidal", step=0.1)
     assert not [name for name in run.attrs if name.startswith("start_jolt")]

@@ -1,4 +1,4 @@
-"""What the steppers share: instants, dense output, and the choice of the step, on made-up runs of known error."""
+"""Output times, dense output and step control, on artificial runs of known error."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_dense_output_is_exact_for_quintics():
     np.testing.assert_allclose(values[:, 0, 0], p(instants.times), rtol=1e-13)
 
 
-class MadeUp:
+class ArtificialRuns:
     """Runs whose error is `size` (rate / first rate)^-order, of a motion of size 1."""
 
     def __init__(self, size, order, rate=100.0):
@@ -68,53 +68,53 @@ def runs_without_error(run):
     [(1.0, 3e-5), *((p, size) for p in (1.0, 1.5, 2.0) for size in (1e-9, 1e-6, 2e-6, 4e-6, 1e-5)), (2.0, 1e-3)],
 )
 def test_the_step_meets_the_tolerance_whatever_the_order(order, size):
-    made_up = MadeUp(size, order)
-    (_, error), rate, estimate = made_up.refine(1e-6)
+    artificial = ArtificialRuns(size, order)
+    (_, error), rate, estimate = artificial.refine(1e-6)
     assert error <= 1e-6
     # never an estimate below the error, but for rounding of the observed order
     assert estimate >= 0.99 * error
-    assert rate == made_up.calls[-1]
+    assert rate == artificial.calls[-1]
 
 
 @pytest.mark.parametrize("size", [9e-7, 1e-6, 1e-5, 1e-4])
-def test_of_forces_with_kinks_no_more_than_first_order_is_believed(size):
-    # second order may be luck: of a kink in each step one run knows more than the next
-    made_up = MadeUp(size, 2.0)
-    _, rate, estimate = made_up.refine(1e-6, has_kinks=lambda run: True)
-    last, before = made_up.calls[-1], made_up.calls[-2]
+def test_first_order_at_most_is_assumed_for_forces_with_kinks(size):
+    # second order may be accidental: the error by a kink depends on its place in the step
+    artificial = ArtificialRuns(size, 2.0)
+    _, rate, estimate = artificial.refine(1e-6, has_kinks=lambda run: True)
+    last, before = artificial.calls[-1], artificial.calls[-2]
     distance = size * ((before / 100.0) ** -2 - (last / 100.0) ** -2)
     assert estimate == pytest.approx(distance / (last / before - 1.0), rel=1e-6)
     assert estimate <= 0.5e-6
-    assert rate > MadeUp(size, 2.0).refine(1e-6)[1] or size < 1e-6
+    assert rate > ArtificialRuns(size, 2.0).refine(1e-6)[1] or size < 1e-6
 
 
-def test_slow_convergence_is_given_up_soon():
-    made_up = MadeUp(1e-2, 0.2)
+def test_slow_convergence_ends_soon():
+    artificial = ArtificialRuns(1e-2, 0.2)
     with pytest.warns(cp.NotConvergedWarning, match="more than the tolerance 1e-06; the motion is chaotic"):
-        made_up.refine(1e-6)
-    assert len(made_up.calls) == 4
+        artificial.refine(1e-6)
+    assert len(artificial.calls) == 4
 
 
 def test_runs_do_not_grow_without_bound():
-    made_up = MadeUp(1.0, 1.0)
+    artificial = ArtificialRuns(1.0, 1.0)
     with pytest.warns(cp.NotConvergedWarning, match="too abrupt for this scheme"):
-        made_up.refine(1e-6)
+        artificial.refine(1e-6)
     # the last is rounded up to a preferred rate
-    assert max(made_up.calls) <= 1.3 * stepping.MAX_GROWTH * made_up.first
-    just = MadeUp(0.9e-6 * stepping.MAX_GROWTH, 1.0)
+    assert max(artificial.calls) <= 1.3 * stepping.MAX_GROWTH * artificial.first
+    barely = ArtificialRuns(0.9e-6 * stepping.MAX_GROWTH, 1.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        (_, error), _, _ = just.refine(1e-6)
+        (_, error), _, _ = barely.refine(1e-6)
     assert error <= 1e-6
 
 
 @pytest.mark.parametrize(("first", "runs"), [(0.9, 2), (0.3, 3), (1.1, 0)])
-def test_no_run_that_chooses_its_step_takes_absurdly_long(first, runs):
-    # of no convergence at all; the first run has `first` times the most steps times links
-    made_up = MadeUp(1.0, 0.9)
+def test_runs_that_choose_their_step_have_bounded_work(first, runs):
+    # no convergence; the first run has `first` times the most steps times links
+    artificial = ArtificialRuns(1.0, 0.9)
 
     def refine():
-        return made_up.refine(1e-6, end_time=first * stepping.MAX_WORK / (made_up.first * 40), links=40)
+        return artificial.refine(1e-6, end_time=first * stepping.MAX_WORK / (artificial.first * 40), links=40)
 
     if runs == 0:
         with pytest.raises(
@@ -125,19 +125,19 @@ def test_no_run_that_chooses_its_step_takes_absurdly_long(first, runs):
         with pytest.warns(cp.NotConvergedWarning, match="an error of"):
             refine()
         # a second run there always is, as it tells the error of the first; a last one is rounded up to a preferred rate
-        assert max(made_up.calls) <= max(2.0, 1.3 / first) * made_up.first
-    assert len(made_up.calls) == runs
+        assert max(artificial.calls) <= max(2.0, 1.3 / first) * artificial.first
+    assert len(artificial.calls) == runs
 
 
-def test_long_implicit_steps_are_not_looked_for_without_end():
-    made_up = MadeUp(1.0, 0.1)
-    runs = made_up.runs(end_time=stepping.MAX_TRIAL_WORK / (1000.0 * 40), links=40)
+def test_trials_of_long_implicit_steps_have_bounded_work():
+    artificial = ArtificialRuns(1.0, 0.1)
+    runs = artificial.runs(end_time=stepping.MAX_TRIAL_WORK / (1000.0 * 40), links=40)
     assert stepping.halve_step_while_cheaper(runs, 1e-6, 1e9) is None
-    assert made_up.calls == [100.0, 200.0, 400.0, 800.0]
+    assert artificial.calls == [100.0, 200.0, 400.0, 800.0]
 
 
 @pytest.mark.parametrize("model", ["chain", "cable", "galerkin", "condensed", "rigid"])
-def test_a_run_that_nobody_means_is_refused_before_it_begins(soft, model, monkeypatch):
+def test_a_run_with_too_many_steps_is_refused_before_it_begins(soft, model, monkeypatch):
     # a bound that this small scene exceeds, instead of a scene that takes hours where the bound is not held
     options = {"elements": 1} if model == "cable" else {}
     scene = cp.make_scene(soft)
@@ -161,7 +161,7 @@ def test_a_run_that_nobody_means_is_refused_before_it_begins(soft, model, monkey
     assert simulate(scene, **options, step=1e-3).attrs["number_of_steps"] == 4000
 
 
-def test_a_month_of_a_cable_that_hardly_stretches_needs_its_step(soft):
+def test_a_month_of_a_stiff_cable_needs_a_given_step(soft):
     # 2e13 links times steps
     soft["cable"] |= {"youngs_modulus": 1e15, "top_tension": 200.0}
     soft["time"] = {"duration": 2.6e6, "interval": 1e5}
@@ -182,24 +182,24 @@ def test_steps_are_counted_in_doubles(soft):
             simulate(cp.make_scene(soft), step=1e-20)
 
 
-def halved(size, order, tolerance, most_rate):
-    made_up = MadeUp(size, order)
-    return stepping.halve_step_while_cheaper(made_up.runs(), tolerance, most_rate), made_up.calls
+def halved(size, order, tolerance, max_steps_per_second):
+    artificial = ArtificialRuns(size, order)
+    return stepping.halve_step_while_cheaper(artificial.runs(), tolerance, max_steps_per_second), artificial.calls
 
 
 def test_halving_stops_where_two_runs_agree_by_a_margin():
     # errors 4e-3, 1e-3, 2.5e-4, 6.2e-5: the distances are three quarters of the former
-    found, calls = halved(4e-3, 2.0, 1e-3, 1e9)
+    accepted, calls = halved(4e-3, 2.0, 1e-3, 1e9)
     assert calls == [100.0, 200.0, 400.0, 800.0]
-    (rate, error), same, estimate = found
+    (rate, error), same, estimate = accepted
     assert rate == same == 800.0
     assert estimate == pytest.approx(0.75 * 2.5e-4)
     assert error < estimate <= 1e-3 / stepping.HALVING_MARGIN
 
 
 def test_halving_goes_no_further_than_it_may():
-    found, calls = halved(4e-3, 2.0, 1e-6, 500.0)
-    assert found is None
+    accepted, calls = halved(4e-3, 2.0, 1e-6, 500.0)
+    assert accepted is None
     assert calls == [100.0, 200.0, 400.0]
     assert halved(4e-3, 2.0, 1e-3, 50.0) == (None, [])
 
@@ -213,12 +213,12 @@ def test_halving_passes_over_steps_that_break_down():
             raise cp.RunStopped("too long")
         return 0.0
 
-    found = stepping.halve_step_while_cheaper(runs_without_error(run), 1e-3, 1e9)
+    accepted = stepping.halve_step_while_cheaper(runs_without_error(run), 1e-3, 1e9)
     assert calls == [100.0, 200.0, 400.0, 800.0]
-    assert found[1] == 800.0
+    assert accepted[1] == 800.0
 
 
-def test_runs_that_differ_whatever_their_steps_are_given_up_soon():
+def test_runs_that_do_not_converge_end_soon():
     calls = []
 
     def run(rate):
@@ -249,7 +249,7 @@ def test_a_first_step_that_breaks_down_is_halved():
 
 @pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")  # nothing is like this damping
 @pytest.mark.parametrize("model", ["chain", "cable", "galerkin", "condensed"])
-def test_damping_beyond_the_floats_is_refused(soft, model):
+def test_damping_that_overflows_is_refused(soft, model):
     options = {"elements": 1} if model == "cable" else {}
     if model in ("galerkin", "condensed"):
         run = cp.chain.simulate(cp.make_scene(soft), step=1e-3)
