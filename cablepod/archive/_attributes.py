@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import json
 import os
 import platform
@@ -16,11 +15,12 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod.archive._content_hash import content_hash
 from cablepod.archive._read import SCHEMA, content_types, fixed_width_texts, version
 from cablepod.errors import ArchiveError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
 
 #: Attributes of all files.
 ROOT = {
@@ -52,7 +52,7 @@ def root_attributes(dataset: xr.Dataset) -> dict[str, Any]:
 
     Stages that were read from a file keep their date and program.
     """
-    digest = _content_hash(dataset)
+    digest = content_hash(dataset)
     attrs: dict[str, Any] = {**ROOT, **dataset.attrs}
     attrs["id"] = str(attrs.get("id") or digest[:20])
     stages = checked_stages(dataset) or [
@@ -124,29 +124,6 @@ def _time_coverage(dataset: xr.Dataset) -> dict[str, str]:
     if np.allclose(steps, steps[0], rtol=1e-6, atol=0):
         coverage["time_coverage_resolution"] = steps.mean()
     return {name: f"PT{np.format_float_positional(x, 9, trim='-')}S" for name, x in coverage.items() if np.isfinite(x)}
-
-
-def _content_hash(dataset: xr.Dataset) -> str:
-    """Return the SHA-256 of names, dimensions, types and values, independent of attributes, layout and byte order."""
-    total = hashlib.sha256()
-    for name in sorted(map(str, dataset.variables)):
-        variable = dataset.variables[name]
-        is_text = variable.dtype.kind in "UO"
-        kind = "text" if is_text else variable.dtype.newbyteorder("<").str
-        total.update(json.dumps([name, list(variable.dims), list(variable.shape), kind]).encode())
-        for values in _slabs(variable):
-            total.update(json.dumps(values.tolist()).encode() if is_text else np.ascontiguousarray(values, kind).data)
-    return total.hexdigest()
-
-
-def _slabs(variable: xr.Variable) -> Iterator[np.ndarray]:
-    """Yield the values in order, for a lazy variable chunk by chunk along its first dimension."""
-    if variable.chunks is None or variable.dtype.kind in "UO":
-        yield variable.values
-        return
-    stops = np.cumsum(variable.chunks[0])
-    for stop, size in zip(stops, variable.chunks[0], strict=True):
-        yield variable.isel({variable.dims[0]: slice(stop - size, stop)}).values
 
 
 @functools.cache

@@ -22,7 +22,7 @@ def describe(source: xr.Dataset | str | os.PathLike[str]) -> str:
     Parameters
     ----------
     source
-        A dataset, or the path of a file of :func:`write`; large arrays of a file are not read.
+        A dataset, or the path of a file of :func:`cablepod.archive.write`; large arrays of a file are not read.
 
     Returns
     -------
@@ -32,7 +32,7 @@ def describe(source: xr.Dataset | str | os.PathLike[str]) -> str:
     Raises
     ------
     ArchiveError
-        As :func:`read`.
+        As :func:`cablepod.archive.read`.
 
     Examples
     --------

@@ -114,7 +114,7 @@ def content_types(dataset: xr.Dataset) -> Iterator[tuple[Hashable, str]]:
 
 
 def read(path: str | os.PathLike[str], *, chunks: Any = None) -> xr.Dataset:
-    """Read a file of :func:`write`.
+    """Read a file of :func:`cablepod.archive.write`.
 
     Parameters
     ----------

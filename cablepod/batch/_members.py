@@ -91,7 +91,7 @@ def run_members(
     Raises
     ------
     Exception
-        The exception of the first member if all fail; its cause is an :class:`AllFailedError`.
+        The exception of the first member if all fail; its cause is an :class:`cablepod.errors.AllFailedError`.
     StoppedError
         On cancellation by :func:`stop_when`.
 

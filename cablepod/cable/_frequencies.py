@@ -52,9 +52,9 @@ def frequencies(
     order
         Polynomial order of the elements, 7 by default.
     law
-        "green", eq. (21), or "linear", see :func:`simulate`.
+        "green", eq. (21), or "linear", see :func:`cablepod.cable.simulate`.
     points
-        Output points of the mode shapes, see :func:`simulate`.
+        Output points of the mode shapes, see :func:`cablepod.cable.simulate`.
 
     Returns
     -------

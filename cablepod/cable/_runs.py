@@ -221,7 +221,7 @@ class _CableStepper(ImplicitStepper):
     def _kernel(
         self, time: np.ndarray, step: float, start: int, steps: int, save: np.ndarray, saved: np.ndarray
     ) -> int:
-        from cablepod.cable import _kernels_implicit as kernel  # numba is imported only to compute
+        from cablepod.cable import _kernels_trapezoidal as kernel  # numba is imported only to compute
 
         run, mesh, p = self.run, self.run.chain, self.run.chain.p
         low, high = self.extremes or (np.empty(0), np.empty(0))

@@ -77,7 +77,7 @@ def solve_equilibrium(mesh: SpectralMesh, position: np.ndarray) -> tuple[np.ndar
     Also returns whether Newton's method converged.  It fails if elements are too long, or if strains are below the rounding error
     of positions (the inextensible limit); then `position` is returned unchanged.
     """
-    from cablepod.cable import _kernels_implicit as kernel  # numba is imported only to compute
+    from cablepod.cable import _kernels_trapezoidal as kernel  # numba is imported only to compute
 
     x = np.ascontiguousarray(position.T)
     loads = np.ascontiguousarray(mesh.loads(0.0)[1:-1].T)

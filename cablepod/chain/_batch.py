@@ -53,7 +53,7 @@ class ChainBatch:
     def prepare_chunk(self, first: int, last: int, check: Callable[[], None]) -> None:
         """Advance the members `first` ... `last - 1` together, as far as they are explicit with a given step.
 
-        `check` is called regularly and raises :class:`StoppedError` on cancellation.
+        `check` is called regularly and raises :class:`cablepod.errors.StoppedError` on cancellation.
         """
         shapes: dict[Any, list[int]] = {}
         prepared: dict[int, PreparedRun] = {}

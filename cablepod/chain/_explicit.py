@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -119,11 +120,11 @@ class ExplicitChainRun(ChainRun):
                 np.moveaxis((half_velocities[:, 1] - half_velocities[:, 0]) * instants.steps_per_second, 1, 2)
             )
         state = self.state(instants, x, v, a, extremes)
-        state.diagnostics = {"step_limit": self._limit()}
+        state.diagnostics = {"step_limit": self.step_limit}
         return state
 
     def _check_limit(self, state: Trajectory, *, incomplete: int | None = None) -> None:
-        """Raise :class:`RunStopped` if the links became too stiff for the step, which happens by law (21) only."""
+        """Raise :class:`cablepod.errors.RunStopped` if the links became too stiff for the step, which happens by law (21) only."""
         chain, steps_per_second = self.chain, state.instants.steps_per_second
         if not chain.green:
             return
@@ -142,7 +143,8 @@ class ExplicitChainRun(ChainRun):
                     raise RunStopped(why, self.dataset(state))
                 self.stop(state, incomplete, steps_per_second, why)
 
-    def _limit(self) -> float:
+    @cached_property
+    def step_limit(self) -> float:
         """Stability limit of the step at the start [s]."""
         return self.chain.step_limit(self.chain.tangent_stiffness_ratio(self.initial))
 
@@ -154,7 +156,7 @@ class ExplicitChainRun(ChainRun):
         done: int,
         steps_per_second: float,
     ) -> None:
-        """Raise :class:`RunStopped` with the trajectory before step `done`."""
+        """Raise :class:`cablepod.errors.RunStopped` with the trajectory before step `done`."""
         count = int(np.searchsorted(instants.times, done / steps_per_second * (1.0 - 1e-12)))
         partial = None
         if count:
@@ -166,7 +168,7 @@ class ExplicitChainRun(ChainRun):
             self._check_limit(partial, incomplete=done)  # names stiffening as the reason, if an output time shows it
         why = (
             f"the chain left the finite numbers at {done / steps_per_second:.6g} s (velocity Verlet, step "
-            f"{1 / steps_per_second:.4g} s, step number {done}, stability limit {self._limit():.4g} s); try a shorter step, "
+            f"{1 / steps_per_second:.4g} s, step number {done}, stability limit {self.step_limit:.4g} s); try a shorter step, "
             "gentler loads or motion, or damping"
         )
         self.stop(partial, done, steps_per_second, why)

@@ -102,7 +102,7 @@ class ImplicitChainRun(ChainRun):
         return a
 
     def _stop(self, stepper: ImplicitStepper, done: int, failure: str) -> None:
-        """Raise :class:`RunStopped` with the trajectory before step `done`."""
+        """Raise :class:`cablepod.errors.RunStopped` with the trajectory before step `done`."""
         steps_per_second, before = stepper.instants.steps_per_second, stepper.instants.before_step(done)
         partial = None if before is None else self._gather(stepper, before, before.steps.size, None)
         why = (
@@ -184,7 +184,10 @@ class ImplicitStepper:
         self, time: np.ndarray, step: float, start: int, steps: int, save: np.ndarray, saved: np.ndarray
     ) -> int:
         """Call the kernel for steps at the instants `time`; returns the number of steps done."""
-        from cablepod.chain import _kernels_implicit as kernel  # numba is imported only to compute
+        from cablepod.chain import _kernels_energy_momentum as kernel_energy_momentum
+        from cablepod.chain import (
+            _kernels_generalized_alpha as kernel_generalized_alpha,  # numba is imported only to compute
+        )
 
         run, chain, p = self.run, self.run.chain, self.run.chain.p
         moving = run.moving
@@ -213,10 +216,12 @@ class ImplicitStepper:
         last = (start, steps, save, saved, low, high)
         if run.method == "energy_momentum":
             rounding = (MIN_ROUNDING * rotation, ROUNDING * rotation)
-            done, iterations = kernel.energy_momentum(self.x, self.v, *links, *loads, step, *rounding, *last)
+            done, iterations = kernel_energy_momentum.energy_momentum(
+                self.x, self.v, *links, *loads, step, *rounding, *last
+            )
         else:
             rates = p.end_positions(time, 1) if p.link_viscosity is not None else None
-            done, iterations = kernel.generalized_alpha(
+            done, iterations = kernel_generalized_alpha.generalized_alpha(
                 self.x,
                 self.v,
                 self.a,

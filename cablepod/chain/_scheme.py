@@ -104,9 +104,9 @@ def prepare(
     key = "links" if request.links is not None else "chain.links and times"
     check_memory(instants.size, chain.links, p.dims, key=key, variables=3)
     initial = start(chain)
-    limit = chain.step_limit(chain.tangent_stiffness_ratio(initial))
     arguments = (chain, instants, initial, request.outputs, progress, title)
     explicit = ExplicitChainRun(*arguments)
+    limit = explicit.step_limit
     run: ChainRun = explicit
     if request.scheme not in (None, explicit.scheme):
         run = ImplicitChainRun(*arguments, method=request.scheme, spectral_radius=request.radius)

@@ -31,7 +31,7 @@ def error_growth(
         Filled: mean square of the error over the particles (samples,) [m^2], of deflection and chordwise displacement; inf from
         the sample on where the matrix became singular.
 
-    The other parameters are those of :func:`exact_force` for the enriched model.
+    The other parameters are those of :func:`cablepod.condensed._kernels_exact.exact_force` for the enriched model.
     """
     r, m = slopes.shape
     f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))

@@ -128,9 +128,9 @@ def exact_force(
     q, v
         Coordinates and rates (r,); rates only count with chordwise inertia.
     boundary_data, row
-        See :func:`frames`; index of the row.
+        See :func:`cablepod.condensed._kernels_frame.frames`; index of the row.
     slopes, n_in_plane, chordwise_force_patterns, weights, stiffness, green, load_projection
-        As in :func:`leading_verlet` and :func:`_close`, at the links or quadrature points (m,).
+        As in :func:`cablepod.condensed._kernels_leading.leading_verlet` and :func:`cablepod.condensed._kernels_closure._close`, at the links or quadrature points (m,).
     test_slopes
         Slopes of the test functions (r, m); None for the modes as test functions.
     inertia
@@ -240,7 +240,7 @@ def exact_verlet(
 
     Chordwise inertia takes the rates extrapolated from half a step before with `acceleration`, that of the last step (r,).  Row 0
     of `stretch` (2, m) is the first guess for the next step, extrapolated from the last two, row 1 the stretch of the last step;
-    the same holds for H in the monitor.  Other parameters as in :func:`leading_verlet` and :func:`exact_force`.
+    the same holds for H in the monitor.  Other parameters as in :func:`cablepod.condensed._kernels_leading.leading_verlet` and :func:`exact_force`.
     """
     r, m = slopes.shape
     f, rates, mass, no_array = np.empty(r), np.empty(r), np.empty((r, r)), np.empty((0, 0))
@@ -333,7 +333,7 @@ def exact_implicit(
     """Advance by the trapezoidal rule with the exact chordwise stretch; returns the number of steps done.
 
     The closure starts from the last stretch, ``stretch[0]``, and the last H.  Other parameters and the returned value as in
-    :func:`leading_implicit` and :func:`exact_verlet`.
+    :func:`cablepod.condensed._kernels_leading.leading_implicit` and :func:`exact_verlet`.
     """
     r, m = slopes.shape
     f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))

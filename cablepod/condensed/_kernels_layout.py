@@ -13,7 +13,6 @@ CHORD_TENSION, PREDICTED_TENSION = (
     6,
 )  #: H of the last step, first guess of H for the next [N]; orders "exact", "inertial"
 MONITOR_ROWS = 7
-
 # Work array (CLOSURE_ROWS, m) of the closure and of the exact forces, a column for each link or quadrature point.
 FORCE = 0  #: chordwise force N [N]
 COMPLIANCE = 1  #: derivative of the chordwise stretch by N [1/N]
@@ -24,7 +23,6 @@ SLOPE_SQUARED = 4  #: squared slope w'^2
 CURVATURE = 5  #: half the second derivative of the law over its first
 TEST_JACOBIAN = 5  #: later, in place of CURVATURE: derivative of the chordwise stretch along one test function
 CLOSURE_ROWS = 6
-
 # Work array (LINK_ROWS, n) of the link tensions to leading order.
 SLOPE_IN_PLANE, SLOPE_OUT_OF_PLANE = 0, 1  #: slope of the deflection
 LINK_FORCE = 2  #: chordwise force N [N]

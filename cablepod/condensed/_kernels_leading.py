@@ -220,7 +220,7 @@ def leading_verlet(
     step, damping_factor, impulse
         Step [s]; factor of the rates by damping over a step; rate gained in a step for unit acceleration [s].
     boundary_data
-        See :func:`frames`; one row for each step.
+        See :func:`cablepod.condensed._kernels_frame.frames`; one row for each step.
     stiffness, length
         K [N] and L0 [m].
     kappa, mean_chordwise_forces, geometric_stiffness, load_projection

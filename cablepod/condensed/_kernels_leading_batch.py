@@ -22,14 +22,14 @@ def leading_starts(
     Parameters
     ----------
     ends, end_rates, end_accelerations
-        Positions, velocities and accelerations (see :func:`frames`) of the ends at the start (members, 2 dims, 1); the latter
+        Positions, velocities and accelerations (see :func:`cablepod.condensed._kernels_frame.frames`) of the ends at the start (members, 2 dims, 1); the latter
         two without columns where no end moves.
     load, reference, mass, stiffness, length
-        As in :func:`frames` and :func:`leading_verlet`: (members, dims, 1), the others (members,).
+        As in :func:`cablepod.condensed._kernels_frame.frames` and :func:`cablepod.condensed._kernels_leading.leading_verlet`: (members, dims, 1), the others (members,).
     step, damping
         Step [s]; mass damping (members,) [1/s].
     kappa, mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms
-        As in :func:`leading_verlet`, with a leading dimension of members.
+        As in :func:`cablepod.condensed._kernels_leading.leading_verlet`, with a leading dimension of members.
     n_in_plane
         Number of in-plane coordinates.
     parabola
@@ -93,12 +93,12 @@ def leading_members(
     chordwise_forces_at_candidates, slopes, n_in_plane, chordwise_force_patterns, begin, steps, output_steps,
     first_output, last_output, saved, low, high, monitor, tension_series, divergence_bound, active,
 ):  # fmt: skip
-    """Advance many members by one block of steps with :func:`leading_verlet`.
+    """Advance many members by one block of steps with :func:`cablepod.condensed._kernels_leading.leading_verlet`.
 
     Parameters
     ----------
     ends, end_accelerations, load, reference, mass
-        As in :func:`frames`, with a leading dimension of members; at least `steps` columns.
+        As in :func:`cablepod.condensed._kernels_frame.frames`, with a leading dimension of members; at least `steps` columns.
     steps
         Number of steps.
     first_output, last_output
@@ -108,7 +108,7 @@ def leading_members(
     active
         Whether a member is still advanced (members,); changed.
 
-    Other parameters as in :func:`leading_verlet`, with a leading dimension of members except `step`, `n_in_plane`, `begin` and
+    Other parameters as in :func:`cablepod.condensed._kernels_leading.leading_verlet`, with a leading dimension of members except `step`, `n_in_plane`, `begin` and
     `output_steps`.
     """
     boundary_data = np.empty((steps, 1 + mean_chordwise_forces.shape[1] * load.shape[1]))

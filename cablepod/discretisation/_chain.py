@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 from cablepod._resources import check_memory
 from cablepod.catenary._statics import solve_statics, unstretched_length
 from cablepod.discretisation._laws import LAWS, green_secant, strain_energy_density, tangent_stiffness_ratio
+from cablepod.discretisation._step_limit import highest_axial_frequency, verlet_step_limit
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer
 from cablepod.parameters._parameters import Parameters
@@ -171,49 +171,18 @@ class LumpedChain:
         return self._axial_frequency(1.0)
 
     def _axial_frequency(self, stiffness_ratio: np.ndarray | float) -> float:
-        """Return the highest axial frequency of the straight chain [rad/s]."""
-        from scipy.linalg import eigvalsh_tridiagonal  # takes longer to import than a short run
-
-        first, last = self.free_particles.start, self.free_particles.stop
-        m = self.p.mass * self.tributary_length[first:last]
-        k = np.concatenate([[0.0], stiffness_ratio * self.k, [0.0]])
-        diagonal = (k[first:last] + k[first + 1 : last + 1]) / m
-        if diagonal.size == 1:
-            return math.sqrt(diagonal[0])
-        off = -k[first + 1 : last] / np.sqrt(m[:-1] * m[1:])
-        top = diagonal.size - 1
-        return math.sqrt(eigvalsh_tridiagonal(diagonal, off, select="i", select_range=(top, top))[0])
+        mass = self.p.mass * self.tributary_length
+        return highest_axial_frequency(mass, stiffness_ratio * self.k, self.free_particles)
 
     def step_limit(self, stiffness_ratio: np.ndarray | float = 1.0) -> float:
-        """Return the stability limit of velocity Verlet [s]: 2 over the highest frequency, less with viscous links."""
-        omega = self.highest_frequency(stiffness_ratio)
-        if self.p.link_viscosity is None:
-            # damping by mass is integrated exactly and only increases the limit
-            return 2.0 / omega
-        return _viscous_limit(omega, self.p.link_viscosity)
+        """Return the stability limit of velocity Verlet [s], see :mod:`cablepod.discretisation._step_limit`."""
+        return verlet_step_limit(self.highest_frequency(stiffness_ratio), self.p.link_viscosity)
 
 
 def square(vectors: np.ndarray) -> np.ndarray:
     """Return the squared length of vectors (..., dims), summed in the order of the kernels for equal bits."""
     total = vectors[..., 0] * vectors[..., 0] + vectors[..., 1] * vectors[..., 1]
     return total + vectors[..., 2] * vectors[..., 2] if vectors.shape[-1] == 3 else total
-
-
-def _viscous_limit(omega: float, viscosity: float) -> float:
-    """Return the largest stable step [s] with predicted velocity for one frequency, by the amplification matrix."""
-    damping = viscosity * omega  # twice the damping ratio
-
-    def spectral_radius(h: float) -> float:
-        # state: position, velocity half a step before, velocity three half steps before; unit of time 1/omega
-        a = np.array([-1.0, -1.5 * damping, 0.5 * damping])
-        v = np.array([0.0, 1.0, 0.0]) + h * a
-        return float(np.abs(np.linalg.eigvals(np.array([np.array([1.0, 0.0, 0.0]) + h * v, v, [0.0, 1.0, 0.0]]))).max())
-
-    low, high = 0.0, 2.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if spectral_radius(middle) <= 1.0 + 1e-12 else (low, middle)
-    return low / omega
 
 
 def chain_of(p: Parameters, links: int | None = None, law: str = LAWS[0], *, least: int = 2) -> LumpedChain:

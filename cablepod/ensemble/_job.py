@@ -52,7 +52,7 @@ def compute(
     scenes
         Scenes with ``member``.
     model
-        One of :data:`MODELS`.
+        One of :data:`cablepod.ensemble._models.MODELS`.
     modes
         Modes of a reduced model, else None.
     options

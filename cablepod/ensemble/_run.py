@@ -1,6 +1,6 @@
 """Simulate the scenes of an ensemble in parallel, into a folder or batch by batch in memory.
 
-:func:`design` makes the scenes, :func:`run` simulates them into a folder, :func:`cablepod.archive.open_ensemble` opens it as one
+:func:`cablepod.ensemble.design` makes the scenes, :func:`run` simulates them into a folder, :func:`cablepod.archive.open_ensemble` opens it as one
 dataset.  :func:`batches` yields the results batch by batch and writes nothing.
 """
 
@@ -24,7 +24,7 @@ from cablepod.archive._manifest import MODES, SCENES
 from cablepod.archive._open_ensemble import open_ensemble
 from cablepod.batch._members import stop_when, thread_limit
 from cablepod.batch._sigint import defer_sigint
-from cablepod.ensemble import _store as ensemble_store
+from cablepod.ensemble import _resume as ensemble_store
 from cablepod.ensemble._collect_warnings import Note, collect_warnings, emit_warnings
 from cablepod.ensemble._job import check_access, compute, run_batch, synchronous_dask
 from cablepod.ensemble._models import MODELS, REDUCED, check_model
@@ -56,7 +56,7 @@ def run(
     Parameters
     ----------
     scenes
-        Scenes with ``member``, as of :func:`design`.
+        Scenes with ``member``, as of :func:`cablepod.ensemble.design`.
     path
         The folder, created if missing, for ``manifest.json``, ``scenes.nc``, ``modes.nc`` and the files ``batch_0000.nc``, ...;
         all files are written atomically.

@@ -202,7 +202,7 @@ def implicit(
     Parameters
     ----------
     p, velocity, account, coupling, law, link_form, start, steps, save_steps, saved, saved_energy
-        As in :func:`verlet`, but with the rates at step `start`; the last saved step may be start + steps.
+        As in :func:`cablepod.galerkin._kernels_explicit.verlet`, but with the rates at step `start`; the last saved step may be start + steps.
     history : float array (3, modes)
         Mean accelerations of the last three steps, latest first; advanced in place.
     step, damping : float
@@ -216,7 +216,7 @@ def implicit(
     table : float array (monomials, rows)
         R transposed; empty without polynomial form.
     polynomial_form : tuple (offset, first, second)
-        As in :func:`verlet`.
+        As in :func:`cablepod.galerkin._kernels_explicit.verlet`.
     stiffness : float array (rows,)
         Stiffness of the rows: K l, or 1 in polynomial form.
     rms_slopes : float array (modes,)

@@ -187,9 +187,9 @@ class GalerkinModel:
         hessian = (along * ds) @ along.T + np.einsum("kjc,j,ljc->kl", modal, s, modal)
         return along @ s, hessian
 
-    def highest_frequency(self, q: np.ndarray, time: float) -> float:
-        """Highest angular frequency [rad/s] of small vibrations about the amplitudes `q` at a time [s]."""
-        _, hessian = self.gradient(np.concatenate([q, self.displacements(np.array([time]))[0]]))
+    def highest_frequency(self, q: np.ndarray, displacements: np.ndarray) -> float:
+        """Highest angular frequency [rad/s] of small vibrations about amplitudes `q` with displaced ends (moving,) [m]."""
+        _, hessian = self.gradient(np.concatenate([q, displacements]))
         return math.sqrt(max(float(np.linalg.eigvalsh(hessian)[-1]), 0.0))
 
     def initial(self) -> np.ndarray:

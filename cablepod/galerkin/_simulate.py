@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from cablepod import provenance
@@ -142,7 +143,7 @@ def simulate(
     instants = request.instants(p)
     check_memory(instants.size, model.chain.links, p.dims, key="times", variables=3)
     q0 = model.initial()
-    omega_max = model.highest_frequency(q0, 0.0)
+    omega_max = model.highest_frequency(q0, model.displacements(np.zeros(1))[0])
     # few modes may have no stiffness at the start, but they are never stiffer than the chain
     limit = 2.0 / omega_max if omega_max > 0.0 else model.chain.step_limit()
     runs: dict[str, GalerkinRun] = {

@@ -189,7 +189,7 @@ class ChainRun:
         )
 
     def stop(self, computed: Trajectory | None, done: int, steps_per_second: float, why: str) -> None:
-        """Raise :class:`RunStopped` with the trajectory before step `done`."""
+        """Raise :class:`cablepod.errors.RunStopped` with the trajectory before step `done`."""
         partial = None
         if computed is not None:
             partial = self.dataset(computed)

@@ -45,7 +45,9 @@ def _without_kinks(run: Any) -> bool:
 class ComparableRuns:
     """Runs of one scene with any step, and how two of them are compared."""
 
-    run: Callable[[float], Any]  #: computes a run from its steps per second; may raise :class:`RunStopped`
+    run: Callable[
+        [float], Any
+    ]  #: computes a run from its steps per second; may raise :class:`cablepod.errors.RunStopped`
     position: Callable[[Any], np.ndarray]  #: positions of a run (time, particle, dims) [m]
     scale: Callable[[Any], float]  #: length by which distances of runs are divided, see :func:`motion_scale` [m]
     steps_per_second: float  #: of the first run

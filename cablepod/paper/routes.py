@@ -12,7 +12,7 @@ import xarray as xr
 from cablepod import chain, pod, provenance
 from cablepod.conventions import label
 from cablepod.examples import scene
-from cablepod.pod import _decompositions as decompositions
+from cablepod.pod import _svd_methods as decompositions
 from cablepod.pod._snapshots import relative_arc_length
 
 METHODS = tuple(decompositions.ROUTES)

@@ -13,10 +13,10 @@ import xarray as xr
 
 from cablepod._resources import check_bytes
 from cablepod.errors import scene_error
-from cablepod.pod import _decompositions as decompositions
 from cablepod.pod import _normal as pod_normal
+from cablepod.pod import _svd_methods as decompositions
 from cablepod.pod._blocks import count_snapshots, is_lazy
-from cablepod.pod._gram import COMPLETE
+from cablepod.pod._graded_svd import COMPLETE
 from cablepod.pod._label import check_options, labelled
 from cablepod.pod._snapshots import (
     check_same_particles,
@@ -61,7 +61,7 @@ def decompose(
         "covariance", eigenvectors of the (n, n) covariance matrix, eq. (29); "snapshots", the method of Sirovich, eigenvectors of
         an (m, m) matrix, for few snapshots of very many particles.  The last two square the data: singular values below 10^-8 of
         the largest are noise.  With "svd", many snapshots and lazy data (as of ``archive.read(path, chunks=...)``) are read once,
-        in blocks, by :class:`Stream`; the attribute ``algorithm`` names the algorithm used.
+        in blocks, by :class:`cablepod.pod.Stream`; the attribute ``algorithm`` names the algorithm used.
     weights
         Weights of the particles in the inner product: None for equal weights, as in the paper; "length" or "mass" for the
         tributary unstretched length, scaled to mean 1 (both are the same for a uniform cable).

@@ -13,7 +13,7 @@ triangular factor.
 The mean is removed in the same pass: each block is centred by the mean of all previous blocks, which leaves a rank-one correction
 without cancellation (Chan, Golub and LeVeque 1983, Am. Stat. 37, 242).
 
-Up to :data:`COMPLETE` features the basis is complete and nothing is discarded.  Above, the basis starts empty and is extended by
+Up to :data:`cablepod.pod._graded_svd.COMPLETE` features the basis is complete and nothing is discarded.  Above, the basis starts empty and is extended by
 directions whose residual exceeds the rounding error (a hierarchical approximate decomposition, Himpe, Leibner and Rave 2018, SIAM
 J. Sci. Comput. 40, A3267, with a local tolerance at rounding level); ``discarded_energy`` sums the energy outside the basis.
 """
@@ -26,8 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cablepod.pod._decompositions import EPSILON
-from cablepod.pod._gram import (
+from cablepod.pod._graded_svd import (
     COMPLETE,
     ROUNDING,
     change_basis,
@@ -37,6 +36,7 @@ from cablepod.pod._gram import (
     orthonormal,
     principal,
 )
+from cablepod.pod._svd_methods import EPSILON
 
 #: Maximum dimension of an incomplete basis, and its dimension after truncation.
 MAX_AXES, KEPT_AXES = 600, 400

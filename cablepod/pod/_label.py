@@ -11,8 +11,8 @@ from cablepod import provenance
 from cablepod.conventions import ENDS, label
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer, number
-from cablepod.pod import _decompositions as decompositions
 from cablepod.pod import _normal as pod_normal
+from cablepod.pod import _svd_methods as decompositions
 from cablepod.pod._snapshots import arc_length_of
 from cablepod.pod._training_range import add_training_range
 

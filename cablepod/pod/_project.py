@@ -90,7 +90,7 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     snapshots
         A trajectory on the particles of the modes (the same sigma = S / L0).
     modes
-        Modes of :func:`decompose`.
+        Modes of :func:`cablepod.pod.decompose`.
 
     Returns
     -------
@@ -135,7 +135,7 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     amplitudes
         Result of :func:`project` or of a reduced model; with fewer amplitudes than modes, the first modes are used.
     modes
-        Modes of :func:`decompose`.
+        Modes of :func:`cablepod.pod.decompose`.
 
     Returns
     -------

@@ -14,9 +14,9 @@ from cablepod.batch._pool import map_threads
 from cablepod.batch._sigint import defer_sigint_during_dask
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import SceneError, scene_error
-from cablepod.pod import _decompositions as decompositions
+from cablepod.pod import _svd_methods as decompositions
 from cablepod.pod._blocks import count_snapshots, is_lazy, read_blocks, read_rows
-from cablepod.pod._gram import COMPLETE
+from cablepod.pod._graded_svd import COMPLETE
 from cablepod.pod._incremental import IncrementalSVD
 from cablepod.pod._label import TWO_THREAD_SAMPLES, check_options, labelled
 from cablepod.pod._snapshots import broken_member, position_of, relative_arc_length, weight_roots

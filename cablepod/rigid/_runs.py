@@ -97,7 +97,7 @@ class RigidRun(ChainRun):
         return state
 
     def _stop(self, stepper: RigidStepper, done: int, failure: str) -> None:
-        """Raise :class:`RunStopped` with the trajectory before step `done`."""
+        """Raise :class:`cablepod.errors.RunStopped` with the trajectory before step `done`."""
         steps_per_second, before = stepper.instants.steps_per_second, stepper.instants.before_step(done)
         partial = None if before is None else self._gather(stepper, before, None)
         why = (
@@ -311,7 +311,7 @@ class RigidStepper:
     def _states(
         self, s: np.ndarray, time: np.ndarray, x: np.ndarray, v: np.ndarray, is_projected: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, int]:
-        """Do :meth:`states` with a state array `s` to work in; returns the number of states done too."""
+        """Do :meth:`cablepod.rigid._kernels_steps.states` with a state array `s` to work in; returns the number of states done too."""
         a, tension = np.empty_like(x), np.empty((len(x), self.links))
         done, self.status = self.kernel.states(
             s, self.links, self.spatial, self._ends(time), self.patterns, self._factors(time), self.damping,

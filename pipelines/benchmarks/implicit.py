@@ -37,7 +37,10 @@ CASES = (
     ("energy_momentum", 40, 0.01),
 )
 TIMES = np.arange(126.0)
-KERNELS = ("cablepod.chain._kernels_implicit.generalized_alpha", "cablepod.chain._kernels_implicit.energy_momentum")
+KERNELS = (
+    "cablepod.chain._kernels_generalized_alpha.generalized_alpha",
+    "cablepod.chain._kernels_energy_momentum.energy_momentum",
+)
 
 
 def measured(given, links: int, **options) -> tuple[float, float, np.ndarray]:

@@ -391,9 +391,9 @@ MARCHES = (
 #: Compiled loops, and the tables of ends and loads that they need.
 COMPILED = (
     "cablepod.chain._kernels_explicit.verlet",
-    "cablepod.chain._kernels_implicit.generalized_alpha",
+    "cablepod.chain._kernels_generalized_alpha.generalized_alpha",
     "cablepod.cable._kernels_explicit.verlet",
-    "cablepod.cable._kernels_implicit.trapezoidal",
+    "cablepod.cable._kernels_trapezoidal.trapezoidal",
     "cablepod.galerkin._kernels_explicit.verlet",
     "cablepod.condensed._kernels_frame.frames",
     "cablepod.condensed._kernels_leading.leading_verlet",

@@ -11,7 +11,7 @@ from scenes import scene_with, spatial
 import cablepod as cp
 from cablepod.chain import _implicit as implicit
 from cablepod.chain import _kernels_banded as kernels_banded
-from cablepod.chain import _kernels_implicit as kernel
+from cablepod.chain import _kernels_generalized_alpha as kernel
 from cablepod.chain import _kernels_links as kernels_links
 from cablepod.discretisation._chain import chain_of
 from cablepod.parameters._from_scene import parameters

@@ -14,7 +14,7 @@ from benchmarks.peers import system as peer_system
 from scenes import SOFT
 
 import cablepod as cp
-from cablepod.chain import _kernels_implicit as kernel
+from cablepod.chain import _kernels_generalized_alpha as kernel
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,8 @@ import pytest
 from benchmarks import calls
 
 import cablepod as cp
-from cablepod.chain import _explicit
 from cablepod.integrate import _march
+from cablepod.integrate import _march as _explicit
 
 PIPELINES = Path(_study.__file__).parent
 SCRIPTS = sorted(

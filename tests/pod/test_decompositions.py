@@ -7,7 +7,7 @@ import pytest
 from spectra import made_up
 
 import cablepod as cp
-from cablepod.pod import _decompositions as decompositions
+from cablepod.pod import _svd_methods as decompositions
 
 SHAPES = [(12, 40), (40, 12), (20, 20), (78, 125)]
 

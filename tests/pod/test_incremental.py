@@ -8,9 +8,9 @@ from mpmath import matrix, mp
 from spectra import STEEP, accumulated, known_rows
 
 from cablepod.batch._blas import one_blas_thread
-from cablepod.pod import _decompositions as decompositions
-from cablepod.pod import _gram as pod_gram
+from cablepod.pod import _graded_svd as pod_gram
 from cablepod.pod import _incremental as incremental
+from cablepod.pod import _svd_methods as decompositions
 
 
 @pytest.mark.parametrize("parts", [1, 3])

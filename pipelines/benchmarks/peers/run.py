@@ -65,7 +65,7 @@ SETTINGS = {
 }
 KERNELS = {
     "velocity_verlet": "cablepod.chain._kernels_explicit.verlet",
-    "energy_momentum": "cablepod.chain._kernels_implicit.energy_momentum",
+    "energy_momentum": "cablepod.chain._kernels_energy_momentum.energy_momentum",
 }
 GOAL = 1e-6  #: error at which packages are compared
 #: Maximum time of the warm-up run [s], and repeats up to it (None: as many as wanted).
@@ -87,7 +87,7 @@ class Measured:
 
 def ours(given: xr.Dataset, scheme: str, step: float) -> tuple[np.ndarray, float]:
     """Return positions and the time inside the kernels [s]."""
-    with time_inside(KERNELS.get(scheme, "cablepod.chain._kernels_implicit.generalized_alpha")) as kernel:
+    with time_inside(KERNELS.get(scheme, "cablepod.chain._kernels_generalized_alpha.generalized_alpha")) as kernel:
         run = cp.chain.simulate(given, times=TIMES, scheme=scheme, step=step)
     return run["position"].values, kernel.seconds
 

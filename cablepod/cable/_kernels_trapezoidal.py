@@ -15,7 +15,7 @@ MAX_ITERATIONS = 30
 
 @compiled
 def _axial_tangent(square, weight, stiffness, green, viscosity, velocity_factor, s, b):
-    """Fill b with weight times the coefficient of g g^T in the tangent stiffness [N]; s is that of :func:`_law`."""
+    """Fill b with weight times the coefficient of g g^T in the tangent stiffness [N]; s is that of :func:`cablepod.cable._kernels_forces._law`."""
     for q in range(b.shape[0]):
         for e in range(b.shape[1]):
             if green is not None:
@@ -39,7 +39,7 @@ def _tangent(g, s, b, pairs, scale, unrolled, first, line, coefficient, band):
     pairs : float array (p + 1, p + 1, p + 1)
         Products D_qi D_qj at [i, j, q].
     scale, unrolled : float array (elements,), tuple or None
-        2 over the lengths of the elements [1/m]; see :func:`verlet`.
+        2 over the lengths of the elements [1/m]; see :func:`cablepod.cable._kernels_explicit.verlet`.
     first : int
         Number of the first free node.
     line, coefficient : float arrays (elements,), (p + 1, elements)
@@ -149,7 +149,7 @@ def equilibrium(x, first, free, d, weight, scale, stiffness, green, loads, toler
     first, free : int
         Number of the first free node, and number of free nodes.
     d, weight, scale, stiffness, green
-        As in :func:`verlet`.
+        As in :func:`cablepod.cable._kernels_explicit.verlet`.
     loads : float array (dims, free)
         Loads [N].
     tolerance : float
@@ -208,7 +208,7 @@ def trapezoidal(
     saved : float array (saves, 3, dims, N)
         Filled with positions, velocities and accelerations.
 
-    All other parameters are those of :func:`verlet`.
+    All other parameters are those of :func:`cablepod.cable._kernels_explicit.verlet`.
 
     Returns
     -------

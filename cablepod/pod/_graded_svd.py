@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from cablepod.pod._decompositions import EPSILON
+from cablepod.pod._svd_methods import EPSILON
 
 #: Maximum number of features n with a complete basis (it costs 2 n^2 per snapshot, and n^3 in the Jacobi rotations).
 COMPLETE = 512

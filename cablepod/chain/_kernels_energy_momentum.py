@@ -1,0 +1,75 @@
+"""Compiled energy-momentum steps of the chain (Simo and Tarnow)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cablepod._jit import compiled
+from cablepod.chain._kernels_generalized_alpha import (
+    MAX_ITERATIONS,
+    _add_loads,
+    _correct,
+    _correction,
+    _repeat,
+    _set_ends,
+    _update_extremes,
+)
+from cablepod.chain._kernels_links import link_forces_conserving
+
+
+@compiled
+def energy_momentum(
+    x, v, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity, lower, upper, step,
+    rotation_tolerance, rounding, start, steps, save_steps, saved, low, high,
+):  # fmt: skip
+    """Advance a chain by `steps` steps of the energy-momentum method (Simo and Tarnow 1992).
+
+    The forces of the links over a step are difference quotients of their energies.  With ends and loads at rest, the total energy
+    is then conserved at any step, up to the residual of Newton's method.  Parameters and result as in :func:`cablepod.chain._kernels_generalized_alpha.generalized_alpha`;
+    time-dependent loads are means of both ends of the step.  The residual has a systematic sign and accumulates in the energy:
+    iterations continue until a correction rotates the links by `rotation_tolerance`, or is below `rounding` and not decreasing.
+    """
+    dims, particles = x.shape
+    f, s = np.zeros(dims * particles + 1), np.zeros((3 if dims == 2 else 6, particles + 1))
+    d, b, fixed_force = np.zeros(x.size), np.zeros((dims, particles)), np.zeros(x.size)
+    workspace = np.zeros((2 * dims, particles))
+    trial, last_displacement = x.copy(), step * v.reshape(-1)
+    masses, per_length = _repeat(mass, dims), _repeat(np.append(1.0 / length, 0.0), dims)
+    flat_x, flat_v, flat_trial, steady = x.reshape(-1), v.reshape(-1), trial.reshape(-1), loads.reshape(-1)
+    diagonal = masses * (2.0 / (step * step) + (0.0 if damping is None else damping / step))
+    iterations, save = 0, 0
+    for i in range(steps):
+        if save < save_steps.size and save_steps[save] == start + i:
+            saved[save, 0] = x
+            saved[save, 1] = v
+            save += 1
+        if low is not None:
+            _update_extremes(x, low, high, inverse_squares, k, length)
+        for q in range(d.size):
+            # predictor: last displacement plus twice the difference of step * velocity from it
+            d[q] = 2.0 * step * flat_v[q] - last_displacement[q]
+            flat_trial[q] = flat_x[q] + d[q]
+            fixed_force[q] = steady[q] + 2.0 * masses[q] * flat_v[q] / step
+        if patterns is not None:
+            _add_loads(fixed_force, patterns, 0.5 * (factors[i] + factors[i + 1]))
+        _set_ends(trial, lower, upper, i + 1)
+        converged, last_rotation = False, np.inf
+        for _ in range(MAX_ITERATIONS):
+            iterations += 1
+            link_forces_conserving(x, trial, k, length, inverse_squares, viscosity, 1.0 / step, f, s)
+            rotation = _correction(f, s, fixed_force, diagonal, d, b, workspace, first, last, per_length)
+            _correct(d, b.reshape(-1), flat_x, flat_trial)
+            _set_ends(trial, lower, upper, i + 1)
+            if rotation <= rotation_tolerance or (rotation <= rounding and rotation > 0.5 * last_rotation):
+                converged = True
+                break
+            if not rotation < 1e300:
+                break
+            last_rotation = rotation
+        if not converged:
+            return i, iterations
+        for q in range(d.size):
+            flat_v[q] = 2.0 * d[q] / step - flat_v[q]
+            last_displacement[q] = d[q]
+            flat_x[q] = flat_trial[q]
+    return steps, iterations
