@@ -127,7 +127,7 @@ def _nodal_forces(
 
 @compiled
 def forces(x, u, d, weight, scale, stiffness, green, viscosity):
-    """Compute the internal nodal forces (dims, N) [N]; parameters as in :func:`cablepod.cable._kernels_explicit.verlet`, u is used with viscosity only."""
+    """Compute the internal nodal forces (dims, N) [N]; parameters as in ``verlet``, u is used with viscosity only."""
     shape = (weight.size, scale.size)
     f = np.empty_like(x)
     g, g_dot = np.empty((x.shape[0], *shape)), np.empty((x.shape[0], *shape))

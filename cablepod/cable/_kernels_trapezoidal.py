@@ -15,7 +15,7 @@ MAX_ITERATIONS = 30
 
 @compiled
 def _axial_tangent(square, weight, stiffness, green, viscosity, velocity_factor, s, b):
-    """Fill b with weight times the coefficient of g g^T in the tangent stiffness [N]; s is that of :func:`cablepod.cable._kernels_forces._law`."""
+    """Fill b with weight times the coefficient of g g^T in the tangent stiffness [N]; s is that of ``_law``."""
     for q in range(b.shape[0]):
         for e in range(b.shape[1]):
             if green is not None:

@@ -25,7 +25,7 @@ def energy_momentum(
     """Advance a chain by `steps` steps of the energy-momentum method (Simo and Tarnow 1992).
 
     The forces of the links over a step are difference quotients of their energies.  With ends and loads at rest, the total energy
-    is then conserved at any step, up to the residual of Newton's method.  Parameters and result as in :func:`cablepod.chain._kernels_generalized_alpha.generalized_alpha`;
+    is then conserved at any step, up to the residual of Newton's method.  Parameters and result as in ``generalized_alpha``;
     time-dependent loads are means of both ends of the step.  The residual has a systematic sign and accumulates in the energy:
     iterations continue until a correction rotates the links by `rotation_tolerance`, or is below `rounding` and not decreasing.
     """

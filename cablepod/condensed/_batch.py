@@ -364,7 +364,7 @@ class CondensedBatch:
 
 
 def _reference_axes(chord: np.ndarray) -> np.ndarray:
-    """Return the axes that define the normals (members,), as :attr:`cablepod.condensed._coefficients.Coefficients.reference` does."""
+    """Return the axes that define the normals (members,), as ``Coefficients.reference`` does."""
     if chord.shape[1] == 2:
         return np.ones(len(chord), dtype=np.int64)
     along = np.abs(chord) / np.sqrt((chord * chord).sum(axis=1, keepdims=True))

@@ -130,7 +130,7 @@ def exact_force(
     boundary_data, row
         See :func:`cablepod.condensed._kernels_frame.frames`; index of the row.
     slopes, n_in_plane, chordwise_force_patterns, weights, stiffness, green, load_projection
-        As in :func:`cablepod.condensed._kernels_leading.leading_verlet` and :func:`cablepod.condensed._kernels_closure._close`, at the links or quadrature points (m,).
+        As in ``leading_verlet`` and ``_close``, at the links or quadrature points (m,).
     test_slopes
         Slopes of the test functions (r, m); None for the modes as test functions.
     inertia
@@ -240,7 +240,7 @@ def exact_verlet(
 
     Chordwise inertia takes the rates extrapolated from half a step before with `acceleration`, that of the last step (r,).  Row 0
     of `stretch` (2, m) is the first guess for the next step, extrapolated from the last two, row 1 the stretch of the last step;
-    the same holds for H in the monitor.  Other parameters as in :func:`cablepod.condensed._kernels_leading.leading_verlet` and :func:`exact_force`.
+    the same holds for H in the monitor.  Other parameters as in ``leading_verlet`` and :func:`exact_force`.
     """
     r, m = slopes.shape
     f, rates, mass, no_array = np.empty(r), np.empty(r), np.empty((r, r)), np.empty((0, 0))

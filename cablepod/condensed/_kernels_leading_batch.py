@@ -22,10 +22,10 @@ def leading_starts(
     Parameters
     ----------
     ends, end_rates, end_accelerations
-        Positions, velocities and accelerations (see :func:`cablepod.condensed._kernels_frame.frames`) of the ends at the start (members, 2 dims, 1); the latter
+        Positions, velocities and accelerations (see ``frames``) of the ends at the start (members, 2 dims, 1); the latter
         two without columns where no end moves.
     load, reference, mass, stiffness, length
-        As in :func:`cablepod.condensed._kernels_frame.frames` and :func:`cablepod.condensed._kernels_leading.leading_verlet`: (members, dims, 1), the others (members,).
+        As in ``frames`` and ``leading_verlet``: (members, dims, 1), the others (members,).
     step, damping
         Step [s]; mass damping (members,) [1/s].
     kappa, mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms
@@ -108,7 +108,7 @@ def leading_members(
     active
         Whether a member is still advanced (members,); changed.
 
-    Other parameters as in :func:`cablepod.condensed._kernels_leading.leading_verlet`, with a leading dimension of members except `step`, `n_in_plane`, `begin` and
+    Other parameters as in ``leading_verlet``, with a leading dimension of members except `step`, `n_in_plane`, `begin` and
     `output_steps`.
     """
     boundary_data = np.empty((steps, 1 + mean_chordwise_forces.shape[1] * load.shape[1]))

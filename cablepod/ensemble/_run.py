@@ -1,6 +1,6 @@
 """Simulate the scenes of an ensemble in parallel, into a folder or batch by batch in memory.
 
-:func:`cablepod.ensemble.design` makes the scenes, :func:`run` simulates them into a folder, :func:`cablepod.archive.open_ensemble` opens it as one
+:func:`design` makes the scenes, :func:`run` simulates them into a folder, :func:`cablepod.archive.open_ensemble` opens it as one
 dataset.  :func:`batches` yields the results batch by batch and writes nothing.
 """
 

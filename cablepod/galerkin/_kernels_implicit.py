@@ -202,7 +202,7 @@ def implicit(
     Parameters
     ----------
     p, velocity, account, coupling, law, link_form, start, steps, save_steps, saved, saved_energy
-        As in :func:`cablepod.galerkin._kernels_explicit.verlet`, but with the rates at step `start`; the last saved step may be start + steps.
+        As in ``verlet``, but with the rates at step `start`; the last saved step may be start + steps.
     history : float array (3, modes)
         Mean accelerations of the last three steps, latest first; advanced in place.
     step, damping : float

@@ -13,7 +13,7 @@ triangular factor.
 The mean is removed in the same pass: each block is centred by the mean of all previous blocks, which leaves a rank-one correction
 without cancellation (Chan, Golub and LeVeque 1983, Am. Stat. 37, 242).
 
-Up to :data:`cablepod.pod._graded_svd.COMPLETE` features the basis is complete and nothing is discarded.  Above, the basis starts empty and is extended by
+Up to ``COMPLETE`` features the basis is complete and nothing is discarded.  Above, the basis starts empty and is extended by
 directions whose residual exceeds the rounding error (a hierarchical approximate decomposition, Himpe, Leibner and Rave 2018, SIAM
 J. Sci. Comput. 40, A3267, with a local tolerance at rounding level); ``discarded_energy`` sums the energy outside the basis.
 """

@@ -18,7 +18,7 @@ ROUNDING = 1e-9
 def distance_outside_training(
     modes: xr.Dataset | None, p: Parameters, length: float, end_time: float, tension: float | None = None
 ) -> dict[str, Any]:
-    """Compute the distance of a scene from the training scenes of modes; parameters as for :func:`cablepod.discretisation._similarity.features`.
+    """Compute the distance of a scene from the training scenes of modes; parameters as for ``features``.
 
     Returns
     -------

@@ -311,7 +311,7 @@ class RigidStepper:
     def _states(
         self, s: np.ndarray, time: np.ndarray, x: np.ndarray, v: np.ndarray, is_projected: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, int]:
-        """Do :meth:`cablepod.rigid._kernels_steps.states` with a state array `s` to work in; returns the number of states done too."""
+        """Do ``states`` with a state array `s` to work in; returns the number of states done too."""
         a, tension = np.empty_like(x), np.empty((len(x), self.links))
         done, self.status = self.kernel.states(
             s, self.links, self.spatial, self._ends(time), self.patterns, self._factors(time), self.damping,

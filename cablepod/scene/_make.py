@@ -1,7 +1,7 @@
 """Make a scene Dataset from nested tables, with all checks of user input.
 
 The variables of a scene are the keys of the scene file with ``_`` for ``.``: ``cable.area`` is the variable ``cable_area`` [m2].
-An absent key is an absent variable.  :func:`cablepod.parameters._from_scene.parameters` makes the numbers with which the models compute.
+An absent key is an absent variable.  ``parameters`` makes the numbers with which the models compute.
 """
 
 from __future__ import annotations
