@@ -66,7 +66,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """Load a public sub-package or function at its first use."""
     if name not in __all__:
-        raise AttributeError(f"module 'cablepod' has no attribute {name!r}")
+        raise AttributeError(f"module 'cablepod' has no attribute {name!r}; see dir(cablepod)")
     if name in ("make_scene", "read_scene"):
         found = getattr(import_module("cablepod.scene"), name)
     else:

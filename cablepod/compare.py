@@ -42,8 +42,8 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     Examples
     --------
     >>> import cablepod as cp
-    >>> from cablepod import shipped
-    >>> scene = shipped.scene("example2")
+    >>> from cablepod import examples
+    >>> scene = examples.scene("example2")
     >>> error = cp.compare.errors(cp.chain.simulate(scene, links=20), cp.chain.simulate(scene, links=40))
     >>> round(100 * float(error.error_max), 1)  # per cent
     0.1

@@ -91,8 +91,8 @@ def run(
     Examples
     --------
     >>> import cablepod as cp
-    >>> from cablepod import shipped
-    >>> study = cp.study.run(shipped.scene("example2"), ranks=(1, 2))
+    >>> from cablepod import examples
+    >>> study = cp.study.run(examples.scene("example2"), ranks=(1, 2))
     >>> list(study)
     ['scene', 'catenary', 'chain_rest', 'chain', 'modes', 'galerkin_r1', 'galerkin_r2', 'comparison']
     >>> study["comparison"]["error_max"].values.round(4).tolist()

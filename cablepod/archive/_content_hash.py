@@ -1,4 +1,4 @@
-"""Content hash of a Dataset: SHA-256 over its variables and attributes, block by block."""
+"""Content hash of a Dataset: SHA-256 over its variables, block by block."""
 
 from __future__ import annotations
 

@@ -37,8 +37,8 @@ def describe(source: xr.Dataset | str | os.PathLike[str]) -> str:
     Examples
     --------
     >>> import cablepod as cp
-    >>> from cablepod import shipped
-    >>> scene = shipped.scene("example2")
+    >>> from cablepod import examples
+    >>> scene = examples.scene("example2")
     >>> print(cp.archive.describe(scene).splitlines()[0])
     title     Example 2: slow end motion
     """

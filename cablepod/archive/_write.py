@@ -68,8 +68,8 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
     Examples
     --------
     >>> import cablepod as cp
-    >>> from cablepod import shipped
-    >>> scene = shipped.scene("example2")
+    >>> from cablepod import examples
+    >>> scene = examples.scene("example2")
     >>> path = cp.archive.write(cp.catenary.rest(scene), "rest.nc")
     >>> cp.archive.read(path).equals(cp.catenary.rest(scene))
     True

@@ -79,8 +79,8 @@ def frequencies(
     Examples
     --------
     >>> import cablepod as cp
-    >>> from cablepod import shipped
-    >>> scene = shipped.scene("example2")
+    >>> from cablepod import examples
+    >>> scene = examples.scene("example2")
     >>> vibrations = cp.cable.frequencies(scene, count=2)
     >>> vibrations.angular_frequency.values.round(3).tolist(), vibrations.angular_frequency.units
     ([6.296, 12.464], 'rad s-1')

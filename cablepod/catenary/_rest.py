@@ -56,8 +56,8 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     Examples
     --------
     >>> import cablepod as cp
-    >>> from cablepod import shipped
-    >>> scene = shipped.scene("example2")
+    >>> from cablepod import examples
+    >>> scene = examples.scene("example2")
     >>> rest = cp.catenary.rest(scene)
     >>> round(float(rest.unstretched_length), 3), round(float(rest.tension_lower))
     (61.156, 14434)

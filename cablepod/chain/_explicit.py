@@ -124,7 +124,7 @@ class ExplicitChainRun(ChainRun):
         return state
 
     def _check_limit(self, state: Trajectory, *, incomplete: int | None = None) -> None:
-        """Raise :class:`cablepod.errors.RunStopped` if the links became too stiff for the step, which happens by law (21) only."""
+        """Raise ``RunStopped`` if the links became too stiff for the step, which happens by law (21) only."""
         chain, steps_per_second = self.chain, state.instants.steps_per_second
         if not chain.green:
             return

@@ -1,4 +1,4 @@
-"""Compiled implicit steps of the elastic chain: generalized alpha with the trapezoidal rule, and energy-momentum; O(n) per step.
+"""Compiled steps of generalized alpha, with the trapezoidal rule as a case of it, for the elastic chain; O(n) per step.
 
 Every step solves for the displacements by Newton's method.  A link couples its two particles only, so that the tangent is block
 tridiagonal with blocks of 2 x 2 or 3 x 3.  It is eliminated from both ends towards the middle: two independent chains of

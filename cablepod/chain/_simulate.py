@@ -59,8 +59,8 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
     Examples
     --------
     >>> import cablepod as cp
-    >>> from cablepod import shipped
-    >>> scene = shipped.scene("example2")
+    >>> from cablepod import examples
+    >>> scene = examples.scene("example2")
     >>> rest = cp.chain.rest(scene, links=10)
     >>> rest.position.dims, rest.sizes["particle"], rest.tension.units
     (('particle', 'coordinate'), 11, 'N')
@@ -193,8 +193,8 @@ def simulate(
     Examples
     --------
     >>> import cablepod as cp
-    >>> from cablepod import shipped
-    >>> scene = shipped.scene("example2")
+    >>> from cablepod import examples
+    >>> scene = examples.scene("example2")
     >>> run = cp.chain.simulate(scene, times=[0.0, 45.0], outputs=("position", "tension"))
     >>> run.position.dims, run.attrs["scheme"], run.attrs["time_error_estimate"] < 1e-6
     (('time', 'particle', 'coordinate'), 'velocity_verlet', True)

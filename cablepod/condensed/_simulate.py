@@ -112,8 +112,8 @@ def simulate(
     Examples
     --------
     >>> import cablepod as cp
-    >>> from cablepod import shipped
-    >>> scene = shipped.scene("example2")
+    >>> from cablepod import examples
+    >>> scene = examples.scene("example2")
     >>> modes = cp.pod.decompose(cp.chain.simulate(scene), layout="normal", rank=2)
     >>> model = cp.condensed.simulate(scene, modes)
     >>> round(100 * model.attrs["error_estimate"], 2)  # per cent, without a reference solution

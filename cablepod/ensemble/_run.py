@@ -24,7 +24,7 @@ from cablepod.archive._manifest import MODES, SCENES
 from cablepod.archive._open_ensemble import open_ensemble
 from cablepod.batch._members import stop_when, thread_limit
 from cablepod.batch._sigint import defer_sigint
-from cablepod.ensemble import _resume as ensemble_store
+from cablepod.ensemble import _resume as resume
 from cablepod.ensemble._collect_warnings import Note, collect_warnings, emit_warnings
 from cablepod.ensemble._job import check_access, compute, run_batch, synchronous_dask
 from cablepod.ensemble._models import MODELS, REDUCED, check_model
@@ -99,7 +99,7 @@ def run(
         If members failed.  Other warnings of the members are emitted once for each category.
     """
     plan, inputs = _prepare(scenes, model, modes, options, batch)
-    with defer_sigint(), ensemble_store.open_store(path, plan, inputs, overwrite=overwrite) as store:
+    with defer_sigint(), resume.open_store(path, plan, inputs, overwrite=overwrite) as store:
         missing = store.missing()
         notes: list[Note] = []
         total = Progress(progress, store.sizes, set(range(len(store.sizes))) - set(missing))
@@ -230,7 +230,7 @@ def _prepare(
     scenes.attrs.pop("values_sha256", None)
     _try_options(scenes, model, modes, resolved, {*options, "modes", "layout", "times", "time"})
     inputs = {SCENES: scenes} | ({} if modes is None else {MODES: modes})
-    return ensemble_store.plan_of(scenes, model, modes, resolved, size), inputs
+    return resume.plan_of(scenes, model, modes, resolved, size), inputs
 
 
 def _check_shapes(scenes: xr.Dataset, model: str, options: dict[str, Any]) -> None:

@@ -122,8 +122,8 @@ def simulate(
     Examples
     --------
     >>> import cablepod as cp
-    >>> from cablepod import shipped
-    >>> scene = shipped.scene("example2")
+    >>> from cablepod import examples
+    >>> scene = examples.scene("example2")
     >>> chain = cp.chain.simulate(scene)
     >>> model = cp.galerkin.simulate(scene, cp.pod.decompose(chain), rank=2)
     >>> round(100 * float(cp.compare.errors(model, chain).error_max), 2)  # per cent

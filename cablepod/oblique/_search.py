@@ -1,4 +1,4 @@
-"""Vibration modes, and the ansatz of test functions that the training optimises."""
+"""Search space of test functions: their ansatz in vibration modes, whose coefficients the training optimises."""
 
 from __future__ import annotations
 

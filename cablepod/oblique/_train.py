@@ -1,4 +1,4 @@
-"""Training of test functions of the condensed model over trajectories: checks, training cases, labelled result."""
+"""Training of test functions of the condensed model over trajectories: training cases, optimisation, labelled result."""
 
 from __future__ import annotations
 
@@ -174,8 +174,8 @@ def train(
     Examples
     --------
     >>> import cablepod as cp
-    >>> from cablepod import shipped
-    >>> scene = shipped.scene("example3")
+    >>> from cablepod import examples
+    >>> scene = examples.scene("example3")
     >>> chain = cp.chain.simulate(scene, times=range(41))
     >>> modes = cp.pod.decompose(chain, layout="normal", rank=3)
     >>> trained = cp.oblique.train(scene, chain, modes, iterations=8)

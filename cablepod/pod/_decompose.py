@@ -89,8 +89,8 @@ def decompose(
     Examples
     --------
     >>> import cablepod as cp
-    >>> from cablepod import shipped
-    >>> scene = shipped.scene("example2")
+    >>> from cablepod import examples
+    >>> scene = examples.scene("example2")
     >>> modes = cp.pod.decompose(cp.chain.simulate(scene), rank=2)
     >>> modes.singular_value.dims, modes.singular_value.sel(coordinate="x").values.round(2).tolist()
     (('coordinate', 'mode'), [7.05, 0.03])

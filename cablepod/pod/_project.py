@@ -146,8 +146,8 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     Examples
     --------
     >>> import cablepod as cp
-    >>> from cablepod import shipped
-    >>> scene = shipped.scene("example2")
+    >>> from cablepod import examples
+    >>> scene = examples.scene("example2")
     >>> chain = cp.chain.simulate(scene)
     >>> modes = cp.pod.decompose(chain, rank=2)
     >>> again = cp.pod.reconstruct(cp.pod.project(chain, modes), modes)

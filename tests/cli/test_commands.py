@@ -58,7 +58,7 @@ def test_warnings_are_notes_of_one_line(scene_file, tmp_path):
     assert done.returncode == 0
     assert (
         done.stderr
-        == "cablepod: note: catenary.rest leaves out the point loads of the scene; see chain.rest, which has them\n"
+        == "cablepod: note: catenary.rest leaves out the point loads of the scene; use chain.rest to include them\n"
     )
 
 

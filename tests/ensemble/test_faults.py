@@ -136,7 +136,7 @@ def test_it_survives_killed_workers_and_a_scheduler_given_by_its_address(soft, t
         np.testing.assert_array_equal(result["position"], cp.chain.simulate(scenes_of(soft), step=STEP)["position"])
         # a folder that its workers do not see
         hidden = tmp_path / "hidden"
-        from cablepod.ensemble import _job as ensemble
+        from cablepod.ensemble import _run as ensemble
 
         real, ensemble.check_access = ensemble.check_access, _blind
         try:

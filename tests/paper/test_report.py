@@ -422,11 +422,11 @@ def test_the_report_is_whole(folder):
 
 
 @pytest.mark.slow
-def test_the_table_of_the_readme_is_what_comes_out(folder):
+def test_the_table_of_the_page_is_what_comes_out(folder):
     data = cp.archive.read(folder / report.DATASET)
-    readme = (Path(paper.__file__).parents[2] / "README.md").read_text()
+    page = (Path(paper.__file__).parent / "README.md").read_text()
     for row in summary.summary(data):
-        assert f"| {' | '.join(row)} |" in readme
+        assert f"| {' | '.join(row)} |" in page
 
 
 @pytest.mark.slow

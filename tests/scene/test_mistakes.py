@@ -159,12 +159,12 @@ MISTAKES = [
     (
         "cable.top_tension",
         10.0,
-        r"^cable\.top_tension: given 10\.0; allowed: at least \d+\.\d+ N, the least that a cable",
+        r"^cable\.top_tension: given 10\.0; allowed: at least \d+\.\d+ N, the minimum over all lengths",
     ),
     (
         "initial.top_tension",
         10.0,
-        r"^initial\.top_tension: given 10\.0; allowed: at least \d+\.\d+ N, the least that a",
+        r"^initial\.top_tension: given 10\.0; allowed: at least \d+\.\d+ N, the minimum over all lengths",
     ),
     # the wrong kind of table
     ("cable", [1, 2], r"^cable: given \[1, 2\]; allowed: a table with the keys youngs_modulus, "),
