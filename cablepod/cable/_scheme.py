@@ -16,7 +16,7 @@ from cablepod.integrate._run import Trajectory
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
     ComparableRuns,
-    halve_step_while_cheaper,
+    choose_scheme,
     motion_scale,
     observed_order,
     preferred_steps_per_second,
@@ -29,8 +29,8 @@ ELEMENT_COUNTS = (4, 8, 12, 16, 24, 32, 48, 64, 96, 128)
 COMPARED_POINTS = 65
 #: Cost of an implicit step in explicit steps, with the iterations of Newton's method.
 IMPLICIT_COST = 30.0
-#: Minimum explicit run time at which an implicit scheme is tried [s]; run time of an explicit step per node [s].
-CHOICE_MIN_SECONDS, NODE_STEP = 0.3, 1.5e-8
+#: Run time of an explicit step for each node [s].
+NODE_STEP = 1.5e-8
 #: Steps of the first implicit run in a period of the first transverse vibration.
 STEPS_PER_PERIOD = 8.0
 
@@ -74,17 +74,15 @@ def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> CableResult:
     """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
     explicit, implicit = (runs[name] for name in SCHEMES)
     steps_per_second = 1.0 / _first_step(explicit)
-    cost = 3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * NODE_STEP
-    if cost < CHOICE_MIN_SECONDS:
-        reason = f"explicit: all its runs take about {cost:.1g} s"
-        return CableResult(explicit, *_refine_in_time(explicit, tolerance), reason)
-    maximum = steps_per_second / IMPLICIT_COST
-    halved = halve_step_while_cheaper(_comparable_runs(implicit), tolerance, maximum)
-    if halved is not None:
-        ratio = 1.0 / (halved[1] * step_limit_of(explicit))
-        return CableResult(implicit, *halved, f"implicit: its steps may be {ratio:.3g} times the explicit limit")
-    reason = f"explicit: implicit steps would have to be shorter than {1 / maximum:.3g} s"
-    return CableResult(explicit, *_refine_in_time(explicit, tolerance), reason)
+    run, refined, reason = choose_scheme(
+        _comparable_runs(explicit),
+        _comparable_runs(implicit),
+        tolerance,
+        step_limit=step_limit_of(explicit),
+        explicit_seconds=3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * NODE_STEP,
+        max_steps_per_second=steps_per_second / IMPLICIT_COST,
+    )
+    return CableResult(run, *refined, reason)
 
 
 def _refine_in_time(run: CableRun, tolerance: float) -> tuple[Trajectory, float, float]:

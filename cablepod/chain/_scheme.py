@@ -24,7 +24,7 @@ from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
     ComparableRuns,
-    halve_step_while_cheaper,
+    choose_scheme,
     motion_scale,
     preferred_steps_per_second,
     refine_step,
@@ -177,9 +177,8 @@ def _check_radius(radius: float | None, scheme: str | None) -> float:
 
 #: Cost of an implicit step, with its Newton iterations, in explicit steps.
 IMPLICIT_COST = 25.0
-#: Minimum time of the explicit runs for which an implicit scheme is tried without a given tolerance, and their time per link and
-#: step [s].
-CHOICE_MIN_SECONDS, LINK_STEP = 0.3, 2e-9
+#: Run time of an explicit step for each link [s].
+LINK_STEP = 2e-9
 #: Steps of the first implicit run per period of the first transverse mode.
 STEPS_PER_PERIOD = 8.0
 
@@ -189,18 +188,14 @@ def _choose_scheme(
 ) -> tuple[ChainRun, tuple[Trajectory, float, float], str]:
     """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
     steps_per_second = 1.0 / _first_step(explicit, limit)
-    cost = 3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * LINK_STEP
-    if not asked and cost < CHOICE_MIN_SECONDS:
-        return explicit, _refine_in_time(explicit, limit, tolerance), f"explicit: all its runs take about {cost:.1g} s"
-    upper_limit = 2.0 * steps_per_second / IMPLICIT_COST
-    accepted = halve_step_while_cheaper(_comparable_runs(trapezoidal, limit), tolerance, upper_limit)
-    if accepted is not None:
-        ratio = 1.0 / (accepted[1] * limit)
-        return trapezoidal, accepted, f"implicit: its steps may be {ratio:.3g} times the explicit limit"
-    return (
-        explicit,
-        _refine_in_time(explicit, limit, tolerance),
-        f"explicit: implicit steps would have to be shorter than {1 / upper_limit:.3g} s",
+    seconds = 3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * LINK_STEP
+    return choose_scheme(
+        _comparable_runs(explicit, limit),
+        _comparable_runs(trapezoidal, limit),
+        tolerance,
+        step_limit=limit,
+        explicit_seconds=None if asked else seconds,
+        max_steps_per_second=2.0 * steps_per_second / IMPLICIT_COST,
     )
 
 

@@ -13,6 +13,7 @@ from cablepod.integrate._request import Request
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
     ComparableRuns,
+    choose_scheme,
     halve_step_while_cheaper,
     motion_scale,
     preferred_steps_per_second,
@@ -22,9 +23,8 @@ from cablepod.integrate._step_control import (
 SCHEMES = ("velocity_verlet", "trapezoidal", "energy_momentum")
 #: Cost of an implicit step in explicit steps, and its increase for each amplitude (measured with 40 links).
 IMPLICIT_COST, COST_OF_AMPLITUDE = 4.0, 0.45
-#: Minimum explicit run time at which an implicit scheme is tried without a given tolerance [s]; run time of an explicit step, and
-#: its increase for each amplitude [s].
-CHOICE_MIN_SECONDS, STEP_TIME, TIME_OF_AMPLITUDE = 0.3, 2e-7, 2e-8
+#: Run time of an explicit step, and its increase for each amplitude [s].
+STEP_TIME, TIME_OF_AMPLITUDE = 2e-7, 2e-8
 #: Steps of the first implicit run in a period of the first transverse vibration.
 STEPS_PER_PERIOD = 8.0
 #: Maximum steps per second of halved implicit runs over those of the first (beyond it an order of convergence is observed).
@@ -68,20 +68,19 @@ def solve(
 def _choose_scheme(runs: dict[str, GalerkinRun], limit: float, tolerance: float, *, asked: bool) -> GalerkinResult:
     """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
     explicit, implicit = runs["velocity_verlet"], runs["trapezoidal"]
-    steps_per_second = _comparable_runs(explicit, limit).steps_per_second
-    amplitudes = explicit.q0.size
-    cost = 3.0 * float(explicit.times[-1]) * steps_per_second * (STEP_TIME + TIME_OF_AMPLITUDE * amplitudes)
-    if not asked and cost < CHOICE_MIN_SECONDS:
-        refined = _refine_in_time(explicit, limit, tolerance)
-        return GalerkinResult(explicit, *refined, f"explicit: all its runs take about {cost:.1g} s")
-    # two explicit runs take 1 + 2 times these steps, all implicit ones together at most twice the maximum
-    maximum = 1.5 * steps_per_second / (IMPLICIT_COST + COST_OF_AMPLITUDE * amplitudes)
-    halved = halve_step_while_cheaper(_comparable_runs(implicit, limit), tolerance, maximum)
-    if halved is not None:
-        reason = f"implicit: its steps may be {1.0 / (halved[1] * limit):.3g} times the explicit limit"
-        return GalerkinResult(implicit, *halved, reason)
-    reason = f"explicit: implicit steps would have to be shorter than {1 / maximum:.3g} s"
-    return GalerkinResult(explicit, *_refine_in_time(explicit, limit, tolerance), reason)
+    explicit_runs, amplitudes = _comparable_runs(explicit, limit), explicit.q0.size
+    steps_per_second = explicit_runs.steps_per_second
+    seconds = 3.0 * float(explicit.times[-1]) * steps_per_second * (STEP_TIME + TIME_OF_AMPLITUDE * amplitudes)
+    run, refined, reason = choose_scheme(
+        explicit_runs,
+        _comparable_runs(implicit, limit),
+        tolerance,
+        step_limit=limit,
+        explicit_seconds=None if asked else seconds,
+        # two explicit runs take 1 + 2 times these steps, all implicit ones together at most twice the maximum
+        max_steps_per_second=1.5 * steps_per_second / (IMPLICIT_COST + COST_OF_AMPLITUDE * amplitudes),
+    )
+    return GalerkinResult(run, *refined, reason)
 
 
 def _refine_in_time(run: GalerkinRun, limit: float, tolerance: float) -> tuple[GalerkinTrajectory, float, float]:

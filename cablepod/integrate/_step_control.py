@@ -41,6 +41,10 @@ def _without_kinks(run: Any) -> bool:
     return False
 
 
+#: Minimum explicit run time at which an implicit scheme is tried unless a tolerance is given [s].
+CHOICE_MIN_SECONDS = 0.3
+
+
 @dataclass(frozen=True)
 class ComparableRuns:
     """Runs of one scene with any step, and how two of them are compared."""
@@ -201,6 +205,46 @@ def halve_step_while_cheaper(
                 return fine, steps_per_second, distance
         coarse, steps_per_second = fine, 2.0 * steps_per_second
     return None
+
+
+def choose_scheme(
+    explicit: ComparableRuns,
+    implicit: ComparableRuns,
+    tolerance: float,
+    *,
+    step_limit: float,
+    explicit_seconds: float | None,
+    max_steps_per_second: float,
+) -> tuple[Any, tuple[Any, float, float], str]:
+    """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster.
+
+    Parameters
+    ----------
+    explicit, implicit
+        Runs by either scheme.
+    tolerance
+        Time error as a fraction of the motion.
+    step_limit
+        Stability limit of explicit steps [s].
+    explicit_seconds
+        Estimated run time of all explicit runs [s], below which no other scheme is tried; None to try in any case.
+    max_steps_per_second
+        Of implicit runs; beyond it explicit steps are cheaper.
+
+    Returns
+    -------
+    tuple
+        The run by the chosen scheme; its trajectory, steps per second and time error; the reason for the choice.
+    """
+    if explicit_seconds is not None and explicit_seconds < CHOICE_MIN_SECONDS:
+        reason = f"explicit: all its runs take about {explicit_seconds:.1g} s"
+        return explicit.run, refine_step(explicit, tolerance), reason
+    halved = halve_step_while_cheaper(implicit, tolerance, max_steps_per_second)
+    if halved is not None:
+        ratio = 1.0 / (halved[1] * step_limit)
+        return implicit.run, halved, f"implicit: its steps may be {ratio:.3g} times the explicit limit"
+    reason = f"explicit: implicit steps would have to be shorter than {1 / max_steps_per_second:.3g} s"
+    return explicit.run, refine_step(explicit, tolerance), reason
 
 
 def _first_finite_run(runs: ComparableRuns) -> tuple[Any, float]:
