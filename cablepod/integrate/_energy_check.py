@@ -24,7 +24,7 @@ POINTS_PER_CHANGE, MAX_POINTS = 16.0, 1_000_000
 
 
 def check_energy(
-    chain: LumpedChain, initial: np.ndarray, run_times: np.ndarray, times: np.ndarray, position: np.ndarray
+    chain: LumpedChain, initial: np.ndarray, run_bound: float, times: np.ndarray, position: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compare the strain energy of a run with the bounds of the supplied energy.
 
@@ -34,8 +34,10 @@ def check_energy(
         Links and loads.
     initial
         Positions at the start (n + 1, dims) [m].
-    run_times, times
-        Output times of the whole run, and the times of `position` [s].
+    run_bound
+        Bound of the energy supplied over the whole run [J], from :func:`max_energy_of_run`.
+    times
+        Times of `position` [s].
     position
         Positions (times, n + 1, dims) [m].
 
@@ -44,12 +46,11 @@ def check_energy(
     energy
         Strain energy (times,) [J].
     excess
-        Ratio to the bound for the whole run, :func:`max_energy_of_run` (times,).
+        Ratio to the bound for the whole run (times,).
     broken
         Ratio at the instants at which the run has broken down, 0 at all others (times,).
     """
     energy = chain.strain_energy(position)
-    run_bound = max_energy_of_run(chain, initial, run_times)
     excess = energy / run_bound
     broken, worst = excess > ENERGY_STOP, excess
     if excess.max(initial=0.0) > EXCESS_FLOOR:

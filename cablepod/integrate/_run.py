@@ -16,7 +16,7 @@ from cablepod.conventions import COORDINATES, label
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._similarity import describe
 from cablepod.errors import RunStopped
-from cablepod.integrate._energy_check import check_energy
+from cablepod.integrate._energy_check import check_energy, max_energy_of_run
 from cablepod.integrate._output_times import OutputTimes
 
 
@@ -162,10 +162,15 @@ class ChainRun:
             "start_jolt_energy": p.mass * total * float((along**2).sum()),
         }
 
+    @cached_property
+    def energy_bound(self) -> float:
+        """Bound of the energy that can be supplied over the whole run [J]."""
+        return max_energy_of_run(self.chain, self.initial, self.times)
+
     def check_energy(self, state: Trajectory) -> Trajectory:
         """Stop a run with excessive strain energy, see :mod:`cablepod.integrate._energy_check`."""
         energy, excess, broken = check_energy(
-            self.chain, self.initial, self.times, state.instants.times, state.position
+            self.chain, self.initial, self.energy_bound, state.instants.times, state.position
         )
         state.diagnostics["energy_excess"] = float(excess.max(initial=0.0))
         if not broken.any():
