@@ -54,16 +54,20 @@ def fresh(code):
     return subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
 
 
+#: Import of the package and of all that it loads at its first use.
+LOAD_ALL = "import cablepod; [getattr(cablepod, name) for name in cablepod.__all__]"
+
+
 def test_importing_is_light():
     heavy = ["matplotlib", "netCDF4", "numba", "dask", "distributed", "scipy.linalg", "tqdm", "click"]
-    code = "import xarray, sys; before = set(sys.modules); import cablepod; new = set(sys.modules) - before"
+    code = f"import xarray, sys; before = set(sys.modules); {LOAD_ALL}; new = set(sys.modules) - before"
     loaded = fresh(f"{code}; print([name for name in {heavy} if name in new])")
     assert loaded.strip() == "[]"
 
 
 def test_importing_loads_few_other_modules():
     # a count does not depend on the machine's load as a clock does; the clock is in pipelines/benchmarks
-    code = "import xarray, sys; before = set(sys.modules); import cablepod; new = set(sys.modules) - before"
+    code = f"import xarray, sys; before = set(sys.modules); {LOAD_ALL}; new = set(sys.modules) - before"
     other = fresh(f"{code}; print([name for name in sorted(new) if name.partition('.')[0] != 'cablepod'])")
     assert len(ast.literal_eval(other)) < 10, other  # four of tomllib
 
@@ -95,8 +99,18 @@ def test_public_names_have_docstrings_and_keyword_only_options(function):
 
 def test_importing_changes_no_global_options():
     state = "(np.geterr(), np.get_printoptions(), dict(xr.core.options.OPTIONS))"
-    code = f"import numpy as np, xarray as xr; before = {state}; import cablepod; print(before == {state})"
+    code = f"import numpy as np, xarray as xr; before = {state}; {LOAD_ALL}; print(before == {state})"
     assert fresh(code).strip() == "True"
+
+
+def test_sub_packages_are_loaded_at_their_first_use():
+    code = "import sys, cablepod; own = lambda: {name for name in sys.modules if name.startswith('cablepod.')}"
+    alone, used, missing = fresh(
+        f"{code}; print(own()); cablepod.catenary; print('cablepod.catenary' in own(), 'cablepod.chain' in own()); "
+        "print(hasattr(cablepod, 'kernels'), set(cablepod.__all__) <= set(dir(cablepod)))"
+    ).splitlines()
+    assert ast.literal_eval(alone) == {"cablepod.errors"}
+    assert (used, missing) == ("True False", "False True")
 
 
 def test_versions_agree():
