@@ -12,10 +12,10 @@ import xarray as xr
 from cablepod import chain, pod, provenance
 from cablepod.conventions import label
 from cablepod.examples import scene
-from cablepod.pod import _svd_methods as decompositions
+from cablepod.pod import _svd_methods as svd_methods
 from cablepod.pod._snapshots import relative_arc_length
 
-METHODS = tuple(decompositions.ROUTES)
+METHODS = tuple(svd_methods.ROUTES)
 #: (features n, snapshots m); the first of the paper, the last of 100 such runs with both coordinates.
 SIZES = ((39, 125), (80, 500), (80, 2000), (80, 12500))
 #: Maximum number of snapshots for the method of snapshots (its time grows with their cube).
@@ -63,7 +63,7 @@ def precision(*, features: int = 80, samples: int = 500, most_snapshots: int = M
         if method == "snapshots" and samples > most_snapshots:
             continue
         with threadpool_limits(limits=1):  # reproducible rounding
-            modes, singular_values = decompositions.ROUTES[method](data)
+            modes, singular_values = svd_methods.ROUTES[method](data)
         error[i] = np.abs(singular_values / values - 1.0)
         # norm of the component normal to the exact mode; sqrt(1 - cos^2) would lose half of the digits
         angle[i] = np.linalg.norm(modes - left * np.sum(left * modes, axis=0), axis=0)
@@ -130,7 +130,7 @@ def run_times(
         for done, (i, j) in enumerate(jobs):
             if METHODS[i] != "snapshots" or sizes[j][1] <= most_snapshots:
                 data = known_matrix(*sizes[j])[0]
-                seconds[i, j] = _median(decompositions.ROUTES[METHODS[i]], data, repeats)
+                seconds[i, j] = _median(svd_methods.ROUTES[METHODS[i]], data, repeats)
             if progress is not None:
                 progress((done + 1) / len(jobs))
     result = xr.Dataset(

@@ -14,7 +14,7 @@ import xarray as xr
 from cablepod._resources import check_bytes
 from cablepod.errors import scene_error
 from cablepod.pod import _normal as pod_normal
-from cablepod.pod import _svd_methods as decompositions
+from cablepod.pod import _svd_methods as svd_methods
 from cablepod.pod._blocks import count_snapshots, is_lazy
 from cablepod.pod._graded_svd import COMPLETE
 from cablepod.pod._label import check_options, labelled
@@ -120,7 +120,7 @@ def _decompose_matrix(
     position = position_of(snapshots)
     width, dims = position.sizes["particle"] - 2, position.sizes["coordinate"]
     shape = (width * dims if layout == "vector" else width, count_snapshots(position))
-    needed = decompositions.memory_needed(*shape, method)
+    needed = svd_methods.memory_needed(*shape, method)
     check_bytes(needed, "method", f"{method!r} for {shape[0]} by {shape[1]} values, {needed / 1e9:.3g} GB")
     if layout == "normal":
         lifted = np.moveaxis(pod_normal.deflections(positions(snapshots)), 0, -1)
@@ -136,18 +136,18 @@ def _decompose_matrix(
         matrices = [np.ascontiguousarray(root[:, None] * inner[:, :, c].T) for c in range(dims)]
     else:
         matrices = [np.ascontiguousarray((root[None, :, None] * inner).reshape(samples, -1).T)]
-    decomposed = [decompositions.ROUTES[method](matrix) for matrix in matrices]
+    decomposed = [svd_methods.ROUTES[method](matrix) for matrix in matrices]
     values = np.stack([singular_values for _, singular_values in decomposed])
     return labelled(
         [left.T.reshape(left.shape[1], particles - 2, -1) / root[:, None] for left, _ in decomposed],
         values,
-        np.stack([decompositions.uncertainty(row, shape, method) for row in values]),
+        np.stack([svd_methods.uncertainty(row, shape, method) for row in values]),
         np.zeros(len(values)),
         mean,
         samples,
         choice=choice,
         options={"layout": layout, "method": method, "weights": weights, "center": bool(center)},
-        algorithm=decompositions.ALGORITHMS[method],
+        algorithm=svd_methods.ALGORITHMS[method],
         like=snapshots,
         inputs=[snapshots],
         trained=range_of(snapshots),

@@ -12,12 +12,12 @@ from cablepod.conventions import ENDS, label
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.pod import _normal as pod_normal
-from cablepod.pod import _svd_methods as decompositions
+from cablepod.pod import _svd_methods as svd_methods
 from cablepod.pod._snapshots import arc_length_of
 from cablepod.pod._training_range import add_training_range
 
 LAYOUTS = ("separate", "vector", "normal")
-METHODS = tuple(decompositions.ROUTES)
+METHODS = tuple(svd_methods.ROUTES)
 WEIGHTS = (None, "length", "mass")
 #: Minimum number of lazy snapshots that are processed by two threads (fixed, so that results do not depend on the machine).
 TWO_THREAD_SAMPLES = 20_000
@@ -95,7 +95,7 @@ def labelled(
     tables = {
         "singular_value": values,
         "singular_value_uncertainty": errors,
-        "mode_uncertainty": decompositions.mode_angles(values, errors),
+        "mode_uncertainty": svd_methods.mode_angles(values, errors),
         "proper_orthogonal_value": proper,
         "energy_share": _fractions(squares, outside),
         "singular_value_share": _fractions(values / unit),

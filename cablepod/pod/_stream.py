@@ -14,7 +14,7 @@ from cablepod.batch._pool import map_threads
 from cablepod.batch._sigint import defer_sigint_during_dask
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import SceneError, scene_error
-from cablepod.pod import _svd_methods as decompositions
+from cablepod.pod import _svd_methods as svd_methods
 from cablepod.pod._blocks import count_snapshots, is_lazy, read_blocks, read_rows
 from cablepod.pod._graded_svd import COMPLETE
 from cablepod.pod._incremental import IncrementalSVD
@@ -158,7 +158,7 @@ class Stream:
         shape = (self._sums[0].features, self.samples)
         errors = np.stack(
             [
-                decompositions.uncertainty(row, shape, "blocks", discarded=norm)
+                svd_methods.uncertainty(row, shape, "blocks", discarded=norm)
                 for row, norm in zip(values, discarded, strict=True)
             ]
         )
@@ -174,7 +174,7 @@ class Stream:
             self.samples,
             choice=(rank, energy),
             options={"layout": self.layout, "method": "svd", "weights": self.weights, "center": self.center},
-            algorithm=decompositions.ALGORITHMS["blocks"],
+            algorithm=svd_methods.ALGORITHMS["blocks"],
             like=self._like,
             inputs=list(self._inputs.values()),
             function=function,
@@ -223,7 +223,7 @@ def _add_block(sums: list[IncrementalSVD], block: np.ndarray, row_options: tuple
         for batch in read_rows(sample[: 8 * COMPLETE], *row_options):
             for svd, rows in zip(sums, batch, strict=True):
                 svd.prepare(rows)
-    noise = decompositions.EPSILON * float(np.abs(block[:, (0, -1)]).max(initial=0.0))
+    noise = svd_methods.EPSILON * float(np.abs(block[:, (0, -1)]).max(initial=0.0))
     for batch in read_rows(block, *row_options):
         for svd, rows in zip(sums, batch, strict=True):
             svd.add(rows, noise=noise)

@@ -27,7 +27,7 @@ from _study import command_line, in_turns, markdown_table, medians, show_table, 
 import cablepod as cp
 from cablepod.discretisation._chain import chain_of
 from cablepod.examples import scene as shipped
-from cablepod.galerkin import _scheme as galerkin_module
+from cablepod.galerkin import _scheme as galerkin_scheme
 from cablepod.parameters._from_scene import parameters
 
 HERE = Path(__file__).resolve().parent
@@ -94,7 +94,7 @@ def rows_of(scene: xr.Dataset, truth: xr.Dataset, modes: xr.Dataset, repeats: in
         rows.append(row_of(f"implicit n={links}", implicit, step, truth, repeats))
     for rank in (1, 2, 3, 4, 8):
         limit = cp.galerkin.simulate(scene, modes, rank=rank, times=[0.0], step=1e-6).attrs["step_limit"]
-        for scheme in galerkin_module.SCHEMES:
+        for scheme in galerkin_scheme.SCHEMES:
             run = partial(model, rank=rank, scheme=scheme)
             steps = STEPS if scheme in IMPLICIT else (largest_step(run, limit, truth),)
             rows += [row_of(f"Galerkin r={rank} {scheme}", run, step, truth, repeats) for step in steps]

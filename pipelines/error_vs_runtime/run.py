@@ -52,7 +52,7 @@ from tqdm import tqdm
 
 import cablepod as cp
 from cablepod.conventions import label
-from cablepod.integrate import _step_control as stepping
+from cablepod.integrate import _step_control as step_control
 from error_vs_runtime.figure import LEVELS, draw, markdown, markdown_trained
 from error_vs_runtime.models import (
     ELEMENTS,
@@ -129,7 +129,7 @@ def first_look(
         try:
             step = setting.step
             if setting.share:  # rounded down, so that steps hit seconds
-                step = 1.0 / stepping.preferred_steps_per_second(
+                step = 1.0 / step_control.preferred_steps_per_second(
                     1.0 / (setting.share * limit_of(given, setting, training))
                 )
             job = job_of(given, setting, step, training)

@@ -16,7 +16,7 @@ import xarray as xr
 
 import cablepod as cp
 from cablepod import examples as shipped
-from cablepod.chain import _scheme as chain_runs
+from cablepod.chain import _scheme as chain_scheme
 from cablepod.discretisation._chain import chain_of
 from cablepod.parameters._from_scene import parameters
 from cablepod.rigid._runs import FORMULATIONS, RigidRun
@@ -87,9 +87,10 @@ class Case:
         if wanted is None:
             duration, period = float(scene["time_duration"]), 2.0 * np.pi / first_frequency(scene)
             wanted = max(min(period / PER_PERIOD, p.shortest_time_scale / PER_CHANGE, duration / 20.0), limit)
-        explicit = chain_runs.SCHEMES[0]
+        explicit = chain_scheme.SCHEMES[0]
         elastic = {
-            scheme: dividing(scene, OF_LIMIT * limit if scheme == explicit else wanted) for scheme in chain_runs.SCHEMES
+            scheme: dividing(scene, OF_LIMIT * limit if scheme == explicit else wanted)
+            for scheme in chain_scheme.SCHEMES
         }
         return elastic | dict.fromkeys(FORMULATIONS, dividing(scene, rigid_step(scene, wanted)))
 

@@ -14,13 +14,13 @@ from _study import timed
 from scipy.stats import t as student
 
 import cablepod as cp
-from cablepod.chain import _scheme as chain_runs
+from cablepod.chain import _scheme as chain_scheme
 from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.parameters._from_scene import parameters
 from cablepod.rigid._runs import FORMULATIONS
 from stability.cases import Case, dividing, rigid_step
 
-SCHEMES = (*chain_runs.SCHEMES, *FORMULATIONS)
+SCHEMES = (*chain_scheme.SCHEMES, *FORMULATIONS)
 VERLET, REFERENCE = SCHEMES[0], "energy_momentum"
 RATTLE, INDEX1 = FORMULATIONS
 ACCURATE, INACCURATE, REFUSED, STOPPED, BROKEN, OTHER = CLASSES = (

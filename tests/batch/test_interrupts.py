@@ -13,7 +13,7 @@ import pytest
 from children import run_python
 
 from cablepod.batch import _pool as batch_pool
-from cablepod.batch import _sigint as interrupts
+from cablepod.batch import _sigint as sigint
 
 
 def press():
@@ -33,7 +33,7 @@ def nothing_stays_held(ctrl_c):
     before = signal.getsignal(signal.SIGINT)
     yield
     assert signal.getsignal(signal.SIGINT) is before
-    assert interrupts._State.previous is None
+    assert sigint._State.previous is None
 
 
 @pytest.mark.parametrize(
@@ -54,24 +54,24 @@ def test_when_it_comes(steps, done):
     def fail():
         raise ValueError("of the block")
 
-    @interrupts.defer_sigint()
+    @sigint.defer_sigint()
     def inner():
         press()
 
     def caught():
         with pytest.raises(KeyboardInterrupt):
-            interrupts.check_sigint()
+            sigint.check_sigint()
 
     does = {
         "press": press,
-        "check": interrupts.check_sigint,
+        "check": sigint.check_sigint,
         "inner": inner,
         "fail": fail,
         "caught": caught,
         "work": lambda: did.append("work"),
     }
 
-    @interrupts.defer_sigint()
+    @sigint.defer_sigint()
     def block():
         for step in steps.split():
             does[step]()
@@ -80,23 +80,23 @@ def test_when_it_comes(steps, done):
         block()
     assert " ".join(did) == done
     assert ("of the block" in str(error.value.__context__)) == ("fail" in steps)
-    with interrupts.defer_sigint():  # and is forgotten then
-        interrupts.check_sigint()
+    with sigint.defer_sigint():  # and is forgotten then
+        sigint.check_sigint()
 
 
 def test_whoever_else_is_told_of_it_still_is():
     told = []
     before = signal.signal(signal.SIGINT, lambda number, frame: told.append(number))
     try:
-        with interrupts.defer_sigint():
+        with sigint.defer_sigint():
             press()
             assert not told
-            interrupts.check_sigint()
+            sigint.check_sigint()
             assert told == [signal.SIGINT]
             press()
         assert told == [signal.SIGINT] * 2
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # as of nohup
-        with interrupts.defer_sigint():
+        with sigint.defer_sigint():
             press()
         assert len(told) == 2
     finally:
@@ -105,8 +105,8 @@ def test_whoever_else_is_told_of_it_still_is():
 
 def test_other_threads_hold_nothing():
     def inside():
-        with interrupts.defer_sigint():
-            interrupts.check_sigint()
+        with sigint.defer_sigint():
+            sigint.check_sigint()
             return signal.getsignal(signal.SIGINT)
 
     before = signal.getsignal(signal.SIGINT)
@@ -121,10 +121,10 @@ def test_waiting_ends_with_it():
         press_later()
         begin = time.monotonic()
         with pytest.raises(KeyboardInterrupt):
-            interrupts.wait_for_any([never])
+            sigint.wait_for_any([never])
         assert time.monotonic() - begin < 0.5 * PATIENCE
         end.set()
-    assert interrupts.wait_for_any([never]) == {never}
+    assert sigint.wait_for_any([never]) == {never}
 
 
 def test_items_in_threads():

@@ -12,8 +12,8 @@ from scenes import scene_with, spatial
 
 import cablepod as cp
 from cablepod import examples as shipped
-from cablepod.cable import _frequencies as cable_module
-from cablepod.cable import _scheme as cable_choice
+from cablepod.cable import _frequencies as cable_frequencies
+from cablepod.cable import _scheme as cable_scheme
 from cablepod.cable._mesh import mesh_of
 from cablepod.parameters._from_scene import parameters
 
@@ -311,7 +311,7 @@ def test_tension_only_converges_and_law_21_does_not(slackening):
 
 
 def test_a_cable_that_goes_slack_is_warned_of(slackening, monkeypatch):
-    monkeypatch.setattr(cable_choice, "ELEMENT_COUNTS", (4, 8, 12))
+    monkeypatch.setattr(cable_scheme, "ELEMENT_COUNTS", (4, 8, 12))
     with pytest.warns(cp.NotConvergedWarning, match=r"not converged in space: .* with 12 elements, .* goes slack"):
         run = cp.cable.simulate(slackening, law="linear", scheme="velocity_verlet", tolerance=1e-2)
     assert run.attrs["space_error_estimate"] > 1e-2
@@ -351,7 +351,7 @@ def test_the_limit_of_the_step_is_sharp(soft):
     assert limit == pytest.approx(2.0 / omega, rel=1e-12)
     # the bound is that of the straight cable, moved along itself: what the tangent of the cable at rest has, but for its sag
     mesh = mesh_of(parameters(scene), 4, law="green")
-    assert omega == pytest.approx(cable_module.vibrations(mesh, 10**6)[0][-1], rel=1e-2)
+    assert omega == pytest.approx(cable_frequencies.vibrations(mesh, 10**6)[0][-1], rel=1e-2)
 
 
 def test_a_stopped_run_keeps_what_it_had(soft, any_load):

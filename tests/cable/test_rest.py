@@ -9,7 +9,7 @@ from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
 import cablepod as cp
-from cablepod.cable import _mesh as elements
+from cablepod.cable import _mesh as cable_mesh
 from cablepod.discretisation import _gll as gll
 from cablepod.parameters._from_scene import parameters
 
@@ -42,7 +42,7 @@ def test_quadrature_and_derivative_are_exact_for_polynomials(order):
 
 def test_point_loads_stand_between_elements(soft):
     soft["point_load"] = [{"arc_length": 0.1, "force": [0.0, -1.0]}, {"arc_length": 0.73, "force": [0.0, -2.0]}]
-    mesh = elements.mesh_of(parameters(scene_with(soft)), 7)
+    mesh = cable_mesh.mesh_of(parameters(scene_with(soft)), 7)
     border = mesh.arc_length[:: mesh.order] / mesh.total_length
     assert np.abs(border[:, None] - [0.1, 0.73]).min(axis=0) == pytest.approx([0.0, 0.0], abs=1e-14)
     loads = mesh.loads() - mesh.tributary_length[:, None] * parameters(scene_with(soft)).weight
@@ -50,7 +50,7 @@ def test_point_loads_stand_between_elements(soft):
     assert mesh.sizes.size == 7
     assert mesh.sizes.sum() == pytest.approx(mesh.total_length, rel=1e-14)
     with pytest.raises(cp.SceneError, match=r"elements: given 2; allowed: at least 3"):
-        elements.mesh_of(parameters(scene_with(soft)), 2)
+        cable_mesh.mesh_of(parameters(scene_with(soft)), 2)
 
 
 # --- rest -------------------------------------------------------------------------------------------------------------
@@ -345,7 +345,7 @@ def test_frequencies_of_inclined_cables_are_the_limit_of_the_chain(number, law, 
 def test_frequencies_have_units_members_and_norm(soft):
     scene = scene_with(soft)
     single = cp.cable.frequencies(scene, count=3, points="nodes", elements=4)
-    share = elements.mesh_of(parameters(scene), 4).tributary_length
+    share = cable_mesh.mesh_of(parameters(scene), 4).tributary_length
     mean = ((single.mode_shape**2).sum("coordinate") * share).sum("particle") / share.sum()
     assert mean.values == pytest.approx(np.ones(3), rel=1e-12)
     assert not single.mode_shape.values[:, [0, -1]].any()

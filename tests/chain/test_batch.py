@@ -15,7 +15,7 @@ from scenes import spatial
 import cablepod as cp
 from cablepod import errors
 from cablepod.batch import _members as members
-from cablepod.batch import _sigint as interrupts
+from cablepod.batch import _sigint as sigint
 from cablepod.chain import _batch as chain_many
 from cablepod.chain._explicit import ExplicitChainRun, ExplicitStepper
 from cablepod.integrate._run import ChainRun
@@ -294,7 +294,7 @@ def test_ctrl_c_ends_the_blocks_of_other_threads(soft, ctrl_c, monkeypatch):
     def press():
         begun.wait(10.0)
         os.kill(os.getpid(), signal.SIGINT)
-        time.sleep(2.0 * interrupts.LOOK_EVERY)
+        time.sleep(2.0 * sigint.LOOK_EVERY)
         halted.set()
 
     monkeypatch.setattr(ExplicitStepper, "advance", advance)

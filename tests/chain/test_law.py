@@ -17,7 +17,7 @@ from scenes import spatial
 from scipy.integrate import solve_ivp
 
 import cablepod as cp
-from cablepod.discretisation import _chain as links
+from cablepod.discretisation import _chain as lumped_chain
 from cablepod.parameters._from_scene import parameters
 
 TERMS = {
@@ -153,7 +153,7 @@ def test_rest_is_balanced_by_the_law_from_soft_to_stiff_and_taut_to_slack(scenes
     # rounding of positions of 60 m (and sagging further) in links of 1.5 m
     np.testing.assert_allclose(rest.tension, law(stretch(rest), stiffness), rtol=1e-11, atol=1e-12 * stiffness)
     # and by the law of the chain from the positions alone
-    chain = links.chain_of(parameters(scene), law="green")
+    chain = lumped_chain.chain_of(parameters(scene), law="green")
     force = chain.tensions_and_forces(rest.position.values)[1]
     left = force[1:] - force[:-1] + chain.loads(0.0)[1:-1]
     assert np.abs(left).max() < 1e-9 * largest + 1e-12 * stiffness
@@ -234,7 +234,7 @@ def test_second_order_in_the_step_with_every_term(soft, name):
 def test_energy_is_kept(soft):
     scene = cp.make_scene({**soft, "motion": {}, "initial": {"top_tension": 300.0}})
     p = parameters(scene)
-    chain = links.chain_of(p)
+    chain = lumped_chain.chain_of(p)
     mass = p.mass * chain.tributary_length
     spread = {}
     for rate in (500, 1000):
@@ -387,7 +387,7 @@ def test_links_that_are_stiffest_at_different_times_do_not_stop_a_run():
     mapping = {**RUBBER, "motion": {"upper": {"x": shaken}}}
     limit = green(mapping, times=[0.0], step=1e-3).attrs["step_limit"]
     run = green(mapping, times=np.arange(250) / 100, step=0.975 * limit)
-    chain = links.chain_of(parameters(cp.make_scene(mapping)), law="green")
+    chain = lumped_chain.chain_of(parameters(cp.make_scene(mapping)), law="green")
     factors = chain.tangent_stiffness_ratio(run.position.values)
     assert chain.step_limit(factors.max(axis=0)) < 0.975 * limit < min(chain.step_limit(row) for row in factors)
 

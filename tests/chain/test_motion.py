@@ -12,7 +12,7 @@ from scenes import TERMS as SHARED
 from scenes import scene_with, spatial
 
 import cablepod as cp
-from cablepod.discretisation import _chain as links
+from cablepod.discretisation import _chain as lumped_chain
 from cablepod.parameters._from_scene import parameters
 
 TERMS = {
@@ -199,7 +199,7 @@ def test_energy_is_kept_and_time_can_be_turned_back(soft):
             scene, times=np.arange(0, 4001, 40) / 1000, step=1 / rate, outputs=("position", "velocity")
         )
         p = parameters(scene)
-        chain = links.chain_of(p)
+        chain = lumped_chain.chain_of(p)
         mass = p.mass * chain.tributary_length
         stretch = np.linalg.norm(np.diff(run.position, axis=1), axis=2) - chain.length
         energy = (

@@ -7,7 +7,7 @@ import pytest
 from scenes import scene_with
 
 import cablepod as cp
-from cablepod.discretisation import _chain as links
+from cablepod.discretisation import _chain as lumped_chain
 from cablepod.parameters._from_scene import parameters
 
 
@@ -17,7 +17,7 @@ def test_rest_is_in_equilibrium(scenes, number):
     rest = cp.chain.rest(scene)
     assert float(rest.residual) < 1e-9 * float(rest.tension.max())
     # and by the law of the chain from the positions alone, whose rounding is worth 1e-7 N here
-    chain = links.chain_of(parameters(scene))
+    chain = lumped_chain.chain_of(parameters(scene))
     force = chain.tensions_and_forces(rest.position.values)[1]
     left = force[1:] - force[:-1] + chain.loads(0.0)[1:-1]
     assert np.abs(left).max() < 1e-9 * float(rest.tension.max())

@@ -8,11 +8,11 @@ from scenes import scene_with
 
 import cablepod as cp
 from cablepod.cable import _runs as cable_runs
-from cablepod.chain import _scheme as chain_runs
+from cablepod.chain import _scheme as chain_scheme
 from cablepod.chain import _start as chain_start
 from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun
-from cablepod.discretisation import _chain as links
+from cablepod.discretisation import _chain as lumped_chain
 from cablepod.parameters._from_scene import parameters
 
 
@@ -31,7 +31,7 @@ def test_the_stability_limit_is_where_it_is_predicted(soft):
             "chain": {"links": 8},
         }
     )
-    chain = links.chain_of(parameters(scene))
+    chain = lumped_chain.chain_of(parameters(scene))
     limit = chain.step_limit()
     link = 3.9 / 8
     assert limit == pytest.approx(2 / (2 * np.sqrt(1e3 / link**2) * np.cos(np.pi / 16)), rel=1e-12)
@@ -48,7 +48,7 @@ def test_the_stability_limit_is_where_it_is_predicted(soft):
 @pytest.mark.parametrize("viscosity", [1e-3, 1e-2, 0.1])
 def test_the_stability_limit_with_viscous_links(soft, viscosity):
     scene = scene_with(soft, motion={}, damping={"link_viscosity": viscosity})
-    chain = links.chain_of(parameters(scene))
+    chain = lumped_chain.chain_of(parameters(scene))
     limit = chain.step_limit()
     assert limit < 2 / chain.highest_frequency()
     start = chain_start.start(chain)
@@ -127,7 +127,14 @@ def test_a_broken_finite_run_is_stopped_at_the_first_sign(scenes):
 
 
 def test_the_remedy_names_other_schemes_only(soft):
-    about = (links.chain_of(parameters(cp.make_scene(soft))), np.zeros(1), np.zeros((9, 2)), ("position",), None, "")
+    about = (
+        lumped_chain.chain_of(parameters(cp.make_scene(soft))),
+        np.zeros(1),
+        np.zeros((9, 2)),
+        ("position",),
+        None,
+        "",
+    )
     assert ImplicitChainRun(*about, method="trapezoidal").remedy.endswith("or scheme energy_momentum")
     assert ImplicitChainRun(*about, method="energy_momentum").remedy == "a step half as long"
     assert "energy_momentum" not in cable_runs.ExplicitCableRun(*about).remedy
@@ -135,7 +142,7 @@ def test_the_remedy_names_other_schemes_only(soft):
 
 def test_excessive_energy_is_warned_of(soft, monkeypatch):
     # with the limit set to what any motion holds
-    monkeypatch.setattr(chain_runs, "ENERGY_WARN", 1e-9)
+    monkeypatch.setattr(chain_scheme, "ENERGY_WARN", 1e-9)
     with pytest.warns(cp.NotConvergedWarning, match="times the energy that rest, loads and ends explain"):
         cp.chain.simulate(cp.make_scene(soft), step=1e-3)
 
@@ -143,7 +150,9 @@ def test_excessive_energy_is_warned_of(soft, monkeypatch):
 @pytest.mark.parametrize("law", ["linear", "green"])
 def test_the_energy_of_links(soft, law):
     p = parameters(cp.make_scene(soft))
-    run = ExplicitChainRun(links.chain_of(p, law=law), np.array([1.0]), np.zeros((9, 2)), ("position",), None, "")
+    run = ExplicitChainRun(
+        lumped_chain.chain_of(p, law=law), np.array([1.0]), np.zeros((9, 2)), ("position",), None, ""
+    )
     stretched = np.linspace(0.0, 1.0, 9)[:, None] * [8.0, 6.0] * 1.1
     xi = 1.1 * 10.0 / run.chain.total_length
     expected = (
@@ -203,7 +212,7 @@ def test_the_energy_of_a_velocity_jump_is_that_of_the_axial_wave():
     run = cp.chain.simulate(
         scene, times=[0.0, 0.9 * arrival], step=0.25 * arrival / 800, outputs=("position", "velocity", "tension")
     )
-    chain = links.chain_of(parameters(scene))
+    chain = lumped_chain.chain_of(parameters(scene))
     kinetic = 0.5 * (mass * chain.tributary_length[1:-1, None] * run.velocity.values[1, 1:-1] ** 2).sum()
     strain = (run.tension**2 * chain.length / (2 * stiffness)).sum("link")
     work = run.tension[0, -1] * speed * 0.9 * arrival

@@ -8,7 +8,7 @@ import xarray as xr
 
 import cablepod as cp
 from cablepod.condensed._assembly import model_of
-from cablepod.discretisation import _gll as elements
+from cablepod.discretisation import _gll as gll
 from cablepod.parameters._from_scene import parameters
 
 TIMES = np.arange(0.0, 10.1, 0.5)
@@ -69,10 +69,10 @@ def test_chordwise_inertia_of_links_converges_to_that_of_points(soft):
 
 
 def test_integrals_of_polynomials():
-    node = elements.gll_rule(6)[0]
+    node = gll.gll_rule(6)[0]
     for k in range(7):
         expected = (node ** (k + 1) - (-1.0) ** (k + 1)) / (k + 1)
-        np.testing.assert_allclose(elements.integration_matrix(6) @ node**k, expected, atol=1e-14)
+        np.testing.assert_allclose(gll.integration_matrix(6) @ node**k, expected, atol=1e-14)
 
 
 def test_sixteen_points_suffice_for_three_modes():

@@ -15,7 +15,7 @@ import cablepod as cp
 from cablepod import examples as shipped
 from cablepod.condensed._coefficients import ORDERS
 from cablepod.condensed._runs import SCHEMES
-from cablepod.integrate import _march as stepping
+from cablepod.integrate import _march as march_module
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +158,7 @@ def test_blocks_do_not_change_the_motion(soft, modes, monkeypatch):
         options = {"order": order, "scheme": scheme, "step": 1 / 1000, "times": [1.0], "outputs": ("tension_extremes",)}
         whole = cp.condensed.simulate(scene, modes[2], **options)
         with monkeypatch.context() as patch:
-            patch.setattr(stepping, "BLOCK", 64)
+            patch.setattr(march_module, "BLOCK", 64)
             parts = cp.condensed.simulate(scene, modes[2], progress=seen.append, **options)
         # at the start of a block implicit steps have another first guess (tolerance 1e-11), and the sine recurrence restarts
         np.testing.assert_allclose(parts.amplitude, whole.amplitude, rtol=1e-9, atol=1e-10)

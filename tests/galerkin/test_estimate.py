@@ -10,7 +10,7 @@ from scenes import spatial
 
 import cablepod as cp
 from cablepod.galerkin import _estimate as galerkin_estimate
-from cablepod.galerkin import _explicit as galerkin_runs
+from cablepod.galerkin import _explicit as galerkin_explicit
 from cablepod.galerkin._model import model_of
 from cablepod.integrate._step_control import motion_scale
 from cablepod.parameters._from_scene import parameters
@@ -166,7 +166,9 @@ def test_a_mode_that_nothing_pulls_back_at_the_start_does_not_divide_by_zero(sof
 def test_what_is_off_along_the_chord_counts(soft, modes):
     scene = cp.make_scene(scene_of(soft, tension=150.0))
     model = model_of(parameters(scene), modes, rank=3, law="linear")
-    run = galerkin_runs.ExplicitGalerkinRun(model, TIMES, model.initial(), (), None, scene, modes, "velocity_verlet")
+    run = galerkin_explicit.ExplicitGalerkinRun(
+        model, TIMES, model.initial(), (), None, scene, modes, "velocity_verlet"
+    )
     bump = 5e-3 * np.sin(np.pi * model.sigma)
     chord = model.chain.p.upper - model.chain.p.lower
     shifted = replace(model, mean=model.mean + bump[:, None] * chord / np.linalg.norm(chord))

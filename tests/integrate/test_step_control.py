@@ -10,16 +10,16 @@ import pytest
 import cablepod as cp
 from cablepod.cable import _runs as cable_runs
 from cablepod.integrate import _output_times as output_times
-from cablepod.integrate import _step_control as stepping
+from cablepod.integrate import _step_control as step_control
 from cablepod.rigid import _runs as rigid_runs
 
 
 @pytest.mark.parametrize("rate", [0.3, 1.0, 1.01, 7.9, 3250.0, 4001.0, 1e6 + 1])
 def test_preferred_rates_are_round_and_never_lower(rate):
-    chosen = stepping.preferred_steps_per_second(rate)
+    chosen = step_control.preferred_steps_per_second(rate)
     assert rate * (1 - 1e-12) <= chosen <= 1.28 * rate
     assert chosen / 10.0 ** np.floor(np.log10(chosen)) == pytest.approx(
-        min(stepping._PREFERRED_MANTISSAS, key=lambda p: abs(p - chosen / 10.0 ** np.floor(np.log10(chosen))))
+        min(step_control._PREFERRED_MANTISSAS, key=lambda p: abs(p - chosen / 10.0 ** np.floor(np.log10(chosen))))
     )
 
 
@@ -52,15 +52,15 @@ class ArtificialRuns:
         def position(run):
             return np.full((1, 1, 1), run[1])
 
-        return stepping.ComparableRuns(self, position, lambda run: 1.0, self.first, end_time, links, **options)
+        return step_control.ComparableRuns(self, position, lambda run: 1.0, self.first, end_time, links, **options)
 
     def refine(self, tolerance, **options):
-        return stepping.refine_step(self.runs(**options), tolerance)
+        return step_control.refine_step(self.runs(**options), tolerance)
 
 
 def runs_without_error(run):
     """Runs that all have the same positions."""
-    return stepping.ComparableRuns(run, lambda run: np.zeros((1, 1, 1)), lambda run: 1.0, 100.0)
+    return step_control.ComparableRuns(run, lambda run: np.zeros((1, 1, 1)), lambda run: 1.0, 100.0)
 
 
 @pytest.mark.parametrize(
@@ -100,8 +100,8 @@ def test_runs_do_not_grow_without_bound():
     with pytest.warns(cp.NotConvergedWarning, match="too abrupt for this scheme"):
         artificial.refine(1e-6)
     # the last is rounded up to a preferred rate
-    assert max(artificial.calls) <= 1.3 * stepping.MAX_GROWTH * artificial.first
-    barely = ArtificialRuns(0.9e-6 * stepping.MAX_GROWTH, 1.0)
+    assert max(artificial.calls) <= 1.3 * step_control.MAX_GROWTH * artificial.first
+    barely = ArtificialRuns(0.9e-6 * step_control.MAX_GROWTH, 1.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         (_, error), _, _ = barely.refine(1e-6)
@@ -114,7 +114,7 @@ def test_runs_that_choose_their_step_have_bounded_work(first, runs):
     artificial = ArtificialRuns(1.0, 0.9)
 
     def refine():
-        return artificial.refine(1e-6, end_time=first * stepping.MAX_WORK / (artificial.first * 40), links=40)
+        return artificial.refine(1e-6, end_time=first * step_control.MAX_WORK / (artificial.first * 40), links=40)
 
     if runs == 0:
         with pytest.raises(
@@ -131,8 +131,8 @@ def test_runs_that_choose_their_step_have_bounded_work(first, runs):
 
 def test_trials_of_long_implicit_steps_have_bounded_work():
     artificial = ArtificialRuns(1.0, 0.1)
-    runs = artificial.runs(end_time=stepping.MAX_TRIAL_WORK / (1000.0 * 40), links=40)
-    assert stepping.halve_step_while_cheaper(runs, 1e-6, 1e9) is None
+    runs = artificial.runs(end_time=step_control.MAX_TRIAL_WORK / (1000.0 * 40), links=40)
+    assert step_control.halve_step_while_cheaper(runs, 1e-6, 1e9) is None
     assert artificial.calls == [100.0, 200.0, 400.0, 800.0]
 
 
@@ -148,8 +148,8 @@ def test_a_run_with_too_many_steps_is_refused_before_it_begins(soft, model, monk
         del soft["cable"]["top_tension"]
         scene = cp.make_scene(soft | {"cable": {**soft["cable"], "unstretched_length": 10.3}})
     simulate = getattr(cp, model).simulate
-    monkeypatch.setattr(stepping, "MAX_WORK", 1000)
-    monkeypatch.setattr(stepping, "MAX_TRIAL_WORK", 1)
+    monkeypatch.setattr(step_control, "MAX_WORK", 1000)
+    monkeypatch.setattr(step_control, "MAX_TRIAL_WORK", 1)
     monkeypatch.setattr(cable_runs, "advance_in_blocks", None)  # nothing is run
     monkeypatch.setattr(rigid_runs.RigidRun, "__call__", None)
     with pytest.raises(
@@ -173,7 +173,7 @@ def test_a_month_of_a_stiff_cable_needs_a_given_step(soft):
     run = cp.chain.simulate(scene, scheme="velocity_verlet", times=[0.0, 1e-4])  # as the message says
     assert np.isfinite(run.position).all()
     # two days of 100 links of a guy, 2e7 N and 1 kg/m, a metre each, in steps of 0.2 ms are begun
-    stepping.check_work(5000.0, 2 * 86400.0, 100)
+    step_control.check_work(5000.0, 2 * 86400.0, 100)
 
 
 def test_steps_are_counted_in_doubles(soft):
@@ -184,7 +184,7 @@ def test_steps_are_counted_in_doubles(soft):
 
 def halved(size, order, tolerance, max_steps_per_second):
     artificial = ArtificialRuns(size, order)
-    return stepping.halve_step_while_cheaper(artificial.runs(), tolerance, max_steps_per_second), artificial.calls
+    return step_control.halve_step_while_cheaper(artificial.runs(), tolerance, max_steps_per_second), artificial.calls
 
 
 def test_halving_stops_where_two_runs_agree_by_a_margin():
@@ -194,7 +194,7 @@ def test_halving_stops_where_two_runs_agree_by_a_margin():
     (rate, error), same, estimate = accepted
     assert rate == same == 800.0
     assert estimate == pytest.approx(0.75 * 2.5e-4)
-    assert error < estimate <= 1e-3 / stepping.HALVING_MARGIN
+    assert error < estimate <= 1e-3 / step_control.HALVING_MARGIN
 
 
 def test_halving_goes_no_further_than_it_may():
@@ -213,7 +213,7 @@ def test_halving_passes_over_steps_that_break_down():
             raise cp.RunStopped("too long")
         return 0.0
 
-    accepted = stepping.halve_step_while_cheaper(runs_without_error(run), 1e-3, 1e9)
+    accepted = step_control.halve_step_while_cheaper(runs_without_error(run), 1e-3, 1e9)
     assert calls == [100.0, 200.0, 400.0, 800.0]
     assert accepted[1] == 800.0
 
@@ -225,9 +225,9 @@ def test_runs_that_do_not_converge_end_soon():
         calls.append(rate)
         return 1e-2 * (-1.0) ** len(calls)
 
-    runs = stepping.ComparableRuns(run, lambda run: np.full((1, 1, 1), run), lambda run: 1.0, 100.0)
+    runs = step_control.ComparableRuns(run, lambda run: np.full((1, 1, 1), run), lambda run: 1.0, 100.0)
     with pytest.warns(cp.NotConvergedWarning, match="an error of .* is left at step"):
-        stepping.refine_step(runs, 1e-6)
+        step_control.refine_step(runs, 1e-6)
     assert len(calls) == 4
 
 
@@ -242,7 +242,7 @@ def test_a_first_step_that_breaks_down_is_halved():
 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        _, rate, _ = stepping.refine_step(runs_without_error(run), 1e-6)
+        _, rate, _ = step_control.refine_step(runs_without_error(run), 1e-6)
     assert calls == [100.0, 200.0, 400.0, 800.0]
     assert rate == 800.0
 

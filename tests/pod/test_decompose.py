@@ -8,7 +8,7 @@ import xarray as xr
 from spectra import made_up
 
 import cablepod as cp
-from cablepod.pod import _project as pod_module
+from cablepod.pod import _project as pod_project
 from cablepod.pod import _snapshots as pod_snapshots
 from cablepod.pod import _snapshots as snapshots_module
 
@@ -28,7 +28,7 @@ def test_a_known_spectrum_is_found(dims):
 def test_orthonormal_modes_and_the_discarded_energy(layout, weights):
     snapshots = made_up()
     full = cp.pod.decompose(snapshots, layout=layout, weights=weights)
-    fields = pod_module.mode_fields(full)
+    fields = pod_project.mode_fields(full)
     sigma = pod_snapshots.relative_arc_length(snapshots)
     weight = np.ones(12) if weights is None else snapshots_module.tributary_weights(sigma)
     gram = np.einsum("ipc,p,kpc->ik", fields, weight, fields)

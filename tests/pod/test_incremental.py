@@ -8,9 +8,9 @@ from mpmath import matrix, mp
 from spectra import STEEP, accumulated, known_rows
 
 from cablepod.batch._blas import one_blas_thread
-from cablepod.pod import _graded_svd as pod_gram
+from cablepod.pod import _graded_svd as graded_svd
 from cablepod.pod import _incremental as incremental
-from cablepod.pod import _svd_methods as decompositions
+from cablepod.pod import _svd_methods as svd_methods
 
 
 @pytest.mark.parametrize("parts", [1, 3])
@@ -44,14 +44,14 @@ def test_turned_sums_keep_the_digits_of_small_columns():
     def worst(found):
         return (np.linalg.norm(found - exact, axis=0) / np.linalg.norm(exact, axis=0)).max()
 
-    assert worst(pod_gram.change_basis(factor, axes, other)) < 1e-15
+    assert worst(graded_svd.change_basis(factor, axes, other)) < 1e-15
     assert worst(factor @ (axes.T @ other)) > 1e-9  # a plain product loses 2^-53 of the largest column
 
 
 def test_a_product_in_twice_the_precision():
     rng = np.random.default_rng(3)
     left, right = rng.normal(size=(6, 30)) * np.geomspace(1, 1e-9, 30), rng.normal(size=(30, 5))
-    high, low = pod_gram.accurate_product(left, right)
+    high, low = graded_svd.accurate_product(left, right)
     with mp.workdps(50):
         exact = matrix(left.tolist()) * matrix(right.tolist())
         worst = max(abs(exact[i, j] - mp.mpf(high[i, j]) - mp.mpf(low[i, j])) for i in range(6) for j in range(5))
@@ -90,7 +90,7 @@ def test_what_is_left_out_of_many_features_is_told(monkeypatch):
     with one_blas_thread():
         found = accumulated(known_rows(900, 600, spectrum)[0], block=50).decompose()
     error = np.abs(found.values[:20] - spectrum[:20])
-    unsure = decompositions.uncertainty(found.values, (600, 900), "blocks", discarded=found.discarded)[:20]
+    unsure = svd_methods.uncertainty(found.values, (600, 900), "blocks", discarded=found.discarded)[:20]
     assert found.energy == pytest.approx(np.sum(spectrum**2), rel=1e-10)
     assert np.all(error <= unsure)  # a bound, which what is left out reaches only where it lies along the modes
     assert 1e-6 < error.max() < 1e-3
@@ -116,9 +116,9 @@ def test_small_then_large_and_nothing_then_something():
 def test_the_uncertainty_covers_the_errors(kind):
     rows, left = known_rows(8000, 40, STEEP, kind, seed=2)
     found = accumulated(rows).decompose()
-    unsure = decompositions.uncertainty(found.values, (40, 8000), "blocks")
+    unsure = svd_methods.uncertainty(found.values, (40, 8000), "blocks")
     assert np.all(np.abs(found.values[:20] - STEEP) <= unsure[:20])
-    angle = decompositions.mode_angles(found.values[None], unsure[None])[0, :20]
+    angle = svd_methods.mode_angles(found.values[None], unsure[None])[0, :20]
     assert np.all(
         np.linalg.norm(found.left[:, :20] - left * np.sum(left * found.left[:, :20], axis=0), axis=0) <= angle
     )

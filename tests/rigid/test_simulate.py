@@ -16,7 +16,7 @@ import cablepod as cp
 from cablepod.discretisation._chain import chain_of
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.parameters._from_scene import parameters
-from cablepod.rigid import _start as rigid_module
+from cablepod.rigid import _start as rigid_start
 from cablepod.rigid._runs import FORMULATIONS, RigidRun, RigidStepper
 
 TERMS = {
@@ -275,7 +275,7 @@ def test_rattle_can_be_turned_back(soft):
     scene = rigid_scene(soft, motion={}, **TERMS["line"])
     p = parameters(scene)
     chain = chain_of(p)
-    initial = rigid_module.start(chain)
+    initial = rigid_start.start(chain)
     run = RigidRun(chain, np.array([10.0]), initial, ("position",), None, "turned")
     stepper = RigidStepper(run, OutputTimes.of(run.times, 50.0))
     k = stepper.kernel

@@ -12,7 +12,7 @@ import xarray as xr
 from scene_files import EVERYTHING, RECORD, ROWS, csv, everything, put, write
 
 import cablepod as cp
-from cablepod.parameters import _keys as schema
+from cablepod.parameters import _keys as scene_keys
 from cablepod.parameters._from_scene import parameters
 
 
@@ -93,8 +93,8 @@ def test_every_number_has_units_and_every_variable_a_long_name(scene_folder):
 
 
 def test_every_key_of_the_schema_has_a_long_name_and_units_unless_a_text():
-    tables = [schema.TOP, *schema.TABLES.values(), schema.POINT_LOAD, schema.ENSEMBLE]
-    tables += [keys for units in ("m", "1") for keys in schema.time_function_keys(units).values()]
+    tables = [scene_keys.TOP, *scene_keys.TABLES.values(), scene_keys.POINT_LOAD, scene_keys.ENSEMBLE]
+    tables += [keys for units in ("m", "1") for keys in scene_keys.time_function_keys(units).values()]
     texts = {"title", "free", "sampling", "path"}
     for keys in tables:
         for name, key in keys.items():
