@@ -11,7 +11,6 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.batch._members import over_members
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of
-from cablepod.cable._runs import output_coordinates
 from cablepod.cable._scheme import ELEMENT_COUNTS
 from cablepod.cable._simulate import LAW, element_count
 from cablepod.cable._start import catenary_nodes, solve_equilibrium
@@ -20,7 +19,7 @@ from cablepod.discretisation._chain import square
 from cablepod.discretisation._gll import gll_rule
 from cablepod.discretisation._laws import check_law
 from cablepod.errors import SceneError, scene_error
-from cablepod.integrate._run import law_suffix
+from cablepod.integrate._output import chain_coordinates, law_suffix
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
@@ -111,9 +110,7 @@ def frequencies(
     if normal is not None:
         across = np.einsum("mjc,c->mj", shapes, normal) ** 2
         variables["out_of_plane_share"] = ("mode", across @ mesh.tributary_length / mesh.total_length)
-    coordinates = output_coordinates(mesh)
-    del coordinates["link_arc_length"]
-    result = xr.Dataset(variables, coords={"mode": np.arange(1, count + 1), **coordinates})
+    result = xr.Dataset(variables, coords={"mode": np.arange(1, count + 1), **chain_coordinates(mesh)})
     label(
         result,
         mode=("1", "number of the mode, from 1, by rising frequency"),

@@ -6,16 +6,15 @@ import math
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from cablepod.cable._mesh import SpectralMesh
 from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ROUNDING, ImplicitChainRun, ImplicitStepper
-from cablepod.conventions import COORDINATES, ENDS, label
-from cablepod.discretisation._similarity import describe
+from cablepod.conventions import COORDINATES, ENDS
 from cablepod.integrate._march import advance_in_blocks
+from cablepod.integrate._output import chain_coordinates, law_suffix, trajectory_attributes
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.integrate._run import ChainRun, Trajectory, law_suffix
+from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import damped_growth
 
 SCHEMES = ("velocity_verlet", "trapezoidal")
@@ -26,34 +25,15 @@ NO_SLACK = (-1.0, -1.0, -1.0, -1.0, 1.0)
 
 
 def output_coordinates(mesh: SpectralMesh) -> dict[str, Any]:
-    """Return the coordinates of a result on the output particles."""
-    particles = mesh.particles
-    return {
-        "arc_length": ("particle", particles),
-        "link_arc_length": ("link", 0.5 * (particles[1:] + particles[:-1])),
-        "coordinate": list(COORDINATES[: mesh.p.dims]),
-    }
+    """Return the coordinates of a result on the output particles, and midway between them."""
+    coords, middle = chain_coordinates(mesh), 0.5 * (mesh.particles[1:] + mesh.particles[:-1])
+    return {"arc_length": coords["arc_length"], "link_arc_length": ("link", middle), "coordinate": coords["coordinate"]}
 
 
 class CableRun(ChainRun):
     """Run of the continuous cable, common to both schemes."""
 
     chain: SpectralMesh
-
-    def extremes(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return arrays for the tension extremes (links,), None if not requested."""
-        if "tension_extremes" not in self.outputs:
-            return None
-        count = self.chain.particles.size - 1
-        return np.full(count, np.inf), np.full(count, -np.inf)
-
-    def first_force(self) -> np.ndarray:
-        """Compute the total forces on all nodes (nodes, dims) at the start, at rest [N]."""
-        p, free = self.chain.p, self.chain.free_particles
-        rates = np.zeros_like(self.initial)
-        rates[0], rates[-1] = p.end_positions(np.zeros(1), 1)[0]
-        rates[free] = 0.0
-        return self.chain.forces(self.initial, rates) + self.chain.loads(0.0)
 
     @property
     def remedy(self) -> str:
@@ -79,47 +59,31 @@ class CableRun(ChainRun):
             }
         return state
 
-    def dataset(self, state: Trajectory) -> xr.Dataset:
-        """Convert a trajectory to a labelled Dataset."""
+    def at_particles(self, values: Any) -> np.ndarray:
+        """Interpolate nodal values (times, nodes, dims) at the output particles."""
+        return self.chain.interpolate(values)
+
+    def coordinates(self) -> dict[str, Any]:
+        """Return the coordinates of the result but for time."""
+        has_tensions = {"tension", "tension_extremes"} & set(self.outputs)
+        return (output_coordinates if has_tensions else chain_coordinates)(self.chain)
+
+    def attributes(self, state: Trajectory) -> dict[str, Any]:
+        """Return the attributes of the result."""
         mesh = self.chain
-        variables: dict[str, Any] = {}
-        if "position" in self.outputs:
-            variables["position"] = (("time", "particle", "coordinate"), mesh.interpolate(state.position))
-        if "velocity" in self.outputs and state.velocity is not None:
-            variables["velocity"] = (("time", "particle", "coordinate"), mesh.interpolate(state.velocity))
-        if "tension" in self.outputs:
-            variables["tension"] = (("time", "link"), mesh.tensions_and_forces(state.position, state.velocity)[0])
-        if state.extremes is not None:
-            variables["tension_minimum"], variables["tension_maximum"] = (
-                ("link", tensions) for tensions in state.extremes
-            )
-        variables["unstretched_length"] = ((), mesh.total_length)
-        coordinates = output_coordinates(mesh)
-        if not {"tension", "tension_extremes"} & set(self.outputs):
-            del coordinates["link_arc_length"]
-        features, feature_names = describe(mesh.p, mesh.total_length, float(state.instants.times[-1]))
-        coords = {"time": state.instants.times, **coordinates, **feature_names}
-        result = xr.Dataset({**variables, **features}, coords=coords)
-        label(result)
         stretch = mesh.stretch(state.position)
         instant, point = np.unravel_index(int(stretch.argmin()), stretch.shape)
-        result.attrs.update(
-            title=f"{self.title}: continuous cable{law_suffix(mesh)}",
-            stage="trajectory",
-            model="continuous cable",
-            law=mesh.law,
-            scheme=self.scheme,
-            step=1.0 / state.instants.steps_per_second,
-            number_of_steps=int(state.instants.steps[-1]),
-            elements=mesh.sizes.size,
-            element_order=mesh.order,
-            highest_angular_frequency=mesh.highest_frequency(mesh.tangent_stiffness_ratio(self.initial)),
-            smallest_stretch=float(stretch[instant, point]),
-            smallest_stretch_time=float(state.instants.times[instant]),
-            smallest_stretch_arc_length=float(mesh.point_arc_length[point]),
-        )
-        result.attrs.update(state.diagnostics)
-        return result
+        return {
+            "title": f"{self.title}: continuous cable{law_suffix(mesh)}",
+            **trajectory_attributes("continuous cable", self.scheme, state.instants, law=mesh.law),
+            "elements": mesh.sizes.size,
+            "element_order": mesh.order,
+            "highest_angular_frequency": mesh.highest_frequency(mesh.tangent_stiffness_ratio(self.initial)),
+            "smallest_stretch": float(stretch[instant, point]),
+            "smallest_stretch_time": float(state.instants.times[instant]),
+            "smallest_stretch_arc_length": float(mesh.point_arc_length[point]),
+            **state.diagnostics,
+        }
 
 
 class ExplicitCableRun(CableRun, ExplicitChainRun):

@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from cablepod import provenance
@@ -16,13 +15,11 @@ from cablepod.cable._mesh import check_order, mesh_of, part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun, output_coordinates
 from cablepod.cable._scheme import ELEMENT_COUNTS, refine_in_space, solve, step_limit_of
 from cablepod.cable._start import equilibrium_with_error, start
-from cablepod.conventions import label
-from cablepod.discretisation._chain import square
 from cablepod.discretisation._laws import LAWS, check_law, law_tension
 from cablepod.errors import NotConvergedWarning, scene_error
 from cablepod.integrate._energy_check import ENERGY_WARN
+from cablepod.integrate._output import law_suffix, rest_dataset
 from cablepod.integrate._request import Request, check_step, implicit_steps_per_second
-from cablepod.integrate._run import law_suffix
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
@@ -87,26 +84,19 @@ def rest(
     stretch = mesh.stretch(position)
     ends = stretch[[0, -1]]
     tension = law_tension(ends, p.stiffness, green=mesh.green)
-    residual = (mesh.forces(position) + mesh.loads(0.0))[1:-1]
     scalars = {
         "unstretched_length": mesh.total_length,
         "stretched_length": float(mesh.length @ stretch),
         "tension_lower": tension[0],
         "tension_upper": tension[1],
-        "residual": float(np.sqrt(square(residual)).max(initial=0.0)),
     }
-    result = xr.Dataset(
-        {
-            "position": (("particle", "coordinate"), mesh.interpolate(position)),
-            "tension": ("link", mesh.tensions_and_forces(position)[0]),
-            **{name: ((), value) for name, value in scalars.items()},
-        },
-        coords=output_coordinates(mesh),
-    )
-    label(result)
-    result.attrs.update(
+    result = rest_dataset(
+        mesh.interpolate(position),
+        mesh.tensions_and_forces(position)[0],
+        (mesh.forces(position) + mesh.loads(0.0))[1:-1],
+        output_coordinates(mesh),
+        scalars,
         title=f"{scene.attrs.get('title', 'scene')}: continuous cable at rest in {count} elements{law_suffix(mesh)}",
-        stage="rest",
         law=law,
         elements=count,
         element_order=mesh.order,

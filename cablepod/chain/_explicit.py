@@ -141,7 +141,7 @@ class ExplicitChainRun(ChainRun):
                 )
                 if incomplete is None:
                     raise RunStopped(why, self.dataset(state))
-                self.stop(state, incomplete, steps_per_second, why)
+                self.stop(state, incomplete / steps_per_second, why)
 
     @cached_property
     def step_limit(self) -> float:
@@ -157,21 +157,20 @@ class ExplicitChainRun(ChainRun):
         steps_per_second: float,
     ) -> None:
         """Raise :class:`cablepod.errors.RunStopped` with the trajectory before step `done`."""
-        count = int(np.searchsorted(instants.times, done / steps_per_second * (1.0 - 1e-12)))
-        partial = None
-        if count:
-            before = OutputTimes.of(instants.times[:count], steps_per_second)
+        time = done / steps_per_second
+        before, partial = instants.before_time(time), None
+        if before is not None:
             saves = before.steps.size
             partial = self._gather(
                 before, saved[:saves], None if half_velocities is None else half_velocities[:saves], None
             )
             self._check_limit(partial, incomplete=done)  # names stiffening as the reason, if an output time shows it
         why = (
-            f"the chain left the finite numbers at {done / steps_per_second:.6g} s (velocity Verlet, step "
+            f"the chain left the finite numbers at {time:.6g} s (velocity Verlet, step "
             f"{1 / steps_per_second:.4g} s, step number {done}, stability limit {self.step_limit:.4g} s); try a shorter step, "
             "gentler loads or motion, or damping"
         )
-        self.stop(partial, done, steps_per_second, why)
+        self.stop(partial, time, why)
 
 
 @dataclass(frozen=True)

@@ -90,9 +90,7 @@ class ImplicitChainRun(ChainRun):
         """Return the accelerations at the saved steps from the forces; the energy-momentum method has none of its own."""
         chain = self.chain
         time = instants.steps[: len(x)] / instants.steps_per_second
-        force = chain.tensions_and_forces(x, v)[1]
-        zero = np.zeros_like(force[:, :1])
-        total = np.diff(np.concatenate([zero, force, zero], axis=1), axis=1) + chain.loads()
+        total = chain.forces(x, v) + chain.loads()
         for pattern, factor in chain.time_dependent_loads():
             total += factor(time)[:, None, None] * pattern
         a = np.zeros_like(x)
@@ -109,7 +107,7 @@ class ImplicitChainRun(ChainRun):
             f"{failure} at {done / steps_per_second:.6g} s ({self.method}, step {1 / steps_per_second:.4g} s, step number "
             f"{done}); try a shorter step, scheme velocity_verlet, gentler loads or motion, or damping"
         )
-        self.stop(partial, done, steps_per_second, why)
+        self.stop(partial, done / steps_per_second, why)
 
 
 class ImplicitStepper:

@@ -13,10 +13,9 @@ from cablepod.batch._members import over_members, over_members_by
 from cablepod.chain._batch import plan
 from cablepod.chain._scheme import ChainRequest, prepare, solve
 from cablepod.chain._start import rest_shape
-from cablepod.conventions import label
 from cablepod.discretisation._chain import chain_of, square
 from cablepod.discretisation._laws import LAWS, check_law
-from cablepod.integrate._run import chain_coordinates, law_suffix
+from cablepod.integrate._output import chain_coordinates, law_suffix, rest_dataset
 from cablepod.parameters._from_scene import parameters
 
 # --- rest -----------------------------------------------------------------------------------------------------------
@@ -77,20 +76,9 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
         "stretched_length": float(np.sum(np.sqrt(square(reach)))),
         "tension_lower": tension[0],
         "tension_upper": tension[-1],
-        "residual": float(np.sqrt(square(unbalanced)).max()),
     }
-    result = xr.Dataset(
-        {
-            "position": (("particle", "coordinate"), position),
-            "tension": ("link", tension),
-            **{name: ((), value) for name, value in scalars.items()},
-        },
-        coords=chain_coordinates(chain),
-    )
-    label(result)
-    result.attrs.update(
-        title=f"{scene.attrs.get('title', 'scene')}: chain at rest{law_suffix(chain)}", stage="rest", law=chain.law
-    )
+    title = f"{scene.attrs.get('title', 'scene')}: chain at rest{law_suffix(chain)}"
+    result = rest_dataset(position, tension, unbalanced, chain_coordinates(chain), scalars, title=title, law=chain.law)
     options = {"links": chain.links, "law": chain.law}
     return provenance.record(
         result,

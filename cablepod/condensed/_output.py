@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ from cablepod.condensed._fields import (
 from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP
 from cablepod.condensed._model import CondensedModel
 from cablepod.conventions import COORDINATES, ENDS, label
+from cablepod.integrate._output import law_suffix, trajectory_attributes, trajectory_variables
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.pod import _normal as pod_normal
 from cablepod.reduced._training_distance import distance_outside_training
@@ -71,20 +72,17 @@ def variables(
     result["unstretched_length"] = ((), chain.total_length)
     if {"position", "velocity"} & set(outputs):
         stretch, force, squared, deflection = close_chord(model, q, times)
-        dims = ("time", "particle", "coordinate")
-        if "position" in outputs:
-            result["position"] = (dims, positions_of(model, stretch, deflection, times))
-        if "velocity" in outputs:
-            result["velocity"] = (dims, velocities(model, stretch, deflection, state.rates, times))
-        if "tension" in outputs:
-            tension = link_tensions(model, stretch, force, squared)
-            result["tension"] = (("time", "link"), tension if links is None else tension[:, links])
-    elif "tension" in outputs:
-        tension = selected_tensions(model, q, times, links) if state.tension is None else state.tension
-        result["tension"] = (("time", "link"), tension)
-    if state.extremes is not None:
-        result["tension_minimum"], result["tension_maximum"] = ((("link",), extreme) for extreme in state.extremes)
-    return result
+        values: dict[str, Callable[[], np.ndarray]] = {
+            "position": lambda: positions_of(model, stretch, deflection, times),
+            "velocity": lambda: velocities(model, stretch, deflection, state.rates, times),
+            "tension": lambda: link_tensions(model, stretch, force, squared)[
+                :, slice(None) if links is None else links
+            ],
+        }
+    else:
+        saved = state.tension
+        values = {"tension": lambda: selected_tensions(model, q, times, links) if saved is None else saved}
+    return result | trajectory_variables(outputs, state.extremes, values)
 
 
 def attributes(model: CondensedModel, state: CondensedTrajectory, modes: xr.Dataset | None) -> dict[str, Any]:
@@ -108,17 +106,8 @@ def shared_attributes(
     energy = {}
     if modes is not None and "energy_share" in modes:
         energy["energy_share_kept"] = float(modes.variables["energy_share"].values[: model.n_in_plane].sum())
-    return {
-        "stage": "trajectory",
-        "model": "condensed",
-        "order": model.order,
-        "law": model.chain.law,
-        "rank": model.rank,
-        "scheme": scheme,
-        "step": 1.0 / instants.steps_per_second,
-        "number_of_steps": int(instants.steps[-1]),
-        **energy,
-    }
+    options = {"order": model.order, "law": model.chain.law, "rank": model.rank}
+    return trajectory_attributes("condensed", scheme, instants, **options) | energy
 
 
 def dataset(
@@ -138,9 +127,7 @@ def dataset(
 
 def title_of(model: CondensedModel, title: str) -> str:
     """Return the title of a result for that of its scene."""
-    return f"{title}: condensed model, r = {model.rank}, order {model.order}" + (
-        f", {model.chain.law} law" if model.green else ""
-    )
+    return f"{title}: condensed model, r = {model.rank}, order {model.order}{law_suffix(model.chain)}"
 
 
 def padded(amplitude: np.ndarray, rank: int) -> np.ndarray:

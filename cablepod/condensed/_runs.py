@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
-import xarray as xr
 
 from cablepod._resources import check_memory
 from cablepod.condensed._fields import CondensedTrajectory, positions
@@ -16,9 +15,8 @@ from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE, UNS
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._output import attributes, dataset
 from cablepod.condensed._stepper import CondensedStepper
-from cablepod.errors import RunStopped
 from cablepod.integrate._march import advance_in_blocks
-from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._output import stop
 from cablepod.integrate._request import Request, check_resolved, check_step
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
@@ -168,23 +166,26 @@ class CondensedRun:
         """Integrate with the same step, saved at other instants [s]."""
         return replace(self, times=times, outputs=(), progress=None)(steps_per_second)
 
-    def _stop_unstable(self, state: CondensedTrajectory, step_number: int, steps_per_second: float) -> None:
+    def _stop_unstable(self, state: CondensedTrajectory, step_number: int, steps_per_second: float) -> NoReturn:
         limit = 2 / math.sqrt(self.model.frequency_amplification * state.monitor[MAX_OMEGA_SQUARED])
         time = step_number / steps_per_second
-        raise RunStopped(
+        self._stop(
+            state,
+            time,
             f"the condensed model stiffened: from {time:.6g} s on its stability limit is below the step "
             f"{1.0 / steps_per_second:.6g} s ({self.scheme}), at least {limit:.6g} s; try a shorter step, or scheme "
             f"trapezoidal{self._growth()}",
-            self._partial(state, step_number, steps_per_second),
         )
 
-    def _stop_diverged(self, state: CondensedTrajectory, step_number: int, steps_per_second: float) -> None:
-        raise RunStopped(
-            "the condensed model left the finite numbers or found no equilibrium along the chord at "
-            f"{step_number / steps_per_second:.6g} s ({self.scheme}, step {1 / steps_per_second:.4g} s, step number "
-            f"{step_number}, least chordwise force {state.monitor[MIN_FORCE]:.3g} N); try a shorter step or, where the "
-            f"cable goes slack, chain.simulate{self._growth()}",
-            self._partial(state, step_number, steps_per_second),
+    def _stop_diverged(self, state: CondensedTrajectory, step_number: int, steps_per_second: float) -> NoReturn:
+        time = step_number / steps_per_second
+        self._stop(
+            state,
+            time,
+            f"the condensed model left the finite numbers or found no equilibrium along the chord at {time:.6g} s "
+            f"({self.scheme}, step {1 / steps_per_second:.4g} s, step number {step_number}, least chordwise force "
+            f"{state.monitor[MIN_FORCE]:.3g} N); try a shorter step or, where the cable goes slack, "
+            f"chain.simulate{self._growth()}",
         )
 
     def _growth(self) -> str:
@@ -197,15 +198,11 @@ class CondensedRun:
             "train them nearer to this scene, or take the modes without them"
         )
 
-    def _partial(self, state: CondensedTrajectory, step_number: int, steps_per_second: float) -> xr.Dataset | None:
-        """Return the result at the instants before a step; None where there are none."""
-        count = int(np.searchsorted(state.instants.times, step_number / steps_per_second * (1.0 - 1e-12)))
-        if not count:
-            return None
-        instants = OutputTimes.of(state.instants.times[:count], steps_per_second)
-        saved, half_step_rates = state.saved[: instants.steps.size], state.half_step_rates[: instants.steps.size]
-        part = CondensedTrajectory(instants, saved, half_step_rates, None, state.monitor, self.scheme)
-        result = dataset(self.model, part, attributes(self.model, part, None), ("position",), "stopped")
-        end_time = state.instants.times[-1]
-        result.attrs["incomplete"] = f"stopped at {step_number / steps_per_second:.6g} s of {end_time:.6g} s"
-        return result
+    def _stop(self, state: CondensedTrajectory, time: float, why: str) -> NoReturn:
+        """Raise :class:`cablepod.errors.RunStopped` with the result at the instants before `time` [s]."""
+        instants, partial = state.instants.before_time(time), None
+        if instants is not None:
+            saved, half_step_rates = state.saved[: instants.steps.size], state.half_step_rates[: instants.steps.size]
+            part = CondensedTrajectory(instants, saved, half_step_rates, None, state.monitor, self.scheme)
+            partial = dataset(self.model, part, attributes(self.model, part, None), ("position",), "stopped")
+        stop(partial, time, float(state.instants.times[-1]), why)

@@ -62,6 +62,11 @@ class LumpedChain:
         half = 0.5 * self.length
         return np.concatenate([half[:1], half[:-1] + half[1:], half[-1:]])
 
+    @property
+    def particles(self) -> np.ndarray:
+        """Unstretched arc length of the particles of a result (particle,) [m]."""
+        return self.arc_length
+
     @cached_property
     def statics(self) -> np.ndarray:
         """Elastic catenary of this length at rest, see :func:`cablepod.catenary._statics.solve_statics`."""
@@ -129,6 +134,12 @@ class LumpedChain:
                 total = elastic + self.p.link_viscosity * self.k * reach_times_rate / stretched**2
         secant = np.where((elastic > 0.0) & (total > 0.0), total, 0.0)
         return secant * stretched, secant[..., None] * reach
+
+    def forces(self, position: np.ndarray, velocity: np.ndarray | None = None) -> np.ndarray:
+        """Return the forces of the links on the particles (..., n + 1, dims) [N]."""
+        force = self.tensions_and_forces(position, velocity)[1]
+        zero = np.zeros_like(force[..., :1, :])
+        return np.diff(np.concatenate([zero, force, zero], axis=-2), axis=-2)
 
     def stretch(self, position: np.ndarray) -> np.ndarray:
         """Return the stretch xi = |R| / l of the links (..., n) at positions (..., n + 1, dims) [m]."""

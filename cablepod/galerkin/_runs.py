@@ -12,11 +12,10 @@ import numpy as np
 import xarray as xr
 
 from cablepod.conventions import ENDS, label
-from cablepod.errors import RunStopped
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.integrate._march import advance_in_blocks
+from cablepod.integrate._output import chain_coordinates, stop, trajectory_attributes, trajectory_variables
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.integrate._run import chain_coordinates
 
 #: Cost of the polynomial form, monomials x rows, relative to the link form, coordinates x axes x links (explicit steps take the
 #: cheaper one); and minimum ratio of links to rows for the polynomial form in implicit steps, whose tangent costs modes^2 x rows.
@@ -187,20 +186,17 @@ class GalerkinRun:
     def _stop(self, record: RunRecord, failed_step: int, diagnostics: dict[str, Any]) -> None:
         """Raise RunStopped with the output before the failed step."""
         instants, steps_per_second = record.instants, record.instants.steps_per_second
-        time = failed_step / steps_per_second
+        time, completed, partial = failed_step / steps_per_second, instants.before_step(failed_step), None
         # the state at the failed step is finite, but the second rate of an explicit step may not be
-        last = (failed_step - 1) / steps_per_second
-        count = int(np.searchsorted(instants.times, last * (1.0 + 1e-12), side="right")) if failed_step else 0
-        partial = None
-        if count:
-            completed = OutputTimes.of(instants.times[:count], steps_per_second)
+        if completed is not None:
             record.extremes = None
             partial = self.dataset(self._trajectory(record, completed, diagnostics))
-            partial.attrs["incomplete"] = f"stopped at {time:.6g} s of {instants.times[-1]:.6g} s"
-        raise RunStopped(
+        stop(
+            partial,
+            time,
+            float(instants.times[-1]),
             f"{self.failure} at {time:.6g} s ({self.scheme}, step {1 / steps_per_second:.4g} s, step number {failed_step}); "
             f"try a shorter step, {self.alternative}, more modes, or the chain itself",
-            partial,
         )
 
     @property
@@ -227,40 +223,28 @@ class GalerkinRun:
             "end_position": (("time", "end", "coordinate"), model.chain.p.end_positions(time)),
             "unstretched_length": ((), model.chain.total_length),
         }
-        dims = ("time", "particle", "coordinate")
         # always computed, because the minimum stretch shows whether the cable went slack
         position = model.positions(trajectory.q, time)
-        if "position" in self.outputs:
-            variables["position"] = (dims, position)
-        if "tension" in self.outputs:
-            variables["tension"] = (("time", "link"), model.tension(position))
-        attrs = {"smallest_stretch": float(model.chain.stretch(position).min())}
-        if "velocity" in self.outputs:
-            variables["velocity"] = (dims, model.velocities(trajectory.rates, time))
-        if trajectory.extremes is not None:
-            variables["tension_minimum"], variables["tension_maximum"] = (
-                ("link", tensions) for tensions in trajectory.extremes
-            )
+        values = {
+            "position": lambda: position,
+            "tension": lambda: model.tension(position),
+            "velocity": lambda: model.velocities(trajectory.rates, time),
+        }
+        variables |= trajectory_variables(self.outputs, trajectory.extremes, values)
         coords = {
             "time": time,
             "mode": self.modes["mode"].values[:count],
             "end": list(ENDS),
             **chain_coordinates(model.chain),
         }
-        result = xr.Dataset(variables, coords=coords, attrs=attrs)
-        label(result)
-        result.attrs.update(
-            title=f"{self.scene.attrs.get('title', 'scene')}: Galerkin model, r = {count}, {model.law} law",
-            stage="trajectory",
-            model="Galerkin",
-            law=model.law,
-            rank=count,
-            scheme=self.scheme,
-            step=1.0 / trajectory.instants.steps_per_second,
-            number_of_steps=int(trajectory.instants.steps[-1]),
+        options = {"law": model.law, "rank": count}
+        attrs = {
+            "smallest_stretch": float(model.chain.stretch(position).min()),
+            "title": f"{self.scene.attrs.get('title', 'scene')}: Galerkin model, r = {count}, {model.law} law",
+            **trajectory_attributes("Galerkin", self.scheme, trajectory.instants, **options),
             **trajectory.diagnostics,
-        )
-        return result
+        }
+        return label(xr.Dataset(variables, coords=coords, attrs=attrs))
 
 
 def _energy_defect(rates: np.ndarray, energy: np.ndarray, initial: float) -> float:

@@ -55,7 +55,14 @@ class OutputTimes:
         if done <= 0:
             return None
         end_time = (done - 1) / self.steps_per_second
-        count = int(np.searchsorted(self.times, end_time * (1.0 + 1e-12), side="right"))
+        return self._first(int(np.searchsorted(self.times, end_time * (1.0 + 1e-12), side="right")))
+
+    def before_time(self, time: float) -> OutputTimes | None:
+        """Return the output times before `time` [s], None if there are none."""
+        return self._first(int(np.searchsorted(self.times, time * (1.0 - 1e-12))))
+
+    def _first(self, count: int) -> OutputTimes | None:
+        """Return the first `count` output times, None if there are none."""
         return OutputTimes.of(self.times[:count], self.steps_per_second) if count else None
 
     def at_times(self, x: np.ndarray, v: np.ndarray | None, a: np.ndarray | None) -> np.ndarray:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
-from typing import Any
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NoReturn
 
 import numpy as np
 import xarray as xr
 
 from cablepod._resources import check_memory
-from cablepod.conventions import COORDINATES, label
+from cablepod.conventions import label
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._similarity import describe
-from cablepod.errors import RunStopped
 from cablepod.integrate._energy_check import check_energy, max_energy_of_run
+from cablepod.integrate._output import chain_coordinates, law_suffix, stop, trajectory_attributes, trajectory_variables
 from cablepod.integrate._output_times import OutputTimes
 
 
@@ -29,22 +29,6 @@ class Trajectory:
     velocity: np.ndarray | None  #: as `position` [m/s]
     extremes: tuple[np.ndarray, np.ndarray] | None  #: minimum and maximum of the tensions (n,) [N]
     diagnostics: dict[str, Any] = field(default_factory=dict)  #: attributes of the result from the run itself
-
-
-def chain_coordinates(chain: LumpedChain) -> dict[str, Any]:
-    """Return the coordinates of a result on the particles of a chain."""
-    return {"arc_length": ("particle", chain.arc_length), "coordinate": _axes(chain.p.dims)}
-
-
-@lru_cache
-def _axes(dims: int) -> xr.IndexVariable:
-    """Return the index of the axes (cached: it costs as much as a hundred steps of a chain)."""
-    return xr.IndexVariable("coordinate", list(COORDINATES[:dims]))
-
-
-def law_suffix(chain: LumpedChain) -> str:
-    """Return the part of a title that names the law, empty for the linear one."""
-    return f", {chain.law} law" if chain.green else ""
 
 
 @dataclass(frozen=True)
@@ -99,7 +83,8 @@ class ChainRun:
         """Return initial values of the tension extremes, None if they are not an output."""
         if "tension_extremes" not in self.outputs:
             return None
-        return np.full(self.chain.links, np.inf), np.full(self.chain.links, -np.inf)
+        links = self.chain.particles.size - 1
+        return np.full(links, np.inf), np.full(links, -np.inf)
 
     def first_force(self) -> np.ndarray:
         """Return the total forces on all particles at the start from rest (n + 1, dims) [N]."""
@@ -107,9 +92,7 @@ class ChainRun:
         rates = np.zeros_like(self.initial)
         rates[0], rates[-1] = p.end_positions(np.zeros(1), 1)[0]
         rates[free] = 0.0
-        _, force = self.chain.tensions_and_forces(self.initial, rates)
-        zero = np.zeros((1, p.dims))
-        return np.diff(np.concatenate([zero, force, zero]), axis=0) + self.chain.loads(0.0)
+        return self.chain.forces(self.initial, rates) + self.chain.loads(0.0)
 
     def state(
         self,
@@ -173,33 +156,29 @@ class ChainRun:
             self.chain, self.initial, self.energy_bound, state.instants.times, state.position
         )
         state.diagnostics["energy_excess"] = float(excess.max(initial=0.0))
-        if not broken.any():
-            return state
-        first, steps_per_second = int(np.argmax(broken > 0.0)), state.instants.steps_per_second
-        when, limit = float(state.instants.times[first]), ""
+        if broken.any():
+            first = int(np.argmax(broken > 0.0))
+            self._stop_broken(state, first, energy[first], broken[first])
+        return state
+
+    def _stop_broken(self, state: Trajectory, first: int, energy: float, ratio: float) -> NoReturn:
+        """Raise :class:`cablepod.errors.RunStopped` for excessive strain energy [J] at output time number `first`."""
+        time, limit, partial = float(state.instants.times[first]), "", None
         if "step_limit" in state.diagnostics:
             limit = f", limit {state.diagnostics['step_limit']:.4g} s for taut links"
-        partial = None
         if first:
-            partial = (
-                self.dataset(state)
-                .isel(time=slice(first))
-                .drop_vars(["tension_minimum", "tension_maximum"], errors="ignore")
-            )
-            partial.attrs["incomplete"] = f"stopped at {when:.6g} s of {self.times[-1]:.6g} s"
-        raise RunStopped(
-            f"the run broke down: at {when:.6g} s the links hold {energy[first]:.3g} J, {broken[first]:.1g} times what rest, "
-            f"loads and ends explain ({self.scheme}, step {1 / steps_per_second:.4g} s{limit}); try {self.remedy}",
+            partial = self.dataset(replace(state, extremes=None)).isel(time=slice(first))
+        stop(
             partial,
+            time,
+            float(self.times[-1]),
+            f"the run broke down: at {time:.6g} s the links hold {energy:.3g} J, {ratio:.1g} times what rest, loads and ends "
+            f"explain ({self.scheme}, step {1 / state.instants.steps_per_second:.4g} s{limit}); try {self.remedy}",
         )
 
-    def stop(self, computed: Trajectory | None, done: int, steps_per_second: float, why: str) -> None:
-        """Raise :class:`cablepod.errors.RunStopped` with the trajectory before step `done`."""
-        partial = None
-        if computed is not None:
-            partial = self.dataset(computed)
-            partial.attrs["incomplete"] = f"stopped at {done / steps_per_second:.6g} s of {self.times[-1]:.6g} s"
-        raise RunStopped(why, partial)
+    def stop(self, computed: Trajectory | None, time: float, why: str) -> NoReturn:
+        """Raise :class:`cablepod.errors.RunStopped` with the trajectory before `time` [s]."""
+        stop(None if computed is None else self.dataset(computed), time, float(self.times[-1]), why)
 
     def dataset(self, state: Trajectory) -> xr.Dataset:
         """Make the result of a run: variables with units, attributes."""
@@ -210,38 +189,39 @@ class ChainRun:
 
     def arrays(self, state: Trajectory) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the variables of the result and its coordinates."""
+        values = {
+            "position": lambda: self.at_particles(state.position),
+            "velocity": lambda: self.at_particles(state.velocity),
+            "tension": lambda: self.tension(state),
+        }
+        variables: dict[str, Any] = trajectory_variables(self.outputs, state.extremes, values)
+        variables["unstretched_length"] = ((), self.chain.total_length)
+        features, names = self.features(float(state.instants.times[-1]))
+        return variables | features, {"time": state.instants.times, **self.coordinates(), **names}
+
+    def at_particles(self, values: Any) -> np.ndarray:
+        """Return values (times, nodes, dims) at the particles of the result."""
+        return values
+
+    def tension(self, state: Trajectory) -> np.ndarray:
+        """Return the tensions (times, links) [N]."""
+        return self.chain.tensions_and_forces(state.position, state.velocity)[0]
+
+    def coordinates(self) -> dict[str, Any]:
+        """Return the coordinates of the result but for time."""
+        return chain_coordinates(self.chain)
+
+    def features(self, end_time: float) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return the variables of the similarity numbers until `end_time` [s], and their coordinate."""
         chain = self.chain
-        variables: dict[str, Any] = {}
-        if "position" in self.outputs:
-            variables["position"] = (("time", "particle", "coordinate"), state.position)
-        if "velocity" in self.outputs:
-            variables["velocity"] = (("time", "particle", "coordinate"), state.velocity)
-        if "tension" in self.outputs:
-            variables["tension"] = (("time", "link"), chain.tensions_and_forces(state.position, state.velocity)[0])
-        if state.extremes is not None:
-            variables["tension_minimum"], variables["tension_maximum"] = (
-                ("link", extreme) for extreme in state.extremes
-            )
-        variables["unstretched_length"] = ((), chain.total_length)
-        features, feature_names = describe(
-            chain.p,
-            chain.total_length,
-            float(state.instants.times[-1]),
-            0.5 * float(chain.statics[4] + chain.statics[5]),
-        )
-        return {**variables, **features}, {"time": state.instants.times, **chain_coordinates(chain), **feature_names}
+        return describe(chain.p, chain.total_length, end_time, 0.5 * float(chain.statics[4] + chain.statics[5]))
 
     def attributes(self, state: Trajectory) -> dict[str, Any]:
         """Return the attributes of the result."""
         chain = self.chain
         attrs = {
             "title": f"{self.title}: elastic chain of {chain.links} links{law_suffix(chain)}",
-            "stage": "trajectory",
-            "model": "elastic chain",
-            "law": chain.law,
-            "scheme": self.scheme,
-            "step": 1.0 / state.instants.steps_per_second,
-            "number_of_steps": int(state.instants.steps[-1]),
+            **trajectory_attributes("elastic chain", self.scheme, state.instants, law=chain.law),
             "highest_angular_frequency": chain.highest_frequency(chain.tangent_stiffness_ratio(self.initial)),
             **state.diagnostics,
             **self.initial_velocity_jump(),

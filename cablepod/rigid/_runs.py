@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
-from cablepod.conventions import label
 from cablepod.discretisation._chain import square
 from cablepod.errors import SceneError
 from cablepod.integrate._march import BLOCK
+from cablepod.integrate._output import trajectory_attributes
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.integrate._run import ChainRun, Trajectory, chain_coordinates
+from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import STEPS_PER_CHANGE
 from cablepod.rigid import _kernels_layout as layout
 
@@ -104,7 +103,7 @@ class RigidRun(ChainRun):
             f"{failure} at {done / steps_per_second:.6g} s ({self.formulation}, step {1 / steps_per_second:.4g} s, step number "
             f"{done}); try a shorter step, gentler loads or motion, or damping"
         )
-        self.stop(partial, done, steps_per_second, why)
+        self.stop(partial, done / steps_per_second, why)
 
     def initial_velocity_jump(self) -> dict[str, float]:
         """Return attributes about ends that start with a nonzero speed; empty for all other runs.
@@ -114,39 +113,28 @@ class RigidRun(ChainRun):
         rates = self.chain.p.end_positions(np.zeros(1), 1)[0]
         return {"start_jolt_speed": math.sqrt(square(rates).max())} if rates.any() else {}
 
-    def dataset(self, state: Trajectory) -> xr.Dataset:
-        """Make the result of a run: variables with units, attributes."""
-        chain = self.chain
+    def tension(self, state: Trajectory) -> np.ndarray:
+        """Return the tensions (times, links) [N]."""
+        return state.diagnostics["tension"]
+
+    def features(self, end_time: float) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return none: the similarity numbers are those of elastic cables."""
+        return {}, {}
+
+    def attributes(self, state: Trajectory) -> dict[str, Any]:
+        """Return the attributes of the result."""
         diagnostics = dict(state.diagnostics)
         tension = diagnostics.pop("tension", None)
-        variables: dict[str, Any] = {}
-        if "position" in self.outputs:
-            variables["position"] = (("time", "particle", "coordinate"), state.position)
-        if "velocity" in self.outputs:
-            variables["velocity"] = (("time", "particle", "coordinate"), state.velocity)
         if tension is not None:
-            variables["tension"] = (("time", "link"), tension)
             diagnostics |= _compression(tension, state.instants.times)
         if state.extremes is not None:
-            variables["tension_minimum"], variables["tension_maximum"] = (
-                ("link", extreme) for extreme in state.extremes
-            )
             diagnostics["smallest_tension"] = float(state.extremes[0].min())
-        variables["unstretched_length"] = ((), chain.total_length)
-        result = xr.Dataset(variables, coords={"time": state.instants.times, **chain_coordinates(chain)})
-        label(result)
-        result.attrs.update(
-            title=f"{self.title}: chain of {chain.links} rigid links",
-            stage="trajectory",
-            model="rigid chain",
-            formulation=self.formulation,
-            scheme=self.scheme,
-            step=1.0 / state.instants.steps_per_second,
-            number_of_steps=int(state.instants.steps[-1]),
+        return {
+            "title": f"{self.title}: chain of {self.chain.links} rigid links",
+            **trajectory_attributes("rigid chain", self.scheme, state.instants, formulation=self.formulation),
             **diagnostics,
             **self.initial_velocity_jump(),
-        )
-        return result
+        }
 
 
 def _compression(tension: np.ndarray, times: np.ndarray) -> dict[str, Any]:
@@ -305,7 +293,7 @@ class RigidStepper:
         a, tension, done = self._states(self.s.copy(), time, x, v, is_projected)
         if self.status != layout.DONE:
             why = f"{self.failure(0)} at {time[done]:.6g} s, an output time; try a shorter step, or other times"
-            self.run.stop(None, 0, self.instants.steps_per_second, why)
+            self.run.stop(None, 0.0, why)
         return a, tension
 
     def _states(

@@ -13,11 +13,11 @@ import xarray as xr
 from cablepod import provenance
 from cablepod._resources import check_memory
 from cablepod.batch._members import over_members
-from cablepod.conventions import label
-from cablepod.discretisation._chain import LumpedChain, chain_of, square
+from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.errors import NotConvergedWarning, RunStopped, scene_error
+from cablepod.integrate._output import chain_coordinates, rest_dataset
 from cablepod.integrate._request import Request, implicit_steps_per_second
-from cablepod.integrate._run import Trajectory, chain_coordinates
+from cablepod.integrate._run import Trajectory
 from cablepod.integrate._step_control import (
     ComparableRuns,
     check_work,
@@ -63,19 +63,9 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
     position, tension = rest_shape(chain)
     force = (tension / chain.length)[:, None] * np.diff(position, axis=0)
     unbalanced = force[1:] - force[:-1] + chain.loads(0.0)[1:-1]
-    result = xr.Dataset(
-        {
-            "position": (("particle", "coordinate"), position),
-            "tension": ("link", tension),
-            "unstretched_length": ((), chain.total_length),
-            "tension_lower": ((), tension[0]),
-            "tension_upper": ((), tension[-1]),
-            "residual": ((), float(np.sqrt(square(unbalanced)).max())),
-        },
-        coords=chain_coordinates(chain),
-    )
-    label(result)
-    result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: rigid links at rest", stage="rest")
+    scalars = {"unstretched_length": chain.total_length, "tension_lower": tension[0], "tension_upper": tension[-1]}
+    title = f"{scene.attrs.get('title', 'scene')}: rigid links at rest"
+    result = rest_dataset(position, tension, unbalanced, chain_coordinates(chain), scalars, title=title)
     return provenance.record(
         result,
         function="rigid.rest",

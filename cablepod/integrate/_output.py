@@ -1,0 +1,106 @@
+"""Labelled results of all models: variables and attributes of trajectories, equilibria, results of stopped runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from typing import Any, NoReturn
+
+import numpy as np
+import xarray as xr
+
+from cablepod.conventions import COORDINATES, label
+from cablepod.discretisation._chain import LumpedChain, square
+from cablepod.errors import RunStopped
+from cablepod.integrate._output_times import OutputTimes
+
+#: Dimensions of the variables of a trajectory.
+PARTICLES, LINKS = ("time", "particle", "coordinate"), ("time", "link")
+DIMS = {"position": PARTICLES, "velocity": PARTICLES, "tension": LINKS}
+
+
+def chain_coordinates(chain: LumpedChain) -> dict[str, Any]:
+    """Return the coordinates of a result on the particles of a chain, or on the output particles of a mesh."""
+    return {"arc_length": ("particle", chain.particles), "coordinate": _axes(chain.p.dims)}
+
+
+@lru_cache
+def _axes(dims: int) -> xr.IndexVariable:
+    """Return the index of the axes (cached: it costs as much as a hundred steps of a chain)."""
+    return xr.IndexVariable("coordinate", list(COORDINATES[:dims]))
+
+
+def law_suffix(chain: LumpedChain) -> str:
+    """Return the part of a title that names the law, empty for the linear one."""
+    return f", {chain.law} law" if chain.green else ""
+
+
+def trajectory_variables(
+    outputs: tuple[str, ...],
+    extremes: tuple[np.ndarray, np.ndarray] | None,
+    values: Mapping[str, Callable[[], np.ndarray]],
+) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
+    """Return dimensions and values of the requested variables of a trajectory.
+
+    Parameters
+    ----------
+    outputs
+        Names of the requested ones.
+    extremes
+        Minimum and maximum of the tensions (n,) [N]; None if they are not requested.
+    values
+        Functions that compute "position" [m], "velocity" [m/s] (times, n + 1, dims) and "tension" (times, n) [N].
+    """
+    result = {name: (DIMS[name], compute()) for name, compute in values.items() if name in outputs}
+    if extremes is not None:
+        result["tension_minimum"], result["tension_maximum"] = ((("link",), extreme) for extreme in extremes)
+    return result
+
+
+def trajectory_attributes(model: str, scheme: str, instants: OutputTimes, **options: Any) -> dict[str, Any]:
+    """Return the attributes that all trajectories have, and the options of the model."""
+    return {
+        "stage": "trajectory",
+        "model": model,
+        **options,
+        "scheme": scheme,
+        "step": 1.0 / instants.steps_per_second,
+        "number_of_steps": int(instants.steps[-1]),
+    }
+
+
+def rest_dataset(
+    position: np.ndarray,
+    tension: np.ndarray,
+    unbalanced: np.ndarray,
+    coords: Mapping[str, Any],
+    scalars: Mapping[str, Any],
+    **attrs: Any,
+) -> xr.Dataset:
+    """Make the result of an equilibrium.
+
+    Parameters
+    ----------
+    position
+        Positions of the output particles (particle, dims) [m].
+    tension
+        Tensions between them (link,) [N].
+    unbalanced
+        Forces left on the inner particles (inner, dims) [N].
+    coords, scalars
+        Coordinates and scalar variables.
+    **attrs
+        Attributes, the title first.
+    """
+    scalars = {**scalars, "residual": float(np.sqrt(square(unbalanced)).max(initial=0.0))}
+    variables = {"position": (PARTICLES[1:], position), "tension": (LINKS[1:], tension)}
+    result = xr.Dataset({**variables, **{name: ((), value) for name, value in scalars.items()}}, coords=coords)
+    result.attrs = {"stage": "rest", **attrs}
+    return label(result)
+
+
+def stop(partial: xr.Dataset | None, time: float, end_time: float, why: str) -> NoReturn:
+    """Raise :class:`cablepod.errors.RunStopped` at `time` [s] with the result before it, marked as incomplete."""
+    if partial is not None:
+        partial.attrs["incomplete"] = f"stopped at {time:.6g} s of {end_time:.6g} s"
+    raise RunStopped(why, partial)
