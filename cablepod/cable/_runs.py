@@ -12,7 +12,7 @@ from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ROUNDING, ImplicitChainRun, ImplicitStepper
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.integrate._march import advance_in_blocks
-from cablepod.integrate._output import chain_coordinates, law_suffix, trajectory_attributes
+from cablepod.integrate._output import Extremes, chain_coordinates, law_suffix, trajectory_attributes
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import damped_growth
@@ -155,11 +155,9 @@ class ImplicitCableRun(CableRun, ImplicitChainRun):
         """Return the stepper of a run."""
         return _CableStepper(self, instants)
 
-    def _gather(
-        self, march: ImplicitStepper, instants: OutputTimes, keep: int, extremes: tuple[np.ndarray, np.ndarray] | None
-    ) -> Trajectory:
-        assert isinstance(march, _CableStepper)
-        return self.add_slack_attributes(super()._gather(march, instants, keep, extremes), march.slack)
+    def _gather(self, stepper: ImplicitStepper, instants: OutputTimes, extremes: Extremes) -> Trajectory:
+        assert isinstance(stepper, _CableStepper)
+        return self.add_slack_attributes(super()._gather(stepper, instants, extremes), stepper.slack)
 
 
 class _CableStepper(ImplicitStepper):

@@ -14,6 +14,7 @@ from cablepod.chain import _kernels_layout as layout
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import RunStopped
 from cablepod.integrate._march import advance_in_blocks
+from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import damped_growth
@@ -109,7 +110,7 @@ class ExplicitChainRun(ChainRun):
         instants: OutputTimes,
         saved: np.ndarray,
         half_velocities: np.ndarray | None,
-        extremes: tuple[np.ndarray, np.ndarray] | None,
+        extremes: Extremes,
     ) -> Trajectory:
         """Make a trajectory of saved positions and half-step velocities."""
         x = np.ascontiguousarray(np.moveaxis(saved, 1, 2))

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cablepod.integrate._march import BLOCK
+from cablepod.integrate._march import cut_step, not_converged
+from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.integrate._run import ChainRun, Trajectory
+from cablepod.integrate._run import NewtonRun, Trajectory
 
 SCHEMES = ("trapezoidal", "generalized_alpha", "energy_momentum")
 #: Newton tolerance: the mean link rotation of the last correction is so small that its second-order effect on the mean tension
@@ -17,18 +18,17 @@ SCHEMES = ("trapezoidal", "generalized_alpha", "energy_momentum")
 TENSION_RTOL, MIN_ROTATION, MAX_ROTATION = 1e-10, 1e-9, 1e-6
 #: Rounding error of a correction over the coordinates: its maximum, in stiff chains, and its usual size.
 ROUNDING, MIN_ROUNDING = 64.0 * float(np.finfo(float).eps), 8.0 * float(np.finfo(float).eps)
-#: Maximum number of substeps of a step in which Newton's method does not converge.
-MAX_SUBSTEPS = 1024
 
 
 @dataclass(frozen=True)
-class ImplicitChainRun(ChainRun):
+class ImplicitChainRun(NewtonRun):
     """One scene, prepared for runs by an implicit scheme.
 
     All schemes are of second order and unconditionally stable in linear theory.  The trapezoidal rule is generalized alpha with
     alphas 0; the energy-momentum method conserves the energy at any step.
     """
 
+    alternatives = "scheme velocity_verlet, gentler loads or motion, or damping"
     method: str = SCHEMES[0]
     spectral_radius: float = 0.8  #: of generalized alpha at unresolved frequencies
 
@@ -37,41 +37,12 @@ class ImplicitChainRun(ChainRun):
         """Name of the scheme."""
         return self.method
 
-    def __call__(self, steps_per_second: float) -> Trajectory:
-        """Run with a number of steps per second."""
-        instants = self.instants(steps_per_second)
-        total = int(instants.steps[-1])
-        stepper = self.new_stepper(instants)
-        done = 0
-        while done < total:
-            steps = min(BLOCK, total - done)
-            reached = stepper.advance(done, steps)
-            done += reached
-            if reached < steps:
-                if not stepper.substep(done):
-                    self._stop(
-                        stepper, done, f"Newton's method did not converge, with the step cut into {MAX_SUBSTEPS},"
-                    )
-                done += 1
-            if not stepper.is_finite():
-                self._stop(stepper, done, "the chain left the finite numbers")
-            if self.progress is not None:
-                self.progress(done / total)
-        stepper.save_last()
-        return self.check_energy(self._gather(stepper, instants, instants.steps.size, stepper.extremes))
-
     def new_stepper(self, instants: OutputTimes) -> ImplicitStepper:
         """Return the stepper of a run; models with other kernels override this."""
         return ImplicitStepper(self, instants)
 
-    def _gather(
-        self,
-        stepper: ImplicitStepper,
-        instants: OutputTimes,
-        saves: int,
-        extremes: tuple[np.ndarray, np.ndarray] | None,
-    ) -> Trajectory:
-        """Make a trajectory of the first `saves` saved steps."""
+    def _gather(self, stepper: ImplicitStepper, instants: OutputTimes, extremes: Extremes) -> Trajectory:
+        saves = instants.steps.size
         x, v, a = (np.ascontiguousarray(np.moveaxis(stepper.saved[:saves, i], 1, 2)) for i in range(3))
         if not self.wants_velocity(instants):
             state = self.state(instants, x, None, None, extremes)
@@ -99,19 +70,12 @@ class ImplicitChainRun(ChainRun):
             a[:, chain.free_particles] -= chain.p.mass_damping * v[:, chain.free_particles]
         return a
 
-    def _stop(self, stepper: ImplicitStepper, done: int, failure: str) -> None:
-        """Raise :class:`cablepod.errors.RunStopped` with the trajectory before step `done`."""
-        steps_per_second, before = stepper.instants.steps_per_second, stepper.instants.before_step(done)
-        partial = None if before is None else self._gather(stepper, before, before.steps.size, None)
-        why = (
-            f"{failure} at {done / steps_per_second:.6g} s ({self.method}, step {1 / steps_per_second:.4g} s, step number "
-            f"{done}); try a shorter step, scheme velocity_verlet, gentler loads or motion, or damping"
-        )
-        self.stop(partial, done / steps_per_second, why)
-
 
 class ImplicitStepper:
     """State of an implicit run, advanced in place by the kernels."""
+
+    failure = staticmethod(not_converged)
+    out_of_balance = False  #: the energy is checked at the output times
 
     def __init__(self, run: ImplicitChainRun, instants: OutputTimes) -> None:
         chain, p, free = run.chain, run.chain.p, run.chain.free_particles
@@ -151,28 +115,25 @@ class ImplicitStepper:
 
     def substep(self, number: int) -> bool:
         """Take one step in substeps short enough for Newton's method; returns whether it converged."""
-        state = self.x, self.v, self.a, self.force
-        before = [array.copy() for array in state]
-        substeps = 2
-        while substeps <= MAX_SUBSTEPS:
+
+        def take(substeps: int) -> int:
             time = (number + np.arange(substeps + 1) / substeps) / self.instants.steps_per_second
             step = 1.0 / (substeps * self.instants.steps_per_second)
             # the beginning of the step was saved at the first attempt
-            if self._kernel(time, step, 0, substeps, np.empty(0, dtype=np.int64), self.saved[:0]) == substeps:
-                self.substepped += 1
-                return True
-            for target, source in zip(state, before, strict=True):
-                target[:] = source
-            substeps *= 4
-        return False
+            return self._kernel(time, step, 0, substeps, np.empty(0, dtype=np.int64), self.saved[:0])
 
-    def save_last(self) -> None:
-        """Save the state after the last step; the kernels save at the beginning of steps only."""
+        converged = cut_step(take, (self.x, self.v, self.a, self.force))
+        self.substepped += converged
+        return converged
+
+    def save_last(self) -> Extremes:
+        """Save the state after the last step, as the kernels do at the beginning of steps; returns the tension extremes."""
         self.saved[-1] = self.x, self.v, self.a
         if self.extremes is not None:
             tension = self.run.chain.tensions_and_forces(self.x.T)[0]
             np.minimum(self.extremes[0], tension, out=self.extremes[0])
             np.maximum(self.extremes[1], tension, out=self.extremes[1])
+        return self.extremes
 
     def is_finite(self) -> bool:
         """Whether all positions are finite and below the divergence bound."""

@@ -9,6 +9,7 @@ import numpy as np
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._laws import law_tension
+from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
 
 
@@ -19,7 +20,7 @@ class CondensedTrajectory:
     instants: OutputTimes
     saved: np.ndarray  #: coordinates at the saved steps (steps, r)
     half_step_rates: np.ndarray  #: rates half a step before and after (steps, 2, r)
-    extremes: tuple[np.ndarray, np.ndarray] | None  #: minimum and maximum of the link tensions (n,) [N]
+    extremes: Extremes  #: minimum and maximum of the link tensions (n,) [N]
     monitor: np.ndarray  #: extremes of the run, rows as in ``_kernels_layout``
     scheme: str
     #: Tensions of the selected links at the instants (times, links) [N]; None where they were not computed on the way

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.chain._implicit import MAX_ROTATION, MAX_SUBSTEPS, MIN_ROTATION, TENSION_RTOL
+from cablepod.chain._implicit import MAX_ROTATION, MIN_ROTATION, TENSION_RTOL
 from cablepod.galerkin._runs import MIN_ROW_RATIO, ROUNDING, GalerkinRun, RunRecord
+from cablepod.integrate._march import cut_step, not_converged
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class ImplicitGalerkinRun(GalerkinRun):
     @property
     def failure(self) -> str:
         """Reason for stopping, as stated in the message."""
-        return f"Newton's method did not converge, with the step cut into {MAX_SUBSTEPS},"
+        return not_converged()
 
     alternative = "scheme velocity_verlet"
 
@@ -67,18 +68,16 @@ class ImplicitGalerkinRun(GalerkinRun):
     def _substep(
         self, state: tuple[np.ndarray, ...], newton_tolerance: float, steps_per_second: float, number: int
     ) -> bool:
-        """Repeat one step with 2, 8, ... substeps until Newton's method converges; return whether it does."""
-        before, substeps = [array.copy() for array in state], 2
+        """Repeat one step with substeps until Newton's method converges; return whether it does."""
         no_targets = np.zeros(0, dtype=np.int64), np.empty((0, 3, self.q0.size)), np.empty((0, 4))
-        while substeps <= MAX_SUBSTEPS:
+
+        def take(substeps: int) -> int:
             finer = substeps * steps_per_second
-            if self._advance(state, newton_tolerance, finer, substeps * number, substeps, *no_targets) == substeps:
-                self.counts[1] += 1
-                return True
-            for target, source in zip(state, before, strict=True):
-                target[:] = source
-            substeps *= 4
-        return False
+            return self._advance(state, newton_tolerance, finer, substeps * number, substeps, *no_targets)
+
+        converged = cut_step(take, state)
+        self.counts[1] += converged
+        return converged
 
     def _advance(
         self,

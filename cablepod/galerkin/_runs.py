@@ -14,7 +14,7 @@ import xarray as xr
 from cablepod.conventions import ENDS, label
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.integrate._march import advance_in_blocks
-from cablepod.integrate._output import chain_coordinates, stop, trajectory_attributes, trajectory_variables
+from cablepod.integrate._output import Extremes, chain_coordinates, stop, trajectory_attributes, trajectory_variables
 from cablepod.integrate._output_times import OutputTimes
 
 #: Cost of the polynomial form, monomials x rows, relative to the link form, coordinates x axes x links (explicit steps take the
@@ -35,7 +35,7 @@ class GalerkinTrajectory:
     second_rates: (
         np.ndarray
     )  #: second time derivatives (times, modes) [kg^1/2 m/s^2]; valid if each instant lies on a step
-    extremes: tuple[np.ndarray, np.ndarray] | None  #: minimum and maximum tensions of the links (n,) [N]
+    extremes: Extremes  #: minimum and maximum tensions of the links (n,) [N]
     diagnostics: dict[str, Any] = field(default_factory=dict)  #: attributes of the result
 
 

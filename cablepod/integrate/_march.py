@@ -1,4 +1,4 @@
-"""Advance a state in blocks and stop at the first step that is no longer finite."""
+"""Advance a state in blocks up to the first step that is no longer finite, and cut steps that do not converge."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 
 #: Steps between two checks of the state (few enough to stop early, many enough to cost nothing).
 BLOCK = 65536
+#: Maximum number of substeps of a step in which Newton's method does not converge.
+MAX_SUBSTEPS = 1024
 
 
 def advance_in_blocks(
@@ -39,8 +41,7 @@ def advance_in_blocks(
         steps = min(BLOCK, total - done)
         before = [array.copy() for array in state]
         if not advance(done, steps):
-            for target, source in zip(state, before, strict=True):
-                target[:] = source
+            _restore(state, before)
             end = done + steps
             while done < end and advance(done, 1):  # repeat step by step to find the failing one
                 done += 1
@@ -52,3 +53,40 @@ def advance_in_blocks(
         if progress is not None:
             progress(done / total)
     return None
+
+
+def cut_step(take: Callable[[int], int], state: tuple[np.ndarray, ...], substeps: int = 2) -> bool:
+    """Repeat a step in `substeps`, then each time four times as many, until all of them converge.
+
+    Parameters
+    ----------
+    take
+        Takes a number of substeps, changes `state`, returns how many it took.
+    state
+        All arrays that a step changes; unchanged if no number of substeps converges.
+    substeps
+        The first number.
+
+    Returns
+    -------
+    bool
+        Whether the substeps converged.
+    """
+    before = [array.copy() for array in state]
+    while substeps <= MAX_SUBSTEPS:
+        if take(substeps) == substeps:
+            return True
+        _restore(state, before)
+        substeps *= 4
+    return False
+
+
+def not_converged() -> str:
+    """Describe a step that :func:`cut_step` gave up, as the beginning of a message."""
+    return f"Newton's method did not converge, with the step cut into {MAX_SUBSTEPS},"
+
+
+def _restore(state: tuple[np.ndarray, ...], before: list[np.ndarray]) -> None:
+    """Set the arrays of a state back to copies made before."""
+    for target, source in zip(state, before, strict=True):
+        target[:] = source

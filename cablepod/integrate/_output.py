@@ -16,6 +16,8 @@ from cablepod.integrate._output_times import OutputTimes
 
 #: Dimensions of the variables of a trajectory.
 PARTICLES, LINKS = ("time", "particle", "coordinate"), ("time", "link")
+#: Minimum and maximum of the tensions over all steps (n,) [N]; None if they are not requested.
+Extremes = tuple[np.ndarray, np.ndarray] | None
 DIMS = {"position": PARTICLES, "velocity": PARTICLES, "tension": LINKS}
 
 
@@ -37,7 +39,7 @@ def law_suffix(chain: LumpedChain) -> str:
 
 def trajectory_variables(
     outputs: tuple[str, ...],
-    extremes: tuple[np.ndarray, np.ndarray] | None,
+    extremes: Extremes,
     values: Mapping[str, Callable[[], np.ndarray]],
 ) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
     """Return dimensions and values of the requested variables of a trajectory.

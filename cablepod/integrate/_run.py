@@ -16,7 +16,15 @@ from cablepod.conventions import label
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._similarity import describe
 from cablepod.integrate._energy_check import check_energy, max_energy_of_run
-from cablepod.integrate._output import chain_coordinates, law_suffix, stop, trajectory_attributes, trajectory_variables
+from cablepod.integrate._march import BLOCK
+from cablepod.integrate._output import (
+    Extremes,
+    chain_coordinates,
+    law_suffix,
+    stop,
+    trajectory_attributes,
+    trajectory_variables,
+)
 from cablepod.integrate._output_times import OutputTimes
 
 
@@ -27,7 +35,7 @@ class Trajectory:
     instants: OutputTimes
     position: np.ndarray  #: (times, n + 1, dims) [m]
     velocity: np.ndarray | None  #: as `position` [m/s]
-    extremes: tuple[np.ndarray, np.ndarray] | None  #: minimum and maximum of the tensions (n,) [N]
+    extremes: Extremes  #: minimum and maximum of the tensions (n,) [N]
     diagnostics: dict[str, Any] = field(default_factory=dict)  #: attributes of the result from the run itself
 
 
@@ -79,7 +87,7 @@ class ChainRun:
         viscous = "tension" in self.outputs and self.chain.p.link_viscosity is not None
         return instants.needs_interpolation or "velocity" in self.outputs or viscous
 
-    def extremes(self) -> tuple[np.ndarray, np.ndarray] | None:
+    def extremes(self) -> Extremes:
         """Return initial values of the tension extremes, None if they are not an output."""
         if "tension_extremes" not in self.outputs:
             return None
@@ -100,7 +108,7 @@ class ChainRun:
         x: np.ndarray,
         v: np.ndarray | None,
         a: np.ndarray | None,
-        extremes: tuple[np.ndarray, np.ndarray] | None,
+        extremes: Extremes,
     ) -> Trajectory:
         """Interpolate a trajectory from the saved steps to the output times.
 
@@ -229,3 +237,50 @@ class ChainRun:
         if chain.green:
             attrs["smallest_stretch"] = float(chain.stretch(state.position).min())
         return attrs
+
+
+class NewtonRun(ChainRun):
+    """Run whose steps are solved by Newton's method, and cut into substeps where it does not converge."""
+
+    #: What to try where a run stops, besides a shorter step.
+    alternatives = "gentler loads or motion, or damping"
+
+    def new_stepper(self, instants: OutputTimes) -> Any:
+        """Return the state of a run, with the functions to advance it."""
+        raise NotImplementedError
+
+    def _gather(self, stepper: Any, instants: OutputTimes, extremes: Extremes) -> Trajectory:
+        """Make a trajectory of the saved steps up to the last one of `instants`."""
+        raise NotImplementedError
+
+    def __call__(self, steps_per_second: float) -> Trajectory:
+        """Run with a number of steps per second."""
+        instants = self.instants(steps_per_second)
+        total = int(instants.steps[-1])
+        stepper = self.new_stepper(instants)
+        done = 0
+        while done < total:
+            steps = min(BLOCK, total - done)
+            reached = stepper.advance(done, steps)
+            done += reached
+            if stepper.out_of_balance:
+                self._stop(stepper, done, "the energies are far out of balance")
+            if reached < steps:
+                if not stepper.substep(done):
+                    self._stop(stepper, done, stepper.failure())
+                done += 1
+            if not stepper.is_finite():
+                self._stop(stepper, done, "the chain left the finite numbers")
+            if self.progress is not None:
+                self.progress(done / total)
+        return self.check_energy(self._gather(stepper, instants, stepper.save_last()))
+
+    def _stop(self, stepper: Any, done: int, failure: str) -> NoReturn:
+        """Raise :class:`cablepod.errors.RunStopped` with the trajectory before step `done`."""
+        steps_per_second, before = stepper.instants.steps_per_second, stepper.instants.before_step(done)
+        partial = None if before is None else self._gather(stepper, before, None)
+        why = (
+            f"{failure} at {done / steps_per_second:.6g} s ({self.scheme}, step {1 / steps_per_second:.4g} s, step number "
+            f"{done}); try a shorter step, {self.alternatives}"
+        )
+        self.stop(partial, done / steps_per_second, why)

@@ -10,25 +10,23 @@ import numpy as np
 
 from cablepod.discretisation._chain import square
 from cablepod.errors import SceneError
-from cablepod.integrate._march import BLOCK
-from cablepod.integrate._output import trajectory_attributes
+from cablepod.integrate._march import cut_step, not_converged
+from cablepod.integrate._output import Extremes, trajectory_attributes
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.integrate._run import ChainRun, Trajectory
+from cablepod.integrate._run import NewtonRun, Trajectory
 from cablepod.integrate._step_control import STEPS_PER_CHANGE
 from cablepod.rigid import _kernels_layout as layout
 
 FORMULATIONS = ("rattle", "index1")
 #: Maximum energy imbalance, relative to the exchanged energy, and maximum rotation of a link per step [rad], without a warning.
 DRIFT_WARN, ROTATION_WARN = 0.1, 1.0
-#: Maximum number of substeps of a step in which Newton's method does not converge.
-MAX_SUBSTEPS = 1024
 #: Maximum energy imbalance that never stops a run, relative to the work of the loads over the length of the cable.
 IMBALANCE_FLOOR = 1e-6
 _EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
-class RigidRun(ChainRun):
+class RigidRun(NewtonRun):
     """One scene, prepared for runs with rigid links."""
 
     formulation: str = FORMULATIONS[0]
@@ -51,32 +49,15 @@ class RigidRun(ChainRun):
         end_time = float(self.times[-1]) or 1.0
         return min(0.7 / max(omega, 1e-300), end_time / 20.0, p.shortest_time_scale / STEPS_PER_CHANGE)
 
-    def __call__(self, steps_per_second: float) -> Trajectory:
-        """Run with a number of steps per second."""
-        instants = self.instants(steps_per_second)
-        total = int(instants.steps[-1])
-        stepper = RigidStepper(self, instants)
-        done = 0
-        while done < total:
-            steps = min(BLOCK, total - done)
-            reached = stepper.advance(done, steps)
-            done += reached
-            if stepper.status == layout.OUT_OF_BALANCE:
-                self._stop(stepper, done, "the energies are far out of balance")
-            if reached < steps:
-                if not stepper.substep(done):
-                    self._stop(stepper, done, stepper.failure())
-                done += 1
-            if not stepper.is_finite():
-                self._stop(stepper, done, "the chain left the finite numbers")
-            if self.progress is not None:
-                self.progress(done / total)
-        stepper.save_last()
-        return self._gather(stepper, instants, stepper.extremes())
+    def new_stepper(self, instants: OutputTimes) -> RigidStepper:
+        """Return the stepper of a run."""
+        return RigidStepper(self, instants)
 
-    def _gather(
-        self, stepper: RigidStepper, instants: OutputTimes, extremes: tuple[np.ndarray, np.ndarray] | None
-    ) -> Trajectory:
+    def check_energy(self, state: Trajectory) -> Trajectory:
+        """Return the trajectory: the kernels check the balance of the energies in every step."""
+        return state
+
+    def _gather(self, stepper: RigidStepper, instants: OutputTimes, extremes: Extremes) -> Trajectory:
         """Make a trajectory of the saved steps, with tensions if they are an output."""
         saves = instants.steps.size
         x, v = (np.ascontiguousarray(stepper.saved[:saves, i]) for i in range(2))
@@ -94,16 +75,6 @@ class RigidRun(ChainRun):
         if tension is not None and "tension" in self.outputs:
             state.diagnostics["tension"] = tension
         return state
-
-    def _stop(self, stepper: RigidStepper, done: int, failure: str) -> None:
-        """Raise :class:`cablepod.errors.RunStopped` with the trajectory before step `done`."""
-        steps_per_second, before = stepper.instants.steps_per_second, stepper.instants.before_step(done)
-        partial = None if before is None else self._gather(stepper, before, None)
-        why = (
-            f"{failure} at {done / steps_per_second:.6g} s ({self.formulation}, step {1 / steps_per_second:.4g} s, step number "
-            f"{done}); try a shorter step, gentler loads or motion, or damping"
-        )
-        self.stop(partial, done / steps_per_second, why)
 
     def initial_velocity_jump(self) -> dict[str, float]:
         """Return attributes about ends that start with a nonzero speed; empty for all other runs.
@@ -189,7 +160,7 @@ class RigidStepper:
         tension = self._states(s, np.zeros(1), x, np.zeros_like(x), np.ones(1, dtype=bool))[1]
         if self.status != layout.DONE:
             raise SceneError(
-                f"initial.points: at the start {self.failure(0)}; allowed: a shape from which the links can move"
+                f"initial.points: at the start {self.failure(cut=False)}; allowed: a shape from which the links can move"
             )
         s[[layout.T, layout.T_BEFORE], : self.links] = tension[0]
         self.force_scale = float(np.abs(self.run.chain.loads(0.0)).sum() + np.abs(tension).max())
@@ -228,18 +199,20 @@ class RigidStepper:
 
     def substep(self, number: int) -> bool:
         """Take one step in substeps short enough for Newton's method; returns whether it converged."""
-        before = self.s.copy(), self.counts.copy()
-        substeps = 4
-        while substeps <= MAX_SUBSTEPS:
-            # the beginning of the step was saved at the first attempt
-            no_saves = np.empty(0, dtype=np.int64)
+
+        def take(substeps: int) -> int:
             step = 1.0 / (substeps * self.instants.steps_per_second)
-            if self._kernel(number, step, substeps, substeps, no_saves, self.saved[:0]) == substeps:
-                self.substepped += 1
-                return True
-            self.s[:], self.counts[:] = before
-            substeps *= 4
-        return False
+            # the beginning of the step was saved at the first attempt
+            return self._kernel(number, step, substeps, substeps, np.empty(0, dtype=np.int64), self.saved[:0])
+
+        converged = cut_step(take, (self.s, self.counts), substeps=4)
+        self.substepped += converged
+        return converged
+
+    @property
+    def out_of_balance(self) -> bool:
+        """Whether the last step ended with energies that are far out of balance."""
+        return self.status == layout.OUT_OF_BALANCE
 
     def _kernel(self, number: int, step: float, steps: int, substeps: int, save: np.ndarray, saved: np.ndarray) -> int:
         """Take `steps` substeps, `substeps` per step of the grid, from step `number` of the grid on."""
@@ -262,20 +235,17 @@ class RigidStepper:
             )
         return done
 
-    def failure(self, substeps: int = MAX_SUBSTEPS) -> str:
-        """Describe the failure of the last step."""
+    def failure(self, *, cut: bool = True) -> str:
+        """Describe the failure of the last step, or of a state for which no step can be cut."""
         if self.status == layout.SINGULAR:
             return "the multipliers are singular (all links lie on a line between held ends)"
-        return "Newton's method did not converge" + (f", with the step cut into {substeps}," if substeps else "")
+        return not_converged() if cut else "Newton's method did not converge"
 
-    def save_last(self) -> None:
-        """Save the state after the last step; the kernels save at the beginning of steps only."""
+    def save_last(self) -> Extremes:
+        """Save the state after the last step, as the kernels do at the beginning of steps; returns the tension extremes."""
         dims = self.saved.shape[2]
         for i, row in enumerate((layout.X, layout.V)):
             self.saved[-1, i] = self.s[row : row + dims, : self.links + 1]
-
-    def extremes(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the extremes of the tensions at all steps, the last one included."""
         if not self.wants_extremes:
             return None
         last = self.instants.steps[-1:] / self.instants.steps_per_second
@@ -292,7 +262,7 @@ class RigidStepper:
         """
         a, tension, done = self._states(self.s.copy(), time, x, v, is_projected)
         if self.status != layout.DONE:
-            why = f"{self.failure(0)} at {time[done]:.6g} s, an output time; try a shorter step, or other times"
+            why = f"{self.failure(cut=False)} at {time[done]:.6g} s, an output time; try a shorter step, or other times"
             self.run.stop(None, 0.0, why)
         return a, tension
 

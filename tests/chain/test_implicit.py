@@ -15,6 +15,7 @@ from cablepod.chain import _kernels_energy_momentum as kernel_energy_momentum
 from cablepod.chain import _kernels_generalized_alpha as kernel_generalized_alpha
 from cablepod.chain import _kernels_links as kernels_links
 from cablepod.discretisation._chain import chain_of
+from cablepod.integrate import _march as march
 from cablepod.parameters._from_scene import parameters
 
 SCHEMES = implicit.SCHEMES
@@ -354,7 +355,7 @@ def test_a_step_that_does_not_converge_is_substepped(soft, monkeypatch):
     assert run.attrs["steps_cut"] > 0
     found = energy(scene, run)
     np.testing.assert_allclose(found, found[0], rtol=1e-6)
-    monkeypatch.setattr(implicit, "MAX_SUBSTEPS", 1)
+    monkeypatch.setattr(march, "MAX_SUBSTEPS", 1)
     said = r"Newton's method did not converge, with the step cut into 1, at 0 s \(energy_momentum, step 0\.1 s, step number 0\)"
     with pytest.raises(cp.RunStopped, match=said) as stopped:
         cp.chain.simulate(scene, scheme="energy_momentum", step=0.1)

@@ -15,6 +15,7 @@ from cablepod.galerkin import _explicit as explicit
 from cablepod.galerkin import _implicit as implicit
 from cablepod.galerkin import _model as galerkin_model
 from cablepod.galerkin import _scheme as galerkin_scheme
+from cablepod.integrate import _march as march
 from cablepod.parameters._from_scene import parameters
 
 TERMS = {
@@ -354,7 +355,7 @@ def test_where_newton_fails_the_step_is_cut_or_the_run_stops_and_keeps_what_it_h
     whole = cp.galerkin.simulate(scene, modes, scheme=scheme, step=0.5)
     assert whole.attrs["steps_cut"] > 0
     assert np.isfinite(whole.position).all()
-    monkeypatch.setattr(implicit, "MAX_SUBSTEPS", 1)
+    monkeypatch.setattr(march, "MAX_SUBSTEPS", 1)
     said = rf"Newton's method did not converge, with the step cut into 1, at .* s \({scheme}, step 0\.5 s, step number \d\); try"
     with pytest.raises(cp.RunStopped, match=said) as stopped:
         cp.galerkin.simulate(scene, modes, scheme=scheme, step=0.5)
