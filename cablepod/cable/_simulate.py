@@ -19,7 +19,7 @@ from cablepod.discretisation._laws import LAWS, check_law, law_tension
 from cablepod.errors import NotConvergedWarning, scene_error
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._output import law_suffix, rest_dataset
-from cablepod.integrate._request import Request, check_step, implicit_steps_per_second
+from cablepod.integrate._request import Request
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
@@ -224,46 +224,32 @@ def simulate(
         return {SCHEMES[0]: ExplicitCableRun(*arguments), SCHEMES[1]: ImplicitCableRun(*arguments)}
 
     first_runs = runs(element_count(elements, p))
-    given_steps_per_second = None
-    if step is not None and scheme in (None, SCHEMES[0]):
-        limit = step_limit_of(first_runs[SCHEMES[0]])
-        why = f'2 over the highest angular frequency, {2 / limit:.6g} rad/s; scheme "trapezoidal" has none'
-        given_steps_per_second = 1.0 / check_step(step, limit, why)
-    elif step is not None:
-        given_steps_per_second = implicit_steps_per_second(step, float(instants[-1]), p.shortest_time_scale)
+    limit = step_limit_of(first_runs[SCHEMES[0]]) if step is not None and scheme in (None, SCHEMES[0]) else None
+    others = '; scheme "trapezoidal" has none'
+    given_steps_per_second = request.steps_per_second(p, float(instants[-1]), limit, others)
     run, trajectory, steps_per_second, time_error, reason = solve(first_runs, request, given_steps_per_second)
     if step is not None:
         _warn_of_energy_excess(trajectory.diagnostics["energy_excess"])
     space_error = None
     if elements is None:
         run, trajectory, space_error = refine_in_space(runs, run, trajectory, steps_per_second, request.tolerance)
-        steps_per_second = trajectory.instants.steps_per_second
     result = run.dataset(trajectory)
     if time_error is not None:
         result.attrs["time_error_estimate"] = time_error
     if space_error is not None:
         result.attrs["space_error_estimate"] = space_error
     result.attrs["choice_of_scheme"] = reason
-    options = {
-        "elements": result.attrs["elements"],
-        "order": result.attrs["element_order"],
-        "times": instants,
-        "law": law,
-        "scheme": run.scheme,
-        "step": 1.0 / steps_per_second,
-        "tolerance": request.recorded_tolerance,
-        "arc_length": run.chain.particles,
-        "points": points,
-        "outputs": list(request.outputs),
-    }
-    return provenance.record(
+    return request.record(
         result,
         function="cable.simulate",
-        parameters=options,
         inputs=[scene],
-        chosen=provenance.defaulted_options(
-            elements=elements, order=order, times=times, scheme=scheme, step=step, tolerance=tolerance
-        ),
+        given={"elements": elements, "order": order, "scheme": scheme},
+        elements=result.attrs["elements"],
+        order=result.attrs["element_order"],
+        law=law,
+        scheme=run.scheme,
+        arc_length=run.chain.particles,
+        points=points,
     )
 
 

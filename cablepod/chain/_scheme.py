@@ -19,7 +19,7 @@ from cablepod.discretisation._chain import chain_of
 from cablepod.discretisation._laws import LAWS, check_law
 from cablepod.errors import NotConvergedWarning, scene_error
 from cablepod.integrate._energy_check import ENERGY_WARN
-from cablepod.integrate._request import Request, check_scheme, check_step, implicit_steps_per_second
+from cablepod.integrate._request import Request, check_scheme
 from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
@@ -110,14 +110,9 @@ def prepare(
     run: ChainRun = explicit
     if request.scheme not in (None, explicit.scheme):
         run = ImplicitChainRun(*arguments, method=request.scheme, spectral_radius=request.radius)
-    steps_per_second = None
-    if request.step is not None:
-        if run is explicit:
-            formula = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
-            steps_per_second = 1.0 / check_step(request.step, limit, formula)
-        else:
-            end_time = float(instants[-1])
-            steps_per_second = implicit_steps_per_second(request.step, end_time, p.shortest_time_scale)
+    explicit_limit = limit if run is explicit else None
+    others = "; implicit schemes have none"
+    steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, others)
     return PreparedScene(explicit, run, limit, steps_per_second)
 
 

@@ -200,22 +200,13 @@ def simulate(
     ready = prepare(parameters(scene), request, str(scene.attrs.get("title", "scene")), progress)
     solution = solve(ready, request)
     run = solution.run
-    resolved = {
-        "links": run.chain.links,
-        "times": run.times,
-        "law": law,
-        "scheme": run.scheme,
-        "spectral_radius": request.radius if run.scheme == "generalized_alpha" else None,
-        "step": 1.0 / solution.steps_per_second,
-        "tolerance": request.recorded_tolerance,
-        "outputs": list(request.outputs),
-    }
-    return provenance.record(
+    return request.record(
         solution.dataset(),
         function="chain.simulate",
-        parameters=resolved,
         inputs=[scene],
-        chosen=provenance.defaulted_options(
-            links=links, times=times, scheme=scheme, spectral_radius=spectral_radius, step=step, tolerance=tolerance
-        ),
+        given={"links": links, "scheme": scheme, "spectral_radius": spectral_radius},
+        links=run.chain.links,
+        law=law,
+        scheme=run.scheme,
+        spectral_radius=request.radius if run.scheme == "generalized_alpha" else None,
     )

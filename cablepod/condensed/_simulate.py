@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import provenance
 from cablepod.batch._members import values_of_members
 from cablepod.condensed._assembly import model_of
 from cablepod.condensed._batch import run
@@ -148,25 +147,18 @@ def simulate(
         title = str(scene.attrs.get("title", "scene"))
         result = result_of(solve(model, request, progress), modes, request, title)
         warn_condensed_out_of_range(result.attrs)
-    record = {
-        "rank": model.rank,
-        "times": p.times() if request.times is None else request.times,
-        "order": order,
-        "law": law,
-        **({} if quadrature is None else {"quadrature": quadrature}),
-        "scheme": result.attrs.get("scheme", scheme),
-        "step": result.attrs.get("step", step),
-        "tolerance": request.recorded_tolerance,
-        "outputs": list(request.outputs),
-        **({} if links is None else {"links": [int(number) for number in links]}),
-        **(values_of_members(scene) if "member" in scene.dims else {}),
-    }
-    return provenance.record(
+    return request.record(
         result,
         function="condensed.simulate",
-        parameters=record,
         inputs=[scene, modes],
-        chosen=provenance.defaulted_options(rank=rank, times=times, scheme=scheme, step=step, tolerance=tolerance),
+        given={"rank": rank, "scheme": scheme},
+        rank=model.rank,
+        order=order,
+        law=law,
+        **({} if quadrature is None else {"quadrature": quadrature}),
+        scheme=result.attrs.get("scheme", scheme),
+        **({} if links is None else {"links": [int(number) for number in links]}),
+        **(values_of_members(scene) if "member" in scene.dims else {}),
     )
 
 

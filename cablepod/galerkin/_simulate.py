@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import provenance
 from cablepod._resources import check_memory
 from cablepod.batch._members import over_members
 from cablepod.conventions import OUTPUTS
@@ -20,7 +19,7 @@ from cablepod.galerkin._implicit import ImplicitGalerkinRun
 from cablepod.galerkin._model import GalerkinModel, model_of
 from cablepod.galerkin._runs import GalerkinRun
 from cablepod.galerkin._scheme import SCHEMES, solve
-from cablepod.integrate._request import Request, check_step, implicit_steps_per_second
+from cablepod.integrate._request import Request
 from cablepod.parameters._from_scene import parameters
 from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes, warn_galerkin_out_of_range
@@ -152,12 +151,9 @@ def simulate(
         )
         for name in SCHEMES
     }
-    given_steps_per_second = None
-    if step is not None and scheme in (None, SCHEMES[0]):
-        why = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
-        given_steps_per_second = 1.0 / check_step(step, limit, why)
-    elif step is not None:
-        given_steps_per_second = implicit_steps_per_second(step, float(instants[-1]), p.shortest_time_scale)
+    explicit_limit = limit if scheme in (None, SCHEMES[0]) else None
+    others = "; implicit schemes have none"
+    given_steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, others)
     run, trajectory, steps_per_second, time_error, reason = solve(runs, limit, request, given_steps_per_second)
     if step is not None:
         _warn_of_energy_defect(trajectory.diagnostics["energy_defect"], run.scheme)
@@ -169,21 +165,14 @@ def simulate(
         model_error = estimate(model, run.sample, steps_per_second, float(instants[-1]))
         result.attrs["error_estimate"] = (time_error or 0.0) + model_error
     warn_galerkin_out_of_range(result.attrs)
-    options = {
-        "rank": len(model.modes) // (p.dims if model.layout == "separate" else 1),
-        "times": instants,
-        "law": law,
-        "scheme": run.scheme,
-        "step": 1.0 / steps_per_second,
-        "tolerance": request.recorded_tolerance,
-        "outputs": list(request.outputs),
-    }
-    return provenance.record(
+    return request.record(
         result,
         function="galerkin.simulate",
-        parameters=options,
         inputs=[scene, modes],
-        chosen=provenance.defaulted_options(rank=rank, times=times, scheme=scheme, step=step, tolerance=tolerance),
+        given={"rank": rank, "scheme": scheme},
+        rank=result.attrs["rank"],
+        law=law,
+        scheme=run.scheme,
     )
 
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
+import xarray as xr
 
+from cablepod import provenance
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import NotConvergedWarning, SceneError, scene_error
 from cablepod.parameters._checks import number
@@ -53,13 +56,6 @@ def check_scheme(scheme: str | None, allowed: tuple[str, ...]) -> str:
     if scheme not in allowed:
         raise scene_error("scheme", scheme, "one of " + ", ".join(f'"{name}"' for name in allowed))
     return scheme
-
-
-def implicit_steps_per_second(step: Any, end_time: float, time_scale: float) -> float:
-    """Return the steps per second of an implicit run from its given step [s], see :func:`check_resolved`."""
-    value = number(above=0.0, most=end_time or math.inf)("step", step)
-    check_resolved(value, time_scale, stacklevel=5)
-    return 1.0 / value
 
 
 def check_resolved(step: float, time_scale: float, *, stacklevel: int = 4) -> None:
@@ -169,3 +165,60 @@ class Request:
         times = p.times() if self.times is None else self.times
         p.check_reach(float(times[-1]))
         return times
+
+    def steps_per_second(self, p: Parameters, end_time: float, limit: float | None, others: str = "") -> float | None:
+        """Return the steps per second of the given step, None without one.
+
+        Parameters
+        ----------
+        p, end_time
+            Parameters of the scene, and the end of the run [s].
+        limit
+            Stability limit of an explicit step [s]; None for implicit ones, whose step is at most the run.
+        others
+            What to say of schemes without such a limit.
+
+        Raises
+        ------
+        SceneError
+            For a step that is too long.
+        """
+        if self.step is None:
+            return None
+        if limit is not None:
+            formula = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s{others}"
+            return 1.0 / check_step(self.step, limit, formula)
+        value = number(above=0.0, most=end_time or math.inf)("step", self.step)
+        check_resolved(value, p.shortest_time_scale, stacklevel=5)
+        return 1.0 / value
+
+    def record(
+        self,
+        result: xr.Dataset,
+        *,
+        function: str,
+        inputs: list[xr.Dataset],
+        given: Mapping[str, Any],
+        **parameters: Any,
+    ) -> xr.Dataset:
+        """Append a run to the history of its result, in place, see :func:`cablepod.provenance.record`.
+
+        Parameters
+        ----------
+        result, function, inputs
+            As there.
+        given
+            Options of the model as the caller gave them; those that are None count as chosen.
+        **parameters
+            Options of the model with defaults filled in; those of the request are added.
+        """
+        resolved = {
+            "times": result.variables["time"].values,
+            "step": result.attrs.get("step", self.step),
+            "tolerance": self.recorded_tolerance,
+            "outputs": list(self.outputs),
+        }
+        chosen = provenance.defaulted_options(times=self.times, step=self.step, tolerance=self.given_tolerance, **given)
+        return provenance.record(
+            result, function=function, parameters=resolved | parameters, inputs=inputs, chosen=chosen
+        )

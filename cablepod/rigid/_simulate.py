@@ -16,7 +16,7 @@ from cablepod.batch._members import over_members
 from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.errors import NotConvergedWarning, RunStopped, scene_error
 from cablepod.integrate._output import chain_coordinates, rest_dataset
-from cablepod.integrate._request import Request, implicit_steps_per_second
+from cablepod.integrate._request import Request
 from cablepod.integrate._run import Trajectory
 from cablepod.integrate._step_control import (
     ComparableRuns,
@@ -167,8 +167,8 @@ def simulate(
     check_ends(chain, end_time)
     title = str(scene.attrs.get("title", "scene"))
     run = RigidRun(chain, instants, start(chain), request.outputs, progress, title, formulation, baumgarte_rate)
-    if step is not None:
-        steps_per_second = implicit_steps_per_second(step, end_time, p.shortest_time_scale)
+    steps_per_second = request.steps_per_second(p, end_time, None)
+    if steps_per_second is not None:
         state, estimate = run(steps_per_second), None
         diagnostics = state.diagnostics
         rotation = diagnostics["largest_turn_rate"] / steps_per_second
@@ -181,27 +181,18 @@ def simulate(
                 stacklevel=3,
             )
     else:
-        state, steps_per_second, estimate = _refine_in_time(run, request.tolerance)
+        state, _, estimate = _refine_in_time(run, request.tolerance)
     result = run.dataset(state)
     if estimate is not None:
         result.attrs["time_error_estimate"] = estimate
-    options = {
-        "links": chain.links,
-        "times": instants,
-        "formulation": formulation,
-        "baumgarte": baumgarte_rate,
-        "step": 1.0 / steps_per_second,
-        "tolerance": request.recorded_tolerance,
-        "outputs": list(request.outputs),
-    }
-    return provenance.record(
+    return request.record(
         result,
         function="rigid.simulate",
-        parameters=options,
         inputs=[scene],
-        chosen=provenance.defaulted_options(
-            links=links, times=times, step=step, tolerance=tolerance, baumgarte=baumgarte
-        ),
+        given={"links": links, "baumgarte": baumgarte},
+        links=chain.links,
+        formulation=formulation,
+        baumgarte=baumgarte_rate,
     )
 
 
