@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from cablepod.integrate._run import Trajectory
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
     ComparableRuns,
+    Solution,
     choose_scheme,
     motion_scale,
     observed_order,
@@ -35,17 +35,7 @@ NODE_STEP = 1.5e-8
 STEPS_PER_PERIOD = 8.0
 
 
-class CableResult(NamedTuple):
-    """A run, its trajectory, and the reason for scheme and step."""
-
-    run: CableRun
-    trajectory: Trajectory
-    steps_per_second: float
-    time_error: float | None  #: estimate as a fraction of the motion; None for a given step
-    reason: str  #: attribute ``choice_of_scheme``
-
-
-def solve(runs: dict[str, CableRun], request: Request, steps_per_second: float | None) -> CableResult:
+def solve(runs: dict[str, CableRun], request: Request, steps_per_second: float | None) -> Solution:
     """Integrate with the given scheme and step, or choose them by the tolerance.
 
     Parameters
@@ -59,9 +49,9 @@ def solve(runs: dict[str, CableRun], request: Request, steps_per_second: float |
     """
     run = runs[request.scheme or SCHEMES[0]]
     if steps_per_second is not None:
-        return CableResult(run, run(steps_per_second), steps_per_second, None, "given")
+        return Solution(run, run(steps_per_second), steps_per_second, None)
     if request.scheme is not None:
-        return CableResult(run, *_refine_in_time(run, request.tolerance), "given")
+        return Solution(run, *_refine_in_time(run, request.tolerance))
     return _choose_scheme(runs, request.tolerance)
 
 
@@ -70,11 +60,11 @@ def step_limit_of(run: CableRun) -> float:
     return run.chain.step_limit(run.chain.tangent_stiffness_ratio(run.initial))
 
 
-def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> CableResult:
+def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> Solution:
     """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
     explicit, implicit = (runs[name] for name in SCHEMES)
     steps_per_second = 1.0 / _first_step(explicit)
-    run, refined, reason = choose_scheme(
+    return choose_scheme(
         _comparable_runs(explicit),
         _comparable_runs(implicit),
         tolerance,
@@ -82,7 +72,6 @@ def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> CableResult:
         explicit_seconds=3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * NODE_STEP,
         max_steps_per_second=steps_per_second / IMPLICIT_COST,
     )
-    return CableResult(run, *refined, reason)
 
 
 def _refine_in_time(run: CableRun, tolerance: float) -> tuple[Trajectory, float, float]:
@@ -140,12 +129,10 @@ def unforced_step(run: CableRun) -> float:
 
 def refine_in_space(
     runs: Callable[[int], dict[str, CableRun]],
-    run: CableRun,
-    trajectory: Trajectory,
-    steps_per_second: float,
+    solution: Solution,
     tolerance: float,
-) -> tuple[CableRun, Trajectory, float]:
-    """Raise the number of elements until two runs agree; return run, trajectory and space error.
+) -> tuple[Solution, float]:
+    """Raise the number of elements until two runs agree; return the finest run and its space error.
 
     The error estimate is the distance of the first two runs, and from the third run on follows from the observed order, at most
     2.  An end whose acceleration starts with a jump sends out waves with corners, for which no elements have a higher order.
@@ -154,11 +141,12 @@ def refine_in_space(
     ----------
     runs
         Function of the number of elements that returns the run of each scheme.
-    run, trajectory, steps_per_second
+    solution
         First run.  Later steps are not longer than its step.
     tolerance
         Tolerance of the space error as a fraction of the motion.
     """
+    run, trajectory, steps_per_second = solution[:3]
     last, factor = np.inf, np.inf
     counts = [count for count in ELEMENT_COUNTS if count > run.chain.sizes.size]
     for count in counts:
@@ -176,12 +164,13 @@ def refine_in_space(
             estimate = distance / (refinement**order - 1.0)
         run, trajectory, last, factor = finer, finer_trajectory, distance, refinement
         if estimate <= (0.5 if count < counts[-1] else 1.0) * tolerance:  # with a margin if a finer mesh is left
-            return run, trajectory, estimate
-    warnings.warn(
-        f"not converged in space: estimated error {estimate:.2g} of the motion with {run.chain.sizes.size} elements, tolerance "
-        f"{tolerance:.2g} (the motion is chaotic, or the cable goes slack and has corners); give a number of elements, or a "
-        "larger tolerance",
-        NotConvergedWarning,
-        stacklevel=4,
-    )
-    return run, trajectory, estimate
+            break
+    else:
+        warnings.warn(
+            f"not converged in space: estimated error {estimate:.2g} of the motion with {run.chain.sizes.size} elements, "
+            f"tolerance {tolerance:.2g} (the motion is chaotic, or the cable goes slack and has corners); give a number of elements, or a "
+            "larger tolerance",
+            NotConvergedWarning,
+            stacklevel=4,
+        )
+    return solution._replace(run=run, trajectory=trajectory), estimate

@@ -227,18 +227,14 @@ def simulate(
     limit = step_limit_of(first_runs[SCHEMES[0]]) if step is not None and scheme in (None, SCHEMES[0]) else None
     others = '; scheme "trapezoidal" has none'
     given_steps_per_second = request.steps_per_second(p, float(instants[-1]), limit, others)
-    run, trajectory, steps_per_second, time_error, reason = solve(first_runs, request, given_steps_per_second)
+    solution = solve(first_runs, request, given_steps_per_second)
     if step is not None:
-        _warn_of_energy_excess(trajectory.diagnostics["energy_excess"])
-    space_error = None
+        _warn_of_energy_excess(solution.trajectory.diagnostics["energy_excess"])
+    space_error = {}
     if elements is None:
-        run, trajectory, space_error = refine_in_space(runs, run, trajectory, steps_per_second, request.tolerance)
-    result = run.dataset(trajectory)
-    if time_error is not None:
-        result.attrs["time_error_estimate"] = time_error
-    if space_error is not None:
-        result.attrs["space_error_estimate"] = space_error
-    result.attrs["choice_of_scheme"] = reason
+        solution, space_error["space_error_estimate"] = refine_in_space(runs, solution, request.tolerance)
+    result = solution.dataset()
+    result.attrs.update(space_error)
     return request.record(
         result,
         function="cable.simulate",
@@ -247,8 +243,8 @@ def simulate(
         elements=result.attrs["elements"],
         order=result.attrs["element_order"],
         law=law,
-        scheme=run.scheme,
-        arc_length=run.chain.particles,
+        scheme=solution.run.scheme,
+        arc_length=solution.run.chain.particles,
         points=points,
     )
 

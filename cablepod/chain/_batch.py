@@ -15,10 +15,11 @@ from cablepod import provenance
 from cablepod.batch._members import BatchPlan
 from cablepod.batch._stack import Variables
 from cablepod.chain._explicit import ExplicitChainRun, ExplicitStepper, PreparedRun
-from cablepod.chain._scheme import ChainRequest, ChainResult, PreparedScene, prepare, solve
+from cablepod.chain._scheme import ChainRequest, PreparedScene, prepare, solve
 from cablepod.errors import SceneError
 from cablepod.integrate._march import BLOCK
 from cablepod.integrate._run import Trajectory
+from cablepod.integrate._step_control import Solution
 from cablepod.parameters._from_scene import Members
 
 #: Maximum and minimum number of steps per block (multiples of the period after which tables of sines restart, so that the tables
@@ -100,15 +101,15 @@ class ChainBatch:
             state = ready.explicit.finish(*self._advanced.pop(i))
         return self._to_variables(solve(ready, self.request, state))
 
-    def _to_variables(self, solution: ChainResult) -> tuple[Variables, Mapping[str, Any]]:
+    def _to_variables(self, solution: Solution) -> tuple[Variables, Mapping[str, Any]]:
         """Return variables and attributes in the order of the first member's Dataset."""
-        run, state = solution.run, solution.state
+        run, state = solution.run, solution.trajectory
         if not self.first:
             self.first[:] = [solution.dataset()]
         variables, coords = run.arrays(state)
         arrays = variables | coords
         ordered = {str(name): self._array(str(name), arrays[str(name)]) for name in self.first[0].variables}
-        return ordered, provenance.in_order(run.attributes(state) | solution.diagnostics)
+        return ordered, provenance.in_order(run.attributes(state) | solution.attributes)
 
     def _array(self, name: str, variable: Any) -> tuple[tuple[str, ...], Any]:
         """Return dimensions and values; an xarray.Variable would cost as much as a thousand steps of a chain."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-import xarray as xr
 
 from cablepod._resources import check_memory
 from cablepod.chain import _implicit as implicit
@@ -24,6 +23,7 @@ from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
     ComparableRuns,
+    Solution,
     choose_scheme,
     motion_scale,
     preferred_steps_per_second,
@@ -63,26 +63,6 @@ class PreparedScene(NamedTuple):
     steps_per_second: float | None  #: by the given step, None without
 
 
-class ChainResult(NamedTuple):
-    """A trajectory, its run, and the reason for its scheme."""
-
-    run: ChainRun
-    state: Trajectory
-    steps_per_second: float
-    estimate: float | None  #: of the time error; None for a given step
-    reason: str  #: for the scheme
-
-    @property
-    def diagnostics(self) -> dict[str, Any]:
-        """Attributes of the result in addition to those of the run."""
-        estimate = {} if self.estimate is None else {"time_error_estimate": self.estimate}
-        return estimate | {"choice_of_scheme": self.reason}
-
-    def dataset(self) -> xr.Dataset:
-        """Make the result of the run."""
-        return self.run.dataset(self.state).assign_attrs(self.diagnostics)
-
-
 def prepare(
     p: Parameters, request: ChainRequest, title: str, progress: Callable[[float], None] | None = None
 ) -> PreparedScene:
@@ -116,7 +96,7 @@ def prepare(
     return PreparedScene(explicit, run, limit, steps_per_second)
 
 
-def solve(ready: PreparedScene, request: ChainRequest, state: Trajectory | None = None) -> ChainResult:
+def solve(ready: PreparedScene, request: ChainRequest, state: Trajectory | None = None) -> Solution:
     """Run a scene with the given scheme and step, or with those chosen by tolerance.
 
     Parameters
@@ -149,16 +129,13 @@ def solve(ready: PreparedScene, request: ChainRequest, state: Trajectory | None 
                 NotConvergedWarning,
                 stacklevel=4,
             )
-        return ChainResult(run, state, steps_per_second, None, "given")
+        return Solution(run, state, steps_per_second, None)
     if request.scheme is not None:
-        return ChainResult(run, *_refine_in_time(run, limit, request.tolerance), "given")
+        return Solution(run, *_refine_in_time(run, limit, request.tolerance))
     trapezoidal = ImplicitChainRun(
         explicit.chain, explicit.times, explicit.initial, explicit.outputs, explicit.progress, explicit.title
     )
-    run, accepted, reason = _choose_scheme(
-        explicit, trapezoidal, limit, request.tolerance, asked=request.given_tolerance is not None
-    )
-    return ChainResult(run, *accepted, reason)
+    return _choose_scheme(explicit, trapezoidal, limit, request.tolerance, asked=request.given_tolerance is not None)
 
 
 def _check_radius(radius: float | None, scheme: str | None) -> float:
@@ -180,7 +157,7 @@ STEPS_PER_PERIOD = 8.0
 
 def _choose_scheme(
     explicit: ExplicitChainRun, trapezoidal: ImplicitChainRun, limit: float, tolerance: float, *, asked: bool
-) -> tuple[ChainRun, tuple[Trajectory, float, float], str]:
+) -> Solution:
     """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
     steps_per_second = 1.0 / _first_step(explicit, limit)
     seconds = 3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * LINK_STEP

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from cablepod.integrate._request import Request
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
     ComparableRuns,
+    Solution,
     choose_scheme,
     halve_step_while_cheaper,
     motion_scale,
@@ -31,19 +31,7 @@ STEPS_PER_PERIOD = 8.0
 TRIAL_RATIO = 16.0
 
 
-class GalerkinResult(NamedTuple):
-    """A run, its trajectory, and the reason for scheme and step."""
-
-    run: GalerkinRun
-    trajectory: GalerkinTrajectory
-    steps_per_second: float
-    time_error: float | None  #: estimate as a fraction of the motion; None for a given step
-    reason: str  #: attribute ``choice_of_scheme``
-
-
-def solve(
-    runs: dict[str, GalerkinRun], limit: float, request: Request, steps_per_second: float | None
-) -> GalerkinResult:
+def solve(runs: dict[str, GalerkinRun], limit: float, request: Request, steps_per_second: float | None) -> Solution:
     """Integrate with the given scheme and step, or choose them by the tolerance.
 
     Parameters
@@ -59,19 +47,19 @@ def solve(
     """
     run = runs[request.scheme or SCHEMES[0]]
     if steps_per_second is not None:
-        return GalerkinResult(run, run(steps_per_second), steps_per_second, None, "given")
+        return Solution(run, run(steps_per_second), steps_per_second, None)
     if request.scheme is not None:
-        return GalerkinResult(run, *_refine_in_time(run, limit, request.tolerance), "given")
+        return Solution(run, *_refine_in_time(run, limit, request.tolerance))
     return _choose_scheme(runs, limit, request.tolerance, asked=request.given_tolerance is not None)
 
 
-def _choose_scheme(runs: dict[str, GalerkinRun], limit: float, tolerance: float, *, asked: bool) -> GalerkinResult:
+def _choose_scheme(runs: dict[str, GalerkinRun], limit: float, tolerance: float, *, asked: bool) -> Solution:
     """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
     explicit, implicit = runs["velocity_verlet"], runs["trapezoidal"]
     explicit_runs, amplitudes = _comparable_runs(explicit, limit), explicit.q0.size
     steps_per_second = explicit_runs.steps_per_second
     seconds = 3.0 * float(explicit.times[-1]) * steps_per_second * (STEP_TIME + TIME_OF_AMPLITUDE * amplitudes)
-    run, refined, reason = choose_scheme(
+    return choose_scheme(
         explicit_runs,
         _comparable_runs(implicit, limit),
         tolerance,
@@ -80,7 +68,6 @@ def _choose_scheme(runs: dict[str, GalerkinRun], limit: float, tolerance: float,
         # two explicit runs take 1 + 2 times these steps, all implicit ones together at most twice the maximum
         max_steps_per_second=1.5 * steps_per_second / (IMPLICIT_COST + COST_OF_AMPLITUDE * amplitudes),
     )
-    return GalerkinResult(run, *refined, reason)
 
 
 def _refine_in_time(run: GalerkinRun, limit: float, tolerance: float) -> tuple[GalerkinTrajectory, float, float]:

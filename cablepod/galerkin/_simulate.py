@@ -154,13 +154,12 @@ def simulate(
     explicit_limit = limit if scheme in (None, SCHEMES[0]) else None
     others = "; implicit schemes have none"
     given_steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, others)
-    run, trajectory, steps_per_second, time_error, reason = solve(runs, limit, request, given_steps_per_second)
+    solution = solve(runs, limit, request, given_steps_per_second)
+    run, trajectory, steps_per_second, time_error, _ = solution
     if step is not None:
         _warn_of_energy_defect(trajectory.diagnostics["energy_defect"], run.scheme)
     result = run.dataset(trajectory)
-    result.attrs.update(step_limit=limit, choice_of_scheme=reason, **_validity_attributes(model, modes, result))
-    if time_error is not None:
-        result.attrs["time_error_estimate"] = time_error
+    result.attrs.update(step_limit=limit, **solution.attributes, **_validity_attributes(model, modes, result))
     if "error_estimate" in request.outputs:
         model_error = estimate(model, run.sample, steps_per_second, float(instants[-1]))
         result.attrs["error_estimate"] = (time_error or 0.0) + model_error

@@ -6,9 +6,10 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from cablepod.errors import NotConvergedWarning, RunStopped, SceneError
 
@@ -207,6 +208,28 @@ def halve_step_while_cheaper(
     return None
 
 
+class Solution(NamedTuple):
+    """A run, its trajectory, and the reason for scheme and step."""
+
+    run: Any
+    trajectory: Any
+    steps_per_second: float
+    time_error: float | None  #: estimate as a fraction of the motion; None for a given step
+    reason: str = "given"  #: for the scheme
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """Attributes of the result in addition to those of the run."""
+        estimate = {} if self.time_error is None else {"time_error_estimate": self.time_error}
+        return estimate | {"choice_of_scheme": self.reason}
+
+    def dataset(self) -> xr.Dataset:
+        """Make the result of the run."""
+        result = self.run.dataset(self.trajectory)
+        result.attrs.update(self.attributes)
+        return result
+
+
 def choose_scheme(
     explicit: ComparableRuns,
     implicit: ComparableRuns,
@@ -215,7 +238,7 @@ def choose_scheme(
     step_limit: float,
     explicit_seconds: float | None,
     max_steps_per_second: float,
-) -> tuple[Any, tuple[Any, float, float], str]:
+) -> Solution:
     """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster.
 
     Parameters
@@ -230,21 +253,16 @@ def choose_scheme(
         Estimated run time of all explicit runs [s], below which no other scheme is tried; None to try in any case.
     max_steps_per_second
         Of implicit runs; beyond it explicit steps are cheaper.
-
-    Returns
-    -------
-    tuple
-        The run by the chosen scheme; its trajectory, steps per second and time error; the reason for the choice.
     """
     if explicit_seconds is not None and explicit_seconds < CHOICE_MIN_SECONDS:
         reason = f"explicit: all its runs take about {explicit_seconds:.1g} s"
-        return explicit.run, refine_step(explicit, tolerance), reason
+        return Solution(explicit.run, *refine_step(explicit, tolerance), reason)
     halved = halve_step_while_cheaper(implicit, tolerance, max_steps_per_second)
     if halved is not None:
         ratio = 1.0 / (halved[1] * step_limit)
-        return implicit.run, halved, f"implicit: its steps may be {ratio:.3g} times the explicit limit"
+        return Solution(implicit.run, *halved, f"implicit: its steps may be {ratio:.3g} times the explicit limit")
     reason = f"explicit: implicit steps would have to be shorter than {1 / max_steps_per_second:.3g} s"
-    return explicit.run, refine_step(explicit, tolerance), reason
+    return Solution(explicit.run, *refine_step(explicit, tolerance), reason)
 
 
 def _first_finite_run(runs: ComparableRuns) -> tuple[Any, float]:
