@@ -18,6 +18,8 @@ from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import damped_growth
 
 SCHEMES = ("velocity_verlet", "trapezoidal")
+#: Number of points at which runs with different elements are compared.
+COMPARED_POINTS = 65
 #: Relative tolerance of Newton's method: correction of the nodes over their mean distance.
 NEWTON_RTOL = 1e-9
 #: Initial slack record: first step with a stretch below 1 and its point, step and point of the minimum, minimum of the square.
@@ -58,6 +60,10 @@ class CableRun(ChainRun):
                 "smallest_stretch_arc_length": float(arc_length[int(slack[3])]),
             }
         return state
+
+    def compared(self, position: np.ndarray) -> np.ndarray:
+        """Return positions (..., points, dims) at equidistant points: nodes are not, and errors are means over the cable."""
+        return self.chain.interpolate(position, self.chain.total_length * np.linspace(0.0, 1.0, COMPARED_POINTS))
 
     def at_particles(self, values: Any) -> np.ndarray:
         """Interpolate nodal values (times, nodes, dims) at the output particles."""

@@ -14,10 +14,9 @@ from cablepod.integrate._request import Request
 from cablepod.integrate._run import Trajectory
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
-    ComparableRuns,
     Solution,
     choose_scheme,
-    motion_scale,
+    first_implicit_step,
     observed_order,
     preferred_steps_per_second,
     refine_step,
@@ -25,14 +24,10 @@ from cablepod.integrate._step_control import (
 
 #: Numbers of elements, tried in turn (multiples of four, for which the loops over elements vectorise best).
 ELEMENT_COUNTS = (4, 8, 12, 16, 24, 32, 48, 64, 96, 128)
-#: Number of points at which runs with different elements are compared.
-COMPARED_POINTS = 65
 #: Cost of an implicit step in explicit steps, with the iterations of Newton's method.
 IMPLICIT_COST = 30.0
 #: Run time of an explicit step for each node [s].
 NODE_STEP = 1.5e-8
-#: Steps of the first implicit run in a period of the first transverse vibration.
-STEPS_PER_PERIOD = 8.0
 
 
 def solve(runs: dict[str, CableRun], request: Request, steps_per_second: float | None) -> Solution:
@@ -65,8 +60,8 @@ def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> Solution:
     explicit, implicit = (runs[name] for name in SCHEMES)
     steps_per_second = 1.0 / _first_step(explicit)
     return choose_scheme(
-        _comparable_runs(explicit),
-        _comparable_runs(implicit),
+        explicit.comparable(_first_step(explicit)),
+        implicit.comparable(_first_step(implicit)),
         tolerance,
         step_limit=step_limit_of(explicit),
         explicit_seconds=3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * NODE_STEP,
@@ -76,35 +71,7 @@ def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> Solution:
 
 def _refine_in_time(run: CableRun, tolerance: float) -> tuple[Trajectory, float, float]:
     """Shorten the step until two runs agree; return trajectory, steps per second and time error."""
-    return refine_step(_comparable_runs(run), tolerance)
-
-
-def _comparable_runs(run: CableRun) -> ComparableRuns:
-    """Describe runs with any step for the step control."""
-
-    def positions(trajectory: Trajectory) -> np.ndarray:
-        return _at_compared_points(run, trajectory.position)
-
-    def motion(trajectory: Trajectory) -> float:
-        return _motion(run, trajectory)
-
-    def slackened(trajectory: Trajectory) -> bool:
-        # only the linear law has a kink at stretch 1
-        return not run.chain.green and bool((run.chain.stretch(trajectory.position) < 1.0).any())
-
-    steps_per_second = preferred_steps_per_second(1.0 / _first_step(run))
-    return ComparableRuns(run, positions, motion, steps_per_second, float(run.times[-1]), run.chain.links, slackened)
-
-
-def _at_compared_points(run: CableRun, position: np.ndarray) -> np.ndarray:
-    """Interpolate at equidistant points, because the error is a mean over the cable and nodes are not equidistant."""
-    return run.chain.interpolate(position, run.chain.total_length * np.linspace(0.0, 1.0, COMPARED_POINTS))
-
-
-def _motion(run: CableRun, trajectory: Trajectory) -> float:
-    """Largest rms displacement [m]."""
-    chord = float(np.linalg.norm(run.chain.p.upper - run.chain.p.lower))
-    return motion_scale(_at_compared_points(run, trajectory.position), _at_compared_points(run, run.initial), chord)
+    return refine_step(run.comparable(_first_step(run)), tolerance)
 
 
 def _first_step(run: CableRun) -> float:
@@ -116,9 +83,8 @@ def unforced_step(run: CableRun) -> float:
     """Choose the step of the first run without regard to motions and loads [s]."""
     mesh, end_time = run.chain, float(run.times[-1])
     if isinstance(run, ImplicitCableRun):
-        tension = max(float(mesh.tensions_and_forces(run.initial)[0].mean()), 1e-300)
-        period = 2.0 * mesh.total_length / np.sqrt(tension / mesh.p.mass)
-        return float(max(min(end_time / 20.0, period / STEPS_PER_PERIOD), step_limit_of(run)))
+        tension = mesh.tensions_and_forces(run.initial)[0]
+        return first_implicit_step(mesh, tension, end_time, step_limit_of(run))
     if not mesh.green:
         return 0.9 * step_limit_of(run)
     # with the largest stretch that the ends enforce, and a margin for waves
@@ -155,8 +121,8 @@ def refine_in_space(
         finer_trajectory = finer(
             steps_per_second if steps_per_second >= minimum else preferred_steps_per_second(minimum)
         )
-        gap = _at_compared_points(finer, finer_trajectory.position) - _at_compared_points(run, trajectory.position)
-        distance = float(np.sqrt(np.mean(square(gap), axis=-1)).max()) / _motion(finer, finer_trajectory)
+        gap = finer.compared(finer_trajectory.position) - run.compared(trajectory.position)
+        distance = float(np.sqrt(np.mean(square(gap), axis=-1)).max()) / finer.motion(finer_trajectory)
         refinement = count / run.chain.sizes.size
         estimate = distance
         if last < np.inf:
@@ -168,8 +134,8 @@ def refine_in_space(
     else:
         warnings.warn(
             f"not converged in space: estimated error {estimate:.2g} of the motion with {run.chain.sizes.size} elements, "
-            f"tolerance {tolerance:.2g} (the motion is chaotic, or the cable goes slack and has corners); give a number of elements, or a "
-            "larger tolerance",
+            f"tolerance {tolerance:.2g} (the motion is chaotic, or the cable goes slack and has corners); give a number of "
+            "elements, or a larger tolerance",
             NotConvergedWarning,
             stacklevel=4,
         )

@@ -15,8 +15,8 @@ from cablepod.cable._mesh import check_order, mesh_of, part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun, output_coordinates
 from cablepod.cable._scheme import ELEMENT_COUNTS, refine_in_space, solve, step_limit_of
 from cablepod.cable._start import equilibrium_with_error, start
-from cablepod.discretisation._laws import LAWS, check_law, law_tension
-from cablepod.errors import NotConvergedWarning, scene_error
+from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law, law_tension
+from cablepod.errors import NotConvergedWarning
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._output import law_suffix, rest_dataset
 from cablepod.integrate._request import Request
@@ -207,12 +207,7 @@ def simulate(
     check_law(law)
     request = Request.of(times=times, scheme=scheme, schemes=SCHEMES, step=step, tolerance=tolerance, outputs=outputs)
     p = parameters(scene)
-    if law == "green" and p.link_viscosity is not None:
-        raise scene_error(
-            "law and damping.link_viscosity",
-            (law, p.link_viscosity),
-            'viscous links with law "linear"; with "green" none, mass_proportional is possible',
-        )
+    check_viscous_law(law, p.link_viscosity)
     check_order(order)
     instants = request.instants(p)
     title = str(scene.attrs.get("title", "scene"))

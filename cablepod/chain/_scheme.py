@@ -15,18 +15,16 @@ from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun
 from cablepod.chain._start import start
 from cablepod.discretisation._chain import chain_of
-from cablepod.discretisation._laws import LAWS, check_law
+from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law
 from cablepod.errors import NotConvergedWarning, scene_error
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._request import Request, check_scheme
 from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
-    ComparableRuns,
     Solution,
     choose_scheme,
-    motion_scale,
-    preferred_steps_per_second,
+    first_implicit_step,
     refine_step,
 )
 from cablepod.parameters._checks import number
@@ -73,12 +71,7 @@ def prepare(
     SceneError
         For options that do not fit this scene, a scene without equilibrium, an output that would not fit in memory.
     """
-    if request.law == "green" and p.link_viscosity is not None:
-        raise scene_error(
-            "law and damping.link_viscosity",
-            (request.law, p.link_viscosity),
-            'viscous links with law "linear"; with "green" none, mass_proportional is possible',
-        )
+    check_viscous_law(request.law, p.link_viscosity)
     chain = chain_of(p, request.links, request.law)
     instants = request.instants(p)
     key = "links" if request.links is not None else "chain.links and times"
@@ -151,8 +144,6 @@ def _check_radius(radius: float | None, scheme: str | None) -> float:
 IMPLICIT_COST = 25.0
 #: Run time of an explicit step for each link [s].
 LINK_STEP = 2e-9
-#: Steps of the first implicit run per period of the first transverse mode.
-STEPS_PER_PERIOD = 8.0
 
 
 def _choose_scheme(
@@ -162,8 +153,8 @@ def _choose_scheme(
     steps_per_second = 1.0 / _first_step(explicit, limit)
     seconds = 3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * LINK_STEP
     return choose_scheme(
-        _comparable_runs(explicit, limit),
-        _comparable_runs(trapezoidal, limit),
+        explicit.comparable(_first_step(explicit, limit)),
+        trapezoidal.comparable(_first_step(trapezoidal, limit)),
         tolerance,
         step_limit=limit,
         explicit_seconds=None if asked else seconds,
@@ -173,25 +164,7 @@ def _choose_scheme(
 
 def _refine_in_time(run: ChainRun, limit: float, tolerance: float) -> tuple[Trajectory, float, float]:
     """Shorten the step until two runs agree; returns the trajectory, its steps per second, the estimate of its error."""
-    return refine_step(_comparable_runs(run, limit), tolerance)
-
-
-def _comparable_runs(run: ChainRun, limit: float) -> ComparableRuns:
-    """Describe runs with any step for the step control."""
-    chord = float(np.linalg.norm(run.chain.p.upper - run.chain.p.lower))
-
-    def position(state: Trajectory) -> np.ndarray:
-        return state.position
-
-    def scale(state: Trajectory) -> float:
-        return motion_scale(state.position, run.initial, chord)
-
-    def slackened(state: Trajectory) -> bool:
-        # law (21) has no kink
-        return not run.chain.green and bool((run.chain.stretch(state.position) < 1.0).any())
-
-    first = preferred_steps_per_second(1.0 / _first_step(run, limit))
-    return ComparableRuns(run, position, scale, first, float(run.times[-1]), run.chain.links, slackened)
+    return refine_step(run.comparable(_first_step(run, limit)), tolerance)
 
 
 def _first_step(run: ChainRun, limit: float) -> float:
@@ -203,10 +176,7 @@ def _unforced_step(run: ChainRun, limit: float) -> float:
     """Return the step of the first run without regard to motions and loads [s]."""
     chain, initial, end_time = run.chain, run.initial, float(run.times[-1])
     if isinstance(run, ImplicitChainRun):
-        period = (
-            2.0 * chain.total_length / np.sqrt(max(chain.tensions_and_forces(initial)[0].mean(), 1e-300) / chain.p.mass)
-        )
-        return float(max(min(end_time / 20.0, period / STEPS_PER_PERIOD), limit))
+        return first_implicit_step(chain, chain.tensions_and_forces(initial)[0], end_time, limit)
     if not chain.green:
         return 0.9 * limit
     # with a margin for waves beyond the stretch that the ends enforce in the run

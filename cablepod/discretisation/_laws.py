@@ -22,6 +22,16 @@ def check_law(law: str) -> None:
         raise scene_error("law", law, "one of " + ", ".join(f'"{name}"' for name in LAWS))
 
 
+def check_viscous_law(law: str, viscosity: float | None) -> None:
+    """Refuse viscous links, with a viscosity [s], with law "green"."""
+    if law == "green" and viscosity is not None:
+        raise scene_error(
+            "law and damping.link_viscosity",
+            (law, viscosity),
+            'viscous links with law "linear"; with "green" none, mass_proportional is possible',
+        )
+
+
 def law_tension(stretch: Any, stiffness: float, *, green: bool) -> Any:
     """Return the tension [N] at a stretch, negative in compression."""
     if green:

@@ -14,6 +14,7 @@ from cablepod.integrate._step_control import (
     ComparableRuns,
     Solution,
     choose_scheme,
+    first_implicit_step,
     halve_step_while_cheaper,
     motion_scale,
     preferred_steps_per_second,
@@ -25,8 +26,6 @@ SCHEMES = ("velocity_verlet", "trapezoidal", "energy_momentum")
 IMPLICIT_COST, COST_OF_AMPLITUDE = 4.0, 0.45
 #: Run time of an explicit step, and its increase for each amplitude [s].
 STEP_TIME, TIME_OF_AMPLITUDE = 2e-7, 2e-8
-#: Steps of the first implicit run in a period of the first transverse vibration.
-STEPS_PER_PERIOD = 8.0
 #: Maximum steps per second of halved implicit runs over those of the first (beyond it an order of convergence is observed).
 TRIAL_RATIO = 16.0
 
@@ -101,8 +100,6 @@ def _comparable_runs(run: GalerkinRun, limit: float) -> ComparableRuns:
 
     step = 0.8 * limit
     if isinstance(run, ImplicitGalerkinRun):
-        tension = max(float(model.tension(initial).mean()), 1e-300)
-        period = 2.0 * model.chain.total_length / np.sqrt(tension / p.mass)
-        step = float(max(min(float(run.times[-1]) / 20.0, period / STEPS_PER_PERIOD), limit))
+        step = first_implicit_step(model.chain, model.tension(initial), float(run.times[-1]), limit)
     steps_per_second = preferred_steps_per_second(1.0 / min(step, p.shortest_time_scale / STEPS_PER_CHANGE))
     return ComparableRuns(run, positions, motion, steps_per_second, float(run.times[-1]), model.chain.links, slackened)

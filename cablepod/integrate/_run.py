@@ -26,6 +26,7 @@ from cablepod.integrate._output import (
     trajectory_variables,
 )
 from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._step_control import ComparableRuns, motion_scale, preferred_steps_per_second
 
 
 @dataclass
@@ -152,6 +153,31 @@ class ChainRun:
             "start_jolt_tension": float(np.abs(along).max()) * math.sqrt(p.stiffness * p.mass),
             "start_jolt_energy": p.mass * total * float((along**2).sum()),
         }
+
+    def compared(self, position: np.ndarray) -> np.ndarray:
+        """Return positions (..., points, dims) [m] at the points at which runs are compared."""
+        return position
+
+    def motion(self, state: Trajectory) -> float:
+        """Return the largest rms displacement, or the chord if nothing moves [m]."""
+        chord = float(np.linalg.norm(self.chain.p.upper - self.chain.p.lower))
+        return motion_scale(self.compared(state.position), self.compared(self.initial), chord)
+
+    def slackens(self, state: Trajectory) -> bool:
+        """Whether links go slack, which are kinks of the linear law only."""
+        return not self.chain.green and bool((self.chain.stretch(state.position) < 1.0).any())
+
+    def comparable(self, first_step: float) -> ComparableRuns:
+        """Describe runs with any step for the step control, the first of them with a step of `first_step` [s] at most."""
+        return ComparableRuns(
+            self,
+            lambda state: self.compared(state.position),
+            self.motion,
+            preferred_steps_per_second(1.0 / first_step),
+            float(self.times[-1]),
+            self.chain.links,
+            self.slackens,
+        )
 
     @cached_property
     def energy_bound(self) -> float:

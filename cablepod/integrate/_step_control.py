@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from cablepod.discretisation._chain import LumpedChain
 from cablepod.errors import NotConvergedWarning, RunStopped, SceneError
 
 #: Minimum observed order of a converging scheme: runs that differ whatever their steps seem to have 0.1 to 0.7.
@@ -27,6 +28,8 @@ MAX_WORK, MAX_TRIAL_WORK = 1e12, 1e9
 #: Minimum number of steps in the shortest time scale of motions and loads: steps that are multiples of a period all see the same
 #: phase, so that two wrong runs would agree.
 STEPS_PER_CHANGE = 8.0
+#: Steps of the first implicit run in a period of the first transverse vibration.
+STEPS_PER_PERIOD = 8.0
 #: Tolerance over the distance at which two implicit runs agree: their long steps need not resolve all frequencies.
 HALVING_MARGIN = 4.0
 #: Maximum of damping times an explicit step: the velocity half a step before the start grows by exp(c h / 2), and its square must
@@ -86,6 +89,12 @@ def preferred_steps_per_second(steps_per_second: float) -> float:
     """Round a number of steps per second up to the next preferred one."""
     power = 10.0 ** math.floor(math.log10(steps_per_second))
     return next(p for p in _PREFERRED_MANTISSAS if p * power >= steps_per_second * (1.0 - 1e-12)) * power
+
+
+def first_implicit_step(chain: LumpedChain, tension: np.ndarray, end_time: float, limit: float) -> float:
+    """Return the first implicit step [s], by the first transverse period at `tension` (links,) [N], not below `limit` [s]."""
+    period = 2.0 * chain.total_length / math.sqrt(max(float(tension.mean()), 1e-300) / chain.p.mass)
+    return max(min(end_time / 20.0, period / STEPS_PER_PERIOD), limit)
 
 
 def motion_scale(position: np.ndarray, initial: np.ndarray, chord: float) -> float:

@@ -88,6 +88,10 @@ class RigidRun(NewtonRun):
         """Return the tensions (times, links) [N]."""
         return state.diagnostics["tension"]
 
+    def slackens(self, state: Trajectory) -> bool:
+        """Return False: rigid links carry compression."""
+        return False
+
     def features(self, end_time: float) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return none: the similarity numbers are those of elastic cables."""
         return {}, {}

@@ -19,9 +19,7 @@ from cablepod.integrate._output import chain_coordinates, rest_dataset
 from cablepod.integrate._request import Request
 from cablepod.integrate._run import Trajectory
 from cablepod.integrate._step_control import (
-    ComparableRuns,
     check_work,
-    motion_scale,
     preferred_steps_per_second,
     refine_step,
 )
@@ -218,19 +216,11 @@ def _check_baumgarte(rate: float | None, formulation: str) -> float | None:
 
 def _refine_in_time(run: RigidRun, tolerance: float) -> tuple[Trajectory, float, float]:
     """Shorten the step until two runs agree; returns the trajectory, its steps per second, the estimate of its error."""
-    chord = float(np.linalg.norm(run.chain.p.upper - run.chain.p.lower))
-
-    def position(state: Trajectory) -> np.ndarray:
-        return state.position
-
-    def scale(state: Trajectory) -> float:
-        return motion_scale(state.position, run.initial, chord)
-
-    first, end_time, links = preferred_steps_per_second(1.0 / run.first_step()), float(run.times[-1]), run.chain.links
-    check_work(first, end_time, links)
+    runs = run.comparable(run.first_step())
+    check_work(runs.steps_per_second, runs.end_time, runs.links)
     try:  # the initial shape does not tell how fast links will rotate
-        rotation_rate = replace(run, progress=None)(first).diagnostics["largest_turn_rate"]
+        rotation_rate = replace(run, progress=None)(runs.steps_per_second).diagnostics["largest_turn_rate"]
     except RunStopped:
         rotation_rate = 0.0
-    first = max(first, preferred_steps_per_second(max(rotation_rate, 1e-300) / ROTATION_PER_STEP))
-    return refine_step(ComparableRuns(run, position, scale, first, end_time, links), tolerance)
+    first = max(runs.steps_per_second, preferred_steps_per_second(max(rotation_rate, 1e-300) / ROTATION_PER_STEP))
+    return refine_step(replace(runs, steps_per_second=first), tolerance)
