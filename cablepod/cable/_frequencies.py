@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import provenance
 from cablepod.batch._members import over_members
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of
 from cablepod.cable._scheme import ELEMENT_COUNTS
-from cablepod.cable._simulate import LAW, element_count
+from cablepod.cable._simulate import LAW, element_count, record
 from cablepod.cable._start import catenary_nodes, solve_equilibrium
 from cablepod.conventions import label
 from cablepod.discretisation._chain import square
@@ -124,21 +123,7 @@ def frequencies(
         element_order=mesh.order,
         **({} if elements is not None else {"space_error_estimate": error}),
     )
-    options = {
-        "count": count,
-        "elements": mesh.sizes.size,
-        "order": mesh.order,
-        "law": law,
-        "arc_length": mesh.particles,
-        "points": points,
-    }
-    return provenance.record(
-        result,
-        function="cable.frequencies",
-        parameters=options,
-        inputs=[scene],
-        chosen=provenance.defaulted_options(elements=elements, order=order),
-    )
+    return record(result, scene, mesh, "cable.frequencies", elements=elements, order=order, points=points, count=count)
 
 
 def _converged_vibrations(

@@ -11,7 +11,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod._resources import check_memory
 from cablepod.batch._members import over_members
-from cablepod.cable._mesh import check_order, mesh_of, part_borders
+from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of, part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun, output_coordinates
 from cablepod.cable._scheme import ELEMENT_COUNTS, refine_in_space, solve, step_limit_of
 from cablepod.cable._start import equilibrium_with_error, start
@@ -102,20 +102,23 @@ def rest(
         element_order=mesh.order,
         space_error_estimate=error,
     )
-    options = {
-        "elements": count,
-        "order": mesh.order,
-        "law": law,
-        "arc_length": mesh.particles,
-        "points": points,
-    }
-    return provenance.record(
-        result,
-        function="cable.rest",
-        parameters=options,
-        inputs=[scene],
-        chosen=provenance.defaulted_options(elements=elements, order=order),
-    )
+    return record(result, scene, mesh, "cable.rest", elements=elements, order=order, points=points)
+
+
+def record(
+    result: xr.Dataset,
+    scene: xr.Dataset,
+    mesh: SpectralMesh,
+    function: str,
+    *,
+    elements: int | None,
+    order: int | None,
+    **options: Any,
+) -> xr.Dataset:
+    """Append an equilibrium or its vibrations to the history of the result, in place; options as the caller gave them."""
+    resolved = {"elements": mesh.sizes.size, "order": mesh.order, "law": mesh.law, "arc_length": mesh.particles}
+    chosen = provenance.defaulted_options(elements=elements, order=order)
+    return provenance.record(result, function=function, parameters=resolved | options, inputs=[scene], chosen=chosen)
 
 
 def element_count(elements: int | None, p: Parameters) -> int:
