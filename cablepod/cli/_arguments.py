@@ -54,7 +54,7 @@ def as_options() -> Iterator[None]:
     except (ArchiveError, SceneError) as error:
         text = str(error)
         if text.startswith(("out: given", "ranks: given")):
-            error.args = ("--" + text.replace("overwrite=True", "--overwrite"),)
+            error.args = ("--" + text,)
         raise
 
 

@@ -33,7 +33,7 @@ class Group(click.Group):
             path = " ".join(filter(None, (ctx.command_path, ctx.invoked_subcommand)))
             return fail_usage(error, path)
         except (SceneError, ArchiveError, RunStopped) as error:
-            return fail(str(error))
+            return fail(str(error).replace("overwrite=True", "--overwrite"))  # the option of every command that writes
         except KeyboardInterrupt:
             return interrupted("--overwrite begins anew")
         except BrokenPipeError:  # the reader of the output, such as head, closed it

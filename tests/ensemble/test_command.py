@@ -45,9 +45,15 @@ def test_the_command_runs_resumes_and_tells(tmp_path, capsys):
     ):
         assert text in told
     assert cli.main([*command, "--option", "step=2e-3"]) == 2
-    assert "the option step was 0.004 and is 0.002" in capsys.readouterr().err
+    refused = capsys.readouterr().err
+    assert "the option step was 0.004 and is 0.002" in refused
+    assert "or --overwrite to replace it" in refused
     assert cli.main([*command, "--option", "step=2e-3", "--overwrite"]) == 0
     assert (cp.archive.open_ensemble(out)["step"] == 2e-3).all()
+    (out / "batch_0000.nc").write_bytes(b"damaged")
+    capsys.readouterr()
+    assert cli.main([*command, "--option", "step=2e-3"]) == 2
+    assert "give --overwrite to compute them again" in capsys.readouterr().err
 
 
 def test_the_command_refuses_in_one_line(tmp_path, capsys):
