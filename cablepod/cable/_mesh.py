@@ -17,7 +17,7 @@ from cablepod.discretisation._gll import gll_rule, lagrange_basis
 from cablepod.discretisation._laws import LAWS, green_secant, tangent_stiffness_ratio
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import integer, numbers_list
-from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._parameters import Parameters, PointLoad
 
 #: Default polynomial order of an element (its eight nodes fill vector registers completely).
 ORDER = 7
@@ -67,17 +67,11 @@ class SpectralMesh(LumpedChain):
         """Unstretched arc lengths of the quadrature points (points,) [m]."""
         return self.arc_length[self._nodes].ravel()
 
-    @cached_property
-    def _patterns(self) -> list[tuple[np.ndarray, Any]]:
-        """Load patterns (nodes, dims) [N] and their time factors, None for a constant load."""
-        patterns: list[tuple[np.ndarray, Any]] = []
-        if self.p.load is not None:
-            patterns.append((self.tributary_length[:, None] * self.p.load, self.p.load_factor))
-        for load in self.p.point_loads:
-            pattern = np.zeros((self.links + 1, self.p.dims))
-            pattern[np.argmin(np.abs(self.arc_length - load.fraction * self.total_length))] = load.force
-            patterns.append((pattern, load.factor))
-        return patterns
+    def _point_pattern(self, load: PointLoad) -> np.ndarray:
+        """Return a point load at factor 1 on the node at its place (nodes, dims) [N]."""
+        pattern = np.zeros((self.links + 1, self.p.dims))
+        pattern[np.argmin(np.abs(self.arc_length - load.fraction * self.total_length))] = load.force
+        return pattern
 
     # --- stretch, tension, force ---
 

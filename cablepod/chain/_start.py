@@ -13,24 +13,12 @@ from cablepod.errors import SceneError
 
 def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
     """Return positions (n + 1, dims) [m] and tensions (n,) [N] of a chain at rest."""
-    from cablepod.chain import _kernels_explicit as kernel_explicit
-    from cablepod.chain import _kernels_rest as kernel_rest  # numba is imported only to compute
+    from cablepod.chain import _kernels_explicit as kernel_explicit  # numba is imported only to compute
 
     p = chain.p
     ends = p.end_positions(np.zeros(1))[0]
-    chord = ends[1] - ends[0]
-    loads = chain.loads(0.0)[1:-1]
-    solution = chain.statics
-    _, _, _, q, across, against = load_plane(p)
-    v0 = solution[3] - 0.5 * q * (chain.total_length - chain.length[0])
-    force = solution[2] * across + v0 * against
-    if not np.isfinite(force).all() or not force.any():
-        # a catenary without tension, as without weight: start from any force along the chord
-        force = chord / np.linalg.norm(chord) * max(float(np.abs(loads).sum()), 1e-6 * p.stiffness)
-    gap = kernel_rest.equilibrium(chord, loads, chain.length, p.stiffness, chain.green, force)
-    scale = max(float(np.linalg.norm(chord)), chain.total_length)
-    forces = force - np.concatenate([np.zeros((1, p.dims)), np.cumsum(loads, axis=0)])
-    tension = np.sqrt(square(forces))
+    forces, tension, gap = link_forces(chain, chain.statics, p.stiffness, 1e-6 * p.stiffness)
+    scale = max(float(np.linalg.norm(ends[1] - ends[0])), chain.total_length)
     if not gap <= 1e-11 * scale or not tension.min() > 0.0:
         left = f" (a gap of {gap:.2g} m is left)" if np.isfinite(gap) else ""
         raise SceneError(
@@ -43,6 +31,41 @@ def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
     position = ends[0] + np.concatenate([np.zeros((1, p.dims)), np.cumsum(reach, axis=0)])
     position[-1] = ends[1]
     return position, tension
+
+
+def link_forces(
+    chain: LumpedChain, statics: np.ndarray, stiffness: float, least: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Solve for the force in the first link at rest, which determines all others.
+
+    Parameters
+    ----------
+    chain
+        Links and loads.
+    statics
+        Of a catenary near the chain, whose force is the first guess.
+    stiffness
+        Axial stiffness [N]; infinite for rigid links.
+    least
+        Least force of a guess along the chord [N], for a catenary without tension, as without weight.
+
+    Returns
+    -------
+    tuple
+        Forces (n, dims) and tensions (n,) [N] of the links, and the gap left at the upper end [m].
+    """
+    from cablepod.chain import _kernels_rest as kernel  # numba is imported only to compute
+
+    ends = chain.p.end_positions(np.zeros(1))[0]
+    chord = ends[1] - ends[0]
+    loads = chain.loads(0.0)[1:-1]
+    _, _, _, q, across, against = load_plane(chain.p)
+    force = statics[2] * across + (statics[3] - 0.5 * q * (chain.total_length - chain.length[0])) * against
+    if not np.isfinite(force).all() or not force.any():
+        force = chord / np.linalg.norm(chord) * max(float(np.abs(loads).sum()), least)
+    gap = kernel.equilibrium(chord, loads, chain.length, stiffness, chain.green, force)
+    forces = force - np.concatenate([np.zeros((1, chain.p.dims)), np.cumsum(loads, axis=0)])
+    return forces, np.sqrt(square(forces)), gap
 
 
 def start(chain: LumpedChain) -> np.ndarray:

@@ -14,7 +14,7 @@ from cablepod.discretisation._laws import LAWS, green_secant, strain_energy_dens
 from cablepod.discretisation._step_limit import highest_axial_frequency, verlet_step_limit
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer
-from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._parameters import Parameters, PointLoad
 from cablepod.parameters._time_functions import TimeFunction
 
 
@@ -104,13 +104,15 @@ class LumpedChain:
         patterns: list[tuple[np.ndarray, Any]] = []
         if self.p.load is not None:
             patterns.append((self.tributary_length[:, None] * self.p.load, self.p.load_factor))
-        for load in self.p.point_loads:
-            j, weight = self.lever(load.fraction)
-            pattern = np.zeros((self.links + 1, self.p.dims))
-            pattern[j] = (1.0 - weight) * load.force
-            pattern[j + 1] = weight * load.force
-            patterns.append((pattern, load.factor))
-        return patterns
+        return patterns + [(self._point_pattern(load), load.factor) for load in self.p.point_loads]
+
+    def _point_pattern(self, load: PointLoad) -> np.ndarray:
+        """Distribute a point load at factor 1 over the particles (n + 1, dims) [N]."""
+        j, weight = self.lever(load.fraction)
+        pattern = np.zeros((self.links + 1, self.p.dims))
+        pattern[j] = (1.0 - weight) * load.force
+        pattern[j + 1] = weight * load.force
+        return pattern
 
     def tensions_and_forces(
         self, position: np.ndarray, velocity: np.ndarray | None = None

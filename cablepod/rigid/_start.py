@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cablepod.catenary._statics import load_plane, solve_statics
+from cablepod.chain._start import link_forces
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.errors import SceneError, scene_error
 
@@ -27,22 +28,13 @@ def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
 
     As in the elastic chain, the force in the first link determines all others, and thus the directions of the links.
     """
-    from cablepod.chain import _kernels_rest as kernel  # numba is imported only to compute
-
     p, total = chain.p, chain.total_length
     ends = p.end_positions(np.zeros(1))[0]
-    chord = ends[1] - ends[0]
-    check_chord(chain, chord)
-    loads = chain.loads(0.0)[1:-1]
-    _, _, _, q, across, against = load_plane(p)
+    check_chord(chain, ends[1] - ends[0])
     # initial guess: an elastic catenary stiff enough to be close to the rigid one
-    solution = solve_statics(replace(p, stiffness=max(p.stiffness, 1e7 * q * total)), "unstretched_length", total)
-    force = solution[2] * across + (solution[3] - 0.5 * q * (total - chain.length[0])) * against
-    if not np.isfinite(force).all() or not force.any():
-        force = chord / np.linalg.norm(chord) * max(float(np.abs(loads).sum()), 1e-300)
-    gap = kernel.equilibrium(chord, loads, chain.length, np.inf, False, force)
-    forces = force - np.concatenate([np.zeros((1, p.dims)), np.cumsum(loads, axis=0)])
-    tension = np.sqrt(square(forces))
+    stiff = replace(p, stiffness=max(p.stiffness, 1e7 * load_plane(p).load * total))
+    statics = solve_statics(stiff, "unstretched_length", total)
+    forces, tension, gap = link_forces(chain, statics, np.inf, 1e-300)
     if not gap <= 1e-11 * total or not tension.min() > 0.0:
         left = f" (a gap of {gap:.2g} m is left)" if np.isfinite(gap) else ""
         raise SceneError(
