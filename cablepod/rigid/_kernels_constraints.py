@@ -1,4 +1,4 @@
-"""Compiled constraint equations of the rigid links: projection of positions and velocities, accelerations."""
+"""Compiled constraint equations of the rigid links: tridiagonal systems, projection of positions and velocities."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 
 from cablepod._jit import compiled
 from cablepod.rigid._kernels_layout import (
-    ACCELERATION,
     BASE,
     CORRECTION,
     DONE,
@@ -16,7 +15,6 @@ from cablepod.rigid._kernels_layout import (
     ITERATIONS,
     LENGTH,
     LENGTH_ERROR,
-    LOAD,
     NOT_CONVERGED,
     NX,
     PIVOT,
@@ -160,39 +158,4 @@ def project_velocities(s, links, spatial, velocity, unit):
     for c in range(dimensions(spatial)):
         for j in range(links + 1):
             s[velocity + c, j] += s[INVERSE_MASS, j] * (s[FORCE + c, j + 1] - s[FORCE + c, j])
-    return True
-
-
-@compiled
-def index1_accelerations(s, links, spatial, velocity, unit, damping, stabilise):
-    """Compute accelerations by the index-1 form from the velocities `velocity` and link vectors `unit` (rows).
-
-    ACCELERATION of held ends must be set before.  The constraint differentiated twice, e.(a_(j+1) - a_j) + |v_(j+1) - v_j|^2 / l
-    = 0, gives the multipliers in CORRECTION.  A rate `stabilise` [1/s] of at least 0 adds Baumgarte's terms, 2 rate g' +
-    rate^2 g, which reduce a drift of the lengths.  Returns False if the system is singular.
-    """
-    for c in range(dimensions(spatial)):
-        for j in range(links + 1):
-            if s[INVERSE_MASS, j] > 0.0:
-                s[ACCELERATION + c, j] = s[LOAD + c, j] - damping * s[velocity + c, j]
-    for j in range(links):
-        square, along = 0.0, 0.0
-        for c in range(dimensions(spatial)):
-            dv = s[velocity + c, j + 1] - s[velocity + c, j]
-            square += dv * dv
-            along += s[unit + c, j] * (s[ACCELERATION + c, j + 1] - s[ACCELERATION + c, j])
-        s[RIGHT, j] = square * s[INVERSE_LENGTH, j] + along
-    if stabilise >= 0.0:
-        for j in range(links):
-            g = 0.5 * (dot(s, unit, j, unit, j, spatial) - 1.0) * s[LENGTH, j]
-            g_dot = 0.0
-            for c in range(dimensions(spatial)):
-                g_dot += s[unit + c, j] * (s[velocity + c, j + 1] - s[velocity + c, j])
-            s[RIGHT, j] += stabilise * (2.0 * g_dot + stabilise * g)
-    if not solve_tridiagonal(s, links, spatial, unit, unit):
-        return False
-    link_forces(s, links, spatial, CORRECTION, unit)
-    for c in range(dimensions(spatial)):
-        for j in range(links + 1):
-            s[ACCELERATION + c, j] += s[INVERSE_MASS, j] * (s[FORCE + c, j + 1] - s[FORCE + c, j])
     return True

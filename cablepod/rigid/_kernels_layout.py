@@ -5,6 +5,8 @@ Column j is particle j, or link j between the particles j and j + 1.  Vectors ta
 
 from __future__ import annotations
 
+import numpy as np
+
 X, V = 0, 3  #: positions [m], velocities [m/s]
 E = 6  #: link vectors over their lengths at X
 NX, N = 9, 12  #: new positions [m], and their link vectors over lengths
@@ -30,3 +32,8 @@ FIRST_KINETIC, FLOOR = 10, 11  #: kinetic energy at the start; imbalance that ne
 MAX_ROTATION_SQUARED = 12  #: square of the maximum rotation rate of a link [1/s2]
 COUNTS = 13
 DONE, NOT_CONVERGED, SINGULAR, OUT_OF_BALANCE = range(4)  #: status of a step
+
+
+def new_state(links):
+    """Allocate a state of zeros (ROWS, at least links + 2), with an odd number of cache lines per row."""
+    return np.zeros((ROWS, 8 * ((links + 9) // 8 | 1)))

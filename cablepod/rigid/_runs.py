@@ -128,13 +128,14 @@ class RigidStepper:
     """State of a run, advanced in place by the kernels."""
 
     def __init__(self, run: RigidRun, instants: OutputTimes) -> None:
-        from cablepod.rigid import _kernels_steps as kernel_steps  # numba is imported only to compute
+        from cablepod.rigid import _kernels_index1, _kernels_rattle  # numba is imported only to compute
 
-        self.kernel = kernel_steps
+        self.rattle, self.index1 = _kernels_rattle.rattle, _kernels_index1.index1
+        self.states_kernel = _kernels_index1.states
         chain, p = run.chain, run.chain.p
         self.run, self.instants = run, instants
         self.links, self.spatial = chain.links, True if p.dims == 3 else None
-        self.s, self.counts = kernel_steps.new_state(self.links), np.zeros(layout.COUNTS)
+        self.s, self.counts = layout.new_state(self.links), np.zeros(layout.COUNTS)
         self.damping = p.mass_damping or 0.0
         self.stabilise = -1.0 if run.baumgarte is None else float(run.baumgarte)  # below 0: projection
         self.substepped, self.status = 0, layout.DONE
@@ -220,7 +221,7 @@ class RigidStepper:
 
     def _kernel(self, number: int, step: float, steps: int, substeps: int, save: np.ndarray, saved: np.ndarray) -> int:
         """Take `steps` substeps, `substeps` per step of the grid, from step `number` of the grid on."""
-        kernel, run, steps_per_second = self.kernel, self.run, self.instants.steps_per_second
+        run, steps_per_second = self.run, self.instants.steps_per_second
         head = (self.s, self.links, self.spatial)
         last = (self.wants_extremes, steps, number, save, saved, self.counts)
         if run.formulation == "rattle":
@@ -229,12 +230,12 @@ class RigidStepper:
             if self.damping:
                 decay = math.exp(-0.5 * self.damping * step)
                 half = -math.expm1(-0.5 * self.damping * step) / self.damping
-            done, self.status = kernel.rattle(
+            done, self.status = self.rattle(
                 *head, *self._tables(time), step, half, decay, self.damping, self._length_rounding(time), *last
             )
         else:
             time = (number + np.arange(2 * steps + 1) / (2 * substeps)) / steps_per_second
-            done, self.status = kernel.index1(
+            done, self.status = self.index1(
                 *head, *self._tables(time), step, self.damping, self.stabilise, self._length_rounding(time), *last
             )
         return done
@@ -275,7 +276,7 @@ class RigidStepper:
     ) -> tuple[np.ndarray, np.ndarray, int]:
         """Do ``states`` with a state array `s` to work in; returns the number of states done too."""
         a, tension = np.empty_like(x), np.empty((len(x), self.links))
-        done, self.status = self.kernel.states(
+        done, self.status = self.states_kernel(
             s, self.links, self.spatial, self._ends(time), self.patterns, self._factors(time), self.damping,
             is_projected, self._length_rounding(time), x, v, a, tension, self.counts,
         )  # fmt: skip

@@ -1,0 +1,263 @@
+"""Compiled index-1 form of the rigid links: the constraint differentiated twice gives the tensions T.
+
+m a = P + G^T T - alpha m v,  e.(a_(j+1) - a_j) + |v_(j+1) - v_j|^2 / l = 0.
+:func:`index1` takes Runge-Kutta steps; :func:`states` evaluates the form at the output times of either formulation.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cablepod._jit import compiled
+from cablepod.rigid._kernels_constraints import (
+    dimensions,
+    dot,
+    length_error,
+    link_forces,
+    link_vectors,
+    project_positions,
+    project_velocities,
+    solve_tridiagonal,
+)
+from cablepod.rigid._kernels_layout import (
+    ACCELERATION,
+    BASE,
+    CORRECTION,
+    DONE,
+    ENDS,
+    FORCE,
+    HALF,
+    INVERSE_LENGTH,
+    INVERSE_MASS,
+    KINETIC,
+    LENGTH,
+    LENGTH_ERROR,
+    LOAD,
+    LOADS,
+    LOST,
+    MASS,
+    MAX_ROTATION_SQUARED,
+    NOT_CONVERGED,
+    NX,
+    OUT_OF_BALANCE,
+    RIGHT,
+    SINGULAR,
+    SUM_V,
+    SUM_X,
+    E,
+    N,
+    T,
+    V,
+    X,
+)
+from cablepod.rigid._kernels_terms import (
+    check_balance,
+    copy_vectors,
+    end_work,
+    kinetic_energy,
+    load_accelerations,
+    max_rotation_squared,
+    save_state,
+    set_ends,
+    update_extremes,
+)
+
+
+@compiled
+def index1_accelerations(s, links, spatial, velocity, unit, damping, stabilise):
+    """Compute accelerations by the index-1 form from the velocities `velocity` and link vectors `unit` (rows).
+
+    ACCELERATION of held ends must be set before.  The constraint differentiated twice, e.(a_(j+1) - a_j) + |v_(j+1) - v_j|^2 / l
+    = 0, gives the multipliers in CORRECTION.  A rate `stabilise` [1/s] of at least 0 adds Baumgarte's terms, 2 rate g' +
+    rate^2 g, which reduce a drift of the lengths.  Returns False if the system is singular.
+    """
+    for c in range(dimensions(spatial)):
+        for j in range(links + 1):
+            if s[INVERSE_MASS, j] > 0.0:
+                s[ACCELERATION + c, j] = s[LOAD + c, j] - damping * s[velocity + c, j]
+    for j in range(links):
+        square, along = 0.0, 0.0
+        for c in range(dimensions(spatial)):
+            dv = s[velocity + c, j + 1] - s[velocity + c, j]
+            square += dv * dv
+            along += s[unit + c, j] * (s[ACCELERATION + c, j + 1] - s[ACCELERATION + c, j])
+        s[RIGHT, j] = square * s[INVERSE_LENGTH, j] + along
+    if stabilise >= 0.0:
+        for j in range(links):
+            g = 0.5 * (dot(s, unit, j, unit, j, spatial) - 1.0) * s[LENGTH, j]
+            g_dot = 0.0
+            for c in range(dimensions(spatial)):
+                g_dot += s[unit + c, j] * (s[velocity + c, j + 1] - s[velocity + c, j])
+            s[RIGHT, j] += stabilise * (2.0 * g_dot + stabilise * g)
+    if not solve_tridiagonal(s, links, spatial, unit, unit):
+        return False
+    link_forces(s, links, spatial, CORRECTION, unit)
+    for c in range(dimensions(spatial)):
+        for j in range(links + 1):
+            s[ACCELERATION + c, j] += s[INVERSE_MASS, j] * (s[FORCE + c, j + 1] - s[FORCE + c, j])
+    return True
+
+
+@compiled
+def _stage(s, links, spatial, velocity, unit, ends, patterns, factors, i, damping, stabilise, weight, powers):
+    """Compute accelerations at place `i` of the tables, and add the weighted powers [W] of loads, ends and damping."""
+    moving = ends.shape[0] > 0
+    if moving:
+        set_ends(s, links, spatial, ACCELERATION, ends[i, 2])
+    if patterns.shape[0] > 0:
+        load_accelerations(s, links, spatial, patterns, factors[i])
+    if not index1_accelerations(s, links, spatial, velocity, unit, damping, stabilise):
+        return False
+    total = 0.0
+    for j in range(links + 1):
+        total += s[MASS, j] * dot(s, LOAD, j, velocity, j, spatial)
+    powers[0] += weight * total
+    if moving:
+        powers[1] += weight * end_work(s, links, spatial, CORRECTION, unit, velocity)
+    if damping > 0.0:
+        powers[2] += weight * 2.0 * damping * kinetic_energy(s, links, spatial, velocity)
+    return True
+
+
+@compiled
+def index1(
+    s, links, spatial, ends, patterns, factors, step, damping, stabilise, tolerance, extremes,
+    steps, number, save_steps, saved, counts,
+):  # fmt: skip
+    """Advance a chain by `steps` classical Runge-Kutta steps (fourth order) of the index-1 form.
+
+    The multipliers follow from the constraint differentiated twice.  After each step positions and velocities are projected onto
+    the constraints, orthogonally by mass; a rate `stabilise` [1/s] of at least 0 replaces the projection by Baumgarte's terms.
+
+    Parameters are those of :func:`rattle`; the tables `ends` (2 steps + 1, 3, end, dims) and `factors` (2 steps + 1, loads) also
+    have the middles of the steps.
+    """
+    save = 0
+    dims = dimensions(spatial)
+    moving = ends.shape[0] > 0
+    powers = np.zeros(3)
+    for i in range(steps):
+        if save < save_steps.size and save_steps[save] == number + i:
+            save_state(s, links, save, saved)
+            save += 1
+        powers[:] = 0.0
+        for c in range(dims):
+            for j in range(links + 1):
+                s[NX + c, j] = s[X + c, j]
+                s[HALF + c, j] = s[V + c, j]
+                s[SUM_X + c, j] = 0.0
+                s[SUM_V + c, j] = 0.0
+        for stage in range(4):
+            place = 2 * i + (stage + 1) // 2
+            weight = 2.0 if stage == 1 or stage == 2 else 1.0
+            if moving:
+                set_ends(s, links, spatial, NX, ends[place, 0])
+                set_ends(s, links, spatial, HALF, ends[place, 1])
+            link_vectors(s, links, spatial, NX, N)
+            if not _stage(
+                s, links, spatial, HALF, N, ends, patterns, factors, place, damping, stabilise, weight, powers
+            ):
+                return i, SINGULAR
+            if stage == 0 and extremes:
+                update_extremes(s, links)
+            reach = step if stage == 2 else 0.5 * step
+            for c in range(dims):
+                for j in range(links + 1):
+                    s[SUM_X + c, j] += weight * s[HALF + c, j]
+                    s[SUM_V + c, j] += weight * s[ACCELERATION + c, j]
+                    if stage < 3:
+                        s[NX + c, j] = s[X + c, j] + reach * s[HALF + c, j]
+                        s[HALF + c, j] = s[V + c, j] + reach * s[ACCELERATION + c, j]
+        for c in range(dims):
+            for j in range(links + 1):
+                s[BASE + c, j] = s[X + c, j] + step / 6.0 * s[SUM_X + c, j]
+                s[HALF + c, j] = s[V + c, j] + step / 6.0 * s[SUM_V + c, j]
+        if moving:
+            set_ends(s, links, spatial, BASE, ends[2 * (i + 1), 0])
+            set_ends(s, links, spatial, HALF, ends[2 * (i + 1), 1])
+        if stabilise < 0.0:
+            link_vectors(s, links, spatial, BASE, N)
+            for j in range(links):
+                if not dot(s, N, j, E, j, spatial) > 0.0:
+                    return i, NOT_CONVERGED
+                s[T, j] = 0.0
+            copy_vectors(s, links, spatial, N, E)
+            status = project_positions(s, links, spatial, 1.0, tolerance, counts)
+            if status != DONE:
+                link_vectors(s, links, spatial, X, E)
+                return i, status
+            if not project_velocities(s, links, spatial, HALF, N):
+                link_vectors(s, links, spatial, X, E)
+                return i, SINGULAR
+            copy_vectors(s, links, spatial, NX, X)
+            copy_vectors(s, links, spatial, N, E)
+        else:
+            copy_vectors(s, links, spatial, BASE, X)
+            link_vectors(s, links, spatial, X, E)
+            worst = length_error(s, links, spatial, E)
+            if not worst < 1e3:
+                return i, NOT_CONVERGED
+            counts[LENGTH_ERROR] = max(counts[LENGTH_ERROR], worst)
+        copy_vectors(s, links, spatial, HALF, V)
+        counts[LOADS] += step / 6.0 * powers[0]
+        counts[ENDS] += step / 6.0 * powers[1]
+        counts[LOST] += step / 6.0 * powers[2]
+        counts[KINETIC] = kinetic_energy(s, links, spatial, V)
+        counts[MAX_ROTATION_SQUARED] = max(counts[MAX_ROTATION_SQUARED], max_rotation_squared(s, links, spatial))
+        if not check_balance(counts):
+            return i + 1, OUT_OF_BALANCE
+    return steps, DONE
+
+
+@compiled
+def states(s, links, spatial, ends, patterns, factors, damping, is_projected, tolerance, x, v, a, tension, counts):
+    """Compute accelerations and tensions at given states, and project the states onto the constraints.
+
+    Parameters
+    ----------
+    s, links, spatial, patterns, damping, tolerance, counts
+        As in :func:`rattle`; `s` holds the last state on return, without T.
+    ends : float array (times, 3, end, dims)
+        Positions, velocities and accelerations of the ends.
+    factors : float array (times, loads)
+        Factors of the loads.
+    is_projected : bool array (times,)
+        Whether to project the positions and velocities of a state.
+    x, v : float arrays (times, dims, n + 1)
+        Positions and velocities; overwritten by projected ones.
+    a, tension : float arrays (times, dims, n + 1), (times, n)
+        Filled.
+
+    Returns
+    -------
+    tuple
+        Number of states before the first failure, and the status of that one.
+    """
+    dims = dimensions(spatial)
+    for i in range(x.shape[0]):
+        s[X : X + dims, : links + 1] = x[i]
+        s[V : V + dims, : links + 1] = v[i]
+        set_ends(s, links, spatial, X, ends[i, 0])
+        set_ends(s, links, spatial, V, ends[i, 1])
+        link_vectors(s, links, spatial, X, E)
+        if is_projected[i]:
+            copy_vectors(s, links, spatial, X, BASE)
+            for j in range(links):
+                s[T, j] = 0.0
+            status = project_positions(s, links, spatial, 1.0, tolerance, counts)
+            if status != DONE:
+                return i, status
+            copy_vectors(s, links, spatial, NX, X)
+            copy_vectors(s, links, spatial, N, E)
+            if not project_velocities(s, links, spatial, V, E):
+                return i, SINGULAR
+            x[i] = s[X : X + dims, : links + 1]
+            v[i] = s[V : V + dims, : links + 1]
+        if patterns.shape[0] > 0:
+            load_accelerations(s, links, spatial, patterns, factors[i])
+        set_ends(s, links, spatial, ACCELERATION, ends[i, 2])
+        if not index1_accelerations(s, links, spatial, V, E, damping, -1.0):
+            return i, SINGULAR
+        a[i] = s[ACCELERATION : ACCELERATION + dims, : links + 1]
+        tension[i] = s[CORRECTION, :links]
+    return x.shape[0], DONE
