@@ -1,4 +1,7 @@
-"""Statics of the elastic catenary from any one given quantity: for arrays, one scene and many members."""
+"""Statics of the elastic catenary from any one given quantity: for arrays, one scene and many members.
+
+A scene is solved as a batch of one.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +12,16 @@ import numpy as np
 
 from cablepod.errors import scene_error
 from cablepod.parameters._keys import LENGTH_KEYS
-from cablepod.parameters._members import MemberParameters
 from cablepod.parameters._parameters import Parameters
 
 
 class LoadPlane(NamedTuple):
-    """Chord of a cable in the plane of chord and total load."""
+    """Chord of a cable in the plane of chord and total load; arrays with a leading dimension for many cables."""
 
-    span: float  #: of the upper end from the lower one, across the load (>= 0) [m]
-    rise: float  #: the same, against the load [m]
-    chord: float  #: distance of the ends [m]
-    load: float  #: total load per unstretched length [N/m]
+    span: Any  #: of the upper end from the lower one, across the load (>= 0) [m]
+    rise: Any  #: the same, against the load [m]
+    chord: Any  #: distance of the ends [m]
+    load: Any  #: total load per unstretched length [N/m]
     across: np.ndarray  #: unit vector across the load (dims,), zero where the chord lies along the load
     against: np.ndarray  #: unit vector against the load (dims,)
 
@@ -113,22 +115,21 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     """
     from cablepod.catenary import _kernels_solve as kernel
 
-    plane = load_plane(p)
-    numbers = np.array([*plane[:4], p.stiffness, value])[:, None]
-    solutions, status = solve_catenaries(tuple(numbers[:4]), numbers[4], key, numbers[5])
+    plane = load_planes(p)
+    solutions, status = solve_catenaries(plane[:4], np.array([p.stiffness]), key, np.array([value], dtype=float))
     if status[0] == kernel.SLACK_WEIGHTLESS and "points" in p.initial and prefix == "cable":
         solutions[0, 0] = value
-    else:
-        check_solved(int(status[0]), plane[:4], p.stiffness, key, value, name=f"{prefix}.{key}")
+    elif status[0] != kernel.FOUND:
+        numbers = [float(number[0]) for number in plane[:4]]
+        check_solved(int(status[0]), numbers, p.stiffness, key, value, name=f"{prefix}.{key}")
     return solutions[0]
 
 
-def member_statics(members: MemberParameters) -> tuple[np.ndarray, np.ndarray]:
-    """Solve the catenaries of many members (members, 6); also return which have a solution (members,)."""
+def member_statics(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
+    """Solve the catenaries of stacked members (members, 6); also return which have a solution (members,)."""
     from cablepod.catenary import _kernels_solve as kernel
 
-    planes = _load_planes(members.chord, members.load)
-    solutions, status = solve_catenaries(planes, members.stiffness, members.length_key, members.length_value)
+    solutions, status = solve_catenaries(load_planes(p)[:4], p.stiffness, p.length_key, p.length_value)
     return solutions, status == kernel.FOUND
 
 
@@ -139,44 +140,15 @@ def unstretched_length(p: Parameters) -> float:
 
 def load_plane(p: Parameters) -> LoadPlane:
     """Resolve the chord of a scene at time 0 across and against the total load."""
-    ends = p.end_positions(np.zeros(1))[0]
-    chord = ends[1] - ends[0]
-    load = p.load_at(0.0)
-    q = _norm(load)
-    against = -load / q if q > 0.0 else np.eye(p.dims)[1]
-    if q > 0.0 and np.count_nonzero(load) == 1:
-        against = np.sign(against)  # exactly an axis
-    b = float(chord @ against)
-    across = chord - b * against
-    across = across - (across @ against) * against  # once more: the first difference may have cancelled
-    a = _norm(across)
-    c = _norm(chord)
-    if a <= 1e-15 * c:
-        return LoadPlane(0.0, float(np.copysign(c, b)), c, q, np.zeros(p.dims), against)
-    return LoadPlane(a, b, c, q, across / a, against)
+    return LoadPlane(*(field[0] for field in load_planes(p)))
 
 
-def _norm(vector: np.ndarray) -> float:
-    # hypot is right to the last digit or two and, unlike BLAS, gives planar and spatial scenes the same bits
-    return float(np.hypot.reduce(vector))
+def load_planes(p: Parameters) -> LoadPlane:
+    """Do :func:`load_plane` for stacked members, or for one scene as a batch of one; fields are arrays."""
+    from cablepod.catenary import _kernels_plane as kernel
 
-
-def _load_planes(chord: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Span, rise, chord [m] and load [N/m] of each member, as :func:`load_plane` computes them for one scene."""
-    q = _norms(load)
-    loaded = q > 0.0
-    up: Any = np.eye(chord.shape[1])[1]
-    against = np.where(loaded[:, None], -load / np.where(loaded, q, 1.0)[:, None], up)
-    axis = loaded & (np.count_nonzero(load, axis=1) == 1)
-    against[axis] = np.sign(against[axis])
-    b = (chord * against).sum(axis=1)
-    across = chord - b[:, None] * against
-    again = (across * against).sum(axis=1)  # once more: the first difference may have cancelled
-    across -= again[:, None] * against
-    a, c = _norms(across), _norms(chord)
-    along = a <= 1e-15 * c
-    return np.where(along, 0.0, a), np.where(along, np.copysign(c, b), b), c, q
-
-
-def _norms(vectors: np.ndarray) -> np.ndarray:
-    return np.hypot.reduce(vectors, axis=1)
+    ends = p.end_positions(np.zeros(1)).reshape(-1, 2, p.dims)
+    chords, loads = ends[:, 1] - ends[:, 0], p.load_at(0.0).reshape(-1, p.dims)
+    planes, across, against = np.empty((4, len(chords))), np.empty_like(chords), np.empty_like(chords)
+    kernel.load_planes(chords, loads, planes, across, against)
+    return LoadPlane(planes[0], planes[1], planes[2], planes[3], across, against)

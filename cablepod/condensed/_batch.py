@@ -21,13 +21,12 @@ from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import LumpedChain
-from cablepod.discretisation._chord_frame import ALIGNED
+from cablepod.discretisation._chord_frame import reference_axis
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.parameters._from_scene import Members
-from cablepod.parameters._members import MemberParameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.pod import _normal as pod_normal
-from cablepod.reduced._training_distance import member_distances_outside_training
+from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes, warn_condensed_members
 
 
@@ -174,8 +173,7 @@ def plan(modes: xr.Dataset, model: CondensedModel, members: Members, request: Co
         return None
     if request.times is None and {"time_duration", "time_interval"} & set(members.varied):
         return None
-    parameters = MemberParameters.of(members)
-    if parameters is None:
+    if not members.can_be_stacked:
         return None
     times = members[0].times() if request.times is None else request.times
     check_memory(times.size, model.chain.links, model.chain.p.dims, key="times", variables=3)
@@ -183,7 +181,7 @@ def plan(modes: xr.Dataset, model: CondensedModel, members: Members, request: Co
     if instants.needs_interpolation or instants.steps.size != times.size:
         return None
     shared = shared_attributes(model, instants, SCHEMES[0], modes)
-    return CondensedBatchPlan(modes, model, parameters, instants, outputs, request.links, shared)
+    return CondensedBatchPlan(modes, model, members, instants, outputs, request.links, shared)
 
 
 @dataclass(frozen=True)
@@ -192,7 +190,7 @@ class CondensedBatchPlan:
 
     modes: xr.Dataset
     model: CondensedModel  #: that of the first member
-    parameters: MemberParameters  #: those of all members
+    members: Members
     instants: OutputTimes
     outputs: set[str]
     links: np.ndarray | None  #: indices, from 0, of the links whose tensions are computed; None for all
@@ -202,13 +200,13 @@ class CondensedBatchPlan:
         """Run the members `first` ... `last - 1`; return a mask of those completed, variables and attributes."""
         # invalid members become nan here: their single runs report the reason
         with np.errstate(all="ignore"):
-            return CondensedBatch(self, self.parameters.part(first, last)).run()
+            return CondensedBatch(self, self.members.stacked(first, last)).run()
 
 
 class CondensedBatch:
     """Rescaled coefficients and results of the members of one chunk."""
 
-    def __init__(self, plan: CondensedBatchPlan, parameters: MemberParameters) -> None:
+    def __init__(self, plan: CondensedBatchPlan, parameters: Parameters) -> None:
         self.plan, self.parameters = plan, parameters
         statics, self.active = member_statics(parameters)
         self.total, self.rest_tension = statics[:, 0].copy(), 0.5 * (statics[:, 4] + statics[:, 5])
@@ -224,8 +222,8 @@ class CondensedBatch:
             named["mean_chordwise_forces"], named["geometric_stiffness"], named["load_projection"],
             named["geometric_stiffness_norms"],
         )  # fmt: skip
-        self.load = np.ascontiguousarray(parameters.load[:, :, None])
-        self.reference = _reference_axes(parameters.chord)
+        self.load = np.ascontiguousarray(parameters.load_at(0.0)[:, :, None])
+        self.reference = reference_axis(parameters.ends[:, 1] - parameters.ends[:, 0])
 
     def run(self) -> tuple[np.ndarray, Variables, dict[str, list[Any]]]:
         """Run the members; return a mask of those completed, variables and attributes."""
@@ -357,15 +355,7 @@ class CondensedBatch:
         return (
             {name: [value] * limit.size for name, value in self.plan.shared.items()}
             | {name: values.tolist() for name, values in varied.items()}
-            | member_distances_outside_training(
+            | distance_outside_training(
                 self.plan.modes, parameters, self.total, float(instants.times[-1]), self.rest_tension
             )
         )
-
-
-def _reference_axes(chord: np.ndarray) -> np.ndarray:
-    """Return the axes that define the normals (members,), as ``Coefficients.reference`` does."""
-    if chord.shape[1] == 2:
-        return np.ones(len(chord), dtype=np.int64)
-    along = np.abs(chord) / np.sqrt((chord * chord).sum(axis=1, keepdims=True))
-    return np.where(along[:, 1] < ALIGNED, 1, np.argmin(along, axis=1))

@@ -48,7 +48,7 @@ class ChordFrame:
         if reach.shape[1] == 2:
             return cls(chord, along, np.stack([-along[:, 1], along[:, 0]], axis=1)[:, None], 1)
         if reference is None:
-            reference = 1 if abs(along[0, 1]) < ALIGNED else int(np.argmin(np.abs(along[0])))
+            reference = int(reference_axis(reach[0]))
         cosine = along[:, reference, None]
         if np.abs(cosine).max() >= 0.5 * (1.0 + ALIGNED):
             raise SceneError(
@@ -83,6 +83,12 @@ class ChordFrame:
         """Join the parts of :meth:`split` and the position of the lower end to positions (times, particle, dims) [m]."""
         position = lower[:, None] + along[:, :, None] * self.along[:, None]
         return position + np.einsum("ktp,tkc->tpc", deflection, self.normals)
+
+
+def reference_axis(chord: np.ndarray) -> np.ndarray:
+    """Return the axis that defines the normals for chords (..., dims): the vertical, in space the flattest near the vertical."""
+    cosine = np.abs(chord) / np.sqrt(square(chord))[..., None]
+    return np.where((chord.shape[-1] == 2) | (cosine[..., 1] < ALIGNED), 1, np.argmin(cosine, axis=-1))
 
 
 def stretch_to_close(slopes: np.ndarray, length: np.ndarray, chord: np.ndarray) -> np.ndarray:

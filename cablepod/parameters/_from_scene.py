@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from typing import Any, overload
 
@@ -23,10 +23,13 @@ from cablepod.parameters._keys import (
     time_function_keys,
 )
 from cablepod.parameters._parameters import Parameters, PointLoad
-from cablepod.parameters._time_functions import TimeFunction
+from cablepod.parameters._time_functions import SINES, TimeFunction
 
 #: Variables of a record: times [s] and values.
 RECORD = ("time", "value")
+#: Beginnings of the variables that stacked parameters hold, and variables of terms that these do not cover.
+STACKED_TABLES = ("gravity", "cable_", "ends_", "load_", "motion_", "damping_")
+UNSTACKED_TERMS = ("ends_free", "load_kind", "point_load_1_force")
 
 
 def parameters(scene: xr.Dataset) -> Parameters:
@@ -86,6 +89,32 @@ class Members(Sequence[Parameters]):
             | {name: values[index] for name, values in self.gapped.items() if not _is_gap(values[index])}
         )
 
+    @property
+    def can_be_stacked(self) -> bool:
+        """Whether the members differ in numbers only, and have no term that :meth:`stacked` does not cover."""
+        p, names = self[0], set(self.fixed) | set(self.varied)
+        return not (
+            self.gapped
+            or any(values.dtype.kind not in "fiu" for name, values in self.varied.items() if name != "member")
+            or any(name.startswith("initial_") for name in names)
+            or names & set(UNSTACKED_TERMS)
+            or p.link_viscosity is not None
+            or "damping_link_viscosity" in self.varied
+            or any(motion.kind not in SINES for motion in p.motions.values())
+        )
+
+    def stacked(self, first: int, last: int) -> Parameters:
+        """Make the parameters of the members `first` ... `last - 1` as arrays, see :class:`Parameters`."""
+        values = {}
+        for name, value in (self.fixed | self.varied).items():
+            if not name.startswith(STACKED_TABLES):
+                continue
+            if not isinstance(value, str):
+                rows = value[first:last] if name in self.varied else np.full((last - first, *np.shape(value)), value)
+                value = rows[:, None].astype(float) if name.startswith("motion_") else rows.astype(float)
+            values[name] = value
+        return _from_values(values, number=np.asarray)
+
 
 def parameters_of_members(scene: xr.Dataset) -> list[Parameters]:
     """Return the parameters of each member of a scene; one if it lacks the dimension ``member``.
@@ -106,25 +135,26 @@ def _is_gap(value: Any) -> bool:
     return array.size > 0 and array.dtype.kind in "fO" and bool(np.all(array != array))
 
 
-def _from_values(values: Mapping[str, Any]) -> Parameters:
-    """Make parameters from the values of scene variables by name."""
+def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float) -> Parameters:
+    """Make parameters from the values of scene variables by name, converted by `number`."""
     cable = table_at(values, "cable", CABLE)
     length_key = exactly_one("cable", cable, LENGTH_KEYS)
     weight_key = exactly_one("cable", cable, WEIGHT_KEYS)
-    dims = len(values["ends_lower"])
-    gravity, area = float(values["gravity"]), float(cable["area"])
+    weight = np.zeros(values["ends_lower"].shape)
+    dims = weight.shape[-1]
+    gravity, area = number(values["gravity"]), number(cable["area"])
     if weight_key == "density":
-        mass = float(cable["density"]) * area
-        weight = mass * gravity
+        mass = number(cable["density"]) * area
+        weight[..., 1] = -(mass * gravity)
     else:
-        weight = float(cable["specific_weight"]) * area
-        mass = weight / gravity
+        downward = number(cable["specific_weight"]) * area
+        weight[..., 1], mass = -downward, downward / gravity
     motions = {key: _time_function(values, motion_path(*key)) for key in product(ENDS, COORDINATES[:dims])}
     time, chain, damping = (table_at(values, name, TABLES[name]) for name in ("time", "chain", "damping"))
     return Parameters(
-        stiffness=float(cable["youngs_modulus"]) * area,
+        stiffness=number(cable["youngs_modulus"]) * area,
         mass=mass,
-        weight=np.array([0.0, -weight, 0.0][:dims]),
+        weight=weight,
         lower=values["ends_lower"],
         upper=values["ends_upper"],
         free_end=str(values["ends_free"]) if "ends_free" in values else None,
@@ -133,19 +163,19 @@ def _from_values(values: Mapping[str, Any]) -> Parameters:
         load_factor=_time_function(values, "load"),
         point_loads=tuple(load for load in _point_loads(values) if np.any(load.force)),
         length_key=length_key,
-        length_value=float(cable[length_key]),
-        duration=_number(time, "duration"),
-        interval=_number(time, "interval"),
+        length_value=number(cable[length_key]),
+        duration=float(time["duration"]) if "duration" in time else None,
+        interval=float(time["interval"]) if "interval" in time else None,
         links=int(chain["links"]) if "links" in chain else None,
         link_lengths=chain.get("link_lengths"),
         initial=table_at(values, "initial", INITIAL),
-        mass_damping=_number(damping, "mass_proportional") or None,
-        link_viscosity=_number(damping, "link_viscosity") or None,
+        mass_damping=_nonzero(damping, "mass_proportional", number),
+        link_viscosity=_nonzero(damping, "link_viscosity", number),
     )
 
 
-def _number(table: Mapping[str, Any], name: str) -> float | None:
-    return float(table[name]) if name in table else None
+def _nonzero(table: Mapping[str, Any], name: str, number: Callable[[Any], Any]) -> Any:
+    return number(table[name]) if name in table and np.any(table[name]) else None
 
 
 def _time_function(values: Mapping[str, Any], path: str) -> TimeFunction | None:

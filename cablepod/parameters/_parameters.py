@@ -1,10 +1,10 @@
-"""Parameters of one scene: plain numbers in SI units."""
+"""Parameters of one scene: plain numbers in SI units; of stacked members: arrays."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
@@ -27,10 +27,14 @@ class PointLoad:
 
 @dataclass(frozen=True)
 class Parameters:
-    """Parameters of a scene in SI units; None stands for a term that the scene lacks."""
+    """Parameters of a scene in SI units; None stands for a term that the scene lacks.
 
-    stiffness: float  #: axial stiffness K [N]
-    mass: float  #: mass per unstretched length [kg/m]
+    Members that differ in numbers only can be stacked, see :meth:`cablepod.parameters._from_scene.Members.stacked`: numbers are
+    arrays (members,) then, vectors (members, dims), parameters of time functions (members, 1).
+    """
+
+    stiffness: Any  #: axial stiffness K [N]
+    mass: Any  #: mass per unstretched length [kg/m]
     weight: np.ndarray  #: weight per unstretched length (dims,) [N/m]
     lower: np.ndarray  #: lower end at rest (dims,) [m]
     upper: np.ndarray  #: upper end at rest (dims,) [m]
@@ -40,19 +44,29 @@ class Parameters:
     load_factor: TimeFunction | None  #: factor of the uniform load [1]
     point_loads: tuple[PointLoad, ...]
     length_key: str  #: the given one of LENGTH_KEYS
-    length_value: float  #: [N], or [m] for unstretched_length
+    length_value: Any  #: [N], or [m] for unstretched_length
     duration: float | None  #: [s]
     interval: float | None  #: [s]
     links: int | None
     link_lengths: np.ndarray | None  #: relative, (links,)
     initial: Mapping[str, Any]  #: values of the table [initial]
-    mass_damping: float | None  #: [1/s]
+    mass_damping: Any  #: [1/s]; None without
     link_viscosity: float | None  #: [s]
 
     @cached_property
     def dims(self) -> int:
         """Number of coordinates: two for a planar scene, three for a spatial one."""
-        return self.lower.size
+        return self.lower.shape[-1]
+
+    @cached_property
+    def ends(self) -> np.ndarray:
+        """Both ends at rest (end, dims) [m]."""
+        return np.stack([self.lower, self.upper], axis=-2)
+
+    @cached_property
+    def damping(self) -> Any:
+        """Mass-proportional damping [1/s], 0 where there is none."""
+        return 0.0 * self.stiffness if self.mass_damping is None else self.mass_damping
 
     def load_at(self, time: float) -> np.ndarray:
         """Return the sum of weight and uniform load at `time` [s], (dims,) [N/m]."""
@@ -70,11 +84,11 @@ class Parameters:
     def end_positions(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Return prescribed positions of both ends, or a derivative of them: (time, end, dims) [m]."""
         time = np.asarray(time, dtype=float)
-        result = np.zeros((time.size, 2, self.dims))
+        result = np.zeros((*self.lower.shape[:-1], time.size, 2, self.dims))
         if derivative == 0:
-            result[:, 0], result[:, 1] = self.lower, self.upper
+            result[..., 0, :], result[..., 1, :] = self.lower[..., None, :], self.upper[..., None, :]
         for (end, axis), function in self.motions.items():
-            result[:, ENDS.index(end), COORDINATES.index(axis)] += function(time, derivative)
+            result[..., ENDS.index(end), COORDINATES.index(axis)] += function(time, derivative)
         return result
 
     def end_coordinates_at_steps(
@@ -102,9 +116,11 @@ class Parameters:
         return {key: function for key, function in functions.items() if function is not None}
 
     @cached_property
-    def shortest_time_scale(self) -> float:
+    def shortest_time_scale(self) -> Any:
         """Shortest time scale of all motions and load factors [s]; infinity if there are none."""
-        return min((function.shortest_time_scale for function in self.time_functions().values()), default=np.inf)
+        scales = (function.shortest_time_scale for function in self.time_functions().values())
+        shortest: Any = reduce(np.minimum, scales, np.inf)
+        return shortest[:, 0] if np.ndim(shortest) else float(shortest)
 
     def sampling_times(self) -> np.ndarray:
         """Return instants up to the duration [s] that resolve the ranges of all motions and load factors."""

@@ -37,7 +37,8 @@ class TimeFunction:
     kind
         "one_minus_cosine", "harmonic", "ramp", "polynomial" or "file".
     values
-        Parameters of that kind by their names in the scene file; for "file" the samples `time` [s] and `value`.
+        Parameters of that kind by their names in the scene file, with stacked members arrays (members, 1); for "file" the
+        samples `time` [s] and `value`.
     """
 
     kind: str
@@ -114,14 +115,12 @@ class TimeFunction:
         return self._spline(time, derivative)
 
     @property
-    def shortest_time_scale(self) -> float:
+    def shortest_time_scale(self) -> Any:
         """Period, duration of a ramp, or twice the spacing of a record [s]; infinity for a polynomial."""
         if self.kind in SINES:
-            return (
-                2.0 * np.pi / abs(float(self.values["angular_frequency"]))
-                if self.values["angular_frequency"]
-                else np.inf
-            )
+            with np.errstate(divide="ignore"):
+                period = 2.0 * np.pi / np.abs(self.values["angular_frequency"])
+            return period if period.ndim else float(period)
         if self.kind == "ramp":
             return float(self.values["duration"])
         return 2.0 * float(np.diff(self.values["time"]).min()) if self.kind == "file" else np.inf

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from cablepod.errors import OutOfRangeWarning
-from cablepod.parameters._members import MemberParameters
 from cablepod.parameters._parameters import Parameters
 
 #: Maximum ratio of the forcing frequency to the first axial one (above, waves run along the cable, which neither the condensed
@@ -22,10 +21,10 @@ MAX_ESTIMATED_ERROR = 0.5
 MAX_LOG_GROWTH = 1.0
 
 
-def forcing_attributes(p: Parameters | MemberParameters, length: Any) -> dict[str, Any]:
+def forcing_attributes(p: Parameters, length: Any) -> dict[str, Any]:
     """Compare the forcing frequency with the first axial frequency of a cable of unstretched `length` [m].
 
-    Returns numbers for one scene, arrays for many members: ``first_axial_frequency`` pi/L sqrt(K/mu) [rad/s] and
+    Returns numbers for one scene, arrays for stacked members: ``first_axial_frequency`` pi/L sqrt(K/mu) [rad/s] and
     ``forcing_over_axial_frequency``, 0 where nothing changes.
     """
     axial = math.pi / length * np.sqrt(p.stiffness / p.mass)

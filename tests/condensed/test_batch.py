@@ -10,13 +10,12 @@ from scenes import HARMONIC, full_modes, spatial
 import cablepod as cp
 from cablepod import errors
 from cablepod.batch import _members as members
-from cablepod.catenary._statics import _load_planes, load_plane, member_statics
+from cablepod.catenary._statics import load_plane, load_planes, member_statics, solve_statics
 from cablepod.condensed import _batch as condensed_batch
 from cablepod.condensed import _runs as condensed_runs
 from cablepod.condensed._assembly import model_of
 from cablepod.discretisation import _similarity as similarity
 from cablepod.parameters._from_scene import Members, parameters_of_members
-from cablepod.parameters._members import MemberParameters
 
 STEP = 2e-3
 TIMES = np.arange(0.0, 2.01, 0.04)  # two blocks of steps, the second not full
@@ -208,34 +207,27 @@ def test_unsupported_requests_fall_back_to_single_runs(soft, monkeypatch):
 
 @pytest.mark.parametrize("dims", [2, 3])
 @pytest.mark.parametrize("case", CASES)
-def test_member_parameters_equal_those_of_each_scene(soft, case, dims):
+def test_stacked_parameters_equal_those_of_each_scene(soft, case, dims):
     scenes = scenes_of(soft, *CASES[case], dims)
     before = scenes.copy(deep=True)
-    columns = MemberParameters.of(Members(scenes))
-    assert columns is not None
+    members = Members(scenes)
+    assert members.can_be_stacked
+    stacked = members.stacked(0, len(members))
     xr.testing.assert_identical(scenes, before)
-    statics, solved = member_statics(columns)
+    statics, solved = member_statics(stacked)
     assert solved.all()
     lengths, tension = statics[:, 0], 0.5 * (statics[:, 4] + statics[:, 5])
-    features = similarity.features_of_columns(columns, lengths, 2.0, tension)
-    times = np.linspace(0.0, 2.0, 5)
+    features = similarity.features(stacked, lengths, 2.0, tension)
+    planes, times = load_planes(stacked), np.linspace(0.0, 2.0, 5)
     for i, p in enumerate(parameters_of_members(scenes)):
-        # sums in another order: about ten rounding errors
-        np.testing.assert_allclose(
-            [values[i] for values in _load_planes(columns.chord, columns.load)],
-            load_plane(p)[:4],
-            rtol=1e-13,
-            atol=1e-13,
-        )
-        np.testing.assert_allclose(columns.load[i], p.load_at(0.0), rtol=1e-15)
-        assert (columns.stiffness[i], columns.mass[i], columns.damping[i]) == (
-            p.stiffness,
-            p.mass,
-            p.mass_damping or 0.0,
-        )
-        assert columns.shortest_time_scale[i] == p.shortest_time_scale
+        for one, many in zip(load_plane(p), planes, strict=True):
+            np.testing.assert_array_equal(one, many[i])
+        np.testing.assert_array_equal(solve_statics(p, p.length_key, p.length_value), statics[i])
+        np.testing.assert_array_equal(stacked.load_at(0.0)[i], p.load_at(0.0))
+        assert (stacked.stiffness[i], stacked.mass[i], stacked.damping[i]) == (p.stiffness, p.mass, p.damping)
+        assert np.broadcast_to(stacked.shortest_time_scale, lengths.shape)[i] == p.shortest_time_scale
         for derivative in (0, 1, 2):
-            np.testing.assert_allclose(
-                columns.end_positions(times, derivative)[i], p.end_positions(times, derivative), rtol=1e-14, atol=1e-15
+            np.testing.assert_array_equal(
+                stacked.end_positions(times, derivative)[i], p.end_positions(times, derivative)
             )
-        np.testing.assert_allclose(features[i], similarity.features(p, lengths[i], 2.0), rtol=1e-11, atol=1e-13)
+        np.testing.assert_array_equal(features[i], similarity.features(p, lengths[i], 2.0, tension[i]))
