@@ -10,7 +10,7 @@ import functools
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from typing import Any, NamedTuple, TypeVar, cast
 
@@ -46,24 +46,23 @@ _THREADS: ContextVar[int | None] = ContextVar("threads", default=None)
 _STOP: ContextVar[Callable[[], bool] | None] = ContextVar("stop", default=None)
 
 
-@contextmanager
-def thread_limit(count: int) -> Iterator[None]:
+def thread_limit(count: int) -> AbstractContextManager[None]:
     """Limit the threads over members to `count`, so that they do not compete with other workers."""
-    token = _THREADS.set(count)
-    try:
-        yield
-    finally:
-        _THREADS.reset(token)
+    return _set_within(_THREADS, count)
+
+
+def stop_when(stop: Callable[[], bool]) -> AbstractContextManager[None]:
+    """Raise :class:`cablepod.errors.StoppedError` before the next member once `stop()` is true."""
+    return _set_within(_STOP, stop)
 
 
 @contextmanager
-def stop_when(stop: Callable[[], bool]) -> Iterator[None]:
-    """Raise :class:`cablepod.errors.StoppedError` before the next member once `stop()` is true."""
-    token = _STOP.set(stop)
+def _set_within(variable: ContextVar[Any], value: Any) -> Iterator[None]:
+    token = variable.set(value)
     try:
         yield
     finally:
-        _STOP.reset(token)
+        variable.reset(token)
 
 
 def run_members(

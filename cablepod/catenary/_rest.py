@@ -13,7 +13,7 @@ from cablepod.catenary._statics import check_solved, load_plane, solve_catenarie
 from cablepod.conventions import COORDINATES, label
 from cablepod.errors import SceneError
 from cablepod.parameters._checks import integer
-from cablepod.parameters._from_scene import parameters_of_members
+from cablepod.parameters._from_scene import Members
 from cablepod.parameters._keys import LENGTH_KEYS, exactly_one
 from cablepod.parameters._parameters import Parameters
 
@@ -65,7 +65,7 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     from cablepod.catenary import _kernels_solve as kernel  # numba is imported only to compute
 
     integer(least=2)("points", points)
-    members = parameters_of_members(scene)
+    members = list(Members(scene))
     if any(p.point_loads for p in members):
         warnings.warn(
             "catenary.rest leaves out the point loads of the scene; use chain.rest to include them",

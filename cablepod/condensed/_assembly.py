@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from cablepod.catenary._statics import solve_statics
+from cablepod.catenary._statics import unstretched_length
 from cablepod.condensed._coefficients import ORDERS
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chain import LumpedChain
@@ -47,7 +47,7 @@ def model_of(
         if rank > most:
             raise scene_error("rank", rank, f"at most {most}, the number of modes")
     sigma = relative_arc_length(modes)
-    total = float(solve_statics(p, p.length_key, p.length_value)[0])
+    total = unstretched_length(p)
     arc_length = total * sigma
     chain = LumpedChain(p, np.diff(arc_length), arc_length, law)
     retained = tuple(shape if rank is None else shape[:rank] for _, shape in sets)

@@ -90,7 +90,7 @@ def integrate_error(
     mean_squares = np.empty(steps.size)
     interval = float(steps[1] - steps[0]) if steps.size > 1 else 1.0
     kernel.error_growth(
-        *motion, boundary_data, interval / steps_per_second, p.mass_damping or 0.0, p.stiffness, enriched.slopes,
+        *motion, boundary_data, interval / steps_per_second, p.damping, p.stiffness, enriched.slopes,
         enriched.n_in_plane, enriched.chordwise_force_patterns, chain.length, enriched.green,
         enriched.load_projection, enriched.inertia, initial_error, enriched.tension_guess(boundary_data[0], q[0]),
         np.full(chain.links, enriched.stretch_guess(boundary_data[0])), chain.arc_length / chain.total_length,

@@ -249,6 +249,4 @@ class CondensedModel(Coefficients):
         q, v = self.initial()
         _, tangent, mass, _ = self._forces(q, np.zeros_like(v), self.static_boundary_data)
         omega_squared = np.linalg.eigvals(np.linalg.solve(mass, tangent) if self.inertia.size else tangent)
-        return float(np.abs(np.sqrt(omega_squared.astype(complex)).imag).max()) - 0.5 * (
-            self.chain.p.mass_damping or 0.0
-        )
+        return float(np.abs(np.sqrt(omega_squared.astype(complex)).imag).max()) - 0.5 * (self.chain.p.damping)

@@ -66,7 +66,7 @@ class CondensedStepper:
     def _initial_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return q, rates (explicit: half a step before the start), accelerations (r,), and chordwise stretch (2, m)."""
         model, start = self.run.model, self.run.start
-        damping = model.chain.p.mass_damping or 0.0
+        damping = model.chain.p.damping
         m = 0 if self.run.leading else model.rule[2].size
         stretch = np.full((2, m), model.stretch_guess(model.initial_boundary_data))
         damped = start.acceleration - damping * start.rates
@@ -108,7 +108,7 @@ class CondensedStepper:
                 self.q, self.v, self.step, *self._damping_factors, boundary_data, *rest, tension_series
             )
             return None
-        damping = model.chain.p.mass_damping or 0.0
+        damping = model.chain.p.damping
         return kernel.leading_implicit(self.q, self.v, self.acceleration, self.step, damping, boundary_data, *rest)
 
     def _advance_exact(self, boundary_data: np.ndarray, outputs: tuple[Any, ...]) -> int | None:
@@ -127,12 +127,12 @@ class CondensedStepper:
         if self.run.explicit:
             kernel.exact_verlet(*state, *self._damping_factors, boundary_data, *rest)
             return None
-        return kernel.exact_implicit(*state, p.mass_damping or 0.0, boundary_data, *rest)
+        return kernel.exact_implicit(*state, p.damping, boundary_data, *rest)
 
     @property
     def _damping_factors(self) -> tuple[float, float]:
         """Factor of the rates by damping over a step, and rate gained in a step for unit acceleration [s]."""
-        damping, step = self.run.model.chain.p.mass_damping or 0.0, self.step
+        damping, step = self.run.model.chain.p.damping, self.step
         return math.exp(-damping * step), -math.expm1(-damping * step) / damping if damping else step
 
     def trajectory(self) -> CondensedTrajectory:

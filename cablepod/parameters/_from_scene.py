@@ -40,7 +40,7 @@ def parameters(scene: xr.Dataset) -> Parameters:
     SceneError
         If `scene` is no scene, or has the dimension ``member``.
     """
-    members = parameters_of_members(scene)
+    members = Members(scene)
     if "member" in scene.dims:
         raise SceneError("scene: given several members; allowed: one, scene.isel(member=0)")
     return members[0]
@@ -114,17 +114,6 @@ class Members(Sequence[Parameters]):
                 value = rows[:, None].astype(float) if name.startswith("motion_") else rows.astype(float)
             values[name] = value
         return _from_values(values, number=np.asarray)
-
-
-def parameters_of_members(scene: xr.Dataset) -> list[Parameters]:
-    """Return the parameters of each member of a scene; one if it lacks the dimension ``member``.
-
-    Raises
-    ------
-    SceneError
-        If `scene` is no scene.
-    """
-    return list(Members(scene))
 
 
 def _is_gap(value: Any) -> bool:

@@ -15,7 +15,7 @@ from cablepod.condensed import _batch as condensed_batch
 from cablepod.condensed import _runs as condensed_runs
 from cablepod.condensed._assembly import model_of
 from cablepod.discretisation import _similarity as similarity
-from cablepod.parameters._from_scene import Members, parameters_of_members
+from cablepod.parameters._from_scene import Members
 
 STEP = 2e-3
 TIMES = np.arange(0.0, 2.01, 0.04)  # two blocks of steps, the second not full
@@ -219,7 +219,7 @@ def test_stacked_parameters_equal_those_of_each_scene(soft, case, dims):
     lengths, tension = statics[:, 0], 0.5 * (statics[:, 4] + statics[:, 5])
     features = similarity.features(stacked, lengths, 2.0, tension)
     planes, times = load_planes(stacked), np.linspace(0.0, 2.0, 5)
-    for i, p in enumerate(parameters_of_members(scenes)):
+    for i, p in enumerate(members):
         for one, many in zip(load_plane(p), planes, strict=True):
             np.testing.assert_array_equal(one, many[i])
         np.testing.assert_array_equal(solve_statics(p, p.length_key, p.length_value), statics[i])

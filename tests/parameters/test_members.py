@@ -8,7 +8,7 @@ import xarray as xr
 from scene_files import everything
 
 import cablepod as cp
-from cablepod.parameters._from_scene import parameters, parameters_of_members
+from cablepod.parameters._from_scene import Members, parameters
 
 
 def concatenated(*scenes):
@@ -34,7 +34,7 @@ def test_members_are_the_scenes_they_were_made_of(soft, dims):
         soft["ends"]["upper"] = [8.0, 6.0 + tension / 1e3]
         each.append(cp.make_scene(soft))
     many = concatenated(*each).transpose(*dims, ...)
-    for member, scene in zip(parameters_of_members(many), each, strict=True):
+    for member, scene in zip(Members(many), each, strict=True):
         equal(member, parameters(scene))
     with pytest.raises(cp.SceneError, match=r"scene: given several members; allowed: one, scene\.isel\(member=0\)"):
         parameters(many)
@@ -46,13 +46,13 @@ def test_members_may_differ_in_what_they_have(soft, scene_folder):
     other["cable"] = {"youngs_modulus": 2e7, "area": 1e-3, "specific_weight": 9810.0, "unstretched_length": 10.1}
     del other["ensemble"]
     each = [cp.make_scene(soft), cp.make_scene(other)]
-    for member, scene in zip(parameters_of_members(concatenated(*each)), each, strict=True):
+    for member, scene in zip(Members(concatenated(*each)), each, strict=True):
         equal(member, parameters(scene))
 
 
 def test_a_scene_without_members_is_a_list_of_one(soft):
     scene = cp.make_scene(soft)
-    (only,) = parameters_of_members(scene)
+    (only,) = Members(scene)
     equal(only, parameters(scene))
 
 
