@@ -63,10 +63,6 @@ class _ChunkReader:
         return np.ascontiguousarray(np.broadcast_to(values, (count, *shape)))
 
 
-#: Bytes of the largest chunk; longer batches are cut along time.
-CHUNK = 1 << 26
-
-
 def open_ensemble(path: str | os.PathLike[str], *, incomplete: bool = False) -> xr.Dataset:
     """Open the folder of :func:`cablepod.ensemble.run` as one lazy dataset.
 

@@ -107,8 +107,7 @@ def _rest_of_member(p: Parameters, points: int) -> tuple[np.ndarray, np.ndarray,
     s = statics[0] * np.linspace(0.0, 1.0, points)
     x, y, tension = np.empty(points), np.empty(points), np.empty(points)
     kernel.shape(s, statics, plane.load, p.stiffness, x, y, tension)
-    lower = p.end_positions(np.zeros(1))[0, 0]
-    return lower + x[:, None] * plane.across + y[:, None] * plane.against, tension, s, statics
+    return p.initial_ends[0] + x[:, None] * plane.across + y[:, None] * plane.against, tension, s, statics
 
 
 def solve(

@@ -147,7 +147,7 @@ def load_planes(p: Parameters) -> LoadPlane:
     """Do :func:`load_plane` for stacked members, or for one scene as a batch of one; fields are arrays."""
     from cablepod.catenary import _kernels_plane as kernel
 
-    ends = p.end_positions(np.zeros(1)).reshape(-1, 2, p.dims)
+    ends = p.initial_ends.reshape(-1, 2, p.dims)
     chords, loads = ends[:, 1] - ends[:, 0], p.load_at(0.0).reshape(-1, p.dims)
     planes, across, against = np.empty((4, len(chords))), np.empty_like(chords), np.empty_like(chords)
     kernel.load_planes(chords, loads, planes, across, against)

@@ -260,8 +260,8 @@ class Coefficients:
         """Axis that defines the normals in spatial scenes (1, the vertical, in planar ones)."""
         if self.chain.p.dims == 2:
             return 1
-        ends = self.chain.p.end_positions(np.zeros(1))
-        return ChordFrame.of(ends[:, 1] - ends[:, 0]).reference
+        lower, upper = self.chain.p.initial_ends
+        return ChordFrame.of((upper - lower)[None]).reference
 
 
 def _point_load_shares(chain: LumpedChain, fraction: float) -> np.ndarray:

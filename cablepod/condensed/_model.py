@@ -104,8 +104,7 @@ class CondensedModel(Coefficients):
         if not rates.any():
             return q, np.zeros_like(q)
         # the particles are at rest, the chord frame moves
-        ends = p.end_positions(np.zeros(1))
-        frame = ChordFrame.of(ends[:, 1] - ends[:, 0], self.reference)
+        frame = ChordFrame.of(np.diff(p.initial_ends, axis=0), self.reference)
         sigma = self.chain.arc_length / self.chain.total_length
         velocity = rates[0] + sigma[:, None] * (rates[1] - rates[0])
         return q, self.coordinates(-np.einsum("pc,kc->kp", velocity, frame.normals[0])[:, None])[0]
@@ -171,8 +170,7 @@ class CondensedModel(Coefficients):
         p = self.chain.p
         if not p.motions:
             return self.initial_boundary_data
-        ends = np.ascontiguousarray(p.end_positions(np.zeros(1)).reshape(1, -1).T)
-        return self._project_loads(ends, np.zeros((2 * p.dims, 1)), np.zeros(1), 0, 0.0)[0]
+        return self._project_loads(p.initial_ends.reshape(-1, 1), np.zeros((2 * p.dims, 1)), np.zeros(1), 0, 0.0)[0]
 
     def force(self, q: np.ndarray, v: np.ndarray, boundary_data: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return undamped accelerations (r,), tangent of the forces (r, r) and H [N] of one state."""
@@ -249,4 +247,4 @@ class CondensedModel(Coefficients):
         q, v = self.initial()
         _, tangent, mass, _ = self._forces(q, np.zeros_like(v), self.static_boundary_data)
         omega_squared = np.linalg.eigvals(np.linalg.solve(mass, tangent) if self.inertia.size else tangent)
-        return float(np.abs(np.sqrt(omega_squared.astype(complex)).imag).max()) - 0.5 * (self.chain.p.damping)
+        return float(np.abs(np.sqrt(omega_squared.astype(complex)).imag).max()) - 0.5 * self.chain.p.damping

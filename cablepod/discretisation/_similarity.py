@@ -46,7 +46,7 @@ def features(p: Parameters, length: Any, end_time: float, tension: Any = None) -
     # a weightless slack cable has no tension: a small one puts it far from all taut scenes
     tension = np.where(tension > 0.0, tension, 1e-12 * p.stiffness)
     times = np.linspace(0.0, end_time, INSTANTS)
-    chord = _reach(p.end_positions(times[:1]))[..., 0, :]
+    chord = _reach(p.initial_ends)
     chord_length = np.sqrt(_dot(chord, chord))
     along = chord / chord_length[..., None]
     load = p.load_at(0.0)

@@ -91,6 +91,11 @@ class Parameters:
             result[..., ENDS.index(end), COORDINATES.index(axis)] += function(time, derivative)
         return result
 
+    @cached_property
+    def initial_ends(self) -> np.ndarray:
+        """Positions of both ends at time 0 (end, dims) [m]."""
+        return self.end_positions(np.zeros(1))[..., 0, :, :]
+
     def end_coordinates_at_steps(
         self, start: int, steps: int, steps_per_second: float, derivative: int = 0
     ) -> np.ndarray:

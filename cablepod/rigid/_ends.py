@@ -29,7 +29,7 @@ def check_ends(chain: LumpedChain, end_time: float) -> None:
     p, total = chain.p, chain.total_length
     if p.free_end is not None:
         return
-    check_chord(chain, np.diff(p.end_positions(np.zeros(1))[0], axis=0)[0])
+    check_chord(chain, np.diff(p.initial_ends, axis=0)[0])
     min_distance = 2.0 * float(chain.length.max()) - total  # of the ends, with one link longer than all others together
     far, near, when = 0.0, np.inf, {}
     first: float | None = None

@@ -29,7 +29,7 @@ def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
     As in the elastic chain, the force in the first link determines all others, and thus the directions of the links.
     """
     p, total = chain.p, chain.total_length
-    ends = p.end_positions(np.zeros(1))[0]
+    ends = p.initial_ends
     check_chord(chain, ends[1] - ends[0])
     # initial guess: an elastic catenary stiff enough to be close to the rigid one
     stiff = replace(p, stiffness=max(p.stiffness, 1e7 * load_plane(p).load * total))
@@ -83,7 +83,7 @@ def start(chain: LumpedChain) -> np.ndarray:
     if "points" in p.initial:
         position = place_on_polyline(chain, np.asarray(p.initial["points"], dtype=float))
     elif p.free_end is not None and _straight(chain):
-        position = march_links(chain, p.end_positions(np.zeros(1))[0])
+        position = march_links(chain, p.initial_ends)
     else:
         position = rest_shape(chain)[0]
     _check_lengths(chain, position)
@@ -92,7 +92,7 @@ def start(chain: LumpedChain) -> np.ndarray:
 
 def _straight(chain: LumpedChain) -> bool:
     """Whether the distance of the ends at the start equals the length of the chain."""
-    chord = np.diff(chain.p.end_positions(np.zeros(1))[0], axis=0)[0]
+    chord = np.diff(chain.p.initial_ends, axis=0)[0]
     return abs(float(np.hypot.reduce(chord)) / chain.total_length - 1.0) <= LENGTH_TOLERANCE
 
 
@@ -117,7 +117,7 @@ def place_on_polyline(chain: LumpedChain, line: np.ndarray) -> np.ndarray:
     and then moved by the smallest corrections that give the links their lengths.
     """
     p = chain.p
-    ends = p.end_positions(np.zeros(1))[0]
+    ends = p.initial_ends
     for index, end in ((0, "lower"), (-1, "upper")):
         if p.free_end != end:
             line[index] = ends[index]

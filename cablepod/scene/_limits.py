@@ -43,7 +43,7 @@ def _check_functions(p: Parameters) -> None:
                 f"{key}: given a {function.kind} that leaves the finite numbers by {end_time:g} s; "
                 "allowed: one that is finite during the run, with its first two derivatives"
             )
-    chord = math.dist(*p.end_positions(np.zeros(1))[0])
+    chord = math.dist(*p.initial_ends)
     if not SHORTEST <= chord <= LONGEST:
         raise SceneError(
             f"motion: given one that begins with the ends {chord:g} m apart; allowed: {SHORTEST:g} m to {LONGEST:g} m"

@@ -8,6 +8,7 @@ from references import catenary_mpmath as reference
 
 from cablepod.catenary import _kernels_shape as kernels_shape
 from cablepod.catenary import _kernels_solve as kernel
+from cablepod.catenary._kernels_plane import load_planes
 
 MP = reference.MP
 UNIT = 2.0**-53
@@ -387,3 +388,27 @@ def test_many_are_the_same_as_one_each():
         one, row = solve(*GUY.values(), 3, length[i])
         assert one == status[i]
         np.testing.assert_array_equal(row, out[i])
+
+
+@pytest.mark.parametrize("dims", [2, 3])
+def test_chords_are_resolved_across_and_against_any_load(dims):
+    rng = np.random.default_rng(dims)
+    chords, loads = rng.normal(size=(2, 200, dims)) * 10.0 ** rng.uniform(-3.0, 3.0, (2, 200, 1))
+    loads[:20] = 0.0  # without load the vertical takes its place
+    loads[20:40, np.arange(dims) != 1] = 0.0  # weight alone
+    chords[40:60] = rng.normal(size=(20, 1)) * loads[40:60]  # along the load
+    planes, across, against = np.empty((4, 200)), np.empty((200, dims)), np.empty((200, dims))
+    load_planes(chords, loads, planes, across, against)
+    span, rise, chord, load = planes
+    # each number comes from a few products and sums: a few rounding errors
+    np.testing.assert_allclose(
+        span[:, None] * across + rise[:, None] * against, chords, rtol=0, atol=4e-16 * chord.max()
+    )
+    np.testing.assert_allclose(load[:, None] * against, -loads, rtol=1e-15)
+    np.testing.assert_allclose(np.hypot(span, rise), chord, rtol=1e-15)
+    np.testing.assert_allclose((across * against).sum(axis=1), 0.0, atol=1e-15)
+    np.testing.assert_array_equal(np.abs(against[:40]), np.tile(np.eye(dims)[1], (40, 1)))
+    np.testing.assert_allclose(np.linalg.norm(across[:40], axis=1), 1.0, rtol=1e-15)
+    assert not across[40:60].any()
+    assert not span[40:60].any()
+    np.testing.assert_array_equal(np.abs(rise[40:60]), chord[40:60])
