@@ -39,13 +39,9 @@ def load_planes(chords, loads, planes, across, against):
         Filled with unit vectors: across the load, zero where the chord lies along it; against it, up without load.
     """
     for i in range(len(chords)):
-        q, nonzero = _norm(loads[i]), 0
-        for k in range(chords.shape[1]):
-            nonzero += loads[i, k] != 0.0
+        q = _norm(loads[i])
         for k in range(chords.shape[1]):
             against[i, k] = -loads[i, k] / q if q > 0.0 else 1.0 * (k == 1)
-            if q > 0.0 and nonzero == 1:  # exactly an axis
-                against[i, k] = 1.0 * (loads[i, k] < 0.0) - 1.0 * (loads[i, k] > 0.0)
         across[i] = chords[i]
         b = _dot(chords[i], against[i])
         for repeat in range(2):  # the first difference may have cancelled

@@ -102,11 +102,7 @@ class Parameters:
         """Return moving end coordinates [m], or a derivative, from step `start` on: (moving, steps + 1)."""
         rows = [
             function.at_steps(
-                start,
-                steps,
-                steps_per_second,
-                derivative,
-                (self.lower if end == "lower" else self.upper)[COORDINATES.index(axis)],
+                start, steps, steps_per_second, derivative, self.ends[ENDS.index(end), COORDINATES.index(axis)]
             )
             for (end, axis), function in self.motions.items()
         ]
