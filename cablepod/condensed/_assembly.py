@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from cablepod.catenary._statics import unstretched_length
 from cablepod.condensed._coefficients import ORDERS
 from cablepod.condensed._model import CondensedModel
-from cablepod.discretisation._chain import LumpedChain
+from cablepod.condensed._rescale import ModeStructure, rescaled_model, unit_model
 from cablepod.discretisation._laws import check_law
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer
@@ -35,6 +34,19 @@ def model_of(
     SceneError
         For a scene, modes or options that the condensed model does not support.
     """
+    return rescaled_model(unit_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature), p)
+
+
+def unit_of(
+    p: Parameters, modes: xr.Dataset, *, rank: int | None, order: str, law: str, quadrature: int | None = None
+) -> CondensedModel:
+    """Return the unit model of a scene on modes, which all scenes with loads of the same kinds share.
+
+    Raises
+    ------
+    SceneError
+        As :func:`model_of`.
+    """
     _check_options(p, order, law, quadrature)
     sets = pod_normal.sets(modes)
     if modes.sizes["coordinate"] != p.dims:
@@ -46,17 +58,13 @@ def model_of(
         integer(least=1)("rank", rank)
         if rank > most:
             raise scene_error("rank", rank, f"at most {most}, the number of modes")
-    sigma = relative_arc_length(modes)
-    total = unstretched_length(p)
-    arc_length = total * sigma
-    chain = LumpedChain(p, np.diff(arc_length), arc_length, law)
     retained = tuple(shape if rank is None else shape[:rank] for _, shape in sets)
-    model = CondensedModel(
-        chain, order, retained, quadrature, _trained_test_functions(modes, sets, rank, order, quadrature)
-    )
+    tests = _trained_test_functions(modes, sets, rank, order, quadrature)
+    structure = ModeStructure.of(p, relative_arc_length(modes), retained, tests, (order, law, quadrature))
+    unit = unit_model(structure)
     if quadrature is not None:
-        _check_quadrature(model, trained="trained_quadrature" in modes.attrs)
-    return model
+        _check_quadrature(unit, trained="trained_quadrature" in modes.attrs)
+    return unit
 
 
 def _check_options(p: Parameters, order: str, law: str, quadrature: int | None) -> None:

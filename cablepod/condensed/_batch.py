@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -13,14 +13,14 @@ import xarray as xr
 from cablepod._resources import check_memory
 from cablepod.batch._members import RunChunk, run_members
 from cablepod.batch._stack import Variables, to_dataset
-from cablepod.catenary._statics import member_statics, solve_statics
+from cablepod.catenary._statics import member_statics
 from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP, UNSTABLE_STEP, initial_monitor
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._output import attributes_of, coordinates_of, padded, shared_attributes, title_of, variables
+from cablepod.condensed._rescale import rescale_coefficients, rescaled_model, same_structure
 from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import reference_axis
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.parameters._from_scene import Members
@@ -33,7 +33,7 @@ from cablepod.reduced._validity import forcing_attributes, warn_condensed_member
 def run(
     scene: xr.Dataset,
     modes: xr.Dataset,
-    model: CondensedModel,
+    unit: CondensedModel,
     members: Members,
     request: CondensedRequest,
     make: Callable[[Parameters], CondensedModel],
@@ -45,8 +45,8 @@ def run(
     ----------
     scene, modes
         Scene with ``member``, and modes.
-    model
-        Model of the first member.
+    unit
+        Unit model of the first member.
     members
         Parameters of the members.
     request
@@ -59,50 +59,20 @@ def run(
 
     def run_member(i: int) -> tuple[Variables, Mapping[str, Any]]:
         p = members[i]
-        member_model = rescaled_model(model, p) if same_structure(p, model.chain.p) else make(p)
+        member_model = rescaled_model(unit, p) if same_structure(p, unit.chain.p) else make(p)
         solution = solve(member_model, request)
         result = variables(member_model, solution.state, request.outputs, request.links)
         result["arc_length"] = (("particle",), member_model.chain.arc_length)
         return result, attributes_of(solution, modes, request)
 
-    stack = run_members(run_member, len(members), progress, plan(modes, model, members, request))
-    title = title_of(model, str(scene.attrs.get("title", "scene")))
+    stack = run_members(run_member, len(members), progress, plan(modes, unit, members, request))
+    title = title_of(unit, str(scene.attrs.get("title", "scene")))
     times = members[0].times() if request.times is None else request.times
-    coords = coordinates_of(model, times, request.links)
+    coords = coordinates_of(unit, times, request.links)
     result = to_dataset(stack, scene, coords).set_coords("arc_length")
     result.attrs = {"title": title, **result.attrs}
     warn_condensed_members(stack.attrs)
     return result
-
-
-def rescaled_model(model: CondensedModel, p: Parameters) -> CondensedModel:
-    """Make the model of a scene by rescaling the coefficients of another one of the same structure."""
-    statics = solve_statics(p, p.length_key, p.length_value)
-    total = float(statics[0])
-    length_scaling = total / model.chain.total_length
-    lengths, arc_length = model.chain.length * length_scaling, model.chain.arc_length * length_scaling
-    chain = LumpedChain(p, lengths, arc_length, model.chain.law)
-    result = CondensedModel(chain, model.order, model.modes, model.quadrature, model.raw_test_functions)
-    scaled = rescale_coefficients(model, np.array([p.mass]), np.array([total]))
-    bases = [basis[0] for basis in scaled.bases]
-    # fills the cached properties, so that they are not computed from the modes
-    result.__dict__.update(
-        {name: values[0] for name, values in scaled.named.items()},
-        spectral_basis=(bases, scaled.slope_norms_squared[0]),
-        rest_tension=0.5 * float(statics[4] + statics[5]),
-    )
-    return result
-
-
-def same_structure(p: Parameters, other: Parameters) -> bool:
-    """Return whether two scenes differ in numbers only, as :func:`rescaled_model` requires."""
-    return (
-        p.dims == other.dims
-        and p.free_end == other.free_end
-        and p.link_viscosity == other.link_viscosity
-        and list(p.motions) == list(other.motions)
-        and [load.fraction for load in p.point_loads] == [load.fraction for load in other.point_loads]
-    )
 
 
 #: Number of steps in a block: its tables of end positions fit in the cache.  It divides the block of single runs, and is a
@@ -110,63 +80,14 @@ def same_structure(p: Parameters, other: Parameters) -> bool:
 BLOCK = 512
 
 
-class RescaledCoefficients(NamedTuple):
-    """Coefficients of many scenes, with a leading dimension of scenes."""
-
-    length_scaling: np.ndarray  #: unstretched length over that of the model
-    mass_scaling: np.ndarray  #: factor of the mass-orthonormal shapes
-    named: dict[str, np.ndarray]  #: under their names in the model
-    bases: list[np.ndarray]  #: matrices from modes to coordinates, set by set
-    slope_norms_squared: np.ndarray
-
-
-def rescale_coefficients(model: CondensedModel, mass: np.ndarray, total: np.ndarray) -> RescaledCoefficients:
-    """Rescale the coefficients of a model to scenes of the same structure.
-
-    Modes are functions of sigma = S / L0, so that all coefficients are powers of unstretched length `total` [m] and mass per
-    length [kg/m], both (members,), times those of the model.
-    """
-    p = model.chain.p
-    length_scaling = total / model.chain.total_length
-    mass_scaling = 1.0 / np.sqrt(mass / p.mass * length_scaling)
-    stiffness_scaling = mass_scaling**2 / length_scaling
-    # distributed loads are proportional to the length, point loads are not
-    load_scaling = np.ones((total.size, len(model.load_patterns)))
-    load_scaling[:, : 2 if p.motions else 1] = length_scaling[:, None]
-    projection_scaling = np.tile(load_scaling, p.dims - 1) * mass_scaling[:, None]
-
-    def scale(factor: np.ndarray, coefficient: np.ndarray) -> np.ndarray:
-        return factor.reshape(factor.shape + (1,) * (coefficient.ndim + 1 - factor.ndim)) * coefficient
-
-    named = {
-        "shapes": scale(mass_scaling, model.shapes),
-        "slopes": scale(mass_scaling / length_scaling, model.slopes),
-        "load_patterns": scale(load_scaling, model.load_patterns),
-        "chordwise_force_patterns": scale(load_scaling, model.chordwise_force_patterns),
-        "mean_chordwise_forces": scale(load_scaling, model.mean_chordwise_forces),
-        "chordwise_forces_at_candidates": scale(load_scaling, model.chordwise_forces_at_candidates),
-        "geometric_stiffness": scale(load_scaling * stiffness_scaling[:, None], model.geometric_stiffness),
-        "geometric_stiffness_norms": scale(load_scaling * stiffness_scaling[:, None], model.geometric_stiffness_norms),
-        "load_projection": scale(projection_scaling, model.load_projection),
-    }
-    bases, kappa = model.spectral_basis
-    return RescaledCoefficients(
-        length_scaling,
-        mass_scaling,
-        named,
-        [scale(mass_scaling, basis) for basis in bases],
-        scale(stiffness_scaling, kappa),
-    )
-
-
-def plan(modes: xr.Dataset, model: CondensedModel, members: Members, request: CondensedRequest) -> RunChunk | None:
+def plan(modes: xr.Dataset, unit: CondensedModel, members: Members, request: CondensedRequest) -> RunChunk | None:
     """Return how to run many members in compiled blocks; None where these do not support the request."""
     step, outputs = request.step, set(request.outputs)
     allowed = {"tension_extremes"} if request.links is None else {"tension", "tension_extremes"}
     if (
-        model.raw_test_functions is not None
+        unit.raw_test_functions is not None
         or step is None
-        or model.order != "leading"
+        or unit.order != "leading"
         or request.scheme not in (None, SCHEMES[0])
         or outputs - allowed
     ):
@@ -176,12 +97,12 @@ def plan(modes: xr.Dataset, model: CondensedModel, members: Members, request: Co
     if not members.can_be_stacked:
         return None
     times = members[0].times() if request.times is None else request.times
-    check_memory(times.size, model.chain.links, model.chain.p.dims, key="times", variables=3)
+    check_memory(times.size, unit.chain.links, unit.chain.p.dims, key="times", variables=3)
     instants = OutputTimes.of(times, 1.0 / step)
     if instants.needs_interpolation or instants.steps.size != times.size:
         return None
-    shared = shared_attributes(model, instants, SCHEMES[0], modes)
-    return CondensedBatchPlan(modes, model, members, instants, outputs, request.links, shared)
+    shared = shared_attributes(unit, instants, SCHEMES[0], modes)
+    return CondensedBatchPlan(modes, unit, members, instants, outputs, request.links, shared)
 
 
 @dataclass(frozen=True)
@@ -189,7 +110,7 @@ class CondensedBatchPlan:
     """Common data of all members; a call runs some of them."""
 
     modes: xr.Dataset
-    model: CondensedModel  #: that of the first member
+    unit: CondensedModel  #: unit model of all members
     members: Members
     instants: OutputTimes
     outputs: set[str]
@@ -210,13 +131,13 @@ class CondensedBatch:
         self.plan, self.parameters = plan, parameters
         statics, self.active = member_statics(parameters)
         self.total, self.rest_tension = statics[:, 0].copy(), 0.5 * (statics[:, 4] + statics[:, 5])
-        self.scaled = rescale_coefficients(plan.model, parameters.mass, self.total)
+        self.scaled = rescale_coefficients(plan.unit, parameters.mass, self.total)
         named, links = self.scaled.named, plan.links
         slopes, patterns = (
             array if links is None else np.take(array, links, axis=2)
             for array in (named["slopes"], named["chordwise_force_patterns"])
         )
-        self.links = slopes, plan.model.n_in_plane, patterns
+        self.links = slopes, plan.unit.n_in_plane, patterns
         self.coefficients = (
             parameters.mass, parameters.stiffness, self.total, self.scaled.slope_norms_squared,
             named["mean_chordwise_forces"], named["geometric_stiffness"], named["load_projection"],
@@ -245,14 +166,14 @@ class CondensedBatch:
             result["tension"] = ("time", "link"), tension_series
         if n_extremes:
             result["tension_minimum"], result["tension_maximum"] = (("link",), low), (("link",), high)
-        result["arc_length"] = ("particle",), self.scaled.length_scaling[:, None] * self.plan.model.chain.arc_length
+        result["arc_length"] = ("particle",), self.total[:, None] * self.plan.unit.chain.arc_length
         return self.active, result, self._attributes(monitor, limit)
 
     def _start(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return coordinates, rates half a step before the start (members, r), and step limits (members,) [s]."""
         from cablepod.condensed import _kernels_leading_batch as kernel  # numba is imported only to compute
 
-        parameters, model, start = self.parameters, self.plan.model, np.zeros(1)
+        parameters, model, start = self.parameters, self.plan.unit, np.zeros(1)
         count, _, dims = parameters.ends.shape
         chain, scaled = model.chain, self.scaled
         ends, rates, accelerations = (
@@ -264,7 +185,7 @@ class CondensedBatch:
             rates = accelerations = np.zeros((count, 2 * dims, 0))
         # first guess: the parabola whose tension is that at rest
         sigma = chain.arc_length / chain.total_length
-        sag = parameters.mass * scaled.length_scaling * scaled.mass_scaling * 0.5 * self.total**2 / self.rest_tension
+        sag = parameters.mass * self.total * scaled.mass_scaling * 0.5 * self.total**2 / self.rest_tension
         parabola = sag[:, None] * (model.shapes @ (chain.tributary_length * sigma * (1.0 - sigma)))
         q, v, limit = np.empty_like(parabola), np.empty_like(parabola), np.empty(count)
         kernel.leading_starts(
@@ -290,8 +211,8 @@ class CondensedBatch:
         step, total = 1.0 / instants.steps_per_second, int(instants.steps[-1]) + 1
         damping_factor, damped = np.exp(-damping * step), damping != 0.0
         impulse = np.where(damped, -np.expm1(-damping * step) / np.where(damped, damping, 1.0), step)
-        model = self.plan.model
-        masses = self.parameters.mass * self.scaled.length_scaling * model.chain.tributary_length.sum()
+        model = self.plan.unit
+        masses = self.parameters.mass * self.total * model.chain.tributary_length.sum()
         divergence_bound = DIVERGENCE_FACTOR * np.sqrt(masses) * self.total
         fill, ends, accelerations = self._end_tables()
         blocks = range(0, total, BLOCK)
@@ -334,7 +255,7 @@ class CondensedBatch:
 
     def _amplitudes(self, saved: np.ndarray) -> Variables:
         """Return the amplitudes of the modes as given for saved coordinates (members, times, r)."""
-        model = self.plan.model
+        model = self.plan.unit
         return {
             f"amplitude{suffix}": (
                 ("time", "mode"),

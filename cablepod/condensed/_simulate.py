@@ -9,9 +9,10 @@ import numpy as np
 import xarray as xr
 
 from cablepod.batch._members import values_of_members
-from cablepod.condensed._assembly import model_of
+from cablepod.condensed._assembly import model_of, unit_of
 from cablepod.condensed._batch import run
 from cablepod.condensed._output import result_of
+from cablepod.condensed._rescale import rescaled_model
 from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import scene_error
@@ -132,12 +133,12 @@ def simulate(
         raise scene_error("outputs", "tension_extremes", "none with quadrature, because they are computed on links")
     members = Members(scene)
     p = members[0]
-    model = model_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature)
+    unit = unit_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature)
     if "member" in scene.dims:
         result = run(
             scene,
             modes,
-            model,
+            unit,
             members,
             request,
             lambda parameters: model_of(parameters, modes, rank=rank, order=order, law=law, quadrature=quadrature),
@@ -145,14 +146,14 @@ def simulate(
         )
     else:
         title = str(scene.attrs.get("title", "scene"))
-        result = result_of(solve(model, request, progress), modes, request, title)
+        result = result_of(solve(rescaled_model(unit, p), request, progress), modes, request, title)
         warn_condensed_out_of_range(result.attrs)
     return request.record(
         result,
         function="condensed.simulate",
         inputs=[scene, modes],
         given={"rank": rank, "scheme": scheme},
-        rank=model.rank,
+        rank=unit.rank,
         order=order,
         law=law,
         **({} if quadrature is None else {"quadrature": quadrature}),

@@ -12,8 +12,9 @@ from scenes import everything, full_modes
 import cablepod as cp
 from cablepod import errors
 from cablepod.batch import _members as members
-from cablepod.condensed._assembly import model_of
-from cablepod.condensed._batch import rescaled_model, same_structure
+from cablepod.condensed._assembly import unit_of
+from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._rescale import rescaled_model, same_structure
 from cablepod.errors import OutOfRangeWarning
 from cablepod.parameters._from_scene import parameters
 
@@ -98,12 +99,12 @@ def other(soft, dims):
 
 @pytest.mark.parametrize("order", ["leading", "inertial"])
 @pytest.mark.parametrize("dims", [2, 3])
-def test_coefficients_scaled_from_another_scene_are_its_own(soft, dims, order):
+def test_coefficients_scaled_from_the_unit_cable_are_the_scenes_own(soft, dims, order):
     modes = full_modes(dims=dims)
     p, q = (parameters(cp.make_scene(item)) for item in other(soft, dims))
     assert same_structure(p, q)
-    first, own = (model_of(item, modes, rank=3, order=order, law="linear") for item in (p, q))
-    scaled = rescaled_model(first, q)
+    scaled = rescaled_model(unit_of(p, modes, rank=3, order=order, law="linear"), q)
+    own = CondensedModel(scaled.chain, order, scaled.modes)  # its coefficients are computed from the modes
     names = (
         "mass", "shapes", "slopes", "load_patterns", "chordwise_force_patterns", "mean_chordwise_forces",
         "chordwise_forces_at_candidates", "geometric_stiffness", "geometric_stiffness_norms", "load_projection", "inertia",
