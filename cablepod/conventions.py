@@ -6,9 +6,13 @@ arithmetic.  Units are UDUNITS strings, which pint reads too.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
     import xarray as xr
 
 COORDINATES = ("x", "y", "z")
@@ -105,3 +109,58 @@ def label(dataset: xr.Dataset, **extra: tuple[str, str]) -> xr.Dataset:
         elif "units" not in variable.attrs:
             raise KeyError(f"variable {name!r} has no entry in the vocabulary and no units")
     return dataset
+
+
+#: Maximum size of the labels of a template that is kept [bytes]; longer ones cost less than the run itself.
+MAX_TEMPLATE_LABELS = 65536
+
+
+def labelled_dataset(
+    variables: Mapping[str, tuple[tuple[str, ...], Any]],
+    indexes: Mapping[str, np.ndarray],
+    coordinates: Mapping[str, tuple[tuple[str, ...], Any]] | None = None,
+) -> xr.Dataset:
+    """Make a Dataset with units and long names, as ``label(xr.Dataset(variables, coords))`` does, in a third of the time.
+
+    xarray aligns and checks all coordinates of a new Dataset, which costs as much as a thousand steps of a reduced model.  A
+    Dataset with the same names, dimensions, shapes and labels as an earlier one is a copy of that with other values.
+
+    Parameters
+    ----------
+    variables
+        Dimensions and values of the data variables.
+    indexes
+        Labels of dimensions.
+    coordinates
+        Dimensions and values of further coordinates, without an index.
+    """
+    import numpy as np
+
+    values = {name: np.asarray(array) for name, (_, array) in variables.items()}
+    further = {name: np.asarray(array) for name, (_, array) in (coordinates or {}).items()}
+    layout = tuple((name, tuple(dims), values[name].shape) for name, (dims, _) in variables.items())
+    extra = tuple((name, tuple(dims), further[name].shape) for name, (dims, _) in (coordinates or {}).items())
+    labels = tuple((name, array.dtype.str, array.tobytes()) for name, array in indexes.items())
+    kept = sum(array.nbytes for array in indexes.values()) <= MAX_TEMPLATE_LABELS
+    template = (_template if kept else _template.__wrapped__)(layout, extra, labels)
+    result = template.copy(data=values)
+    for name, array in further.items():
+        result.variables[name].data = array  # of the copy alone
+    return result
+
+
+@lru_cache(64)
+def _template(
+    layout: tuple[tuple[str, tuple[str, ...], tuple[int, ...]], ...],
+    extra: tuple[tuple[str, tuple[str, ...], tuple[int, ...]], ...],
+    labels: tuple[tuple[str, str, bytes], ...],
+) -> xr.Dataset:
+    """Make a Dataset of names, dimensions and shapes without values, and of the labels of dimensions."""
+    import numpy as np
+    import xarray as xr
+
+    def empty(shapes: tuple[tuple[str, tuple[str, ...], tuple[int, ...]], ...]) -> dict[str, Any]:
+        return {name: (dims, np.broadcast_to(np.nan, shape)) for name, dims, shape in shapes}
+
+    indexes = {name: np.frombuffer(content, dtype) for name, dtype, content in labels}
+    return label(xr.Dataset(empty(layout), coords={**indexes, **empty(extra)}))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -116,17 +117,22 @@ def record(
     parents = [str(dataset.attrs.get("id", "unknown")) for dataset in inputs]
     key = json.dumps([function, resolved, parents], sort_keys=True, separators=(",", ":"))
     identifier = hashlib.sha256(key.encode()).hexdigest()[:20]
-    stages: dict[str, dict[str, Any]] = {}
+    stages: dict[str, str] = {}
     for dataset in inputs:
-        for stage in stages_of(dataset):
-            stages.setdefault(stage["id"], stage)
-    stages[identifier] = {"id": identifier, "function": function, "parameters": resolved, "inputs": parents}
-    if chosen:
-        stages[identifier]["chosen"] = sorted(chosen)
+        for key, text in _texts_of_stages(dataset.attrs.get("history_json", "[]")):
+            stages.setdefault(key, text)
+    stage = {"id": identifier, "function": function, "parameters": resolved, "inputs": parents}
+    stages[identifier] = json.dumps(stage | ({"chosen": sorted(chosen)} if chosen else {}), sort_keys=True)
     attrs = {name: value for name, value in result.attrs.items() if name not in ("id", "history_json")}
-    history = json.dumps(list(stages.values()), sort_keys=True)
+    history = f"[{', '.join(stages.values())}]"
     result.attrs = {**in_order(attrs), "id": identifier, "history_json": history}
     return result
+
+
+@lru_cache(256)
+def _texts_of_stages(history: str) -> tuple[tuple[str, str], ...]:
+    """Return id and JSON text of each stage of a history (kept, as many results share the history of their inputs)."""
+    return tuple((stage["id"], json.dumps(stage, sort_keys=True)) for stage in json.loads(history))
 
 
 def in_order(attrs: Mapping[str, Any]) -> dict[str, Any]:
@@ -144,8 +150,10 @@ def stamp_values(scene: xr.Dataset) -> xr.Dataset:
 def digest(dataset: xr.Dataset) -> str:
     """Return a hash of names, dimensions and values of all variables."""
     parts = []
-    for name, variable in sorted(dataset.variables.items(), key=lambda item: str(item[0])):
-        value = variable.values
+    variables = {str(name): variable for name, variable in dataset.variables.items()}
+    for name in sorted(variables):
+        variable = variables[name]
+        value = np.asarray(variable.data)
         parts.append(f"{name}{variable.dims}{value.shape}".encode())
         parts.append(str(value.tolist()).encode() if value.dtype.kind in "UO" else value.tobytes())
     return hashlib.sha256(b"".join(parts)).hexdigest()[:16]

@@ -16,7 +16,7 @@ from cablepod.batch._stack import Variables, to_dataset
 from cablepod.catenary._statics import member_statics
 from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP, UNSTABLE_STEP, initial_monitor
 from cablepod.condensed._model import CondensedModel
-from cablepod.condensed._output import attributes_of, coordinates_of, padded, shared_attributes, title_of, variables
+from cablepod.condensed._output import attributes_of, labels_of, padded, shared_attributes, title_of, variables
 from cablepod.condensed._rescale import rescale_coefficients, rescaled_model, same_structure
 from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR
@@ -68,7 +68,7 @@ def run(
     stack = run_members(run_member, len(members), progress, plan(modes, unit, members, request))
     title = title_of(unit, str(scene.attrs.get("title", "scene")))
     times = members[0].times() if request.times is None else request.times
-    coords = coordinates_of(unit, times, request.links)
+    coords = labels_of(unit, times, request.links)
     result = to_dataset(stack, scene, coords).set_coords("arc_length")
     result.attrs = {"title": title, **result.attrs}
     warn_condensed_members(stack.attrs)

@@ -53,13 +53,16 @@ class CondensedTrajectory:
 
 
 def close_chord(
-    model: CondensedModel, q: np.ndarray, times: np.ndarray
+    model: CondensedModel, q: np.ndarray, times: np.ndarray, ends: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return chordwise stretch, chordwise force [N], squared slopes (times, n) and deflections (normals, times, particle) [m]."""
+    """Return chordwise stretch, chordwise force [N], squared slopes (times, n) and deflections (normals, times, particle) [m].
+
+    `q` are coordinates (times, r), and `ends` positions of the ends (times, end, dims) [m].
+    """
     from cablepod.condensed import _kernels_closure as kernel
 
     chain, k = model.chain, model.chain.p.stiffness
-    boundary_data = model.boundary_data_at(times)
+    boundary_data = model.boundary_data_at(times, ends)
     deflection = np.stack([q[:, which] @ model.shapes[which] for which in model.sets])
     squared = ((np.diff(deflection, axis=2) / chain.length) ** 2).sum(axis=0)
     tau = boundary_data[:, 1 : 1 + len(model.chordwise_force_patterns)] @ model.chordwise_force_patterns
@@ -85,13 +88,13 @@ def close_chord(
 
 def positions(model: CondensedModel, q: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return positions of the particles (times, particle, dims) [m] for coordinates (times, r)."""
-    stretch, _, _, deflection = close_chord(model, q, times)
-    return positions_of(model, stretch, deflection, times)
-
-
-def positions_of(model: CondensedModel, stretch: np.ndarray, deflection: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return positions (times, particle, dims) [m] for chordwise stretch (times, n) and deflections."""
     ends = model.chain.p.end_positions(times)
+    stretch, _, _, deflection = close_chord(model, q, times, ends)
+    return positions_of(model, stretch, deflection, ends)
+
+
+def positions_of(model: CondensedModel, stretch: np.ndarray, deflection: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return positions (times, particle, dims) [m] for chordwise stretch (times, n), deflections and positions of the ends."""
     frame = ChordFrame.of(ends[:, 1] - ends[:, 0], model.reference)
     position = frame.join(ends[:, 0], _running_sum(stretch * model.chain.length), deflection)
     position[:, -1] = ends[:, 1]  # free of rounding, and of modes that are not exactly zero there
@@ -100,7 +103,9 @@ def positions_of(model: CondensedModel, stretch: np.ndarray, deflection: np.ndar
 
 def _running_sum(parts: np.ndarray) -> np.ndarray:
     """Sum parts of the links (times, n) up to each particle (times, n + 1)."""
-    return np.concatenate([np.zeros((len(parts), 1)), np.cumsum(parts, axis=1)], axis=1)
+    result = np.zeros((len(parts), parts.shape[1] + 1))
+    np.cumsum(parts, axis=1, out=result[:, 1:])
+    return result
 
 
 def _stretch_derivatives(
@@ -155,7 +160,7 @@ def link_tensions(model: CondensedModel, stretch: np.ndarray, force: np.ndarray,
 def selected_tensions(model: CondensedModel, q: np.ndarray, times: np.ndarray, links: np.ndarray | None) -> np.ndarray:
     """Return tensions of all or selected links (times, links) [N]; to leading order only those are computed."""
     if links is None or model.order != "leading":
-        stretch, force, squared, _ = close_chord(model, q, times)
+        stretch, force, squared, _ = close_chord(model, q, times, model.chain.p.end_positions(times))
         tension = link_tensions(model, stretch, force, squared)
         return tension if links is None else tension[:, links]
     boundary_data = model.boundary_data_at(times)

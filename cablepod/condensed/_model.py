@@ -43,10 +43,10 @@ class CondensedModel(Coefficients):
             accelerations[row] = tables[1] + p.mass_damping * tables[2] if p.mass_damping else tables[1]
         return self._project_loads(ends, accelerations, begin, steps, steps_per_second)
 
-    def boundary_data_at(self, times: np.ndarray) -> np.ndarray:
-        """Return the boundary data at any instants [s]."""
+    def boundary_data_at(self, times: np.ndarray, ends: np.ndarray | None = None) -> np.ndarray:
+        """Return the boundary data at any instants [s]; `ends` are the positions of the ends there, computed if None."""
         p = self.chain.p
-        ends, accelerations = p.end_positions(times), np.zeros((0, 2, p.dims))
+        ends, accelerations = p.end_positions(times) if ends is None else ends, np.zeros((0, 2, p.dims))
         if p.motions:
             accelerations = p.end_positions(times, 2)
             if p.mass_damping:  # damping acts on the motion of the chord frame too
@@ -100,7 +100,7 @@ class CondensedModel(Coefficients):
             if not p.initial:
                 rest = self.equilibrium(q)
                 q = q if rest is None else rest
-        rates = p.end_positions(np.zeros(1), 1)[0]
+        rates = p.initial_end_rates[0]
         if not rates.any():
             return q, np.zeros_like(q)
         # the particles are at rest, the chord frame moves
@@ -162,15 +162,20 @@ class CondensedModel(Coefficients):
     @cached_property
     def initial_boundary_data(self) -> np.ndarray:
         """Boundary data at the start."""
-        return self.boundary_data_at(np.zeros(1))[0]
+        p = self.chain.p
+        if not p.motions:
+            return self.static_boundary_data
+        ends, (rates, accelerations) = p.initial_ends.reshape(-1, 1), p.initial_end_rates.reshape(2, -1, 1)
+        if p.mass_damping:
+            accelerations = accelerations + p.mass_damping * rates
+        return self._project_loads(ends, accelerations, np.zeros(1), 0, 0.0)[0]
 
     @cached_property
     def static_boundary_data(self) -> np.ndarray:
         """Boundary data at the start without accelerations of the ends."""
         p = self.chain.p
-        if not p.motions:
-            return self.initial_boundary_data
-        return self._project_loads(p.initial_ends.reshape(-1, 1), np.zeros((2 * p.dims, 1)), np.zeros(1), 0, 0.0)[0]
+        accelerations = np.zeros((2 * p.dims, 1 if p.motions else 0))
+        return self._project_loads(p.initial_ends.reshape(-1, 1), accelerations, np.zeros(1), 0, 0.0)[0]
 
     def force(self, q: np.ndarray, v: np.ndarray, boundary_data: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Return undamped accelerations (r,), tangent of the forces (r, r) and H [N] of one state."""

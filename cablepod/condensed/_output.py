@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from xarray.indexes import PandasIndex
 
 from cablepod.condensed import _estimate as condensed_estimate
 from cablepod.condensed._fields import (
@@ -21,7 +19,7 @@ from cablepod.condensed._fields import (
 )
 from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP
 from cablepod.condensed._model import CondensedModel
-from cablepod.conventions import COORDINATES, ENDS, label
+from cablepod.conventions import COORDINATES, ENDS, labelled_dataset
 from cablepod.integrate._output import law_suffix, trajectory_attributes, trajectory_variables
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.pod import _normal as pod_normal
@@ -32,30 +30,15 @@ if TYPE_CHECKING:
     from cablepod.condensed._runs import CondensedRequest, CondensedResult
 
 
-@lru_cache
-def _shared_indexes(dims: int, rank: int) -> tuple[dict[Any, PandasIndex], dict[Any, xr.Variable]]:
-    """Make the indexes of coordinates, modes and ends; cached, because that takes longer than a thousand steps."""
-    labels = {"coordinate": np.array(COORDINATES[:dims]), "mode": np.arange(1, rank + 1), "end": np.array(ENDS)}
-    indexes = {key: PandasIndex(values, key, coord_dtype=values.dtype) for key, values in labels.items()}
-    return indexes, {
-        name: variable for index in indexes.values() for name, variable in index.create_variables().items()
+def labels_of(model: CondensedModel, times: np.ndarray, links: np.ndarray | None) -> dict[str, np.ndarray]:
+    """Return the labels of the dimensions of a result; `links` are indices, from 0, or None for all links without labels."""
+    labels = {
+        "coordinate": np.array(COORDINATES[: model.chain.p.dims]),
+        "mode": np.arange(1, model.rank + 1),
+        "end": np.array(ENDS),
+        "time": times,
     }
-
-
-def coordinates_of(
-    model: CondensedModel, times: np.ndarray, links: np.ndarray | None, *, with_arc_length: bool = False
-) -> xr.Coordinates:
-    """Make the coordinates of a result, with the indexes that xarray would make."""
-    shared, shared_variables = _shared_indexes(model.chain.p.dims, model.rank)
-    indexes = {"time": PandasIndex(times, "time")}
-    if links is not None:
-        indexes["link"] = PandasIndex(links + 1, "link")
-    variables = dict(shared_variables)  # a Dataset copies its variables
-    for index in indexes.values():
-        variables |= index.create_variables()
-    if with_arc_length:
-        variables["arc_length"] = xr.Variable("particle", model.chain.arc_length)
-    return xr.Coordinates(variables, indexes={**shared, **indexes})
+    return labels if links is None else labels | {"link": links + 1}
 
 
 def variables(
@@ -68,12 +51,13 @@ def variables(
         f"amplitude{suffix}": (("time", "mode"), padded(q[:, which] @ turn.T, model.rank))
         for suffix, which, turn in zip(pod_normal.SETS, model.sets, model.spectral_basis[0], strict=False)
     }
-    result["end_position"] = (("time", "end", "coordinate"), p.end_positions(times))
+    ends = p.end_positions(times)
+    result["end_position"] = (("time", "end", "coordinate"), ends)
     result["unstretched_length"] = ((), chain.total_length)
     if {"position", "velocity"} & set(outputs):
-        stretch, force, squared, deflection = close_chord(model, q, times)
+        stretch, force, squared, deflection = close_chord(model, q, times, ends)
         values: dict[str, Callable[[], np.ndarray]] = {
-            "position": lambda: positions_of(model, stretch, deflection, times),
+            "position": lambda: positions_of(model, stretch, deflection, ends),
             "velocity": lambda: velocities(model, stretch, deflection, state.rates, times),
             "tension": lambda: link_tensions(model, stretch, force, squared)[
                 :, slice(None) if links is None else links
@@ -119,8 +103,11 @@ def dataset(
     links: np.ndarray | None = None,
 ) -> xr.Dataset:
     """Make the labelled Dataset of a run with given attributes."""
-    coords = coordinates_of(model, state.instants.times, links, with_arc_length=True)
-    result = label(xr.Dataset(variables(model, state, outputs, links), coords=coords))
+    result = labelled_dataset(
+        variables(model, state, outputs, links),
+        labels_of(model, state.instants.times, links),
+        {"arc_length": (("particle",), model.chain.arc_length)},
+    )
     result.attrs = {"title": title_of(model, title), **attrs}
     return result
 

@@ -81,8 +81,13 @@ class ChordFrame:
 
     def join(self, lower: np.ndarray, along: np.ndarray, deflection: np.ndarray) -> np.ndarray:
         """Join the parts of :meth:`split` and the position of the lower end to positions (times, particle, dims) [m]."""
-        position = lower[:, None] + along[:, :, None] * self.along[:, None]
-        return position + np.einsum("ktp,tkc->tpc", deflection, self.normals)
+        position = np.empty((*along.shape, lower.shape[1]))
+        for c in range(
+            lower.shape[1]
+        ):  # coordinate by coordinate: loops over the particles, not over two or three axes
+            position[:, :, c] = lower[:, c, None] + along * self.along[:, c, None]
+            position[:, :, c] += sum(part * self.normals[:, k, c, None] for k, part in enumerate(deflection))
+        return position
 
 
 def reference_axis(chord: np.ndarray) -> np.ndarray:

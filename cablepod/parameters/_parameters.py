@@ -96,6 +96,11 @@ class Parameters:
         """Positions of both ends at time 0 (end, dims) [m]."""
         return self.end_positions(np.zeros(1))[..., 0, :, :]
 
+    @cached_property
+    def initial_end_rates(self) -> np.ndarray:
+        """Velocities and accelerations of both ends at time 0 (derivative, end, dims) [m/s, m/s^2]."""
+        return np.stack([self.end_positions(np.zeros(1), derivative)[..., 0, :, :] for derivative in (1, 2)])
+
     def end_coordinates_at_steps(
         self, start: int, steps: int, steps_per_second: float, derivative: int = 0
     ) -> np.ndarray:

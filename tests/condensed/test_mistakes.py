@@ -86,7 +86,7 @@ def test_slack_cables_and_fast_ends_cause_warnings(soft, modes):
     # the reported time is that of the least chordwise force
     model = model_of(parameters(lifted), modes[2], rank=2, order="exact", law="linear")
     q = (run.amplitude.values @ np.linalg.inv(model.spectral_basis[0][0]).T)[[place]]
-    force = close_chord(model, q, np.array([place / 1000]))[1]
+    force = close_chord(model, q, (time := np.array([place / 1000])), model.chain.p.end_positions(time))[1]
     assert force.min() == pytest.approx(run.attrs["smallest_chordwise_force"], rel=1e-6)
     fast = {"upper": {"x": {"kind": "harmonic", "amplitude": 1e-4, "angular_frequency": 20.0, "phase": 0.0}}}
     with pytest.warns(OutOfRangeWarning, match=r"with 0.45 times the first axial frequency, 44.4 rad/s \(above 0.2\)"):
