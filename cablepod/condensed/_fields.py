@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cablepod.condensed._model import CondensedModel
-from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.discretisation._chord_frame import MAX_COSINE, ChordFrame
 from cablepod.discretisation._laws import law_tension
 from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
@@ -59,30 +59,22 @@ def close_chord(
 
     `q` are coordinates (times, r), and `ends` positions of the ends (times, end, dims) [m].
     """
-    from cablepod.condensed import _kernels_closure as kernel
+    from cablepod.condensed import _kernels_closure, _kernels_fields  # numba is imported only to compute
 
-    chain, k = model.chain, model.chain.p.stiffness
+    chain, k, times_and_links = model.chain, model.chain.p.stiffness, (times.size, model.chain.links)
     boundary_data = model.boundary_data_at(times, ends)
-    deflection = np.stack([q[:, which] @ model.shapes[which] for which in model.sets])
-    squared = ((np.diff(deflection, axis=2) / chain.length) ** 2).sum(axis=0)
+    deflection, squared = np.empty((chain.p.dims - 1, times.size, chain.links + 1)), np.empty(times_and_links)
+    _kernels_fields.deflections(q, model.shapes, model.n_in_plane, chain.length, deflection, squared)
     tau = boundary_data[:, 1 : 1 + len(model.chordwise_force_patterns)] @ model.chordwise_force_patterns
+    chord, chord_tension, stretch = boundary_data[:, 0].copy(), np.empty(times.size), np.empty(times_and_links)
     if model.order == "leading":
-        mean = (tau @ chain.length)[:, None] / chain.total_length
-        chord_tension = (
-            k
-            * (
-                boundary_data[:, :1] / chain.total_length
-                - 1.0
-                + 0.5 * (squared @ chain.length)[:, None] / chain.total_length
-            )
-            - mean
+        _kernels_fields.close_leading(squared, tau, chain.length, chord, k, chord_tension, stretch)
+    else:
+        stretch[0], chord_tension[0] = (
+            model.stretch_guess(boundary_data[0]),
+            model.tension_guess(boundary_data[0], q[0]),
         )
-        force = chord_tension + tau
-        return 1.0 + force / k - 0.5 * squared, force, squared, deflection
-    stretch, chord_tension = np.empty_like(squared), np.empty(times.size)
-    stretch[0], chord_tension[0] = model.stretch_guess(boundary_data[0]), model.tension_guess(boundary_data[0], q[0])
-    chord = np.ascontiguousarray(boundary_data[:, 0])
-    kernel.close_all(squared, tau, chain.length, chord, k, model.green, chord_tension, stretch)
+        _kernels_closure.close_all(squared, tau, chain.length, chord, k, model.green, chord_tension, stretch)
     return stretch, chord_tension[:, None] + tau, squared, deflection
 
 
@@ -95,9 +87,12 @@ def positions(model: CondensedModel, q: np.ndarray, times: np.ndarray) -> np.nda
 
 def positions_of(model: CondensedModel, stretch: np.ndarray, deflection: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """Return positions (times, particle, dims) [m] for chordwise stretch (times, n), deflections and positions of the ends."""
-    frame = ChordFrame.of(ends[:, 1] - ends[:, 0], model.reference)
-    position = frame.join(ends[:, 0], _running_sum(stretch * model.chain.length), deflection)
-    position[:, -1] = ends[:, 1]  # free of rounding, and of modes that are not exactly zero there
+    from cablepod.condensed import _kernels_fields as kernel
+
+    position = np.empty((*deflection.shape[1:], model.chain.p.dims))
+    length, reference = model.chain.length, model.reference
+    if not kernel.positions(ends, reference, MAX_COSINE, stretch, length, deflection, position):
+        ChordFrame.of(ends[:, 1] - ends[:, 0], reference)  # raises the error that says why
     return position
 
 

@@ -11,6 +11,8 @@ from cablepod.errors import SceneError
 
 #: Maximum cosine between the chord and the reference axis of the normals at the start.
 ALIGNED = 0.98
+#: Maximum cosine between them later: the angle, which the normals are divided by, may halve once.
+MAX_COSINE = 0.5 * (1.0 + ALIGNED)
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ class ChordFrame:
         if reference is None:
             reference = int(reference_axis(reach[0]))
         cosine = along[:, reference, None]
-        if np.abs(cosine).max() >= 0.5 * (1.0 + ALIGNED):
+        if np.abs(cosine).max() >= MAX_COSINE:
             raise SceneError(
                 f"motion: the chord turns into the axis {'xyz'[reference]}; allowed: one that stays away from this axis, "
                 "which separates deflection in the plane from deflection out of it"

@@ -1,0 +1,121 @@
+"""Compiled fields of a condensed trajectory: deflections, chordwise stretch to leading order, positions."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cablepod._jit import FUSED, REORDERED_FUSED, compiled
+
+
+@compiled(fastmath=FUSED)
+def deflections(q, shapes, n_in_plane, length, deflection, squared):
+    """Sum the shapes to deflections w = q . shapes, and their squared slopes w'^2.
+
+    Parameters
+    ----------
+    q
+        Coordinates (times, r).
+    shapes, n_in_plane
+        Mass-orthonormal shapes (r, n + 1), and the number of those in the plane, which come first.
+    length
+        Unstretched lengths of the links (n,) [m].
+    deflection, squared
+        Filled: deflections (normals, times, n + 1) [m]; squared slopes, summed over the normals (times, n).
+    """
+    for i in range(q.shape[0]):
+        for plane in range(deflection.shape[0]):
+            w = deflection[plane, i]
+            w[:] = 0.0
+            begin, end = (0, n_in_plane) if plane == 0 else (n_in_plane, q.shape[1])
+            for k in range(begin, end):
+                amplitude = q[i, k]
+                for j in range(w.size):
+                    w[j] += amplitude * shapes[k, j]
+            for j in range(length.size):
+                slope = (w[j + 1] - w[j]) / length[j]
+                squared[i, j] = slope * slope + (0.0 if plane == 0 else squared[i, j])
+
+
+@compiled(fastmath=REORDERED_FUSED)
+def close_leading(squared, tau, length, chord, stiffness, chord_tension, stretch):
+    """Close the chord to leading order: zeta' = 1 + (H + tau) / K - w'^2 / 2, whose integral is the chord.
+
+    Parameters
+    ----------
+    squared, tau
+        Squared slopes, and chordwise forces of the loads [N] (times, n).
+    length, chord, stiffness
+        Unstretched lengths of the links (n,) [m], distance of the ends (times,) [m], axial stiffness K [N].
+    chord_tension, stretch
+        Filled: H (times,) [N] and chordwise stretch zeta' (times, n).
+    """
+    total = length.sum()
+    for i in range(chord.size):
+        sag, mean = 0.0, 0.0
+        for j in range(length.size):
+            sag += squared[i, j] * length[j]
+            mean += tau[i, j] * length[j]
+        chord_tension[i] = stiffness * (chord[i] / total - 1.0 + 0.5 * sag / total) - mean / total
+        for j in range(length.size):
+            stretch[i, j] = 1.0 + (chord_tension[i] + tau[i, j]) / stiffness - 0.5 * squared[i, j]
+
+
+@compiled(fastmath=FUSED)
+def positions(ends, reference, largest_cosine, stretch, length, deflection, position):
+    """Place the particles in the chord frame: x = x_lower + zeta e + w n, with zeta the sum of stretched lengths.
+
+    The frames are those of :class:`cablepod.discretisation._chord_frame.ChordFrame`.
+
+    Parameters
+    ----------
+    ends
+        Positions of the ends (times, 2, dims) [m].
+    reference, largest_cosine
+        Axis that defines the first normal in space, and largest cosine between it and the chord.
+    stretch, length
+        Chordwise stretch (times, n) and unstretched lengths (n,) [m] of the links.
+    deflection
+        Deflections (normals, times, n + 1) [m].
+    position
+        Filled: positions (times, n + 1, dims) [m].
+
+    Returns
+    -------
+    bool
+        Whether there is a frame at all instants: the ends do not meet, and in space the chord stays away from the reference.
+    """
+    count, particles, dims = position.shape
+    axes = np.zeros((3, 3))  # direction from the lower end to the upper one, first and second normal
+    for i in range(count):
+        chord = 0.0
+        for d in range(dims):
+            axes[0, d] = ends[i, 1, d] - ends[i, 0, d]
+            chord += axes[0, d] * axes[0, d]
+        chord = math.sqrt(chord)
+        if not chord > 0.0 or (dims == 3 and abs(axes[0, reference]) >= largest_cosine * chord):
+            return False
+        for d in range(dims):
+            axes[0, d] /= chord
+        if dims == 2:
+            axes[1, 0], axes[1, 1] = -axes[0, 1], axes[0, 0]
+        else:
+            cosine = axes[0, reference]
+            sine = math.sqrt(1.0 - cosine * cosine)
+            for d in range(3):
+                axes[1, d] = ((1.0 if d == reference else 0.0) - cosine * axes[0, d]) / sine
+            for d in range(3):
+                j, k = (d + 1) % 3, (d + 2) % 3
+                axes[2, d] = axes[0, j] * axes[1, k] - axes[0, k] * axes[1, j]
+        along = 0.0
+        for j in range(particles - 1):
+            for d in range(dims):
+                place = ends[i, 0, d] + along * axes[0, d]
+                for plane in range(deflection.shape[0]):
+                    place += deflection[plane, i, j] * axes[1 + plane, d]
+                position[i, j, d] = place
+            along += stretch[i, j] * length[j]
+        for d in range(dims):  # free of rounding, and of modes that are not exactly zero there
+            position[i, particles - 1, d] = ends[i, 1, d]
+    return True
