@@ -145,7 +145,7 @@ def labelled_dataset(
     template = (_template if kept else _template.__wrapped__)(layout, extra, labels)
     result = template.copy(data=values)
     for name, array in further.items():
-        result.variables[name].data = array  # of the copy alone
+        result.variables[name].data = array.copy()  # of this Dataset alone: models keep theirs
     return result
 
 

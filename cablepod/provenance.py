@@ -90,6 +90,7 @@ def record(
     parameters: Mapping[str, Any],
     inputs: Sequence[xr.Dataset] = (),
     chosen: Sequence[str] = (),
+    scene_digest: str | None = None,
 ) -> xr.Dataset:
     """Append a stage to the history of `result` and set its ``id``, in place; return `result`.
 
@@ -106,6 +107,8 @@ def record(
     chosen
         Names of parameters that the function chose itself, see :func:`defaulted_options`.  A lineage script omits them; they are
         not part of the ``id``.
+    scene_digest
+        Result of :func:`digest` for the first input, where the caller knows it.
 
     Returns
     -------
@@ -113,7 +116,7 @@ def record(
         `result`.
     """
     resolved = {key: to_json(value) for key, value in parameters.items()}
-    inputs = [with_manual_change(dataset) for dataset in inputs]
+    inputs = [with_manual_change(dataset, None if i else scene_digest) for i, dataset in enumerate(inputs)]
     parents = [str(dataset.attrs.get("id", "unknown")) for dataset in inputs]
     key = json.dumps([function, resolved, parents], sort_keys=True, separators=(",", ":"))
     identifier = hashlib.sha256(key.encode()).hexdigest()[:20]
@@ -159,11 +162,14 @@ def digest(dataset: xr.Dataset) -> str:
     return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
 
 
-def with_manual_change(dataset: xr.Dataset) -> xr.Dataset:
-    """Return id and history of a scene changed by hand (as with ``assign``) without its data; others unchanged."""
+def with_manual_change(dataset: xr.Dataset, known_digest: str | None = None) -> xr.Dataset:
+    """Return id and history of a scene changed by hand (as with ``assign``) without its data; others unchanged.
+
+    `known_digest` is that of the dataset, computed if None.
+    """
     if dataset.attrs.get("stage") != "scene" or "values_sha256" not in dataset.attrs:
         return dataset
-    new_digest = digest(dataset)
+    new_digest = known_digest or digest(dataset)
     if new_digest == dataset.attrs["values_sha256"]:
         return dataset
     original = dataset[[]]

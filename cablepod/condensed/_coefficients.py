@@ -21,7 +21,7 @@ MAX_MODE_CONDITION = 1e12
 MAX_TEST_CONDITION = 1e6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Coefficients:
     """Coefficients of the condensed model on links or quadrature points.
 

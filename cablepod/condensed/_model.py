@@ -22,7 +22,7 @@ ROUNDING_RTOL = 1e-14
 MAX_ITERATIONS = 60
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CondensedModel(Coefficients):
     """Condensed model of a cable: quasi-static along the chord, modes for the deflection normal to it.
 
@@ -88,7 +88,13 @@ class CondensedModel(Coefficients):
         return np.concatenate(parts, axis=1)
 
     def initial(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return initial coordinates and rates; a run from equilibrium starts from that of the model, not of the chain."""
+        """Return initial coordinates and rates (r,), see :attr:`initial_state`."""
+        q, v = self.initial_state
+        return q.copy(), v.copy()
+
+    @cached_property
+    def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
+        """Initial coordinates and rates; a run from equilibrium starts from that of the model, not of the chain."""
         p, q = self.chain.p, self.first_guess
         if q is not None:
             q = self.equilibrium(q)

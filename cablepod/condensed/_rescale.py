@@ -112,6 +112,12 @@ def _scale(factor: np.ndarray, coefficient: np.ndarray) -> np.ndarray:
     return factor.reshape(factor.shape + (1,) * (coefficient.ndim + 1 - factor.ndim)) * coefficient
 
 
+@lru_cache(UNIT_MODELS)
+def kept_model(unit: CondensedModel, p: Parameters) -> CondensedModel:
+    """Do :func:`rescaled_model` once for the same objects, see ``parameters._from_scene.SceneContent``."""
+    return rescaled_model(unit, p)
+
+
 def rescaled_model(unit: CondensedModel, p: Parameters) -> CondensedModel:
     """Make the model of a scene from that of its unit cable."""
     statics = solve_statics(p, p.length_key, p.length_value)

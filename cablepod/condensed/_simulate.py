@@ -12,11 +12,11 @@ from cablepod.batch._members import values_of_members
 from cablepod.condensed._assembly import model_of, unit_of
 from cablepod.condensed._batch import run
 from cablepod.condensed._output import result_of
-from cablepod.condensed._rescale import rescaled_model
+from cablepod.condensed._rescale import kept_model
 from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import scene_error
-from cablepod.parameters._from_scene import Members
+from cablepod.parameters._from_scene import Members, SceneContent
 from cablepod.reduced._validity import warn_condensed_out_of_range
 
 
@@ -131,35 +131,36 @@ def simulate(
     )
     if quadrature is not None and "tension_extremes" in request.outputs:
         raise scene_error("outputs", "tension_extremes", "none with quadrature, because they are computed on links")
-    members = Members(scene)
-    p = members[0]
+    content = SceneContent.of(scene)
+    p, several = content.parameters(), "member" in scene.dims
     unit = unit_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature)
-    if "member" in scene.dims:
+    if several:
         result = run(
             scene,
             modes,
             unit,
-            members,
+            Members(scene),
             request,
             lambda parameters: model_of(parameters, modes, rank=rank, order=order, law=law, quadrature=quadrature),
             progress,
         )
     else:
         title = str(scene.attrs.get("title", "scene"))
-        result = result_of(solve(rescaled_model(unit, p), request, progress), modes, request, title)
+        result = result_of(solve(kept_model(unit, p), request, progress), modes, request, title)
         warn_condensed_out_of_range(result.attrs)
     return request.record(
         result,
         function="condensed.simulate",
         inputs=[scene, modes],
         given={"rank": rank, "scheme": scheme},
+        scene_digest=content.digest,
         rank=unit.rank,
         order=order,
         law=law,
         **({} if quadrature is None else {"quadrature": quadrature}),
         scheme=result.attrs.get("scheme", scheme),
         **({} if links is None else {"links": [int(number) for number in links]}),
-        **(values_of_members(scene) if "member" in scene.dims else {}),
+        **(values_of_members(scene) if several else {}),
     )
 
 

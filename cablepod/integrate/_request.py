@@ -199,13 +199,14 @@ class Request:
         function: str,
         inputs: list[xr.Dataset],
         given: Mapping[str, Any],
+        scene_digest: str | None = None,
         **parameters: Any,
     ) -> xr.Dataset:
         """Append a run to the history of its result, in place, see :func:`cablepod.provenance.record`.
 
         Parameters
         ----------
-        result, function, inputs
+        result, function, inputs, scene_digest
             As there.
         given
             Options of the model as the caller gave them; those that are None count as chosen.
@@ -220,5 +221,10 @@ class Request:
         }
         chosen = provenance.defaulted_options(times=self.times, step=self.step, tolerance=self.given_tolerance, **given)
         return provenance.record(
-            result, function=function, parameters=resolved | parameters, inputs=inputs, chosen=chosen
+            result,
+            function=function,
+            parameters=resolved | parameters,
+            inputs=inputs,
+            chosen=chosen,
+            scene_digest=scene_digest,
         )

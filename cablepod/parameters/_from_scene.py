@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import product
 from typing import Any, overload
 
@@ -24,6 +26,7 @@ from cablepod.parameters._keys import (
 )
 from cablepod.parameters._parameters import Parameters, PointLoad
 from cablepod.parameters._time_functions import SINES, TimeFunction
+from cablepod.provenance import digest
 
 #: Variables of a record: times [s] and values.
 RECORD = ("time", "value")
@@ -44,6 +47,32 @@ def parameters(scene: xr.Dataset) -> Parameters:
     if "member" in scene.dims:
         raise SceneError("scene: given several members; allowed: one, scene.isel(member=0)")
     return members[0]
+
+
+@dataclass(frozen=True)
+class SceneContent:
+    """A scene that is compared by its values."""
+
+    digest: str | None  #: of :func:`cablepod.provenance.digest`; None for members, which are not kept
+    scene: xr.Dataset = field(compare=False)
+
+    @classmethod
+    def of(cls, scene: xr.Dataset) -> SceneContent:
+        """Take the content of a scene."""
+        several = not isinstance(scene, xr.Dataset) or "member" in scene.dims
+        return cls(None if several else digest(scene), scene)
+
+    def parameters(self) -> Parameters:
+        """Return the parameters of the scene, or of its first member: for the same values the same object.
+
+        What follows from the parameters, such as the statics, is then computed once and not in each call.
+        """
+        return Members(self.scene)[0] if self.digest is None else _kept_parameters(self)
+
+
+@lru_cache(64)
+def _kept_parameters(content: SceneContent) -> Parameters:
+    return parameters(content.scene.copy(deep=True))  # the caller may change his own
 
 
 class Members(Sequence[Parameters]):

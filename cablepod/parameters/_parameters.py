@@ -25,7 +25,7 @@ class PointLoad:
     factor: TimeFunction | None  #: factor of time [1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # compared and hashed by identity, see SceneContent
 class Parameters:
     """Parameters of a scene in SI units; None stands for a term that the scene lacks.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from cablepod.parameters._parameters import Parameters
 
 #: Maximum distance by rounding: the training scenes themselves are inside.
 ROUNDING = 1e-9
+#: Numbers of the scenes of the last runs, which do not depend on the run.
+_kept_features = lru_cache(64)(features)
 
 
 def distance_outside_training(
@@ -29,7 +32,8 @@ def distance_outside_training(
     if modes is None or "training_range" not in modes:
         return {}
     low, high = np.log1p(modes.variables["training_range"].values)
-    scaled = np.log1p(features(p, length, end_time, tension))
+    numbers = features if np.ndim(length) else _kept_features  # stacked members are not hashed
+    scaled = np.log1p(numbers(p, length, end_time, tension))
     excess = np.maximum(low - scaled, scaled - high)
     largest = excess.max(axis=-1)
     outside = largest > ROUNDING
