@@ -90,7 +90,7 @@ VARIABLES |= {
     f"{name}_out_of_plane": (VARIABLES[name][0], f"{VARIABLES[name][1]}, out of the plane of chord and vertical")
     for name in (
         "amplitude", "mode_shape", "test_function", "singular_value", "singular_value_uncertainty", "mode_uncertainty",
-        "truncation_error", "proper_orthogonal_value", "energy_share", "singular_value_share",
+        "truncation_error", "proper_orthogonal_value", "energy_share", "singular_value_share", "angular_frequency",
     )
 }  # fmt: skip
 

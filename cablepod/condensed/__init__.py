@@ -4,5 +4,6 @@
 """
 
 from cablepod.condensed._simulate import simulate
+from cablepod.condensed._vibration import vibration_modes
 
-__all__ = ["simulate"]
+__all__ = ["simulate", "vibration_modes"]

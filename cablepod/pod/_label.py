@@ -84,7 +84,7 @@ def labelled(
     squares, outside = (values / unit) ** 2, (discarded[:, None] / unit) ** 2
     kept = _choose_rank(squares, outside, choice[0], choice[1], samples - bool(options["center"]))
     layout = options["layout"]
-    shapes = [np.pad(_fix_sign(field[:kept]), ((0, 0), (1, 1), (0, 0))) for field in fields]
+    shapes = [np.pad(fix_sign(field[:kept]), ((0, 0), (1, 1), (0, 0))) for field in fields]
 
     total = squares.sum(axis=1, keepdims=True) + outside
     truncated = squares[:, kept:].sum(axis=1, keepdims=True) + outside
@@ -190,7 +190,7 @@ def _choose_rank(squares: np.ndarray, outside: np.ndarray, rank: int | None, ene
     return min(needed, most)
 
 
-def _fix_sign(field: np.ndarray) -> np.ndarray:
+def fix_sign(field: np.ndarray) -> np.ndarray:
     """Choose the signs of modes (mode, particle, dims).
 
     The first entry of at least half the maximum is positive.

@@ -27,6 +27,8 @@ def deflections(position: np.ndarray, reference: int | None = None) -> np.ndarra
 def sets(modes: xr.Dataset) -> list[tuple[str, np.ndarray]]:
     """Return suffix and modes (mode, particle) for each normal, without modes of zero singular value.
 
+    Vibration modes have no singular values, and all of them are kept.
+
     Raises
     ------
     SceneError
@@ -37,13 +39,14 @@ def sets(modes: xr.Dataset) -> list[tuple[str, np.ndarray]]:
             f"modes: given layout {modes.attrs.get('layout')!r}; allowed: modes of the deflection normal to the chord, "
             'pod.decompose(snapshots, layout="normal")'
         )
-    largest = modes.variables["singular_value"].values.max()
+    largest = modes.variables["singular_value"].values.max() if "singular_value" in modes else None
     result = []
     for suffix in SETS[: modes.sizes.get("coordinate", 2) - 1]:
-        values = modes.variables[f"singular_value{suffix}"].values
-        kept = values > 1e-9 * largest
-        shape = modes.variables[f"mode_shape{suffix}"]
-        result.append((suffix, (shape.values if shape.dims == ("mode", "particle") else shape.values.T)[kept]))
+        variable = modes.variables[f"mode_shape{suffix}"]
+        shape = variable.values if variable.dims == ("mode", "particle") else variable.values.T
+        if largest is not None:
+            shape = shape[modes.variables[f"singular_value{suffix}"].values > 1e-9 * largest]
+        result.append((suffix, shape))
     return result
 
 
