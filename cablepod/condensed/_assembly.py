@@ -60,7 +60,9 @@ def unit_of(
             raise scene_error("rank", rank, f"at most {most}, the number of modes")
     retained = tuple(shape if rank is None else shape[:rank] for _, shape in sets)
     tests = _trained_test_functions(modes, sets, rank, order, quadrature)
-    structure = ModeStructure.of(p, relative_arc_length(modes), retained, tests, (order, law, quadrature))
+    # test functions were trained on a model with or, by older versions, without the terms of second order
+    second_order = tests is None or bool(modes.attrs.get("trained_second_order", 0))
+    structure = ModeStructure.of(p, relative_arc_length(modes), retained, tests, (order, law, quadrature, second_order))
     unit = unit_model(structure)
     if quadrature is not None:
         _check_quadrature(unit, trained="trained_quadrature" in modes.attrs)

@@ -17,7 +17,7 @@ from cablepod.catenary._statics import member_statics
 from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP, UNSTABLE_STEP, initial_monitor
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._output import attributes_of, labels_of, padded, shared_attributes, title_of, variables
-from cablepod.condensed._rescale import rescale_coefficients, rescaled_model, same_structure
+from cablepod.condensed._rescale import MemberStates, rescale_coefficients, rescaled_model, same_structure
 from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR
 from cablepod.conventions import COORDINATES, ENDS
@@ -92,7 +92,8 @@ def plan(modes: xr.Dataset, unit: CondensedModel, members: Members, request: Con
         or outputs - allowed
     ):
         return None
-    if request.times is None and {"time_duration", "time_interval"} & set(members.varied):
+    # the duration decides on the reference state
+    if "time_duration" in members.varied or (request.times is None and "time_interval" in members.varied):
         return None
     if not members.can_be_stacked:
         return None
@@ -102,7 +103,8 @@ def plan(modes: xr.Dataset, unit: CondensedModel, members: Members, request: Con
     if instants.needs_interpolation or instants.steps.size != times.size:
         return None
     shared = shared_attributes(unit, instants, SCHEMES[0], modes)
-    return CondensedBatchPlan(modes, unit, members, instants, outputs, request.links, shared)
+    end_time = members[0].duration or 0.0
+    return CondensedBatchPlan(modes, unit, members, instants, outputs, request.links, shared, end_time)
 
 
 @dataclass(frozen=True)
@@ -116,6 +118,7 @@ class CondensedBatchPlan:
     outputs: set[str]
     links: np.ndarray | None  #: indices, from 0, of the links whose tensions are computed; None for all
     shared: dict[str, Any]  #: attributes of all members
+    end_time: float  #: duration of the scenes, over which the reference state is taken [s]
 
     def __call__(self, first: int, last: int) -> tuple[np.ndarray, Variables, dict[str, list[Any]]]:
         """Run the members `first` ... `last - 1`; return a mask of those completed, variables and attributes."""
@@ -131,7 +134,8 @@ class CondensedBatch:
         self.plan, self.parameters = plan, parameters
         statics, self.active = member_statics(parameters)
         self.total, self.rest_tension = statics[:, 0].copy(), 0.5 * (statics[:, 4] + statics[:, 5])
-        self.scaled = rescale_coefficients(plan.unit, parameters.mass, self.total)
+        states = MemberStates.of(plan.unit, parameters, self.total, plan.end_time)
+        self.scaled = rescale_coefficients(plan.unit, parameters.mass, self.total, states)
         named, links = self.scaled.named, plan.links
         slopes, patterns = (
             array if links is None else np.take(array, links, axis=2)
@@ -185,8 +189,8 @@ class CondensedBatch:
             rates = accelerations = np.zeros((count, 2 * dims, 0))
         # first guess: the parabola whose tension is that at rest
         sigma = chain.arc_length / chain.total_length
-        sag = parameters.mass * self.total * scaled.mass_scaling * 0.5 * self.total**2 / self.rest_tension
-        parabola = sag[:, None] * (model.shapes @ (chain.tributary_length * sigma * (1.0 - sigma)))
+        sag = parameters.mass * self.total * 0.5 * self.total**2 / self.rest_tension
+        parabola = sag[:, None] * (scaled.named["shapes"] @ (chain.tributary_length * sigma * (1.0 - sigma)))
         q, v, limit = np.empty_like(parabola), np.empty_like(parabola), np.empty(count)
         kernel.leading_starts(
             ends, rates, accelerations, self.load, self.reference, 1.0 / self.plan.instants.steps_per_second,

@@ -7,12 +7,20 @@ from functools import cached_property
 
 import numpy as np
 
+from cablepod.condensed._reference_state import (
+    INSTANTS,
+    ReferenceState,
+    chordwise_inertia,
+    orthogonal_coordinates,
+    reference_state,
+)
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._gll import gll_rule, integration_matrix
 from cablepod.errors import SceneError
 
-#: Orders of approximation.  "leading": closure and force to first order in strain and squared slope; "exact": exact chordwise
+#: Orders of approximation.  "leading": closure and force to first order in strain and squared slope, with second-order terms of a
+#: reference state; "exact": exact chordwise
 #: stretch; "inertial": exact, with the chordwise inertia that the deflection enforces.
 ORDERS = ("leading", "exact", "inertial")
 #: Maximum condition number of the modes' mass products (above, the modes are linearly dependent up to rounding).
@@ -25,8 +33,9 @@ MAX_TEST_CONDITION = 1e6
 class Coefficients:
     """Coefficients of the condensed model on links or quadrature points.
 
-    Coordinates q are mass-orthonormal amplitudes of modes of the deflection normal to the chord; the first ``n_in_plane`` belong
-    to the in-plane deflection.  The chordwise force is N = H + tau, where tau is a sum of patterns, one for each load.
+    Coordinates q are mass-orthonormal amplitudes of modes of the deflection normal to the chord; to order "leading" the mass has
+    the chordwise inertia of the reference state.  The first ``n_in_plane`` belong to the in-plane deflection.  The chordwise
+    force is N = H + tau, where tau is a sum of patterns, one for each load.
     """
 
     chain: LumpedChain  #: links and masses on the particles of the modes
@@ -37,6 +46,7 @@ class Coefficients:
     quadrature: int | None = None  #: number of quadrature points of the chordwise stretch; None for the links
     #: Test functions of each set as given (mode, particle); None for the modes themselves (Galerkin)
     raw_test_functions: tuple[np.ndarray, ...] | None = None
+    second_order: bool = True  #: whether order "leading" has the terms of second order
 
     @cached_property
     def green(self) -> bool:
@@ -67,21 +77,104 @@ class Coefficients:
     def spectral_basis(self) -> tuple[list[np.ndarray], np.ndarray]:
         """Matrices from modes to coordinates, set by set, and squared slope norms of the coordinates (r,) [1/(kg m)].
 
-        Within each set the coordinates are orthogonal in mass and in slope.
+        Within each set the coordinates are orthogonal in mass and in slope, both with the terms of second order.
         """
-        from scipy.linalg import eigh  # costly to import
-
         turns, squares = [], []
-        for psi in self.modes:
+        for k, psi in enumerate(self.modes):
             slope, gram = np.diff(psi, axis=1) / self.chain.length, (psi * self.mass) @ psi.T
-            if gram.size and not np.linalg.cond(gram) < MAX_MODE_CONDITION:
-                raise SceneError(
-                    "modes: given some that are sums of others; allowed: independent ones, as pod.decompose gives"
-                )
-            values, vectors = eigh((slope * self.chain.length) @ slope.T, gram)
-            turns.append(vectors)
+            _check_independent(gram)
+            if self.reference_state is not None:
+                gram = gram + self._added_mass(slope, slope, k)
+                values, vectors = orthogonal_coordinates((slope * self._slope_weights) @ slope.T, gram)
+            else:
+                from scipy.linalg import eigh  # costly to import
+
+                values, vectors = eigh((slope * self.chain.length) @ slope.T, gram)
+            turns.append(np.asfortranarray(vectors))
             squares.append(values)
         return turns, np.concatenate(squares)
+
+    def _added_mass(self, test_slopes: np.ndarray, slopes: np.ndarray, k: int) -> np.ndarray:
+        """Return the chordwise inertia of the reference state for slopes of the deflection number `k` (tests, r)."""
+        chain, shear = self.chain, self.rest_shear[k]
+        sag = 0.0 if self.reference_state is None else float(self.reference_state.sag)
+        return (2.0 * sag * chain.p.mass) * chordwise_inertia(
+            test_slopes * shear, slopes * shear, chain.length, chain.arc_length, chain.tributary_length
+        )
+
+    @property
+    def _slope_weights(self) -> np.ndarray:
+        """Weights of integrals of slope products along the cable (n,) [m]."""
+        return self.chain.length if self.reference_state is None else self.chain.length * self.slope_factor
+
+    @cached_property
+    def rest_shear(self) -> np.ndarray:
+        """Transverse force on the links at rest, over its root mean square (sets, n); zero without transverse load."""
+        shear = self._rest_shear
+        mean_square = float((shear * shear).sum(axis=0) @ self.chain.length) / self.chain.total_length
+        return shear / np.sqrt(mean_square) if mean_square else np.zeros_like(shear)
+
+    @cached_property
+    def _rest_shear(self) -> np.ndarray:
+        """Transverse force on the links at rest (sets, n) [N]."""
+        p = self.chain.p
+        ends = p.end_positions(np.zeros(1))
+        normals = ChordFrame.of(ends[:, 1] - ends[:, 0], self.reference).normals[0]
+        loads = [p.load_at(0.0), *([np.zeros(p.dims)] if p.motions else [])]
+        loads += [load.force * (1.0 if load.factor is None else float(load.factor(0.0))) for load in p.point_loads]
+        deviations = self.chordwise_force_patterns - self.mean_chordwise_forces[:, None]
+        return (normals @ np.array(loads).T) @ deviations
+
+    @cached_property
+    def reference_state(self) -> ReferenceState | None:
+        """Constants of second order; None without them.
+
+        The distance of the ends is that over the duration of the scene, so that it does not depend on the instants of the output.
+        """
+        if self.order != "leading" or not self.second_order:
+            return None
+        p, length = self.chain.p, self.chain.total_length
+        end_time = min([p.duration or 0.0, *(motion.end for motion in p.motions.values())])
+        ends = p.end_positions(np.linspace(0.0, end_time, INSTANTS if p.motions else 1))
+        strain = np.sqrt(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)) / length - 1.0
+        squared = (self._rest_shear**2).sum(axis=0) @ self.chain.length / (length * p.stiffness**2)
+        fourth = (self._rest_profile**2) @ self.chain.length / length
+        state = reference_state(np.array([[strain.min()], [strain.max()]]), np.array([squared]), fourth)
+        return ReferenceState(*(values[0] for values in state))
+
+    @cached_property
+    def _rest_profile(self) -> np.ndarray:
+        """Squared slopes at rest over their mean (n,)."""
+        return (self.rest_shear**2).sum(axis=0)
+
+    @cached_property
+    def slope_factor(self) -> np.ndarray:
+        """Factor of the squared slopes by the terms of second order (n,), ones without them."""
+        state = self.reference_state
+        return np.ones(self.chain.links) if state is None else state.uniform + state.sag * self._rest_profile
+
+    @cached_property
+    def products_under_uniform_load(self) -> list[tuple[np.ndarray, ...]]:
+        """Products of the modes as given, with the squared slopes of a cable under uniform load as profile, set by set.
+
+        Products of shapes [m], chordwise inertia [m], slope products without and with the profile (2, r, r) [1/m], the same with
+        each chordwise force pattern (2, patterns, r, r).
+        """
+        chain = self.chain
+        result: list[tuple[np.ndarray, ...]] = []
+        shear = self.chordwise_force_patterns[0] - self.mean_chordwise_forces[0]
+        shear = shear / np.sqrt((shear * shear) @ chain.length / chain.total_length)
+        weights = np.stack([chain.length, chain.length * shear**2])
+        for psi in self.modes:
+            slope = np.diff(psi, axis=1) / chain.length
+            inertia = chordwise_inertia(
+                slope * shear, slope * shear, chain.length, chain.arc_length, chain.tributary_length
+            )
+            with_patterns = np.einsum("wn,an,in,jn->waij", weights, self.chordwise_force_patterns, slope, slope)
+            gram = (psi * chain.tributary_length) @ psi.T
+            _check_independent(gram)
+            result.append((gram, inertia, (slope * weights[:, None]) @ slope.T, with_patterns))
+        return result
 
     @property
     def slope_norms_squared(self) -> np.ndarray:
@@ -90,7 +183,7 @@ class Coefficients:
 
     @cached_property
     def shapes(self) -> np.ndarray:
-        """Mass-orthonormal shapes of the coordinates (r, particle) [kg^-1/2]."""
+        """Orthonormal shapes of the coordinates, see ``spectral_basis`` (r, particle) [kg^-1/2]."""
         return np.concatenate([turn.T @ psi for turn, psi in zip(self.spectral_basis[0], self.modes, strict=True)])
 
     @cached_property
@@ -104,8 +197,10 @@ class Coefficients:
         if self.raw_test_functions is None:
             return self.shapes
         parts = []
-        for psi, which in zip(self.raw_test_functions, self.sets, strict=False):
+        for k, (psi, which) in enumerate(zip(self.raw_test_functions, self.sets, strict=False)):
             gram = (psi * self.mass) @ self.shapes[which].T
+            if self.reference_state is not None:
+                gram = gram + self._added_mass(np.diff(psi, axis=1) / self.chain.length, self.slopes[which], k)
             if gram.size and not np.linalg.cond(gram / np.abs(gram).max(axis=1, keepdims=True)) < MAX_TEST_CONDITION:
                 raise SceneError(
                     "modes: given test functions that do not tell the modes apart; allowed: those of oblique.train"
@@ -118,7 +213,7 @@ class Coefficients:
         """Stiffness of the test functions for H = 1 minus that of the modes (r, r) [1/(kg m)]; None for Galerkin."""
         if self.raw_test_functions is None:
             return None
-        stiffness = self._same_set * ((self.test_slopes * self.chain.length) @ self.slopes.T)
+        stiffness = self._same_set * ((self.test_slopes * self._slope_weights) @ self.slopes.T)
         return stiffness - np.diag(self.slope_norms_squared)
 
     @cached_property
@@ -180,12 +275,10 @@ class Coefficients:
     @cached_property
     def geometric_stiffness(self) -> np.ndarray:
         """Geometric stiffness of each unit chordwise force pattern (patterns, r, r) [1/kg], point loads [1/(kg m)]."""
-        return (
-            np.einsum(
-                "an,n,in,jn->aij", self.chordwise_force_patterns, self.chain.length, self.test_slopes, self.slopes
-            )
-            * self._same_set
+        products = np.einsum(
+            "an,n,in,jn->aij", self.chordwise_force_patterns, self._slope_weights, self.test_slopes, self.slopes
         )
+        return products * self._same_set
 
     @cached_property
     def rule(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -262,6 +355,12 @@ class Coefficients:
             return 1
         lower, upper = self.chain.p.initial_ends
         return ChordFrame.of((upper - lower)[None]).reference
+
+
+def _check_independent(gram: np.ndarray) -> None:
+    """Refuse modes whose mass products (r, r) show that some are sums of others."""
+    if gram.size and not np.linalg.cond(gram) < MAX_MODE_CONDITION:
+        raise SceneError("modes: given some that are sums of others; allowed: independent ones, as pod.decompose gives")
 
 
 def _point_load_shares(chain: LumpedChain, fraction: float) -> np.ndarray:

@@ -68,7 +68,8 @@ def close_chord(
     tau = boundary_data[:, 1 : 1 + len(model.chordwise_force_patterns)] @ model.chordwise_force_patterns
     chord, chord_tension, stretch = boundary_data[:, 0].copy(), np.empty(times.size), np.empty(times_and_links)
     if model.order == "leading":
-        _kernels_fields.close_leading(squared, tau, chain.length, chord, k, chord_tension, stretch)
+        reduced = squared * model.slope_factor
+        _kernels_fields.close_leading(reduced, tau, chain.length, chord, k, chord_tension, stretch)
     else:
         stretch[0], chord_tension[0] = (
             model.stretch_guess(boundary_data[0]),
@@ -108,7 +109,7 @@ def _stretch_derivatives(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return derivatives of the chordwise stretch (times, n) by N / K, and by minus half the squared slope."""
     if model.order == "leading":
-        return np.ones_like(stretch), np.ones_like(stretch)
+        return np.ones_like(stretch), np.broadcast_to(model.slope_factor, stretch.shape)
     if model.green:
         tangent = 3.0 * stretch * stretch + squared - 1.0
         return 2.0 / tangent, 2.0 * stretch / tangent

@@ -81,9 +81,20 @@ class CondensedModel(Coefficients):
 
     def coordinates(self, deflection: np.ndarray) -> np.ndarray:
         """Project deflections (normals, times, particle) [m] onto the coordinates (times, r) with the test functions."""
+        momenta = self.momenta(deflection)
+        if self.reference_state is None:
+            return momenta
+        parts = []
+        for which in self.sets:  # test functions and shapes are dual in mass and chordwise inertia, not in mass alone
+            gram = (self.test_functions[which] * self.mass) @ self.shapes[which].T
+            parts.append(np.linalg.solve(gram, momenta[:, which].T).T)
+        return np.concatenate(parts, axis=1)
+
+    def momenta(self, deflection_rates: np.ndarray) -> np.ndarray:
+        """Project rates of deflections (normals, times, particle) [m/s] onto rates of the coordinates (times, r), as impulses."""
         parts = [
             (part * self.mass) @ self.test_functions[which].T
-            for part, which in zip(deflection, self.sets, strict=False)
+            for part, which in zip(deflection_rates, self.sets, strict=False)
         ]
         return np.concatenate(parts, axis=1)
 
@@ -113,7 +124,7 @@ class CondensedModel(Coefficients):
         frame = ChordFrame.of(np.diff(p.initial_ends, axis=0), self.reference)
         sigma = self.chain.arc_length / self.chain.total_length
         velocity = rates[0] + sigma[:, None] * (rates[1] - rates[0])
-        return q, self.coordinates(-np.einsum("pc,kc->kp", velocity, frame.normals[0])[:, None])[0]
+        return q, self.momenta(-np.einsum("pc,kc->kp", velocity, frame.normals[0])[:, None])[0]
 
     @cached_property
     def first_guess(self) -> np.ndarray | None:

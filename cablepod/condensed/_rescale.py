@@ -14,7 +14,9 @@ import numpy as np
 
 from cablepod.catenary._statics import solve_statics
 from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._reference_state import INSTANTS, orthogonal_coordinates, reference_state
 from cablepod.discretisation._chain import LumpedChain
+from cablepod.discretisation._chord_frame import reference_axis
 from cablepod.parameters._parameters import Parameters
 
 #: Number of unit models kept: sets of modes, ranks and orders that a session alternates between.
@@ -32,6 +34,7 @@ class ModeStructure:
     order: str
     law: str
     quadrature: int | None
+    second_order: bool  #: whether order "leading" has the terms of second order
     key: tuple[Any, ...]  #: content of the fields that are not compared
 
     @classmethod
@@ -41,9 +44,9 @@ class ModeStructure:
         sigma: np.ndarray,
         modes: tuple[np.ndarray, ...],
         raw_test_functions: tuple[np.ndarray, ...] | None,
-        options: tuple[str, str, int | None],
+        options: tuple[str, str, int | None, bool],
     ) -> ModeStructure:
-        """Make the structure of a scene on modes; `options` are order, law and quadrature."""
+        """Make the structure of a scene on modes; `options` are order, law, quadrature and ``second_order``."""
         arrays = (sigma, *modes, *(raw_test_functions or ()))
         content = tuple((array.shape, array.tobytes()) for array in arrays)
         loads = (p.dims, bool(p.motions), tuple(load.fraction for load in p.point_loads))
@@ -57,19 +60,52 @@ def unit_model(structure: ModeStructure) -> CondensedModel:
     sigma = structure.sigma.copy()
     chain = LumpedChain(replace(structure.p, mass=1.0), np.diff(sigma), sigma, structure.law)
     modes = tuple(shape.copy() for shape in structure.modes)
-    return CondensedModel(chain, structure.order, modes, structure.quadrature, structure.raw_test_functions)
+    return CondensedModel(
+        chain, structure.order, modes, structure.quadrature, structure.raw_test_functions, structure.second_order
+    )
+
+
+class MemberStates(NamedTuple):
+    """Reference states of many scenes under uniform loads, see :mod:`cablepod.condensed._reference_state`."""
+
+    uniform: np.ndarray  #: (scenes,)
+    sag: np.ndarray  #: (scenes,)
+    shares: np.ndarray  #: share of each deflection in the squared slopes at rest (scenes, sets)
+
+    @classmethod
+    def of(cls, unit: CondensedModel, parameters: Parameters, total: np.ndarray, end_time: float) -> MemberStates:
+        """Compute the states of members with unstretched lengths `total` [m], for chords until `end_time` [s]."""
+        load, reach = parameters.load_at(0.0), parameters.ends[:, 1] - parameters.ends[:, 0]
+        along = reach / np.sqrt((reach * reach).sum(axis=1, keepdims=True))
+        tangential = (load * along).sum(axis=1)
+        squared = np.maximum((load * load).sum(axis=1) - tangential**2, 0.0)
+        shares = np.ones((load.shape[0], 1))
+        if load.shape[1] == 3:
+            axis = reference_axis(reach)[:, None]
+            cosine, component = (np.take_along_axis(array, axis, axis=1)[:, 0] for array in (along, load))
+            first = (component - cosine * tangential) ** 2 / (1.0 - cosine**2)
+            first = np.divide(first, squared, out=np.zeros_like(first), where=squared > 0.0)
+            shares = np.stack([first, 1.0 - first], axis=1)
+        ends = parameters.end_positions(np.linspace(0.0, end_time, INSTANTS if parameters.motions else 1))
+        strain = np.sqrt(((ends[:, :, 1] - ends[:, :, 0]) ** 2).sum(axis=2)) / total[:, None] - 1.0
+        deviation = unit.chordwise_force_patterns[0] - unit.mean_chordwise_forces[0]
+        mean_square = (deviation**2) @ unit.chain.length
+        fourth = (deviation**4) @ unit.chain.length / mean_square**2
+        rest_load = squared * mean_square * total**2 / parameters.stiffness**2
+        return cls(*reference_state(np.stack([strain.min(axis=1), strain.max(axis=1)]), rest_load, fourth), shares)
 
 
 class RescaledCoefficients(NamedTuple):
     """Coefficients of many scenes, with a leading dimension of scenes."""
 
-    mass_scaling: np.ndarray  #: factor of the mass-orthonormal shapes
     named: dict[str, np.ndarray]  #: under their names in the model
     bases: list[np.ndarray]  #: matrices from modes to coordinates, set by set
     slope_norms_squared: np.ndarray
 
 
-def rescale_coefficients(unit: CondensedModel, mass: np.ndarray, total: np.ndarray) -> RescaledCoefficients:
+def rescale_coefficients(
+    unit: CondensedModel, mass: np.ndarray, total: np.ndarray, states: MemberStates | None
+) -> RescaledCoefficients:
     """Compute the coefficients of scenes from those of their unit cable.
 
     Parameters
@@ -78,32 +114,34 @@ def rescale_coefficients(unit: CondensedModel, mass: np.ndarray, total: np.ndarr
         Result of :func:`unit_model` for the modes and loads of the scenes.
     mass, total
         Mass per unstretched length [kg/m] and unstretched length [m] of the scenes (scenes,).
+    states
+        Reference states of the scenes, which turn the coordinates; None without terms of second order.
     """
-    mass_scaling = 1.0 / np.sqrt(mass * total)
-    stiffness_scaling = mass_scaling**2 / total
     # distributed loads are proportional to the length, point loads are not
     load_scaling = np.ones((total.size, len(unit.load_patterns)))
     load_scaling[:, : 2 if unit.chain.p.motions else 1] = total[:, None]
-    projection_scaling = np.concatenate([load_scaling] * (unit.chain.p.dims - 1), axis=1) * mass_scaling[:, None]
+    names = ("load_patterns", "chordwise_force_patterns", "mean_chordwise_forces", "chordwise_forces_at_candidates")
+    named = {name: _scale(load_scaling, getattr(unit, name)) for name in names}
+    if states is not None:
+        shaped, turns, squares = _turned_shapes(unit, mass, total, load_scaling, states)
+        return RescaledCoefficients(named | shaped, turns, squares)
+    mass_scaling = 1.0 / np.sqrt(mass * total)
+    stiffness_scaling = mass_scaling**2 / total
     stiffness_by_load = load_scaling * stiffness_scaling[:, None]
     factors = {
         "shapes": mass_scaling,
         "slopes": mass_scaling / total,
-        "load_patterns": load_scaling,
-        "chordwise_force_patterns": load_scaling,
-        "mean_chordwise_forces": load_scaling,
-        "chordwise_forces_at_candidates": load_scaling,
         "geometric_stiffness": stiffness_by_load,
         "geometric_stiffness_norms": stiffness_by_load,
-        "load_projection": projection_scaling,
+        "load_projection": np.concatenate([load_scaling] * (unit.chain.p.dims - 1), axis=1) * mass_scaling[:, None],
     }
     if unit.raw_test_functions is not None:
         factors |= {"test_functions": mass_scaling, "test_slopes": factors["slopes"]}
         factors["test_stiffness_defect"] = stiffness_scaling
-    named = {name: _scale(factor, getattr(unit, name)) for name, factor in factors.items()}
+    named |= {name: _scale(factor, getattr(unit, name)) for name, factor in factors.items()}
     bases, kappa = unit.spectral_basis
     return RescaledCoefficients(
-        mass_scaling, named, [_scale(mass_scaling, basis) for basis in bases], _scale(stiffness_scaling, kappa)
+        named, [_scale(mass_scaling, basis) for basis in bases], _scale(stiffness_scaling, kappa)
     )
 
 
@@ -118,19 +156,61 @@ def kept_model(unit: CondensedModel, p: Parameters) -> CondensedModel:
     return rescaled_model(unit, p)
 
 
+def _turned_shapes(
+    unit: CondensedModel, mass: np.ndarray, total: np.ndarray, load_scaling: np.ndarray, states: MemberStates
+) -> tuple[dict[str, np.ndarray], list[np.ndarray], np.ndarray]:
+    """Return the coefficients of shapes with the terms of second order, matrices to coordinates, squared slope norms."""
+    scenes, patterns, r = total.size, len(unit.load_patterns), sum(unit.ranks)
+    uniform, sag = states.uniform[:, None, None], states.sag[:, None, None]
+    shapes, geometric = np.zeros((scenes, r, unit.chain.links + 1)), np.zeros((scenes, patterns, r, r))
+    projection = np.zeros((scenes, len(unit.sets), patterns, r))
+    geometric_scaling = (load_scaling / total[:, None])[:, :, None, None]
+    bases, kappa = [], []
+    for k, (psi, which, products) in enumerate(
+        zip(unit.modes, unit.sets, unit.products_under_uniform_load, strict=True)
+    ):
+        gram, inertia, slopes, with_patterns = products
+        values, turn = orthogonal_coordinates(
+            (uniform * slopes[0] + sag * slopes[1]) / total[:, None, None],
+            (mass * total)[:, None, None] * (gram + 2.0 * sag * states.shares[:, k, None, None] * inertia),
+        )
+        back = np.swapaxes(turn, 1, 2)
+        tension = uniform[:, None] * with_patterns[0] + sag[:, None] * with_patterns[1]
+        geometric[:, :, which, which] = (back[:, None] @ tension @ turn[:, None]) * geometric_scaling
+        shapes[:, which] = back @ psi
+        projection[:, k, :, which] = load_scaling[:, :, None] * (unit.load_patterns @ psi.T @ turn)
+        bases.append(turn)
+        kappa.append(values)
+    finite = np.where(np.isfinite(geometric), geometric, 0.0)
+    named = {
+        "shapes": shapes,
+        "slopes": np.diff(shapes, axis=2) / (unit.chain.length * total[:, None, None]),
+        "geometric_stiffness": geometric,
+        "geometric_stiffness_norms": np.abs(np.linalg.eigvalsh(finite)).max(axis=-1),
+        "load_projection": projection.reshape(scenes, -1, r),
+    }
+    return named, bases, np.concatenate(kappa, axis=1)
+
+
 def rescaled_model(unit: CondensedModel, p: Parameters) -> CondensedModel:
     """Make the model of a scene from that of its unit cable."""
     statics = solve_statics(p, p.length_key, p.length_value)
     total = float(statics[0])
     arc_length = total * unit.chain.arc_length
     chain = LumpedChain(p, arc_length[1:] - arc_length[:-1], arc_length, unit.chain.law)
-    result = CondensedModel(chain, unit.order, unit.modes, unit.quadrature, unit.raw_test_functions)
-    scaled = rescale_coefficients(unit, np.array([p.mass]), np.array([total]))
+    result = replace(unit, chain=chain)
+    result.__dict__["rest_tension"] = 0.5 * float(statics[4] + statics[5])
+    states = None
+    if result.reference_state is not None:
+        if p.point_loads or unit.raw_test_functions is not None:
+            return result  # another profile of the slopes, or duals of other shapes: computed from the modes
+        uniform, sag = (np.array([value]) for value in result.reference_state)
+        states = MemberStates(uniform, sag, ((result.rest_shear**2 @ chain.length) / total)[None])
+    scaled = rescale_coefficients(unit, np.array([p.mass]), np.array([total]), states)
     # fills the cached properties, so that they are not computed from the modes
     result.__dict__.update(
         {name: values[0] for name, values in scaled.named.items()},
-        spectral_basis=([basis[0] for basis in scaled.bases], scaled.slope_norms_squared[0]),
-        rest_tension=0.5 * float(statics[4] + statics[5]),
+        spectral_basis=([np.asfortranarray(basis[0]) for basis in scaled.bases], scaled.slope_norms_squared[0]),
     )
     return result
 

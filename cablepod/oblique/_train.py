@@ -202,6 +202,7 @@ def train(
         "trained_rank": cases[0].model.rank,
         "trained_order": order,
         "trained_quadrature": quadrature or 0,
+        "trained_second_order": int(cases[0].model.reference_state is not None),
         "training_error": trained_error,
         "training_error_galerkin": galerkin_error,
         "projection_error": max(float((case.projection[2] / case.scale).max()) for case in cases),

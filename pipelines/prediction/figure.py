@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 
 TITLES = {
     "example 2": "modes of Example 2", "designed": "modes of ten designed chains", "itself": "each scene's own modes",
-    "sines": "sine modes",
+    "static and vibration": "static and vibration modes", "sines": "sine modes",
 }  # fmt: skip
 WIDE, NARROW, LINE = "#c6dff0", "#7db4d8", "#0b3c5d"
 LEAST = 1e-6
@@ -37,8 +37,8 @@ def quantiles(values: np.ndarray, levels: tuple[float, ...]) -> np.ndarray:
 def draw_errors(result: xr.Dataset, path: Path) -> None:
     """Draw the errors of a report into a file."""
     regular = result.sel(scene=result["apart"].values == "")
-    names = [str(name) for name in result["training_set"].values]
-    picture, axes = plt.subplots(1, len(names), figsize=(13, 4.3), sharex=True, sharey=True, layout="constrained")
+    names = [str(name) for name in result["training_set"].values if name in TITLES]
+    picture, axes = plt.subplots(1, len(names), figsize=(15, 4.3), sharex=True, sharey=True, layout="constrained")
     for ax, name in zip(axes, names, strict=True):
         _panel(ax, regular.sel(training_set=name), name)
     axes[0].set_ylabel("largest error over time, over the motion [1]")

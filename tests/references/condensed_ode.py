@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.optimize import root
+from scipy.optimize import brentq, root
 
 from cablepod.catenary._statics import unstretched_length
 from cablepod.parameters._from_scene import parameters
@@ -14,9 +14,10 @@ class Reference:
     """Links between the ends of a scene whose inner particles have mass across the chord, but none along it.
 
     The exact model is a chain whose chordwise coordinates follow from balance along the chord (no scalar H appears), the leading
-    one a string with the polynomial closure, both with forces on the particles and accelerations of the frame as they stand in
-    the equations.  To the inertial one belongs the kinetic energy of what the deflection moves along the chord, if links move as
-    though they kept their length, and what is left over to the ends is taken from all of them alike.
+    one a string with the polynomial closure and constants of second order, both with forces on the particles and accelerations
+    of the frame as they stand in the equations.  To the inertial one belongs the kinetic energy of what the deflection moves
+    along the chord, if links move as though they kept their length, and what is left over to the ends is taken from all of them
+    alike.
     """
 
     def __init__(self, scene, lengths, *, order="exact", law="linear"):
@@ -28,6 +29,53 @@ class Reference:
         self.dims, self.inner = self.p.dims, len(lengths) - 1
         self.damping = self.p.mass_damping or 0.0
         self.zeta = None
+        if order == "leading":
+            self.factor, self.masses = self.second_order()
+
+    def second_order(self):
+        """Factor of the squared slopes (n,), and mass matrices of both deflections with chordwise inertia (inner, inner)."""
+        total, end = self.s[-1], self.p.duration or 0.0
+        _, _, _, normals = self.frame(0.0)
+        pushes = np.vstack([np.zeros(self.dims - 1), -np.cumsum(self.forces(0.0, moving=False) @ normals.T, axis=0)])
+        shear = pushes - self.length @ pushes / total
+        squared = (shear**2).sum(axis=1)
+        mean = self.length @ squared / total
+        profile, fourth = squared / mean, self.length @ squared**2 / total / mean**2
+        strains = [self.frame(t)[1] / total - 1.0 for t in np.linspace(0.0, end, 65)]
+
+        def sag(x):
+            """Half the mean square slope of the equilibrium at a strain of the chord."""
+            load = 0.5 * mean / self.p.stiffness**2
+            n = brentq(
+                lambda n: n * n * (n - x) - load, max(x, 0.0), abs(x) + 2.0 * load ** (1 / 3), xtol=1e-300, rtol=1e-15
+            )
+            return n - x
+
+        weights, excesses = [], []
+        for x in (min(strains), max(strains)):
+            a = sag(x)
+            # S = x - x^2 + (1 + (P - 4) x) A + (3/2 P - 3) A^2 by a factor 1 / (1 + e) in the closure and in the force
+            second = -x * x + (fourth - 4.0) * x * a + (1.5 * fourth - 3.0) * a * a
+            excesses.append(-second / (x + 2.0 * a))
+            weights.append(np.sqrt(a) * (x + 2.0 * a) / (x + 3.0 * a))
+        middle = sag(0.5 * (min(strains) + max(strains)))
+        factor = 1.0 / (1.0 + np.average(excesses, weights=weights)) + middle * (profile - fourth)
+        masses = []
+        for part in shear.T * np.sqrt(2.0 * middle / mean):
+            shortening = -part[:, None] * np.diff(np.eye(len(self.length) + 1), axis=0)[:, 1:-1]
+            along = np.cumsum(shortening, axis=0) - np.outer(np.cumsum(self.length), shortening.sum(axis=0)) / total
+            inner = self.p.mass * self.share[1:-1]
+            masses.append(np.diag(inner) + along[:-1].T @ (inner[:, None] * along[:-1]))
+        return factor, masses
+
+    def rates(self, impulses):
+        """Rates of the deflections (inner, normals) for impulses per mass of the particles."""
+        if self.order != "leading":
+            return impulses
+        inner = self.p.mass * self.share[1:-1]
+        return np.column_stack(
+            [np.linalg.solve(m, inner * part) for m, part in zip(self.masses, impulses.T, strict=True)]
+        )
 
     def frame(self, t):
         ends = self.p.end_positions(np.array([t]))[0]
@@ -93,15 +141,16 @@ class Reference:
             squared = (slope**2).sum(axis=1)
             tau = np.concatenate([[0.0], -np.cumsum(force @ e)])
             total = self.s[-1]
-            stretch = c / total - 1.0 + 0.5 * (squared @ self.length) / total
+            shortening = 0.5 * self.factor * squared
+            stretch = c / total - 1.0 + shortening @ self.length / total
             n = self.p.stiffness * stretch - (tau @ self.length) / total + tau
-            pull = (n / self.length)[:, None]
-            zeta = np.cumsum((1.0 + n / self.p.stiffness - 0.5 * squared) * self.length)[:-1]
+            pull = (self.factor * n / self.length)[:, None]
+            zeta = np.cumsum((1.0 + n / self.p.stiffness - shortening) * self.length)[:-1]
         else:
             zeta, pull, _ = self.along(w, force @ e, c)
             pull = pull[:, None]
         across = np.diff(pull * np.diff(np.pad(w, ((1, 1), (0, 0))), axis=0), axis=0) + force @ normals.T
-        return across / (self.p.mass * self.share[1:-1, None]), zeta
+        return self.rates(across / (self.p.mass * self.share[1:-1, None])), zeta
 
     def lever(self, w, v, push, c):
         """Rates along the chord (inner,) for rates of the deflections, and the rate of that matrix."""
@@ -149,7 +198,7 @@ class Reference:
         w0 = self.rest() if w0 is None else w0
         rates = self.p.end_positions(np.zeros(1), 1)[0]
         line = rates[0] + np.outer(self.s[1:-1] / self.s[-1], rates[1] - rates[0])
-        start = np.concatenate([w0.ravel(), -(line @ self.frame(0.0)[3].T).ravel()])
+        start = np.concatenate([w0.ravel(), self.rates(-(line @ self.frame(0.0)[3].T)).ravel()])
 
         def rate(t, state):
             w, v = state.reshape(2, *w0.shape)
