@@ -400,15 +400,15 @@ def tables(result: xr.Dataset) -> dict[str, str]:
 
 def error_table(regular: xr.Dataset) -> str:
     """Write the quantiles of the errors over the scenes."""
-    lines = []
+    lines, shown = [], [rank for rank in TABLE_RANKS if rank in RANKS]
     for name in SETS:
         rows = [(order, regular["error"].sel(order=order, training_set=name)) for order in ORDERS]
         for order, values in [*rows, ("projection", regular["projection_error"].sel(training_set=name))]:
             if values.isnull().all():
                 continue
-            spread = [figure.quantiles(values.sel(rank=rank).values, (0.5, 0.95, 1.0)) for rank in TABLE_RANKS]
+            spread = [figure.quantiles(values.sel(rank=rank).values, (0.5, 0.95, 1.0)) for rank in shown]
             lines.append([name, order, *(" / ".join(percent(v) for v in three) for three in spread)])
-    return markdown_table(["modes of", "order", *(f"r = {rank}" for rank in TABLE_RANKS)], lines)
+    return markdown_table(["modes of", "order", *(f"r = {rank}" for rank in shown)], lines)
 
 
 def example_table(result: xr.Dataset) -> str:
