@@ -8,6 +8,7 @@ import numpy as np
 
 from cablepod._jit import compiled
 from cablepod.cable._kernels_forces import _assemble, _extremes, _gradient, _law, _products, _record_slack, forces
+from cablepod.chain._kernels_generalized_alpha import _is_inside
 
 #: Maximum number of Newton iterations.
 MAX_ITERATIONS = 30
@@ -189,7 +190,8 @@ def equilibrium(x, first, free, d, weight, scale, stiffness, green, loads, toler
 @compiled
 def trapezoidal(
     x, v, a, first, d, weight, scale, unrolled, stiffness, green, mass, damping, loads, patterns, factors, viscosity,
-    rows, columns, ends, end_rates, step, tolerance, start, steps, save_steps, saved, link_element, link_rows, low, high, slack,
+    rows, columns, ends, end_rates, step, tolerance, bound, start, steps, save_steps, saved, link_element, link_rows, low, high,
+    slack,
 ):  # fmt: skip
     """Advance a cable by `steps` steps of the trapezoidal rule (average acceleration), each solved by Newton's method.
 
@@ -205,6 +207,8 @@ def trapezoidal(
         Constant loads [N].
     tolerance : float
         Tolerance of the last Newton correction [m].
+    bound : float
+        Coordinate above which the cable is considered divergent [m].
     saved : float array (saves, 3, dims, N)
         Filled with positions, velocities and accelerations.
 
@@ -214,7 +218,7 @@ def trapezoidal(
     -------
     tuple of int
         Number of completed steps, fewer than `steps` if Newton's method did not converge (the state is then that before the
-        failed step), and number of iterations.
+        failed step) or the last of them left the bound, and number of iterations.
     """
     dims, m = v.shape
     last = x.shape[1] - 1
@@ -299,4 +303,6 @@ def trapezoidal(
                 a[c, j] = new
             for j in range(last + 1):
                 x[c, j] = trial[c, j]
+        if not _is_inside(x, bound):
+            return i + 1, iterations
     return steps, iterations

@@ -198,7 +198,8 @@ class _CableStepper(ImplicitStepper):
         ends = p.end_positions(time)
         end_table = np.array([ends[:, -1 if column else 0, row] for row, column in zip(rows, columns, strict=True)])
         # current positions and those of the ends in these steps, as the cable may have moved far from its initial shape
-        rounding = ROUNDING * max(float(np.abs(self.x).max()), float(np.abs(end_table).max(initial=0.0)))
+        largest = max(float(np.abs(self.x).max()), float(np.abs(end_table).max(initial=0.0)))
+        rounding = ROUNDING * min(run.divergence_bound, largest)
         # the kernel takes arrays of the free nodes only
         free = mesh.free_particles
         v, a, loads = (np.ascontiguousarray(nodal[:, free]) for nodal in (self.v, self.a, self.loads))
@@ -208,8 +209,8 @@ class _CableStepper(ImplicitStepper):
             self.mass[free], p.mass_damping or 0.0, loads, np.ascontiguousarray(patterns[..., free]),
             _factors(self.varying, time), p.link_viscosity, rows, columns, end_table.reshape(rows.size, time.size),
             p.end_positions(time, 1) if p.link_viscosity is not None else None,
-            step, max(NEWTON_RTOL * mesh.total_length / mesh.links, rounding), start, steps, save, saved,
-            self.element, self.rows, low, high, self.slack,
+            step, max(NEWTON_RTOL * mesh.total_length / mesh.links, rounding), run.divergence_bound, start, steps, save,
+            saved, self.element, self.rows, low, high, self.slack,
         )  # fmt: skip
         self.v[:, free], self.a[:, free] = v, a
         self.iterations += iterations

@@ -171,8 +171,11 @@ class ImplicitStepper:
         )
         # rounding errors scale with the coordinates of the chain now, which may be far from the start
         largest = max(float(np.abs(self.x).max()), 0.0 if ends is None else float(np.abs(ends).max()))
-        rotation = largest * math.sqrt((1.0 / chain.length**2).mean())  # of a link, by an error of 1 in a coordinate
-        last = (start, steps, save, saved, low, high)
+        # those beyond the bound are not reached
+        rotation = min(run.divergence_bound, largest) * math.sqrt(
+            (1.0 / chain.length**2).mean()
+        )  # of a link, by an error of 1 in a coordinate
+        last = (run.divergence_bound, start, steps, save, saved, low, high)
         if run.method == "energy_momentum":
             rounding = (MIN_ROUNDING * rotation, ROUNDING * rotation)
             done, iterations = kernel_energy_momentum.energy_momentum(

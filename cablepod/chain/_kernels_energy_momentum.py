@@ -10,6 +10,7 @@ from cablepod.chain._kernels_generalized_alpha import (
     _add_loads,
     _correct,
     _correction,
+    _is_inside,
     _repeat,
     _set_ends,
     _update_extremes,
@@ -20,7 +21,7 @@ from cablepod.chain._kernels_links import link_forces_conserving
 @compiled
 def energy_momentum(
     x, v, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity, lower, upper, step,
-    rotation_tolerance, rounding, start, steps, save_steps, saved, low, high,
+    rotation_tolerance, rounding, bound, start, steps, save_steps, saved, low, high,
 ):  # fmt: skip
     """Advance a chain by `steps` steps of the energy-momentum method (Simo and Tarnow 1992).
 
@@ -72,4 +73,6 @@ def energy_momentum(
             flat_v[q] = 2.0 * d[q] / step - flat_v[q]
             last_displacement[q] = d[q]
             flat_x[q] = flat_trial[q]
+        if not _is_inside(x, bound):
+            return i + 1, iterations
     return steps, iterations

@@ -93,6 +93,16 @@ def _set_ends(trial, lower, upper, i):
 
 
 @compiled
+def _is_inside(x, bound):
+    """Return whether all coordinates are finite and below `bound`; counts, because a loop with an exit is not vectorised."""
+    outside = 0
+    for coordinate in x.flat:
+        if not abs(coordinate) < bound:
+            outside += 1
+    return outside == 0
+
+
+@compiled
 def _update_extremes(x, low, high, inverse_squares, k, length):
     """Update the extremes of the tensions [N] at positions x (dims, n + 1)."""
     for j in range(low.size):
@@ -116,7 +126,7 @@ def _update_extremes(x, low, high, inverse_squares, k, length):
 @compiled
 def generalized_alpha(
     x, v, a, g, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity, lower, upper,
-    end_rates, step, alpha_m, alpha_f, beta, gamma, rotation_tolerance, start, steps, save_steps, saved, low, high,
+    end_rates, step, alpha_m, alpha_f, beta, gamma, rotation_tolerance, bound, start, steps, save_steps, saved, low, high,
 ):  # fmt: skip
     """Advance a chain by `steps` steps of generalized alpha (Chung and Hulbert 1993); alphas 0 give the trapezoidal rule.
 
@@ -151,6 +161,8 @@ def generalized_alpha(
         Parameters of the method.
     rotation_tolerance : float
         Newton tolerance: root mean square rotation of the links by the last correction.
+    bound : float
+        Coordinate above which the chain is considered divergent [m].
     start, steps : int
         Number of the first step, number of steps.
     save_steps : int array (saves,)
@@ -164,7 +176,7 @@ def generalized_alpha(
     -------
     tuple of int
         Number of steps done and of iterations.  If Newton's method does not converge, fewer steps are done, and the state is that
-        before the failing step.
+        before the failing step.  A step that leaves the bound is the last one done.
     """
     dims, particles = x.shape
     f, s = np.zeros(dims * particles + 1), np.zeros((3 if dims == 2 else 6, particles + 1))
@@ -250,6 +262,8 @@ def generalized_alpha(
             first_a[q], last_a[q] = last_a[q], aq
             flat_a[q] = new
             flat_x[q] = flat_trial[q]
+        if not _is_inside(x, bound):
+            return i + 1, iterations
     return steps, iterations
 
 

@@ -1,4 +1,4 @@
-"""Advance a state in blocks up to the first step that is no longer finite, and cut steps that do not converge."""
+"""Advance a state in blocks up to the first step that fails, and cut steps that do not converge."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 
 #: Steps between two checks of the state (few enough to stop early, many enough to cost nothing).
 BLOCK = 65536
+#: Parts in which a block that fails is repeated, and each part of it that fails again, down to one step.
+PARTS = 16
 #: Maximum number of substeps of a step in which Newton's method does not converge.
 MAX_SUBSTEPS = 1024
 
@@ -20,10 +22,14 @@ def advance_in_blocks(
 ) -> int | None:
     """Advance a state by `total` steps in blocks, with a check after each block.
 
+    A block that fails is repeated in parts to find the step, which costs about as much as the block itself.  An implicit scheme
+    starts anew at each part, and may converge where it did not within the block.
+
     Parameters
     ----------
     advance
-        Takes the number of the first step and the number of steps, changes `state`, returns whether it is still finite.
+        Takes the number of the first step and the number of steps, changes `state`, returns whether all steps were taken and
+        `state` is still finite.
     state
         All arrays that a step changes.
     total
@@ -34,24 +40,35 @@ def advance_in_blocks(
     Returns
     -------
     int or None
-        The step after which the state is not finite, None if there is none.
+        Number of the step that fails, None if none does; `state` is that which the attempt leaves.
     """
     done = 0
     while done < total:
         steps = min(BLOCK, total - done)
-        before = [array.copy() for array in state]
-        if not advance(done, steps):
-            _restore(state, before)
-            end = done + steps
-            while done < end and advance(done, 1):  # repeat step by step to find the failing one
-                done += 1
-            if done < end:
-                return done
-            # Newton's method restarts at each step here, and may converge where it did not within the block
-        else:
-            done += steps
+        failed = _first_failure(advance, state, done, steps)
+        if failed is not None:
+            return failed
+        done += steps
         if progress is not None:
             progress(done / total)
+    return None
+
+
+def _first_failure(
+    advance: Callable[[int, int], bool], state: tuple[np.ndarray, ...], start: int, steps: int
+) -> int | None:
+    """Advance a state by `steps` steps from step `start` on; return the number of the step that fails, None if none does."""
+    before = [array.copy() for array in state]
+    if advance(start, steps):
+        return None
+    if steps == 1:
+        return start
+    _restore(state, before)
+    part = max(steps // PARTS, 1)
+    for begin in range(start, start + steps, part):
+        failed = _first_failure(advance, state, begin, min(part, start + steps - begin))
+        if failed is not None:
+            return failed
     return None
 
 

@@ -289,17 +289,22 @@ class NewtonRun(ChainRun):
             steps = min(BLOCK, total - done)
             reached = stepper.advance(done, steps)
             done += reached
-            if stepper.out_of_balance:
-                self._stop(stepper, done, "the energies are far out of balance")
+            self._check_step(stepper, done)
             if reached < steps:
                 if not stepper.substep(done):
                     self._stop(stepper, done, stepper.failure())
                 done += 1
-            if not stepper.is_finite():
-                self._stop(stepper, done, "the chain left the finite numbers")
+                self._check_step(stepper, done)
             if self.progress is not None:
                 self.progress(done / total)
         return self.check_energy(self._gather(stepper, instants, stepper.save_last()))
+
+    def _check_step(self, stepper: Any, done: int) -> None:
+        """Stop a run if the last one of `done` steps, at which the kernels return, diverged."""
+        if not stepper.is_finite():
+            self._stop(stepper, done - 1, "the chain left the finite numbers")
+        if stepper.out_of_balance:
+            self._stop(stepper, done, "the energies are far out of balance")
 
     def _stop(self, stepper: Any, done: int, failure: str) -> NoReturn:
         """Raise :class:`cablepod.errors.RunStopped` with the trajectory before step `done`."""
