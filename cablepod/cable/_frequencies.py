@@ -10,7 +10,7 @@ import xarray as xr
 
 from cablepod.batch._members import over_members
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of
-from cablepod.cable._scheme import ELEMENT_COUNTS
+from cablepod.cable._scheme import element_counts
 from cablepod.cable._simulate import LAW, element_count, record
 from cablepod.cable._start import catenary_nodes, solve_equilibrium
 from cablepod.conventions import label
@@ -137,14 +137,14 @@ def _converged_vibrations(
         For fewer unknowns than frequencies, or a cable that is not taut in equilibrium.
     """
     least = element_count(elements, p)
-    element_counts = [n for n in ELEMENT_COUNTS if n >= least] if elements is None else [least]
+    counts = element_counts(least) if elements is None else [least]
     values, vectors, error = None, np.empty((0, 0)), math.nan
-    for number_of_elements in element_counts:
+    for number_of_elements in counts:
         mesh = mesh_of(p, number_of_elements, order, law, points)
         try:
             before, (values, vectors) = values, vibrations(mesh, count)
         except SceneError:
-            if number_of_elements == element_counts[-1]:
+            if number_of_elements == counts[-1]:
                 raise
             continue  # too few elements for the curvature of the cable
         if before is not None and before.size == values.size:

@@ -24,10 +24,21 @@ from cablepod.integrate._step_control import (
 
 #: Numbers of elements, tried in turn (multiples of four, for which the loops over elements vectorise best).
 ELEMENT_COUNTS = (4, 8, 12, 16, 24, 32, 48, 64, 96, 128)
+#: Minimum ratio of two numbers of elements whose difference is taken as an error: that of 96 and 128.
+MIN_REFINEMENT = 4.0 / 3.0
 #: Cost of an implicit step in explicit steps, with the iterations of Newton's method.
 IMPLICIT_COST = 30.0
 #: Run time of an explicit step for each node [s].
 NODE_STEP = 1.5e-8
+
+
+def element_counts(least: int) -> list[int]:
+    """Return the numbers of elements to try in turn: two or more, from the minimum for the point loads of a scene on.
+
+    For many point loads they are the minimum and twice as many, which halves each element between equidistant loads.
+    """
+    counts = [count for count in ELEMENT_COUNTS if count >= least]
+    return counts if len(counts) > 1 else [least, 2 * least]
 
 
 def solve(runs: dict[str, CableRun], request: Request, steps_per_second: float | None) -> Solution:
@@ -114,7 +125,8 @@ def refine_in_space(
     """
     run, trajectory, steps_per_second = solution[:3]
     last, factor = np.inf, np.inf
-    counts = [count for count in ELEMENT_COUNTS if count > run.chain.sizes.size]
+    first = run.chain.sizes.size
+    counts = [count for count in element_counts(first) if count >= MIN_REFINEMENT * first]
     for count in counts:
         finer = runs(count)[run.scheme]
         minimum = 0.0 if isinstance(finer, ImplicitCableRun) else 1.0 / unforced_step(finer)

@@ -13,7 +13,7 @@ from cablepod._resources import check_memory
 from cablepod.batch._members import over_members
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of, part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun, output_coordinates
-from cablepod.cable._scheme import ELEMENT_COUNTS, refine_in_space, solve, step_limit_of
+from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_space, solve, step_limit_of
 from cablepod.cable._start import equilibrium_with_error, start
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law, law_tension
 from cablepod.errors import NotConvergedWarning
@@ -45,7 +45,7 @@ def rest(
         A scene, with or without ``member``.  A free end is held at its initial position.
     elements
         Number of elements.  By default it is raised until the shape agrees with the continuous cable to 1e-10 of the length, up
-        to 128.
+        to 128, or to twice the number of parts between more than 95 point loads.
     order
         Polynomial order of the elements, 7 by default.
     law
@@ -75,7 +75,7 @@ def rest(
     check_law(law)
     p = parameters(scene)
     least = element_count(elements, p)
-    for count in (least,) if elements is not None else [n for n in ELEMENT_COUNTS if n >= least]:
+    for count in element_counts(least) if elements is None else [least]:
         mesh = mesh_of(p, count, order, law, points)
         position, distance = equilibrium_with_error(mesh)
         error = distance / mesh.total_length
@@ -153,7 +153,8 @@ def simulate(
     scene
         A scene, with or without ``member``.  Its chain table only sets the default of `points`.
     elements
-        Number of elements.  By default it is raised until two runs agree within `tolerance`.
+        Number of elements.  By default it is raised until two runs agree within `tolerance`, up to 128, or to twice the number of
+        parts between more than 95 point loads.
     order
         Polynomial order of the elements, 7 by default, at most 16.
     times

@@ -364,6 +364,41 @@ def test_a_stopped_run_keeps_what_it_had(soft, any_load):
     assert np.isfinite(partial.position).all()
 
 
+def test_a_divergent_implicit_run_stops_at_the_step_that_leaves_the_bound(soft):
+    scene = scene_with(
+        soft,
+        motion={"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}},
+        time={"duration": 1.0, "interval": 1.0},
+    )
+    with pytest.raises(cp.RunStopped, match=r"left the finite numbers at 2\.19 s") as stopped:
+        cp.cable.simulate(scene, elements=4, scheme="trapezoidal", step=0.01, times=np.arange(100.0))
+    np.testing.assert_array_equal(stopped.value.partial.time, [0.0, 1.0, 2.0])
+    assert np.abs(stopped.value.partial.position).max() < 1e6 * (10.0 + 8.0)
+
+
+def test_more_point_loads_than_the_largest_number_of_elements(soft, monkeypatch):
+    monkeypatch.setattr(cable_scheme, "ELEMENT_COUNTS", (2, 4))
+    loads = [{"arc_length": place / 6, "force": [0.0, -1.0]} for place in range(1, 6)]
+    scene = scene_with(soft, point_load=loads, motion=copy.deepcopy(SMOOTH), time={"duration": 0.5, "interval": 0.5})
+    assert cp.cable.rest(scene).attrs["elements"] >= 6
+    vibrations = cp.cable.frequencies(scene, count=2)
+    finer = cp.cable.frequencies(scene, count=2, elements=18)
+    np.testing.assert_allclose(vibrations.angular_frequency, finer.angular_frequency, rtol=1e-8)
+    run = cp.cable.simulate(scene, scheme="trapezoidal", tolerance=1e-3)
+    assert run.attrs["elements"] == 12
+    assert run.attrs["space_error_estimate"] <= 1e-3
+
+
+def test_elements_are_compared_with_clearly_more_elements():
+    # one element more, of fifteen between point loads, would leave most of the error in both runs
+    for least in range(1, 200):
+        counts = cable_scheme.element_counts(least)
+        assert counts[0] >= least
+        assert counts[-1] >= cable_scheme.MIN_REFINEMENT * least
+    assert cable_scheme.element_counts(96) == [96, 128]
+    assert cable_scheme.element_counts(141) == [141, 282]
+
+
 # --- the truth on file ------------------------------------------------------------------------------------------------
 
 
