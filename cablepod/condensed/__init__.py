@@ -3,7 +3,8 @@
 .. include:: README.md
 """
 
+from cablepod.condensed._prepared import PreparedModel, prepare, resume
 from cablepod.condensed._simulate import simulate
 from cablepod.condensed._vibration import vibration_modes
 
-__all__ = ["simulate", "vibration_modes"]
+__all__ = ["PreparedModel", "prepare", "resume", "simulate", "vibration_modes"]

@@ -59,14 +59,20 @@ def close_chord(
 
     `q` are coordinates (times, r), and `ends` positions of the ends (times, end, dims) [m].
     """
+    return close_chord_of(model, q, model.boundary_data_at(times, ends))
+
+
+def close_chord_of(
+    model: CondensedModel, q: np.ndarray, boundary_data: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the same as :func:`close_chord` for boundary data of instants (times, columns)."""
     from cablepod.condensed import _kernels_closure, _kernels_fields  # numba is imported only to compute
 
-    chain, k, times_and_links = model.chain, model.chain.p.stiffness, (times.size, model.chain.links)
-    boundary_data = model.boundary_data_at(times, ends)
-    deflection, squared = np.empty((chain.p.dims - 1, times.size, chain.links + 1)), np.empty(times_and_links)
+    chain, k, times_and_links = model.chain, model.chain.p.stiffness, (len(q), model.chain.links)
+    deflection, squared = np.empty((chain.p.dims - 1, len(q), chain.links + 1)), np.empty(times_and_links)
     _kernels_fields.deflections(q, model.shapes, model.n_in_plane, chain.length, deflection, squared)
     tau = boundary_data[:, 1 : 1 + len(model.chordwise_force_patterns)] @ model.chordwise_force_patterns
-    chord, chord_tension, stretch = boundary_data[:, 0].copy(), np.empty(times.size), np.empty(times_and_links)
+    chord, chord_tension, stretch = boundary_data[:, 0].copy(), np.empty(len(q)), np.empty(times_and_links)
     if model.order == "leading":
         reduced = squared * model.slope_factor
         _kernels_fields.close_leading(reduced, tau, chain.length, chord, k, chord_tension, stretch)

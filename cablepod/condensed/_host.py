@@ -1,0 +1,220 @@
+"""Arrays of a prepared model for the compiled steps of a host, and the static stiffness of its upper end."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from cablepod.catenary._statics import LoadPlane, load_plane, solve_statics
+from cablepod.condensed import _kernels_host_layout as layout
+from cablepod.condensed._kernels_host_layout import HostCoefficients
+from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MONITOR_ROWS, initial_monitor
+from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._stepper import DIVERGENCE_FACTOR
+from cablepod.discretisation._chord_frame import ALIGNED
+from cablepod.errors import RunStopped, SceneError, scene_error
+from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._time_functions import TimeFunction
+
+#: Minimum and maximum chord over the unstretched length.  Below, the sag is so deep that the deflection normal to the chord no
+#: longer describes the cable; above, the strain exceeds the limit of scenes.
+CHORD_RANGE = (0.5, 11.0)
+#: Number of Gauss points of the static compliance (smooth in the angle of the tension, so that rounding remains).
+GAUSS_POINTS = 48
+#: Motion that stands for an end moved by a host: the load pattern of its inertia belongs to the model.
+AT_REST = TimeFunction("polynomial", {"coefficients": [0.0]})
+
+
+def with_moving_end(p: Parameters) -> Parameters:
+    """Return parameters in which an end moves, so that the model has the inertia of the chord."""
+    return p if p.motions else replace(p, motions={("upper", "y"): AT_REST})
+
+
+def host_coefficients(model: CondensedModel) -> HostCoefficients:
+    """Collect the coefficients of a model for the kernels, as :class:`HostCoefficients` describes them."""
+    chain, p, r = model.chain, model.chain.p, len(model.shapes)
+    patterns, length, total = model.chordwise_force_patterns, chain.length, chain.total_length
+    arms = total - chain.tributary_length[0] - patterns[0]
+    moments = p.mass * model.load_projection[1 :: layout.PATTERNS].sum(axis=0)
+    second_moment = float(model.load_patterns[1] @ chain.arc_length) / total
+    numbers = np.zeros(layout.NUMBERS)
+    numbers[[layout.STIFFNESS, layout.LENGTH, layout.MASS]] = p.stiffness, total, p.mass
+    numbers[layout.DAMPING] = p.mass_damping or 0.0
+    numbers[layout.FIRST_TRIBUTARY], numbers[layout.SECOND_MOMENT] = chain.tributary_length[0], second_moment
+    numbers[layout.REACH_MOMENT] = length @ arms
+    numbers[[layout.SHORTEST, layout.LONGEST]] = np.multiply(CHORD_RANGE, total)
+    numbers[layout.ALONG_AXIS] = 0.5 * (1.0 + ALIGNED)
+    numbers[layout.DIVERGED_ABOVE] = DIVERGENCE_FACTOR * np.sqrt(model.mass.sum()) * total
+    numbers[layout.LOWER : layout.LOWER + p.dims] = p.lower
+    numbers[layout.STEADY_LOAD : layout.STEADY_LOAD + p.dims] = p.load_at(0.0)
+    at_end = model.load_patterns[:, 1:].sum(axis=1)
+    numbers[layout.END_MASS] = p.mass * (at_end[1] - model.mean_chordwise_forces[1])
+    for k, which in enumerate(model.sets):
+        numbers[layout.END_MASS + 1 + k] = p.mass * second_moment - (moments[which] ** 2).sum()
+    slope_moments = np.einsum("an,n,in->ai", patterns, length, model.slopes)
+    by_pattern = (model.mean_chordwise_forces, model.geometric_stiffness_norms, at_end, patterns @ (length * arms))
+    by_point = np.empty((layout.SLOPES + r, 0))
+    if model.order != "leading":
+        by_point = np.vstack([length, arms, patterns, model.slopes])
+    return HostCoefficients(
+        np.array([r, p.dims, model.n_in_plane, model.reference]),
+        numbers,
+        np.ascontiguousarray(model.geometric_stiffness),
+        np.vstack([model.slope_norms_squared, moments, slope_moments, model.load_projection]),
+        np.vstack([*by_pattern, model.chordwise_forces_at_candidates.T]),
+        by_point,
+    )
+
+
+def initial_state(model: CondensedModel, coefficients: HostCoefficients) -> np.ndarray:
+    """Return the state (STATE_ROWS, columns) of a cable at rest between the ends of the scene.
+
+    Raises
+    ------
+    SceneError
+        For ends too near to each other, or a model without equilibrium.
+    """
+    p, r = model.chain.p, len(model.shapes)
+    columns = max(MONITOR_ROWS, 1 + layout.PATTERNS * p.dims, r, coefficients.by_point.shape[1])
+    state = np.zeros((layout.STATE_ROWS, columns))
+    q, _ = model.initial()
+    upper = np.ascontiguousarray(p.end_positions(np.zeros(1))[0, 1])
+    state[layout.Q, :r], state[layout.END, : p.dims] = q, upper
+    static = model.static_boundary_data
+    state[layout.MONITOR, :MONITOR_ROWS] = initial_monitor(np.inf, model.tension_guess(static, q))
+    state[layout.MONITOR, MAX_OMEGA_SQUARED] = 0.0
+    state[[layout.PREDICTED_STRETCH, layout.LAST_STRETCH]] = model.stretch_guess(static)
+    result = state.copy()
+    status = step_kernel(model.order)(coefficients, state, result, upper, np.zeros(p.dims), np.empty(0), 0.0)
+    if status == layout.CHORD_OUT_OF_RANGE:
+        chord, length = float(np.linalg.norm(upper - p.lower)), model.chain.total_length
+        raise scene_error("ends", chord, chord_range_text(length))
+    if status != layout.DONE:
+        raise SceneError(
+            "scene: given one without equilibrium of the model; allowed: a taut cable; try: chain.simulate"
+        )
+    result[layout.CLOCK] = 0.0
+    return result
+
+
+def step_kernel(order: str) -> Any:
+    """Return the compiled step of an order."""
+    from cablepod.condensed import _kernels_host as kernel  # numba is imported only to compute
+
+    return kernel.leading_trial if order == "leading" else kernel.exact_trial
+
+
+def chord_range_text(length: float) -> str:
+    """Return the allowed distances of the ends, for messages."""
+    low, high = (factor * length for factor in CHORD_RANGE)
+    return f"a distance of the ends from {low:.6g} to {high:.6g} m, {CHORD_RANGE[0]:g} to {CHORD_RANGE[1]:g} unstretched lengths"
+
+
+def refusal(
+    status: int,
+    coefficients: HostCoefficients,
+    accepted: np.ndarray,
+    end: np.ndarray,
+    velocity: np.ndarray,
+    step: float,
+) -> SceneError | RunStopped:
+    """Return the error of a step that a kernel refused or could not finish."""
+    time = accepted[layout.CLOCK, layout.TIME] + step
+    if status == layout.INVALID_NUMBER:
+        finite = bool(np.isfinite(end).all())
+        return scene_error("end_velocity" if finite else "end_position", velocity if finite else end, "finite numbers")
+    if status == layout.INVALID_STEP:
+        return scene_error("step", step, "a finite number above 0 [s]")
+    if status == layout.CHORD_OUT_OF_RANGE:
+        return scene_error("end_position", end.tolist(), chord_range_text(coefficients.numbers[layout.LENGTH]))
+    if status == layout.CHORD_ALONG_AXIS:
+        axis = "xyz"[coefficients.sizes[layout.REFERENCE]]
+        allowed = f"a chord away from the axis {axis}, which separates the deflections in and out of the plane"
+        return scene_error("end_position", end.tolist(), allowed)
+    if status == layout.STEP_ABOVE_LIMIT:
+        limit = 2.0 / np.sqrt(accepted[layout.MONITOR, MAX_OMEGA_SQUARED])
+        return scene_error("step", step, f"below the stability limit of the present state, {limit:.6g} s")
+    reason = {
+        layout.NO_EQUILIBRIUM: "found no equilibrium along the chord",
+        layout.STIFFENED: f"stiffened until its stability limit fell below the step {step:.6g} s",
+        layout.DIVERGED: "left the finite numbers",
+    }[status]
+    return RunStopped(
+        f"the prepared model {reason} at {time:.9g} s; it keeps its last accepted state, of "
+        f"{accepted[layout.CLOCK, layout.TIME]:.9g} s; try a shorter step or, where the cable goes slack, chain.simulate"
+    )
+
+
+@lru_cache
+def _gauss() -> tuple[np.ndarray, np.ndarray]:
+    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+def static_stiffness(p: Parameters, length: float, upper: np.ndarray) -> np.ndarray:
+    """Return the stiffness of the upper end of the elastic catenary (dims, dims) [N/m].
+
+    A force dF on the end moves a point of the cable by (I/K + (I - t t)/T) dF for each unit of unstretched length, with the
+    direction t of the tension T.  The integral over the length is the compliance.  Against the load V = H sinh u, so that the
+    second part is the integral of (I - t t)/q over u, smooth for every cable.
+
+    Parameters
+    ----------
+    p
+        Parameters of the scene; weight and uniform load act with their values at time 0.
+    length
+        Unstretched length [m].
+    upper
+        Position of the upper end (dims,) [m].
+    """
+    moved = replace(p, upper=upper, motions={})
+    plane = load_plane(moved)
+    _, _, force, mid, lower, top = solve_statics(moved, "unstretched_length", length)
+    low, high = mid - 0.5 * plane.load * length, mid + 0.5 * plane.load * length
+    elastic = length / p.stiffness
+    if plane.load * length <= 1e-12 * (lower + top):  # a straight spring
+        along = np.array([force, mid]) / np.hypot(force, mid)
+        geometric = length / np.hypot(force, mid)
+        return _stiffness(
+            plane, elastic * np.eye(2) + geometric * (np.eye(2) - np.outer(along, along)), elastic + geometric
+        )
+    if force <= 1e-12 * (lower + top):  # along the load
+        geometric = np.log(top / lower) / np.copysign(plane.load, low) if low * high > 0.0 else np.inf
+        return _stiffness(plane, np.diag([elastic + geometric, elastic]), elastic + geometric)
+    start = np.arcsinh(low / force)
+    # the difference of both angles, without cancellation where the cable is taut
+    angle = (
+        np.arcsinh(high / force) - start if low < 0.0 < high else 2.0 * np.arctanh(plane.load * length / (lower + top))
+    )
+    nodes, weights = _gauss()
+    u = start + angle * nodes
+    sine, cosine = np.tanh(u), 1.0 / np.cosh(u)
+    mixed = -angle / plane.load * (weights @ (sine * cosine))
+    compliance = np.array(
+        [
+            [elastic + angle / plane.load * (weights @ sine**2), mixed],
+            [mixed, elastic + angle / plane.load * (weights @ cosine**2)],
+        ]
+    )
+    return _stiffness(plane, compliance, elastic + angle / plane.load)
+
+
+def _stiffness(plane: LoadPlane, compliance: np.ndarray, normal: float) -> np.ndarray:
+    """Return the stiffness (dims, dims) of a compliance in the plane of chord and load (2, 2) and normal to it [m/N]."""
+    dims = plane.against.size
+    across = plane.across
+    if not across.any():  # the chord lies along the load: any direction across it
+        across = np.eye(dims)[int(np.argmin(np.abs(plane.against)))]
+        across = across - (across @ plane.against) * plane.against
+        across /= np.linalg.norm(across)
+    with np.errstate(divide="ignore"):
+        in_plane = np.linalg.inv(compliance) if np.isfinite(compliance).all() else np.diag(1.0 / np.diag(compliance))
+    basis = np.stack([across, plane.against])
+    result = basis.T @ in_plane @ basis
+    if dims == 3:
+        third = np.cross(across, plane.against)
+        result += np.outer(third, third) / normal
+    return 0.5 * (result + result.T)
