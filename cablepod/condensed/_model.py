@@ -13,6 +13,7 @@ from cablepod.chain._start import start
 from cablepod.condensed._coefficients import Coefficients
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.parameters._parameters import Parameters
 
 #: Relative tolerance of the equilibrium: last Newton correction over the initial deflection.
 EQUILIBRIUM_RTOL = 1e-9
@@ -32,16 +33,8 @@ class CondensedModel(Coefficients):
 
     def boundary_data(self, begin: int, steps: int, steps_per_second: float) -> np.ndarray:
         """Return the boundary data of the steps `begin` ... `begin + steps`, both included."""
-        p, count = self.chain.p, steps + 1
-        ends, accelerations = np.empty((2 * p.dims, count)), np.zeros((2 * p.dims, count if p.motions else 0))
-        ends[: p.dims], ends[p.dims :] = p.lower[:, None], p.upper[:, None]
-        derivatives = (0, 2, 1) if p.mass_damping else (0, 2)
-        for (end, axis), function in p.motions.items():
-            row = ENDS.index(end) * p.dims + COORDINATES.index(axis)
-            tables = function.all_at_steps(begin, steps, steps_per_second, derivatives, ends[row, 0])
-            ends[row] = tables[0]
-            accelerations[row] = tables[1] + p.mass_damping * tables[2] if p.mass_damping else tables[1]
-        return self._project_loads(ends, accelerations, begin, steps, steps_per_second)
+        tables = end_tables(self.chain.p, begin, steps, steps_per_second)
+        return self._project_loads(*tables, begin, steps, steps_per_second)
 
     def boundary_data_at(self, times: np.ndarray, ends: np.ndarray | None = None) -> np.ndarray:
         """Return the boundary data at any instants [s]; `ends` are the positions of the ends there, computed if None."""
@@ -270,3 +263,17 @@ class CondensedModel(Coefficients):
         _, tangent, mass, _ = self._forces(q, np.zeros_like(v), self.static_boundary_data)
         omega_squared = np.linalg.eigvals(np.linalg.solve(mass, tangent) if self.inertia.size else tangent)
         return float(np.abs(np.sqrt(omega_squared.astype(complex)).imag).max()) - 0.5 * self.chain.p.damping
+
+
+def end_tables(p: Parameters, begin: int, steps: int, steps_per_second: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return both ends [m] and their accelerations with damping [m/s^2] from step `begin` on (2 dims, steps + 1)."""
+    count = steps + 1
+    ends, accelerations = np.empty((2 * p.dims, count)), np.zeros((2 * p.dims, count if p.motions else 0))
+    ends[: p.dims], ends[p.dims :] = p.lower[:, None], p.upper[:, None]
+    derivatives = (0, 2, 1) if p.mass_damping else (0, 2)
+    for (end, axis), function in p.motions.items():
+        row = ENDS.index(end) * p.dims + COORDINATES.index(axis)
+        tables = function.all_at_steps(begin, steps, steps_per_second, derivatives, ends[row, 0])
+        ends[row] = tables[0]
+        accelerations[row] = tables[1] + p.mass_damping * tables[2] if p.mass_damping else tables[1]
+    return ends, accelerations

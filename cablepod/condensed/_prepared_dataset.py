@@ -51,21 +51,22 @@ def dataset_of(prepared: PreparedModel, scene: xr.Dataset, modes: xr.Dataset, mo
     result = xr.Dataset(variables, coords={"coordinate": coordinates, "mode": np.arange(1, rank + 1)})
     result = result.assign_coords(time=prepared.time)
     for prefix, source in zip(PREFIXES, (scene, modes), strict=True):
-        for name, variable in source.variables.items():
-            dims = [dim if dim == "coordinate" else f"{prefix}{dim}" for dim in variable.dims]
-            if name != "coordinate":
-                result[f"{prefix}{name}"] = (dims, variable.values, variable.attrs)
-    unit = {"long_name": "numbers of the compiled steps", "units": "1"}
+        for key, variable in source.variables.items():
+            names = [dim if dim == "coordinate" else f"{prefix}{dim}" for dim in variable.dims]
+            if key != "coordinate":
+                result[f"{prefix}{key}"] = (names, variable.values, variable.attrs)
     extra = {
-        name: ("1", unit["long_name"]) for name in result.variables if str(name).startswith(("state", "coefficient"))
+        str(name): ("1", "numbers of the compiled steps")
+        for name in result.variables
+        if str(name).startswith(("state", "coefficient"))
     }
     extra |= {
         "end_position": ("m", "position of the upper end"),
         "end_force": ("N", "force of the cable on the host"),
     }
-    for name, variable in result.variables.items():
-        if str(name).startswith(PREFIXES) and "units" not in variable.attrs:
-            extra[str(name)] = ("1", str(name))
+    for key, variable in result.variables.items():
+        if str(key).startswith(PREFIXES) and "units" not in variable.attrs:
+            extra[str(key)] = ("1", str(key))
     attrs = {
         "title": f"{scene.attrs.get('title', 'scene')}: prepared condensed model, r = {rank}, order {model.order}",
         "stage": STAGE,
@@ -76,7 +77,7 @@ def dataset_of(prepared: PreparedModel, scene: xr.Dataset, modes: xr.Dataset, mo
         "scene_attributes_json": json.dumps(provenance.to_json(dict(scene.attrs)), sort_keys=True),
         "modes_attributes_json": json.dumps(provenance.to_json(dict(modes.attrs)), sort_keys=True),
     }
-    result = label(result, **{str(name): value for name, value in extra.items()})
+    result = label(result, **extra)
     result.attrs = attrs
     return provenance.record(
         result,

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod.catenary._statics import LoadPlane, check_solved, load_plane
+from cablepod.catenary._statics import check_solved, load_plane
 from cablepod.condensed import _kernels_host_layout as layout
 from cablepod.condensed._host import host_coefficients
 from cablepod.condensed._kernels_host_layout import HostCoefficients
 from cablepod.condensed._model import CondensedModel
 from cablepod.conventions import COORDINATES
 from cablepod.discretisation._chain import LumpedChain
+from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import Check, number
 from cablepod.parameters._from_scene import Members
@@ -30,17 +33,25 @@ TABLES = ("cable", "gravity", "ends", "load", "motion", "damping")
 OF_LOADS = ("initial_boundary_data", "static_boundary_data", "first_guess", "unstable_growth_rate", "rest_tension")
 #: The same of mass and length, beside those that are scaled.
 OF_LENGTH = (
-    "mass", "shapes", "slopes", "test_functions", "test_slopes", "load_patterns", "chordwise_force_patterns", "rule",
+    "mass", "shapes", "slopes", "test_functions", "test_slopes", "chordwise_force_patterns", "rule",
     "test_slopes_at_points", "leading_coefficients",
 )  # fmt: skip
 
 
-class Variant(NamedTuple):
-    """A model with other parameters than the prepared one."""
+@dataclass(frozen=True)
+class Variant:
+    """A prepared model with other parameters."""
 
-    model: CondensedModel
+    p: Parameters
     q: np.ndarray  #: coordinates at rest (r,)
     coefficients: HostCoefficients
+    shape: float  #: factor of the shapes
+    make: Callable[[], CondensedModel]  #: makes the model
+
+    @cached_property
+    def model(self) -> CondensedModel:
+        """The model; runs to leading order need it for positions and tensions only."""
+        return self.make()
 
 
 class TabulatedMotion(TimeFunction):
@@ -95,8 +106,9 @@ class ChangedModel:
         sigma = chain.arc_length / chain.total_length
         #: Integrals of the shapes times the parabola sigma (1 - sigma) (r,) [kg^-1/2 m].
         self._parabola = model.shapes @ (chain.tributary_length * sigma * (1.0 - sigma))
-        self._coefficients, self._bases = host_coefficients(model), model.spectral_basis[0]
+        self._coefficients, self.bases = host_coefficients(model), model.spectral_basis[0]
         self._rest = model.initial()[0]
+        self._chord, self._axes = _frame(self.p, model.reference)
         model.leading_coefficients, model.rest_tension, model.reference  # noqa: B018  (fills the cached properties)
         self._without_loads = {key: value for key, value in model.__dict__.items() if key not in OF_LOADS}
 
@@ -113,26 +125,31 @@ class ChangedModel:
         """
         changes = dict(parameters) if parameters is not None else {}
         p, is_static = self._parameters(changes)
-        model, q, coefficients = self._motion_only(p), self._rest, self._coefficients
+        variant = Variant(p, self._rest, self._coefficients, 1.0, partial(self._motion_only, p))
         if not is_static:
-            model, coefficients = self._scaled(p)
-            q = self._equilibrium(model)
-        if path is None:
-            return Variant(model, q, coefficients)
-        p = _copy(model.chain.p)
+            variant = self._other_cable(p)
+        return variant if path is None else self._along_path(variant, path, step)
+
+    def _along_path(self, variant: Variant, path: np.ndarray, step: float) -> Variant:
+        """Return the variant whose upper end follows a path (steps + 1, dims) [m]."""
+        p, moved = _copy(variant.p), variant.p.end_positions(np.zeros(1))[0]
+        displacement = path - path[0]
         motions = {
-            ("upper", axis): TabulatedMotion(path[:, i] - path[0, i], step)
-            for i, axis in enumerate(COORDINATES[: p.dims])
+            ("upper", axis): TabulatedMotion(displacement[:, i], step) for i, axis in enumerate(COORDINATES[: p.dims])
         }
         lower = {key: motion for key, motion in p.motions.items() if key[0] == "lower"}
-        p.__dict__["motions"] = lower | motions
-        moved = not np.array_equal(path[0], p.end_positions(np.zeros(1))[0, 1]) or bool(lower)
-        p.__dict__.update(upper=path[0])
-        changed = _copy(model)
-        for name in OF_LOADS[:3]:
-            changed.__dict__.pop(name, None)
-        changed.__dict__["chain"] = _with(model.chain, p)
-        return Variant(changed, self._equilibrium(changed) if moved else q, coefficients)
+        p.__dict__.update(motions=lower | motions, upper=path[0].copy())
+
+        def make() -> CondensedModel:
+            model = _copy(variant.model)
+            for name in OF_LOADS[:3]:
+                model.__dict__.pop(name, None)
+            model.__dict__["chain"] = _with(variant.model.chain, p)
+            return model
+
+        if np.array_equal(path[0], moved[1]):
+            return Variant(p, variant.q, variant.coefficients, variant.shape, make)
+        return Variant(p, make().initial()[0], variant.coefficients, variant.shape, make)
 
     # --- parameters ---------------------------------------------------------------------------------------------------
 
@@ -218,90 +235,85 @@ class ChangedModel:
         model.__dict__["rest_tension"] = self.base.rest_tension
         return model
 
-    def _scaled(self, p: Parameters) -> tuple[CondensedModel, HostCoefficients]:
-        """Return the model with another cable, loads or ends, and its coefficients."""
-        base = self.base.chain
-        total, rest_tension = self._statics(p)
-        length = total / base.total_length
-        model = object.__new__(CondensedModel)
-        model.__dict__.update(self._without_loads)
-        coefficients = self._coefficients
-        if length == 1.0 and p.mass == self.p.mass and p.stiffness == self.p.stiffness:
-            chain = _with(base, p)
-        else:
-            chain = LumpedChain(p, base.length * length, base.arc_length * length, base.law)
-            for name in OF_LENGTH:
-                model.__dict__.pop(name, None)
-            shape = 1.0 / math.sqrt(p.mass / self.p.mass * length)
-            coefficients = self._scaled_coefficients(p, total, length, shape)
-            _, _, geometric_stiffness, by_coordinate, by_pattern, _ = coefficients
-            model.__dict__.update(
-                spectral_basis=([basis * shape for basis in self._bases], by_coordinate[layout.KAPPA]),
-                geometric_stiffness=geometric_stiffness,
-                load_projection=by_coordinate[layout.PROJECTION :],
-                mean_chordwise_forces=by_pattern[layout.MEANS],
-                geometric_stiffness_norms=by_pattern[layout.NORMS],
-                chordwise_forces_at_candidates=np.ascontiguousarray(by_pattern[layout.AT_CANDIDATES :].T),
-            )
-        if not (np.array_equal(p.lower, self.p.lower) and np.array_equal(p.upper, self.p.upper)):
-            model.__dict__.pop("reference", None)
-        model.__dict__.update(chain=chain, rest_tension=rest_tension)
-        return model, coefficients
+    def _other_cable(self, p: Parameters) -> Variant:
+        """Return the variant with another cable, other loads or ends."""
+        from cablepod.catenary import _kernels_solve as catenary  # numba is imported only to compute
+        from cablepod.condensed import _kernels_prepared_run as kernel
 
-    def _scaled_coefficients(self, p: Parameters, total: float, length: float, shape: float) -> HostCoefficients:
-        """Scale the coefficients by powers of the length and of the factor of the shapes."""
-        sizes, numbers, geometric_stiffness, by_coordinate, by_pattern, by_point = self._coefficients
-        numbers = numbers.copy()
-        numbers[layout.STIFFNESS], numbers[layout.LENGTH], numbers[layout.MASS] = p.stiffness, total, p.mass
-        numbers[layout.FIRST_TRIBUTARY] *= length
-        numbers[layout.SECOND_MOMENT] *= length
-        numbers[layout.REACH_MOMENT] *= length * length
-        loads, square = length * shape, shape * shape
-        coordinate = np.full((len(by_coordinate), 1), loads)
-        coordinate[layout.KAPPA], coordinate[layout.MOMENTS] = square / length, loads * (p.mass / self.p.mass)
-        pattern = np.full((len(by_pattern), 1), length)
-        pattern[layout.NORMS], pattern[layout.REACH_LOADS] = square, length**3
-        if by_point.size:
-            point = np.full((len(by_point), 1), length)
-            point[layout.SLOPES :] = shape / length
-            by_point = by_point * point
-        return HostCoefficients(
-            sizes, numbers, geometric_stiffness * square, by_coordinate * coordinate, by_pattern * pattern, by_point
-        )
-
-    def _statics(self, p: Parameters) -> tuple[float, float]:
-        """Return the unstretched length [m] and the mean of the end tensions at rest [N]."""
-        from cablepod.catenary import _kernels_solve as kernel  # numba is imported only to compute
-
+        same_ends = p.lower is self.p.lower and p.upper is self.p.upper
         plane = self.plane
-        if p.load is not None or p.lower is not self.p.lower or p.upper is not self.p.upper or self.p.load is not None:
-            plane = load_plane(p)
+        if same_ends and p.load is None and self.p.load is None and p.weight[1] < 0.0:
+            plane = plane._replace(load=float(-p.weight[1]))
         else:
-            plane = LoadPlane(plane.span, plane.rise, plane.chord, float(-p.weight[1]), plane.across, plane.against)
-        if plane.load == 0.0:
             plane = load_plane(p)
-        result = np.empty(6)
-        status = kernel.solve(*plane[:4], p.stiffness, LENGTH_KEYS.index(p.length_key), p.length_value, result)
-        check_solved(status, plane[:4], p.stiffness, p.length_key, p.length_value, name=f"cable.{p.length_key}")
-        return float(result[0]), 0.5 * float(result[4] + result[5])
+        chord, axes = self._chord, self._axes
+        if not same_ends:
+            chord, axes = _frame(p, None)
+        base = self._coefficients
+        numbers, load = base.numbers.copy(), p.load_at(0.0)
+        numbers[layout.STIFFNESS], numbers[layout.MASS], numbers[layout.DAMPING] = (
+            p.stiffness,
+            p.mass,
+            p.mass_damping or 0.0,
+        )
+        numbers[layout.STEADY_LOAD : layout.STEADY_LOAD + load.size] = load
+        sizes = base.sizes
+        if not same_ends:
+            sizes = sizes.copy()
+            sizes[layout.REFERENCE] = _reference(p)
+        coefficients = HostCoefficients(
+            sizes, numbers, np.empty_like(base.geometric_stiffness), np.empty_like(base.by_coordinate),
+            np.empty_like(base.by_pattern), np.empty_like(base.by_point),
+        )  # fmt: skip
+        q, solution = np.empty_like(self._rest), np.empty(6)
+        status = kernel.leading_variant(
+            base, coefficients, np.array(plane[:4]), chord, axes, LENGTH_KEYS.index(p.length_key), p.length_value,
+            self._parabola, q, solution,
+        )  # fmt: skip
+        if status not in (catenary.FOUND, kernel.NO_REST):
+            check_solved(status, plane[:4], p.stiffness, p.length_key, p.length_value, name=f"cable.{p.length_key}")
+        total = float(solution[0])
+        shape = 1.0 / math.sqrt(p.mass / self.p.mass * (total / self.base.chain.total_length))
+        tension = 0.5 * float(solution[4] + solution[5])
+        make = partial(self._scaled, p, coefficients, total, shape, tension)
+        if self.base.order != "leading" or status == kernel.NO_REST:
+            q = make().initial()[0]
+        return Variant(p, q, coefficients, shape, make)
 
-    def _equilibrium(self, model: CondensedModel) -> np.ndarray:
-        """Return the coordinates at rest, by Newton's method from the parabola."""
-        p, total = model.chain.p, model.chain.total_length
-        if model.order == "leading":
-            from cablepod.condensed import _kernels_leading as kernel
+    def _scaled(
+        self, p: Parameters, coefficients: HostCoefficients, total: float, shape: float, rest_tension: float
+    ) -> CondensedModel:
+        """Return the model of another cable from its scaled coefficients."""
+        base, model = self.base.chain, object.__new__(CondensedModel)
+        length = total / base.total_length
+        model.__dict__.update({key: value for key, value in self._without_loads.items() if key not in OF_LENGTH})
+        _, _, geometric_stiffness, by_coordinate, by_pattern, _ = coefficients
+        model.__dict__.update(
+            chain=LumpedChain(p, base.length * length, base.arc_length * length, base.law),
+            rest_tension=rest_tension,
+            load_patterns=self.base.load_patterns * length,
+            spectral_basis=([basis * shape for basis in self.bases], by_coordinate[layout.KAPPA]),
+            geometric_stiffness=geometric_stiffness,
+            load_projection=by_coordinate[layout.PROJECTION :],
+            mean_chordwise_forces=by_pattern[layout.MEANS],
+            geometric_stiffness_norms=by_pattern[layout.NORMS],
+            chordwise_forces_at_candidates=np.ascontiguousarray(by_pattern[layout.AT_CANDIDATES :].T),
+            reference=int(coefficients.sizes[layout.REFERENCE]),
+        )
+        return model
 
-            length = total / self.base.chain.total_length
-            shape = 1.0 / math.sqrt(p.mass / self.p.mass * length)
-            static = model.static_boundary_data
-            patterns = len(static[1:]) // p.dims
-            sag = 0.5 * total * total / model.rest_tension * p.mass * shape * length
-            q = sag * self._parabola
-            for k, which in enumerate(model.sets):
-                q[which] *= static[1 + patterns * (1 + k)]
-            if kernel.leading_rest(q, static[None], *model.leading_coefficients):
-                return q
-        return model.initial()[0]
+
+def _frame(p: Parameters, reference: int | None) -> tuple[float, np.ndarray]:
+    """Return the distance of the ends at rest [m], and the direction to the lower end and normals (dims, dims)."""
+    ends = p.end_positions(np.zeros(1))
+    frame = ChordFrame.of(ends[:, 1] - ends[:, 0], reference)
+    return float(frame.chord[0]), np.concatenate([-frame.along, frame.normals[0]])
+
+
+def _reference(p: Parameters) -> int:
+    """Return the axis that defines the normals."""
+    ends = p.end_positions(np.zeros(1))
+    return ChordFrame.of(ends[:, 1] - ends[:, 0]).reference if p.dims == 3 else 1
 
 
 def _copy(source: Any) -> Any:

@@ -13,7 +13,7 @@ from cablepod.condensed import _kernels_host_layout as layout
 from cablepod.condensed._fields import CondensedTrajectory, close_chord_of, positions, selected_tensions
 from cablepod.condensed._host import CHORD_RANGE, chord_range_text
 from cablepod.condensed._kernels_layout import MIN_FORCE, UNSTABLE_STEP, initial_monitor
-from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._model import CondensedModel, end_tables
 from cablepod.condensed._output import padded
 from cablepod.condensed._prepared_parameters import ChangedModel, Variant
 from cablepod.condensed._runs import SCHEMES, CondensedRun, InitialState
@@ -26,6 +26,7 @@ from cablepod.integrate._march import BLOCK
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._request import check_outputs, check_step, check_times
 from cablepod.integrate._step_control import damped_growth
+from cablepod.parameters._parameters import Parameters
 
 OUTPUTS = ("position", "tension", "end_force")
 #: Minimum number of positions of a path: second differences at both ends.
@@ -75,27 +76,27 @@ class PreparedRunner:
         path = None if end_position is None else self._checked_path(end_position)
         variant = self.changed.variant(parameters, path, self.step)
         if path is not None:
-            self._check_chords(path, variant.model)
-        instants = self._output_times(times, variant.model, path)
-        if variant.model.order == "leading":
-            state, rows = self._leading(variant, instants)
+            self._check_chords(path, variant)
+        instants = self._output_times(times, variant.p, path)
+        if self.model.order == "leading":
+            state, force = self._leading(variant, instants, "end_force" in outputs)
         else:
-            state, rows = self._other(variant.model, instants)
-        return self._result(variant, state, rows, outputs, chosen)
+            state, force = self._other(variant.model, instants), None
+        return self._result(variant, state, force, outputs, chosen)
 
-    def _output_times(self, times: Any, model: CondensedModel, path: np.ndarray | None) -> OutputTimes:
+    def _output_times(self, times: Any, p: Parameters, path: np.ndarray | None) -> OutputTimes:
         """Place the instants of the output on the steps; those of the scene once."""
         if times is None and path is not None:
             instants = OutputTimes.of(np.arange(len(path)) * self.step, self.steps_per_second)
         elif times is None:
             if self._instants is None:
-                self._instants = OutputTimes.of(model.chain.p.times(), self.steps_per_second)
+                self._instants = OutputTimes.of(p.times(), self.steps_per_second)
             instants = self._instants
         else:
             instants = OutputTimes.of(check_times(times), self.steps_per_second)
         last = float(instants.times[-1])
         if path is None:
-            model.chain.p.check_reach(last)
+            p.check_reach(last)
         elif instants.steps[-1] >= len(path) or instants.needs_interpolation:
             allowed = f"multiples of the step, {self.step:g} s, up to {(len(path) - 1) * self.step:g} s, where end_position ends"
             raise scene_error(
@@ -118,57 +119,51 @@ class PreparedRunner:
             raise scene_error("end_position", float(path[~np.isfinite(path)][0]), "finite numbers [m]")
         return path
 
-    def _check_chords(self, path: np.ndarray, model: CondensedModel) -> None:
+    def _check_chords(self, path: np.ndarray, variant: Variant) -> None:
         """Refuse ends so near to each other or so far from each other that the model no longer holds."""
-        length = model.chain.total_length
-        ratio = np.sqrt(np.sum((path - model.chain.p.lower) ** 2, axis=1)) / length
+        length = float(variant.coefficients.numbers[layout.LENGTH])
+        ratio = np.sqrt(np.sum((path - variant.p.lower) ** 2, axis=1)) / length
         outside = (ratio < CHORD_RANGE[0]) | (ratio > CHORD_RANGE[1])
         if outside.any():
             raise scene_error("end_position", path[int(outside.argmax())].tolist(), chord_range_text(length))
 
-    def _leading(self, variant: Variant, instants: OutputTimes) -> tuple[CondensedTrajectory, np.ndarray]:
-        """Run to leading order; return the trajectory, and the boundary data at the saved steps."""
-        from cablepod.condensed import _kernels_leading as kernel  # numba is imported only to compute
+    def _leading(
+        self, variant: Variant, instants: OutputTimes, with_force: bool
+    ) -> tuple[CondensedTrajectory, np.ndarray | None]:
+        """Run to leading order; return the trajectory, and the end forces at the saved steps (steps, dims) [N]."""
+        from cablepod.condensed import _kernels_prepared_run as kernel  # numba is imported only to compute
 
-        model, q = variant.model, variant.q.copy()
-        step, r, total = self.step, q.size, int(instants.steps[-1]) + 1
-        damping, coefficients = model.chain.p.mass_damping or 0.0, model.leading_coefficients
-        f = np.empty(r)
-        data = model.boundary_data(0, min(BLOCK, total) - 1, self.steps_per_second)
-        tension = kernel.leading_force(q, data, 0, *coefficients, f, np.empty((r, r)))
-        self._check_step(model.omega_max_squared(q, data[0], tension))
-        rates, growth = initial_rates(variant), damped_growth(damping, step)
-        v = rates * (1.0 + growth) - (growth / damping if damping else 0.5 * step) * f
-        factors = math.exp(-damping * step), -math.expm1(-damping * step) / damping if damping else step
-        count = instants.steps.size
-        saved, half, rows = np.empty((count, r)), np.empty((count, 2, r)), np.empty((count, data.shape[1]))
-        monitor, none, series = initial_monitor(4.0 / (step * step), tension), np.empty(0), np.empty((count, 0))
-        links = np.empty((r, 0)), model.n_in_plane, np.empty((layout.PATTERNS, 0))
+        p, q, step, total = variant.p, variant.q.copy(), self.step, int(instants.steps[-1]) + 1
+        r, count, damping = q.size, instants.steps.size, p.mass_damping or 0.0
+        v, rates = np.empty(r), initial_rates(variant)
+        saved, half = np.empty((count, r)), np.empty((count, 2, r))
+        saved_ends, force = np.empty((count, 2, p.dims)), np.empty((count if with_force else 0, p.dims))
+        monitor = initial_monitor(4.0 / (step * step), 0.0)
+        part = slice(0, count)
         for begin in range(0, total, BLOCK):
-            steps, part = min(BLOCK, total - begin), slice(0, count)
+            steps = min(BLOCK, total - begin)
             if total > BLOCK:
                 part = slice(*np.searchsorted(instants.steps, (begin, begin + steps)).tolist())
-            if begin:
-                data = model.boundary_data(begin, steps - 1, self.steps_per_second)
-            rows[part] = data[instants.steps[part] - begin]
-            kernel.leading_verlet(
-                q, v, step, *factors, data, *coefficients, model.geometric_stiffness_norms,
-                model.chordwise_forces_at_candidates, *links, begin, instants.steps[part], saved[part], half[part], none,
-                none, monitor, series[part],
+            kernel.leading_run(
+                variant.coefficients, q, v, rates, step, damping_factors(damping, step),
+                *end_tables(p, begin, steps - 1, self.steps_per_second), begin, instants.steps[part], saved[part],
+                half[part], saved_ends[part], force[part], monitor,
             )  # fmt: skip
-        bound = DIVERGENCE_FACTOR * math.sqrt(model.chain.p.mass * model.chain.total_length) * model.chain.total_length
-        if not (monitor[UNSTABLE_STEP] == np.inf and float(np.abs(q).max()) < bound):
-            self._other(model, instants)  # once more, step by step, to say when and to keep what was computed
-        return CondensedTrajectory(instants, saved, half, None, monitor, SCHEMES[0]), rows
+        length = float(variant.coefficients.numbers[layout.LENGTH])
+        if not (
+            monitor[UNSTABLE_STEP] == np.inf
+            and np.abs(q).max() < DIVERGENCE_FACTOR * math.sqrt(p.mass * length) * length
+        ):
+            self._other(variant.model, instants)  # once more, step by step, to say when and to keep what was computed
+        return CondensedTrajectory(instants, saved, half, None, monitor, SCHEMES[0]), force if with_force else None
 
-    def _other(self, model: CondensedModel, instants: OutputTimes) -> tuple[CondensedTrajectory, np.ndarray]:
-        """Run as :func:`cablepod.condensed.simulate` does; result as of :meth:`_leading`."""
+    def _other(self, model: CondensedModel, instants: OutputTimes) -> CondensedTrajectory:
+        """Run as :func:`cablepod.condensed.simulate` does."""
         q, v = model.initial()
         acceleration, _, tension = model.force(q, v, model.initial_boundary_data)
         self._check_step(model.omega_max_squared(q, model.initial_boundary_data, tension))
         start = InitialState(q, v, acceleration, tension)
-        state = CondensedRun(model, instants.times, start, (), None, None, SCHEMES[0])(self.steps_per_second)
-        return state, model.boundary_data_at(instants.steps * self.step)
+        return CondensedRun(model, instants.times, start, (), None, None, SCHEMES[0])(self.steps_per_second)
 
     def _check_step(self, omega_squared: float) -> None:
         """Refuse a step above the stability limit at the start of a run."""
@@ -180,45 +175,51 @@ class PreparedRunner:
         self,
         variant: Variant,
         state: CondensedTrajectory,
-        rows: np.ndarray,
+        force: np.ndarray | None,
         outputs: tuple[str, ...],
         links: np.ndarray | None,
     ) -> PreparedRun:
         """Collect the arrays of a run."""
-        model, instants, q = variant.model, state.instants, state.q
-        times, rank = instants.times, model.rank
+        instants, q, times = state.instants, state.q, state.instants.times
         amplitudes = [
-            padded(q[:, which] @ turn.T, rank) for turn, which in zip(model.spectral_basis[0], model.sets, strict=True)
+            padded((q[:, which] @ turn.T) * variant.shape, self.model.rank)
+            for turn, which in zip(self.changed.bases, self.model.sets, strict=True)
         ]
-        force = position = tension = None
-        if "end_force" in outputs:
-            if instants.needs_interpolation:
-                rows = model.boundary_data_at(times)
-            force = end_forces(variant, q, rows, times)
+        position = tension = None
+        if "end_force" in outputs and (force is None or instants.needs_interpolation):
+            force = end_forces(variant, q, times)
         if "position" in outputs:
-            position = positions(model, q, times)
+            position = positions(variant.model, q, times)
         if "tension" in outputs:
-            tension = selected_tensions(model, q, times, links)
+            tension = selected_tensions(variant.model, q, times, links)
         smallest = float(state.monitor[MIN_FORCE])
         second = amplitudes[1] if len(amplitudes) > 1 else None
         return PreparedRun(times, amplitudes[0], second, force, position, tension, smallest)
 
 
-def end_forces(variant: Variant, q: np.ndarray, boundary_data: np.ndarray, times: np.ndarray) -> np.ndarray:
+def damping_factors(damping: float, step: float) -> tuple[float, float, float, float]:
+    """Return factors of the rates over a step and over half a step back, and rates gained for unit acceleration [s]."""
+    if not damping:
+        return 1.0, 1.0, step, 0.5 * step
+    growth = damped_growth(damping, step)
+    return math.exp(-damping * step), 1.0 + growth, -math.expm1(-damping * step) / damping, growth / damping
+
+
+def end_forces(variant: Variant, q: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return the forces of the cable on its upper support, inertia included (times, dims) [N].
 
     Parameters
     ----------
-    variant
-        Model of the run.
-    q, boundary_data, times
-        Coordinates (times, r) and boundary data at instants [s].
+    variant, q
+        Model of the run, coordinates (times, r).
+    times
+        Instants [s].
     """
     from cablepod.condensed import _kernels_end_force as kernel
 
     model, coefficients = variant.model, variant.coefficients
-    ends = model.chain.p.end_positions(times)
-    force = np.empty((times.size, model.chain.p.dims))
+    ends, boundary_data = variant.p.end_positions(times), model.boundary_data_at(times)
+    force = np.empty((len(q), variant.p.dims))
     if model.order == "leading":
         kernel.leading_end_forces(coefficients, np.ascontiguousarray(q), boundary_data, ends, force)
     else:
@@ -233,17 +234,20 @@ def end_forces(variant: Variant, q: np.ndarray, boundary_data: np.ndarray, times
 
 def initial_rates(variant: Variant) -> np.ndarray:
     """Return the initial rates (r,): the particles are at rest, and the chord frame moves with the ends."""
-    p, coefficients = variant.model.chain.p, variant.coefficients
-    rates = np.zeros((2, p.dims))
+    p, coefficients, dims = variant.p, variant.coefficients, variant.p.dims
+    rates = [0.0] * (2 * dims)
     for (end, axis), motion in p.motions.items():
-        rates[ENDS.index(end), COORDINATES.index(axis)] = motion(0.0, 1)
+        if motion.kind != "one_minus_cosine":
+            rates[ENDS.index(end) * dims + COORDINATES.index(axis)] = float(motion(0.0, 1))
     result = np.zeros(variant.q.size)
-    if not rates.any():
+    if not any(rates):
         return result
     ends = p.end_positions(np.zeros(1))
-    normals = ChordFrame.of(ends[:, 1] - ends[:, 0], variant.model.reference).normals[0]
+    normals = ChordFrame.of(ends[:, 1] - ends[:, 0], int(coefficients.sizes[layout.REFERENCE])).normals[0]
     uniform = coefficients.by_coordinate[layout.PROJECTION :: layout.PATTERNS].sum(axis=0) * p.mass
-    for normal, which in zip(normals, variant.model.sets, strict=True):
-        lower, upper = rates @ normal
+    n_in_plane = coefficients.sizes[layout.IN_PLANE]
+    sets = (slice(0, n_in_plane), slice(n_in_plane, None))[: dims - 1]
+    for normal, which in zip(normals, sets, strict=True):
+        lower, upper = np.reshape(rates, (2, dims)) @ normal
         result[which] = -lower * uniform[which] - (upper - lower) * coefficients.by_coordinate[layout.MOMENTS, which]
     return result
