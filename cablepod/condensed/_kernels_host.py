@@ -151,9 +151,12 @@ def _advance(coefficients, accepted, trial, end_position, end_velocity, end_acce
     chord = _complete_axes(axes, dims, coefficients.sizes[REFERENCE])
     along, damped = 0.0, 0.0
     for d in range(dims):
-        slope = (end_velocity[d] - accepted[VELOCITY, d]) * inverse
-        acceleration = slope
-        if before > 0.0:  # derivative of the parabola through three velocities
+        # the velocity at the start is not given: no acceleration in the first step, then differences of two and three velocities
+        slope, acceleration = 0.0, 0.0
+        if before > 0.0:
+            slope = (end_velocity[d] - accepted[VELOCITY, d]) * inverse
+            acceleration = slope
+        if accepted[CLOCK, COUNT] > 1.0:
             acceleration += (slope - accepted[VELOCITY_SLOPE, d]) * step / (step + before)
         if end_acceleration.size:
             acceleration = end_acceleration[d]
