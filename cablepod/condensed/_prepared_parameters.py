@@ -99,7 +99,12 @@ class ChangedModel:
     def __init__(self, scene: xr.Dataset, model: CondensedModel) -> None:
         self.scene, self.base = scene, model
         self.p = model.chain.p
-        self.fixed = Members(scene).fixed
+        fixed = Members(scene).fixed
+        #: Numbers of the cable and gravity, by the last part of their key paths.
+        self._cable = {
+            name.removeprefix("cable_"): float(fixed[name]) for name in fixed if name.startswith(("cable_", "gravity"))
+        }
+        self.has_records = any(motion.kind == "file" for motion in self.p.motions.values())
         self.plane = load_plane(self.p)
         self._entries: dict[str, tuple[int | None, Check, str]] = {}
         chain = model.chain
@@ -108,7 +113,7 @@ class ChangedModel:
         self._parabola = model.shapes @ (chain.tributary_length * sigma * (1.0 - sigma))
         self._coefficients, self.bases = host_coefficients(model), model.spectral_basis[0]
         self._rest = model.initial()[0]
-        self._chord, self._axes = _frame(self.p, model.reference)
+        self._frame = _frame(self.p)
         model.leading_coefficients, model.rest_tension, model.reference  # noqa: B018  (fills the cached properties)
         self._without_loads = {key: value for key, value in model.__dict__.items() if key not in OF_LOADS}
 
@@ -189,23 +194,18 @@ class ChangedModel:
 
     def _change_cable(self, values: dict[str, Any], changes: Mapping[str, float]) -> None:
         """Replace stiffness, mass, weight and length in the parameters, from numbers of the cable and gravity."""
-
-        def value(name: str) -> float:
-            variable = "gravity" if name == "gravity" else f"cable_{name}"
-            return float(changes.get(name, self.fixed[variable]))
-
-        area, gravity = value("area"), value("gravity")
-        if f"cable_{WEIGHT_KEYS[1]}" in self.fixed:
-            mass = value("density") * area
+        cable = {**self._cable, **changes}
+        area, gravity = cable["area"], cable["gravity"]
+        if WEIGHT_KEYS[1] in cable:
+            mass = cable["density"] * area
             weight = mass * gravity
         else:
-            weight = value("specific_weight") * area
+            weight = cable["specific_weight"] * area
             mass = weight / gravity
         weights = np.zeros(self.p.dims)
         weights[1] = -weight
-        values.update(
-            stiffness=value("youngs_modulus") * area, mass=mass, weight=weights, length_value=value(self.p.length_key)
-        )
+        length_value = cable[self.p.length_key]
+        values.update(stiffness=cable["youngs_modulus"] * area, mass=mass, weight=weights, length_value=length_value)
 
     def _entry(self, path: Any) -> tuple[int | None, Check, str]:
         """Return component, check and table of a key path; refuse what would change the structure."""
@@ -246,9 +246,7 @@ class ChangedModel:
             plane = plane._replace(load=float(-p.weight[1]))
         else:
             plane = load_plane(p)
-        chord, axes = self._chord, self._axes
-        if not same_ends:
-            chord, axes = _frame(p, None)
+        chord, axes, reference = self._frame if same_ends else _frame(p)
         base = self._coefficients
         numbers, load = base.numbers.copy(), p.load_at(0.0)
         numbers[layout.STIFFNESS], numbers[layout.MASS], numbers[layout.DAMPING] = (
@@ -257,10 +255,8 @@ class ChangedModel:
             p.mass_damping or 0.0,
         )
         numbers[layout.STEADY_LOAD : layout.STEADY_LOAD + load.size] = load
-        sizes = base.sizes
-        if not same_ends:
-            sizes = sizes.copy()
-            sizes[layout.REFERENCE] = _reference(p)
+        sizes = base.sizes.copy()
+        sizes[layout.REFERENCE] = reference
         coefficients = HostCoefficients(
             sizes, numbers, np.empty_like(base.geometric_stiffness), np.empty_like(base.by_coordinate),
             np.empty_like(base.by_pattern), np.empty_like(base.by_point),
@@ -303,17 +299,11 @@ class ChangedModel:
         return model
 
 
-def _frame(p: Parameters, reference: int | None) -> tuple[float, np.ndarray]:
-    """Return the distance of the ends at rest [m], and the direction to the lower end and normals (dims, dims)."""
+def _frame(p: Parameters) -> tuple[float, np.ndarray, int]:
+    """Return the distance of the ends at rest [m], direction to the lower end and normals (dims, dims), axis of the normals."""
     ends = p.end_positions(np.zeros(1))
-    frame = ChordFrame.of(ends[:, 1] - ends[:, 0], reference)
-    return float(frame.chord[0]), np.concatenate([-frame.along, frame.normals[0]])
-
-
-def _reference(p: Parameters) -> int:
-    """Return the axis that defines the normals."""
-    ends = p.end_positions(np.zeros(1))
-    return ChordFrame.of(ends[:, 1] - ends[:, 0]).reference if p.dims == 3 else 1
+    frame = ChordFrame.of(ends[:, 1] - ends[:, 0])
+    return float(frame.chord[0]), np.concatenate([-frame.along, frame.normals[0]]), frame.reference
 
 
 def _copy(source: Any) -> Any:

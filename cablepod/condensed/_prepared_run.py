@@ -96,7 +96,8 @@ class PreparedRunner:
             instants = OutputTimes.of(check_times(times), self.steps_per_second)
         last = float(instants.times[-1])
         if path is None:
-            p.check_reach(last)
+            if self.changed.has_records:
+                p.check_reach(last)
         elif instants.steps[-1] >= len(path) or instants.needs_interpolation:
             allowed = f"multiples of the step, {self.step:g} s, up to {(len(path) - 1) * self.step:g} s, where end_position ends"
             raise scene_error(

@@ -86,7 +86,9 @@ def main() -> None:
     velocity[:, 0] = AMPLITUDE * OMEGA * np.cos(OMEGA * times)
     forces = [guy.step(position[k], velocity[k], STEP) for k in range(1, STEPS + 1)]
     difference = np.abs(forces_of_unit(path, position, velocity) - forces).max()
-    print(f"{path}: {STEPS} steps of {STEP:g} s, largest difference of the force from the model's own {difference:.3g} N")
+    print(
+        f"{path}: {STEPS} steps of {STEP:g} s, largest difference of the force from the model's own {difference:.3g} N"
+    )
 
 
 if __name__ == "__main__":

@@ -40,13 +40,18 @@ class Guy(Fmi2Slave):
             self._register(f"velocity_{axis}", "input", "velocity of the end [m/s]")
         self._outputs()
         for name in self._output_names():
-            text = "force of the cable [N]" if name.startswith("force") else "mass of the cable that moves with the end [kg]"
+            text = (
+                "force of the cable [N]"
+                if name.startswith("force")
+                else "mass of the cable that moves with the end [kg]"
+            )
             self._register(name, "output", text)
 
     def do_step(self, current_time: float, step_size: float) -> bool:
         """Take one step; False where the model refuses it or leaves the finite numbers."""
         position, velocity = (
-            np.array([getattr(self, f"{name}_{axis}") for axis in AXES[: self.dims]]) for name in ("position", "velocity")
+            np.array([getattr(self, f"{name}_{axis}") for axis in AXES[: self.dims]])
+            for name in ("position", "velocity")
         )
         substeps = max(1, int(np.ceil(step_size / (0.5 * self.guy.step_limit))))
         start, before = self.guy.end_position, self.last_velocity

@@ -526,13 +526,13 @@ def test_a_bad_step_is_refused_before_anything_runs(arguments, key):
     with pytest.raises(cp.SceneError, match=rf"^{key}: given .*; allowed: "):
         guy.step(*arguments)
     np.testing.assert_array_equal(guy.state, before)
-    with pytest.raises(cp.SceneError, match="^accept: "):
+    with pytest.raises(cp.SceneError, match=r"^accept: "):
         guy.accept()
 
 
 def test_a_chord_along_the_axis_of_the_normals_is_refused():
     guy = prepared(SPATIAL)
-    with pytest.raises(cp.SceneError, match="^end_position: .*axis y"):
+    with pytest.raises(cp.SceneError, match=r"^end_position: .*axis y"):
         guy.step([0.5, 60.0, 0.5], [0.0, 0.0, 0.0], 0.01)
 
 
@@ -608,13 +608,13 @@ def test_what_prepare_lacks_is_refused(changes, options, text):
 
 def test_trained_modes_members_and_other_datasets_are_refused(tmp_path):
     scene = cp.make_scene(GUY)
-    with pytest.raises(cp.SceneError, match="^modes: .*trained"):
+    with pytest.raises(cp.SceneError, match=r"^modes: .*trained"):
         cp.condensed.prepare(scene, sines(2).assign(test_function=sines(2).mode_shape))
     members = cp.ensemble.design(scene, {"cable.top_tension": [7000.0, 8000.0]}, members=2)
-    with pytest.raises(cp.SceneError, match="^scene: "):
+    with pytest.raises(cp.SceneError, match=r"^scene: "):
         cp.condensed.prepare(members, sines(2))
     for other in (scene, "guy.nc", prepared(GUY).dataset().drop_attrs()):
-        with pytest.raises(cp.SceneError, match="^dataset: .*prepared model"):
+        with pytest.raises(cp.SceneError, match=r"^dataset: .*prepared model"):
             cp.condensed.resume(other)
 
 
