@@ -95,7 +95,23 @@ class PreparedModel:
         return force
 
     def trial(self, end_position: Any, end_velocity: Any, step: float, end_acceleration: Any = None) -> np.ndarray:
-        """Try a step from the accepted state, which does not change; parameters, result and errors as in :meth:`step`."""
+        """Try a step from the accepted state, which does not change.
+
+        Parameters
+        ----------
+        end_position, end_velocity, step, end_acceleration
+            As in :meth:`step`.
+
+        Returns
+        -------
+        numpy.ndarray
+            Force of the cable on the host at the end of the step (dims,) [N].
+
+        Raises
+        ------
+        SceneError, RunStopped
+            As in :meth:`step`.
+        """
         try:
             position, velocity = np.array(end_position, dtype=float), np.array(end_velocity, dtype=float)
             acceleration = (
@@ -103,7 +119,8 @@ class PreparedModel:
             )
             step = float(step)
         except (TypeError, ValueError):
-            raise self._shape_error(end_position, end_velocity, end_acceleration, step) from None
+            error: Exception = self._shape_error(end_position, end_velocity, end_acceleration, step)
+            raise error from None
         shape = (self._dims,)
         if (
             position.shape != shape
@@ -112,7 +129,8 @@ class PreparedModel:
             or not step > 0.0
             or self._moving_lower_end
         ):
-            raise self._shape_error(end_position, end_velocity, end_acceleration, step)
+            error = self._shape_error(end_position, end_velocity, end_acceleration, step)
+            raise error
         self._has_trial = False
         accepted, trial = self._accepted, self._trial
         status = self._kernel(self._coefficients, accepted, trial, position, velocity, acceleration, step)
@@ -391,7 +409,17 @@ def _check_scene(p: Parameters) -> None:
 
 
 def resume(dataset: xr.Dataset) -> PreparedModel:
-    """Return the prepared model of a Dataset of :meth:`PreparedModel.dataset`, which goes on from its state bit by bit.
+    """Return the prepared model of a Dataset, which goes on from its state bit by bit.
+
+    Parameters
+    ----------
+    dataset
+        Result of :meth:`PreparedModel.dataset`, also read from a file.
+
+    Returns
+    -------
+    PreparedModel
+        With the time and the state of the Dataset.
 
     Raises
     ------
