@@ -3,42 +3,248 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from cablepod.condensed._fields import CondensedTrajectory, positions
+from cablepod.condensed._coefficients import Coefficients
+from cablepod.condensed._fields import CondensedTrajectory
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chain import LumpedChain
-from cablepod.integrate._step_control import motion_scale
+from cablepod.discretisation._chord_frame import ChordFrame
 
-#: Minimum number of modes of each deflection in the enriched model (fewer where there are fewer particles).
-MIN_ENRICHED_MODES = 16
+#: Number of modes of each deflection that the enriched model has beyond those of the motion (fewer where particles are few).
+EXTRA_MODES = 4
+#: Points along the cable for a motion of order "leading": POINTS plus POINTS_PER_MODE for each mode.  Other motions obey the exact
+#: closure on all links, and their residual is taken there.
+POINTS, POINTS_PER_MODE = 8, 2
+#: Joint Newton corrections of the closure, for order "leading" and for others (quadratic: the first leaves 1e-2 of the change).
+CORRECTIONS_LEADING, CORRECTIONS = 1, 4
 #: Interval of the residual samples times the angular frequency of the first truncated mode.
-SAMPLING_PHASE = 0.7
+SAMPLING_PHASE = 1.2
 #: Maximum number of samples (longer runs are sampled at longer intervals).
 MAX_SAMPLES = 20_000
-#: Maximum estimate: above twice the motion the linearised error equation means nothing.
+#: Maximum estimate: above twice the motion it only says that nothing is right.
 MAX_ERROR = 2.0
 #: Maximum number of instants at which the scale of the motion is computed.
 MOTION_SAMPLES = 200
 
 
-def enriched_model(chain: LumpedChain, sets: Sequence[np.ndarray]) -> CondensedModel:
-    """Make a model of order "inertial" on the links of a chain, with modes (mode, particle) and sines."""
-    sigma = chain.arc_length / chain.total_length
+# --- enriched model ---------------------------------------------------------------------------------------------------
+
+
+def enriched_modes(sets: Sequence[np.ndarray], sigma: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Complete each set of modes (mode, particle) by EXTRA_MODES sines of the relative arc length (particle,)."""
     modes = []
     for psi in sets:
-        count = min(max(MIN_ENRICHED_MODES, len(psi) + 6), sigma.size - 2)
+        count = min(len(psi) + EXTRA_MODES, sigma.size - 2)
         sines = np.sin(math.pi * np.outer(np.arange(1, count + 1), sigma))
         basis = np.linalg.qr(np.concatenate([psi, sines]).T)[0].T[:count]
         basis[:, [0, -1]] = 0.0
         modes.append(basis)
-    return CondensedModel(chain, "inertial", tuple(modes))
+    return tuple(modes)
 
 
-def sample_steps(omega_squared: float, modes: int, steps_per_second: float, end_time: float) -> np.ndarray:
-    """Choose the steps at which the residual is sampled.
+class _UnitCable(NamedTuple):
+    """The parameters that coefficients depend on, for a cable of unit mass per length."""
+
+    dims: int
+    motions: bool
+    point_loads: tuple[_PointLoad, ...]
+    mass: float = 1.0
+
+
+class _PointLoad(NamedTuple):
+    fraction: float
+
+
+class _Points(NamedTuple):
+    """Points along a cable of unit length."""
+
+    weights: np.ndarray
+    sigma: np.ndarray
+    masses: np.ndarray
+    share: float  #: part of its own stretch that displaces a point: half between particles, all at the particle above a link
+    patterns: np.ndarray
+    slopes: np.ndarray
+
+
+@lru_cache(maxsize=64)
+def _unit_coefficients(
+    modes: tuple[bytes, ...], sigma: bytes, moving: bool, fractions: tuple[float, ...], points: int
+) -> tuple[Coefficients, _Points]:
+    """Return the coefficients of an enriched model of unit length and mass; cached, as many scenes share modes.
+
+    Parameters
+    ----------
+    modes, sigma
+        Bytes of the modes of each set (mode, particle), and of the relative arc lengths (particle,).
+    moving, fractions
+        Whether ends move; places of the point loads.
+    points
+        Number of points of a Gauss rule; 0 for the links.
+    """
+    places = np.frombuffer(sigma)
+    sets = [np.frombuffer(part).reshape(-1, places.size) for part in modes]
+    p: Any = _UnitCable(len(sets) + 1, moving, tuple(map(_PointLoad, fractions)))
+    chain = LumpedChain(p, np.diff(places), places)
+    unit = Coefficients(chain, "inertial", enriched_modes(sets, places))
+    slopes, patterns = unit.slopes, unit.chordwise_force_patterns
+    if not 0 < points < chain.links:
+        return unit, _Points(chain.length, places[1:], unit.mass[1:], 1.0, patterns, slopes)
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    middles, at = 0.5 * (places[1:] + places[:-1]), 0.5 * (1.0 + nodes)
+    left = np.clip(np.searchsorted(middles, at) - 1, 0, middles.size - 2)
+    fraction = (at - middles[left]) / (middles[left + 1] - middles[left])
+
+    def interpolated(values: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(values[:, left] * (1.0 - fraction) + values[:, left + 1] * fraction)
+
+    return unit, _Points(0.5 * weights, at, 0.5 * weights, 0.5, interpolated(patterns), interpolated(slopes))
+
+
+@dataclass(frozen=True)
+class ErrorEquation:
+    """Error equation of a motion in the enriched model of a chain."""
+
+    chain: LumpedChain
+    arguments: tuple[tuple[Any, ...], ...]  #: constants, points and coefficients of the kernels
+    projection: np.ndarray  #: from deflections at the particles to enriched coordinates (R, particle) [kg^1/2]
+    slopes: np.ndarray  #: slopes of the enriched shapes on the links (R, n)
+
+    @classmethod
+    def of(
+        cls,
+        chain: LumpedChain,
+        sets: Sequence[np.ndarray],
+        shapes: np.ndarray,
+        in_plane: int,
+        *,
+        leading: bool,
+    ) -> ErrorEquation:
+        """Prepare the equation for a motion on mass-orthonormal shapes.
+
+        Parameters
+        ----------
+        chain
+            Links and masses.
+        sets
+            Modes of each deflection (mode, particle), which the enriched model contains.
+        shapes, in_plane
+            Shapes of the coordinates of the motion (r, particle), and how many of them are in plane.
+        leading
+            Whether the motion obeys the closure to leading order.
+        """
+        p, length = chain.p, chain.total_length
+        points = POINTS + POINTS_PER_MODE * max(len(part) for part in sets) if leading else 0
+        unit, at = _unit_coefficients(
+            tuple(np.ascontiguousarray(part, dtype=float).tobytes() for part in sets),
+            np.round(chain.arc_length / length, 12).tobytes(),  # the same for all lengths
+            bool(p.motions),
+            tuple(load.fraction for load in p.point_loads),
+            points,
+        )
+        # powers of mass and length: of the shapes, their slopes, and the loads (point loads do not grow with the length)
+        shape = 1.0 / math.sqrt(p.mass * length)
+        load = np.ones(len(unit.load_patterns))
+        load[: load.size - len(p.point_loads)] = length
+        projection = unit.shapes * unit.mass / shape
+        change = projection @ shapes.T
+        change[: unit.n_in_plane, in_plane:] = change[unit.n_in_plane :, :in_plane] = 0.0
+        slopes = (shape / length) * at.slopes
+        stiffness = (load * shape * shape / length)[:, None, None] * unit.geometric_stiffness
+        constants = (
+            p.stiffness, length, p.mass_damping or 0.0, chain.green, leading,
+            CORRECTIONS_LEADING if leading else CORRECTIONS, in_plane, unit.n_in_plane,
+        )  # fmt: skip
+        arguments = (
+            constants,
+            (
+                length * at.weights, at.sigma, p.mass * length * at.masses, at.share, load[:, None] * at.patterns,
+                np.ascontiguousarray(change.T @ slopes), slopes,
+            ),
+            (
+                change, unit.slope_norms_squared * (shape * shape / length), load * unit.mean_chordwise_forces, stiffness,
+                stiffness @ change, np.tile(load, p.dims - 1)[:, None] * shape * unit.load_projection,
+            ),
+        )  # fmt: skip
+        return cls(chain, arguments, projection, (shape / length) * unit.slopes)
+
+    @property
+    def change(self) -> np.ndarray:
+        """Matrix from the coordinates of the motion to the enriched ones (R, r)."""
+        return self.arguments[2][0]
+
+    def coordinates(self, deflection: np.ndarray) -> np.ndarray:
+        """Project deflections (normals, particle) [m] onto the enriched coordinates (R,)."""
+        in_plane = self.arguments[0][7]
+        parts = [self.projection[:in_plane] @ deflection[0]]
+        parts += [self.projection[in_plane:] @ part for part in deflection[1:]]
+        return np.concatenate(parts)
+
+    def error_at_rest(self, q: np.ndarray, static_boundary_data: np.ndarray) -> np.ndarray:
+        """Return the distance to the enriched equilibrium from coordinates (r,); zero where Newton's method finds none."""
+        from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
+
+        error = np.empty(len(self.change))
+        found = kernel.error_at_rest(q[None], static_boundary_data[None], *self.arguments, error)
+        return error if found else np.zeros_like(error)
+
+    def mean_squares(
+        self,
+        motion: tuple[np.ndarray, np.ndarray, np.ndarray],
+        boundary_data: np.ndarray,
+        interval: float,
+        initial_error: np.ndarray,
+        initial_rate: np.ndarray,
+    ) -> np.ndarray:
+        """Integrate the equation, driven by the residual of the motion.
+
+        Parameters
+        ----------
+        motion
+            Coordinates of the motion, rates and accelerations (samples, r).
+        boundary_data
+            Those of the samples.
+        interval
+            Interval of the samples [s].
+        initial_error, initial_rate
+            Error at the start, and its rate (R,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Mean square of the error over the length (samples,) [m^2]: that of the deflection, with the part of the chordwise
+            displacement that it has where it is largest; infinite where the error leaves the finite numbers.
+        """
+        from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
+
+        squares, largest = np.empty(len(motion[0])), np.zeros(initial_error.size + 1)
+        kernel.error_growth(
+            *motion, boundary_data, interval, *self.arguments, initial_error, initial_rate, squares, largest
+        )
+        squares = np.nan_to_num(squares, nan=np.inf) / (self.chain.p.mass * self.chain.total_length)
+        error = largest[:-1]
+        return squares * (1.0 + self._chordwise_share(error, self.change @ motion[0][int(largest[-1])]))
+
+    def _chordwise_share(self, error: np.ndarray, q: np.ndarray) -> float:
+        """Return the mean square of the chordwise displacement over that of the deflection, for an error (R,) at q (R,)."""
+        square, chain = float(error @ error), self.chain
+        if not 0.0 < square < math.inf:
+            return 0.0
+        in_plane, stretch = self.arguments[0][7], np.zeros(chain.links)
+        for which in (slice(in_plane), slice(in_plane, None)):
+            stretch -= (q[which] @ self.slopes[which]) * (error[which] @ self.slopes[which])
+        along = np.cumsum(stretch * chain.length)
+        along -= chain.arc_length[1:] / chain.total_length * along[-1]
+        return float(chain.p.mass * (chain.tributary_length[1:] @ along**2)) / square
+
+
+def sample_interval(omega_squared: float, modes: int, steps_per_second: float, end_time: float) -> int:
+    """Choose the number of steps between two samples of the residual.
 
     Parameters
     ----------
@@ -50,97 +256,79 @@ def sample_steps(omega_squared: float, modes: int, steps_per_second: float, end_
         Steps per second of the run, and its end [s].
     """
     omega_truncated = math.sqrt(omega_squared) * (modes + 1.0) / max(modes, 1)
-    interval = max(
+    return max(
         1,
         round(SAMPLING_PHASE / omega_truncated * steps_per_second),
         math.ceil(end_time * steps_per_second / MAX_SAMPLES),
     )
-    return np.arange(int(end_time * steps_per_second) // interval + 1) * interval
 
 
-def integrate_error(
-    enriched: CondensedModel,
-    motion: tuple[np.ndarray, np.ndarray, np.ndarray],
-    steps: np.ndarray,
-    steps_per_second: float,
-    initial_error: np.ndarray,
-) -> np.ndarray:
-    """Integrate the linearised error equation, driven by the residual of the enriched model.
-
-    Parameters
-    ----------
-    enriched
-        Enriched model.
-    motion
-        Reduced motion in its coordinates (samples, r), with rates and accelerations.
-    steps, steps_per_second
-        Numbers of the sampled steps, and steps per second.
-    initial_error
-        Error at the start (r,).
-
-    Returns
-    -------
-    numpy.ndarray
-        Mean square of the error over the particles (samples,) [m^2].
-    """
-    from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
-
-    chain, p, q = enriched.chain, enriched.chain.p, motion[0]
-    boundary_data = enriched.boundary_data_at(steps / steps_per_second)
-    mean_squares = np.empty(steps.size)
-    interval = float(steps[1] - steps[0]) if steps.size > 1 else 1.0
-    kernel.error_growth(
-        *motion, boundary_data, interval / steps_per_second, p.damping, p.stiffness, enriched.slopes,
-        enriched.n_in_plane, enriched.chordwise_force_patterns, chain.length, enriched.green,
-        enriched.load_projection, enriched.inertia, initial_error, enriched.tension_guess(boundary_data[0], q[0]),
-        np.full(chain.links, enriched.stretch_guess(boundary_data[0])), chain.arc_length / chain.total_length,
-        mean_squares,
-    )  # fmt: skip
-    return np.nan_to_num(mean_squares, nan=np.inf)
+# --- condensed model --------------------------------------------------------------------------------------------------
 
 
-def estimate(
-    model: CondensedModel,
-    sample: Callable[[np.ndarray, float], CondensedTrajectory],
-    steps_per_second: float,
-    end_time: float,
-) -> float:
+def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float) -> float:
     """Estimate the largest error over time as a fraction of the motion.
 
     The motion of the model is put into the equations of an enriched one (more modes, exact chordwise stretch, chordwise inertia).
-    Their residual at sampled instants drives the error, by the equations linearised about the motion: M e'' + K(t) e = residual.
-    The estimate contains the truncated modes, their effect on the retained ones over time, and the terms that the order neglects,
-    but not the error of the step.
+    Their residual at sampled instants drives the error, by the equation e'' + F(y) - F(y + e) = residual with the forces F to
+    leading order, whose coefficients are those of the motion.  The estimate contains the truncated modes, their effect on the
+    retained ones over time, and the terms that the order neglects, but not the error of the step.
 
     Parameters
     ----------
     model
         Model of the run.
-    sample
-        Returns the trajectory of the run at given instants [s], for given steps per second.
-    steps_per_second
-        Steps per second of the run.
-    end_time
-        End of the run [s].
+    state
+        Trajectory of the run with samples, see :attr:`CondensedTrajectory.sample_interval`.
+    scale
+        The motion, see :func:`motion_of` [m].
     """
-    if end_time == 0.0:
-        return 0.0
-    enriched = enriched_model(model.chain, model.modes)
-    p = enriched.chain.p
-    q, v = model.initial()
-    boundary_data = model.initial_boundary_data
-    initial_omega_squared = model.omega_max_squared(q, boundary_data, model.force(q, v, boundary_data)[2])
-    omega_squared = max(model.omega_taut_squared(end_time), initial_omega_squared)
-    steps = sample_steps(omega_squared, model.n_in_plane, steps_per_second, end_time)
-    times = steps / steps_per_second
-    state = sample(times, steps_per_second)
-    change = (enriched.shapes * enriched.mass) @ model.shapes.T  # of coordinates
-    in_plane, enriched_in_plane = model.n_in_plane, enriched.n_in_plane
-    change[:enriched_in_plane, in_plane:] = change[enriched_in_plane:, :in_plane] = 0.0
-    motion = tuple(array @ change.T for array in (state.saved, state.saved_rates, state.saved_accelerations))
-    initial_error = enriched.initial()[0] - motion[0][0]
-    mean_squares = integrate_error(enriched, motion, steps, steps_per_second, initial_error)
-    sample_indices = np.unique(np.linspace(0, times.size - 1, MOTION_SAMPLES).astype(int))
-    shapes = positions(model, state.saved[sample_indices], times[sample_indices])
-    scale = motion_scale(shapes, shapes[0], float(np.linalg.norm(p.upper - p.lower)))
-    return min(math.sqrt(mean_squares.max()) / scale, MAX_ERROR)
+    rows, interval = state.samples, state.sample_interval
+    rate = state.instants.steps_per_second / interval
+    motion = state.saved[rows], state.saved_rates[rows], state.saved_accelerations[rows]
+    leading = model.order == "leading"
+    equation = ErrorEquation.of(model.chain, model.modes, model.shapes, model.n_in_plane, leading=leading)
+    q = motion[0][0]
+    if model.chain.p.initial:
+        error = equation.coordinates(model.start_deflection()[:, 0]) - equation.change @ q
+    else:
+        error = equation.error_at_rest(q, model.static_boundary_data)
+    error_rate = np.zeros_like(error)
+    start_rates = model.start_deflection_rates
+    if start_rates is not None:
+        error_rate = equation.coordinates(start_rates) - equation.change @ model.coordinates(start_rates[:, None])[0]
+    boundary_data = state.sampled_boundary_data
+    if boundary_data is None:
+        boundary_data = model.boundary_data(0, len(motion[0]) - 1, rate)
+    squares = equation.mean_squares(motion, boundary_data, 1.0 / rate, error, error_rate)
+    return min(math.sqrt(squares.max()) / scale, MAX_ERROR)
+
+
+def motion_of(model: CondensedModel, state: CondensedTrajectory) -> float:
+    """Return the largest rms displacement from the initial shape [m]; the chord where nothing moves.
+
+    Displacements of the ends and changes of the deflection count, normal to the initial chord.
+    """
+    q = state.saved[state.samples]
+    stride = -(-len(q) // MOTION_SAMPLES)
+    q = q[::stride]
+    times = np.arange(len(q)) * (stride * state.sample_interval / state.instants.steps_per_second)
+    chain, p = model.chain, model.chain.p
+    mass, change = p.mass * chain.total_length, q - q[0]
+    square = (change * change).sum(axis=1) / mass
+    if p.motions:
+        ends = p.end_positions(times)
+        moved = ends - ends[0]
+        lower, upper = moved[:, 0], moved[:, 1]
+        square += ((lower + upper) * lower + upper * upper).sum(axis=1) / 3.0  # a linear displacement along the cable
+        normals = ChordFrame.of((ends[:1, 1] - ends[:1, 0]), model.reference).normals[0]
+        # means over the length of the shapes times (1 - sigma), which moves with the lower end, and times sigma
+        weighted = model.shapes * model.mass
+        of_upper = weighted @ (chain.arc_length / chain.total_length) / mass
+        of_lower = weighted.sum(axis=1) / mass - of_upper
+        for which, normal in zip(model.sets, normals, strict=True):
+            for end, mean in ((lower, of_lower), (upper, of_upper)):
+                square += 2.0 * (end @ normal) * (change[:, which] @ mean[which])
+    largest = math.sqrt(max(float(square.max()), 0.0))
+    chord = float(np.linalg.norm(p.upper - p.lower))
+    return largest if largest > 1e-9 * chord else chord

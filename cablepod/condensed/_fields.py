@@ -25,6 +25,14 @@ class CondensedTrajectory:
     scheme: str
     #: Tensions of the selected links at the instants (times, links) [N]; None where they were not computed on the way
     tension: np.ndarray | None = None
+    sample_interval: int = 0  #: number of steps between the samples of the error estimate, all saved; 0 without samples
+    sampled_boundary_data: np.ndarray | None = None  #: boundary data of the samples; None for runs of several blocks
+
+    @property
+    def samples(self) -> slice | np.ndarray:
+        """Rows of the saved steps that are samples of the error estimate."""
+        remainder = self.instants.steps % self.sample_interval
+        return np.flatnonzero(remainder == 0) if remainder.any() else slice(None)
 
     @property
     def q(self) -> np.ndarray:

@@ -1,98 +1,337 @@
-"""Compiled integration of the linearised error equation, driven by the residual of the enriched model."""
+"""Compiled error equation: residual of a motion in the enriched model, and the growth of the error that it drives.
+
+Arguments that all kernels share are tuples:
+
+constants
+    K [N], L0 [m], mass damping [1/s], whether law (21) holds, whether the motion obeys the closure to leading order, number of
+    joint Newton corrections of the closure, numbers of in-plane coordinates of the motion and of the enriched model.
+points
+    Weights (m,) [m], relative arc lengths (m,) and masses (m,) [kg] of the points along the cable, the part of its own stretch
+    that displaces a point, chordwise force patterns (patterns, m), slopes of the motion's coordinates (r, m) and of the enriched
+    ones (R, m).
+coefficients
+    Matrix from the motion's coordinates to the enriched ones (R, r), squared slope norms (R,), mean chordwise forces (patterns,),
+    geometric stiffness (patterns, R, R), its product with the matrix (patterns, R, r), load projection (normals times patterns,
+    R).
+"""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from cablepod._jit import compiled
+from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.condensed._kernels_dense import _solve
-from cablepod.condensed._kernels_exact import exact_force
-from cablepod.condensed._kernels_layout import CLOSURE_ROWS
+
+#: Number of samples that are computed side by side.
+BLOCK = 64
+#: Maximum number of Newton iterations for the error at the start, and its tolerance: last correction over the error.
+START_ITERATIONS, START_RTOL = 20, 1e-9
+#: Mass that is added to unresolved modes, over their stiffness times the squared step (stable above a quarter), and part of the
+#: stability margin of the others that the stiffness of the sag may use.
+ADDED_MASS, MARGIN = 0.3, 0.95
+# Sums of a block (SUMS, BLOCK).
+LEADING_TENSION, TENSION_CHANGE, LARGEST_FORCE = 0, 1, 2  #: H to leading order, change by the exact closure, largest N [N]
+CHORD, REACH, FLEXIBILITY = 3, 4, 5  #: integrals of zeta' to leading order and now [m], and of its derivative by N [m/N]
+SUMS = 6
+# Fields of a block (FIELDS, m, BLOCK); slopes and their rates take two rows, in and out of plane.
+SLOPE, SLOPE_RATE, SLOPE_ACCELERATION = 0, 2, 4
+FORCE, STRETCH, COMPLIANCE, CORRECTION, DISPLACEMENT = 6, 7, 8, 9, 10
+FIELDS = 11
 
 
-@compiled
+@compiled(fastmath=FAST_DIVISION, forceinline=True)
+def _close_samples(count, constants, points, loads, sums, fields):
+    """Fill chordwise force and stretch at the points for given slopes, and the change of H by the exact closure.
+
+    The integral of zeta' is that of 1 + N / K - w'^2 / 2 at the same points, so that errors of the quadrature only enter the
+    differences from the leading order.
+    """
+    stiffness, green, corrections = constants[0], constants[3], constants[5]
+    weights, patterns = points[0], points[4]
+    m, flexibility = weights.size, 1.0 / stiffness
+    for t in range(count):
+        sums[TENSION_CHANGE, t] = 0.0
+        sums[CHORD, t] = 0.0
+        sums[LARGEST_FORCE, t] = -np.inf
+    for j in range(m):
+        for t in range(count):
+            fields[FORCE, j, t] = sums[LEADING_TENSION, t]
+        for a in range(patterns.shape[0]):
+            for t in range(count):
+                fields[FORCE, j, t] += loads[1 + a, t] * patterns[a, j]
+        for t in range(count):
+            squared = fields[SLOPE, j, t] ** 2 + fields[SLOPE + 1, j, t] ** 2
+            strain = fields[FORCE, j, t] * flexibility
+            leading = 1.0 + strain - 0.5 * squared
+            sums[CHORD, t] += weights[j] * leading
+            sums[LARGEST_FORCE, t] = max(sums[LARGEST_FORCE, t], fields[FORCE, j, t])
+            inner = 1.0 - squared + 2.0 * strain / leading if green else (1.0 + strain) * (1.0 + strain) - squared
+            fields[STRETCH, j, t] = math.sqrt(inner)
+    for _ in range(corrections):
+        for t in range(count):
+            sums[REACH, t] = 0.0
+            sums[FLEXIBILITY, t] = 0.0
+        for j in range(m):
+            for t in range(count):
+                squared = fields[SLOPE, j, t] ** 2 + fields[SLOPE + 1, j, t] ** 2
+                stretch = fields[STRETCH, j, t]
+                strain = (fields[FORCE, j, t] + sums[TENSION_CHANGE, t]) * flexibility
+                if green:
+                    total = stretch * stretch + squared - 1.0
+                    compliance = 2.0 / (2.0 * stretch * stretch + total)
+                    correction = (strain - 0.5 * stretch * total) * compliance
+                else:
+                    inverse = 1.0 / math.sqrt(stretch * stretch + squared)
+                    compliance = 1.0 / (1.0 - squared * inverse * inverse * inverse)
+                    correction = (strain - stretch * (1.0 - inverse)) * compliance
+                fields[COMPLIANCE, j, t] = compliance * flexibility
+                fields[CORRECTION, j, t] = correction
+                sums[REACH, t] += weights[j] * (stretch + correction)
+                sums[FLEXIBILITY, t] += weights[j] * fields[COMPLIANCE, j, t]
+        for t in range(count):
+            sums[REACH, t] = (sums[CHORD, t] - sums[REACH, t]) / sums[FLEXIBILITY, t]
+            sums[TENSION_CHANGE, t] += sums[REACH, t]
+        for j in range(m):
+            for t in range(count):
+                fields[STRETCH, j, t] += fields[CORRECTION, j, t] + fields[COMPLIANCE, j, t] * sums[REACH, t]
+
+
+@compiled(fastmath=FAST_DIVISION, forceinline=True)
+def _transverse_forces(count, points, sums, fields):
+    """Replace the slopes by slopes times (N - inertia) / zeta' - N to leading order, times the weights.
+
+    The inertia is that of the chordwise motion at constant stretch of the cable: the second rate of zeta' is
+    -(w' w'_tt + w'_t^2 + zeta'_t^2) / zeta' with zeta'_t = -w' w'_t / zeta'.  A point moves by its integral less sigma times the
+    whole integral, and the force on a stretch is the inertia above it.
+    """
+    weights, sigma, masses, share = points[0], points[1], points[2], points[3]
+    m = weights.size
+    for t in range(count):
+        sums[REACH, t] = 0.0
+    for j in range(m):
+        for t in range(count):
+            inverse = 1.0 / fields[STRETCH, j, t]
+            x, y = fields[SLOPE, j, t], fields[SLOPE + 1, j, t]
+            x_rate, y_rate = fields[SLOPE_RATE, j, t], fields[SLOPE_RATE + 1, j, t]
+            stretch_rate = (x * x_rate + y * y_rate) * inverse
+            second_rate = x * fields[SLOPE_ACCELERATION, j, t] + y * fields[SLOPE_ACCELERATION + 1, j, t]
+            second_rate += x_rate * x_rate + y_rate * y_rate + stretch_rate * stretch_rate
+            second_rate *= -inverse * weights[j]
+            fields[DISPLACEMENT, j, t] = sums[REACH, t] + share * second_rate
+            sums[REACH, t] += second_rate
+    for t in range(count):
+        sums[FLEXIBILITY, t] = 0.0  # from here on the inertia above a point
+    for j in range(m):
+        for t in range(count):
+            inertia = masses[j] * (fields[DISPLACEMENT, j, t] - sigma[j] * sums[REACH, t])
+            fields[DISPLACEMENT, j, t] = inertia
+            sums[FLEXIBILITY, t] -= sigma[j] * inertia
+    for back in range(m):
+        j = m - 1 - back
+        for t in range(count):
+            above = sums[FLEXIBILITY, t] + share * fields[DISPLACEMENT, j, t]
+            sums[FLEXIBILITY, t] += fields[DISPLACEMENT, j, t]
+            exact = (fields[FORCE, j, t] + sums[TENSION_CHANGE, t] - above) / fields[STRETCH, j, t]
+            difference = (exact - fields[FORCE, j, t]) * weights[j]
+            fields[SLOPE, j, t] *= difference
+            fields[SLOPE + 1, j, t] *= difference
+
+
+@compiled(fastmath=FAST_DIVISION, forceinline=True)
+def _residuals(count, constants, points, coefficients, loads, motion, sums, fields, residual):
+    """Fill the residual (R, BLOCK) of a block of a motion (3, r, BLOCK): coordinates, rates, accelerations with damping.
+
+    It is that of the leading order, by its exact coefficients, plus the differences of the exact forces by the points.
+    """
+    stiffness, length, in_plane, enriched_in_plane = constants[0], constants[1], constants[6], constants[7]
+    slopes_of_motion, slopes = points[5], points[6]
+    change, kappa, mean_forces, _, geometric_stiffness, load_projection = coefficients
+    r, patterns, m = motion.shape[1], mean_forces.size, slopes.shape[1]
+    for t in range(count):
+        sums[LEADING_TENSION, t] = stiffness * (loads[0, t] / length - 1.0)
+    for a in range(patterns):
+        for t in range(count):
+            sums[LEADING_TENSION, t] -= mean_forces[a] * loads[1 + a, t]
+    for i in range(kappa.size):
+        sag = 0.5 * stiffness / length * kappa[i]
+        for t in range(count):
+            coordinate = 0.0
+            for j in range(r):
+                coordinate += change[i, j] * motion[0, j, t]
+            sums[LEADING_TENSION, t] += sag * coordinate * coordinate
+    for j in range(m):
+        for row in range(6):
+            for t in range(count):
+                fields[row, j, t] = 0.0
+        for i in range(r):
+            row, slope = 0 if i < in_plane else 1, slopes_of_motion[i, j]
+            for t in range(count):
+                fields[SLOPE + row, j, t] += slope * motion[0, i, t]
+                fields[SLOPE_RATE + row, j, t] += slope * motion[1, i, t]
+                fields[SLOPE_ACCELERATION + row, j, t] += slope * motion[2, i, t]
+    _close_samples(count, constants, points, loads, sums, fields)
+    _transverse_forces(count, points, sums, fields)
+    for i in range(kappa.size):
+        row = 0 if i < enriched_in_plane else 1
+        for t in range(count):
+            residual[i, t] = 0.0
+        for a in range(load_projection.shape[0]):
+            for t in range(count):
+                residual[i, t] += loads[1 + patterns + a, t] * load_projection[a, i]
+        for j in range(m):
+            for t in range(count):
+                residual[i, t] -= slopes[i, j] * fields[SLOPE + row, j, t]
+        for j in range(r):
+            for t in range(count):
+                string = sums[LEADING_TENSION, t] * kappa[i] * motion[0, j, t]
+                residual[i, t] -= change[i, j] * (motion[2, j, t] + string)
+            for a in range(patterns):
+                for t in range(count):
+                    residual[i, t] -= loads[1 + a, t] * geometric_stiffness[a, i, j] * motion[0, j, t]
+    if not constants[4]:
+        for t in range(count):  # the motion obeys the exact closure
+            sums[LEADING_TENSION, t] += sums[TENSION_CHANGE, t]
+            sums[LARGEST_FORCE, t] += sums[TENSION_CHANGE, t]
+
+
+@compiled(fastmath=FAST_DIVISION, forceinline=True)
+def _restoring_force(e, q, loads, t, chord_tension, sag_stiffness, kappa, geometric_stiffness, total, force):
+    """Fill the force (R,) that the error e restores, and kappa (q + e) in `total`; return the change of H [N]."""
+    tension_change = 0.0
+    for i in range(kappa.size):
+        own = kappa[i] * e[i]
+        total[i] = kappa[i] * q[i]
+        tension_change += (total[i] + 0.5 * own) * e[i]
+        total[i] += own
+        force[i] = chord_tension * own
+    tension_change *= sag_stiffness
+    for a in range(geometric_stiffness.shape[0]):
+        for j in range(kappa.size):
+            factor = loads[1 + a, t] * e[j]
+            for i in range(kappa.size):
+                force[i] += geometric_stiffness[a, j, i] * factor
+    for i in range(kappa.size):
+        force[i] += tension_change * total[i]
+    return tension_change
+
+
+@compiled(fastmath=FAST_DIVISION)
 def error_growth(
-    q, q_dot, q_ddot, boundary_data, step, damping, stiffness, slopes, n_in_plane, chordwise_force_patterns, weights,
-    green, load_projection, inertia, initial_error, guess, stretch, sigma, mean_squares,
+    q, q_dot, q_ddot, boundary_data, step, constants, points, coefficients, initial_error, initial_rate, mean_squares,
+    largest,
 ):  # fmt: skip
-    """Integrate the linearised error equation by the trapezoidal rule on sampled instants.
+    """Integrate the error equation on sampled instants.
+
+    Central differences with an effective mass: M (e(t + h) - 2 e(t) + e(t - h)) / h^2 = residual - restoring force, where M is
+    1 + h^2 K / 12 for modes that the step resolves (fourth order for constant K) and at least 0.3 h^2 K for others (stable at any
+    step), with N at most its maximum along the cable for K, plus a multiple of the dyad of the sag's stiffness.
 
     Parameters
     ----------
     q, q_dot, q_ddot
-        Motion of the reduced model in the coordinates of the enriched one, with rates and accelerations (samples, r).
+        Motion in its own coordinates, with rates and accelerations (samples, r).
+    boundary_data
+        See :func:`cablepod.condensed._kernels_frame.frames`; a row for each sample.
     step
         Interval of the samples [s].
-    initial_error
-        Error at the start (r,).
-    sigma
-        Relative arc length of the particles (n + 1,).
+    constants, points, coefficients
+        See above.
+    initial_error, initial_rate
+        Error at the start and its rate (R,).
     mean_squares
-        Filled: mean square of the error over the particles (samples,) [m^2], of deflection and chordwise displacement; inf from
-        the sample on where the matrix became singular.
-
-    The other parameters are those of :func:`cablepod.condensed._kernels_exact.exact_force` for the enriched model.
+        Filled: sum of the squares of the error's coordinates (samples,) [kg m^2].
+    largest
+        Filled: the error where that is largest, and the number of the sample (R + 1,).
     """
-    r, m = slopes.shape
-    f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))
-    work, slope, slope_rate, stretch_jacobian = (
-        np.empty((CLOSURE_ROWS, m)),
-        np.empty((2, m)),
-        np.empty((2, m)),
-        np.empty((2 * r, m)),
-    )
-    error, error_rate, error_acceleration, predicted, error_slope = (
-        initial_error.copy(),
-        np.zeros(r),
-        np.zeros(r),
-        np.empty(r),
-        np.empty((2, m)),
-    )
-    quarter_step_squared = 0.25 * step * step
-    for i in range(q.shape[0]):
-        guess = exact_force(
-            q[i], q_dot[i], boundary_data, i, slopes, None, n_in_plane, chordwise_force_patterns, weights, stiffness,
-            green, load_projection, inertia, guess, stretch, work, slope, slope_rate, stretch_jacobian, f, tangent,
-            mass,
-        )  # fmt: skip
-        for j in range(r):
-            predicted[j] = (
-                error[j] if i == 0 else error[j] + step * error_rate[j] + quarter_step_squared * error_acceleration[j]
-            )
-        for j in range(r):
-            # residual, minus damping and stiffness of the predicted error
-            total = f[j]
-            for k in range(r):
-                known_rate = q_dot[i, k] if i == 0 else q_dot[i, k] + error_rate[k] + 0.5 * step * error_acceleration[k]
-                total -= mass[j, k] * (q_ddot[i, k] + damping * known_rate) + tangent[j, k] * predicted[k]
-            f[j] = total
-        for j in range(r):
-            for k in range(r):
-                if i:
-                    mass[j, k] = (1.0 + 0.5 * step * damping) * mass[j, k] + quarter_step_squared * tangent[j, k]
-        if not _solve(mass, f):
-            mean_squares[i:] = np.inf
-            return
-        for j in range(r):
-            if i:
-                error[j] = predicted[j] + quarter_step_squared * f[j]
-                error_rate[j] += 0.5 * step * (error_acceleration[j] + f[j])
-            error_acceleration[j] = f[j]
-        for j in range(m):
-            error_slope[0, j] = 0.0
-            error_slope[1, j] = 0.0
-        for k in range(r):
-            plane = 0 if k < n_in_plane else 1
-            for j in range(m):
-                error_slope[plane, j] += slopes[k, j] * error[k]
-        reach = 0.0
-        for j in range(m):
-            reach -= weights[j] * (slope[0, j] * error_slope[0, j] + slope[1, j] * error_slope[1, j]) / stretch[j]
-        normal, across, along, total = 0.0, 0.0, 0.0, 0.0
-        for j in range(m):
-            normal += weights[j] * error_slope[0, j]
-            across += weights[j] * error_slope[1, j]
-            along -= weights[j] * (slope[0, j] * error_slope[0, j] + slope[1, j] * error_slope[1, j]) / stretch[j]
-            shift = along - sigma[j + 1] * reach
-            total += normal * normal + across * across + shift * shift
-        mean_squares[i] = total / (m + 1)
+    change, kappa, _, geometric_stiffness, _, _ = coefficients
+    (samples, r), size, m = q.shape, kappa.size, points[0].size
+    damping, sag_stiffness = constants[2], constants[0] / constants[1]
+    loads, motion = np.empty((boundary_data.shape[1], BLOCK)), np.empty((3, r, BLOCK))
+    sums, fields, residual = np.empty((SUMS, BLOCK)), np.empty((FIELDS, m, BLOCK)), np.empty((size, BLOCK))
+    e, increment, enriched_q = initial_error.copy(), np.zeros(size), np.empty(size)
+    total, force, inverse_mass = np.empty(size), np.empty(size), np.empty(size)
+    squared_step, furthest = step * step, -1.0
+    for begin in range(0, samples, BLOCK):
+        count = min(BLOCK, samples - begin)
+        for t in range(count):
+            for k in range(boundary_data.shape[1]):
+                loads[k, t] = boundary_data[begin + t, k]
+            for j in range(r):
+                motion[0, j, t] = q[begin + t, j]
+                motion[1, j, t] = q_dot[begin + t, j]
+                motion[2, j, t] = q_ddot[begin + t, j] + damping * q_dot[begin + t, j]
+        _residuals(count, constants, points, coefficients, loads, motion, sums, fields, residual)
+        for t in range(count):
+            square = 0.0
+            for i in range(size):
+                enriched_q[i] = 0.0
+                for j in range(r):
+                    enriched_q[i] += change[i, j] * motion[0, j, t]
+                square += e[i] * e[i]
+            mean_squares[begin + t] = square
+            if square > furthest:
+                furthest = square
+                largest[:size] = e
+                largest[size] = begin + t
+            _restoring_force(
+                e, enriched_q, loads, t, sums[LEADING_TENSION, t], sag_stiffness, kappa, geometric_stiffness, total,
+                force,
+            )  # fmt: skip
+            stiffest, need, cross, dyad = squared_step * max(sums[LARGEST_FORCE, t], 0.0), 0.0, 0.0, 0.0
+            for i in range(size):
+                own = stiffest * kappa[i]
+                mass = max(1.0 + own / 12.0, ADDED_MASS * own)
+                need += total[i] * total[i] / (mass - 0.25 * own)
+                inverse_mass[i] = 1.0 / (mass + 0.5 * damping * step)
+                if begin + t:
+                    force[i] = squared_step * (residual[i, t] - force[i]) - damping * step * increment[i]
+                else:
+                    force[i] = 0.5 * squared_step * (residual[i, t] - force[i] - damping * initial_rate[i])
+                    increment[i] = step * initial_rate[i]
+                cross += total[i] * force[i] * inverse_mass[i]
+                dyad += total[i] * total[i] * inverse_mass[i]
+            # as little of the sag's stiffness as stability allows: a twelfth, as for the other modes, or up to a quarter
+            sag = squared_step * sag_stiffness
+            part = max(sag / 12.0, 0.25 * sag - MARGIN / max(need, 1e-300))
+            cross *= part / (1.0 + part * dyad)
+            for i in range(size):
+                increment[i] += (force[i] - cross * total[i]) * inverse_mass[i]
+                e[i] += increment[i]
+
+
+@compiled(fastmath=FAST_DIVISION)
+def error_at_rest(q, boundary_data, constants, points, coefficients, e):
+    """Fill e (R,) with the distance to the equilibrium of the enriched model from coordinates q (1, r) at rest; False if none."""
+    change, kappa, _, geometric_stiffness, _, _ = coefficients
+    r, size, m = q.shape[1], kappa.size, points[0].size
+    loads, motion = np.empty((boundary_data.shape[1], BLOCK)), np.zeros((3, r, BLOCK))
+    sums, fields, residual = np.empty((SUMS, BLOCK)), np.empty((FIELDS, m, BLOCK)), np.empty((size, BLOCK))
+    loads[:, 0] = boundary_data[0]
+    motion[0, :, 0] = q[0]
+    _residuals(1, constants, points, coefficients, loads, motion, sums, fields, residual)
+    enriched_q, total, force, tangent = change @ q[0], np.empty(size), np.empty(size), np.empty((size, size))
+    sag_stiffness = constants[0] / constants[1]
+    e[:] = 0.0
+    for _ in range(START_ITERATIONS):
+        chord_tension = sums[LEADING_TENSION, 0]
+        chord_tension += _restoring_force(
+            e, enriched_q, loads, 0, chord_tension, sag_stiffness, kappa, geometric_stiffness, total, force
+        )
+        for i in range(size):
+            force[i] = residual[i, 0] - force[i]
+            for j in range(size):
+                tangent[i, j] = sag_stiffness * total[i] * total[j]
+                for a in range(geometric_stiffness.shape[0]):
+                    tangent[i, j] += loads[1 + a, 0] * geometric_stiffness[a, i, j]
+            tangent[i, i] += chord_tension * kappa[i]
+        if not _solve(tangent, force):
+            return False
+        correction, largest = 0.0, 0.0
+        for i in range(size):
+            e[i] += force[i]
+            correction, largest = max(correction, abs(force[i])), max(largest, abs(e[i]))
+        if correction <= START_RTOL * largest:
+            return True
+    return False

@@ -103,21 +103,32 @@ class CondensedModel(Coefficients):
         if q is not None:
             q = self.equilibrium(q)
         if q is None:
-            position = start(self.chain)
-            q = self.coordinates(
-                ChordFrame.of((position[-1] - position[0])[None], self.reference).split(position[None])[1]
-            )[0]
+            q = self.coordinates(self.start_deflection())[0]
             if not p.initial:
                 rest = self.equilibrium(q)
                 q = q if rest is None else rest
+        rates = self.start_deflection_rates
+        return q, np.zeros_like(q) if rates is None else self.momenta(rates[:, None])[0]
+
+    def start_deflection(self) -> np.ndarray:
+        """Return the deflection of the chain at the start (normals, 1, particle) [m]."""
+        position = start(self.chain)
+        return ChordFrame.of((position[-1] - position[0])[None], self.reference).split(position[None])[1]
+
+    @cached_property
+    def start_deflection_rates(self) -> np.ndarray | None:
+        """Rates of the deflection at the start (normals, particle) [m/s]; None for ends without speed.
+
+        The particles are at rest, the chord frame moves.
+        """
+        p = self.chain.p
         rates = p.initial_end_rates[0]
         if not rates.any():
-            return q, np.zeros_like(q)
-        # the particles are at rest, the chord frame moves
+            return None
         frame = ChordFrame.of(np.diff(p.initial_ends, axis=0), self.reference)
         sigma = self.chain.arc_length / self.chain.total_length
         velocity = rates[0] + sigma[:, None] * (rates[1] - rates[0])
-        return q, self.momenta(-np.einsum("pc,kc->kp", velocity, frame.normals[0])[:, None])[0]
+        return -np.einsum("pc,kc->kp", velocity, frame.normals[0])
 
     @cached_property
     def first_guess(self) -> np.ndarray | None:
@@ -241,9 +252,9 @@ class CondensedModel(Coefficients):
         sag = self.chain.p.stiffness / self.chain.total_length * float(((kappa * q) ** 2).sum())
         return self.frequency_amplification * (abs(chord_tension) * float(kappa.max()) + sag) + load_frequency_bound
 
-    def omega_taut_squared(self, end_time: float) -> float:
+    def omega_taut_squared(self, end_time: float, intervals: int = 1000) -> float:
         """Return the largest squared angular frequency without sag, at the longest chord up to `end_time` [s], in 1/s^2."""
-        ends = self.chain.p.end_positions(np.linspace(0.0, end_time, 1001))
+        ends = self.chain.p.end_positions(np.linspace(0.0, end_time, intervals + 1))
         longest = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max()
         chord_tension = self.chain.p.stiffness * max(float(longest) / self.chain.total_length - 1.0, 0.0)
         return self.frequency_amplification * chord_tension * float(self.slope_norms_squared.max())

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod.condensed import _estimate as condensed_estimate
 from cablepod.condensed._fields import (
     CondensedTrajectory,
     close_chord,
@@ -125,13 +124,12 @@ def padded(amplitude: np.ndarray, rank: int) -> np.ndarray:
 
 def attributes_of(solution: CondensedResult, modes: xr.Dataset, request: CondensedRequest) -> dict[str, Any]:
     """Return all attributes of a run, with the error estimate where it was requested."""
-    run, state, steps_per_second, limit, time_error = solution
-    attrs = attributes(run.model, state, modes) | {"step_limit": limit}
+    run, state, time_error = solution.run, solution.state, solution.time_error
+    attrs = attributes(run.model, state, modes) | {"step_limit": solution.limit}
     if time_error is not None:
         attrs["time_error_estimate"] = time_error
     if "error_estimate" in request.outputs:
-        estimate = condensed_estimate.estimate(run.model, run.sample, steps_per_second, float(run.times[-1]))
-        attrs["error_estimate"] = (time_error or 0.0) + estimate
+        attrs["error_estimate"] = (time_error or 0.0) + solution.model_error
     return attrs
 
 

@@ -10,29 +10,43 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from cablepod._resources import check_memory
+from cablepod.condensed._estimate import estimate, motion_of, sample_interval
 from cablepod.condensed._fields import CondensedTrajectory, positions
 from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE, UNSTABLE_STEP
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._output import attributes, dataset
-from cablepod.condensed._stepper import CondensedStepper
+from cablepod.condensed._stepper import FOURTH_ORDER, CondensedStepper
+from cablepod.errors import scene_error
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import stop
 from cablepod.integrate._request import Request, check_resolved, check_step
 from cablepod.integrate._step_control import (
+    SECOND_ORDER,
     STEPS_PER_CHANGE,
     ComparableRuns,
+    fit_step,
     motion_scale,
     preferred_steps_per_second,
     refine_step,
 )
 
-SCHEMES = ("velocity_verlet", "trapezoidal")
+SCHEMES = ("velocity_verlet", "trapezoidal", FOURTH_ORDER)
+#: Longest stable step times the highest angular frequency.
+STABLE_PHASE = {"velocity_verlet": 2.0, "trapezoidal": math.inf, FOURTH_ORDER: math.sqrt(6.0)}
 #: Minimum ratio of the explicit step limit to that of the tension alone; below, where the stretching of the sag governs, the
 #: default scheme is implicit.
 IMPLICIT_THRESHOLD = 0.3
 #: First step of a refinement times the highest angular frequency (implicit: the lowest).  Free vibrations are undamped: with
 #: longer steps their phase errors exceed a period, and the distance of two runs shows no convergence.
 PHASE_PER_STEP = 0.4
+#: The same, below which the scheme of fourth order is not the default.
+FOURTH_ORDER_THRESHOLD = 0.03
+#: Number of intervals in which the longest chord is looked for before a run whose step is fitted.
+FIT_INTERVALS = 200
+#: Default time error over the estimated error of the model, and its bounds as a fraction of the motion.
+TIME_ERROR_SHARE, MIN_TOLERANCE, MAX_TOLERANCE = 0.1, 1e-6, 1e-2
+#: The same for the scheme of fourth order, whose phase errors are (phase^4 / 480) of the phase.
+FOURTH_ORDER_PHASE = 1.0
 #: Minimum number of implicit steps of the first run.
 MIN_STEPS = 20.0
 
@@ -52,6 +66,8 @@ class CondensedResult(NamedTuple):
     steps_per_second: float
     limit: float  #: stability limit of explicit steps at the start [s]
     time_error: float | None  #: estimated time error as a fraction of the motion; None for a given step
+    tolerance: float | None  #: of the time error; None for a given step
+    model_error: float  #: estimated error of the model as a fraction of the motion; nan where it was not computed
 
 
 def solve(
@@ -74,18 +90,32 @@ def solve(
     omega_squared = model.omega_max_squared(q0, model.initial_boundary_data, chord_tension)
     limit = 2.0 / math.sqrt(omega_squared)
     scheme, step = request.scheme, request.step
+    fits = step is None and request.given_tolerance is None
     if scheme is None:
         taut = max(abs(chord_tension) * model.slope_norms_squared.max(), 1e-300)
         explicit = limit >= IMPLICIT_THRESHOLD * 2.0 / math.sqrt(taut)
         scheme = SCHEMES[0] if explicit or (step is not None and step < limit) else SCHEMES[1]
-    start = InitialState(q0, v0, acceleration, chord_tension)
-    run = CondensedRun(model, times, start, request.outputs, request.links, progress, scheme)
+        if fits and model.order == "leading" and limit >= FOURTH_ORDER_THRESHOLD * 2.0 / math.sqrt(taut):
+            scheme = FOURTH_ORDER
+    elif scheme == FOURTH_ORDER and model.order != "leading":
+        raise scene_error("scheme", scheme, f'only with order "leading"; given order "{model.order}"')
+    start, end_time = InitialState(q0, v0, acceleration, chord_tension), float(times[-1])
+    estimates = "error_estimate" in request.outputs
+    if step is None or estimates:
+        omega_squared = max(omega_squared, model.omega_taut_squared(end_time, FIT_INTERVALS if fits else 1000))
+    sampled = omega_squared if (estimates or fits) and end_time > 0.0 else 0.0
+    run = CondensedRun(model, times, start, request.outputs, request.links, progress, scheme, sampled)
     if step is not None:
-        if run.explicit:
-            check_step(step, limit, f"2 over the highest angular frequency, {2 / limit:.6g} rad/s")
+        if run.stable_phase < math.inf:
+            longest = 0.5 * run.stable_phase * limit
+            check_step(step, longest, f"{run.stable_phase:.4g} over the highest angular frequency, {2 / limit:.6g} rad/s")
         check_resolved(step, p.shortest_time_scale)
-        return CondensedResult(run, run(1.0 / step), 1.0 / step, limit, None)
+        state = run(1.0 / step)
+        return CondensedResult(run, state, 1.0 / step, limit, None, None, run.model_error(state) if estimates else np.nan)
     first_step = min(_unforced_step(run, omega_squared), p.shortest_time_scale / STEPS_PER_CHANGE)
+    steps_per_second = preferred_steps_per_second(1.0 / first_step)
+    if fits:
+        return _fitted(run, steps_per_second, limit)
     chord = float(np.linalg.norm(p.upper - p.lower))
     initial = positions(model, q0[None], np.zeros(1))[0]
 
@@ -95,17 +125,49 @@ def solve(
     def motion(state: CondensedTrajectory) -> float:
         return motion_scale(position(state), initial, chord)
 
-    steps_per_second = preferred_steps_per_second(1.0 / first_step)
-    runs = ComparableRuns(run, position, motion, steps_per_second, float(times[-1]), model.chain.links)
-    state, steps_per_second, estimate = refine_step(runs, request.tolerance)
-    return CondensedResult(run, state, steps_per_second, limit, estimate)
+    runs = ComparableRuns(
+        run, position, motion, steps_per_second, end_time, model.chain.links, order=run.order
+    )
+    state, steps_per_second, time_error = refine_step(runs, request.tolerance)
+    error = run.model_error(state) if estimates else np.nan
+    return CondensedResult(run, state, steps_per_second, limit, time_error, request.tolerance, error)
+
+
+def _fitted(run: CondensedRun, steps_per_second: float, limit: float) -> CondensedResult:
+    """Run with a step whose error is a tenth of that expected of the model, which the first run tells.
+
+    Both errors are rms values over the length; that of the step counts the deflection only.
+    """
+    model, end_time, scale = run.model, float(run.times[-1]), 1.0
+    error, root_mass = 0.0, math.sqrt(model.chain.p.mass * model.chain.total_length)
+
+    first, later = run, replace(run, sampled_omega_squared=0.0)
+
+    def integrate(steps_per_second: float) -> CondensedTrajectory:
+        return first(steps_per_second)
+
+    def tolerance_of(state: CondensedTrajectory) -> float:
+        nonlocal error, scale, first
+        first = later
+        if end_time > 0.0:
+            scale = motion_of(model, state)
+            error = estimate(model, state, scale)
+        return min(max(TIME_ERROR_SHARE * error, MIN_TOLERANCE), MAX_TOLERANCE)
+
+    runs = ComparableRuns(
+        integrate, lambda state: state.q[:, None] / root_mass, lambda _: scale, steps_per_second, end_time, model.chain.links,
+        order=run.order,
+    )  # fmt: skip
+    state, steps_per_second, time_error, tolerance = fit_step(runs, tolerance_of)
+    return CondensedResult(run, state, steps_per_second, limit, time_error, tolerance, error)
 
 
 def _unforced_step(run: CondensedRun, omega_squared: float) -> float:
     """Return the first step of a refinement [s] by free vibrations, for a bound of their squared frequency [1/s^2]."""
     end_time, kappa = float(run.times[-1]), run.model.slope_norms_squared
-    if run.explicit:
-        return PHASE_PER_STEP / math.sqrt(max(omega_squared, run.model.omega_taut_squared(end_time)))
+    if run.stable_phase < math.inf:
+        phase = FOURTH_ORDER_PHASE if run.scheme == FOURTH_ORDER else PHASE_PER_STEP
+        return phase / math.sqrt(omega_squared)
     chord_tension = max(run.model.omega_taut_squared(end_time), 1e-300) / kappa.max()
     omega_min = math.sqrt(max(chord_tension, 1e-9 * run.model.chain.p.stiffness) * kappa.min())
     return min(max(end_time, 1e-300) / MIN_STEPS, PHASE_PER_STEP / omega_min)
@@ -131,11 +193,23 @@ class CondensedRun:
     links: np.ndarray | None  #: indices, from 0, of the links whose tensions are computed; None for all
     progress: Callable[[float], None] | None
     scheme: str
+    #: Bound of the squared frequencies that samples for the error estimate resolve [1/s^2]; 0 for none
+    sampled_omega_squared: float = 0.0
 
     @property
     def explicit(self) -> bool:
         """Whether the scheme is velocity Verlet."""
         return self.scheme == SCHEMES[0]
+
+    @property
+    def stable_phase(self) -> float:
+        """Longest stable step times the highest angular frequency."""
+        return STABLE_PHASE[self.scheme]
+
+    @property
+    def order(self) -> float:
+        """Order of the scheme; mass damping enters that of Fox and Goodwin to second order."""
+        return 4.0 if self.scheme == FOURTH_ORDER and not self.model.chain.p.mass_damping else SECOND_ORDER
 
     @property
     def leading(self) -> bool:
@@ -162,9 +236,16 @@ class CondensedRun:
             self._stop_diverged(state, failed_step, steps_per_second)
         return state
 
-    def sample(self, times: np.ndarray, steps_per_second: float) -> CondensedTrajectory:
-        """Integrate with the same step, saved at other instants [s]."""
-        return replace(self, times=times, outputs=(), progress=None)(steps_per_second)
+    def sample_interval(self, steps_per_second: float) -> int:
+        """Return the number of steps between the samples for the error estimate; 0 without."""
+        if not self.sampled_omega_squared:
+            return 0
+        end_time, modes = float(self.times[-1]), self.model.n_in_plane
+        return sample_interval(self.sampled_omega_squared, modes, steps_per_second, end_time)
+
+    def model_error(self, state: CondensedTrajectory) -> float:
+        """Return the estimated error of the model as a fraction of the motion, from a trajectory with samples."""
+        return estimate(self.model, state, motion_of(self.model, state)) if state.sample_interval else 0.0
 
     def _stop_unstable(self, state: CondensedTrajectory, step_number: int, steps_per_second: float) -> NoReturn:
         limit = 2 / math.sqrt(self.model.frequency_amplification * state.monitor[MAX_OMEGA_SQUARED])
@@ -202,7 +283,8 @@ class CondensedRun:
         """Raise :class:`cablepod.errors.RunStopped` with the result at the instants before `time` [s]."""
         instants, partial = state.instants.before_time(time), None
         if instants is not None:
-            saved, half_step_rates = state.saved[: instants.steps.size], state.half_step_rates[: instants.steps.size]
+            rows = np.searchsorted(state.instants.steps, instants.steps)
+            saved, half_step_rates = state.saved[rows], state.half_step_rates[rows]
             part = CondensedTrajectory(instants, saved, half_step_rates, None, state.monitor, self.scheme)
             partial = dataset(self.model, part, attributes(self.model, part, None), ("position",), "stopped")
         stop(partial, time, float(state.instants.times[-1]), why)

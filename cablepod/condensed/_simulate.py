@@ -134,6 +134,7 @@ def simulate(
     content = SceneContent.of(scene)
     p, several = content.parameters(), "member" in scene.dims
     unit = unit_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature)
+    used_tolerance = tolerance
     if several:
         result = run(
             scene,
@@ -146,7 +147,8 @@ def simulate(
         )
     else:
         title = str(scene.attrs.get("title", "scene"))
-        result = result_of(solve(kept_model(unit, p), request, progress), modes, request, title)
+        solution = solve(kept_model(unit, p), request, progress)
+        result, used_tolerance = result_of(solution, modes, request, title), solution.tolerance
         warn_condensed_out_of_range(result.attrs)
     return request.record(
         result,
@@ -155,6 +157,7 @@ def simulate(
         given={"rank": rank, "scheme": scheme},
         scene_digest=content.digest,
         rank=unit.rank,
+        tolerance=used_tolerance,
         order=order,
         law=law,
         **({} if quadrature is None else {"quadrature": quadrature}),

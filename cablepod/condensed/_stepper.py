@@ -15,6 +15,9 @@ from cablepod.integrate._step_control import damped_growth
 if TYPE_CHECKING:
     from cablepod.condensed._runs import CondensedRun
 
+#: Name of the scheme of fourth order, and Newmark's beta of the implicit schemes.
+FOURTH_ORDER = "fox_goodwin"
+BETA = {"trapezoidal": 1.0 / 4.0, FOURTH_ORDER: 1.0 / 12.0}
 #: Coordinates beyond this multiple of sqrt(mass) times length have diverged.
 DIVERGENCE_FACTOR = 1e6
 
@@ -36,9 +39,14 @@ class CondensedStepper:
         self.instants = OutputTimes.of(run.times, steps_per_second)
         #: Steps to take; an explicit run takes one more, for the rates half a step after the last instant.
         self.total = int(self.instants.steps[-1]) + (1 if run.explicit else 0)
+        self.sample_interval = run.sample_interval(steps_per_second)
+        self.sampled_boundary_data: np.ndarray | None = None
+        if self.sample_interval:
+            self.instants = self.instants.with_multiples(self.sample_interval)
         self.q, self.v, self.acceleration, self.stretch = self._initial_arrays()
+        self.previous_acceleration = self.acceleration.copy()
         # the kernels compare frequencies of the modes, without the amplification by test functions
-        limit = 4.0 * steps_per_second**2 / model.frequency_amplification if run.explicit else np.inf
+        limit = run.stable_phase**2 * steps_per_second**2 / model.frequency_amplification
         self.monitor = initial_monitor(limit, run.start.chord_tension)
         count, r = self.instants.steps.size, len(model.shapes)
         self.saved, self.half_step_rates = np.empty((count, r)), np.empty((count, 2, r))
@@ -61,7 +69,7 @@ class CondensedStepper:
     @property
     def changed(self) -> tuple[np.ndarray, ...]:
         """All arrays that a step changes."""
-        return self.q, self.v, self.acceleration, self.stretch, self.monitor
+        return self.q, self.v, self.acceleration, self.previous_acceleration, self.stretch, self.monitor
 
     def _initial_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return q, rates (explicit: half a step before the start), accelerations (r,), and chordwise stretch (2, m)."""
@@ -83,6 +91,8 @@ class CondensedStepper:
         first = np.searchsorted(output_steps, begin)
         last = np.searchsorted(output_steps, begin + steps + (1 if final and not run.explicit else 0))
         boundary_data = run.model.boundary_data(begin, steps - 1 if run.explicit else steps, self.steps_per_second)
+        if self.sample_interval and steps == self.total:
+            self.sampled_boundary_data = boundary_data[:: self.sample_interval]
         outputs = (
             begin, output_steps[first:last], self.saved[first:last], self.half_step_rates[first:last], self.low,
             self.high, self.monitor,
@@ -109,7 +119,12 @@ class CondensedStepper:
             )
             return None
         damping = model.chain.p.damping
-        return kernel.leading_implicit(self.q, self.v, self.acceleration, self.step, damping, boundary_data, *rest)
+        if self.run.scheme != FOURTH_ORDER:
+            self.previous_acceleration[:] = self.acceleration
+        return kernel.leading_implicit(
+            self.q, self.v, self.acceleration, self.previous_acceleration, self.step, damping, BETA[self.run.scheme],
+            boundary_data, *rest,
+        )  # fmt: skip
 
     def _advance_exact(self, boundary_data: np.ndarray, outputs: tuple[Any, ...]) -> int | None:
         """Advance with the exact chordwise stretch; return the steps done, None for an explicit run, which does all."""
@@ -141,7 +156,8 @@ class CondensedStepper:
         if self.wants_extremes and run.links is not None and not run.leading:
             low, high = low[run.links], high[run.links]
         extremes = (low, high) if self.wants_extremes else None
-        tension = self.tension_series if self.saves_tension else None
+        tension = self.tension_series[self.instants.left] if self.saves_tension else None
         return CondensedTrajectory(
-            self.instants, self.saved, self.half_step_rates, extremes, self.monitor, run.scheme, tension
-        )
+            self.instants, self.saved, self.half_step_rates, extremes, self.monitor, run.scheme, tension,
+            self.sample_interval, self.sampled_boundary_data,
+        )  # fmt: skip

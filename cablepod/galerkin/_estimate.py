@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cablepod.condensed._estimate import MAX_ERROR, enriched_model, integrate_error, sample_steps
+from cablepod.condensed._estimate import MAX_ERROR, ErrorEquation, enriched_modes, sample_interval
 from cablepod.condensed._fields import positions
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chain import LumpedChain, square
@@ -58,19 +58,27 @@ def estimate(
     p = model.chain.p
     try:
         frame = _chord_frame(model, np.zeros(1), None)
-        enriched = _enriched_model(model, frame)
+        enriched, equation = _enriched_model(model, frame)
         omega_squared = _last_frequency_squared(model, enriched, end_time)
-        steps = sample_steps(omega_squared, _modes_per_coordinate(model), steps_per_second, end_time)
-        times = steps / steps_per_second
+        interval = sample_interval(omega_squared, _modes_per_coordinate(model), steps_per_second, end_time)
+        times = np.arange(int(end_time * steps_per_second) // interval + 1) * (interval / steps_per_second)
         trajectory = sample(times, steps_per_second)
         motion, chordwise, moved = _enriched_motion(model, enriched, trajectory, times)
     except SceneError:
         return math.nan
     if not np.isfinite(chordwise).all():
         return math.nan
-    initial = enriched.initial()[0] if p.initial else enriched.equilibrium(motion[0][0])
-    initial_error = np.zeros(motion[0].shape[1]) if initial is None else initial - motion[0][0]
-    deflection = integrate_error(enriched, motion, steps, steps_per_second, initial_error)
+    q, rates = motion[0][0], motion[1][0]
+    if p.initial:
+        initial_error = equation.coordinates(enriched.start_deflection()[:, 0]) - equation.change @ q
+    else:
+        initial_error = equation.error_at_rest(q, enriched.static_boundary_data)
+    start_rates = enriched.start_deflection_rates
+    initial_rate = np.zeros_like(initial_error)
+    if start_rates is not None:
+        initial_rate = equation.coordinates(start_rates) - equation.change @ rates
+    boundary_data = enriched.boundary_data_at(times)
+    deflection = equation.mean_squares(motion, boundary_data, interval / steps_per_second, initial_error, initial_rate)
     return min(math.sqrt((deflection + chordwise).max()) / moved, MAX_ERROR)
 
 
@@ -85,8 +93,11 @@ def _chord_frame(model: GalerkinModel, times: np.ndarray, reference: int | None)
     return ChordFrame.of(ends[:, 1] - ends[:, 0], reference)
 
 
-def _enriched_model(model: GalerkinModel, frame: ChordFrame) -> CondensedModel:
-    """Assemble the enriched model; its modes contain the deflections of the mean shape and of all modes."""
+def _enriched_model(model: GalerkinModel, frame: ChordFrame) -> tuple[CondensedModel, ErrorEquation]:
+    """Return the enriched model and the error equation of motions in its coordinates.
+
+    Its modes contain the deflections of the mean shape and of all modes.
+    """
     fields = np.concatenate([model.mean[None], model.fields])
     fields[:, [0, -1]] = 0.0
     sets = []
@@ -100,7 +111,8 @@ def _enriched_model(model: GalerkinModel, frame: ChordFrame) -> CondensedModel:
             basis = rows[values > DEFLECTION_RTOL * values[0]]
         sets.append(basis)
     chain = LumpedChain(model.chain.p, model.chain.length, model.chain.arc_length, model.law)
-    return enriched_model(chain, sets)
+    enriched = CondensedModel(chain, "inertial", enriched_modes(sets, chain.arc_length / chain.total_length))
+    return enriched, ErrorEquation.of(chain, sets, enriched.shapes, enriched.n_in_plane, leading=False)
 
 
 def _last_frequency_squared(model: GalerkinModel, enriched: CondensedModel, end_time: float) -> float:

@@ -47,6 +47,14 @@ class OutputTimes:
         """Whether any output time lies between two steps."""
         return bool((self.fraction > 0).any())
 
+    def with_multiples(self, interval: int) -> OutputTimes:
+        """Return the same output times with all multiples of a number of steps, up to the last step, among the steps to save."""
+        steps = np.arange(int(self.steps[-1]) // interval + 1) * interval
+        if (self.steps % interval).any():
+            steps = np.union1d(steps, self.steps)
+        left = np.searchsorted(steps, self.steps)[self.left]
+        return OutputTimes(self.times, self.steps_per_second, steps, left, self.fraction)
+
     def before_step(self, done: int) -> OutputTimes | None:
         """Return the output times up to step `done` - 1, None if there are none.
 

@@ -20,6 +20,9 @@ MIN_ORDER = 0.8
 FIRST_ORDER, SECOND_ORDER = 1.0, 2.0
 #: Maximum number of refinements after the first run, and maximum factor of the number of steps in one of them.
 MAX_REFINEMENTS, MAX_FACTOR = 6, 4.0
+#: Tolerance over the expected error of the next refinement; the same, and margin of the first estimate, where the step only has to
+#: be good enough.
+REFINEMENT_MARGIN, ECONOMICAL_MARGIN, FIRST_MARGIN = 4.0, 1.5, 1.5
 #: Maximum number of steps of a run over that of the first (more steps would take long for a motion that is hardly resolved).
 MAX_GROWTH = 512.0
 #: Maximum steps times links of a run without a given step (half an hour to some hours), and of a trial run with long implicit
@@ -64,6 +67,7 @@ class ComparableRuns:
     #: Whether the forces of a run have kinks, as where links slacken and snap taut.  Each kink adds an error that depends on its
     #: place in the step, so that at most first order is assumed.
     has_kinks: Callable[[Any], bool] = _without_kinks
+    order: float = SECOND_ORDER  #: of the scheme
 
     def distance(self, fine: Any, coarse: Any) -> float:
         """Return the largest rms distance of two runs over the motion of the finer one."""
@@ -149,9 +153,44 @@ def refine_step(runs: ComparableRuns, tolerance: float) -> tuple[Any, float, flo
     NotConvergedWarning
         If shorter steps do not bring the runs together, or only too slowly.
     """
-    # rate: steps per second
+    check_work(runs.steps_per_second, runs.end_time, runs.links)
+    return _refine(runs, *_first_finite_run(runs), tolerance, economical=False)
+
+
+def fit_step(runs: ComparableRuns, tolerance_of: Callable[[Any], float]) -> tuple[Any, float, float, float]:
+    """Run with rising numbers of steps per second until two runs agree within a tolerance that the first run tells.
+
+    Steps are hardly shorter than needed: second order is assumed for the distance of the first two runs.  That suits a time error
+    that only has to be small beside another error.
+
+    Parameters
+    ----------
+    runs
+        The runs and their comparison.
+    tolerance_of
+        Returns the maximum error as a fraction of the motion for the first run.
+
+    Returns
+    -------
+    tuple
+        The finest run, its steps per second, the estimate of its error, the tolerance.
+
+    Raises
+    ------
+    SceneError, NotConvergedWarning
+        As :func:`refine_step`.
+    """
     check_work(runs.steps_per_second, runs.end_time, runs.links)
     coarse, rate = _first_finite_run(runs)
+    tolerance = tolerance_of(coarse)
+    return (*_refine(runs, coarse, rate, tolerance, economical=True), tolerance)
+
+
+def _refine(
+    runs: ComparableRuns, coarse: Any, rate: float, tolerance: float, *, economical: bool
+) -> tuple[Any, float, float]:
+    """Refine a first run with `rate` steps per second, see :func:`refine_step` and, economically, :func:`fit_step`."""
+    aim = ECONOMICAL_MARGIN if economical else REFINEMENT_MARGIN
     max_rate = min(MAX_GROWTH * rate, runs.max_steps_per_second(MAX_WORK))
     factor, last_distance, last_factor, slow = 2.0, math.inf, math.inf, 0
     for _ in range(MAX_REFINEMENTS):
@@ -160,14 +199,15 @@ def refine_step(runs: ComparableRuns, tolerance: float) -> tuple[Any, float, flo
         factor, rate = new_rate / rate, new_rate
         fine = runs.run(rate)
         distance = runs.distance(fine, coarse)
-        max_order = FIRST_ORDER if runs.has_kinks(fine) else SECOND_ORDER
-        margin = 0.5 if rate < max_rate else 1.0  # while a finer run is possible
+        max_order = FIRST_ORDER if runs.has_kinks(fine) else runs.order
+        margin = 0.5 if rate < max_rate and not economical else 1.0  # while a finer run is possible
         if last_distance == math.inf:
             order = max_order
-            # second order is not observed yet, so the estimate does not use it
-            estimate, accepted = distance, distance <= (tolerance if order > FIRST_ORDER else margin * tolerance)
+            # second order is not observed yet, so the estimate does not use it, or with a margin
+            estimate = distance / (factor**order - 1.0) * FIRST_MARGIN if economical else distance
+            accepted = estimate <= (tolerance if order > FIRST_ORDER else margin * tolerance)
         else:
-            order = min(max_order, observed_order(distance / last_distance, last_factor, factor))
+            order = observed_order(distance / last_distance, last_factor, factor, max_order)
             estimate = distance / (factor**order - 1.0)
             accepted = estimate <= margin * tolerance
         if accepted:
@@ -177,13 +217,13 @@ def refine_step(runs: ComparableRuns, tolerance: float) -> tuple[Any, float, flo
             break
         coarse, last_distance, last_factor = fine, distance, factor
         expected = distance / (factor**order - 1.0)
-        factor = min(MAX_FACTOR, max_rate / rate, max(1.25, (4.0 * expected / tolerance) ** (1.0 / order)))
+        factor = min(MAX_FACTOR, max_rate / rate, max(1.25, (aim * expected / tolerance) ** (1.0 / order)))
     warnings.warn(
         f"not converged in time: an error of {estimate:.2g} of the motion is left at step {1 / rate:.3g} s, more than the "
         f"tolerance {tolerance:.2g}; the motion is chaotic (judge it by statistics) or too abrupt for this scheme; give a "
         "shorter step, or a larger tolerance",
         NotConvergedWarning,
-        stacklevel=4,
+        stacklevel=5,
     )
     return fine, rate, estimate
 
@@ -285,8 +325,8 @@ def _first_finite_run(runs: ComparableRuns) -> tuple[Any, float]:
     return runs.run(steps_per_second), steps_per_second
 
 
-def observed_order(ratio: float, factor: float, next_factor: float) -> float:
-    """Return the order p, from 0.1 to 2, that explains the ratio of successive distances of runs.
+def observed_order(ratio: float, factor: float, next_factor: float, highest: float = SECOND_ORDER) -> float:
+    """Return the order p, from 0.1 to `highest`, that explains the ratio of successive distances of runs.
 
     With errors C h^p the distances of a run to the next, whose steps are `factor` and then `next_factor` times shorter, have the
     ratio factor^-p (1 - next_factor^-p) / (1 - factor^-p).
@@ -295,7 +335,7 @@ def observed_order(ratio: float, factor: float, next_factor: float) -> float:
     def expected(p: float) -> float:
         return factor**-p * (1.0 - next_factor**-p) / (1.0 - factor**-p)
 
-    low, high = 0.1, SECOND_ORDER
+    low, high = 0.1, highest
     for _ in range(40):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if expected(middle) > ratio else (low, middle)
