@@ -243,7 +243,9 @@ class ErrorEquation:
         return float(chain.p.mass * (chain.tributary_length[1:] @ along**2)) / square
 
 
-def sample_interval(omega_squared: float, modes: int, steps_per_second: float, end_time: float) -> int:
+def sample_interval(
+    omega_squared: float, modes: int, steps_per_second: float, end_time: float, phase: float = SAMPLING_PHASE
+) -> int:
     """Choose the number of steps between two samples of the residual.
 
     Parameters
@@ -254,11 +256,13 @@ def sample_interval(omega_squared: float, modes: int, steps_per_second: float, e
         Number of retained modes.
     steps_per_second, end_time
         Steps per second of the run, and its end [s].
+    phase
+        Interval of the samples times the angular frequency of the first truncated mode.
     """
     omega_truncated = math.sqrt(omega_squared) * (modes + 1.0) / max(modes, 1)
     return max(
         1,
-        round(SAMPLING_PHASE / omega_truncated * steps_per_second),
+        round(phase / omega_truncated * steps_per_second),
         math.ceil(end_time * steps_per_second / MAX_SAMPLES),
     )
 

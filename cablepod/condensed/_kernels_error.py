@@ -49,6 +49,7 @@ def _close_samples(count, constants, points, loads, sums, fields):
     differences from the leading order.
     """
     stiffness, green, corrections = constants[0], constants[3], constants[5]
+    shift = 0.0 if constants[4] else 1.0  # a motion to leading order has the tension to leading order
     weights, patterns = points[0], points[4]
     m, flexibility = weights.size, 1.0 / stiffness
     for t in range(count):
@@ -95,11 +96,11 @@ def _close_samples(count, constants, points, loads, sums, fields):
             sums[TENSION_CHANGE, t] += sums[REACH, t]
         for j in range(m):
             for t in range(count):
-                fields[STRETCH, j, t] += fields[CORRECTION, j, t] + fields[COMPLIANCE, j, t] * sums[REACH, t]
+                fields[STRETCH, j, t] += fields[CORRECTION, j, t] + shift * fields[COMPLIANCE, j, t] * sums[REACH, t]
 
 
 @compiled(fastmath=FAST_DIVISION, forceinline=True)
-def _transverse_forces(count, points, sums, fields):
+def _transverse_forces(count, constants, points, sums, fields):
     """Replace the slopes by slopes times (N - inertia) / zeta' - N to leading order, times the weights.
 
     The inertia is that of the chordwise motion at constant stretch of the cable: the second rate of zeta' is
@@ -107,7 +108,7 @@ def _transverse_forces(count, points, sums, fields):
     whole integral, and the force on a stretch is the inertia above it.
     """
     weights, sigma, masses, share = points[0], points[1], points[2], points[3]
-    m = weights.size
+    m, shift = weights.size, 0.0 if constants[4] else 1.0
     for t in range(count):
         sums[REACH, t] = 0.0
     for j in range(m):
@@ -133,7 +134,7 @@ def _transverse_forces(count, points, sums, fields):
         for t in range(count):
             above = sums[FLEXIBILITY, t] + share * fields[DISPLACEMENT, j, t]
             sums[FLEXIBILITY, t] += fields[DISPLACEMENT, j, t]
-            exact = (fields[FORCE, j, t] + sums[TENSION_CHANGE, t] - above) / fields[STRETCH, j, t]
+            exact = (fields[FORCE, j, t] + shift * sums[TENSION_CHANGE, t] - above) / fields[STRETCH, j, t]
             difference = (exact - fields[FORCE, j, t]) * weights[j]
             fields[SLOPE, j, t] *= difference
             fields[SLOPE + 1, j, t] *= difference
@@ -172,7 +173,7 @@ def _residuals(count, constants, points, coefficients, loads, motion, sums, fiel
                 fields[SLOPE_RATE + row, j, t] += slope * motion[1, i, t]
                 fields[SLOPE_ACCELERATION + row, j, t] += slope * motion[2, i, t]
     _close_samples(count, constants, points, loads, sums, fields)
-    _transverse_forces(count, points, sums, fields)
+    _transverse_forces(count, constants, points, sums, fields)
     for i in range(kappa.size):
         row = 0 if i < enriched_in_plane else 1
         for t in range(count):
@@ -194,19 +195,23 @@ def _residuals(count, constants, points, coefficients, loads, motion, sums, fiel
         for t in range(count):  # the motion obeys the exact closure
             sums[LEADING_TENSION, t] += sums[TENSION_CHANGE, t]
             sums[LARGEST_FORCE, t] += sums[TENSION_CHANGE, t]
+            sums[TENSION_CHANGE, t] = 0.0
 
 
 @compiled(fastmath=FAST_DIVISION, forceinline=True)
-def _restoring_force(e, q, loads, t, chord_tension, sag_stiffness, kappa, geometric_stiffness, total, force):
-    """Fill the force (R,) that the error e restores, and kappa (q + e) in `total`; return the change of H [N]."""
-    tension_change = 0.0
+def _restoring_force(e, q, loads, t, sums, sag_stiffness, kappa, geometric_stiffness, total, force):
+    """Fill the force (R,) against the error e, and kappa (q + e) in `total`; return H [N] of the motion with the error.
+
+    To the change of H by the error comes what the closure of the motion misses, which the error makes good for the most part.
+    """
+    chord_tension, tension_change = sums[LEADING_TENSION, t], 0.0
     for i in range(kappa.size):
         own = kappa[i] * e[i]
         total[i] = kappa[i] * q[i]
         tension_change += (total[i] + 0.5 * own) * e[i]
         total[i] += own
         force[i] = chord_tension * own
-    tension_change *= sag_stiffness
+    tension_change = sag_stiffness * tension_change + sums[TENSION_CHANGE, t]
     for a in range(geometric_stiffness.shape[0]):
         for j in range(kappa.size):
             factor = loads[1 + a, t] * e[j]
@@ -214,7 +219,7 @@ def _restoring_force(e, q, loads, t, chord_tension, sag_stiffness, kappa, geomet
                 force[i] += geometric_stiffness[a, j, i] * factor
     for i in range(kappa.size):
         force[i] += tension_change * total[i]
-    return tension_change
+    return chord_tension + tension_change
 
 
 @compiled(fastmath=FAST_DIVISION)
@@ -276,9 +281,8 @@ def error_growth(
                 largest[:size] = e
                 largest[size] = begin + t
             _restoring_force(
-                e, enriched_q, loads, t, sums[LEADING_TENSION, t], sag_stiffness, kappa, geometric_stiffness, total,
-                force,
-            )  # fmt: skip
+                e, enriched_q, loads, t, sums, sag_stiffness, kappa, geometric_stiffness, total, force
+            )
             stiffest, need, cross, dyad = squared_step * max(sums[LARGEST_FORCE, t], 0.0), 0.0, 0.0, 0.0
             for i in range(size):
                 own = stiffest * kappa[i]
@@ -315,9 +319,8 @@ def error_at_rest(q, boundary_data, constants, points, coefficients, e):
     sag_stiffness = constants[0] / constants[1]
     e[:] = 0.0
     for _ in range(START_ITERATIONS):
-        chord_tension = sums[LEADING_TENSION, 0]
-        chord_tension += _restoring_force(
-            e, enriched_q, loads, 0, chord_tension, sag_stiffness, kappa, geometric_stiffness, total, force
+        chord_tension = _restoring_force(
+            e, enriched_q, loads, 0, sums, sag_stiffness, kappa, geometric_stiffness, total, force
         )
         for i in range(size):
             force[i] = residual[i, 0] - force[i]

@@ -19,6 +19,9 @@ from cablepod.integrate._step_control import motion_scale
 
 #: Relative tolerance of deflections: combinations of modes below it move the cable along the chord only.
 DEFLECTION_RTOL = 1e-6
+#: Interval of the residual samples times the angular frequency of the first truncated mode: shorter than for the condensed model,
+#: because accelerations contain waves along the cable.
+SAMPLING_PHASE = 0.5
 #: Maximum number of samples converted to positions at once (bounds the memory).
 BLOCK = 1024
 
@@ -60,7 +63,9 @@ def estimate(
         frame = _chord_frame(model, np.zeros(1), None)
         enriched, equation = _enriched_model(model, frame)
         omega_squared = _last_frequency_squared(model, enriched, end_time)
-        interval = sample_interval(omega_squared, _modes_per_coordinate(model), steps_per_second, end_time)
+        interval = sample_interval(
+            omega_squared, _modes_per_coordinate(model), steps_per_second, end_time, SAMPLING_PHASE
+        )
         times = np.arange(int(end_time * steps_per_second) // interval + 1) * (interval / steps_per_second)
         trajectory = sample(times, steps_per_second)
         motion, chordwise, moved = _enriched_motion(model, enriched, trajectory, times)
