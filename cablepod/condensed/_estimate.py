@@ -18,8 +18,8 @@ from cablepod.discretisation._chord_frame import ChordFrame
 
 #: Number of modes of each deflection that the enriched model has beyond those of the motion (fewer where particles are few).
 EXTRA_MODES = 4
-#: Points along the cable for a motion of order "leading": POINTS plus POINTS_PER_MODE for each mode.  Other motions obey the exact
-#: closure on all links, and their residual is taken there.
+#: Points along the cable for a motion of order "leading": POINTS plus POINTS_PER_MODE for each mode.  Other motions obey the
+#: exact closure on all links, and their residual is taken there.
 POINTS, POINTS_PER_MODE = 8, 2
 #: Joint Newton corrections of the closure, for order "leading" and for others (quadratic: the first leaves 1e-2 of the change).
 CORRECTIONS_LEADING, CORRECTIONS = 1, 4

@@ -32,8 +32,16 @@ START_ITERATIONS, START_RTOL = 20, 1e-9
 #: stability margin of the others that the stiffness of the sag may use.
 ADDED_MASS, MARGIN = 0.3, 0.95
 # Sums of a block (SUMS, BLOCK).
-LEADING_TENSION, TENSION_CHANGE, LARGEST_FORCE = 0, 1, 2  #: H to leading order, change by the exact closure, largest N [N]
-CHORD, REACH, FLEXIBILITY = 3, 4, 5  #: integrals of zeta' to leading order and now [m], and of its derivative by N [m/N]
+LEADING_TENSION, TENSION_CHANGE, LARGEST_FORCE = (
+    0,
+    1,
+    2,
+)  #: H to leading order, change by the exact closure, largest N [N]
+CHORD, REACH, FLEXIBILITY = (
+    3,
+    4,
+    5,
+)  #: integrals of zeta' to leading order and now [m], and of its derivative by N [m/N]
 SUMS = 6
 # Fields of a block (FIELDS, m, BLOCK); slopes and their rates take two rows, in and out of plane.
 SLOPE, SLOPE_RATE, SLOPE_ACCELERATION = 0, 2, 4
@@ -280,9 +288,7 @@ def error_growth(
                 furthest = square
                 largest[:size] = e
                 largest[size] = begin + t
-            _restoring_force(
-                e, enriched_q, loads, t, sums, sag_stiffness, kappa, geometric_stiffness, total, force
-            )
+            _restoring_force(e, enriched_q, loads, t, sums, sag_stiffness, kappa, geometric_stiffness, total, force)
             stiffest, need, cross, dyad = squared_step * max(sums[LARGEST_FORCE, t], 0.0), 0.0, 0.0, 0.0
             for i in range(size):
                 own = stiffest * kappa[i]

@@ -31,6 +31,8 @@ from cablepod.integrate._step_control import (
 )
 
 SCHEMES = ("velocity_verlet", "trapezoidal", FOURTH_ORDER)
+#: Schemes by order of the model.
+SCHEMES_OF = {"leading": SCHEMES, "exact": SCHEMES[:2], "inertial": SCHEMES[:2]}
 #: Longest stable step times the highest angular frequency.
 STABLE_PHASE = {"velocity_verlet": 2.0, "trapezoidal": math.inf, FOURTH_ORDER: math.sqrt(6.0)}
 #: Minimum ratio of the explicit step limit to that of the tension alone; below, where the stretching of the sag governs, the
@@ -97,8 +99,9 @@ def solve(
         scheme = SCHEMES[0] if explicit or (step is not None and step < limit) else SCHEMES[1]
         if fits and model.order == "leading" and limit >= FOURTH_ORDER_THRESHOLD * 2.0 / math.sqrt(taut):
             scheme = FOURTH_ORDER
-    elif scheme == FOURTH_ORDER and model.order != "leading":
-        raise scene_error("scheme", scheme, f'only with order "leading"; given order "{model.order}"')
+    elif scheme not in SCHEMES_OF[model.order]:
+        names = ", ".join(f'"{name}"' for name in SCHEMES_OF[model.order])
+        raise scene_error("scheme", scheme, f'one of {names} with order "{model.order}"')
     start, end_time = InitialState(q0, v0, acceleration, chord_tension), float(times[-1])
     estimates = "error_estimate" in request.outputs
     if step is None or estimates:
@@ -108,10 +111,14 @@ def solve(
     if step is not None:
         if run.stable_phase < math.inf:
             longest = 0.5 * run.stable_phase * limit
-            check_step(step, longest, f"{run.stable_phase:.4g} over the highest angular frequency, {2 / limit:.6g} rad/s")
+            check_step(
+                step, longest, f"{run.stable_phase:.4g} over the highest angular frequency, {2 / limit:.6g} rad/s"
+            )
         check_resolved(step, p.shortest_time_scale)
         state = run(1.0 / step)
-        return CondensedResult(run, state, 1.0 / step, limit, None, None, run.model_error(state) if estimates else np.nan)
+        return CondensedResult(
+            run, state, 1.0 / step, limit, None, None, run.model_error(state) if estimates else np.nan
+        )
     first_step = min(_unforced_step(run, omega_squared), p.shortest_time_scale / STEPS_PER_CHANGE)
     steps_per_second = preferred_steps_per_second(1.0 / first_step)
     if fits:
@@ -125,9 +132,7 @@ def solve(
     def motion(state: CondensedTrajectory) -> float:
         return motion_scale(position(state), initial, chord)
 
-    runs = ComparableRuns(
-        run, position, motion, steps_per_second, end_time, model.chain.links, order=run.order
-    )
+    runs = ComparableRuns(run, position, motion, steps_per_second, end_time, model.chain.links, order=run.order)
     state, steps_per_second, time_error = refine_step(runs, request.tolerance)
     error = run.model_error(state) if estimates else np.nan
     return CondensedResult(run, state, steps_per_second, limit, time_error, request.tolerance, error)

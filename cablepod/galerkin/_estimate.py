@@ -21,7 +21,7 @@ from cablepod.integrate._step_control import motion_scale
 DEFLECTION_RTOL = 1e-6
 #: Interval of the residual samples times the angular frequency of the first truncated mode: shorter than for the condensed model,
 #: because accelerations contain waves along the cable.
-SAMPLING_PHASE = 0.5
+SAMPLING_PHASE = 0.3
 #: Maximum number of samples converted to positions at once (bounds the memory).
 BLOCK = 1024
 

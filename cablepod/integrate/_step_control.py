@@ -20,8 +20,7 @@ MIN_ORDER = 0.8
 FIRST_ORDER, SECOND_ORDER = 1.0, 2.0
 #: Maximum number of refinements after the first run, and maximum factor of the number of steps in one of them.
 MAX_REFINEMENTS, MAX_FACTOR = 6, 4.0
-#: Tolerance over the expected error of the next refinement; the same, and margin of the first estimate, where the step only has to
-#: be good enough.
+#: Tolerance over the expected error of the next refinement; the same, and margin of the first estimate, for :func:`fit_step`.
 REFINEMENT_MARGIN, ECONOMICAL_MARGIN, FIRST_MARGIN = 4.0, 1.5, 1.5
 #: Maximum number of steps of a run over that of the first (more steps would take long for a motion that is hardly resolved).
 MAX_GROWTH = 512.0

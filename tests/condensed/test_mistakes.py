@@ -35,7 +35,15 @@ def test_invalid_options_are_refused(soft, modes):
         (scene, m, {"order": "second"}, '^order: given \'second\'; allowed: one of "leading", "exact", "inertial"$'),
         (scene, m, {"law": "green"}, '^law: given \'green\'; allowed: "linear" with order "leading"'),
         (scene, m, {"law": "hooke"}, '^law: given \'hooke\'; allowed: one of "linear", "green"$'),
-        (scene, m, {"scheme": "rk4"}, '^scheme: given \'rk4\'; allowed: one of "velocity_verlet", "trapezoidal"$'),
+        (scene, m, {"scheme": "rk4"}, '^scheme: given \'rk4\'; allowed: one of "velocity_verlet", "trapezoidal", "fox_goodwin"$'),
+        (
+            scene, m, {"scheme": "fox_goodwin", "order": "exact"},
+            '^scheme: given \'fox_goodwin\'; allowed: one of "velocity_verlet", "trapezoidal" with order "exact"$',
+        ),
+        (
+            scene, m, {"scheme": "fox_goodwin", "step": 1.001 * 1.5**0.5 * limit},
+            "^step: given .* s; allowed: below the stability limit, .* s, 2.449 over the highest",
+        ),
         (scene, m, {"outputs": ("energy",)}, "^outputs: given 'energy'; allowed: some of "),
         (scene, m, {"step": 0.1, "tolerance": 0.1}, r"^step and tolerance: given \(0.1, 0.1\); allowed: one of them"),
         (scene, m, {"tolerance": 0.0}, "^tolerance: given 0.0; allowed: a finite number above 0$"),

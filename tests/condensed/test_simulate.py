@@ -14,8 +14,11 @@ from scenes import LENGTHS, everything, full_modes, spatial
 import cablepod as cp
 from cablepod import examples as shipped
 from cablepod.condensed._coefficients import ORDERS
-from cablepod.condensed._runs import SCHEMES
+from cablepod.condensed._runs import SCHEMES, SCHEMES_OF
 from cablepod.integrate import _march as march_module
+
+#: Orders with their schemes.
+PAIRS = [(order, scheme) for order, schemes in SCHEMES_OF.items() for scheme in schemes]
 
 
 @pytest.fixture(scope="module")
@@ -90,8 +93,7 @@ def test_chordwise_inertia_is_that_of_the_kinetic_energy(soft, modes):
 
 
 @pytest.mark.parametrize("dims", [2, 3])
-@pytest.mark.parametrize("order", ORDERS)
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize(("order", "scheme"), PAIRS)
 def test_second_order_in_the_step(soft, modes, scheme, order, dims):
     scene = cp.make_scene(everything(soft, dims))
     runs = [
@@ -109,6 +111,20 @@ def test_second_order_in_the_step(soft, modes, scheme, order, dims):
     ]
     distance = distances(runs)
     np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 2.0, atol=0.1)
+
+
+@pytest.mark.parametrize("dims", [2, 3])
+def test_fourth_order_without_damping(soft, modes, dims):
+    mapping = everything(soft, dims)
+    del mapping["damping"]
+    scene = cp.make_scene(mapping)
+    options = {"rank": 3, "scheme": "fox_goodwin", "times": [0.5, 1.0, 2.0], "outputs": ("position",)}
+    runs = [
+        cp.condensed.simulate(scene, modes[dims], step=1 / rate, **options).position.values
+        for rate in (100, 200, 400, 800)
+    ]
+    distance = distances(runs)
+    np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 4.0, atol=0.3)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -130,7 +146,7 @@ def test_explicit_and_implicit_steps_agree(soft, modes, order):
     outputs = ("position", "velocity", "tension")
     a, b = (
         cp.condensed.simulate(scene, modes[2], order=order, scheme=scheme, step=1 / 8000, times=[1.0], outputs=outputs)
-        for scheme in SCHEMES
+        for scheme in SCHEMES[:2]
     )
     # errors of (omega h)^2 / 12 and / 24: 1e-5 of the fastest motion, some mm
     np.testing.assert_allclose(a.position, b.position, atol=1e-7)
@@ -139,8 +155,7 @@ def test_explicit_and_implicit_steps_agree(soft, modes, order):
 
 
 @pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")  # modes of another cable
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("order", ["leading", "exact"])
+@pytest.mark.parametrize(("order", "scheme"), [pair for pair in PAIRS if pair[0] != "inertial"])
 def test_output_times_do_not_change_the_motion(soft, modes, order, scheme):
     scene = cp.make_scene(everything(soft))
     options = {"order": order, "scheme": scheme, "step": 1 / 1000, "rank": 2}
@@ -154,7 +169,7 @@ def test_output_times_do_not_change_the_motion(soft, modes, order, scheme):
 def test_blocks_do_not_change_the_motion(soft, modes, monkeypatch):
     scene = cp.make_scene(everything(soft))
     seen = []
-    for order, scheme in itertools.product(ORDERS[::2], SCHEMES):
+    for order, scheme in (pair for pair in PAIRS if pair[0] != "exact"):
         options = {"order": order, "scheme": scheme, "step": 1 / 1000, "times": [1.0], "outputs": ("tension_extremes",)}
         whole = cp.condensed.simulate(scene, modes[2], **options)
         with monkeypatch.context() as patch:
@@ -185,9 +200,9 @@ def test_a_sagging_cable_starts_at_the_equilibrium_of_the_chain(order, ratio):
 
 
 @pytest.mark.parametrize(
-    ("order", "law"), [*((o, "linear") for o in ORDERS), ("exact", "green"), ("inertial", "green")]
+    ("order", "scheme", "law"),
+    [(o, s, law) for o, s in PAIRS for law in ("linear", "green") if law == "linear" or o != "leading"],
 )
-@pytest.mark.parametrize("scheme", SCHEMES)
 def test_equilibrium_stays_at_rest(soft, modes, scheme, order, law):
     still = everything(soft) | {"motion": {}, "load": {"uniform": [3.0, -2.0]}}
     still["point_load"] = still["point_load"][:1]
@@ -196,7 +211,9 @@ def test_equilibrium_stays_at_rest(soft, modes, scheme, order, law):
     )
     sag = float(np.abs(run.amplitude[0]).max())
     assert sag > 0.1
-    assert float(np.abs(run.amplitude - run.amplitude[0]).max()) < 1e-12 * sag
+    # Fox and Goodwin's accelerations are differences of coordinates over h^2 / 12, which rounding shakes
+    allowed = 1e-9 if scheme == "fox_goodwin" else 1e-12
+    assert float(np.abs(run.amplitude - run.amplitude[0]).max()) < allowed * sag
 
 
 @pytest.mark.parametrize("order", ORDERS)

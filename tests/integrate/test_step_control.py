@@ -148,13 +148,13 @@ def test_a_run_with_too_many_steps_is_refused_before_it_begins(soft, model, monk
         del soft["cable"]["top_tension"]
         scene = cp.make_scene(soft | {"cable": {**soft["cable"], "unstretched_length": 10.3}})
     simulate = getattr(cp, model).simulate
-    monkeypatch.setattr(step_control, "MAX_WORK", 1000)
+    monkeypatch.setattr(step_control, "MAX_WORK", 100)
     monkeypatch.setattr(step_control, "MAX_TRIAL_WORK", 1)
     monkeypatch.setattr(cable_runs, "advance_in_blocks", None)  # nothing is run
     monkeypatch.setattr(rigid_runs.RigidRun, "__call__", None)
     with pytest.raises(
         cp.SceneError,
-        match=r"time\.duration: given 4 s, which with \d+ links needs .* steps of .*; allowed: 1000 .* step=",
+        match=r"time\.duration: given 4 s, which with \d+ links needs .* steps of .*; allowed: 100 .* step=",
     ):
         simulate(scene, **options)
     monkeypatch.undo()
