@@ -356,8 +356,8 @@ def leading_implicit(
     trapezoidal rule (average acceleration).  With beta = 1/12 (Fox and Goodwin) coordinates are of fourth order without damping,
     where v exceeds the rate by h^2 a_t / 12, and steps are stable below sqrt(6) over the highest angular frequency.
 
-    On call `q`, `v`, `acceleration` and, one step before, `previous_acceleration` belong to the first row of the boundary data, on
-    return to the last, which is the first of the next block.  Other parameters as in :func:`leading_verlet`.
+    On call `q`, `v`, `acceleration` and, one step before, `previous_acceleration` belong to the first row of the boundary data,
+    on return to the last, which is the first of the next block.  Other parameters as in :func:`leading_verlet`.
 
     Returns
     -------
