@@ -3,167 +3,176 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from cablepod.condensed._estimate import MAX_ERROR, ErrorEquation, enriched_modes, sample_interval
+from cablepod.condensed._estimate import MAX_ERROR, ErrorEquation, sample_interval
 from cablepod.condensed._fields import positions
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import SceneError
-from cablepod.galerkin._model import GalerkinModel
+from cablepod.galerkin._model import KEPT_MODELS, GalerkinModel
 from cablepod.galerkin._runs import GalerkinTrajectory
-from cablepod.integrate._step_control import motion_scale
 
 #: Relative tolerance of deflections: combinations of modes below it move the cable along the chord only.
 DEFLECTION_RTOL = 1e-6
-#: Interval of the residual samples times the angular frequency of the first truncated mode: shorter than for the condensed model,
-#: because accelerations contain waves along the cable.
-SAMPLING_PHASE = 0.3
-#: Maximum number of samples converted to positions at once (bounds the memory).
-BLOCK = 1024
+#: Maximum number of instants at which the distance along the chord is computed (it follows the ends and the deflection slowly).
+CHORDWISE_SAMPLES = 64
 
 
-def estimate(
-    model: GalerkinModel,
-    sample: Callable[[np.ndarray, float], GalerkinTrajectory],
-    steps_per_second: float,
-    end_time: float,
-) -> float:
-    """Estimate the largest error over time as a fraction of the motion.
+@dataclass(frozen=True, eq=False)
+class GalerkinEstimate:
+    """Estimate of the error that the modes leave, as a fraction of the motion.
 
-    The deflection of the particles normal to the chord is inserted into an enriched condensed model of the same links.  That
-    model has many more modes, the chordwise stretch that closes the chord, and chordwise inertia.  Its residual at sampled
-    instants drives the error equation, see :func:`cablepod.condensed._estimate.estimate`.  The distance of the particles from
-    their chordwise positions is added.  The time error of the step is not included.
-
-    Parameters
-    ----------
-    model
-        The model of the run.
-    sample
-        Function of instants [s] and steps per second that returns the trajectory there.
-    steps_per_second
-        Steps per second of the run.
-    end_time
-        End of the run [s].
-
-    Returns
-    -------
-    float
-        At most 2, an error larger than the motion.  nan if no estimate exists: the cable runs back along its chord, or the
-        chord turns so far that in-plane and out-of-plane deflections mix.
+    The deflection of the particles normal to the chord is a motion of a condensed model of the same links, whose modes are the
+    deflections of the mean shape and of all modes.  Its residual in an enriched model, with more modes, the chordwise stretch
+    that closes the chord, and chordwise inertia, drives the error equation, see
+    :class:`cablepod.condensed._estimate.ErrorEquation`.  The distance of the particles from their chordwise positions is added.
+    The time error of the step is not included.
     """
-    if end_time == 0.0:
-        return 0.0
-    p = model.chain.p
-    try:
-        frame = _chord_frame(model, np.zeros(1), None)
-        enriched, equation = _enriched_model(model, frame)
-        omega_squared = _last_frequency_squared(model, enriched, end_time)
-        interval = sample_interval(
-            omega_squared, _modes_per_coordinate(model), steps_per_second, end_time, SAMPLING_PHASE
-        )
-        times = np.arange(int(end_time * steps_per_second) // interval + 1) * (interval / steps_per_second)
-        trajectory = sample(times, steps_per_second)
-        motion, chordwise, moved = _enriched_motion(model, enriched, trajectory, times)
-    except SceneError:
-        return math.nan
-    if not np.isfinite(chordwise).all():
-        return math.nan
-    q, rates = motion[0][0], motion[1][0]
-    if p.initial:
-        initial_error = equation.coordinates(enriched.start_deflection()[:, 0]) - equation.change @ q
-    else:
-        initial_error = equation.error_at_rest(q, enriched.static_boundary_data)
-    start_rates = enriched.start_deflection_rates
-    initial_rate = np.zeros_like(initial_error)
-    if start_rates is not None:
-        initial_rate = equation.coordinates(start_rates) - equation.change @ rates
-    boundary_data = enriched.boundary_data_at(times)
-    deflection = equation.mean_squares(motion, boundary_data, interval / steps_per_second, initial_error, initial_rate)
-    return min(math.sqrt((deflection + chordwise).max()) / moved, MAX_ERROR)
+
+    model: GalerkinModel
+    end_time: float  #: of the runs [s]
+
+    @cached_property
+    def condensed(self) -> CondensedModel:
+        """Condensed model on the deflections of the mean shape and of all modes."""
+        chain, dims = self.model.chain, self.model.chain.p.dims
+        deflections = _deflections(self.model.mean.tobytes(), self.model.modes.tobytes(), dims)
+        links = LumpedChain(chain.p, chain.length, chain.arc_length, self.model.law)
+        return CondensedModel(links, "inertial", (deflections,) * (dims - 1))
+
+    @cached_property
+    def equation(self) -> ErrorEquation:
+        """Error equation of the deflection."""
+        condensed = self.condensed
+        return ErrorEquation.of(condensed.chain, condensed.modes, condensed.shapes, condensed.n_in_plane, leading=False)
+
+    @cached_property
+    def omega_squared(self) -> float:
+        """Squared angular frequency that samples resolve [1/s^2].
+
+        That of the last mode, as a sine of a taut string, and at least that of the slowest vibration of the model, which is fast
+        where its modes lock.
+        """
+        p, length = self.model.chain.p, self.model.chain.total_length
+        ends = p.end_positions(np.linspace(0.0, self.end_time, 1001))
+        chord = math.sqrt(square(ends[:, 1] - ends[:, 0]).max())
+        tension = max(p.stiffness * (chord / length - 1.0), self.condensed.rest_tension, 1e-12 * p.stiffness)
+        string = tension / p.mass * (math.pi * self.model.modes_per_coordinate / length) ** 2
+        return max(string, float(self.model.initial_vibrations[0][0]))
+
+    def sample_interval(self, steps_per_second: float) -> int:
+        """Return the number of steps between two samples of a run; 0 if there is nothing to sample."""
+        if self.end_time == 0.0:
+            return 0
+        try:
+            modes = self.model.modes_per_coordinate
+            return sample_interval(self.omega_squared, modes, steps_per_second, self.end_time)
+        except SceneError:
+            return 0
+
+    def error(self, trajectory: GalerkinTrajectory) -> float:
+        """Estimate the largest error over time as a fraction of the motion, from a trajectory with samples.
+
+        Returns
+        -------
+        float
+            At most 2, an error larger than the motion.  nan if no estimate exists: the cable runs back along its chord, or the
+            chord turns so far that in-plane and out-of-plane deflections mix.
+        """
+        samples = trajectory.samples
+        if self.end_time == 0.0:
+            return 0.0
+        if samples is None:
+            return math.nan
+        condensed, times = self.condensed, samples.instants.times
+        try:
+            motion = self._deflection(samples)
+            chosen = np.unique(np.linspace(0, times.size - 1, CHORDWISE_SAMPLES).astype(int))
+            chordwise = self._chordwise(samples.q[chosen], motion[0][chosen], times[chosen])
+        except SceneError:
+            return math.nan
+        if not np.isfinite(chordwise).all():
+            return math.nan
+        equation, q = self.equation, motion[0][0]
+        if condensed.chain.p.initial:
+            initial_error = equation.coordinates(condensed.start_deflection()[:, 0]) - equation.change @ q
+        else:
+            initial_error = equation.error_at_rest(q, condensed.static_boundary_data)
+        start_rates, initial_rate = condensed.start_deflection_rates, np.zeros_like(initial_error)
+        if start_rates is not None:
+            initial_rate = equation.coordinates(start_rates) - equation.change @ motion[1][0]
+        interval = float(times[1]) if times.size > 1 else 1.0
+        boundary_data = condensed.boundary_data_at(times)
+        squares = equation.mean_squares(motion, boundary_data, interval, initial_error, initial_rate)
+        largest = max(float(squares.max()), float((squares[chosen] + chordwise).max()))
+        return min(math.sqrt(largest) / samples.motion, MAX_ERROR)
+
+    @cached_property
+    def _projection(self) -> np.ndarray:
+        """Coordinates of the deflection by each axis, of the mean shape and of each mode (r, dims, 1 + modes)."""
+        condensed, model = self.condensed, self.model
+        fields = np.concatenate([model.mean[None], model.fields])
+        return np.einsum("rp,ipc->rci", condensed.shapes * condensed.mass, fields)
+
+    def _deflection(self, samples: GalerkinTrajectory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coordinates of the deflection (times, r), and their first and second time derivatives.
+
+        The derivatives are relative to the line between the ends, which the enriched model adds.
+        """
+        condensed, count = self.condensed, len(samples.q)
+        normals = _chord_frame(self.model, samples.instants.times, condensed.reference).normals
+        parts = []
+        for constant, amplitudes in ((1.0, samples.q), (0.0, samples.rates), (0.0, samples.second_rates)):
+            factors = np.concatenate([np.full((count, 1), constant), amplitudes], axis=1)
+            result = np.zeros((count, len(self._projection)))
+            for k, rows in enumerate(condensed.sets):
+                for axis in range(normals.shape[2]):
+                    result[:, rows] += normals[:, k, axis, None] * (factors @ self._projection[rows, axis].T)
+            parts.append(result)
+        return parts[0], parts[1], parts[2]
+
+    def _chordwise(self, amplitudes: np.ndarray, coordinates: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Mean square distance of the particles from their positions in the condensed model (times,) [m^2].
+
+        It is infinite where they run back along the chord.
+        """
+        position = self.model.positions(amplitudes, times)
+        along, _ = _chord_frame(self.model, times, self.condensed.reference).split(position)
+        ordered = np.diff(along, axis=1).min(axis=1) > 0.0
+        closed = positions(self.condensed, coordinates, times)
+        return np.where(ordered, square(closed - position).mean(axis=1), np.inf)
 
 
-def _modes_per_coordinate(model: GalerkinModel) -> int:
-    """Return the number of modes of each coordinate."""
-    return len(model.modes) // (model.chain.p.dims if model.layout == "separate" else 1)
+@lru_cache(maxsize=KEPT_MODELS)
+def estimate_of(model: GalerkinModel, end_time: float) -> GalerkinEstimate:
+    """Return the estimate of a model, kept with its equation, for runs until `end_time` [s]."""
+    return GalerkinEstimate(model, end_time)
+
+
+@lru_cache(maxsize=64)
+def _deflections(mean: bytes, modes: bytes, dims: int) -> np.ndarray:
+    """Return orthonormal deflections (mode, particle) that contain those of the mean shape and of all modes along any normal.
+
+    Kept by content, as the coefficients of the enriched model are kept by the content of these.
+    """
+    shape = np.frombuffer(mean).reshape(-1, dims)
+    fields = np.concatenate([shape[None], np.frombuffer(modes).reshape(-1, *shape.shape)])
+    fields[:, [0, -1]] = 0.0
+    deflection = np.moveaxis(fields, 2, 0).reshape(-1, len(shape))
+    norm = np.sqrt(np.sum(deflection**2, axis=1))
+    deflected = norm > DEFLECTION_RTOL * norm.max()
+    if not deflected.any():
+        return np.zeros((0, len(shape)))
+    _, values, rows = np.linalg.svd(deflection[deflected] / norm[deflected, None], full_matrices=False)
+    return rows[values > DEFLECTION_RTOL * values[0]]
 
 
 def _chord_frame(model: GalerkinModel, times: np.ndarray, reference: int | None) -> ChordFrame:
     """Chord frame of the ends at given instants [s]."""
     ends = model.chain.p.end_positions(times)
     return ChordFrame.of(ends[:, 1] - ends[:, 0], reference)
-
-
-def _enriched_model(model: GalerkinModel, frame: ChordFrame) -> tuple[CondensedModel, ErrorEquation]:
-    """Return the enriched model and the error equation of motions in its coordinates.
-
-    Its modes contain the deflections of the mean shape and of all modes.
-    """
-    fields = np.concatenate([model.mean[None], model.fields])
-    fields[:, [0, -1]] = 0.0
-    sets = []
-    for normal in frame.normals[0]:
-        deflection = fields @ normal
-        norm = np.sqrt(np.sum(deflection**2, axis=1))
-        deflected = norm > DEFLECTION_RTOL * norm.max()
-        basis = np.zeros((0, fields.shape[1]))
-        if deflected.any():
-            _, values, rows = np.linalg.svd(deflection[deflected] / norm[deflected, None], full_matrices=False)
-            basis = rows[values > DEFLECTION_RTOL * values[0]]
-        sets.append(basis)
-    chain = LumpedChain(model.chain.p, model.chain.length, model.chain.arc_length, model.law)
-    enriched = CondensedModel(chain, "inertial", enriched_modes(sets, chain.arc_length / chain.total_length))
-    return enriched, ErrorEquation.of(chain, sets, enriched.shapes, enriched.n_in_plane, leading=False)
-
-
-def _last_frequency_squared(model: GalerkinModel, enriched: CondensedModel, end_time: float) -> float:
-    """Squared angular frequency of the last mode [1/s^2], as a sine of a taut string."""
-    p, length = model.chain.p, model.chain.total_length
-    ends = p.end_positions(np.linspace(0.0, end_time, 1001))
-    chord = math.sqrt(square(ends[:, 1] - ends[:, 0]).max())
-    tension = max(p.stiffness * (chord / length - 1.0), enriched.rest_tension, 1e-12 * p.stiffness)
-    return tension / p.mass * (math.pi * _modes_per_coordinate(model) / length) ** 2
-
-
-def _enriched_motion(
-    model: GalerkinModel, enriched: CondensedModel, trajectory: GalerkinTrajectory, times: np.ndarray
-) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray, float]:
-    """Express a trajectory in the coordinates of the enriched model.
-
-    Returns
-    -------
-    tuple of float arrays (times, r)
-        Coordinates of the deflection, and their first and second time derivatives.
-    float array (times,)
-        Mean square distance of the particles from their positions in the enriched model [m^2]; infinite if they run back along
-        the chord.
-    float
-        Largest rms displacement [m].
-    """
-    blocks, chordwise = [], np.empty(times.size)
-    initial = model.positions(trajectory.q[:1], times[:1])[0]
-    furthest, largest = initial, 0.0
-    for begin in range(0, times.size, BLOCK):
-        block = slice(begin, begin + BLOCK)
-        frame = _chord_frame(model, times[block], enriched.reference)
-        position = model.positions(trajectory.q[block], times[block])
-        along, deflection = frame.split(position)
-        # derivatives relative to the line between the ends, which the enriched model adds
-        derivatives = [
-            np.einsum("tpc,tkc->ktp", np.tensordot(rates[block], model.fields, axes=1), frame.normals)
-            for rates in (trajectory.rates, trajectory.second_rates)
-        ]
-        blocks.append([enriched.coordinates(values) for values in (deflection, *derivatives)])
-        ordered = np.diff(along, axis=1).min(axis=1) > 0.0
-        closed = positions(enriched, blocks[-1][0], times[block])
-        chordwise[block] = np.where(ordered, square(closed - position).mean(axis=1), np.inf)
-        moved = square(position - initial).mean(axis=1)
-        if moved.max() > largest:
-            largest, furthest = moved.max(), position[moved.argmax()]
-    q, v, a = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-    chord = float(np.linalg.norm(initial[-1] - initial[0]))
-    return (q, v, a), chordwise, motion_scale(furthest[None], initial, chord)

@@ -11,32 +11,47 @@ POLYNOMIAL, GREEN_LINKS, LINEAR_LINKS = 0, 1, 2
 
 
 @compiled(fastmath=FAST_DIVISION)
-def polynomial_gradient(y, factor, offset, first, second, monomials, monomial_gradient, gradient):
-    """Fill the gradient of the energy of law (21) with respect to y from its polynomial form; return the energy [J]."""
+def _fill_monomials(y, first, second, monomials):
+    """Fill the coordinates, then their products of the given pairs."""
     count = y.size
     for j in range(count):
         monomials[j] = y[j]
     for pair in range(first.size):
         monomials[count + pair] = y[first[pair]] * y[second[pair]]
-    rows, total = factor.shape
-    for c in range(total):
-        monomial_gradient[c] = 0.0
+
+
+@compiled(fastmath=FAST_DIVISION)
+def polynomial_energy(y, factor, offset, first, second, monomials):
+    """Return the energy of law (21) |R m + e|^2 / 2 [J]: a sum of squares, which loses no digit where K is large."""
+    _fill_monomials(y, first, second, monomials)
     energy = 0.0
-    # whole rows, although the factor is upper triangular: a loop from i is not vectorised, and a slice costs more
-    for i in range(rows):
+    for i in range(offset.size):
         s = offset[i]
-        for c in range(total):
+        for c in range(factor.shape[1]):
             s += factor[i, c] * monomials[c]
         energy += 0.5 * s * s
+    return energy
+
+
+@compiled(fastmath=FAST_DIVISION)
+def polynomial_gradient(y, gram, linear, first, second, monomials, monomial_gradient, gradient):
+    """Fill the gradient of the energy of law (21) with respect to y: (dm/dy)^T (R^T R m + R^T e).
+
+    Its rounding is that of R^T (R m + e), which costs twice as much.  `gram` is R^T R and `linear` is R^T e.
+    """
+    _fill_monomials(y, first, second, monomials)
+    count, total = y.size, gram.shape[0]
+    for i in range(total):
+        s = linear[i]
         for c in range(total):
-            monomial_gradient[c] += s * factor[i, c]
+            s += gram[i, c] * monomials[c]
+        monomial_gradient[i] = s
     for j in range(count):
         gradient[j] = monomial_gradient[j]
     for pair in range(first.size):
         slope = monomial_gradient[count + pair]
         gradient[first[pair]] += slope * y[second[pair]]
         gradient[second[pair]] += slope * y[first[pair]]
-    return energy
 
 
 @compiled(fastmath=FAST_DIVISION)

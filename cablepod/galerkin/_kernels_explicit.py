@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from cablepod._jit import FAST_DIVISION, compiled
-from cablepod.galerkin._kernels_energy import POLYNOMIAL, link_gradient, polynomial_gradient
+from cablepod._jit import FAST_DIVISION, FUSED, compiled
+from cablepod.galerkin._kernels_energy import POLYNOMIAL, link_gradient, polynomial_energy, polynomial_gradient
+
+
+@compiled(fastmath=FUSED)
+def _row_product(a, row, b):
+    """Return the product of a row of a matrix and a vector: a sum in order, as few terms are slower in vectors."""
+    total = 0.0
+    for k in range(b.size):
+        total += a[row, k] * b[k]
+    return total
 
 
 @compiled(fastmath=FAST_DIVISION)
 def verlet(
-    p, velocity, account, step, damping_factor, impulse_time, damping, coupling, loads, ends, law, polynomial_form, link_form,
-    start, steps, save_steps, saved, saved_energy,
+    p, velocity, account, step, damping_factor, impulse_time, damping, step_filter, coupling, loads, ends, law,
+    polynomial_form, gram, linear, link_form, start, steps, save_steps, saved, saved_energy,
 ):  # fmt: skip
     """Advance the projection z by `steps` steps of velocity Verlet in leapfrog form.
 
@@ -23,6 +32,9 @@ def verlet(
         Work of the loads, work of the ends, dissipated energy [J] until step `start` or half a step before; advanced in place.
     step, damping_factor, impulse_time, damping : float
         [s], exp(-damping step), (1 - damping_factor) / damping or the step [s], damping per mass [1/s].
+    step_filter : float array (modes, modes) or None
+        Symmetric factor of the accelerations: the inverse of a mass matrix that slows vibrations which the step does not resolve.
+        None, the unit matrix, is compiled away.
     coupling : float array (displacements, modes)
         Mass coupling C of the lifting fields to the modes [kg^1/2].
     loads : float array (steps or 1, modes)
@@ -33,6 +45,8 @@ def verlet(
         POLYNOMIAL, GREEN_LINKS or LINEAR_LINKS.
     polynomial_form : tuple (factor, offset, first, second)
         R (rows, monomials), e (rows,), and index pairs of the quadratic monomials; empty if not used.
+    gram, linear : float arrays (monomials, monomials), (monomials,)
+        R^T R and R^T e; empty if not used.
     link_form : tuple (shape, strain, field_slopes, active_axes, stiffness)
         Slopes of the mean shape (dims, n), its strains (n,), slopes of the fields (coordinates, dims, n), mask of the axes of
         each coordinate (coordinates, dims), K l (n,) [N m]; empty if not used.
@@ -48,11 +62,12 @@ def verlet(
     modes, moving = p.size, ends.shape[1]
     factor, offset, first, second = polynomial_form
     shape, strain, field_slopes, active_axes, stiffness = link_form
-    y, gradient = np.zeros(modes + moving), np.zeros(modes + moving)
-    monomials, monomial_gradient = np.zeros(factor.shape[1]), np.zeros(factor.shape[1])
+    y, gradient, force = np.zeros(modes + moving), np.zeros(modes + moving), np.zeros(modes)
+    monomials, monomial_gradient = np.zeros(linear.size), np.zeros(linear.size)
     slopes, e, s = np.empty(shape.shape), np.empty(strain.size), np.empty(strain.size)
-    save = 0
+    save, next_save = 0, save_steps[0] if save_steps.size else -1
     varying = loads.shape[0] > 1
+    half_step, damped_step, energy, end_force = 0.5 * step, step * damping, 0.0, np.zeros(moving)
     for i in range(steps):
         for k in range(modes):
             y[k] = p[k]
@@ -62,45 +77,48 @@ def verlet(
             for k in range(modes):
                 y[k] -= displacement * coupling[f, k]
         if law == POLYNOMIAL:
-            energy = polynomial_gradient(y, factor, offset, first, second, monomials, monomial_gradient, gradient)
+            polynomial_gradient(y, gram, linear, first, second, monomials, monomial_gradient, gradient)
         else:
             energy = link_gradient(y, law, shape, strain, field_slopes, active_axes, stiffness, slopes, e, s, gradient)
-        saving = save < save_steps.size and save_steps[save] == start + i
         row = i if varying else 0
+        power, dissipation = 0.0, 0.0
+        for k in range(modes):
+            force[k] = loads[row, k] - gradient[k]
+            power += loads[row, k] * velocity[k]
+            dissipation += velocity[k] * velocity[k]
         if start + i > 0:  # second half of the work since the previous step
+            account[0] += half_step * power
+            account[2] += damped_step * dissipation
+        for f in range(moving):
+            total = gradient[modes + f]  # the force of an end is dV/dd - C dV/dq
             for k in range(modes):
-                account[0] += 0.5 * step * loads[row, k] * velocity[k]
-                account[2] += step * damping * velocity[k] * velocity[k]
-        if moving:
-            _work_of_ends(account, 0.5, gradient, coupling, ends[i], ends[i + 1])
+                total -= coupling[f, k] * gradient[k]
+            end_force[f] = total
+            account[1] += 0.5 * total * (ends[i + 1, f] - ends[i, f])
+        saving = start + i == next_save
         if saving:
+            if law == POLYNOMIAL:
+                energy = polynomial_energy(y, factor, offset, first, second, monomials)
             saved_energy[save, 0] = energy
             for term in range(3):
                 saved_energy[save, 1 + term] = account[term]
             for k in range(modes):
                 saved[save, 0, k] = p[k]
                 saved[save, 1, k] = velocity[k]
+        power = 0.0
         for k in range(modes):
-            velocity[k] = damping_factor * velocity[k] + impulse_time * (loads[row, k] - gradient[k])
-            account[0] += 0.5 * step * loads[row, k] * velocity[k]
-        if moving:
-            _work_of_ends(account, 0.5, gradient, coupling, ends[i + 1], ends[i + 2])
+            total = force[k] if step_filter is None else _row_product(step_filter, k, force)
+            velocity[k] = damping_factor * velocity[k] + impulse_time * total
+            power += loads[row, k] * velocity[k]
+        account[0] += half_step * power
+        for f in range(moving):
+            account[1] += 0.5 * end_force[f] * (ends[i + 2, f] - ends[i + 1, f])
         if saving:
             for k in range(modes):
                 earlier = saved[save, 1, k]
                 saved[save, 1, k] = 0.5 * (earlier + velocity[k])
                 saved[save, 2, k] = (velocity[k] - earlier) / step
             save += 1
+            next_save = save_steps[save] if save < save_steps.size else -1
         for k in range(modes):
             p[k] += step * velocity[k]
-
-
-@compiled(fastmath=FAST_DIVISION)
-def _work_of_ends(account, weight, gradient, coupling, earlier, later):
-    """Add the work of the ends between the displacements `earlier` and `later`; the force is dV/dd - C dV/dq."""
-    moving, modes = coupling.shape
-    for f in range(moving):
-        force = gradient[modes + f]
-        for k in range(modes):
-            force -= coupling[f, k] * gradient[k]
-        account[1] += weight * force * (later[f] - earlier[f])

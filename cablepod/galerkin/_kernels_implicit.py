@@ -8,7 +8,6 @@ import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.galerkin._kernels_energy import LINEAR_LINKS, POLYNOMIAL, _strains, _stresses
-from cablepod.galerkin._kernels_explicit import _work_of_ends
 
 #: Maximum number of Newton iterations in a step.
 MAX_ITERATIONS = 25
@@ -175,6 +174,17 @@ def _set_coordinates(y, p, increment, ends, coupling):
         y[modes + f] = displacement
         for k in range(modes):
             y[k] -= displacement * coupling[f, k]
+
+
+@compiled(fastmath=FAST_DIVISION)
+def _work_of_ends(account, weight, gradient, coupling, earlier, later):
+    """Add the work of the ends between the displacements `earlier` and `later`; the force is dV/dd - C dV/dq."""
+    moving, modes = coupling.shape
+    for f in range(moving):
+        force = gradient[modes + f]
+        for k in range(modes):
+            force -= coupling[f, k] * gradient[k]
+        account[1] += weight * force * (later[f] - earlier[f])
 
 
 @compiled(fastmath=FAST_DIVISION)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,11 @@ from cablepod.parameters._time_functions import TimeFunction
 from cablepod.pod._project import mode_fields
 from cablepod.pod._snapshots import relative_arc_length
 
+#: Number of models kept between calls.
+KEPT_MODELS = 32
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class GalerkinModel:
     """Galerkin projection of a lumped-mass chain on modes.
 
@@ -70,8 +73,8 @@ class GalerkinModel:
     def lifts(self) -> np.ndarray:
         """Lifting fields of the displacements of the ends (moving, particle, dims)."""
         result = np.zeros((len(self.moving), self.sigma.size, self.chain.p.dims))
-        for field, (end, axis) in zip(result, self.moving, strict=True):
-            field[:, COORDINATES.index(axis)] = self.sigma if end == ENDS[1] else 1.0 - self.sigma
+        for lift, (end, axis) in zip(result, self.moving, strict=True):
+            lift[:, COORDINATES.index(axis)] = self.sigma if end == ENDS[1] else 1.0 - self.sigma
         return result
 
     @cached_property
@@ -126,6 +129,12 @@ class GalerkinModel:
         return np.ascontiguousarray(factor[:, :-1]), np.ascontiguousarray(factor[:, -1]), first, second
 
     @cached_property
+    def gram_form(self) -> tuple[np.ndarray, np.ndarray]:
+        """Products R^T R (monomials, monomials) and R^T e (monomials,) of the polynomial form, for its gradient."""
+        factor, offset, _, _ = self.polynomial_form
+        return factor.T @ factor, factor.T @ offset
+
+    @cached_property
     def link_form(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Energy as a sum over links: slopes of shape and fields, strain of the shape, active axes, K l [N m]."""
         shape, fields = self.slopes
@@ -137,6 +146,19 @@ class GalerkinModel:
             self.active_axes,
             k,
         )
+
+    @cached_property
+    def rms_root(self) -> np.ndarray:
+        """Matrix (coordinates, coordinates) W: the norm of y W is the rms displacement of the particles [m]."""
+        fields = np.concatenate([self.fields, self.lifts])
+        flat = fields.reshape(len(fields), -1)
+        squared, vectors = np.linalg.eigh(flat @ flat.T / fields.shape[1])
+        return vectors * np.sqrt(np.maximum(squared, 0.0))
+
+    @property
+    def modes_per_coordinate(self) -> int:
+        """Number of modes of each coordinate if they are separate, otherwise of all."""
+        return len(self.modes) // (self.chain.p.dims if self.layout == "separate" else 1)
 
     @cached_property
     def rms_slopes(self) -> np.ndarray:
@@ -170,30 +192,53 @@ class GalerkinModel:
         columns = [self.chain.p.motions[key](time, derivative) for key in self.moving]
         return np.stack(columns, axis=1) if columns else np.zeros((time.size, 0))
 
-    def gradient(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gradient (modes,) and Hessian (modes, modes) of the strain energy with respect to the amplitudes."""
+    @cached_property
+    def field_products(self) -> np.ndarray:
+        """Scalar products of the slopes of each two modes on each link (n, modes, modes)."""
+        modal = np.moveaxis(self.slopes[1][: len(self.modes)], 0, 1)
+        return modal @ modal.swapaxes(1, 2)
+
+    def gradients(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradients (states, modes) and Hessians (states, modes, modes) of the strain energy by the amplitudes."""
         shape, fields = self.slopes
         stiffness = self.chain.p.stiffness * self.chain.length
-        slopes = shape + np.tensordot(y, fields, axes=1)
-        square = np.sum(slopes**2, axis=1)
-        along = np.einsum("jc,kjc->kj", slopes, fields[: len(self.modes)])
-        modal = fields[: len(self.modes)]
+        slopes = shape + (y @ fields.reshape(len(fields), -1)).reshape(-1, *shape.shape)
+        axes, modal = range(shape.shape[1]), fields[: len(self.modes)]
+        # axis by axis, as einsum loops over the axes innermost
+        square = sum(slopes[:, :, c] ** 2 for c in axes)
+        along = sum(slopes[:, None, :, c] * modal[:, :, c] for c in axes)
         if self.law == "green":
             s, ds = green_secant(square, stiffness), stiffness
         else:
             xi = np.sqrt(square)
             taut = xi > 1.0
             s, ds = np.where(taut, stiffness * (1.0 - 1.0 / xi), 0.0), np.where(taut, stiffness / xi**3, 0.0)
-        hessian = (along * ds) @ along.T + np.einsum("kjc,j,ljc->kl", modal, s, modal)
-        return along @ s, hessian
+        products = self.field_products
+        hessian = (s @ products.reshape(len(products), -1)).reshape(-1, *products.shape[1:])
+        hessian += (along * (ds if ds.ndim == 1 else ds[:, None])) @ along.swapaxes(1, 2)
+        return (along @ s[..., None])[..., 0], hessian
 
-    def highest_frequency(self, q: np.ndarray, displacements: np.ndarray) -> float:
-        """Highest angular frequency [rad/s] of small vibrations about amplitudes `q` with displaced ends (moving,) [m]."""
-        _, hessian = self.gradient(np.concatenate([q, displacements]))
-        return math.sqrt(max(float(np.linalg.eigvalsh(hessian)[-1]), 0.0))
+    def gradient(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient (modes,) and Hessian (modes, modes) of the strain energy with respect to the amplitudes."""
+        gradients, hessians = self.gradients(y[None])
+        return gradients[0], hessians[0]
 
+    def vibrations(self, q: np.ndarray, displacements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Squared angular frequencies (modes,) [1/s^2] and shapes (amplitudes, modes) of small vibrations about a state.
+
+        `q` are its amplitudes, `displacements` those of its ends (moving,) [m].
+        """
+        squared, shapes = np.linalg.eigh(self.gradient(np.concatenate([q, displacements]))[1])
+        return squared, shapes
+
+    @cached_property
+    def initial_vibrations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Small vibrations about the start, see :meth:`vibrations`."""
+        return self.vibrations(self.initial, self.displacements(np.zeros(1))[0])
+
+    @cached_property
     def initial(self) -> np.ndarray:
-        """Return the initial amplitudes (modes,): equilibrium of the model, or projection of the scene's initial shape."""
+        """Initial amplitudes (modes,): equilibrium of the model, or projection of the scene's initial shape."""
         end_displacements = self.displacements(np.zeros(1))[0]
         p = self.chain.p
         lifting = np.tensordot(end_displacements, self.lifts, axes=1)
@@ -295,9 +340,27 @@ def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) ->
     fields = mode_fields(modes, rank)
     if fields.shape[2] != p.dims:
         raise SceneError(f"modes: given {fields.shape[2]} coordinates; allowed: the {p.dims} coordinates of the scene")
-    sigma = relative_arc_length(modes)
-    total = float(solve_statics(p, p.length_key, p.length_value)[0])
-    arc_length = total * sigma
-    chain = LumpedChain(p, np.diff(arc_length), arc_length)
-    mean = modes["mean"].transpose("particle", "coordinate").values
-    return GalerkinModel(chain, law, mean, fields, modes.attrs["layout"])
+    mean = modes.variables["mean"].transpose("particle", "coordinate").values
+    arrays = tuple(np.array(array) for array in (relative_arc_length(modes), mean, fields))
+    content = tuple(array.tobytes() for array in arrays)
+    return _kept_model(p, _Modes(arrays, content, modes.attrs["layout"], law))
+
+
+@dataclass(frozen=True)
+class _Modes:
+    """Modes and law of a model, compared by content."""
+
+    arrays: tuple[np.ndarray, ...] = field(
+        compare=False
+    )  #: relative arc length, mean [m], modes (modes, particle, dims)
+    content: tuple[bytes, ...]
+    layout: str
+    law: str
+
+
+@lru_cache(KEPT_MODELS)
+def _kept_model(p: Parameters, modes: _Modes) -> GalerkinModel:
+    """Make the model of parameters on modes; that of the same parameters and modes is kept with all that follows from it."""
+    sigma, mean, fields = modes.arrays
+    arc_length = float(solve_statics(p, p.length_key, p.length_value)[0]) * sigma
+    return GalerkinModel(LumpedChain(p, np.diff(arc_length), arc_length), modes.law, mean, fields, modes.layout)

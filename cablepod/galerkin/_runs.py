@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import ENDS, label
+from cablepod.conventions import COORDINATES, ENDS, labelled_dataset
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.integrate._march import advance_in_blocks
-from cablepod.integrate._output import Extremes, chain_coordinates, stop, trajectory_attributes, trajectory_variables
+from cablepod.integrate._output import Extremes, stop, trajectory_attributes, trajectory_variables
 from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._step_control import motion_scale
 
 #: Cost of the polynomial form, monomials x rows, relative to the link form, coordinates x axes x links (explicit steps take the
 #: cheaper one); and minimum ratio of links to rows for the polynomial form in implicit steps, whose tangent costs modes^2 x rows.
@@ -25,26 +26,90 @@ POLYNOMIAL_COST, MIN_ROW_RATIO = 1.0, 2.0
 ROUNDING = 32.0 * float(np.finfo(float).eps)
 
 
-@dataclass
+@dataclass(frozen=True)
 class GalerkinTrajectory:
-    """Arrays of one run at the output instants."""
+    """One run at given instants, computed from the saved steps when it is needed."""
 
+    record: RunRecord
     instants: OutputTimes
-    q: np.ndarray  #: mass-orthonormal amplitudes (times, modes) [kg^1/2 m]
-    rates: np.ndarray  #: first time derivatives of `q` (times, modes) [kg^1/2 m/s]
-    second_rates: (
-        np.ndarray
-    )  #: second time derivatives (times, modes) [kg^1/2 m/s^2]; valid if each instant lies on a step
-    extremes: Extremes  #: minimum and maximum tensions of the links (n,) [N]
-    diagnostics: dict[str, Any] = field(default_factory=dict)  #: attributes of the result
+    diagnostics: dict[str, Any]  #: attributes of the result
+
+    @property
+    def model(self) -> GalerkinModel:
+        """Model of the run."""
+        return self.record.run.model
+
+    @cached_property
+    def _saved(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        return self.record.at(self.instants.steps)
+
+    @cached_property
+    def displacements(self) -> np.ndarray:
+        """Displacements of the moving ends (times, moving) [m]."""
+        run, times = self.record.run, self.instants.times
+        return run.displacements if times is run.times else self.model.displacements(times)
+
+    @cached_property
+    def q(self) -> np.ndarray:
+        """Mass-orthonormal amplitudes (times, modes) [kg^1/2 m]; the lifting is evaluated exactly at the instants."""
+        p, v, a, _ = self._saved
+        return self.instants.at_times(p, v, a) - self.displacements @ self.model.coupling
+
+    @cached_property
+    def rates(self) -> np.ndarray:
+        """First time derivatives of `q` (times, modes) [kg^1/2 m/s]."""
+        _, v, a, _ = self._saved
+        lifted = self.model.displacements(self.instants.times, 1) @ self.model.coupling
+        return self.instants.rates_at_times(v, a) - lifted
+
+    @cached_property
+    def second_rates(self) -> np.ndarray:
+        """Second time derivatives (times, modes) [kg^1/2 m/s^2]; valid if each instant lies on a step."""
+        lifted = self.model.displacements(self.instants.times, 2) @ self.model.coupling
+        return self._saved[2][self.instants.left] - lifted
+
+    @cached_property
+    def rms_displacements(self) -> np.ndarray:
+        """Vectors (times, coordinates) whose norm is the rms displacement of the particles [m] from the mean shape."""
+        return np.concatenate([self.q, self.displacements], axis=1) @ self.model.rms_root
+
+    @cached_property
+    def motion(self) -> float:
+        """Largest rms displacement from the start [m]; the chord if nothing moves."""
+        p, vectors = self.model.chain.p, self.rms_displacements[:, None]
+        start = np.concatenate([self.record.run.q0, self.record.run.start_displacements]) @ self.model.rms_root
+        return motion_scale(vectors, start, float(np.linalg.norm(p.upper - p.lower)))
+
+    @property
+    def extremes(self) -> Extremes:
+        """Minimum and maximum tensions of the links (n,) [N]; None if they are not requested."""
+        return self.record.extremes
+
+    @property
+    def energy_defect(self) -> float:
+        """Largest violation of the energy balance at the saved steps, over the largest energy exchanged."""
+        _, v, _, energy = self._saved
+        return _energy_defect(v, energy, float(self.record.run.initial_energy))
+
+    @cached_property
+    def samples(self) -> GalerkinTrajectory | None:
+        """The run at equal intervals, for the error estimate; None if it has no samples."""
+        interval, rate = self.record.interval, self.instants.steps_per_second
+        if not interval:
+            return None
+        steps = np.arange(int(self.instants.steps[-1]) // interval + 1) * interval
+        sampled = OutputTimes(steps / rate, rate, steps, np.arange(steps.size), np.zeros(steps.size))
+        return GalerkinTrajectory(self.record, sampled, {})
 
 
 class RunRecord:
     """Arrays saved at steps of a run."""
 
-    def __init__(self, run: GalerkinRun, instants: OutputTimes) -> None:
-        self.run, self.instants = run, instants
-        modes, count = run.q0.size, instants.steps.size
+    def __init__(self, run: GalerkinRun, instants: OutputTimes, interval: int) -> None:
+        self.run, self.instants, self.interval = run, instants, interval
+        #: Numbers of the saved steps: those of the output, and multiples of the interval of the samples
+        self.steps = instants.with_multiples(self.interval).steps if self.interval else instants.steps
+        modes, count = run.q0.size, self.steps.size
         self.saved = np.zeros((count, 3, modes))  # projection z = q + C^T d, first and second time derivatives
         self.energy = np.zeros((count, 4))  # strain energy, work of loads, work of ends, dissipated energy [J]
         links = run.model.chain.links
@@ -54,15 +119,15 @@ class RunRecord:
         """Return the steps of [begin, end) to save, and the arrays for the kernel (saves, 3, modes), (saves, 4)."""
         if self.extremes is not None:
             return np.arange(begin, end), np.empty((end - begin, *self.saved.shape[1:])), np.empty((end - begin, 4))
-        first, last = np.searchsorted(self.instants.steps, (begin, end))
-        return self.instants.steps[first:last], self.saved[first:last], self.energy[first:last]
+        first, last = np.searchsorted(self.steps, (begin, end))
+        return self.steps[first:last], self.saved[first:last], self.energy[first:last]
 
     def store(self, begin: int, end: int, saved: np.ndarray, energy: np.ndarray) -> None:
         """Update the tension extremes from all steps [begin, end), and keep the steps that the output needs."""
         if self.extremes is None:
             return
-        first, last = np.searchsorted(self.instants.steps, (begin, end))
-        kept = self.instants.steps[first:last] - begin
+        first, last = np.searchsorted(self.steps, (begin, end))
+        kept = self.steps[first:last] - begin
         self.saved[first:last], self.energy[first:last] = saved[kept], energy[kept]
         model, (low, high) = self.run.model, self.extremes
         time = np.arange(begin, end) / self.instants.steps_per_second
@@ -71,6 +136,18 @@ class RunRecord:
             tension = model.tension(model.positions(q, time[block]))
             np.minimum(low, tension.min(axis=0), out=low)
             np.maximum(high, tension.max(axis=0), out=high)
+
+    def at(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return the projection, its first and second time derivatives (steps, modes) and energies (steps, 4) at saved steps."""
+        rows = slice(None) if steps.size == self.steps.size else np.searchsorted(self.steps, steps)
+        saved = self.saved[rows]
+        differences = self.run.second_derivatives(saved[:, 2], 1.0 / self.instants.steps_per_second)
+        return saved[:, 0], saved[:, 1], differences, self.energy[rows]
+
+
+def _no_samples(steps_per_second: float) -> int:
+    """Interval of samples of a run without any."""
+    return 0
 
 
 @dataclass(frozen=True)
@@ -85,21 +162,22 @@ class GalerkinRun:
     scene: xr.Dataset
     modes: xr.Dataset
     scheme: str
+    sample_interval: Callable[[float], int] = (
+        _no_samples  #: steps between samples for the error estimate, by steps per second
+    )
+    sampled: bool = False  #: whether runs have samples
 
-    def __call__(self, steps_per_second: float) -> GalerkinTrajectory:
-        """Integrate the equations of motion with a given number of steps per second."""
+    def __call__(self, steps_per_second: float, *, sampled: bool | None = None) -> GalerkinTrajectory:
+        """Integrate the equations of motion with a given number of steps per second; `sampled` overrides the attribute."""
         instants = OutputTimes.of(self.times, steps_per_second)
-        record = RunRecord(self, instants)
+        sampled = self.sampled if sampled is None else sampled
+        record = RunRecord(self, instants, self.sample_interval(steps_per_second) if sampled else 0)
         advance, state, total = self._stepper(record)
         failed_step = advance_in_blocks(advance, state, total, self.progress)
         diagnostics = self._diagnostics()
         if failed_step is not None:
             self._stop(record, failed_step, diagnostics)
-        return self._check(self._trajectory(record, instants, diagnostics))
-
-    def sample(self, times: np.ndarray, steps_per_second: float) -> GalerkinTrajectory:
-        """Repeat the run with the same step and return its trajectory at other instants [s]."""
-        return replace(self, times=times, outputs=(), progress=None)(steps_per_second)
+        return self._check(GalerkinTrajectory(record, instants, diagnostics))
 
     def _stepper(self, record: RunRecord) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
         """Return the function that advances the state by a block of steps, the state, and the number of steps."""
@@ -113,10 +191,24 @@ class GalerkinRun:
         """Return a valid trajectory; a scheme raises RunStopped for an invalid one."""
         return trajectory
 
+    def second_derivatives(self, differences: np.ndarray, step: float) -> np.ndarray:
+        """Return second time derivatives from the differences that a scheme saves (saves, modes)."""
+        return differences
+
+    @cached_property
+    def displacements(self) -> np.ndarray:
+        """Displacements of the moving ends at the output instants (times, moving) [m]."""
+        return self.model.displacements(self.times)
+
+    @cached_property
+    def start_displacements(self) -> np.ndarray:
+        """Displacements of the moving ends at the start (moving,) [m]."""
+        return self.model.displacements(np.zeros(1))[0]
+
     @cached_property
     def p0(self) -> np.ndarray:
         """Projection z = q + C^T d at the start (modes,) [kg^1/2 m]."""
-        return self.q0 + self.model.displacements(np.zeros(1))[0] @ self.model.coupling
+        return self.q0 + self.start_displacements @ self.model.coupling
 
     @property
     def damping(self) -> float:
@@ -158,28 +250,16 @@ class GalerkinRun:
         """Check that all amplitudes are finite and below the divergence bound."""
         return bool(np.isfinite(p).all() and np.abs(p).max() < self.divergence_bound)
 
-    def _trajectory(self, record: RunRecord, instants: OutputTimes, diagnostics: dict[str, Any]) -> GalerkinTrajectory:
-        """Interpolate the saved steps to the output instants; the lifting is evaluated exactly there."""
-        keep = instants.steps.size
-        p, v, a = (record.saved[:keep, i] for i in range(3))
-        model, time = self.model, instants.times
-        q = instants.at_times(p, v, a) - model.displacements(time) @ model.coupling
-        rates = instants.rates_at_times(v, a) - model.displacements(time, 1) @ model.coupling
-        defect = {"energy_defect": _energy_defect(v, record.energy[:keep], float(self.initial_energy))}
-        second_rates = a[instants.left] - model.displacements(time, 2) @ model.coupling
-        return GalerkinTrajectory(instants, q, rates, second_rates, record.extremes, {**defect, **diagnostics})
-
     @cached_property
     def initial_energy(self) -> float:
         """Strain energy at the start [J]."""
         from cablepod.galerkin import _kernels_energy as kernel
 
-        model, polynomial_form, link_form = self.model, *self.tables
-        y = np.concatenate([self.q0, model.displacements(np.zeros(1))[0]])
+        polynomial_form, link_form = self.tables
+        y = np.concatenate([self.q0, self.start_displacements])
         gradient, links = np.zeros(y.size), link_form[1].size
         if self.law == kernel.POLYNOMIAL:
-            total = polynomial_form[0].shape[1]
-            return kernel.polynomial_gradient(y, *polynomial_form, np.zeros(total), np.zeros(total), gradient)
+            return kernel.polynomial_energy(y, *polynomial_form, np.zeros(polynomial_form[0].shape[1]))
         slopes, e, s = np.zeros_like(link_form[0]), np.zeros(links), np.zeros(links)
         return kernel.link_gradient(y, self.law, *link_form, slopes, e, s, gradient)
 
@@ -190,7 +270,7 @@ class GalerkinRun:
         # the state at the failed step is finite, but the second rate of an explicit step may not be
         if completed is not None:
             record.extremes = None
-            partial = self.dataset(self._trajectory(record, completed, diagnostics))
+            partial = self.dataset(GalerkinTrajectory(record, completed, diagnostics))
         stop(
             partial,
             time,
@@ -217,9 +297,9 @@ class GalerkinRun:
         count = len(model.modes)
         if model.layout == "separate":
             lead, count = ("coordinate",), count // model.chain.p.dims
-        # one constructor call, as adding a variable later costs as much as hundreds of steps
+        dims = ("time", *lead, "mode")
         variables: dict[str, Any] = {
-            "amplitude": (("time", *lead, "mode"), amplitude.reshape(time.size, *[-1] * len(lead), count)),
+            "amplitude": (dims, amplitude.reshape(time.size, *[-1] * len(lead), count)),
             "end_position": (("time", "end", "coordinate"), model.chain.p.end_positions(time)),
             "unstretched_length": ((), model.chain.total_length),
         }
@@ -231,20 +311,22 @@ class GalerkinRun:
             "velocity": lambda: model.velocities(trajectory.rates, time),
         }
         variables |= trajectory_variables(self.outputs, trajectory.extremes, values)
-        coords = {
+        labels = {
+            "coordinate": np.array(COORDINATES[: model.chain.p.dims]),
             "time": time,
-            "mode": self.modes["mode"].values[:count],
-            "end": list(ENDS),
-            **chain_coordinates(model.chain),
+            "mode": self.modes.variables["mode"].values[:count],
+            "end": np.array(ENDS),
         }
         options = {"law": model.law, "rank": count}
-        attrs = {
+        result = labelled_dataset(variables, labels, {"arc_length": (("particle",), model.chain.arc_length)})
+        result.attrs = {
             "smallest_stretch": float(model.chain.stretch(position).min()),
             "title": f"{self.scene.attrs.get('title', 'scene')}: Galerkin model, r = {count}, {model.law} law",
             **trajectory_attributes("Galerkin", self.scheme, trajectory.instants, **options),
+            "energy_defect": trajectory.energy_defect,
             **trajectory.diagnostics,
         }
-        return label(xr.Dataset(variables, coords=coords, attrs=attrs))
+        return result
 
 
 def _energy_defect(rates: np.ndarray, energy: np.ndarray, initial: float) -> float:

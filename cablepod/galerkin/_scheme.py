@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from cablepod.errors import RunStopped
 from cablepod.galerkin._implicit import ImplicitGalerkinRun
 from cablepod.galerkin._runs import GalerkinRun, GalerkinTrajectory
-from cablepod.integrate._request import Request
+from cablepod.integrate._request import DEFAULT_TOLERANCE, Request
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
     ComparableRuns,
     Solution,
     choose_scheme,
     first_implicit_step,
+    fit_step,
     halve_step_while_cheaper,
-    motion_scale,
     preferred_steps_per_second,
     refine_step,
 )
 
-SCHEMES = ("velocity_verlet", "trapezoidal", "energy_momentum")
+SCHEMES = ("velocity_verlet", "filtered_verlet", "trapezoidal", "energy_momentum")
+EXPLICIT = SCHEMES[:2]
+#: Default time error over the estimated error of the model.
+TIME_ERROR_SHARE = 0.1
+#: Maximum number of times that the steps are shortened because a finer run expects less of the model.
+MAX_PASSES = 3
+#: First step of the filtered scheme times the lowest angular frequency at the start.
+FIRST_PHASE = 0.165
 #: Cost of an implicit step in explicit steps, and its increase for each amplitude (measured with 40 links).
 IMPLICIT_COST, COST_OF_AMPLITUDE = 4.0, 0.45
 #: Run time of an explicit step, and its increase for each amplitude [s].
@@ -30,8 +41,22 @@ STEP_TIME, TIME_OF_AMPLITUDE = 2e-7, 2e-8
 TRIAL_RATIO = 16.0
 
 
-def solve(runs: dict[str, GalerkinRun], limit: float, request: Request, steps_per_second: float | None) -> Solution:
-    """Integrate with the given scheme and step, or choose them by the tolerance.
+class FittedSolution(NamedTuple):
+    """A solution, its tolerance, and the estimated error of the model."""
+
+    solution: Solution
+    tolerance: float | None = None  #: of the time error, as a fraction of the motion; None for a given step
+    model_error: float | None = None  #: as a fraction of the motion; None if it was not needed
+
+
+def solve(
+    runs: dict[str, GalerkinRun],
+    limit: float,
+    request: Request,
+    steps_per_second: float | None,
+    model_error: Callable[[GalerkinTrajectory], float],
+) -> FittedSolution:
+    """Integrate with the given scheme and step, or choose them by the tolerance, or by the error of the model.
 
     Parameters
     ----------
@@ -43,13 +68,61 @@ def solve(runs: dict[str, GalerkinRun], limit: float, request: Request, steps_pe
         Scheme and tolerance, as far as given.
     steps_per_second
         Of the given step; None if the step is to be chosen.
+    model_error
+        Estimates the error of the model from a trajectory with samples; nan if that is impossible.
     """
     run = runs[request.scheme or SCHEMES[0]]
     if steps_per_second is not None:
-        return Solution(run, run(steps_per_second), steps_per_second, None)
+        return FittedSolution(Solution(run, run(steps_per_second), steps_per_second, None))
     if request.scheme is not None:
-        return Solution(run, *_refine_in_time(run, limit, request.tolerance))
-    return _choose_scheme(runs, limit, request.tolerance, asked=request.given_tolerance is not None)
+        return FittedSolution(Solution(run, *_refine_in_time(run, limit, request.tolerance)), request.tolerance)
+    fitted = None
+    if request.given_tolerance is None:
+        fitted = _fit_to_model(runs["filtered_verlet"], limit, model_error)
+    if fitted is None:
+        solution = _choose_scheme(runs, limit, request.tolerance, asked=request.given_tolerance is not None)
+        return FittedSolution(solution, request.tolerance)
+    return fitted
+
+
+def _fit_to_model(
+    run: GalerkinRun, limit: float, model_error: Callable[[GalerkinTrajectory], float]
+) -> FittedSolution | None:
+    """Run with a step whose error is a tenth of that of the model; None if that has no estimate or no such run is stable.
+
+    The second run tells the error of the model, as the first may resolve the motion too badly.  The run that meets a tenth of it
+    tells it again, and steps are shortened until that holds for its own estimate.
+    """
+    done: dict[float, GalerkinTrajectory] = {}
+    errors: dict[float, float] = {}
+
+    def kept(steps_per_second: float) -> GalerkinTrajectory:
+        if steps_per_second not in done:
+            done[steps_per_second] = run(steps_per_second, sampled=bool(done))
+        return done[steps_per_second]
+
+    def tolerance(rate: float) -> float:
+        errors[rate] = errors[rate] if rate in errors else model_error(kept(rate))
+        # without an estimate any run will do, as it is not used
+        return math.inf if math.isnan(errors[rate]) else max(TIME_ERROR_SHARE * errors[rate], DEFAULT_TOLERANCE)
+
+    runs = replace(_comparable_runs(run, limit), run=kept)
+    try:
+        trajectory, rate, time_error, _ = fit_step(runs, lambda first: tolerance(2.0 * first.instants.steps_per_second))
+        for _ in range(MAX_PASSES):
+            expected = tolerance(rate)
+            if time_error <= expected:
+                break
+            trajectory, rate, time_error, _ = fit_step(
+                replace(runs, steps_per_second=rate),
+                lambda _, expected=expected: expected,  # type: ignore[misc]
+            )
+    except RunStopped:
+        return None
+    if any(math.isnan(error) for error in errors.values()):
+        return None
+    reason = "explicit: vibrations that the step does not resolve are slowed"
+    return FittedSolution(Solution(run, trajectory, rate, time_error, reason), tolerance(rate), errors[rate])
 
 
 def _choose_scheme(runs: dict[str, GalerkinRun], limit: float, tolerance: float, *, asked: bool) -> Solution:
@@ -84,22 +157,27 @@ def _refine_in_time(run: GalerkinRun, limit: float, tolerance: float) -> tuple[G
 def _comparable_runs(run: GalerkinRun, limit: float) -> ComparableRuns:
     """Describe runs with any step for the step control."""
     model, p = run.model, run.model.chain.p
-    chord = float(np.linalg.norm(p.upper - p.lower))
-    initial = model.positions(run.q0[None], np.zeros(1))[0]
 
     def positions(trajectory: GalerkinTrajectory) -> np.ndarray:
-        return model.positions(trajectory.q, trajectory.instants.times)
+        # of one particle, whose distances are rms distances of all
+        return trajectory.rms_displacements[:, None]
 
     def motion(trajectory: GalerkinTrajectory) -> float:
-        return motion_scale(positions(trajectory), initial, chord)
+        return trajectory.motion
 
     def slackened(trajectory: GalerkinTrajectory) -> bool:
         # only the linear law has a kink at stretch 1
-        position = model.positions(trajectory.q, run.times)
-        return model.law == "linear" and bool((model.chain.stretch(position) < 1.0).any())
+        if model.law != "linear":
+            return False
+        return bool((model.chain.stretch(model.positions(trajectory.q, run.times)) < 1.0).any())
 
     step = 0.8 * limit
     if isinstance(run, ImplicitGalerkinRun):
-        step = first_implicit_step(model.chain, model.tension(initial), float(run.times[-1]), limit)
+        tension = model.tension(model.positions(run.q0[None], np.zeros(1))[0])
+        step = first_implicit_step(model.chain, tension, float(run.times[-1]), limit)
+    elif run.scheme == "filtered_verlet":
+        squared = model.initial_vibrations[0]
+        lowest = math.sqrt(squared[squared > 0.0].min(initial=4.0 / limit**2))
+        step = max(FIRST_PHASE / lowest, step)
     steps_per_second = preferred_steps_per_second(1.0 / min(step, p.shortest_time_scale / STEPS_PER_CHANGE))
     return ComparableRuns(run, positions, motion, steps_per_second, float(run.times[-1]), model.chain.links, slackened)

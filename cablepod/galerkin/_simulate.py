@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from cablepod._resources import check_memory
 from cablepod.batch._members import over_members
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import NotConvergedWarning
-from cablepod.galerkin._estimate import estimate
+from cablepod.galerkin._estimate import estimate_of
 from cablepod.galerkin._explicit import ExplicitGalerkinRun
 from cablepod.galerkin._implicit import ImplicitGalerkinRun
 from cablepod.galerkin._model import GalerkinModel, model_of
 from cablepod.galerkin._runs import GalerkinRun
-from cablepod.galerkin._scheme import SCHEMES, solve
+from cablepod.galerkin._scheme import EXPLICIT, SCHEMES, solve
 from cablepod.integrate._request import Request
-from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._from_scene import SceneContent
 from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes, warn_galerkin_out_of_range
 
@@ -59,19 +59,20 @@ def simulate(
         computed once if that is faster, and the cost of a step does not depend on the number of particles.  A cable that goes
         slack resists compression.  "linear": the law of the chain, always evaluated as a sum over links.
     scheme
-        By default chosen by `tolerance`; the attribute ``choice_of_scheme`` states the reason.  "velocity_verlet" is explicit;
-        its step is limited by the fastest axial mode.  "trapezoidal" (average acceleration) and "energy_momentum" (Simo and
-        Tarnow, conserves energy for both laws) are implicit and unconditionally stable in linear theory, so that steps may
-        follow the transverse motion.
+        By default "filtered_verlet", or chosen by `tolerance` if that is given; the attribute ``choice_of_scheme`` states the
+        reason.  "velocity_verlet" is explicit; its step is limited by the fastest axial mode.  "filtered_verlet" is explicit too,
+        but slows the vibrations that its step does not resolve: steps may follow the transverse motion, and cost as little.
+        "trapezoidal" (average acceleration) and "energy_momentum" (Simo and Tarnow, conserves energy for both laws) are implicit
+        and unconditionally stable in linear theory.
     step
-        Time step [s].  By default the first step follows from the highest frequency of the model (explicit) or the transverse
-        vibration (implicit), and is shortened until two runs agree within `tolerance`.  A given step is run once, without this
-        check.
+        Time step [s].  A given step is run once, without a check of its error.
     tolerance
-        Tolerance of the time error, as a fraction of the largest rms displacement; 1e-6 by default.
+        Tolerance of the time error, as a fraction of the largest rms displacement: the step is shortened until two runs agree
+        within it.  If neither `scheme`, `step` nor `tolerance` is given, it is a tenth of the error that the model expects of its
+        modes (``error_estimate``), and at least 1e-6; where that has no estimate, and with a given scheme, it is 1e-6.
     outputs
-        Some of "position", "velocity", "tension", "tension_extremes" (over all steps) and "error_estimate" (of the model, see
-        :func:`cablepod.galerkin._estimate.estimate`; it takes about as long as a run).
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps) and "error_estimate" (of the model, from
+        samples of the run, see :class:`cablepod.galerkin._estimate.GalerkinEstimate`).
     progress
         Callback receiving the completed fraction, 0 to 1.
 
@@ -137,31 +138,34 @@ def simulate(
         outputs=outputs,
         allowed=(*OUTPUTS, "error_estimate"),
     )
-    p = parameters(scene)
+    content = SceneContent.of(scene)
+    p = content.parameters()
     model = model_of(p, modes, rank=rank, law=law)
     instants = request.instants(p)
     check_memory(instants.size, model.chain.links, p.dims, key="times", variables=3)
-    q0 = model.initial()
-    omega_max = model.highest_frequency(q0, model.displacements(np.zeros(1))[0])
+    squared = model.initial_vibrations[0][-1]
     # few modes may have no stiffness at the start, but they are never stiffer than the chain
-    limit = 2.0 / omega_max if omega_max > 0.0 else model.chain.step_limit()
+    limit = 2.0 / math.sqrt(squared) if squared > 0.0 else model.chain.step_limit()
+    estimate = estimate_of(model, float(instants[-1]))
+    wanted = "error_estimate" in request.outputs
+    options = (model, instants, model.initial, request.outputs, progress, scene, modes)
     runs: dict[str, GalerkinRun] = {
-        name: (ExplicitGalerkinRun if name == SCHEMES[0] else ImplicitGalerkinRun)(
-            model, instants, q0, request.outputs, progress, scene, modes, name
+        name: (ExplicitGalerkinRun if name in EXPLICIT else ImplicitGalerkinRun)(
+            *options, name, estimate.sample_interval, wanted
         )
         for name in SCHEMES
     }
     explicit_limit = limit if scheme in (None, SCHEMES[0]) else None
     others = "; implicit schemes have none"
     given_steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, others)
-    solution = solve(runs, limit, request, given_steps_per_second)
-    run, trajectory, steps_per_second, time_error, _ = solution
+    solution, time_tolerance, model_error = solve(runs, limit, request, given_steps_per_second, estimate.error)
+    run, trajectory, _, time_error, _ = solution
     if step is not None:
-        _warn_of_energy_defect(trajectory.diagnostics["energy_defect"], run.scheme)
+        _warn_of_energy_defect(trajectory.energy_defect, run.scheme)
     result = run.dataset(trajectory)
     result.attrs.update(step_limit=limit, **solution.attributes, **_validity_attributes(model, modes, result))
-    if "error_estimate" in request.outputs:
-        model_error = estimate(model, run.sample, steps_per_second, float(instants[-1]))
+    if wanted:
+        model_error = estimate.error(trajectory) if model_error is None else model_error
         result.attrs["error_estimate"] = (time_error or 0.0) + model_error
     warn_galerkin_out_of_range(result.attrs)
     return request.record(
@@ -169,9 +173,11 @@ def simulate(
         function="galerkin.simulate",
         inputs=[scene, modes],
         given={"rank": rank, "scheme": scheme},
+        scene_digest=content.digest,
         rank=result.attrs["rank"],
         law=law,
         scheme=run.scheme,
+        tolerance=time_tolerance,
     )
 
 
@@ -180,9 +186,10 @@ def _validity_attributes(model: GalerkinModel, modes: xr.Dataset, result: xr.Dat
     p, length = model.chain.p, model.chain.total_length
     attributes = {name: float(value) for name, value in forcing_attributes(p, length).items()}
     if "energy_share" in modes:
-        energy_share = modes["energy_share"].isel(mode=slice(result.sizes["mode"])).sum("mode")
-        attributes["energy_share_kept"] = float(energy_share.min())
-    return attributes | distance_outside_training(modes, p, length, float(result["time"].values[-1]))
+        share = modes.variables["energy_share"]
+        kept = share.values.take(range(result.sizes["mode"]), share.dims.index("mode"))
+        attributes["energy_share_kept"] = float(kept.sum(share.dims.index("mode")).min())
+    return attributes | distance_outside_training(modes, p, length, float(result.variables["time"].values[-1]))
 
 
 def _warn_of_energy_defect(defect: float, scheme: str) -> None:
