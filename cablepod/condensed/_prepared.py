@@ -11,7 +11,7 @@ import xarray as xr
 
 from cablepod.condensed import _kernels_host_layout as layout
 from cablepod.condensed._assembly import TEST, model_of
-from cablepod.condensed._fields import close_chord_of, link_tensions, positions_between
+from cablepod.condensed._fields import close_chord_of, link_tensions, positions_of
 from cablepod.condensed._host import (
     host_coefficients,
     initial_state,
@@ -210,7 +210,7 @@ class PreparedModel:
         """Positions of the particles in the accepted state (particle, dims) [m]."""
         stretch, _, _, deflection = self._closed_chord()
         ends = np.stack([self._model.chain.p.lower, self.end_position])[None]
-        return positions_between(self._model, stretch, deflection, ends)[0]
+        return positions_of(self._model, stretch, deflection, ends)[0]
 
     @property
     def tension(self) -> np.ndarray:
@@ -277,6 +277,9 @@ class PreparedModel:
         links: Any = None,
     ) -> PreparedRun:
         """Run the cable from rest with other motions, loads or parameters; the state of the steps stays as it is.
+
+        To order "leading" the terms of second order keep the reference state of the prepared scene: prepare again for scenes
+        whose tension differs by more than some tens of per cent.
 
         Parameters
         ----------

@@ -1,4 +1,7 @@
-"""Models of scenes that differ from a prepared one in numbers, from its coefficients by scaling."""
+"""Models of scenes that differ from a prepared one in numbers, from its coefficients by scaling.
+
+To order "leading" the constants of second order stay those of the prepared scene, as a part of its structure.
+"""
 
 from __future__ import annotations
 
@@ -27,10 +30,14 @@ from cablepod.parameters._keys import LENGTH_KEYS, WEIGHT_KEYS
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import Array, TimeFunction
 
+#: Properties of parameters that depend on their numbers, and are made anew.
+OF_MOTIONS = ("ends", "shortest_time_scale", "initial_ends", "initial_end_rates", "damping")
 #: Tables of the scene whose numbers a run may replace; numbers of other tables belong to the structure.
 TABLES = ("cable", "gravity", "ends", "load", "motion", "damping")
 #: Properties of a model that depend on loads, motions and positions of the ends, and are made anew.
-OF_LOADS = ("initial_boundary_data", "static_boundary_data", "first_guess", "unstable_growth_rate", "rest_tension")
+OF_LOADS = (
+    "initial_boundary_data", "static_boundary_data", "first_guess", "initial_state", "unstable_growth_rate", "rest_tension",
+)  # fmt: skip
 #: The same of mass and length, beside those that are scaled.
 OF_LENGTH = (
     "mass", "shapes", "slopes", "test_functions", "test_slopes", "chordwise_force_patterns", "rule",
@@ -147,7 +154,7 @@ class ChangedModel:
 
         def make() -> CondensedModel:
             model = _copy(variant.model)
-            for name in OF_LOADS[:3]:
+            for name in OF_LOADS[:4]:
                 model.__dict__.pop(name, None)
             model.__dict__["chain"] = _with(variant.model.chain, p)
             return model
@@ -310,7 +317,7 @@ def _copy(source: Any) -> Any:
     """Return a shallow copy of a frozen dataclass, whose fields the caller may replace in ``__dict__``."""
     result = object.__new__(type(source))
     result.__dict__.update(source.__dict__)
-    for name in ("shortest_time_scale",):
+    for name in OF_MOTIONS:
         result.__dict__.pop(name, None)
     return result
 

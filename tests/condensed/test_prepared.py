@@ -205,9 +205,10 @@ def _leading_potential(model: Any, q: np.ndarray, row: np.ndarray) -> float:
     """Potential of the cable to leading order: strain energy of N, weight along and across the chord."""
     chain, k, length = model.chain, model.chain.p.stiffness, model.chain.length
     slope, tau = q @ model.slopes, row[1] * model.chordwise_force_patterns[0]
-    strain = row[0] / chain.total_length - 1.0 + 0.5 * (slope**2 @ length) / chain.total_length
+    squared = model.slope_factor * slope**2  # with the terms of second order
+    strain = row[0] / chain.total_length - 1.0 + 0.5 * (squared @ length) / chain.total_length
     force = k * strain - (tau @ length) / chain.total_length + tau
-    zeta = np.concatenate([[0.0], np.cumsum(length * (1.0 + force / k - 0.5 * slope**2))])
+    zeta = np.concatenate([[0.0], np.cumsum(length * (1.0 + force / k - 0.5 * squared))])
     return float(
         0.5 * force**2 @ length / k + row[1] * (chain.tributary_length @ zeta) - row[3] * (model.load_projection[0] @ q)
     )
@@ -295,8 +296,7 @@ def test_slow_steps_feel_the_static_stiffness():
 def test_dynamic_stiffness_is_that_of_davenport_and_steels():
     # k = (EA/c) / (1 + lambda^2/(2x)^2 (tan x / x - 1)), x = (c/2) sqrt((w^2 - i alpha w) mu/T); small harmonic motion along
     # the chord, damping 1 % of critical in the first mode.  Example 2's guy: strain 7e-4, sag 1/300.  At resonance a relative
-    # error d of the frequency is one of d / 0.01 of the stiffness: 41 particles (d = 2.6e-4) would not do, nor order "leading"
-    # without the strain at rest (3.7e-4).
+    # error d of the frequency is one of d / 0.01 of the stiffness: 41 particles (d = 2.6e-4) would not do.
     omega = math.pi * math.sqrt(15000.0 / 1.0006) / 61.2
     damping = 0.02 * omega
     cable = GUY["cable"] | {"top_tension": 15000.0}
@@ -458,12 +458,14 @@ def test_run_is_simulate_of_the_changed_scene(name, change, order):
     run = prepared(SCENES[name], order, step=0.01).run(change, outputs=(*outputs, "end_force"))
     scale = float(np.ptp(truth.position.values, axis=0).max())
     np.testing.assert_allclose(run.time, truth.time)
-    assert np.abs(run.position - truth.position.values).max() < 1e-9 * scale
-    assert np.abs(run.tension - truth.tension.values).max() < 1e-9 * truth.tension.values.max()
-    assert np.abs(run.amplitude - truth.amplitude.values).max() < 1e-9 * scale
+    # to order "leading" a changed scene has another reference state, which moves terms of second order
+    tolerance = 1e-9 if order == "exact" or not change else 3e-3
+    assert np.abs(run.position - truth.position.values).max() < tolerance * scale
+    assert np.abs(run.tension - truth.tension.values).max() < tolerance * truth.tension.values.max()
+    assert np.abs(run.amplitude - truth.amplitude.values).max() < tolerance * scale
     made = cp.condensed.prepare(cp.make_scene(mapping), modes, order=order, step=0.01).run()
-    assert np.abs(run.end_force - made.end_force).max() < 1e-9 * truth.tension.values.max()
-    assert run.smallest_chordwise_force == pytest.approx(truth.attrs["smallest_chordwise_force"], rel=1e-9)
+    assert np.abs(run.end_force - made.end_force).max() < tolerance * truth.tension.values.max()
+    assert run.smallest_chordwise_force == pytest.approx(truth.attrs["smallest_chordwise_force"], rel=tolerance)
 
 
 def test_run_along_given_positions():
