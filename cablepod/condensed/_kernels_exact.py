@@ -333,7 +333,7 @@ def exact_implicit(
     """Advance by the trapezoidal rule with the exact chordwise stretch; returns the number of steps done.
 
     The closure starts from the last stretch, ``stretch[0]``, and the last H.  Other parameters and the returned value as in
-    :func:`cablepod.condensed._kernels_leading.leading_implicit` and :func:`exact_verlet`.
+    :func:`cablepod.condensed._kernels_leading_implicit.leading_implicit` and :func:`exact_verlet`.
     """
     r, m = slopes.shape
     f, tangent, mass = np.empty(r), np.empty((r, r)), np.empty((r, r))

@@ -109,6 +109,7 @@ class CondensedStepper:
     ) -> int | None:
         """Advance to leading order; return the steps done, None for an explicit run, which does all."""
         from cablepod.condensed import _kernels_leading as kernel  # numba is imported only to compute
+        from cablepod.condensed import _kernels_leading_implicit as kernel_implicit
 
         model = self.run.model
         norms = model.geometric_stiffness_norms / model.frequency_amplification
@@ -121,7 +122,7 @@ class CondensedStepper:
         damping = model.chain.p.damping
         if self.run.scheme != FOURTH_ORDER:
             self.previous_acceleration[:] = self.acceleration
-        return kernel.leading_implicit(
+        return kernel_implicit.leading_implicit(
             self.q, self.v, self.acceleration, self.previous_acceleration, self.step, damping, BETA[self.run.scheme],
             boundary_data, *rest,
         )  # fmt: skip

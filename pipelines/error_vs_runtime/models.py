@@ -397,7 +397,7 @@ COMPILED = (
     "cablepod.galerkin._kernels_explicit.verlet",
     "cablepod.condensed._kernels_frame.frames",
     "cablepod.condensed._kernels_leading.leading_verlet",
-    "cablepod.condensed._kernels_leading.leading_implicit",
+    "cablepod.condensed._kernels_leading_implicit.leading_implicit",
     "cablepod.condensed._kernels_exact.exact_verlet",
     "cablepod.condensed._kernels_exact.exact_implicit",
 )
