@@ -63,7 +63,7 @@ def simulate(
         loads and "tension_extremes".
     scheme
         "velocity_verlet" (explicit), "trapezoidal" (implicit, stable at any step) or, with order "leading", "fox_goodwin"
-        (implicit, of fourth order without damping, stable below 1.22 times the explicit limit).  By default explicit with a given
+        (implicit, of third order without damping, stable below 1.22 times the explicit limit).  By default explicit with a given
         step or tolerance, and "fox_goodwin" without; trapezoidal where the stretching of the sag shortens such steps much.
     step
         Time step [s]; by default it is refined until two runs agree within the tolerance.
