@@ -18,9 +18,6 @@ if __name__ == "__main__":
 
 import numpy as np
 from _study import command_line
-from fmpy import extract, read_model_description
-from fmpy.fmi2 import FMU2Slave
-from pythonfmu.builder import FmuBuilder
 
 import cablepod as cp
 from cablepod.examples import scene
@@ -38,6 +35,8 @@ def example(path: Path) -> Path:
 
 def build(model: Path, folder: Path) -> Path:
     """Make the unit of a prepared model in a folder, and return its path."""
+    from pythonfmu.builder import FmuBuilder  # of the extra, which --help does not need
+
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as temporary:
         resource = Path(temporary) / "guy.nc"
@@ -47,6 +46,9 @@ def build(model: Path, folder: Path) -> Path:
 
 def forces_of_unit(path: Path, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     """Return the forces (steps, dims) [N] of a unit whose end follows given positions and velocities."""
+    from fmpy import extract, read_model_description
+    from fmpy.fmi2 import FMU2Slave
+
     description, folder = read_model_description(path), extract(path)
     axes = "xyz"[: position.shape[1]]
     numbers = {variable.name: variable.valueReference for variable in description.modelVariables}
