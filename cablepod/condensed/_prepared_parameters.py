@@ -34,10 +34,12 @@ from cablepod.parameters._time_functions import Array, TimeFunction
 OF_MOTIONS = ("ends", "shortest_time_scale", "initial_ends", "initial_end_rates", "damping")
 #: Tables of the scene whose numbers a run may replace; numbers of other tables belong to the structure.
 TABLES = ("cable", "gravity", "ends", "load", "motion", "damping")
-#: Properties of a model that depend on loads, motions and positions of the ends, and are made anew.
-OF_LOADS = (
-    "initial_boundary_data", "static_boundary_data", "first_guess", "initial_state", "unstable_growth_rate", "rest_tension",
+#: Properties of a model that depend on motions and positions of the ends, and are made anew.
+OF_ENDS = (
+    "initial_boundary_data", "static_boundary_data", "first_guess", "initial_state", "start_deflection_rates",
 )  # fmt: skip
+#: The same of loads and damping too.
+OF_LOADS = (*OF_ENDS, "unstable_growth_rate", "rest_tension")
 #: The same of mass and length, beside those that are scaled.
 OF_LENGTH = (
     "mass", "shapes", "slopes", "test_functions", "test_slopes", "chordwise_force_patterns", "rule",
@@ -154,7 +156,7 @@ class ChangedModel:
 
         def make() -> CondensedModel:
             model = _copy(variant.model)
-            for name in OF_LOADS[:4]:
+            for name in OF_ENDS:
                 model.__dict__.pop(name, None)
             model.__dict__["chain"] = _with(variant.model.chain, p)
             return model

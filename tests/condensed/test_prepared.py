@@ -6,6 +6,7 @@ import copy
 import math
 import re
 import warnings
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,9 @@ from references.catenary_mpmath import from_length
 
 import cablepod as cp
 from cablepod.condensed import _kernels_host_layout as layout
+from cablepod.condensed._fields import close_chord_of, positions_of
 from cablepod.conventions import COORDINATES
+from cablepod.discretisation._chord_frame import ChordFrame
 
 GUY: dict[str, Any] = {
     "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "specific_weight": 78500.0, "top_tension": 8000.0},
@@ -202,16 +205,66 @@ def _energies(order: str, step: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _leading_potential(model: Any, q: np.ndarray, row: np.ndarray) -> float:
-    """Potential of the cable to leading order: strain energy of N, weight along and across the chord."""
+    """Potential of the cable to leading order: strain energy of N, uniform loads along and across the chord."""
     chain, k, length = model.chain, model.chain.p.stiffness, model.chain.length
-    slope, tau = q @ model.slopes, row[1] * model.chordwise_force_patterns[0]
-    squared = model.slope_factor * slope**2  # with the terms of second order
+    slopes, tau = [q[which] @ model.slopes[which] for which in model.sets], row[1] * model.chordwise_force_patterns[0]
+    squared = model.slope_factor * sum(slope**2 for slope in slopes)  # with the terms of second order
     strain = row[0] / chain.total_length - 1.0 + 0.5 * (squared @ length) / chain.total_length
     force = k * strain - (tau @ length) / chain.total_length + tau
     zeta = np.concatenate([[0.0], np.cumsum(length * (1.0 + force / k - 0.5 * squared))])
-    return float(
-        0.5 * force**2 @ length / k + row[1] * (chain.tributary_length @ zeta) - row[3] * (model.load_projection[0] @ q)
-    )
+    loads = 1 + layout.PATTERNS + np.arange(len(model.load_projection))
+    across = row[loads] @ model.load_projection @ q
+    return float(0.5 * force**2 @ length / k + row[1] * (chain.tributary_length @ zeta) - across)
+
+
+def _potential(model: Any, q: np.ndarray, upper: np.ndarray) -> float:
+    """Potential of the cable, loads included, with its upper end at rest at another place [J]."""
+    chain, p = model.chain, model.chain.p
+    ends = np.stack([p.lower, upper])
+    still = np.zeros((2 * p.dims, 1))
+    row = model._project_loads(np.ascontiguousarray(ends.reshape(-1, 1)), still, np.zeros(1), 0, 0.0)
+    if model.order == "leading":
+        return _leading_potential(model, q, row[0])
+    stretch, _, _, deflection = close_chord_of(model, q[None], row)
+    position = positions_of(model, stretch, deflection, ends[None])[0]
+    return float(chain.strain_energy(position) - (chain.tributary_length[:, None] * p.load_at(0.0) * position).sum())
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("name", SCENES)
+def test_end_force_is_the_gradient_of_the_potential(name, order):
+    # out of equilibrium, along and across the chord.  What stays are the coordinates of the absolute motion, q + m n.u with the
+    # moments m, in which the kinetic energy has no term of q'.n.u': the force is then all potential.  In space the normals turn
+    # about the chord too; the deflections, as absolute motion, do not.
+    mapping = {key: value for key, value in SCENES[name].items() if key not in ("motion", "damping")}
+    # the weight along the chord matters as much as the tension: a sagging cable
+    mapping["cable"] = mapping["cable"] | {"top_tension": 2500.0}
+    guy = prepared(mapping, order)
+    model, dims, moments = guy._model, len(guy.end_position), guy.coefficients.by_coordinate[layout.MOMENTS]
+    r, kicked, upper = len(model.shapes), guy.state, guy.end_position + [0.02, -0.03, 0.01][: len(guy.end_position)]
+    shares = np.array([0.3, 0.2, -0.2, 0.1])[np.arange(r) % 4]
+    kicked[layout.Q, :r] += shares * np.abs(kicked[layout.Q, :r]).max()
+    guy.state = kicked
+    guy.step(upper, np.zeros(dims), 1e-5, np.zeros(dims))
+    q, lower = guy.state[layout.Q, :r], model.chain.p.lower
+    frame = ChordFrame.of((upper - lower)[None], model.reference)
+    deflection = np.stack([q[which] @ model.shapes[which] for which in model.sets])
+
+    def moved(shift: np.ndarray) -> float:
+        turned = ChordFrame.of((upper + shift - lower)[None], model.reference).normals[0]
+        turn = np.linalg.qr(turned @ frame.normals[0].T)[0] if dims == 3 else np.eye(1)
+        turn = turn * np.sign(np.diag(turn))
+        there = model.coordinates((turn @ deflection)[:, None])[0]
+        for k, which in enumerate(model.sets):
+            there[which] -= moments[which] * (frame.normals[0, k] @ shift)
+        return _potential(model, there, upper + shift)
+
+    assert np.abs(model.coordinates(deflection[:, None])[0] - q).max() < 1e-12 * np.abs(q).max()
+    h = 1e-5
+    gradient = np.array([(moved(shift) - moved(-shift)) / (2 * h) for shift in h * np.eye(dims)])
+    # differences: h^2 of the third derivative, and rounding of some 1e4 J over h
+    assert np.abs(guy.force + gradient).max() < 2e-6 * np.linalg.norm(guy.force)
+    assert abs(np.linalg.norm(guy.force) / np.linalg.norm(prepared(mapping, order).force) - 1.0) > 0.01
 
 
 # --- stiffness ----------------------------------------------------------------------------------------------------------
@@ -436,6 +489,18 @@ CHANGES = {
 }
 
 
+def changed(mapping: dict[str, Any], change: dict[str, float]) -> dict[str, Any]:
+    """Mapping of a scene with other numbers, by key path."""
+    mapping = copy.deepcopy(mapping)
+    for path, value in change.items():
+        *tables, key = path.split(".")
+        target: Any = mapping
+        for part in tables:
+            target = target[part]
+        target["xyz".index(key) if isinstance(target, list) else key] = value
+    return mapping
+
+
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize(
     ("name", "change"),
@@ -446,13 +511,7 @@ CHANGES = {
     ids=str,
 )
 def test_run_is_simulate_of_the_changed_scene(name, change, order):
-    mapping, dims = copy.deepcopy(SCENES[name]), len(SCENES[name]["ends"]["upper"])
-    for path, value in change.items():
-        *tables, key = path.split(".")
-        target: Any = mapping
-        for part in tables:
-            target = target[part]
-        target["xyz".index(key) if isinstance(target, list) else key] = value
+    mapping, dims = changed(SCENES[name], change), len(SCENES[name]["ends"]["upper"])
     modes, outputs = sines(4, dims), ("position", "tension")
     truth = cp.condensed.simulate(cp.make_scene(mapping), modes, order=order, step=0.01, outputs=outputs)
     run = prepared(SCENES[name], order, step=0.01).run(change, outputs=(*outputs, "end_force"))
@@ -466,6 +525,30 @@ def test_run_is_simulate_of_the_changed_scene(name, change, order):
     made = cp.condensed.prepare(cp.make_scene(mapping), modes, order=order, step=0.01).run()
     assert np.abs(run.end_force - made.end_force).max() < tolerance * truth.tension.values.max()
     assert run.smallest_chordwise_force == pytest.approx(truth.attrs["smallest_chordwise_force"], rel=tolerance)
+
+
+@pytest.mark.parametrize("change", [change for key, change in CHANGES.items() if key != "damping"], ids=str)
+@pytest.mark.parametrize("name", SCENES)
+def test_every_property_of_a_changed_model_is_that_of_a_model_made_anew(name, change):
+    # a run shares with the prepared model what the change leaves, by name: a property that was forgotten is old
+    guy = prepared(SCENES[name], "exact", step=0.01)
+    guy.run()
+    model = guy._runner.changed.variant(change, None, 0.01).model
+    new = cp.condensed.prepare(cp.make_scene(changed(SCENES[name], change)), guy._modes, order="exact", step=0.01)._model
+    names = [key for part in type(new).__mro__ for key, value in vars(part).items() if isinstance(value, cached_property)]
+    assert "initial_state" in names
+    assert "load_patterns" in names
+    for key in names:
+        pairs = list(zip(_leaves(getattr(model, key)), _leaves(getattr(new, key)), strict=True))
+        for one, other in pairs:
+            np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-8 * np.abs(other).max(initial=1e-30), err_msg=key)
+
+
+def _leaves(value: Any) -> list[np.ndarray]:
+    """The arrays of nested tuples."""
+    if value is None:
+        return []
+    return [leaf for part in value for leaf in _leaves(part)] if isinstance(value, list | tuple) else [np.asarray(value)]
 
 
 def test_run_along_given_positions():
