@@ -22,6 +22,7 @@ from cablepod.parameters._time_functions import TimeFunction
 #: Minimum and maximum chord over the unstretched length.  Below, the sag is so deep that the deflection normal to the chord no
 #: longer describes the cable; above, the strain exceeds the limit of scenes.
 CHORD_RANGE = (0.5, 11.0)
+CHORD_TURN_TEXT = "a chord that turns by at most a right angle in a step: the ends do not pass each other"
 #: Number of Gauss points of the static compliance (smooth in the angle of the tension, so that rounding remains).
 GAUSS_POINTS = 48
 #: Motion that stands for an end moved by a host: the load pattern of its inertia belongs to the model.
@@ -119,17 +120,24 @@ def refusal(
     accepted: np.ndarray,
     end: np.ndarray,
     velocity: np.ndarray,
+    acceleration: np.ndarray,
     step: float,
 ) -> SceneError | RunStopped:
     """Return the error of a step that a kernel refused or could not finish."""
     time = accepted[layout.CLOCK, layout.TIME] + step
     if status == layout.INVALID_NUMBER:
-        finite = bool(np.isfinite(end).all())
-        return scene_error("end_velocity" if finite else "end_position", velocity if finite else end, "finite numbers")
+        for key, value in (("end_velocity", velocity), ("end_acceleration", acceleration)):
+            if not np.abs(value).sum() < np.inf:
+                return scene_error(key, value.tolist(), "finite numbers")
+        if not np.isfinite(end).all():
+            return scene_error("end_position", end.tolist(), "finite numbers")
+        status = layout.CHORD_OUT_OF_RANGE  # so far away that the square of the distance is not finite
     if status == layout.INVALID_STEP:
         return scene_error("step", step, "a finite number above 0 [s]")
     if status == layout.CHORD_OUT_OF_RANGE:
         return scene_error("end_position", end.tolist(), chord_range_text(coefficients.numbers[layout.LENGTH]))
+    if status == layout.CHORD_REVERSED:
+        return scene_error("end_position", end.tolist(), CHORD_TURN_TEXT)
     if status == layout.CHORD_ALONG_AXIS:
         axis = "xyz"[coefficients.sizes[layout.REFERENCE]]
         allowed = f"a chord away from the axis {axis}, which separates the deflections in and out of the plane"

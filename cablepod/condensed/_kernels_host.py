@@ -29,6 +29,7 @@ from cablepod.condensed._kernels_host_layout import (
     BOUNDARY,
     CHORD_ALONG_AXIS,
     CHORD_OUT_OF_RANGE,
+    CHORD_REVERSED,
     CLOCK,
     COUNT,
     DAMPING,
@@ -96,10 +97,11 @@ from cablepod.condensed._kernels_leading import _monitor_step as _monitor_leadin
 def _check(coefficients, accepted, end_position, end_velocity, end_acceleration, step):
     """Return the reason to refuse a step, DONE for none."""
     dims, numbers = coefficients.sizes[DIMS], coefficients.numbers
-    squared, along_axis, total = 0.0, 0.0, 0.0
+    squared, along_axis, total, reversal = 0.0, 0.0, 0.0, 0.0
     for d in range(dims):
         reach = end_position[d] - numbers[LOWER + d]
         squared += reach * reach
+        reversal += reach * accepted[AXES, d]  # below zero for less than a right angle between the chords
         total += abs(end_velocity[d])
         if dims == 3 and d == coefficients.sizes[REFERENCE]:
             along_axis = reach * reach
@@ -111,6 +113,8 @@ def _check(coefficients, accepted, end_position, end_velocity, end_acceleration,
         return INVALID_STEP
     if not numbers[SHORTEST] * numbers[SHORTEST] <= squared <= numbers[LONGEST] * numbers[LONGEST]:
         return CHORD_OUT_OF_RANGE
+    if reversal > 0.0:
+        return CHORD_REVERSED
     if along_axis > numbers[ALONG_AXIS] * numbers[ALONG_AXIS] * squared:
         return CHORD_ALONG_AXIS
     if step * step * accepted[MONITOR, MAX_OMEGA_SQUARED] >= 4.0:

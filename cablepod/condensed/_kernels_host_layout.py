@@ -9,8 +9,8 @@ import numpy as np
 #: Status of a step.
 (
     DONE, INVALID_NUMBER, INVALID_STEP, CHORD_OUT_OF_RANGE, CHORD_ALONG_AXIS, STEP_ABOVE_LIMIT, NO_EQUILIBRIUM, STIFFENED,
-    DIVERGED,
-) = range(9)  # fmt: skip
+    DIVERGED, CHORD_REVERSED,
+) = range(10)  # fmt: skip
 #: Number of load patterns: uniform, and growing with sigma.
 PATTERNS = 2
 # Entries of `sizes`.

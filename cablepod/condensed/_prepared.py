@@ -23,7 +23,13 @@ from cablepod.condensed._host import (
 from cablepod.condensed._kernels_host_layout import HostCoefficients
 from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE
 from cablepod.condensed._model import CondensedModel
-from cablepod.condensed._prepared_dataset import dataset_of, stored_model
+from cablepod.condensed._prepared_dataset import (
+    check_coefficients,
+    check_contents,
+    checked_state,
+    dataset_of,
+    stored_model,
+)
 from cablepod.condensed._prepared_run import PreparedRun, PreparedRunner
 from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError, scene_error
 from cablepod.integrate._request import check_step
@@ -112,6 +118,7 @@ class PreparedModel:
         SceneError, RunStopped
             As in :meth:`step`.
         """
+        self._has_trial = False
         try:
             position, velocity = np.array(end_position, dtype=float), np.array(end_velocity, dtype=float)
             acceleration = (
@@ -131,11 +138,10 @@ class PreparedModel:
         ):
             error = self._shape_error(end_position, end_velocity, end_acceleration, step)
             raise error
-        self._has_trial = False
         accepted, trial = self._accepted, self._trial
         status = self._kernel(self._coefficients, accepted, trial, position, velocity, acceleration, step)
         if status:
-            error = refusal(status, self._coefficients, accepted, position, velocity, step)
+            error = refusal(status, self._coefficients, accepted, position, velocity, acceleration, step)
             if isinstance(error, RunStopped):
                 error.partial = self.dataset().assign_attrs(incomplete=f"stopped at {self.time + step:.9g} s")
             raise error
@@ -260,10 +266,7 @@ class PreparedModel:
 
     @state.setter
     def state(self, state: np.ndarray) -> None:
-        given = np.array(state, dtype=float)
-        if given.shape != self._accepted.shape:
-            raise scene_error("state", given.shape, f"an array of shape {self._accepted.shape}, as `state` gives it")
-        self._accepted, self._has_trial = given, False
+        self._accepted, self._has_trial = checked_state(state, self._accepted.shape), False
 
     # --- runs and Datasets --------------------------------------------------------------------------------------------
 
@@ -427,14 +430,14 @@ def resume(dataset: xr.Dataset) -> PreparedModel:
     Raises
     ------
     SceneError
-        For a Dataset that is no prepared model.
+        For a Dataset that is no prepared model, or one whose variables were altered.
     """
     stored = stored_model(dataset)
-    model, _ = _checked_model(stored.scene, stored.modes, stored.rank, stored.order)
-    prepared = PreparedModel(stored.scene, stored.modes, model, stored.step)
-    if any(old.shape != new.shape for old, new in zip(prepared.coefficients, stored.coefficients, strict=True)):
-        raise scene_error("dataset", "coefficients of another shape", "an unchanged prepared model")
+    model, limit = _checked_model(stored.scene, stored.modes, stored.rank, stored.order)
+    prepared = PreparedModel(stored.scene, stored.modes, model, check_step(stored.step, limit, "as at `prepare`"))
+    check_coefficients(stored.coefficients, prepared.coefficients)
     # the modes give these coefficients again, but on another machine not always to the last bit
     prepared._coefficients = stored.coefficients
     prepared.state = stored.state
+    check_contents(dataset, prepared)
     return prepared

@@ -20,6 +20,13 @@ if TYPE_CHECKING:
 
 #: Stage of the Dataset of a prepared model, and prefixes of the variables that it takes from scene and modes.
 STAGE, PREFIXES = "prepared model", ("scene_", "modes_")
+#: Name of the function that makes it, in histories.
+FUNCTION = "condensed.PreparedModel.dataset"
+#: Variables that follow from the state, and what messages allow.
+DERIVED = ("time", "end_position", "end_force", "amplitude")
+UNCHANGED = "a prepared model, unchanged, as PreparedModel.dataset() gives it"
+#: Relative difference of coefficients from machine to machine (rounding of their eigenproblem).
+ROUNDING = 1e-7
 
 
 class StoredModel(NamedTuple):
@@ -36,11 +43,10 @@ class StoredModel(NamedTuple):
 
 def dataset_of(prepared: PreparedModel, scene: xr.Dataset, modes: xr.Dataset, model: CondensedModel) -> xr.Dataset:
     """Make the Dataset of a prepared model with its accepted state; see :meth:`PreparedModel.dataset`."""
-    q_sets = prepared.amplitude
     rank = model.rank
     coordinates = list(COORDINATES[: model.chain.p.dims])
     variables: dict[str, Any] = {
-        "amplitude": (("normal", "mode"), np.array([np.pad(part, (0, rank - part.size)) for part in q_sets])),
+        "amplitude": (("normal", "mode"), _amplitudes(prepared)),
         "end_position": (("coordinate",), prepared.end_position),
         "end_force": (("coordinate",), prepared.force),
         "state": (("state_row", "state_column"), prepared.state),
@@ -81,13 +87,13 @@ def dataset_of(prepared: PreparedModel, scene: xr.Dataset, modes: xr.Dataset, mo
     result.attrs = attrs
     return provenance.record(
         result,
-        function="condensed.PreparedModel.dataset",
+        function=FUNCTION,
         parameters={
             "rank": rank,
             "order": model.order,
             "step": prepared.prepared_step,
             "time": prepared.time,
-            "state_sha256": hashlib.sha256(prepared.state.tobytes()).hexdigest()[:16],
+            "state_sha256": _state_digest(prepared.state),
         },
         inputs=[scene, modes],
     )
@@ -102,14 +108,64 @@ def stored_model(dataset: xr.Dataset) -> StoredModel:
         For another Dataset.
     """
     stage = dataset.attrs.get("stage") if isinstance(dataset, xr.Dataset) else dataset
-    if not isinstance(dataset, xr.Dataset) or stage != STAGE or "state" not in dataset:
+    if not isinstance(dataset, xr.Dataset) or stage != STAGE:
         raise scene_error("dataset", stage, "a prepared model, as PreparedModel.dataset() gives it")
-    scene, modes = (_source(dataset, prefix) for prefix in PREFIXES)
-    arrays = (np.ascontiguousarray(dataset[f"coefficient_{name}"].values) for name in HostCoefficients._fields)
-    rank, order, step = (dataset.attrs[name] for name in ("rank", "order", "step"))
-    return StoredModel(
-        scene, modes, int(rank), str(order), float(step), HostCoefficients(*arrays), dataset["state"].values
-    )
+    fields = [f"coefficient_{name}" for name in HostCoefficients._fields]
+    for key in (*DERIVED, "state", *fields):
+        if key not in dataset.variables:
+            raise scene_error("dataset", f"no variable {key}", UNCHANGED)
+    try:
+        scene, modes = (_source(dataset, prefix) for prefix in PREFIXES)
+        rank, order, step = int(dataset.attrs["rank"]), str(dataset.attrs["order"]), float(dataset.attrs["step"])
+    except (KeyError, ValueError) as error:
+        raise scene_error("dataset", f"attributes with {error!r}", UNCHANGED) from None
+    arrays = (np.ascontiguousarray(dataset[key].values) for key in fields)
+    return StoredModel(scene, modes, rank, order, step, HostCoefficients(*arrays), dataset["state"].values)
+
+
+def checked_state(state: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Return a copy of a state as an array of a given shape; refuse others, and nan."""
+    try:
+        given = np.array(state, dtype=float)
+    except (TypeError, ValueError):
+        given = np.empty(0)
+    if given.shape != shape or np.isnan(given).any():
+        text = "nan in it" if given.shape == shape else given.shape
+        raise scene_error("state", text, f"an array of shape {shape}, as `state` gives it")
+    return given
+
+
+def check_coefficients(stored: HostCoefficients, made: HostCoefficients) -> None:
+    """Refuse stored coefficients that differ by more than rounding from those that scene and modes give."""
+    for name, old, new in zip(stored._fields, stored, made, strict=True):
+        if old.shape != new.shape or old.dtype != new.dtype:
+            raise scene_error(f"coefficient_{name}", f"shape {old.shape}, {old.dtype}", UNCHANGED)
+        for row, other in zip(old, new, strict=True):
+            if not np.allclose(row, other, rtol=ROUNDING, atol=ROUNDING * np.abs(other).max(initial=0.0)):
+                raise scene_error(f"coefficient_{name}", "numbers that scene and modes do not give", UNCHANGED)
+
+
+def check_contents(dataset: xr.Dataset, prepared: PreparedModel) -> None:
+    """Refuse a Dataset whose state is not the recorded one, or whose other variables are not those of its state."""
+    stages = [stage for stage in provenance.stages_of(dataset) if stage.get("function") == FUNCTION]
+    if not stages or stages[-1]["parameters"].get("state_sha256") != _state_digest(prepared.state):
+        raise scene_error("state", "one that differs from the record in history_json", UNCHANGED)
+    amplitudes = _amplitudes(prepared)
+    for key, value in zip(DERIVED, (prepared.time, prepared.end_position, prepared.force, amplitudes), strict=True):
+        stored = dataset[key].values
+        if stored.shape != np.shape(value) or not np.allclose(stored, value, rtol=ROUNDING, atol=ROUNDING):
+            raise scene_error(key, "numbers that differ from those of the state", UNCHANGED)
+
+
+def _amplitudes(prepared: PreparedModel) -> np.ndarray:
+    """Return the amplitudes of all normals (normal, mode) [m]; zero for modes that a normal lacks."""
+    parts = prepared.amplitude
+    rank = max(part.size for part in parts)
+    return np.array([np.pad(part, (0, rank - part.size)) for part in parts])
+
+
+def _state_digest(state: np.ndarray) -> str:
+    return hashlib.sha256(state.tobytes()).hexdigest()[:16]
 
 
 def _source(dataset: xr.Dataset, prefix: str) -> xr.Dataset:

@@ -137,6 +137,8 @@ class ChangedModel:
             Positions of the upper end at equidistant steps (steps + 1, dims) [m], None for the motions of the scene; their
             distance [s].
         """
+        if not isinstance(parameters, Mapping | None):
+            raise scene_error("parameters", parameters, "a mapping of key paths to numbers")
         changes = dict(parameters) if parameters is not None else {}
         p, is_static = self._parameters(changes)
         variant = Variant(p, self._rest, self._coefficients, 1.0, partial(self._motion_only, p))
@@ -210,6 +212,8 @@ class ChangedModel:
             weight = mass * gravity
         else:
             weight = cable["specific_weight"] * area
+            if not gravity:
+                raise scene_error("gravity", gravity, "above 0 for a cable of given specific weight: it gives the mass")
             mass = weight / gravity
         weights = np.zeros(self.p.dims)
         weights[1] = -weight
@@ -226,7 +230,7 @@ class ChangedModel:
         if entry is None or table not in TABLES or path == "damping.link_viscosity":
             allowed = "numbers of the prepared scene, such as motion.upper.x.amplitude; its structure stays; try: prepare again"
             raise SceneError(
-                f"{path if isinstance(path, str) else 'parameters'}: given in parameters; allowed: {allowed}"
+                f"{path if isinstance(path, str) and path else 'parameters'}: given in parameters; allowed: {allowed}"
             )
         _, component, key = entry
         self._entries[path] = component, key.check if component is None else number(), table

@@ -11,7 +11,7 @@ import xarray as xr
 
 from cablepod.condensed import _kernels_host_layout as layout
 from cablepod.condensed._fields import CondensedTrajectory, close_chord_of, positions, selected_tensions
-from cablepod.condensed._host import CHORD_RANGE, chord_range_text
+from cablepod.condensed._host import CHORD_RANGE, CHORD_TURN_TEXT, chord_range_text
 from cablepod.condensed._kernels_layout import MIN_FORCE, UNSTABLE_STEP, initial_monitor
 from cablepod.condensed._model import CondensedModel, end_tables
 from cablepod.condensed._output import padded
@@ -109,7 +109,8 @@ class PreparedRunner:
         """Return given positions of the upper end as an array (steps + 1, dims) [m]."""
         dims = self.model.chain.p.dims
         try:
-            path = np.array(end_position, dtype=float)
+            path = np.array(end_position)
+            path = np.array(path, dtype=float) if path.dtype.kind in "fiu" else np.array("", dtype=float)
         except (TypeError, ValueError):
             raise scene_error("end_position", end_position, f"an array (steps + 1, {dims}) of numbers [m]") from None
         if path.ndim != 2 or path.shape[1] != dims or len(path) < MIN_PATH:
@@ -123,10 +124,14 @@ class PreparedRunner:
     def _check_chords(self, path: np.ndarray, variant: Variant) -> None:
         """Refuse ends so near to each other or so far from each other that the model no longer holds."""
         length = float(variant.coefficients.numbers[layout.LENGTH])
-        ratio = np.sqrt(np.sum((path - variant.p.lower) ** 2, axis=1)) / length
+        chords = path - variant.p.lower
+        ratio = np.sqrt(np.sum(chords**2, axis=1)) / length
         outside = (ratio < CHORD_RANGE[0]) | (ratio > CHORD_RANGE[1])
         if outside.any():
             raise scene_error("end_position", path[int(outside.argmax())].tolist(), chord_range_text(length))
+        reversed_chords = np.einsum("kd,kd->k", chords[1:], chords[:-1]) < 0.0
+        if reversed_chords.any():
+            raise scene_error("end_position", path[1 + int(reversed_chords.argmax())].tolist(), CHORD_TURN_TEXT)
 
     def _leading(
         self, variant: Variant, instants: OutputTimes, with_force: bool

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -37,7 +37,7 @@ def check_times(times: Any) -> np.ndarray:
 
 def check_outputs(outputs: Any, allowed: tuple[str, ...] = OUTPUTS) -> tuple[str, ...]:
     """Return the names of the outputs as a tuple; refuse unknown ones."""
-    names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    names = tuple(outputs) if isinstance(outputs, Iterable) and not isinstance(outputs, str) else (outputs,)
     for name in names:
         if name not in allowed:
             raise scene_error("outputs", name, "some of " + ", ".join(allowed))
