@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
+from types import NoneType
 from typing import Any, cast
 
 import numpy as np
@@ -29,12 +30,18 @@ class MemberResults:
         self.done = 0
         self._lock = threading.Lock()
 
+    def rows(self, first: int, last: int, name: str, dims: tuple[str, ...], shape: tuple[int, ...]) -> np.ndarray:
+        """Return the rows of the members `first` ... `last - 1` of a variable of numbers, to be filled."""
+        with self._lock:
+            if name not in self.variables:
+                self._allocate({name: (dims, np.broadcast_to(0.0, shape))})
+        return self.variables[name][1][first:last]
+
     def store(self, i: int, variables: Variables, attrs: Mapping[str, Any]) -> None:
         """Store the result of member `i`."""
-        if not self.variables:
+        if not variables.keys() <= self.variables.keys():
             with self._lock:
-                if not self.variables:
-                    self.variables = self._empty(variables)
+                self._allocate({name: entry for name, entry in variables.items() if name not in self.variables})
         self.shapes[i] = {name: np.shape(values) for name, (_, values) in variables.items()}
         for name, (_, values) in variables.items():
             if self.variables[name][1].shape[1:] == self.shapes[i][name]:
@@ -57,14 +64,21 @@ class MemberResults:
             {name: values[i] for name, values in attrs.items()},
         )
         for name, (_, values) in variables.items():
-            if completed.all():
-                self.variables[name][1][first : first + completed.size] = values
+            target = self.variables[name][1][first : first + completed.size]
+            if np.may_share_memory(values, target):  # filled in place
+                continue
+            if rows.size == completed.size:
+                target[:] = values
             else:
-                self.variables[name][1][first + rows] = values[rows]
-        for row in rows:
+                target[rows] = values[rows]
+        for row in rows.tolist():
             self.shapes[first + row] = self.shapes[first + i]
-            for name, column in attrs.items():
-                self.attrs[name][first + row] = column[row]
+        for name, column in attrs.items():
+            if rows.size == completed.size:
+                self.attrs[name][first : first + completed.size] = column
+            else:
+                for row in rows.tolist():
+                    self.attrs[name][first + row] = column[row]
 
     def check_shapes(self) -> None:
         """Refuse members whose arrays differ in shape from those of the first successful member."""
@@ -84,16 +98,17 @@ class MemberResults:
         first = next(i for i, error in enumerate(self.failures) if error is None)
         return {name: values[first] for name, values in self.attrs.items() if values[first] is not None}
 
-    def _empty(self, variables: Variables) -> Variables:
+    def _allocate(self, variables: Variables) -> None:
         """Allocate arrays for all members, shaped as the variables of one."""
-        needed = float(self.count * sum(np.asarray(values).nbytes for _, values in variables.values()))
+        allocated = sum(values.nbytes for _, values in self.variables.values())
+        needed = float(allocated + self.count * sum(np.asarray(values).nbytes for _, values in variables.values()))
         check_bytes(needed, "member and times", f"{self.count} members, {needed / 1e9:.3g} GB of output")
         arrays: Variables = {}
         for name, (dims, values) in variables.items():
             first = np.asarray(values)
             dtype = object if first.dtype.kind in "UO" else first.dtype
             arrays[name] = ("member", *dims), np.empty((self.count, *first.shape), dtype)
-        return arrays
+        self.variables |= arrays
 
     def fill_failed(self, i: int) -> None:
         """Fill the row of a failed member with nan, zero or empty text."""
@@ -107,11 +122,12 @@ def to_dataset(stack: MemberResults, scene: xr.Dataset, coords: Any) -> xr.Datas
     Numeric attributes that differ between members become variables; `coords` are shared by all members.
     """
     variables, attrs, first = dict(stack.variables), {}, stack.attributes()
+    successful = [i for i, error in enumerate(stack.failures) if error is None] if any(stack.failures) else None
     for name, values in stack.attrs.items():
-        present = [value for i, value in enumerate(values) if stack.failures[i] is None]
-        if all(_same(value, present[0]) for value in present[1:]):
+        present = values if successful is None else [values[i] for i in successful]
+        if _all_same(present):
             attrs[name] = present[0]
-        elif all(isinstance(value, int | float | np.number) or value is None for value in present):
+        elif all(issubclass(kind, int | float | np.number | NoneType) for kind in set(map(type, present))):
             numbers = np.array([np.nan if value is None else float(value) for value in values])
             variables[name] = (("member",), numbers)
         elif name in ("title", "id", "history_json"):
@@ -133,8 +149,12 @@ def to_dataset(stack: MemberResults, scene: xr.Dataset, coords: Any) -> xr.Datas
     return joined.assign_coords({**varied, **number})
 
 
-def _same(a: Any, b: Any) -> bool:
-    return bool(np.array_equal(a, b)) if isinstance(a, np.ndarray) else a == b
+def _all_same(values: list[Any]) -> bool:
+    """Return whether all values equal the first, which nan does not."""
+    first = values[0]
+    if any(issubclass(kind, np.ndarray) for kind in set(map(type, values))):
+        return all(np.array_equal(value, first) for value in values[1:])
+    return values.count(first) == len(values) and (len(values) == 1 or bool(first == first))
 
 
 def arrays_of(result: xr.Dataset) -> Variables:

@@ -94,7 +94,7 @@ class Members(Sequence[Parameters]):
         for name, variable in scene.variables.items():
             if "member" in variable.dims:
                 values = variable.transpose("member", ...).values
-                (self.gapped if any(map(_is_gap, values)) else self.varied)[str(name)] = values
+                (self.gapped if _has_gap(values) else self.varied)[str(name)] = values
             elif not _is_gap(value := variable.values[()]):
                 self.fixed[str(name)] = value
         self._count = scene.sizes.get("member", 1)
@@ -143,6 +143,14 @@ class Members(Sequence[Parameters]):
                 value = rows[:, None].astype(float) if name.startswith("motion_") else rows.astype(float)
             values[name] = value
         return _from_values(values, number=np.asarray)
+
+
+def _has_gap(values: np.ndarray) -> bool:
+    """Tell whether a row of the values of a variable (members, ...) is a gap."""
+    if values.dtype.kind != "f":
+        return any(map(_is_gap, values))
+    missing = np.isnan(values).reshape(len(values), -1)  # ten thousand members in no time
+    return bool(missing.shape[1] and missing.all(axis=1).any())
 
 
 def _is_gap(value: Any) -> bool:
