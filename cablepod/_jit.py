@@ -10,6 +10,7 @@ from typing import Any
 
 import numba
 from numba.core import caching
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
 
 #: Sets of fast-math flags; none assumes finite numbers, so that tests for them keep their meaning.
 #: Products and sums in one instruction, where the machine has it.
@@ -53,18 +54,31 @@ class UserFolder(_PackageStamp, caching.UserWideCacheLocator):
     """Cache in the user's cache folder, where the source cannot be written beside."""
 
 
-def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+class _Noalias(CompilerBase):
+    """Compiler of kernels whose array arguments share no memory."""
+
+    def define_pipelines(self) -> list[Any]:
+        """Set the flag that numba sets for its own parallel loops, and compile as usual."""
+        self.state.flags.noalias = True
+        return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
+
+
+def compiled(function: Callable[..., Any] | None = None, *, noalias: bool = False, **options: Any) -> Any:
     """Compile a kernel with the options that all share: cached, without the GIL, IEEE division; use as a decorator.
 
     Parameters
     ----------
     function
         The kernel, where the decorator is used without options.
+    noalias
+        Whether no two array arguments share memory: loops that write to one and read from many others are vectorised then.
     **options
         Further options of :func:`numba.njit`, such as ``inline`` and ``fastmath``.
     """
     if function is None:
-        return lambda kernel: compiled(kernel, **options)
+        return lambda kernel: compiled(kernel, noalias=noalias, **options)
+    if noalias:
+        options["pipeline_class"] = _Noalias
     config: Any = numba.config
     given, config.CACHE_LOCATOR_CLASSES = config.CACHE_LOCATOR_CLASSES, _LOCATORS
     try:  # numba reads it where a function with a cache is made, here and nowhere later

@@ -24,8 +24,11 @@ from cablepod.batch._stack import MemberResults, Variables, arrays_of, labelled_
 from cablepod.errors import AllFailedError, MemberFailedWarning, RunStopped, StoppedError
 
 F = TypeVar("F", bound=Callable[..., xr.Dataset])
+#: Makes a variable of a chunk from name, dimensions and shape of one member: its rows of the array of all members.
+Rows = Callable[[str, tuple[str, ...], tuple[int, ...]], np.ndarray]
 #: Runs members `first` ... `last - 1` in one call; returns a mask of those completed, their variables and attributes by row.
-RunChunk = Callable[[int, int], tuple[np.ndarray, Variables, Mapping[str, list[Any]]]]
+#: Large variables need no copy where they are filled in place, in rows that the third argument makes.
+RunChunk = Callable[[int, int, Rows], tuple[np.ndarray, Variables, Mapping[str, list[Any]]]]
 #: Runs one member; returns its variables and attributes.
 RunMember = Callable[[int], tuple[Variables, Mapping[str, Any]]]
 #: Prepares members `first` ... `last - 1` together; calls `check()` regularly, which raises StoppedError on cancellation.
@@ -40,8 +43,8 @@ class BatchPlan(NamedTuple):
     prepare_chunk: PrepareChunk = lambda *_: None
 
 
-#: Maximum number of members that a thread takes at once.
-CHUNK = 16
+#: Maximum number of members that a thread takes at once, one after the other or in groups of lanes.
+CHUNK, CHUNK_OF_LANES = 16, 256
 _THREADS: ContextVar[int | None] = ContextVar("threads", default=None)
 _STOP: ContextVar[Callable[[], bool] | None] = ContextVar("stop", default=None)
 
@@ -71,6 +74,7 @@ def run_members(
     progress: Callable[[float], None] | None,
     run_chunk: RunChunk | None = None,
     prepare_chunk: PrepareChunk = lambda *_: None,
+    lanes: int = 1,
 ) -> MemberResults:
     """Run all members in threads and collect their results.
 
@@ -86,6 +90,8 @@ def run_members(
         Runs several members in one call; those not completed are left to `run_member`.
     prepare_chunk
         Prepares several members for `run_member`.
+    lanes
+        Number of members that `run_chunk` advances abreast.
 
     Raises
     ------
@@ -110,7 +116,7 @@ def run_members(
         remaining = np.arange(first, last)
         if run_chunk is not None:
             check()
-            completed, variables, attrs = run_chunk(first, last)
+            completed, variables, attrs = run_chunk(first, last, functools.partial(stack.rows, first, last))
             stack.store_chunk(first, completed, variables, attrs)
             remaining = remaining[~completed]
         prepare_chunk(first, last, check)
@@ -128,7 +134,7 @@ def run_members(
                 progress(stack.done / count)
 
     workers = min(_THREADS.get() or cores(), count)
-    size = max(1, min(CHUNK, count // (4 * workers)))
+    size = _chunk_size(count, workers, 1 if run_chunk is None else lanes)
     _run_chunks(chunk, range(0, count, size), workers, ended)
     failed = [(i, error) for i, error in enumerate(stack.failures) if error is not None]
     if failed and len(failed) == count:
@@ -144,6 +150,13 @@ def run_members(
             stacklevel=4,
         )
     return stack
+
+
+def _chunk_size(count: int, workers: int, lanes: int) -> int:
+    """Return the number of members that a thread takes at once: about a quarter of its share, in full groups of lanes."""
+    if lanes == 1:
+        return max(1, min(CHUNK, count // (4 * workers)))
+    return min(CHUNK_OF_LANES, -(-count // (4 * workers * lanes)) * lanes)
 
 
 def _run_chunks(chunk: Callable[[int], None], starts: range, workers: int, ended: threading.Event) -> None:

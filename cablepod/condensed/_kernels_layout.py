@@ -27,6 +27,13 @@ CLOSURE_ROWS = 6
 SLOPE_IN_PLANE, SLOPE_OUT_OF_PLANE = 0, 1  #: slope of the deflection
 LINK_FORCE = 2  #: chordwise force N [N]
 LINK_ROWS = 3
+# Numbers of a member in a lane (MEMBER_ROWS, lanes).
+STIFFNESS, LENGTH, MASS = 0, 1, 2  #: K [N], L0 [m], mass per length [kg/m]
+SAG_STIFFNESS, KAPPA_MAX = 3, 4  #: K / 2 L0 [N/m], largest squared slope norm [1/(kg m)]
+INVERSE_LENGTH = 5  #: 1 / L0 [1/m]
+UNIFORM, SAG = 6, 7  #: the squared slopes have the factor uniform + sag times the profile of those at rest
+DAMPING_FACTOR, IMPULSE = 8, 9  #: factor of the rates by damping over a step, rate gained for unit acceleration [s]
+MEMBER_ROWS = 10
 
 
 def initial_monitor(omega_squared_limit: float, chord_tension: float) -> np.ndarray:

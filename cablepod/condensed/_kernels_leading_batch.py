@@ -1,4 +1,4 @@
-"""Compiled initial states and explicit steps to leading order for many members."""
+"""Compiled initial states to leading order of many members."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from cablepod._jit import compiled
 from cablepod.condensed._kernels_frame import frames
-from cablepod.condensed._kernels_leading import leading_force, leading_rest, leading_verlet
+from cablepod.condensed._kernels_leading import leading_force, leading_rest
 
 
 @compiled
@@ -84,45 +84,3 @@ def leading_starts(
         impulse_back = damped_growth / damping[m] if damping[m] else 0.5 * step
         for i in range(r):
             v[m, i] = v[m, i] * (1.0 + damped_growth) - impulse_back * f[i]
-
-
-@compiled
-def leading_members(
-    q, v, step, damping_factor, impulse, ends, end_accelerations, load, reference, mass, stiffness, length, kappa,
-    mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms,
-    chordwise_forces_at_candidates, slopes, n_in_plane, chordwise_force_patterns, begin, steps, output_steps,
-    first_output, last_output, saved, low, high, monitor, tension_series, divergence_bound, active,
-):  # fmt: skip
-    """Advance many members by one block of steps with :func:`cablepod.condensed._kernels_leading.leading_verlet`.
-
-    Parameters
-    ----------
-    ends, end_accelerations, load, reference, mass
-        As in :func:`cablepod.condensed._kernels_frame.frames`, with a leading dimension of members; at least `steps` columns.
-    steps
-        Number of steps.
-    first_output, last_output
-        Range of `output_steps`, `saved` (members, outputs, r) and `tension_series` (members, outputs, links) in this block.
-    divergence_bound
-        Bound of the coordinates, beyond which a member has diverged (members,).
-    active
-        Whether a member is still advanced (members,); changed.
-
-    Other parameters as in ``leading_verlet``, with a leading dimension of members except `step`, `n_in_plane`, `begin` and
-    `output_steps`.
-    """
-    boundary_data = np.empty((steps, 1 + mean_chordwise_forces.shape[1] * load.shape[1]))
-    no_points, half_step_rates = np.empty((0, load.shape[1], 1)), np.empty((last_output - first_output, 2, q.shape[1]))
-    for m in range(active.size):
-        if not active[m]:
-            continue
-        frames(ends[m], end_accelerations[m], load[m], no_points, reference[m], mass[m], boundary_data)
-        leading_verlet(
-            q[m], v[m], step, damping_factor[m], impulse[m], boundary_data, stiffness[m], length[m], kappa[m], None,
-            mean_chordwise_forces[m], geometric_stiffness[m], load_projection[m], geometric_stiffness_norms[m],
-            chordwise_forces_at_candidates[m], slopes[m], n_in_plane, chordwise_force_patterns[m], begin,
-            output_steps[first_output:last_output], saved[m, first_output:last_output], half_step_rates, low[m],
-            high[m], monitor[m], tension_series[m, first_output:last_output],
-        )  # fmt: skip
-        for i in range(q.shape[1]):
-            active[m] = active[m] and abs(q[m, i]) < divergence_bound[m]

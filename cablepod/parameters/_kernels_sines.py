@@ -102,32 +102,85 @@ def harmonic_of_members(start, steps_per_second, omega, phase, amplitude, origin
 
 
 @compiled
-def ends_of_members(start, steps_per_second, omega, phase, amplitude, origin, damping, row, ends, accelerations):
-    """Fill one coordinate of the ends of all members, (members, coordinates, steps), from their harmonic motions.
+def end_positions_of_members(times, omega, phase, amplitude, row, positions):
+    """Add the harmonic motion of one coordinate to the ends of all members (members, times, 2 dims) [m].
 
     Parameters
     ----------
-    start, steps_per_second
-        As in :func:`sines`.
-    omega, phase, amplitude, origin
-        As in :func:`harmonic`, of each member (members,).
-    damping
-        Mass-proportional damping (members,) [1/s], or None.
+    times
+        Instants (times,) [s].
+    omega, phase, amplitude
+        As in :func:`harmonic`, of each member (members,); without phases the motion is amplitude (1 - cos(omega t)).
     row
         Index of the coordinate.
-    ends, accelerations
-        Filled: coordinate [m]; its second derivative plus damping times its first one [m/s^2].
+    positions
+        Changed.
     """
-    velocity = np.empty(ends.shape[2])
     for m in range(omega.size):
-        factor = amplitude[m]
-        sines(
-            start, steps_per_second, omega[m], phase[m], factor, origin[m] - factor * math.sin(phase[m]), ends[m, row]
-        )
-        factor *= omega[m]
-        if damping is not None:
-            sines(start, steps_per_second, omega[m], phase[m] + 0.5 * math.pi, factor, 0.0, velocity)
-        sines(start, steps_per_second, omega[m], phase[m] + math.pi, factor * omega[m], 0.0, accelerations[m, row])
-        if damping is not None:
-            for i in range(velocity.size):
-                accelerations[m, row, i] += damping[m] * velocity[i]
+        for i in range(times.size):
+            if phase is None:
+                positions[m, i, row] += amplitude[m] * (1.0 - math.cos(omega[m] * times[i]))
+            else:
+                change = math.sin(omega[m] * times[i] + phase[m]) - math.sin(phase[m])
+                positions[m, i, row] += amplitude[m] * change
+
+
+# --- lanes: members side by side, in the last dimension of all arrays ---------------------------------------------------
+
+# Rows of a motion as given: angular frequency [rad/s], phase [rad], amplitude [m], initial coordinate of the end [m],
+# mass-proportional damping [1/s].
+OMEGA, PHASE, AMPLITUDE, ORIGIN, DAMPING = range(5)
+MOTION_ROWS = 5
+# Rows of a turn: coordinate where the sine is zero [m], cosine and sine of the angle of four steps, factors of cosine and sine
+# in the acceleration [1/s^2].
+CENTRE, COSINE, SINE, COSINE_FACTOR, SINE_FACTOR = range(5)
+TURN_ROWS = 5
+
+
+@compiled
+def start_rotations(step, steps_per_second, motions, turns, waves):
+    """Fill the rotations of motions from a step on.
+
+    Parameters
+    ----------
+    step, steps_per_second
+        Number of the first step, a multiple of 4; steps per second [1/s].
+    motions
+        As given (motions, MOTION_ROWS, lanes).
+    turns, waves
+        Filled: (motions, TURN_ROWS, lanes), and amplitude times cosine and sine of four steps (motions, 2, 4, lanes) [m].
+    """
+    for k in range(motions.shape[0]):
+        for m in range(motions.shape[2]):
+            omega, amplitude = motions[k, OMEGA, m], motions[k, AMPLITUDE, m]
+            angle_of_step = omega / steps_per_second
+            turns[k, CENTRE, m] = motions[k, ORIGIN, m] - amplitude * math.sin(motions[k, PHASE, m])
+            turns[k, COSINE, m], turns[k, SINE, m] = math.cos(4.0 * angle_of_step), math.sin(4.0 * angle_of_step)
+            turns[k, COSINE_FACTOR, m], turns[k, SINE_FACTOR, m] = motions[k, DAMPING, m] * omega, -omega * omega
+            for i in range(4):
+                angle = angle_of_step * (step + i) + motions[k, PHASE, m]
+                waves[k, 0, i, m], waves[k, 1, i, m] = amplitude * math.cos(angle), amplitude * math.sin(angle)
+
+
+@compiled(noalias=True, forceinline=True)
+def rotate(step, rows, turns, waves, ends, accelerations):
+    """Write the coordinates of the ends at a step, and turn the rotations by four steps, as :func:`sines` does.
+
+    Parameters
+    ----------
+    step
+        Number of the step.
+    rows
+        Row of `ends` that each motion moves (motions,).
+    turns, waves
+        As :func:`start_rotations` fills them; `waves` is changed.
+    ends, accelerations
+        Rows `rows` filled: coordinates [m]; their second derivatives plus damping times the first ones [m/s^2].
+    """
+    i = step % 4
+    for k in range(rows.size):
+        for m in range(ends.shape[1]):
+            x, y, c, s = waves[k, 0, i, m], waves[k, 1, i, m], turns[k, COSINE, m], turns[k, SINE, m]
+            ends[rows[k], m] = y + turns[k, CENTRE, m]
+            accelerations[rows[k], m] = turns[k, COSINE_FACTOR, m] * x + turns[k, SINE_FACTOR, m] * y
+            waves[k, 0, i, m], waves[k, 1, i, m] = c * x - s * y, s * x + c * y

@@ -91,6 +91,19 @@ class Parameters:
             result[..., ENDS.index(end), COORDINATES.index(axis)] += function(time, derivative)
         return result
 
+    def fill_end_positions(self, time: np.ndarray, positions: np.ndarray) -> None:
+        """Fill the positions of both ends of stacked members (members, time, end, dims) [m], three times as fast."""
+        from cablepod.parameters import _kernels_sines as kernel  # numba is imported only to compute
+
+        positions[:] = self.ends[:, None]
+        for (end, axis), motion in self.motions.items():
+            values = {name: np.ascontiguousarray(motion.values[name][:, 0]) for name in motion.values}
+            kernel.end_positions_of_members(
+                np.ascontiguousarray(time), values["angular_frequency"], values.get("phase"), values["amplitude"],
+                self.dims * ENDS.index(end) + COORDINATES.index(axis),
+                positions.reshape(*positions.shape[:2], 2 * self.dims),
+            )  # fmt: skip
+
     @cached_property
     def initial_ends(self) -> np.ndarray:
         """Positions of both ends at time 0 (end, dims) [m]."""

@@ -12,6 +12,7 @@ from cablepod import errors
 from cablepod.batch import _members as members
 from cablepod.catenary._statics import load_plane, load_planes, member_statics, solve_statics
 from cablepod.condensed import _batch as condensed_batch
+from cablepod.condensed import _lanes as lanes
 from cablepod.condensed import _runs as condensed_runs
 from cablepod.condensed._assembly import model_of
 from cablepod.discretisation import _similarity as similarity
@@ -90,16 +91,64 @@ def test_compiled_blocks_equal_single_runs(soft, monkeypatch, case, dims):
     assert_close(run, truth)
 
 
-@pytest.mark.parametrize("outputs", [(), ("tension_extremes",)])
-def test_all_links_and_no_outputs(soft, monkeypatch, outputs):
-    scenes, modes = scenes_of(soft, *CASES["both ends"]), full_modes()
+@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("outputs", [(), ("tension_extremes",), ("position", "tension")])
+def test_all_links_positions_and_no_outputs(soft, monkeypatch, outputs, dims):
+    scenes, modes = scenes_of(soft, *CASES["both ends"], dims), full_modes(dims=dims)
     options = {**OPTIONS, "outputs": outputs, "times": None}
     truth = single_runs(monkeypatch, scenes, modes, **options)
     with monkeypatch.context() as patch:
         patch.setattr(condensed_batch, "solve", None)
         run = cp.condensed.simulate(scenes, modes, **options)
     assert_close(run, truth)
-    assert ("tension_maximum" in run) == bool(outputs)
+    assert ("tension_maximum" in run) == ("tension_extremes" in outputs)
+    assert ("position" in run) == ("position" in outputs)
+
+
+@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("case", CASES)
+def test_members_equal_runs_of_their_scenes_alone_to_rounding(soft, case, dims):
+    # own coefficients, own start, another kernel: differences are rounding, some 1e-14 of motion and tension
+    scenes, modes = scenes_of(soft, *CASES[case], dims), full_modes(dims=dims)
+    options = {**OPTIONS, "outputs": ("position", "tension", "tension_extremes"), "links": [1, 5]}
+    run = cp.condensed.simulate(scenes, modes, **options)
+    for i in range(4):
+        alone = cp.condensed.simulate(scenes.isel(member=i), modes, **options)
+        for name in ("amplitude", "position", "end_position", "tension", "tension_minimum", "tension_maximum"):
+            values, truth = run[name].isel(member=i).values, alone[name].values
+            size = np.abs(truth).max()
+            moved = np.abs(truth - truth[:1]).max() if "time" in alone[name].dims else 0.0
+            scale = (
+                moved if moved > 1e-9 * size and not name.startswith("tension") else size
+            )  # a still cable has no motion
+            assert np.abs(values - truth).max() <= 1e-12 * scale, (name, i)
+
+
+def test_chords_that_turn_into_the_reference_axis_have_no_positions(soft, monkeypatch):
+    # the first member passes the vertical, where the normals of positions are not defined
+    varied = {"ends_upper": [[1.9, 7.2], [7.0, 3.0], [6.0, 4.0]]}
+    motion = {"upper": {"x": {**ONE["upper"]["x"], "amplitude": -0.8}}}
+    scenes, modes = scenes_of(soft, motion, varied, 3), full_modes(dims=3)
+    options = {**OPTIONS, "outputs": ("position",)}
+    with pytest.warns(errors.MemberFailedWarning, match="1 of 3 members"):
+        truth = single_runs(monkeypatch, scenes, modes, **options)
+    with pytest.warns(errors.MemberFailedWarning, match="1 of 3 members"):
+        run = cp.condensed.simulate(scenes, modes, **options)
+    assert_close(run, truth)
+    assert "turns into the axis y" in run.failure.values[0]
+
+
+def test_the_bits_of_a_member_do_not_depend_on_its_lane(soft, monkeypatch):
+    varied = {"cable_top_tension": np.linspace(200.0, 300.0, 41), "motion_lower_y_phase": np.linspace(0.0, 6.0, 41)}
+    scenes, modes = scenes_of(soft, BOTH, varied), full_modes()
+    options = {**OPTIONS, "outputs": ("position", "tension", "tension_extremes")}
+    run = cp.condensed.simulate(scenes, modes, **options)
+    other = np.array([0, *range(40, 2, -1)])  # the first member gives the shared coefficients
+    for size in (8, 16, 32):
+        monkeypatch.setattr(lanes, "LANES", size)
+        part = cp.condensed.simulate(scenes.isel(member=other), modes, **options)
+        for name in ("amplitude", "position", "tension", "tension_minimum", "tension_maximum"):
+            np.testing.assert_array_equal(part[name], run[name].isel(member=other), err_msg=f"{name} {size}")
 
 
 def test_failing_members_report_the_reason_of_single_runs(soft, monkeypatch):
@@ -177,8 +226,8 @@ def test_unsupported_requests_fall_back_to_single_runs(soft, monkeypatch):
         {"step": None},
         {"times": np.array([0.0, 0.0031])},
         {"times": np.array([0.5, 1.0, 1.5]) * STEP},  # as many saved steps as instants, but interpolated
-        {"outputs": ("position",)},
-        {"links": None},
+        {"outputs": ("velocity",)},
+        {"outputs": ("position", "error_estimate")},
     ):
         assert not supported(scenes, **changes), changes
     ramp = {"upper": {"x": {"kind": "ramp", "amplitude": 0.01, "duration": 1.0}}}
