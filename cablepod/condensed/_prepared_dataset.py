@@ -151,9 +151,10 @@ def check_contents(dataset: xr.Dataset, prepared: PreparedModel) -> None:
     if not stages or stages[-1]["parameters"].get("state_sha256") != _state_digest(prepared.state):
         raise scene_error("state", "one that differs from the record in history_json", UNCHANGED)
     amplitudes = _amplitudes(prepared)
-    for key, value in zip(DERIVED, (prepared.time, prepared.end_position, prepared.force, amplitudes), strict=True):
+    values = np.array(prepared.time), prepared.end_position, prepared.force, amplitudes
+    for key, value in zip(DERIVED, values, strict=True):
         stored = dataset[key].values
-        if stored.shape != np.shape(value) or not np.allclose(stored, value, rtol=ROUNDING, atol=ROUNDING):
+        if stored.shape != value.shape or not np.allclose(stored, value, rtol=ROUNDING, atol=ROUNDING):
             raise scene_error(key, "numbers that differ from those of the state", UNCHANGED)
 
 
