@@ -19,7 +19,7 @@ from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import reference_axis
 from cablepod.parameters._parameters import Parameters
 
-#: Number of unit models kept: sets of modes, ranks and orders that a session alternates between.
+#: Number of unit models kept: sets of modes, ranks and orders that a program alternates between.
 UNIT_MODELS = 32
 
 
