@@ -180,6 +180,31 @@ print(f"outside of the training by {run.attrs['outside_training']:.2f}, in {run.
 # Eight modes of one scene hold the other; four are no better than two. The distance from the training scenes says *that* this is
 # another scene; the estimate says what it does to the error, and it is the one to decide by.
 #
+# ## No snapshots, and many runs of one guy
+#
+# `vibration_modes` needs no chain: it solves for the small vibrations about rest. Two static shapes before them, the deflection
+# at rest and its change with the distance of the ends, hold the sag.
+
+# %%
+still = cp.condensed.vibration_modes(scene, rank=6, static_modes=True)
+for name, modes in {"modes of snapshots": normal, "modes without": still}.items():
+    run = cp.condensed.simulate(scene, modes, rank=6)
+    error = float(cp.compare.errors(run, chain).error_max)
+    print(f"{name}: error {error:.2%}, expected by the model {run.attrs['error_estimate']:.2%}")
+
+# %% [markdown]
+# A prepared model runs again for other numbers of the same scene, with plain arrays: the loop of an optimiser. Here the largest
+# tension of the top link over the amplitude of the mast's motion.
+
+# %%
+guy = cp.condensed.prepare(scene, still)
+amplitudes = np.linspace(-0.08, 0.08, 5 if SMALL else 41)  # m
+begin = time.perf_counter()
+peaks = [guy.run({"motion.upper.x.amplitude": a}, outputs=("tension",), links=[40]).tension.max() for a in amplitudes]
+print(f"{1e3 * (time.perf_counter() - begin) / amplitudes.size:.1f} ms a run of {scene.time_duration:.0f} s")
+print(f"peak tension {min(peaks):.0f} to {max(peaks):.0f} N")
+
+# %% [markdown]
 # ## When they fail
 #
 # Shake the mast faster and further, until the cable goes slack: then nothing is taut, waves along the chord matter, and a model
