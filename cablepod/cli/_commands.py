@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
-import xarray as xr
 
 from cablepod import archive, ensemble, study
 from cablepod.archive import _lineage
 from cablepod.archive._folder import prepare_folder
 from cablepod.archive._manifest import MANIFEST, describe_ensemble
-from cablepod.cli import _arguments, _report, _templates
+from cablepod.cli import _arguments, _group, _report, _templates
 from cablepod.cli._group import Group, interrupted
 from cablepod.cli._progress import Bars, member_bar
 from cablepod.errors import SceneError
@@ -51,42 +49,32 @@ def commands() -> None:
 
 @commands.command("run", **_templates.texts("run"))
 @SCENE
-@out_option("folder for netCDF files and figures; made if missing")
+@click.option(
+    "--out",
+    metavar="DIR",
+    shell_complete=_arguments.complete_folder,
+    help="folder for netCDF files and figures; made if missing (default: out/NAME of the scene)",
+)
 @click.option(
     "--ranks",
-    default="1,2,3,4",
+    default="1,2,4",
     metavar="R,R",
-    help="modes of each coordinate to try, 20 at most (default 1,2,3,4)",
+    help="modes of each coordinate to try, 20 at most (default 1,2,4)",
 )
+@click.option("--json", "as_json", is_flag=True, help="print answers and table as JSON")
 @click.option("--overwrite", is_flag=True, help="replace results that are already in DIR")
-def run_command(scene: str, out: str, ranks: str, overwrite: bool) -> None:
-    """Run the study of one scene, print its tables."""
-    folder, numbers = _arguments.folder(out), _arguments.ranks(ranks)
-    dataset = read_scene(scene_path(scene))
-    warnings.filterwarnings("ignore", message="ranks: ")  # printed below instead, among the files
-    available = 0
-
-    def report(name: str, result: xr.Dataset) -> None:
-        nonlocal available
-        bars.close()
-        if name == "scene":
-            print(result.attrs["title"])
-            if "ensemble_json" in result.attrs:
-                print("  note: the [ensemble] table is left aside; this command runs the scene itself")
-        elif name == "modes":
-            available = result.sizes["mode"]
-        elif name == "comparison":
-            for r in numbers:
-                if r > available:
-                    print(f"  note: only {available} modes, r = {r} left out")
-        print(f"  {folder / name}.nc")
-
+def run_command(scene: str, out: str | None, ranks: str, as_json: bool, overwrite: bool) -> None:
+    """Run the study of one scene, print answers and the table of models."""
+    path, numbers = scene_path(scene), _arguments.ranks(ranks)
+    folder = Path("out", Path(path).stem) if out is None else _arguments.folder(out)
+    dataset = read_scene(path)
+    if "ensemble_json" in dataset.attrs:
+        _group.note(
+            "the [ensemble] table is left aside; this command runs the scene itself, cablepod ensemble its members"
+        )
     with Bars() as bars, _arguments.as_options():
-        result = study.run(dataset, folder, ranks=numbers, overwrite=overwrite, progress=bars, report=report)
-    for name in study.FIGURES:
-        print(f"  {folder / name}.png")
-    print(_report.table(result))
-    print(_report.singular_values(result["modes"].to_dataset()))
+        result = study.run(dataset, folder, ranks=numbers, overwrite=overwrite, progress=bars)
+    print(_report.as_json(result) if as_json else _report.text(result, folder))
 
 
 @commands.command("paper", **_templates.texts("paper"))

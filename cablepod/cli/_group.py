@@ -27,7 +27,7 @@ class Group(click.Group):
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("always")
-                warnings.showwarning = _note  # restored on exit
+                warnings.showwarning = note  # restored on exit
                 return super().invoke(ctx) or 0
         except click.UsageError as error:
             path = " ".join(filter(None, (ctx.command_path, ctx.invoked_subcommand)))
@@ -71,6 +71,6 @@ def interrupted(how_to_go_on: str) -> int:
     return fail(f"interrupted; every file that was written is whole, {how_to_go_on}", status=INTERRUPTED)
 
 
-def _note(message: Warning | str, *_: Any, **__: Any) -> None:
+def note(message: Warning | str, *_: Any, **__: Any) -> None:
     """Print a warning as one line, without its location in the code."""
     print("cablepod: note: " + " ".join(str(message).split()), file=sys.stderr)

@@ -1,51 +1,157 @@
-"""Format the tables of ``cablepod run``."""
+"""Format what ``cablepod run`` prints: answers, the table of models, singular values; or all of it as JSON."""
 
 from __future__ import annotations
 
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 import xarray as xr
 
-from cablepod.integrate._request import DEFAULT_TOLERANCE
-from cablepod.study import REDUCED_TOLERANCE
+from cablepod.study._models import fastest_chain
+from cablepod.study._run import TRUTH_TOLERANCE
+
+#: Columns of the table of models.
+HEAD = f"{'model':<24}{'error':>10}{'estimate':>10}{'call':>11}{'one run':>11}{'step [s]':>11}{'steps':>10}"
+
+
+def models(study: xr.DataTree) -> list[dict[str, Any]]:
+    """Return the rows of the table: reduced models, cheaper chains, the reference solution."""
+    rows = []
+    if "comparison" in study:
+        table = study["comparison"].to_dataset()
+        for model in table["model"].values:
+            for rank in table["rank"].values:
+                row = table.sel(model=model, rank=rank)
+                if math.isfinite(float(row["call_time"])):
+                    names = (
+                        "error_max",
+                        "error_rms",
+                        "error_estimate",
+                        "call_time",
+                        "loop_time",
+                        "compile_time",
+                        "step",
+                    )
+                    values = {name: _number(row[name]) for name in names}
+                    rows.append(
+                        {"model": str(model), "rank": int(rank), **values, "steps": int(row["number_of_steps"])}
+                    )
+    if "chains" in study:
+        chains = study["chains"].to_dataset()
+        for trial in _front(chains):
+            row = chains.isel(trial=trial)
+            values = {name: _number(row[name]) for name in ("error_max", "error_rms", "call_time", "tolerance")}
+            rows.append({"model": "chain", "links": int(row["links"]), **values})
+    chain = study["chain"].to_dataset()
+    reference = {
+        "links": chain.sizes["particle"] - 1,
+        "call_time": chain.attrs["wall_time_s"],
+        "step": chain.attrs["step"],
+    }
+    rows.append(
+        {"model": "chain", **reference, "steps": int(chain.attrs["number_of_steps"]), "tolerance": TRUTH_TOLERANCE}
+    )
+    return rows
+
+
+def as_json(study: xr.DataTree) -> str:
+    """Return the answers and the table as JSON."""
+    content = {"title": study.attrs["title"], "models": models(study), "left_out": study.attrs["left_out"]}
+    return json.dumps(content, indent=2, allow_nan=False)
+
+
+def text(study: xr.DataTree, folder: Path) -> str:
+    """Return what the command prints: title, answers, models, singular values, files."""
+    files = [path.name for path in sorted(folder.iterdir()) if path.suffix in (".nc", ".png")]
+    parts = [study.attrs["title"], table(study), singular_values(study["modes"].to_dataset())]
+    return "\n\n".join([*parts, f"{folder}: {', '.join(files)}"])
 
 
 def table(study: xr.DataTree) -> str:
-    """Return a table of errors, steps and wall times of the chain and the Galerkin models."""
-    comparison = study["comparison"].to_dataset()
-    lines = [
-        f"{'model':<15}{'modes':>6}{'largest error':>15}{'rms error':>12}{'step [s]':>11}{'steps':>10}{'time [s]':>10}"
-    ]
-    chain = study["chain"].to_dataset()
-    lines.append(_row("elastic chain", "", "truth", "", chain))
-    runs = [chain]
-    for r in comparison["rank"].values:
-        runs.append(study[f"galerkin_r{r}"].to_dataset())
-        error = comparison.sel(rank=r)
-        largest, rms = (f"{100 * float(error[name]):.4f} %" for name in ("error_max", "error_rms"))
-        lines.append(_row("Galerkin", str(r), largest, rms, runs[-1]))
-    lines.append(
-        "errors over the largest rms displacement of the chain; times are of the whole call with the check of its step,"
-    )
-    lines.append("and include compilation the first time a model runs on this machine")
-    if not all(_is_converged(run) for run in runs):
+    """Return the table of models with what it means."""
+    lines = [HEAD]
+    for row in models(study):
+        name = f"chain, {row['links']} links" if "links" in row else f"{row['model']}, r = {row['rank']}"
+        error = f"{100 * row['error_max']:.3g} %" if "error_max" in row else "reference"
+        estimate = f"{100 * row['error_estimate']:.3g} %" if row.get("error_estimate") is not None else ""
+        one_run = seconds(row["loop_time"]) if "loop_time" in row else ""
+        step, steps = (f"{row['step']:.3g}", str(row["steps"])) if "steps" in row else (f"({row['tolerance']:g})", "")
         lines.append(
-            "* two steps disagree by more than the tolerance: chaotic or too abrupt a motion, to be judged by statistics"
+            f"{name:<24}{error:>10}{estimate:>10}{seconds(row['call_time']):>11}{one_run:>11}{step:>11}{steps:>10}"
         )
+    lines += ["", *notes(study)]
     return "\n".join(lines)
 
 
-def _row(model: str, rank: str, largest: str, rms: str, run: xr.Dataset) -> str:
-    """Return the row of one run."""
-    attrs = run.attrs
-    return (
-        f"{model:<15}{rank:>6}{largest:>15}{rms:>12}{attrs['step']:>11.3g}{attrs['number_of_steps']:>10}"
-        f"{attrs['wall_time_s']:>10.3f}" + ("" if _is_converged(run) else " *")
+def notes(study: xr.DataTree) -> list[str]:
+    """Return what the table means: the models at equal error, what makes one slow, how far to trust it."""
+    chain = study["chain"].to_dataset()
+    lines = [
+        "error: largest rms distance to the last row over time, as a fraction of the motion; estimate: by the model itself"
+    ]
+    lines.append(
+        "call: run time with defaults, compilation apart; one run: with that step given; (tolerance) of a chain's step"
     )
+    compiled = chain.attrs.get("compile_time_s", 0.0)
+    if "comparison" in study:
+        rows = study["comparison"].to_dataset()
+        compiled += float(rows["compile_time"].sum())
+        chains = study["chains"].to_dataset() if "chains" in study else None
+        lines += [_at_equal_error(rows.sel(model=str(model)), str(model), chains) for model in rows["model"].values]
+    if compiled > 0.0:
+        lines.append(f"compiling took {compiled:.0f} s, once on this machine")
+    if chain.attrs["time_error_estimate"] > TRUTH_TOLERANCE:
+        lines.append(
+            "two steps of the last row disagree by more than the tolerance: chaotic or too abrupt a motion, "
+            "to be judged by statistics"
+        )
+    return lines + [f"left out: {reason}" for reason in study.attrs["left_out"]]
 
 
-def _is_converged(run: xr.Dataset) -> bool:
-    """Tell whether the estimated time error of a run is within its tolerance."""
-    tolerance = DEFAULT_TOLERANCE if run.attrs["model"] == "elastic chain" else REDUCED_TOLERANCE
-    return bool(run.attrs["time_error_estimate"] <= tolerance)
+def _at_equal_error(rows: xr.Dataset, model: str, chains: xr.Dataset | None) -> str:
+    """Compare the rank of a model that gains most with the fastest chain that errs no more."""
+    best, text = -math.inf, ""
+    for rank in rows["rank"].values:
+        row = rows.sel(rank=rank)
+        error, own = float(row["error_max"]), float(row["call_time"])
+        rival = fastest_chain(chains, error)
+        if rival is None or not math.isfinite(own):
+            continue
+        gain = float(rival["call_time"]) / own
+        if gain > best:
+            best = gain
+            faster = f"{gain:.2g} times faster" if gain >= 1.0 else f"{1.0 / gain:.2g} times slower"
+            text = f"{model}, r = {rank}: {100 * error:.2g} % in {seconds(own)}, {faster} than the fastest chain above that errs "
+            text += f"no more ({int(rival['links'])} links, tolerance {float(rival['tolerance']):g})"
+    if not text:
+        return f"{model}: no cheaper chain errs as little"
+    return text
+
+
+def _front(chains: xr.Dataset) -> list[int]:
+    """Return the chains that are faster than all that err no more, the fastest first."""
+    order = np.argsort(chains["call_time"].values, kind="stable")
+    least, kept = math.inf, []
+    for trial in order:
+        error = float(chains["error_max"][trial])
+        if error < 0.9 * least:
+            least = error
+            kept.append(int(trial))
+    return kept
+
+
+def seconds(value: float) -> str:
+    """Return a run time with its unit."""
+    return f"{1e3 * value:.3g} ms" if value < 1.0 else f"{value:.3g} s"
+
+
+def _number(value: Any) -> float | None:
+    """Return a finite number; None for nan, which JSON has not."""
+    number = float(value)
+    return number if math.isfinite(number) else None
 
 
 def singular_values(modes: xr.Dataset) -> str:

@@ -1,0 +1,8 @@
+"""The main job on one scene: rest, chain, modes, reduced models, and their errors beside their run times.
+
+The command ``cablepod run`` calls :func:`run`.
+"""
+
+from cablepod.study._run import run
+
+__all__ = ["run"]

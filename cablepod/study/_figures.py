@@ -1,0 +1,60 @@
+"""Figures of the main job, in the order of their worth to an engineer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.archive._atomic import atomic_file
+
+#: Names of the figures, in the order in which they are written.
+FIGURES = ("deflection", "tension", "error_over_time", "modes", "singular_values", "shapes")
+#: Fractions of the duration at which shapes are drawn (without a common period, so that a periodic motion shows its phases).
+DRAWN_AT = (0.0, 0.12, 0.37, 0.58, 0.83)
+
+
+def write_figures(
+    folder: Path, reference: xr.Dataset, modes: xr.Dataset, best: xr.Dataset | None, errors: dict[str, xr.Dataset]
+) -> list[str]:
+    """Write the figures without pyplot, which would change the caller's open figures and backend; return their names.
+
+    Parameters
+    ----------
+    folder
+        Where to.
+    reference, modes
+        Run of the chain, and the modes of its snapshots.
+    best
+        Reduced run of the smallest error, drawn beside the chain; None without a reduced model.
+    errors
+        Comparison with the chain by the label of the model.
+    """
+    from matplotlib.figure import Figure
+
+    from cablepod import plots
+
+    picked = np.rint(np.array(DRAWN_AT) * (reference.sizes["time"] - 1)).astype(int)
+    times = [float(t) for t in reference["time"].values[np.unique(picked)]]
+    drawings: dict[str, Callable[..., Any]] = {
+        "deflection": partial(plots.shapes, reference, best, times=times, deflection=True),
+        "tension": partial(plots.tension, reference),
+        "error_over_time": partial(plots.error_over_time, errors),
+        "modes": partial(plots.modes, modes),
+        "singular_values": partial(plots.singular_values, modes),
+        "shapes": partial(plots.shapes, reference, best, times=times),
+    }
+    if not errors:
+        del drawings["error_over_time"]
+    if reference.sizes["link"] < 2:  # a map needs two
+        del drawings["tension"]
+    for name in drawings:
+        figure = Figure(figsize=(7.5, 4.2), layout="constrained")
+        drawings[name](ax=figure.subplots())
+        with atomic_file(folder / f"{name}.png") as unfinished:
+            figure.savefig(unfinished, dpi=150, format="png")
+    return list(drawings)

@@ -1,0 +1,240 @@
+"""Study one scene: rest, snapshots of the chain, modes, reduced models, their errors and run times."""
+
+from __future__ import annotations
+
+import operator
+import os
+import warnings
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import archive, catenary, chain, compare, pod
+from cablepod.archive._folder import prepare_folder
+from cablepod.discretisation._chain import chain_of
+from cablepod.errors import RunStopped, SceneError, scene_error
+from cablepod.parameters._from_scene import parameters
+from cablepod.study._figures import write_figures
+from cablepod.study._models import MODELS, chains_of, table_of, timed_twice, with_row
+from cablepod.study._timing import timed
+
+#: Interval between the instants of the comparison [s], and their maximum number beside the snapshots (for long runs).
+REPORT_INTERVAL, REPORT_INSTANTS = 0.1, 2000
+#: Tolerance of the chain that is the reference solution.
+TRUTH_TOLERANCE = 1e-6
+#: Maximum number of modes that are computed.
+MAX_MODES = 20
+#: Stages beside the reduced models.
+STAGES = ("scene", "catenary", "chain_rest", "chain", "modes", "normal_modes", "comparison", "chains")
+
+
+def run(
+    scene: xr.Dataset,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    ranks: Iterable[int] = (1, 2, 4),
+    overwrite: bool = False,
+    progress: Callable[[str, float], None] | None = None,
+    report: Callable[[str, xr.Dataset], None] | None = None,
+) -> xr.DataTree:
+    """Compute rest, snapshots of the chain, modes, reduced models of several ranks, their errors and run times.
+
+    The command ``cablepod run`` calls this function.  The run of the chain gives the snapshots of the modes and the reference
+    solution of the errors.  The reduced models are the condensed and the Galerkin model with their defaults.  Chains with fewer
+    links and larger tolerances stand beside them, so that run times can be compared at equal error.
+
+    Parameters
+    ----------
+    scene
+        A scene with a table ``[time]``.  Reduced models that refuse it are left out: with a free end both, with viscous links the
+        Galerkin model.
+    out
+        Folder for a netCDF file of each stage, such as ``chain.nc``, and for figures; made if missing.  A file is written as soon
+        as its stage is done.  Without `out` nothing is written or drawn.
+    ranks
+        Numbers of modes of each coordinate, a condensed and a Galerkin model for each.  At most 20 modes are computed, fewer from
+        few links or snapshots; larger ranks are left out with a warning.
+    overwrite
+        Replace results that are already in `out`.
+    progress
+        Called with a label, such as "chain" or "galerkin, r = 1: compiling, once", and the completed fraction, 0 to 1.
+    report
+        Called with name and Dataset of each stage when it is done, and written where `out` is given.
+
+    Returns
+    -------
+    xarray.DataTree
+        A node for each stage: "scene", "catenary", "chain_rest", "chain", "modes", "normal_modes", "condensed_r1" and so on,
+        "galerkin_r1" and so on, "comparison", "chains".  ``study["chain"].to_dataset()`` is the Dataset that ``chain.simulate``
+        gives, with the wall time of the call in the attribute ``wall_time_s`` [s].  "comparison" has errors and run times over
+        ``model`` and ``rank``; "chains" has those of the cheaper chains.  The attribute ``left_out`` of the tree lists the models
+        that are left out, with the reason.
+
+    Raises
+    ------
+    SceneError
+        For unsupported scenes and ranks, before anything runs.
+    ArchiveError
+        Before anything runs, for a folder that cannot be made or written, or that holds results; later for a full disk.
+    RunStopped
+        If the run of the chain diverges.  What it computed is in ``partial``, and where `out` is given in
+        ``chain_incomplete.nc``.
+
+    Warns
+    -----
+    UserWarning
+        For ranks larger than the number of modes.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import examples
+    >>> study = cp.study.run(examples.scene("example2"), ranks=(1, 2))
+    >>> study["comparison"]["error_max"].sel(model="galerkin").values.round(4).tolist()
+    [0.0146, 0.0004]
+    >>> axes = cp.plots.modes(study["modes"].to_dataset())
+    """
+    p = parameters(scene)
+    snapshots_at = p.times()  # refuses a scene without [time]
+    available = min(MAX_MODES, chain_of(p).links - 1, snapshots_at.size - 1)
+    ranks = _checked_ranks(ranks, available)
+    folder = None
+    if out is not None:
+        folder = Path(out)
+        names = (*STAGES, *(f"{model}_r{r}" for model in MODELS for r in ranks))
+        prepare_folder(folder, [f"{name}.nc" for name in names], overwrite=overwrite)
+
+    stages = _Stages(folder, progress, report)
+    stages.add("scene", scene)
+    stages.add("catenary", catenary.rest(scene))
+    stages.add("chain_rest", chain.rest(scene))
+    report_at = _report_times(snapshots_at)
+    truth = partial(chain.simulate, scene, times=report_at, tolerance=TRUTH_TOLERANCE, outputs=("position", "tension"))
+    reference, seconds = stages.simulate("chain", "chain", timed, truth)
+    snapshots = reference if report_at.size == snapshots_at.size else pod.at_times(reference, times=snapshots_at)
+    modes = stages.modes(snapshots, available)
+    ranks = _ranks_of(ranks, min(part.sizes["mode"] for part in modes.values()))
+    rows: dict[tuple[str, int], xr.Dataset] = {}
+    for model, (simulate, layout) in MODELS.items():
+        try:
+            for r in ranks if layout in modes else ():
+                call = partial(simulate, scene, modes[layout], rank=r, times=report_at)
+                reduced, row = stages.simulate(f"{model}_r{r}", f"{model}, r = {r}", timed_twice, call)
+                rows[model, r] = with_row(compare.errors(reduced, reference), row)
+        except (SceneError, RunStopped) as error:  # the other models go on
+            stages.left_out.append(f"{model}: {error}")
+    if rows:
+        stages.add("comparison", table_of(rows))
+        chains = chains_of(scene, reference, seconds["call_time"], progress)
+        if chains is not None:
+            stages.add("chains", chains)
+    if folder is not None:
+        best = min(rows, key=lambda key: float(rows[key]["error_max"]), default=None)
+        drawn = None if best is None else stages.results[f"{best[0]}_r{best[1]}"]
+        errors = {f"{model}, r = {r}": row for (model, r), row in rows.items()}
+        write_figures(folder, reference, stages.results["modes"], drawn, errors)
+    return stages.tree()
+
+
+@dataclass(frozen=True)
+class _Stages:
+    """Results of the stages by name; each is written and reported as soon as it is added."""
+
+    folder: Path | None
+    progress: Callable[[str, float], None] | None
+    report: Callable[[str, xr.Dataset], None] | None
+    results: dict[str, xr.Dataset] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
+
+    def add(self, name: str, result: xr.Dataset) -> xr.Dataset:
+        """Store, write and report the result of a stage."""
+        if self.folder is not None:
+            archive.write(result, self.folder / f"{name}.nc", overwrite=True)
+        self.results[name] = result
+        if self.report is not None:
+            self.report(name, result)
+        return result
+
+    def simulate(
+        self, name: str, label: str, measure: Any, call: Callable[..., xr.Dataset]
+    ) -> tuple[xr.Dataset, dict[str, float]]:
+        """Add the result of a call with its run times, or the partial result of a stopped run.
+
+        Parameters
+        ----------
+        name, label
+            Of the stage, and of its progress.
+        measure
+            :func:`cablepod.study._timing.timed` or :func:`cablepod.study._models.timed_twice`.
+        call
+            Call of a model, which takes the keyword `progress`.
+        """
+        progress = say = None
+        if self.progress is not None:
+            progress, say = partial(self.progress, label), partial(self.progress, f"{label}: compiling, once", 0.0)
+            progress(0.0)
+        try:
+            result, row = measure(call, progress=progress, say=say)
+        except RunStopped as error:
+            if error.partial is not None:
+                self.add(f"{name}_incomplete", error.partial)
+            raise
+        result.attrs["wall_time_s"] = row["call_time"]
+        if progress is not None:
+            progress(1.0)
+        return self.add(name, result), row
+
+    def modes(self, snapshots: xr.Dataset, rank: int) -> dict[str, xr.Dataset]:
+        """Add the modes of each layout; the condensed model is left out without a chord, which its modes need."""
+        modes = {"separate": self.add("modes", pod.decompose(snapshots, rank=rank))}
+        try:
+            modes["normal"] = self.add("normal_modes", pod.decompose(snapshots, rank=rank, layout="normal"))
+        except SceneError as error:
+            self.left_out.append(f"condensed: {error}")
+        return modes
+
+    def tree(self) -> xr.DataTree:
+        """Return a tree with a node for each stage."""
+        root = xr.Dataset(attrs={"title": self.results["scene"].attrs["title"], "left_out": self.left_out})
+        return xr.DataTree.from_dict({"/": root, **self.results}, name="study")
+
+
+def _checked_ranks(ranks: Iterable[int], available: int) -> list[int]:
+    """Return the distinct ranks in increasing order."""
+    try:
+        rising = sorted({operator.index(r) for r in ranks})
+    except TypeError:
+        rising = []
+    if not rising or rising[0] < 1:
+        raise scene_error("ranks", ranks, "whole numbers of at least 1")
+    if rising[0] > available:
+        raise scene_error("ranks", rising, f"one or more of at most {available}, the number of modes of this scene")
+    return rising
+
+
+def _ranks_of(ranks: list[int], modes: int) -> list[int]:
+    """Return the ranks that the modes have; warn of those that are left out."""
+    left = [r for r in ranks if r <= modes]
+    if len(left) < len(ranks):
+        warnings.warn(
+            f"ranks: {ranks[len(left) :]} left out, only {modes} modes; use smaller ranks, or more links and snapshots",
+            stacklevel=3,
+        )
+    return left
+
+
+def _report_times(snapshots_at: np.ndarray) -> np.ndarray:
+    """Return the instants of the comparison [s]: those of the snapshots and, between them, a uniform grid."""
+    last = float(snapshots_at[-1])
+    count = round(last / REPORT_INTERVAL)
+    if count > REPORT_INSTANTS or abs(count * REPORT_INTERVAL - last) > 1e-9 * last:
+        count = max(1, min(REPORT_INSTANTS, int(last / REPORT_INTERVAL)))
+    grid = np.linspace(0.0, last, count + 1)
+    right = np.clip(np.searchsorted(snapshots_at, grid), 1, snapshots_at.size - 1)
+    distance = np.minimum(np.abs(grid - snapshots_at[right - 1]), np.abs(snapshots_at[right] - grid))
+    return np.sort(np.concatenate([snapshots_at, grid[distance > 1e-9 * last]]))
