@@ -42,7 +42,7 @@ def shapes(
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones; x and y are not to the same scale.
+        `ax`, or new ones; x and y are to the same scale.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def shapes(
     if deflection:
         ax.set(xlabel=SIGMA, ylabel="deflection normal to the chord [m]")
     else:
-        ax.set(xlabel="x [m]", ylabel="y [m]")
+        _style.equal_axes(ax)
     return _style.finish(ax, title=title, handles=handles, labels=[f"t = {t:g} s" for t in wanted])
 
 
@@ -107,7 +107,7 @@ def snapshots(
     -------
     matplotlib.axes.Axes
         `ax`, or new ones: the chain as dots, the cable as lines, the first shape of the cable as a thin grey line.  x and y are
-        not to the same scale; a spatial cable is seen along z.
+        to the same scale; a spatial cable is seen along z.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def snapshots(
     title += f"{positions['cable']['time'].values[0]:g} s\ndisplacements × {factor:g}"
     if first.shape[1] > 2:
         title += "\nseen along z"
-    ax.set(xlabel="x [m]", ylabel="y [m]")
+    _style.equal_axes(ax)
     return _style.finish(ax, title=title, handles=handles, labels=[f"t = {t:g} s" for t in wanted])
 
 
@@ -145,7 +145,7 @@ def rest(cable: xr.Dataset, chain: xr.Dataset | None = None, *, ax: Axes | None 
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones, x and y not to the same scale; a spatial cable is seen along z.
+        `ax`, or new ones, x and y to the same scale; a spatial cable is seen along z.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def rest(cable: xr.Dataset, chain: xr.Dataset | None = None, *, ax: Axes | None 
     ax.plot(*line.values[:, :2].T, color=COLOURS[3], label="continuous cable")
     if dots is not None:
         ax.plot(*dots.values[:, :2].T, color=COLOURS[0], linestyle="none", marker="o", markersize=3.5, label="chain")
-    ax.set(xlabel="x [m]", ylabel="y [m]")
+    _style.equal_axes(ax)
     return _style.finish(ax, title="at rest, seen along z" if line.sizes["coordinate"] > 2 else "at rest")
 
 

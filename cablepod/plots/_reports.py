@@ -34,6 +34,8 @@ FRONTS = {
     "trained": ("-.", "#00664a", "front, trained"),
     "quasi-static": (":", "black", "front, catenaries"),
 }
+#: Maximum number of instants that are drawn one by one, and number of intervals of others.
+MAX_INSTANTS, INTERVALS = 250, 100
 OF_SETTINGS = ("error_max", "model", "scheme", "family", "measured_again", "on_front")
 
 
@@ -50,7 +52,8 @@ def error_over_time(comparisons: Mapping[str, xr.Dataset], *, ax: Axes | None = 
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones; the errors on a logarithmic axis, without zeros.
+        `ax`, or new ones; the errors on a logarithmic axis, without zeros.  Of more than 250 instants the largest error of each
+        interval of about a hundredth of them is drawn, as the legend states.
 
     Raises
     ------
@@ -65,11 +68,16 @@ def error_over_time(comparisons: Mapping[str, xr.Dataset], *, ax: Axes | None = 
     errors = {
         str(key): _style.take(str(key), result, "error", ("time",), allowed) for key, result in comparisons.items()
     }
-    ax = _style.axes(ax)
+    ax, title = _style.axes(ax), None
     for i, (name, error) in enumerate(errors.items()):
-        _style.log(ax, error["time"].values, 100.0 * error.values, name, _style.style(i, i, error.size))
+        times, values = error["time"].values, error.values
+        if error.size > MAX_INSTANTS:
+            first = np.arange(0, error.size, error.size // INTERVALS)
+            values, times = np.maximum.reduceat(values, first), times[first]
+            title = f"largest in {times[1] - times[0]:.3g} s"
+        _style.log(ax, times, 100.0 * values, name, _style.style(i, i, values.size))
     ax.set(xlabel="time [s]", ylabel="rms error / largest displacement [%]", yscale="log")
-    return _style.finish(ax)
+    return _style.finish(ax, title=title)
 
 
 def error_against_run_time(

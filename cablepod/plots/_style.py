@@ -37,6 +37,12 @@ def axes(ax: Axes | None, *, size: tuple[float, float] = (7.5, 4.2)) -> Axes:
     return plt.subplots(figsize=size, layout="constrained")[1]
 
 
+def equal_axes(ax: Axes) -> None:
+    """Label axes of shapes, and draw x and y to the same scale."""
+    ax.set(xlabel="x [m]", ylabel="y [m]")
+    ax.set_aspect("equal", adjustable="datalim")
+
+
 def finish(ax: Axes, **legend: Any) -> Axes:
     """Add grid and legend; return `ax`."""
     ax.grid(alpha=0.3)

@@ -342,3 +342,13 @@ TOLERANCE = 1.0
 def test_pictures_look_as_they_did(name, tmp_path):
     picture(name, tmp_path / f"{name}.png")
     assert compare_images(str(BASELINE / f"{name}.png"), str(tmp_path / f"{name}.png"), tol=TOLERANCE) is None
+
+
+def test_many_instants_of_an_error_are_drawn_by_their_largest():
+    times = np.linspace(0.0, 10.0, 1001)
+    error = xr.Dataset({"error": ("time", 1e-3 + (np.arange(1001) == 517) * 1e-2)}, coords={"time": times})
+    ax = plots.error_over_time({"a": error})
+    (line,) = ax.lines
+    assert len(line.get_xdata()) <= 2 * 101
+    assert line.get_ydata().max() == pytest.approx(1.1)
+    assert "largest in 0.1 s" in ax.get_legend().get_title().get_text()

@@ -321,3 +321,9 @@ def test_datasets_are_not_modified():
 def test_importing_the_module_imports_no_matplotlib():
     code = "import sys, cablepod.plots; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_shapes_are_drawn_to_one_scale():
+    chain, reduced = trajectory(), trajectory(sigma=np.linspace(0.0, 1.0, 7), seed=5)
+    assert plots.shapes(chain, reduced).get_aspect() == 1.0
+    assert plots.shapes(chain, reduced, deflection=True).get_aspect() == "auto"
