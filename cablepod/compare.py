@@ -7,7 +7,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import label
-from cablepod.errors import SceneError, scene_error
+from cablepod.errors import SceneError, check_dataset, scene_error
 from cablepod.integrate._step_control import motion_scale
 from cablepod.pod._snapshots import relative_arc_length
 
@@ -49,8 +49,7 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     0.1
     """
     for name, dataset in (("run", run), ("truth", truth)):
-        if "position" not in dataset or "arc_length" not in dataset.variables:
-            raise SceneError(f"{name}: given a Dataset without position or arc_length; allowed: a trajectory")
+        check_dataset(name, dataset, ("position", "arc_length", "time"), "a trajectory")
     if "member" in run.dims or "member" in truth.dims:
         return _member_errors(run, truth)
     _check_instants(run["time"].values, truth["time"].values)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
 from cablepod.archive._attributes import call_text, checked_stages, stage_of
+from cablepod.archive._folder import path_of
 from cablepod.archive._read import LIBRARY_ERRORS, damaged, netcdf_lock, open_file
 from cablepod.errors import ArchiveError
 
@@ -44,7 +44,7 @@ def describe(source: xr.Dataset | str | os.PathLike[str]) -> str:
     """
     if isinstance(source, xr.Dataset):
         return "\n".join(_description(source))
-    path = Path(source)
+    path = path_of(source, key="source", allowed="a Dataset, or the path of a netCDF file")
     with netcdf_lock(), open_file(path, None) as opened:
         try:
             size = f"file      {path} ({path.stat().st_size / 1e6:.3g} MB, schema {opened.attrs['cablepod_schema']})"

@@ -5,8 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from cablepod.errors import ArchiveError
+from cablepod.errors import ArchiveError, shown
+
+
+def path_of(path: Any, *, key: str = "path", allowed: str = "a path, as text or pathlib.Path") -> Path:
+    """Return a path; refuse what is none."""
+    if not isinstance(path, str | os.PathLike) or not str(path):
+        raise ArchiveError(f"{key}: given {shown(path)}; allowed: {allowed}")
+    return Path(path)
 
 
 def prepare_folder(out: Path, files: Sequence[str], *, overwrite: bool) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod.archive._folder import path_of
 from cablepod.archive._manifest import FAILURE, SCENES, check_batch, file_of, read_entry, read_manifest, sizes_of
 from cablepod.archive._read import LIBRARY_ERRORS, damaged, netcdf_lock, opened_file, restored
 from cablepod.errors import ArchiveError
@@ -85,7 +86,7 @@ def open_ensemble(path: str | os.PathLike[str], *, incomplete: bool = False) -> 
     ArchiveError
         If there is no ensemble, it is unfinished, or files are missing, damaged or of a newer version (named in the message).
     """
-    folder = Path(path)
+    folder = path_of(path)
     manifest = read_manifest(folder)
     sizes = sizes_of(manifest)
     numbers = [number for number in range(len(sizes)) if incomplete is False or (folder / file_of(number)).exists()]

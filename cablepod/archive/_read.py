@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import conventions
+from cablepod.archive._folder import path_of
 from cablepod.batch._sigint import defer_sigint
 from cablepod.errors import ArchiveError
 
@@ -134,7 +135,7 @@ def read(path: str | os.PathLike[str], *, chunks: Any = None) -> xr.Dataset:
     ArchiveError
         If the file is missing, empty, truncated or damaged, not from this package, or from a newer version.
     """
-    path = Path(path)
+    path = path_of(path)
     if chunks is not None:
         if find_spec("dask") is None:
             raise ArchiveError(f"{path}: reading in chunks needs dask; install it, or read without chunks")

@@ -13,9 +13,10 @@ import xarray as xr
 
 from cablepod.archive._atomic import atomic_file
 from cablepod.archive._attributes import with_file_attributes
+from cablepod.archive._folder import path_of
 from cablepod.archive._read import LIBRARY_ERRORS, netcdf_lock
 from cablepod.batch._sigint import defer_sigint_during_dask
-from cablepod.errors import ArchiveError
+from cablepod.errors import ArchiveError, check_dataset
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
@@ -74,7 +75,8 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
     >>> cp.archive.read(path).equals(cp.catenary.rest(scene))
     True
     """
-    path = Path(path)
+    check_dataset("dataset", dataset, (), "a Dataset of this package")
+    path = path_of(path)
     check_target(path, overwrite=overwrite)
     _check_content(dataset)
     is_lazy = any(variable.chunks is not None for variable in dataset.variables.values())

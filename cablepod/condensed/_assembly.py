@@ -10,7 +10,7 @@ from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._rescale import ModeStructure, rescaled_model, unit_model
 from cablepod.discretisation._laws import check_law
 from cablepod.errors import SceneError, scene_error
-from cablepod.parameters._checks import integer
+from cablepod.parameters._checks import choice, integer
 from cablepod.parameters._parameters import Parameters
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._snapshots import relative_arc_length
@@ -72,8 +72,7 @@ def unit_of(
 def _check_options(p: Parameters, order: str, law: str, quadrature: int | None) -> None:
     """Refuse scenes, and combinations of options, that the model does not support."""
     check_law(law)
-    if order not in ORDERS:
-        raise scene_error("order", order, "one of " + ", ".join(f'"{name}"' for name in ORDERS))
+    choice(*ORDERS)("order", order)
     if order == "leading" and law != "linear":
         raise scene_error("law", law, '"linear" with order "leading", which is of first order in the strain')
     if quadrature is not None:

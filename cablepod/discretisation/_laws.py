@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from cablepod.errors import scene_error
+from cablepod.parameters._checks import choice
 
 LAWS = ("linear", "green")
 
 
 def check_law(law: str) -> None:
     """Refuse unknown names of laws."""
-    if law not in LAWS:
-        raise scene_error("law", law, "one of " + ", ".join(f'"{name}"' for name in LAWS))
+    choice(*LAWS)("law", law)
 
 
 def check_viscous_law(law: str, viscosity: float | None) -> None:

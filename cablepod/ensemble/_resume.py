@@ -16,6 +16,7 @@ import xarray as xr
 from cablepod import archive, provenance
 from cablepod.archive._atomic import atomic_file
 from cablepod.archive._attributes import root_attributes
+from cablepod.archive._folder import path_of
 from cablepod.archive._manifest import (
     KIND,
     MANIFEST,
@@ -189,7 +190,7 @@ def plan_of(
 
 def _folder(path: str | os.PathLike[str]) -> Path:
     """Create the folder if missing, and check that it is writable."""
-    folder = Path(path).resolve()  # workers may have another working directory
+    folder = path_of(path).resolve()  # workers may have another working directory
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):

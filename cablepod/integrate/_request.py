@@ -14,7 +14,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import NotConvergedWarning, SceneError, scene_error
-from cablepod.parameters._checks import number
+from cablepod.parameters._checks import choice, number
 from cablepod.parameters._parameters import Parameters
 
 #: Default tolerance of the time error, as a fraction of the motion.
@@ -27,7 +27,7 @@ def check_times(times: Any) -> np.ndarray:
     """Return output times as floats [s]; refuse them unless they are finite, rising and not negative."""
     try:
         result = np.atleast_1d(np.asarray(times, dtype=float))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise scene_error("times", times, "finite, rising instants from 0 on [s]") from None
     is_valid = result.ndim == 1 and result.size > 0 and np.isfinite(result).all() and result[0] >= 0
     if not is_valid or (np.diff(result) <= 0).any():
@@ -39,7 +39,7 @@ def check_outputs(outputs: Any, allowed: tuple[str, ...] = OUTPUTS) -> tuple[str
     """Return the names of the outputs as a tuple; refuse unknown ones."""
     names = tuple(outputs) if isinstance(outputs, Iterable) and not isinstance(outputs, str) else (outputs,)
     for name in names:
-        if name not in allowed:
+        if not isinstance(name, str) or name not in allowed:
             raise scene_error("outputs", name, "some of " + ", ".join(allowed))
     return names
 
@@ -51,11 +51,7 @@ def check_positive(key: str, value: Any) -> float:
 
 def check_scheme(scheme: str | None, allowed: tuple[str, ...]) -> str:
     """Return the name of a scheme, the first one for None; refuse unknown names."""
-    if scheme is None:
-        return allowed[0]
-    if scheme not in allowed:
-        raise scene_error("scheme", scheme, "one of " + ", ".join(f'"{name}"' for name in allowed))
-    return scheme
+    return allowed[0] if scheme is None else str(choice(*allowed)("scheme", scheme))
 
 
 def check_resolved(step: float, time_scale: float, *, stacklevel: int = 4) -> None:

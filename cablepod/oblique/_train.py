@@ -19,7 +19,7 @@ from cablepod.condensed._assembly import TEST, model_of
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._runs import CondensedRequest, solve
 from cablepod.conventions import label
-from cablepod.errors import RunStopped, SceneError, scene_error
+from cablepod.errors import RunStopped, SceneError, check_dataset, datasets_of, scene_error
 from cablepod.integrate._request import check_positive, check_times
 from cablepod.integrate._step_control import motion_scale
 from cablepod.oblique._search import TestFunctionBasis, test_function_bases
@@ -183,8 +183,9 @@ def train(
     True
     >>> later = cp.condensed.simulate(scene, trained)  # over all of its 124 s
     """
-    scene_list = [scenes] if isinstance(scenes, xr.Dataset) else list(scenes)
-    references = [trajectories] if isinstance(trajectories, xr.Dataset) else list(trajectories)
+    scene_list = datasets_of("scenes", scenes, (), "a scene")
+    references = datasets_of("trajectories", trajectories, ("position", "arc_length", "time"), "a trajectory")
+    check_dataset("modes", modes, ("mode_shape", "arc_length"), pod_normal.MODES)
     _check_inputs(scene_list, references, tolerance, iterations)
     galerkin_modes = modes
     if TEST in modes:
@@ -222,10 +223,6 @@ def _check_inputs(scenes: list[Any], references: list[Any], tolerance: float, it
     """Refuse options and numbers of scenes and trajectories that do not match."""
     if not scenes or len(scenes) != len(references):
         raise scene_error("trajectories", len(references), f"one for each of the {len(scenes)} scenes, at least one")
-    for key, datasets in (("scenes", scenes), ("trajectories", references)):
-        for dataset in datasets:
-            if not isinstance(dataset, xr.Dataset):
-                raise scene_error(key, type(dataset).__name__, "a Dataset or several")
     check_positive("tolerance", tolerance)
     integer(least=1)("iterations", iterations)
 

@@ -257,10 +257,10 @@ def _wanted(position: xr.DataArray, times: Sequence[float] | np.ndarray | None) 
     if times is None:
         instants = position["time"].values
         return instants[np.linspace(0, instants.size - 1, min(DEFAULT_INSTANTS, instants.size)).round().astype(int)]
-    wanted = np.atleast_1d(np.asarray(times, dtype=float))
-    if not 1 <= wanted.size <= MAX_INSTANTS:
-        raise scene_error("times", f"{wanted.size} instants", f"one to {MAX_INSTANTS}")
-    return wanted
+    wanted = numbers_list()("times", np.atleast_1d(times) if np.isscalar(times) else times)
+    if len(wanted) > MAX_INSTANTS:
+        raise scene_error("times", f"{len(wanted)} instants", f"one to {MAX_INSTANTS}")
+    return np.array(wanted)
 
 
 def _draw_instants(ax: Axes, *curves: tuple[np.ndarray, np.ndarray]) -> list[tuple[Any, ...]]:

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._resources import check_bytes
-from cablepod.errors import scene_error
+from cablepod.errors import datasets_of, scene_error
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod import _svd_methods as svd_methods
 from cablepod.pod._blocks import count_snapshots, is_lazy
@@ -96,7 +96,7 @@ def decompose(
     (('coordinate', 'mode'), [7.05, 0.03])
     """
     check_options(layout, method, weights, rank, energy)
-    parts = [snapshots] if isinstance(snapshots, xr.Dataset) else list(snapshots)
+    parts = datasets_of("snapshots", snapshots, ("position", "arc_length"), "a trajectory")
     check_same_particles(parts)
     if len(parts) > 1 and method != "svd":
         raise scene_error("method", method, "'svd' for several trajectories")

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.discretisation._chord_frame import ChordFrame, stretch_to_close
-from cablepod.errors import SceneError
+from cablepod.errors import SceneError, check_dataset
 
 #: Suffixes of the variables in and out of the plane of chord and vertical.
 SETS = ("", "_out_of_plane")
@@ -24,6 +24,10 @@ def deflections(position: np.ndarray, reference: int | None = None) -> np.ndarra
     return ChordFrame.of(position[:, -1] - position[:, 0], reference).split(position)[1]
 
 
+#: What modes of this layout are.
+MODES = 'modes of the deflection normal to the chord, pod.decompose(snapshots, layout="normal")'
+
+
 def sets(modes: xr.Dataset) -> list[tuple[str, np.ndarray]]:
     """Return suffix and modes (mode, particle) for each normal, without modes of zero singular value.
 
@@ -34,11 +38,9 @@ def sets(modes: xr.Dataset) -> list[tuple[str, np.ndarray]]:
     SceneError
         If `modes` have another layout.
     """
-    if "mode_shape" not in modes or modes.attrs.get("layout") != "normal":
-        raise SceneError(
-            f"modes: given layout {modes.attrs.get('layout')!r}; allowed: modes of the deflection normal to the chord, "
-            'pod.decompose(snapshots, layout="normal")'
-        )
+    check_dataset("modes", modes, ("mode_shape", "arc_length"), MODES)
+    if modes.attrs.get("layout") != "normal":
+        raise SceneError(f"modes: given layout {modes.attrs.get('layout')!r}; allowed: {MODES}")
     largest = modes.variables["singular_value"].values.max() if "singular_value" in modes else None
     result = []
     for suffix in SETS[: modes.sizes.get("coordinate", 2) - 1]:

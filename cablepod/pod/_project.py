@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from cablepod import provenance
 from cablepod.conventions import label
-from cablepod.errors import SceneError, scene_error
+from cablepod.errors import SceneError, check_dataset, scene_error
 from cablepod.parameters._checks import integer
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod._label import LAYOUTS, amplitude_dataset
@@ -23,11 +23,10 @@ def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
     SceneError
         If `modes` have another layout or fewer modes than `rank`.
     """
-    if "mode_shape" not in modes or modes.attrs.get("layout") not in LAYOUTS[:2]:
-        raise SceneError(
-            f"modes: given a Dataset without mode_shape, or layout {modes.attrs.get('layout')!r}; allowed: modes of pod.decompose"
-            f" with one of the layouts {LAYOUTS[:2]}"
-        )
+    allowed = f"modes of pod.decompose with one of the layouts {LAYOUTS[:2]}"
+    check_dataset("modes", modes, ("mode_shape", "mean", "arc_length"), allowed)
+    if modes.attrs.get("layout") not in LAYOUTS[:2]:
+        raise scene_error("modes", f"layout {modes.attrs.get('layout')!r}", allowed)
     most = modes.sizes["mode"]
     if rank is not None:
         integer(least=1)("rank", rank)
@@ -42,6 +41,15 @@ def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
     for c in range(dims):
         fields[c, :, :, c] = shape[c]
     return fields.reshape(dims * most, particles, dims)
+
+
+def check_modes(modes: xr.Dataset) -> None:
+    """Refuse what is no Dataset of modes of a known layout."""
+    check_dataset("modes", modes, ("mode_shape", "arc_length"), "modes of pod.decompose")
+    if modes.attrs.get("layout") not in LAYOUTS:
+        raise scene_error(
+            "modes", f"layout {modes.attrs.get('layout')!r}", f"modes of pod.decompose, one of the layouts {LAYOUTS}"
+        )
 
 
 def _split_amplitude(amplitude: np.ndarray, modes: xr.Dataset) -> tuple[tuple[str, ...], np.ndarray]:
@@ -72,7 +80,13 @@ def at_times(trajectory: xr.Dataset, *, times: ArrayLike) -> xr.Dataset:
     SceneError
         If the trajectory does not contain an instant.
     """
-    available, wanted = trajectory["time"].values, np.atleast_1d(np.asarray(times, dtype=float))
+    check_dataset("trajectory", trajectory, ("time",), "a Dataset with instants, from a simulate")
+    try:
+        available, wanted = trajectory["time"].values, np.atleast_1d(np.asarray(times, dtype=float))
+    except (TypeError, ValueError, OverflowError):
+        raise scene_error("times", times, "instants of the trajectory [s]") from None
+    if wanted.ndim != 1 or not wanted.size or not np.isfinite(wanted).all():
+        raise scene_error("times", times, "finite instants of the trajectory [s]")
     right = np.clip(np.searchsorted(available, wanted), min(1, available.size - 1), available.size - 1)
     nearest = np.where(wanted - available[right - 1] < available[right] - wanted, right - 1, right)
     off = np.abs(available[nearest] - wanted) > 1e-9 * np.maximum(1.0, np.abs(wanted))
@@ -103,6 +117,8 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     SceneError
         If the particles differ, or positions are missing or not finite.
     """
+    check_modes(modes)
+    check_dataset("snapshots", snapshots, ("position", "arc_length", "time"), "a trajectory")
     sigma, snapshot_sigma = relative_arc_length(modes), relative_arc_length(snapshots)
     if sigma.shape != snapshot_sigma.shape or np.abs(sigma - snapshot_sigma).max() > 1e-9:
         raise SceneError(
@@ -154,6 +170,15 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     >>> float(cp.compare.errors(again, chain).error_max) < 1e-3  # truncation to two modes
     True
     """
+    check_modes(modes)
+    check_dataset(
+        "amplitudes", amplitudes, ("amplitude", "end_position", "time"), "amplitudes of pod.project or a reduced model"
+    )
+    dims = {"separate": {"time", "coordinate", "mode"}}.get(modes.attrs["layout"], {"time", "mode"})
+    if set(amplitudes["amplitude"].dims) != dims:
+        raise scene_error(
+            "amplitudes", amplitudes["amplitude"].dims, f"those of modes with layout {modes.attrs['layout']!r}"
+        )
     if modes.attrs["layout"] == "normal":
         position = pod_normal.reconstruct(amplitudes, modes, relative_arc_length(modes))
     else:

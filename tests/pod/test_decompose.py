@@ -124,7 +124,7 @@ def test_options_that_cannot_be(options, match):
 
 def test_snapshots_that_cannot_be():
     snapshots = made_up()
-    with pytest.raises(cp.SceneError, match="without position or arc_length"):
+    with pytest.raises(cp.SceneError, match="a Dataset without arc_length; allowed: a trajectory"):
         cp.pod.decompose(snapshots.drop_vars("arc_length"))
     with pytest.raises(cp.SceneError, match="lacks the dimension time"):
         cp.pod.decompose(snapshots.isel(time=0))
