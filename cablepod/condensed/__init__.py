@@ -3,7 +3,8 @@
 .. include:: README.md
 """
 
-from cablepod.condensed._prepared import PreparedModel, prepare, resume
+from cablepod.condensed._prepared import prepare, resume
+from cablepod.condensed._prepared_model import PreparedModel
 from cablepod.condensed._simulate import simulate
 from cablepod.condensed._vibration import vibration_modes
 

@@ -16,7 +16,7 @@ from cablepod.conventions import COORDINATES, label
 from cablepod.errors import scene_error
 
 if TYPE_CHECKING:
-    from cablepod.condensed._prepared import PreparedModel
+    from cablepod.condensed._prepared_model import PreparedModel
 
 #: Stage of the Dataset of a prepared model, and prefixes of the variables that it takes from scene and modes.
 STAGE, PREFIXES = "prepared model", ("scene_", "modes_")

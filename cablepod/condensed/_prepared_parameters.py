@@ -45,6 +45,8 @@ OF_LENGTH = (
     "mass", "shapes", "slopes", "test_functions", "test_slopes", "chordwise_force_patterns", "rule",
     "test_slopes_at_points", "leading_coefficients",
 )  # fmt: skip
+#: Cached properties of the prepared model that all its variants share: computed once, before the variants copy them.
+SHARED = ("leading_coefficients", "rest_tension", "reference")
 
 
 @dataclass(frozen=True)
@@ -67,25 +69,23 @@ class TabulatedMotion(TimeFunction):
     """Displacement given at equidistant steps, from rest; its derivatives are central differences, as the leapfrog scheme's."""
 
     def __init__(self, displacement: np.ndarray, step: float) -> None:
-        object.__setattr__(self, "kind", "table")
-        object.__setattr__(self, "values", {"step": step})
         rate, second = np.gradient(displacement, step), np.empty_like(displacement)
         rate[0] = 0.0
         second[1:-1] = np.diff(displacement, 2) / step**2
         second[0], second[-1] = 2.0 * (displacement[1] - displacement[0]) / step**2, 2.0 * second[-2] - second[-3]
-        object.__setattr__(self, "_tables", (displacement, rate, second))
+        super().__init__("table", {"step": step, "tables": (displacement, rate, second)})
 
     def __call__(self, time: Any, derivative: int = 0) -> Array:
         """Return the value, or its first or second derivative, at instants on the steps [s]."""
         places = np.rint(np.asarray(time, dtype=float) / self.values["step"]).astype(int)
-        return self._tables[derivative][places]  # type: ignore[attr-defined]
+        return self.values["tables"][derivative][places]
 
     def all_at_steps(
         self, start: int, steps: int, steps_per_second: float, derivatives: tuple[int, ...], origin: float = 0.0
     ) -> Array:
         """Return several derivatives at steps (derivatives, steps + 1)."""
         part = slice(start, start + steps + 1)
-        tables = self._tables  # type: ignore[attr-defined]
+        tables = self.values["tables"]
         return np.array([tables[derivative][part] + (0.0 if derivative else origin) for derivative in derivatives])
 
     @property
@@ -126,7 +126,8 @@ class ChangedModel:
         self._coefficients, self.bases = host_coefficients(model), model.spectral_basis[0]
         self._rest = model.initial()[0]
         self._frame = _frame(self.p)
-        model.leading_coefficients, model.rest_tension, model.reference  # noqa: B018  (fills the cached properties)
+        for name in SHARED:
+            getattr(model, name)
         self._without_loads = {key: value for key, value in model.__dict__.items() if key not in OF_LOADS}
 
     def variant(self, parameters: Mapping[str, Any] | None, path: np.ndarray | None, step: float) -> Variant:

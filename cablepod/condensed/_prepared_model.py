@@ -1,0 +1,307 @@
+"""Prepared model: steps of a host that moves the upper end, the state between them, and repeated runs."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.condensed import _kernels_host_layout as layout
+from cablepod.condensed._fields import close_chord_of, link_tensions, positions_of
+from cablepod.condensed._host import host_coefficients, initial_state, refusal, static_stiffness, step_kernel
+from cablepod.condensed._kernels_host_layout import HostCoefficients
+from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE
+from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._prepared_dataset import checked_state, dataset_of
+from cablepod.condensed._prepared_run import PreparedRun, PreparedRunner
+from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError, scene_error
+from cablepod.parameters._key_paths import motion_path
+
+
+class PreparedModel:
+    """Condensed model of one cable, ready to run or to be stepped by a host; :func:`cablepod.condensed.prepare` makes it.
+
+    A host moves the upper end.  :meth:`step` takes its position and velocity at the end of a step and gives the force of the
+    cable on it.  Hosts that iterate call :meth:`trial` as often as they like, and :meth:`accept` once.
+
+    The force is without the inertia of :attr:`mass`, the part of the cable that moves with the end.  The host adds this mass to
+    its own, or passes the acceleration of the end, which completes the force.
+    """
+
+    def __init__(self, scene: xr.Dataset, modes: xr.Dataset, model: CondensedModel, prepared_step: float) -> None:
+        self._scene, self._modes, self._model = scene, modes, model
+        #: Step of :meth:`run` [s].
+        self.prepared_step = prepared_step
+        self._coefficients = host_coefficients(model)
+        self._kernel = step_kernel(model.order)
+        self._accepted = initial_state(model, self._coefficients)
+        self._trial = self._accepted.copy()
+        self._dims, self._has_trial, self._warned = model.chain.p.dims, False, False
+        self._no_acceleration = np.empty(0)
+        self._runner: PreparedRunner | None = None
+        p = model.chain.p
+        lower = [motion_path(*key) for key in p.motions if key[0] == "lower"]
+        self._moving_lower_end = lower[0] if lower else None
+
+    # --- steps of a host ----------------------------------------------------------------------------------------------
+
+    def step(self, end_position: Any, end_velocity: Any, step: float, end_acceleration: Any = None) -> np.ndarray:
+        """Move the upper end by one step and accept it.
+
+        Parameters
+        ----------
+        end_position, end_velocity
+            Position and velocity of the upper end at the end of the step (dims,) [m, m/s].
+        step
+            Length of the step [s]; it may change from step to step.
+        end_acceleration
+            Acceleration of the end (dims,) [m/s^2]; with it the force contains the inertia of :attr:`mass`.
+
+        Returns
+        -------
+        numpy.ndarray
+            Force of the cable on the host at the end of the step (dims,) [N].
+
+        Raises
+        ------
+        SceneError
+            For arrays of another shape, numbers that are not finite, a step above the stability limit of the present state, an
+            end so near or so far that the model no longer holds.  Nothing has run then.
+        RunStopped
+            If the motion leaves the finite numbers or stiffens beyond the stability limit; the accepted state stays.
+        """
+        force = self.trial(end_position, end_velocity, step, end_acceleration)
+        self.accept()
+        return force
+
+    def trial(self, end_position: Any, end_velocity: Any, step: float, end_acceleration: Any = None) -> np.ndarray:
+        """Try a step from the accepted state, which does not change.
+
+        Parameters
+        ----------
+        end_position, end_velocity, step, end_acceleration
+            As in :meth:`step`.
+
+        Returns
+        -------
+        numpy.ndarray
+            Force of the cable on the host at the end of the step (dims,) [N].
+
+        Raises
+        ------
+        SceneError, RunStopped
+            As in :meth:`step`.
+        """
+        self._has_trial = False
+        try:
+            position, velocity = np.array(end_position, dtype=float), np.array(end_velocity, dtype=float)
+            acceleration = (
+                self._no_acceleration if end_acceleration is None else np.array(end_acceleration, dtype=float)
+            )
+            step = float(step)
+        except (TypeError, ValueError):
+            error: Exception = self._shape_error(end_position, end_velocity, end_acceleration, step)
+            raise error from None
+        shape = (self._dims,)
+        if (
+            position.shape != shape
+            or velocity.shape != shape
+            or (end_acceleration is not None and acceleration.shape != shape)
+            or not step > 0.0
+            or self._moving_lower_end
+        ):
+            error = self._shape_error(end_position, end_velocity, end_acceleration, step)
+            raise error
+        accepted, trial = self._accepted, self._trial
+        status = self._kernel(self._coefficients, accepted, trial, position, velocity, acceleration, step)
+        if status:
+            error = refusal(status, self._coefficients, accepted, position, velocity, acceleration, step)
+            if isinstance(error, RunStopped):
+                error.partial = self.dataset().assign_attrs(incomplete=f"stopped at {self.time + step:.9g} s")
+            raise error
+        self._has_trial = True
+        return trial[layout.END_FORCE, : self._dims].copy()
+
+    def accept(self) -> None:
+        """Make the last trial the accepted state."""
+        if not self._has_trial:
+            raise SceneError("accept: given no trial since the last one; allowed: trial() first, without an error")
+        self._accepted, self._trial, self._has_trial = self._trial, self._accepted, False
+        if self._accepted[layout.MONITOR, MIN_FORCE] < 0.0 and not self._warned:
+            self._warned = True
+            warnings.warn(
+                f"the chordwise force became negative, {self.smallest_chordwise_force:.3g} N until {self.time:.6g} s: the cable "
+                "goes slack, where the condensed model resists compression; compare with chain.simulate",
+                OutOfRangeWarning,
+                stacklevel=3,
+            )
+
+    def _shape_error(self, position: Any, velocity: Any, acceleration: Any, step: Any) -> SceneError:
+        """Return the error of arguments of a step that are no numbers, or of another shape."""
+        if self._moving_lower_end:
+            return scene_error(
+                self._moving_lower_end, "a motion", "a lower end at rest for steps of a host; try: run()"
+            )
+        for key, value in (("end_position", position), ("end_velocity", velocity), ("end_acceleration", acceleration)):
+            if not (key == "end_acceleration" and value is None) and not _is_vector(value, self._dims):
+                return scene_error(key, value, f"an array of {self._dims} numbers, one for each coordinate")
+        return scene_error("step", step, "a finite number above 0 [s]")
+
+    # --- state --------------------------------------------------------------------------------------------------------
+
+    @property
+    def time(self) -> float:
+        """Time of the accepted state [s]."""
+        return float(self._accepted[layout.CLOCK, layout.TIME])
+
+    @property
+    def force(self) -> np.ndarray:
+        """Force of the cable on the host in the accepted state (dims,) [N]."""
+        return self._accepted[layout.END_FORCE, : self._dims].copy()
+
+    @property
+    def end_position(self) -> np.ndarray:
+        """Position of the upper end in the accepted state (dims,) [m]."""
+        return self._accepted[layout.END, : self._dims].copy()
+
+    @property
+    def mass(self) -> np.ndarray:
+        """Mass of the cable that moves with the end (dims, dims) [kg].
+
+        Along the chord it is a third of the cable's; across it, what the modes leave of that third.
+        """
+        axes = self._accepted[layout.AXES :, : self._dims][: self._dims]
+        masses = self._coefficients.numbers[layout.END_MASS : layout.END_MASS + self._dims]
+        return axes.T @ (masses[:, None] * axes)
+
+    @property
+    def stiffness(self) -> np.ndarray:
+        """Static stiffness of the end at its present position (dims, dims) [N/m], of the elastic catenary at rest."""
+        return static_stiffness(self._model.chain.p, self._model.chain.total_length, self.end_position)
+
+    @property
+    def amplitude(self) -> tuple[np.ndarray, ...]:
+        """Amplitudes of the modes in the accepted state (mode,) [m], for each normal of the chord."""
+        q, model = self._accepted[layout.Q, : len(self._model.shapes)], self._model
+        return tuple(turn @ q[which] for turn, which in zip(model.spectral_basis[0], model.sets, strict=True))
+
+    @property
+    def position(self) -> np.ndarray:
+        """Positions of the particles in the accepted state (particle, dims) [m]."""
+        stretch, _, _, deflection = self._closed_chord()
+        ends = np.stack([self._model.chain.p.lower, self.end_position])[None]
+        return positions_of(self._model, stretch, deflection, ends)[0]
+
+    @property
+    def tension(self) -> np.ndarray:
+        """Tensions of the links in the accepted state (link,) [N]."""
+        stretch, force, squared, _ = self._closed_chord()
+        return link_tensions(self._model, stretch, force, squared)[0]
+
+    def _closed_chord(self) -> tuple[np.ndarray, ...]:
+        """Return chordwise stretch, chordwise force [N], squared slopes (1, n) and deflections of the accepted state."""
+        q, columns = self._accepted[None, layout.Q, : len(self._model.shapes)], 1 + layout.PATTERNS * self._dims
+        return close_chord_of(self._model, q, self._accepted[None, layout.BOUNDARY, :columns])
+
+    @property
+    def step_limit(self) -> float:
+        """Stability limit of the steps from the accepted state [s]."""
+        return float(2.0 / np.sqrt(self._accepted[layout.MONITOR, MAX_OMEGA_SQUARED]))
+
+    @property
+    def smallest_chordwise_force(self) -> float:
+        """Least chordwise force of all accepted steps [N]; below zero the cable goes slack."""
+        return float(self._accepted[layout.MONITOR, MIN_FORCE])
+
+    # --- compiled hosts -----------------------------------------------------------------------------------------------
+
+    @property
+    def kernel(self) -> Any:
+        """Compiled function ``kernel(coefficients, accepted, trial, end_position, end_velocity, end_acceleration, step)``.
+
+        It fills the state `trial` and returns 0, or another number if `trial` is not to be accepted.  A function compiled by
+        numba may call it; arguments are :attr:`coefficients`, two arrays like :attr:`state`, and arrays (dims,), the last one
+        without entries where the acceleration is not known.  The force is in the row :attr:`FORCE_ROW` of a state.
+        """
+        return self._kernel
+
+    #: Row of a state whose first entries are the force on the host (dims,) [N].
+    FORCE_ROW = layout.END_FORCE
+
+    @property
+    def coefficients(self) -> HostCoefficients:
+        """Coefficients for :attr:`kernel`."""
+        return self._coefficients
+
+    @property
+    def state(self) -> np.ndarray:
+        """Copy of the accepted state; assign a state of :attr:`kernel` to go on from it."""
+        return self._accepted.copy()
+
+    @state.setter
+    def state(self, state: np.ndarray) -> None:
+        self._accepted, self._has_trial = checked_state(state, self._accepted.shape), False
+
+    # --- runs and Datasets --------------------------------------------------------------------------------------------
+
+    def run(
+        self,
+        parameters: Mapping[str, float] | None = None,
+        *,
+        times: Any = None,
+        end_position: Any = None,
+        outputs: tuple[str, ...] = ("end_force",),
+        links: Any = None,
+    ) -> PreparedRun:
+        """Run the cable from rest with other motions, loads or parameters; the state of the steps stays as it is.
+
+        To order "leading" the terms of second order keep the reference state of the prepared scene: prepare again for scenes
+        whose tension differs by more than some tens of per cent.
+
+        Parameters
+        ----------
+        parameters
+            Numbers that replace those of the scene, by key path: ``{"motion.upper.x.amplitude": 0.1, "cable.top_tension": 9e3}``.
+        times
+            Instants of the output [s]; those of the scene by default, or all steps of `end_position`.
+        end_position
+            Positions of the upper end at the steps 0, h, 2 h, ... (steps + 1, dims) [m], h = :attr:`prepared_step`, instead of
+            the motions of the scene.
+        outputs
+            Some of "position", "tension" and "end_force"; amplitudes come in any case.
+        links
+            Numbers, from 1 at the lower end, of the links whose tensions are computed; all by default.
+
+        Returns
+        -------
+        PreparedRun
+            Plain arrays.
+
+        Raises
+        ------
+        SceneError
+            For parameters that the scene lacks or that would change its structure, values that are not allowed, a step above
+            the stability limit.
+        RunStopped
+            As :func:`cablepod.condensed.simulate`.
+        """
+        if self._runner is None:
+            self._runner = PreparedRunner(self._scene, self._modes, self._model, self.prepared_step)
+        return self._runner.run(parameters, times, end_position, outputs, links)
+
+    def dataset(self) -> xr.Dataset:
+        """Return the model with its accepted state as a Dataset, from which :func:`cablepod.condensed.resume` goes on bit by bit.
+
+        Variables of scene and modes have the prefixes ``scene_`` and ``modes_``.
+        """
+        return dataset_of(self, self._scene, self._modes, self._model)
+
+
+def _is_vector(value: Any, dims: int) -> bool:
+    try:
+        return np.array(value, dtype=float).shape == (dims,)
+    except (TypeError, ValueError):
+        return False
