@@ -63,7 +63,9 @@ class _Noalias(CompilerBase):
         return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
 
 
-def compiled(function: Callable[..., Any] | None = None, *, noalias: bool = False, **options: Any) -> Any:
+def compiled(
+    function: Callable[..., Any] | None = None, *, noalias: bool = False, counted: bool = True, **options: Any
+) -> Any:
     """Compile a kernel with the options that all share: cached, without the GIL, IEEE division; use as a decorator.
 
     Parameters
@@ -72,13 +74,18 @@ def compiled(function: Callable[..., Any] | None = None, *, noalias: bool = Fals
         The kernel, where the decorator is used without options.
     noalias
         Whether no two array arguments share memory: loops that write to one and read from many others are vectorised then.
+    counted
+        Whether references to arrays are counted, which a kernel that makes arrays needs.  Of a short kernel with many views the
+        counts are half of the time.
     **options
         Further options of :func:`numba.njit`, such as ``inline`` and ``fastmath``.
     """
     if function is None:
-        return lambda kernel: compiled(kernel, noalias=noalias, **options)
+        return lambda kernel: compiled(kernel, noalias=noalias, counted=counted, **options)
     if noalias:
         options["pipeline_class"] = _Noalias
+    if not counted:
+        options["_nrt"] = False
     config: Any = numba.config
     given, config.CACHE_LOCATOR_CLASSES = config.CACHE_LOCATOR_CLASSES, _LOCATORS
     try:  # numba reads it where a function with a cache is made, here and nowhere later

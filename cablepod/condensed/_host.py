@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,27 @@ CHORD_RANGE = (0.5, 11.0)
 CHORD_TURN_TEXT = "a chord that turns by at most a right angle in a step: the ends do not pass each other"
 #: Number of Gauss points of the static compliance (smooth in the angle of the tension, so that rounding remains).
 GAUSS_POINTS = 48
+#: Doubles in the order of bytes of this machine.
+DOUBLE = np.dtype(float)
 #: Motion that stands for an end moved by a host: the load pattern of its inertia belongs to the model.
 AT_REST = TimeFunction("polynomial", {"coefficients": [0.0]})
+
+
+def vector(values: Any) -> np.ndarray:
+    """Return a copy of real numbers as an array of doubles.
+
+    Raises
+    ------
+    OverflowError, TypeError, ValueError
+        For anything else; texts, instants and complex numbers, which numpy would convert, among it.
+    """
+    result = np.array(values)
+    if result.dtype is DOUBLE:
+        return result
+    kind = result.dtype.kind
+    if kind not in "fiu" and not (kind == "O" and all(isinstance(entry, Real) for entry in result.flat)):
+        raise TypeError(f"values: given {result.dtype}; allowed: real numbers")
+    return result.astype(float)
 
 
 def with_moving_end(p: Parameters) -> Parameters:
@@ -71,7 +91,7 @@ def host_coefficients(model: CondensedModel) -> HostCoefficients:
 
 
 def initial_state(model: CondensedModel, coefficients: HostCoefficients) -> np.ndarray:
-    """Return the state (STATE_ROWS, columns) of a cable at rest between the ends of the scene.
+    """Return the state (rows, columns) of a cable at rest between the ends of the scene.
 
     Raises
     ------
@@ -80,7 +100,7 @@ def initial_state(model: CondensedModel, coefficients: HostCoefficients) -> np.n
     """
     p, r = model.chain.p, len(model.shapes)
     columns = max(MONITOR_ROWS, 1 + layout.PATTERNS * p.dims, r, coefficients.by_point.shape[1])
-    state = np.zeros((layout.STATE_ROWS, columns))
+    state = np.zeros((layout.LEADING_ROWS if model.order == "leading" else layout.EXACT_ROWS, columns))
     q, _ = model.initial()
     upper = np.ascontiguousarray(p.end_positions(np.zeros(1))[0, 1])
     state[layout.Q, :r], state[layout.END, : p.dims] = q, upper

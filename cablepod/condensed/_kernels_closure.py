@@ -29,7 +29,7 @@ CLOSURE_ATOL = 1e-16
 INCREMENTS = (1, 16)
 
 
-@compiled(fastmath=REORDERED_FUSED, forceinline=True)
+@compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)
 def _close(weights, chord, stiffness, green, chord_tension, stretch, work):
     """Solve the closure for H and the chordwise stretch by Newton's method.
 

@@ -10,11 +10,10 @@ accelerations F_i.  No slope of a mode at the end is in it: few modes give slope
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from cablepod._jit import compiled
+from cablepod.condensed._kernels_frame import _complete_axes
 from cablepod.condensed._kernels_host_layout import (
     ARMS,
     AT_END,
@@ -38,29 +37,6 @@ from cablepod.condensed._kernels_host_layout import (
     WEIGHTS,
 )
 from cablepod.condensed._kernels_leading import _chord_tension, _leading_acceleration
-
-
-@compiled(inline="always")
-def _complete_axes(axes, dims, reference):
-    """Change the vector in the first row of `axes` (dims, dims) into a direction, fill its normals; return its length [m]."""
-    chord = 0.0
-    for d in range(dims):
-        chord += axes[0, d] * axes[0, d]
-    chord = math.sqrt(chord)
-    inverse = 1.0 / chord
-    for d in range(dims):
-        axes[0, d] *= inverse
-    if dims == 2:
-        axes[1, 0], axes[1, 1] = axes[0, 1], -axes[0, 0]
-        return chord
-    cosine = axes[0, reference]
-    inverse = 1.0 / math.sqrt(1.0 - cosine * cosine)
-    for d in range(3):
-        axes[1, d] = ((1.0 if d == reference else 0.0) - cosine * axes[0, d]) * inverse
-    for d in range(3):
-        j, k = (d + 1) % 3, (d + 2) % 3
-        axes[2, d] = axes[1, j] * axes[0, k] - axes[1, k] * axes[0, j]
-    return chord
 
 
 @compiled(inline="always")

@@ -116,7 +116,7 @@ def _add_chordwise_inertia(
         mass[i, i] += 1.0
 
 
-@compiled(fastmath=REORDERED_FUSED, forceinline=True)
+@compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)
 def exact_force(
     q, v, boundary_data, row, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights, stiffness, green,
     load_projection, inertia, guess, stretch, work, slope, slope_rate, stretch_jacobian, f, tangent, mass,
@@ -211,7 +211,7 @@ def _monitor_step(
     boundary_data,
     row,
     chord_tension,
-    work,
+    force,
     kappa,
     geometric_stiffness_norms,
     stiffness,
@@ -219,9 +219,9 @@ def _monitor_step(
     monitor,
 ):
     """Update the monitor: least chordwise force with its step, largest frequency, first step where that is too large."""
-    for j in range(work.shape[1]):
-        if work[FORCE, j] < monitor[MIN_FORCE]:
-            monitor[MIN_FORCE], monitor[MIN_FORCE_STEP] = work[FORCE, j], step_number
+    for j in range(force.size):
+        if force[j] < monitor[MIN_FORCE]:
+            monitor[MIN_FORCE], monitor[MIN_FORCE_STEP] = force[j], step_number
     _monitor_frequency(
         step_number, q, boundary_data, row, chord_tension, kappa, geometric_stiffness_norms, stiffness, length, monitor
     )
@@ -270,7 +270,7 @@ def exact_verlet(
             boundary_data,
             i,
             chord_tension,
-            work,
+            work[FORCE],
             kappa,
             geometric_stiffness_norms,
             stiffness,
@@ -353,7 +353,7 @@ def exact_implicit(
             stretch_jacobian, f, no_array, mass,
         )  # fmt: skip
         _monitor_step(
-            begin + i, q, boundary_data, i, monitor[CHORD_TENSION], work, kappa, geometric_stiffness_norms, stiffness,
+            begin + i, q, boundary_data, i, monitor[CHORD_TENSION], work[FORCE], kappa, geometric_stiffness_norms, stiffness,
             length, monitor,
         )  # fmt: skip
         if low.size:

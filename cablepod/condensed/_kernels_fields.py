@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from cablepod._jit import FUSED, REORDERED_FUSED, compiled
+from cablepod.condensed._kernels_frame import _complete_axes
 
 
 @compiled(fastmath=FUSED)
@@ -87,31 +88,20 @@ def positions(ends, reference, largest_cosine, stretch, length, deflection, posi
         Whether there is a frame at all instants: the ends do not meet, and in space the chord stays away from the reference.
     """
     count, particles, dims = position.shape
-    axes = np.zeros((3, 3))  # direction from the lower end to the upper one, first and second normal
+    axes = np.zeros((3, 3))  # direction from the upper end to the lower one, first and second normal
     for i in range(count):
         chord = 0.0
         for d in range(dims):
-            axes[0, d] = ends[i, 1, d] - ends[i, 0, d]
+            axes[0, d] = ends[i, 0, d] - ends[i, 1, d]
             chord += axes[0, d] * axes[0, d]
         chord = math.sqrt(chord)
         if not chord > 0.0 or (dims == 3 and abs(axes[0, reference]) >= largest_cosine * chord):
             return False
-        for d in range(dims):
-            axes[0, d] /= chord
-        if dims == 2:
-            axes[1, 0], axes[1, 1] = -axes[0, 1], axes[0, 0]
-        else:
-            cosine = axes[0, reference]
-            sine = math.sqrt(1.0 - cosine * cosine)
-            for d in range(3):
-                axes[1, d] = ((1.0 if d == reference else 0.0) - cosine * axes[0, d]) / sine
-            for d in range(3):
-                j, k = (d + 1) % 3, (d + 2) % 3
-                axes[2, d] = axes[0, j] * axes[1, k] - axes[0, k] * axes[1, j]
+        _complete_axes(axes, dims, reference)
         along = 0.0
         for j in range(particles - 1):
             for d in range(dims):
-                place = ends[i, 0, d] + along * axes[0, d]
+                place = ends[i, 0, d] - along * axes[0, d]
                 for plane in range(deflection.shape[0]):
                     place += deflection[plane, i, j] * axes[1 + plane, d]
                 position[i, j, d] = place

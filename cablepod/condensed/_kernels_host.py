@@ -16,9 +16,10 @@ import math
 import numpy as np
 
 from cablepod._jit import compiled
-from cablepod.condensed._kernels_end_force import _complete_axes, _end_force, _leading_end_force
+from cablepod.condensed._kernels_end_force import _end_force, _leading_end_force
 from cablepod.condensed._kernels_exact import _monitor_step as _monitor_exact
 from cablepod.condensed._kernels_exact import exact_force
+from cablepod.condensed._kernels_frame import _complete_axes
 from cablepod.condensed._kernels_host_layout import (
     ALONG_AXIS,
     ARMS,
@@ -65,6 +66,7 @@ from cablepod.condensed._kernels_host_layout import (
     RATES,
     REFERENCE,
     SHORTEST,
+    SLOPE,
     SLOPES,
     STEADY_LOAD,
     STEP,
@@ -76,11 +78,11 @@ from cablepod.condensed._kernels_host_layout import (
     VELOCITY,
     VELOCITY_SLOPE,
     WEIGHTS,
+    WORK,
     Q,
 )
 from cablepod.condensed._kernels_layout import (
     CHORD_TENSION,
-    CLOSURE_ROWS,
     FORCE,
     MAX_OMEGA_SQUARED,
     MIN_FORCE,
@@ -202,19 +204,24 @@ def _finish(coefficients, trial, chord_tension, end_velocity, end_acceleration, 
                     normal += axes[k, d] * end_acceleration[d]
             for d in range(dims):
                 force[d] -= numbers[END_MASS + k] * normal * axes[k, d]
-    total = 0.0
+    total, others = 0.0, 0.0
     for i in range(coefficients.sizes[RANK]):
         total += abs(trial[Q, i])
+        others += abs(trial[RATES, i]) + abs(trial[UNDAMPED, i])
+    for d in range(dims):
+        others += abs(force[d]) + abs(trial[VELOCITY_SLOPE, d]) + abs(trial[MEAN_VELOCITY, d])
     if not total <= numbers[DIVERGED_ABOVE]:
         return DIVERGED
     if not abs(chord_tension) < np.inf:
         return NO_EQUILIBRIUM
+    if not others < np.inf:
+        return DIVERGED
     if trial[MONITOR, UNSTABLE_STEP] < np.inf:
         return STIFFENED
     return DONE
 
 
-@compiled(forceinline=True)
+@compiled(forceinline=True, counted=False)
 def leading_trial(coefficients, accepted, trial, end_position, end_velocity, end_acceleration, step):
     """Fill the state after a step of the upper end, to leading order.
 
@@ -223,7 +230,7 @@ def leading_trial(coefficients, accepted, trial, end_position, end_velocity, end
     coefficients
         See :class:`cablepod.condensed._kernels_host_layout.HostCoefficients`.
     accepted
-        State before the step (STATE_ROWS, columns); not changed.
+        State before the step (rows, columns); not changed.
     trial
         State after the step; filled, a function of the arguments alone.  Row END_FORCE holds the force on the end [N], row Q
         the coordinates, entry ``[CLOCK, TIME]`` the time [s].
@@ -263,7 +270,7 @@ def leading_trial(coefficients, accepted, trial, end_position, end_velocity, end
     return _finish(coefficients, trial, chord_tension, end_velocity, end_acceleration, along)
 
 
-@compiled(forceinline=True)
+@compiled(forceinline=True, counted=False)
 def exact_trial(coefficients, accepted, trial, end_position, end_velocity, end_acceleration, step):
     """Fill the state after a step of the upper end, with the exact chordwise stretch; as :func:`leading_trial`."""
     status = _check(coefficients, accepted, end_position, end_velocity, end_acceleration, step)
@@ -278,12 +285,12 @@ def exact_trial(coefficients, accepted, trial, end_position, end_velocity, end_a
     stretch, last = trial[PREDICTED_STRETCH, :m], trial[LAST_STRETCH, :m]
     for j in range(m):
         stretch[j] = accepted[PREDICTED_STRETCH, j]
-    work, pairs, no_array = np.empty((CLOSURE_ROWS, m)), np.empty((4, m)), np.empty((0, 0))
-    slope, guess, chord_tension = pairs[:2], accepted[MONITOR, PREDICTED_TENSION], np.nan
+    work, slope, no_array = trial[WORK:SLOPE], trial[SLOPE:], trial[:0]
+    guess, chord_tension = accepted[MONITOR, PREDICTED_TENSION], np.nan
     for _ in range(2):
         chord_tension = exact_force(
             q, rates, boundary_data, 0, by_point[SLOPES:], None, n_in_plane, by_point[FORCES:SLOPES], by_point[WEIGHTS],
-            stiffness, False, by_coordinate[PROJECTION:], no_array, guess, stretch, work, slope, pairs[2:], no_array,
+            stiffness, False, by_coordinate[PROJECTION:], no_array, guess, stretch, work, slope, no_array, no_array,
             f, no_array, no_array,
         )  # fmt: skip
         if abs(chord_tension) < np.inf:
@@ -293,7 +300,7 @@ def exact_trial(coefficients, accepted, trial, end_position, end_velocity, end_a
         for j in range(m):
             stretch[j] = accepted[LAST_STRETCH, j]
     _monitor_exact(
-        trial[CLOCK, COUNT], q, boundary_data, 0, chord_tension, work, by_coordinate[KAPPA], by_pattern[NORMS],
+        trial[CLOCK, COUNT], q, boundary_data, 0, chord_tension, work[FORCE, :m], by_coordinate[KAPPA], by_pattern[NORMS],
         stiffness, length, monitor,
     )  # fmt: skip
     along_force, first, second, reach = chord_tension, 0.0, 0.0, 0.0

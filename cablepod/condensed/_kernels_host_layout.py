@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cablepod.condensed._kernels_layout import CLOSURE_ROWS
+
 #: Status of a step.
 (
     DONE, INVALID_NUMBER, INVALID_STEP, CHORD_OUT_OF_RANGE, CHORD_ALONG_AXIS, STEP_ABOVE_LIMIT, NO_EQUILIBRIUM, STIFFENED,
@@ -30,7 +32,11 @@ MEANS, NORMS, AT_END, REACH_LOADS, AT_CANDIDATES = 0, 1, 2, 3, 4
 WEIGHTS, ARMS, FORCES, SLOPES = 0, 1, 2, 4
 # Rows of a state, and entries of its first one.
 CLOCK, MONITOR, END, VELOCITY, MEAN_VELOCITY, VELOCITY_SLOPE, BOUNDARY, END_FORCE, Q, RATES, UNDAMPED = range(11)
-PREDICTED_STRETCH, LAST_STRETCH, AXES, STATE_ROWS = 11, 12, 13, 16
+PREDICTED_STRETCH, LAST_STRETCH, AXES, LEADING_ROWS = 11, 12, 13, 16
+# Rows that states of order "exact" have beside these: arrays of the closure, and slopes of both deflections.  A step that made
+# them anew would take a quarter longer.
+WORK, SLOPE = LEADING_ROWS, LEADING_ROWS + CLOSURE_ROWS
+EXACT_ROWS = SLOPE + 2
 TIME, STEP, COUNT, BETWEEN, FACTOR, IMPULSE = range(6)
 
 

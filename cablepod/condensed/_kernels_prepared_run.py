@@ -9,7 +9,7 @@ import numpy as np
 from cablepod._jit import compiled
 from cablepod.catenary._kernels_solve import FOUND, solve
 from cablepod.condensed._kernels_end_force import leading_end_forces
-from cablepod.condensed._kernels_frame import frames
+from cablepod.condensed._kernels_frame import _complete_axes, frames
 from cablepod.condensed._kernels_host_layout import (
     AT_CANDIDATES,
     DIMS,
@@ -78,7 +78,7 @@ def scale_coefficients(base, result, length, mass):
 
 
 @compiled
-def leading_variant(base, result, plane, chord, axes, kind, value, parabola, q, solution):
+def leading_variant(base, result, plane, reach, kind, value, parabola, q, solution):
     """Fill coefficients and coordinates at rest of another cable, to leading order.
 
     Parameters
@@ -87,8 +87,8 @@ def leading_variant(base, result, plane, chord, axes, kind, value, parabola, q, 
         Coefficients of the prepared model, and of the other cable: filled, with stiffness, mass, loads and damping given.
     plane
         Span, rise, chord and load of the catenary (4,) [m, m, m, N/m].
-    chord, axes
-        Distance of the ends [m]; direction from the upper end to the lower one and normals (dims, dims).
+    reach
+        Vector from the lower end to the upper one (dims,) [m].
     kind, value
         Given quantity of the catenary, see :func:`cablepod.catenary._kernels_solve.solve`.
     parabola
@@ -108,8 +108,10 @@ def leading_variant(base, result, plane, chord, axes, kind, value, parabola, q, 
     length, mass = solution[0] / base.numbers[LENGTH], numbers[MASS] / base.numbers[MASS]
     scale_coefficients(base, result, length, mass)
     dims, n_in_plane = result.sizes[DIMS], result.sizes[IN_PLANE]
-    static = np.zeros((1, 1 + PATTERNS * dims))
-    static[0, 0] = chord
+    static, axes = np.zeros((1, 1 + PATTERNS * dims)), np.empty((dims, dims))
+    for d in range(dims):
+        axes[0, d] = -reach[d]
+    static[0, 0] = _complete_axes(axes, dims, result.sizes[REFERENCE])
     for k in range(dims):
         for d in range(dims):
             static[0, 1 + PATTERNS * k] += numbers[STEADY_LOAD + d] * axes[k, d]

@@ -8,7 +8,7 @@ import xarray as xr
 from cablepod.condensed._assembly import TEST, model_of
 from cablepod.condensed._host import with_moving_end
 from cablepod.condensed._model import CondensedModel
-from cablepod.condensed._prepared_dataset import check_coefficients, check_contents, stored_model
+from cablepod.condensed._prepared_dataset import UNCHANGED, check_coefficients, check_contents, stored_model
 from cablepod.condensed._prepared_model import PreparedModel
 from cablepod.errors import SceneError, scene_error
 from cablepod.integrate._request import check_step
@@ -83,11 +83,11 @@ def prepare(
 
 def _checked_model(scene: xr.Dataset, modes: xr.Dataset, rank: int | None, order: str) -> tuple[CondensedModel, float]:
     """Return model and stability limit at rest [s]; refuse what prepared models lack."""
-    if order not in ORDERS:
+    if not isinstance(order, str) or order not in ORDERS:
         raise scene_error("order", order, "one of " + ", ".join(f'"{name}"' for name in ORDERS))
     p = parameters_of(scene)
     _check_scene(p)
-    if TEST in modes:
+    if isinstance(modes, xr.Dataset) and TEST in modes:
         raise SceneError("modes: given trained test functions; allowed: modes without them; try: condensed.simulate")
     model = model_of(with_moving_end(p), modes, rank=rank, order=order, law="linear")
     q, v = model.initial()
@@ -124,6 +124,17 @@ def resume(dataset: xr.Dataset) -> PreparedModel:
     SceneError
         For a Dataset that is no prepared model, or one whose variables were altered.
     """
+    try:
+        return _resumed(dataset)
+    except SceneError:
+        raise
+    except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
+        # of variables and attributes that are not those of any prepared model
+        raise scene_error("dataset", f"contents with {error!r}", UNCHANGED) from error
+
+
+def _resumed(dataset: xr.Dataset) -> PreparedModel:
+    """Return the prepared model of a Dataset, see :func:`resume`."""
     stored = stored_model(dataset)
     model, limit = _checked_model(stored.scene, stored.modes, stored.rank, stored.order)
     prepared = PreparedModel(stored.scene, stored.modes, model, check_step(stored.step, limit, "as at `prepare`"))

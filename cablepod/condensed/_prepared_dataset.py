@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod.condensed._host import vector
 from cablepod.condensed._kernels_host_layout import HostCoefficients
 from cablepod.condensed._model import CondensedModel
 from cablepod.conventions import COORDINATES, label
@@ -108,7 +109,7 @@ def stored_model(dataset: xr.Dataset) -> StoredModel:
         For another Dataset.
     """
     stage = dataset.attrs.get("stage") if isinstance(dataset, xr.Dataset) else dataset
-    if not isinstance(dataset, xr.Dataset) or stage != STAGE:
+    if not isinstance(dataset, xr.Dataset) or not isinstance(stage, str) or stage != STAGE:
         raise scene_error("dataset", stage, "a prepared model, as PreparedModel.dataset() gives it")
     fields = [f"coefficient_{name}" for name in HostCoefficients._fields]
     for key in (*DERIVED, "state", *fields):
@@ -126,8 +127,8 @@ def stored_model(dataset: xr.Dataset) -> StoredModel:
 def checked_state(state: Any, shape: tuple[int, ...]) -> np.ndarray:
     """Return a copy of a state as an array of a given shape; refuse others, and nan."""
     try:
-        given = np.array(state, dtype=float)
-    except (TypeError, ValueError):
+        given = vector(state)
+    except (OverflowError, TypeError, ValueError):
         given = np.empty(0)
     if given.shape != shape or np.isnan(given).any():
         text = "nan in it" if given.shape == shape else given.shape

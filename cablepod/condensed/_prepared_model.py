@@ -11,13 +11,21 @@ import xarray as xr
 
 from cablepod.condensed import _kernels_host_layout as layout
 from cablepod.condensed._fields import close_chord_of, link_tensions, positions_of
-from cablepod.condensed._host import host_coefficients, initial_state, refusal, static_stiffness, step_kernel
+from cablepod.condensed._host import (
+    host_coefficients,
+    initial_state,
+    refusal,
+    static_stiffness,
+    step_kernel,
+    vector,
+)
 from cablepod.condensed._kernels_host_layout import HostCoefficients
 from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._prepared_dataset import checked_state, dataset_of
 from cablepod.condensed._prepared_run import PreparedRun, PreparedRunner
 from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError, scene_error
+from cablepod.integrate._request import check_positive
 from cablepod.parameters._key_paths import motion_path
 
 
@@ -97,12 +105,11 @@ class PreparedModel:
         """
         self._has_trial = False
         try:
-            position, velocity = np.array(end_position, dtype=float), np.array(end_velocity, dtype=float)
-            acceleration = (
-                self._no_acceleration if end_acceleration is None else np.array(end_acceleration, dtype=float)
-            )
-            step = float(step)
-        except (TypeError, ValueError):
+            position, velocity = vector(end_position), vector(end_velocity)
+            acceleration = self._no_acceleration if end_acceleration is None else vector(end_acceleration)
+            if type(step) is not float:
+                step = check_positive("step", step)
+        except (OverflowError, TypeError, ValueError):
             error: Exception = self._shape_error(end_position, end_velocity, end_acceleration, step)
             raise error from None
         shape = (self._dims,)
@@ -287,6 +294,13 @@ class PreparedModel:
             the stability limit.
         RunStopped
             As :func:`cablepod.condensed.simulate`.
+
+        Warns
+        -----
+        OutOfRangeWarning
+            Where the chordwise force becomes negative, and where the ends move as fast as waves travel along the cable.
+        NotConvergedWarning
+            Where the step does not resolve the motion of the ends.
         """
         if self._runner is None:
             self._runner = PreparedRunner(self._scene, self._modes, self._model, self.prepared_step)
@@ -302,6 +316,6 @@ class PreparedModel:
 
 def _is_vector(value: Any, dims: int) -> bool:
     try:
-        return np.array(value, dtype=float).shape == (dims,)
-    except (TypeError, ValueError):
+        return vector(value).shape == (dims,)
+    except (OverflowError, TypeError, ValueError):
         return False

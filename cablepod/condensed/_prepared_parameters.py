@@ -125,7 +125,6 @@ class ChangedModel:
         self._parabola = model.shapes @ (chain.tributary_length * sigma * (1.0 - sigma))
         self._coefficients, self.bases = host_coefficients(model), model.spectral_basis[0]
         self._rest = model.initial()[0]
-        self._frame = _frame(self.p)
         for name in SHARED:
             getattr(model, name)
         self._without_loads = {key: value for key, value in model.__dict__.items() if key not in OF_LOADS}
@@ -266,7 +265,6 @@ class ChangedModel:
             plane = plane._replace(load=float(-p.weight[1]))
         else:
             plane = load_plane(p)
-        chord, axes, reference = self._frame if same_ends else _frame(p)
         base = self._coefficients
         numbers, load = base.numbers.copy(), p.load_at(0.0)
         numbers[layout.STIFFNESS], numbers[layout.MASS], numbers[layout.DAMPING] = (
@@ -276,15 +274,16 @@ class ChangedModel:
         )
         numbers[layout.STEADY_LOAD : layout.STEADY_LOAD + load.size] = load
         sizes = base.sizes.copy()
-        sizes[layout.REFERENCE] = reference
+        if not same_ends:
+            sizes[layout.REFERENCE] = _reference_axis(p)
         coefficients = HostCoefficients(
             sizes, numbers, np.empty_like(base.geometric_stiffness), np.empty_like(base.by_coordinate),
             np.empty_like(base.by_pattern), np.empty_like(base.by_point),
         )  # fmt: skip
         q, solution = np.empty_like(self._rest), np.empty(6)
         status = kernel.leading_variant(
-            base, coefficients, np.array(plane[:4]), chord, axes, LENGTH_KEYS.index(p.length_key), p.length_value,
-            self._parabola, q, solution,
+            base, coefficients, np.array(plane[:4]), np.subtract(*p.initial_ends[::-1]),
+            LENGTH_KEYS.index(p.length_key), p.length_value, self._parabola, q, solution,
         )  # fmt: skip
         if status not in (catenary.FOUND, kernel.NO_REST):
             check_solved(status, plane[:4], p.stiffness, p.length_key, p.length_value, name=f"cable.{p.length_key}")
@@ -319,17 +318,10 @@ class ChangedModel:
         return model
 
 
-def _frame(p: Parameters) -> tuple[float, np.ndarray, int]:
-    """Return the distance of the ends at rest [m], direction to the lower end and normals (dims, dims), axis of the normals."""
-    ends = p.initial_ends
-    reach = ends[1] - ends[0]
-    if p.dims == 2 and reach.any():  # as ChordFrame, without arrays: a third of the time that other ends cost a run
-        x, y = reach.tolist()
-        chord = math.hypot(x, y)
-        x, y = x / chord, y / chord
-        return chord, np.array([[-x, -y], [-y, x]]), 1
-    frame = ChordFrame.of(reach[None])
-    return float(frame.chord[0]), np.concatenate([-frame.along, frame.normals[0]]), frame.reference
+def _reference_axis(p: Parameters) -> int:
+    """Return the axis that defines the normals of the chord between the ends at rest."""
+    reach = p.initial_ends[1] - p.initial_ends[0]
+    return 1 if p.dims == 2 and reach.any() else ChordFrame.of(reach[None]).reference
 
 
 def _copy(source: Any) -> Any:

@@ -12,7 +12,7 @@ import xarray as xr
 from cablepod.condensed import _kernels_host_layout as layout
 from cablepod.condensed._fields import CondensedTrajectory, close_chord_of, positions, selected_tensions
 from cablepod.condensed._host import CHORD_RANGE, CHORD_TURN_TEXT, chord_range_text
-from cablepod.condensed._kernels_layout import MIN_FORCE, UNSTABLE_STEP, initial_monitor
+from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP, UNSTABLE_STEP, initial_monitor
 from cablepod.condensed._model import CondensedModel, end_tables
 from cablepod.condensed._output import padded
 from cablepod.condensed._prepared_parameters import ChangedModel, Variant
@@ -24,9 +24,10 @@ from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import scene_error
 from cablepod.integrate._march import BLOCK
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.integrate._request import check_outputs, check_step, check_times
+from cablepod.integrate._request import check_outputs, check_resolved, check_step, check_times
 from cablepod.integrate._step_control import damped_growth
 from cablepod.parameters._parameters import Parameters
+from cablepod.reduced._validity import CHECKS, check_forcing, forcing_attributes
 
 OUTPUTS = ("position", "tension", "end_force")
 #: Minimum number of positions of a path: second differences at both ends.
@@ -82,7 +83,27 @@ class PreparedRunner:
             state, force = self._leading(variant, instants, "end_force" in outputs)
         else:
             state, force = self._other(variant.model, instants), None
+        self._warn(variant, state)
         return self._result(variant, state, force, outputs, chosen)
+
+    def _warn(self, variant: Variant, state: CondensedTrajectory) -> None:
+        """Warn of a cable that goes slack, of motions that the step does not resolve, and of waves along the cable."""
+        p, monitor = variant.p, state.monitor
+        smallest, scale = float(monitor[MIN_FORCE]), p.shortest_time_scale
+        if smallest < 0.0:
+            CHECKS["smallest_chordwise_force"][-1](
+                {
+                    "smallest_chordwise_force": smallest,
+                    "time_of_smallest_force": float(monitor[MIN_FORCE_STEP]) * self.step,
+                    "scheme": SCHEMES[0],
+                }
+            )
+        if scale < math.inf:
+            check_resolved(self.step, scale, stacklevel=5)
+            check_forcing(
+                forcing_attributes(p, float(variant.coefficients.numbers[layout.LENGTH])),
+                "the condensed model lacks",
+            )
 
     def _output_times(self, times: Any, p: Parameters, path: np.ndarray | None) -> OutputTimes:
         """Place the instants of the output on the steps; those of the scene once."""

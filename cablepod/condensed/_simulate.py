@@ -172,7 +172,10 @@ def simulate(
 def check_links(links: Any, modes: xr.Dataset) -> np.ndarray:
     """Convert numbers of links, from 1, to indices, from 0."""
     most = modes.sizes["particle"] - 1
-    numbers = np.atleast_1d(np.asarray(links))
+    try:
+        numbers = np.atleast_1d(np.asarray(links))
+    except (TypeError, ValueError):  # Datasets, lists of different lengths
+        numbers = np.empty(0)
     if (
         numbers.ndim != 1
         or numbers.dtype.kind not in "iu"

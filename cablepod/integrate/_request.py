@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -26,8 +26,10 @@ MAX_STEP_RATIO = 0.25
 def check_times(times: Any) -> np.ndarray:
     """Return output times as floats [s]; refuse them unless they are finite, rising and not negative."""
     try:
-        result = np.atleast_1d(np.asarray(times, dtype=float))
-    except (TypeError, ValueError, OverflowError):
+        given = np.atleast_1d(np.asarray(times))
+        # complex numbers, instants and texts, which numpy would convert
+        result = np.full(1, np.nan) if given.dtype.kind in "cmMSU" else given.astype(float)
+    except (OverflowError, TypeError, ValueError):
         raise scene_error("times", times, "finite, rising instants from 0 on [s]") from None
     is_valid = result.ndim == 1 and result.size > 0 and np.isfinite(result).all() and result[0] >= 0
     if not is_valid or (np.diff(result) <= 0).any():
@@ -37,7 +39,10 @@ def check_times(times: Any) -> np.ndarray:
 
 def check_outputs(outputs: Any, allowed: tuple[str, ...] = OUTPUTS) -> tuple[str, ...]:
     """Return the names of the outputs as a tuple; refuse unknown ones."""
-    names = tuple(outputs) if isinstance(outputs, Iterable) and not isinstance(outputs, str) else (outputs,)
+    try:
+        names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    except TypeError:
+        names = (outputs,)
     for name in names:
         if not isinstance(name, str) or name not in allowed:
             raise scene_error("outputs", name, "some of " + ", ".join(allowed))

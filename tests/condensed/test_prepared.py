@@ -746,6 +746,126 @@ def test_what_prepare_lacks_is_refused(changes, options, text):
         cp.condensed.prepare(cp.make_scene({**GUY, **changes}), sines(4), **options)
 
 
+#: Values that no argument of a prepared model takes, and some that only few do.
+WRONG: list[Any] = [
+    None, "a", b"a", math.nan, -math.inf, 1e300, 10**400, 1j, [], [1.0, 2.0, 3.0], {}, {"a": 1}, set(), object(), type,
+    np.array(3.0), np.zeros((3, 2)), np.array(["a", "b"]), np.array([1.0, 2.0j]),
+    np.array(["2020-01-01"] * 2, dtype="datetime64[D]"),
+    np.array([None, 1.0]), np.full(2, np.nan), np.full(2, 1e308), np.zeros(2), [10**400, 0], [None, 1.0], -1, xr.Dataset(),
+    xr.DataArray([1.0, 2.0]), slice(3), [[[]]], np.ma.masked_array([50.0, 35.0], mask=[True, False]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_random_wrong_calls_give_one_clear_error_and_leave_the_state(order):
+    rng, guy, scene, modes = np.random.default_rng(19), prepared(GUY, order, step=0.02), cp.make_scene(GUY), sines(4)
+    guy.step([50.0, 35.0], [0.0, 0.0], 0.01)
+    paths = (
+        "motion.upper.x.amplitude",
+        "cable.top_tension",
+        "gravity",
+        "ends.upper.x",
+        "load.uniform.y",
+        "chain.links",
+    )
+
+    def wrong_step(value: Any) -> Any:
+        arguments: list[Any] = [[50.0, 35.0], [0.0, 0.0], 0.01, None]
+        arguments[rng.integers(4)] = value
+        return lambda: guy.trial(*arguments)
+
+    def wrong_run(value: Any) -> Any:
+        options = {
+            rng.choice(["parameters", "times", "end_position", "outputs", "links"]): value,
+            "outputs": ("tension",),
+        }
+        return lambda: guy.run(**options)
+
+    def wrong_model(value: Any) -> Any:
+        options = {"scene": scene, "modes": modes, "order": order}
+        options[rng.choice(["scene", "modes", "rank", "order", "step"])] = value
+        return lambda: cp.condensed.prepare(options.pop("scene"), options.pop("modes"), **options)
+
+    makers = [
+        wrong_step,
+        wrong_run,
+        wrong_model,
+        lambda value: lambda: guy.run({rng.choice(paths): value}),
+        lambda value: lambda: cp.condensed.resume(value),
+    ]
+    before, messages, stops = guy.state, [], []
+    for _ in range(300):
+        call = makers[rng.integers(len(makers))](WRONG[rng.integers(len(WRONG))])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                call()
+            except cp.SceneError as error:
+                messages.append(str(error))
+            except cp.RunStopped as error:
+                stops.append(str(error))
+        np.testing.assert_array_equal(guy.state, before)
+    assert len(messages) > 200
+    assert [text for text in messages if not re.match(r"\S.*: (.*; allowed: |.*; try: )", text, re.DOTALL)] == []
+    assert [text for text in stops if not re.search(r" (at|from) .* s", text)] == []
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        list, tuple, np.float32, lambda value: np.array(value, dtype=">f8"), lambda value: np.array(value * 2)[::2][:2],
+        lambda value: np.array(value, dtype=int), lambda value: np.array(value, dtype=object),
+    ],
+)  # fmt: skip
+def test_any_array_of_numbers_gives_the_same_bits(make):
+    end, velocity = [50.0, 35.0], [2.0, -1.0]
+    given = make(end)
+    if isinstance(given, np.ndarray):
+        given = given if list(given) == end else np.array([end[0], 0.0, end[1]])[::2]
+        given.flags.writeable = False
+    expected = prepared(GUY).step(np.array(end), np.array(velocity), 0.01)
+    np.testing.assert_array_equal(prepared(GUY).step(given, velocity, 0.01), expected)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_velocities_beyond_the_finite_numbers_are_not_accepted(order):
+    guy = prepared(GUY, order)
+    guy.step([50.0, 35.0], [0.0, 0.0], 0.01)
+    before = guy.state
+    with pytest.raises((cp.RunStopped, cp.SceneError), match=r"0\.02 s; it keeps|end_velocity: "):
+        guy.step([50.0, 35.0], [1e307, -1e307], 0.01)
+    np.testing.assert_array_equal(guy.state, before)
+    assert np.isfinite(guy.step([50.0, 35.0], [0.0, 0.0], 0.01)).all()
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_run_that_leaves_the_finite_numbers_says_when_and_leaves_the_state(order):
+    guy = prepared(GUY, order, step=0.02)
+    guy.step([50.0, 35.0], [0.0, 0.0], 0.01)
+    before = guy.state
+    with pytest.raises(cp.RunStopped, match=r"(from|at) [0-9.]+ s"):
+        guy.run({"motion.upper.x.amplitude": 20.0})
+    np.testing.assert_array_equal(guy.state, before)
+    assert np.isfinite(guy.run().end_force).all()
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_run_beyond_its_range_warns(order):
+    guy = prepared(GUY, order, step=0.02)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert guy.run().smallest_chordwise_force > 0.0
+    with pytest.warns(cp.OutOfRangeWarning, match="goes slack"):
+        assert guy.run({"motion.upper.x.amplitude": -0.4}).smallest_chordwise_force < 0.0
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        guy.run({"motion.upper.x.amplitude": 1e-4, "motion.upper.x.angular_frequency": 150.0})
+    assert [warning.category for warning in caught] == [cp.NotConvergedWarning, cp.OutOfRangeWarning]
+    assert "does not resolve" in str(caught[0].message)
+    assert "waves along the cable" in str(caught[1].message)
+    assert {Path(warning.filename).name for warning in caught} == {Path(__file__).name}  # the caller's own line
+
+
 def test_trained_modes_members_and_other_datasets_are_refused(tmp_path):
     scene = cp.make_scene(GUY)
     with pytest.raises(cp.SceneError, match=r"^modes: .*trained"):
