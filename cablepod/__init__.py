@@ -16,6 +16,7 @@ from cablepod.errors import (
     OutOfRangeWarning,
     RunStopped,
     SceneError,
+    UnusualSceneWarning,
 )
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
         rigid,
         study,
     )
+    from cablepod.cable import summary
     from cablepod.scene import make_scene, read_scene
 
 __version__ = version("cablepod")
@@ -45,6 +47,7 @@ __all__ = [
     "OutOfRangeWarning",
     "RunStopped",
     "SceneError",
+    "UnusualSceneWarning",
     "archive",
     "cable",
     "catenary",
@@ -60,6 +63,7 @@ __all__ = [
     "read_scene",
     "rigid",
     "study",
+    "summary",
 ]
 
 
@@ -69,6 +73,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'cablepod' has no attribute {name!r}; see dir(cablepod)")
     if name in ("make_scene", "read_scene"):
         found = getattr(import_module("cablepod.scene"), name)
+    elif name == "summary":
+        found = import_module("cablepod.cable").summary
     else:
         found = import_module(f"cablepod.{name}")
     globals()[name] = found

@@ -1,8 +1,9 @@
-"""Check memory and count processor cores of the machine."""
+"""Check memory, count processor cores of the machine, find the shipped data."""
 
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 from cablepod.errors import SceneError
 
@@ -38,3 +39,9 @@ def check_bytes(needed: float, key: str, given: str) -> None:
 def cores() -> int:
     """Return the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def data_folder() -> Path:
+    """Return the folder of the shipped data: in the installed package, or beside it in a checkout."""
+    here = Path(__file__).resolve().parent
+    return here / "data" if (here / "data").is_dir() else here.parent / "data"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -89,3 +91,42 @@ class StoppedError(Exception):
 
 class OutOfRangeWarning(UserWarning):
     """A reduced model was used outside its range of validity; the message names the deciding diagnostic."""
+
+
+class UnusualSceneWarning(UserWarning):
+    """A scene has an unusual value, such as a density of 8 kg/m3; the message names the key that is likely wrong."""
+
+
+def closest(name: Any, allowed: Iterable[str]) -> list[str]:
+    """Return up to two of the `allowed` words that resemble `name`, the most similar first."""
+    if not isinstance(name, str) or not 0 < len(name) <= 60:
+        return []
+    from difflib import SequenceMatcher  # only for messages
+
+    word, scores = name.lower().replace("-", "_"), {}
+    for candidate in allowed:
+        score = SequenceMatcher(None, word, candidate.lower()).ratio()
+        # a part of a name, such as modulus of youngs_modulus
+        scores[candidate] = max(score, 0.75 if len(word) > 2 and word in candidate.lower().split("_") else 0.0)
+    similar = sorted((word for word in scores if scores[word] >= 0.65), key=lambda word: -scores[word])
+    return [word for word in similar if scores[word] > scores[similar[0]] - 0.1][:2]
+
+
+def did_you_mean(name: Any, allowed: Iterable[str], prefix: str = "") -> str:
+    """Return the remedy of a message, "; try: ..." with the allowed words that resemble `name`; empty without any."""
+    similar = [prefix + word for word in closest(name, allowed)]
+    return f"; try: {' or '.join(similar)}" if similar else ""
+
+
+def one_of(allowed: Iterable[str], given: Any) -> str:
+    """Return the field "allowed" of a choice of words, with the remedy where `given` resembles one of them."""
+    words = list(allowed)
+    return "one of " + ", ".join(f'"{word}"' for word in words) + did_you_mean(given, words)
+
+
+def user_stacklevel() -> int:
+    """Return the ``stacklevel`` of a warning of the caller at which it names the first line outside this package."""
+    frame, level = sys._getframe(1), 1
+    while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).partition(".")[0] == "cablepod":
+        frame, level = frame.f_back, level + 1
+    return level

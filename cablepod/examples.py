@@ -8,16 +8,11 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from cablepod.errors import scene_error
+from cablepod._resources import data_folder
+from cablepod.errors import did_you_mean, scene_error
 from cablepod.scene._read import read_scene
 
 __all__ = ["data_folder", "scene", "scene_path", "scenes", "table", "truth_path", "truths"]
-
-
-def data_folder() -> Path:
-    """Return the folder of the shipped data: in the installed package, or beside it in a checkout."""
-    here = Path(__file__).resolve().parent
-    return here / "data" if (here / "data").is_dir() else here.parent / "data"
 
 
 def scenes() -> list[str]:
@@ -46,8 +41,13 @@ def scene_path(name: str) -> Path:
     ):
         return data_folder() / "scenes" / path.name
     if not path.exists():
-        raise scene_error("scene", name, f"a scene file, or one of the shipped scenes: {', '.join(scenes())}")
+        raise scene_error("scene", name, _allowed("a scene file, or ", name))
     return path
+
+
+def _allowed(before: str, name: str) -> str:
+    """Return the field "allowed" of the name of a shipped scene, with those that resemble it."""
+    return f"{before}one of the shipped scenes: {', '.join(scenes())}{did_you_mean(Path(name).stem, scenes())}"
 
 
 def scene(name: str) -> xr.Dataset:

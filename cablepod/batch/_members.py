@@ -47,6 +47,7 @@ class BatchPlan(NamedTuple):
 CHUNK, CHUNK_OF_LANES = 16, 256
 _THREADS: ContextVar[int | None] = ContextVar("threads", default=None)
 _STOP: ContextVar[Callable[[], bool] | None] = ContextVar("stop", default=None)
+_INSIDE: ContextVar[bool] = ContextVar("inside", default=False)
 
 
 def thread_limit(count: int) -> AbstractContextManager[None]:
@@ -57,6 +58,11 @@ def thread_limit(count: int) -> AbstractContextManager[None]:
 def stop_when(stop: Callable[[], bool]) -> AbstractContextManager[None]:
     """Raise :class:`cablepod.errors.StoppedError` before the next member once `stop()` is true."""
     return _set_within(_STOP, stop)
+
+
+def inside_members() -> bool:
+    """Tell whether the caller runs a member of a scene."""
+    return _INSIDE.get()
 
 
 @contextmanager
@@ -123,7 +129,8 @@ def run_members(
         for i in remaining.tolist():
             check()
             try:
-                result = run_member(i)
+                with _set_within(_INSIDE, True):  # each thread has its own context
+                    result = run_member(i)
             except (RunStopped, ValueError, ArithmeticError) as error:
                 stack.failures[i] = error
             else:
@@ -168,15 +175,22 @@ def _run_chunks(chunk: Callable[[int], None], starts: range, workers: int, ended
         map_threads(chunk, starts, workers, ended=ended.set)
 
 
+def no_plan(*_: Any, **__: Any) -> None:
+    """Run member by member, see :func:`over_members_by`."""
+
+
 def over_members(function: F) -> F:
     """Decorate a function of one scene to accept the dimension ``member``; varied parameters become coordinates."""
-    return over_members_by(lambda *_, **__: None)(function)
+    return over_members_by(no_plan)(function)
 
 
-def over_members_by(plan: Callable[..., BatchPlan | None]) -> Callable[[F], F]:
+def over_members_by(
+    plan: Callable[..., BatchPlan | None], check: Callable[[xr.Dataset], None] = lambda _: None
+) -> Callable[[F], F]:
     """Make a decorator as :func:`over_members` with a faster `plan` for some scenes and options.
 
     `plan` takes the arguments of the function except `progress`, and returns None for scenes and options that it does not cover.
+    `check` is called with a scene with members before the run.
     """
 
     def decorator(function: F) -> F:
@@ -184,6 +198,7 @@ def over_members_by(plan: Callable[..., BatchPlan | None]) -> Callable[[F], F]:
         def wrapper(scene: xr.Dataset, *args: Any, **options: Any) -> xr.Dataset:
             if not isinstance(scene, xr.Dataset) or "member" not in scene.dims:
                 return function(scene, *args, **options)
+            check(scene)
             given = {name: value for name, value in options.items() if name != "progress"}
             batch = plan(scene, *args, **given) or _member_by_member(function, scene, args, options)
             stack = run_members(

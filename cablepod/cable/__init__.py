@@ -5,5 +5,6 @@
 
 from cablepod.cable._frequencies import frequencies
 from cablepod.cable._simulate import rest, simulate
+from cablepod.cable._summary import summary
 
-__all__ = ["frequencies", "rest", "simulate"]
+__all__ = ["frequencies", "rest", "simulate", "summary"]

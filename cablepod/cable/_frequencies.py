@@ -93,7 +93,7 @@ def frequencies(
             p.free_end,
             "ends that are held, as the vibrations are about the equilibrium between two held ends",
         )
-    mesh, values, vectors, error = _converged_vibrations(p, count, elements, order, law, points)
+    mesh, values, vectors, error = converged_vibrations(p, count, elements, order, law, points)
     shapes = np.zeros((count, mesh.links + 1, p.dims))
     shapes[:, 1:-1] = vectors.T.reshape(count, -1, p.dims) / np.sqrt(
         mesh.tributary_length[1:-1, None] / mesh.total_length
@@ -126,10 +126,18 @@ def frequencies(
     return record(result, scene, mesh, "cable.frequencies", elements=elements, order=order, points=points, count=count)
 
 
-def _converged_vibrations(
-    p: Parameters, count: int, elements: int | None, order: int | None, law: str, points: Any
+def converged_vibrations(
+    p: Parameters,
+    count: int,
+    elements: int | None = None,
+    order: int | None = None,
+    law: str = LAW,
+    points: Any = None,
+    out_of_plane: bool = False,
 ) -> tuple[SpectralMesh, np.ndarray, np.ndarray, float]:
     """Refine the mesh until the frequencies converge; return mesh, frequencies, vectors and last relative change.
+
+    With `out_of_plane` the vibrations are those normal to the plane of a planar scene.
 
     Raises
     ------
@@ -142,7 +150,7 @@ def _converged_vibrations(
     for number_of_elements in counts:
         mesh = mesh_of(p, number_of_elements, order, law, points)
         try:
-            before, (values, vectors) = values, vibrations(mesh, count)
+            before, (values, vectors) = values, vibrations(mesh, count, out_of_plane=out_of_plane)
         except SceneError:
             if number_of_elements == counts[-1]:
                 raise
@@ -158,8 +166,11 @@ def _converged_vibrations(
     return mesh, values, vectors, error
 
 
-def vibrations(mesh: SpectralMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Compute up to `count` lowest angular frequencies [rad/s] and their mass-normalised vectors (unknowns, count)."""
+def vibrations(mesh: SpectralMesh, count: int, *, out_of_plane: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Compute up to `count` lowest angular frequencies [rad/s] and their mass-normalised vectors (unknowns, count).
+
+    With `out_of_plane` the only unknown of a node is its displacement normal to the plane of a planar scene.
+    """
     from scipy.linalg import svd  # costly to import
 
     p, order = mesh.p, mesh.order
@@ -172,17 +183,20 @@ def vibrations(mesh: SpectralMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
         )
     secant, tangent = mesh.moduli(stretch)
     t = g / stretch[:, None]
-    normal = np.eye(p.dims) - t[:, :, None] * t[:, None, :]
     # square root of the modulus matrix, times that of the quadrature weight
-    root = np.sqrt(secant)[:, None, None] * normal + np.sqrt(tangent)[:, None, None] * (t[:, :, None] * t[:, None, :])
+    if out_of_plane:
+        root = np.sqrt(secant)[:, None, None]
+    else:
+        along = t[:, :, None] * t[:, None, :]
+        root = np.sqrt(secant)[:, None, None] * (np.eye(p.dims) - along) + np.sqrt(tangent)[:, None, None] * along
     root *= np.sqrt(mesh.length)[:, None, None]
-    d = np.array(gll_rule(order)[2])
-    matrix = np.zeros((mesh.length.size, p.dims, mesh.links + 1, p.dims))
+    dims, d = root.shape[-1], np.array(gll_rule(order)[2])
+    matrix = np.zeros((mesh.length.size, dims, mesh.links + 1, dims))
     for e, scale in enumerate(mesh.scale):
         points, nodes = slice(e * (order + 1), (e + 1) * (order + 1)), slice(e * order, (e + 1) * order + 1)
         matrix[points, :, nodes] = np.einsum("qcd,qi->qcid", root[points], scale * d)
     matrix /= np.sqrt(p.mass * mesh.tributary_length)[:, None]
-    inner = matrix[:, :, 1:-1].reshape(mesh.length.size * p.dims, -1)
+    inner = matrix[:, :, 1:-1].reshape(mesh.length.size * dims, -1)
     _, values, vectors = svd(inner, full_matrices=False)
     return values[::-1][:count], vectors[::-1][:count].T
 

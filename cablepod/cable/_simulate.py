@@ -10,7 +10,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod._resources import check_memory
-from cablepod.batch._members import over_members
+from cablepod.batch._members import no_plan, over_members, over_members_by
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of, part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun, output_coordinates
 from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_space, solve, step_limit_of
@@ -23,6 +23,7 @@ from cablepod.integrate._request import Request
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
+from cablepod.scene._notes import warn_of_unusual, warn_of_unusual_members
 
 #: Default law, eq. (21) of the paper.
 LAW = LAWS[1]
@@ -131,7 +132,7 @@ def element_count(elements: int | None, p: Parameters) -> int:
 # --- motion ---------------------------------------------------------------------------------------------------------
 
 
-@over_members
+@over_members_by(no_plan, warn_of_unusual_members)
 def simulate(
     scene: xr.Dataset,
     *,
@@ -211,6 +212,7 @@ def simulate(
     check_law(law)
     request = Request.of(times=times, scheme=scheme, schemes=SCHEMES, step=step, tolerance=tolerance, outputs=outputs)
     p = parameters(scene)
+    warn_of_unusual(p)
     check_viscous_law(law, p.link_viscosity)
     check_order(order)
     instants = request.instants(p)

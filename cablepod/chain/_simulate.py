@@ -17,6 +17,7 @@ from cablepod.discretisation._chain import chain_of, square
 from cablepod.discretisation._laws import LAWS, check_law
 from cablepod.integrate._output import chain_coordinates, law_suffix, rest_dataset
 from cablepod.parameters._from_scene import parameters
+from cablepod.scene._notes import warn_of_unusual, warn_of_unusual_members
 
 # --- rest -----------------------------------------------------------------------------------------------------------
 
@@ -92,7 +93,7 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
 # --- motion ---------------------------------------------------------------------------------------------------------
 
 
-@over_members_by(plan)
+@over_members_by(plan, warn_of_unusual_members)
 def simulate(
     scene: xr.Dataset,
     *,
@@ -197,7 +198,9 @@ def simulate(
         tolerance=tolerance,
         outputs=outputs,
     )
-    ready = prepare(parameters(scene), request, str(scene.attrs.get("title", "scene")), progress)
+    p = parameters(scene)
+    warn_of_unusual(p)
+    ready = prepare(p, request, str(scene.attrs.get("title", "scene")), progress)
     solution = solve(ready, request)
     run = solution.run
     return request.record(

@@ -13,7 +13,7 @@ from cablepod import archive, ensemble, study
 from cablepod.archive import _lineage
 from cablepod.archive._folder import prepare_folder
 from cablepod.archive._manifest import MANIFEST, describe_ensemble
-from cablepod.cli import _arguments, _group, _report, _templates
+from cablepod.cli import _arguments, _group, _report, _summary, _templates
 from cablepod.cli._group import Group, interrupted
 from cablepod.cli._progress import Bars, member_bar
 from cablepod.errors import SceneError
@@ -166,6 +166,17 @@ def ensemble_command(
         return interrupted("the same command goes on where it stopped")
     print(describe_ensemble(folder))
     return 0
+
+
+@commands.command("check", **_templates.texts("check"))
+@SCENE
+def check_command(scene: str) -> None:
+    """Print the static numbers of a scene, and notes on what is unusual."""
+    from cablepod.cable import summary  # its imports take a second
+
+    dataset = read_scene(scene_path(scene))
+    print(dataset.attrs["title"])
+    print(_summary.table(summary(dataset)))
 
 
 @commands.command("info", **_templates.texts("info"))

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from cablepod.errors import ArchiveError, RunStopped, SceneError
+from cablepod.errors import ArchiveError, RunStopped, SceneError, closest
 
 #: Exit status after Ctrl-C.
 INTERRUPTED = 130
@@ -21,6 +21,18 @@ class Group(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the commands in the order of definition."""
         return list(self.commands)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; name similar ones if there is none."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            similar = closest(args[0], self.commands)
+            if similar and not getattr(error, "possibilities", None):  # newer versions of click name them
+                error.message = f"{error.message.rstrip('.')}; did you mean {' or '.join(similar)}"
+            raise
 
     def invoke(self, ctx: click.Context) -> int:
         """Run a command; return its exit status."""

@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cablepod.errors import scene_error
+from cablepod.errors import did_you_mean, scene_error
 from cablepod.examples import data_folder, scenes
 
 DESCRIPTION = "Reduced-order models of cable dynamics."
@@ -65,6 +65,13 @@ TEXTS = {
             "cablepod info --lineage out/example2/galerkin_r2.nc > again.py",
         ),
     ),
+    "check": Texts(
+        "static numbers of a scene, and what is unusual about it",
+        "Weight, stiffness, tensions, stress, sag and first frequencies at rest, and notes on values that are likely in another "
+        "unit. Nothing is simulated or written.",
+        "SCENE.toml: scene file, or a shipped scene",
+        ("cablepod check guy.toml", "cablepod check example2"),
+    ),
     "new": Texts(
         "write a commented scene to start from",
         "Write a scene with a comment on every key, to be run as it is and then changed. Overwrites nothing.",
@@ -104,7 +111,8 @@ def write_new(name: str) -> str:
 def copy_example(name: str, out: str | None) -> str:
     """Copy a shipped scene; return a message with the next command."""
     if name not in scenes():
-        raise scene_error("NAME", name, f"one of the shipped scenes: {', '.join(scenes())}")
+        listed = ", ".join(scenes())
+        raise scene_error("NAME", name, f"one of the shipped scenes: {listed}{did_you_mean(name, scenes())}")
     path = _write("--out", out or f"{name}.toml", _text(name))
     return f"{path}: a copy of {name}; next: cablepod run {path} --out out/{path.stem}"
 

@@ -25,7 +25,7 @@ from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import Check, number
 from cablepod.parameters._from_scene import Members
-from cablepod.parameters._key_paths import variable_of
+from cablepod.parameters._key_paths import dotted, variable_of
 from cablepod.parameters._keys import LENGTH_KEYS, WEIGHT_KEYS
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import Array, TimeFunction
@@ -111,7 +111,9 @@ class ChangedModel:
         fixed = Members(scene).fixed
         #: Numbers of the cable and gravity, by the last part of their key paths.
         self._cable = {
-            name.removeprefix("cable_"): float(fixed[name]) for name in fixed if name.startswith(("cable_", "gravity"))
+            name.removeprefix("cable_"): float(fixed[name])
+            for name in fixed
+            if name.startswith(("cable_", "gravity")) and not isinstance(fixed[name], str)
         }
         self.has_records = any(motion.kind == "file" for motion in self.p.motions.values())
         self.plane = load_plane(self.p)
@@ -178,7 +180,7 @@ class ChangedModel:
             return self.p, True
         p, cable = _copy(self.p), {}
         values, is_static = p.__dict__, True
-        for path, value in changes.items():
+        for path, value in ((dotted(path), value) for path, value in changes.items()):
             component, check, table = self._entry(path)
             value = check(path, value)
             name = path.split(".")[-1]
@@ -224,7 +226,8 @@ class ChangedModel:
         weights = np.zeros(self.p.dims)
         weights[1] = -weight
         length_value = cable[self.p.length_key]
-        values.update(stiffness=cable["youngs_modulus"] * area, mass=mass, weight=weights, length_value=length_value)
+        stiffness = cable["youngs_modulus"] * area
+        values.update(area=area, stiffness=stiffness, mass=mass, weight=weights, length_value=length_value)
 
     def _entry(self, path: Any) -> tuple[int | None, Check, str]:
         """Return component, check and table of a key path; refuse what would change the structure."""

@@ -18,6 +18,7 @@ from cablepod.conventions import OUTPUTS
 from cablepod.errors import scene_error
 from cablepod.parameters._from_scene import Members, SceneContent
 from cablepod.reduced._validity import warn_condensed_out_of_range
+from cablepod.scene._notes import warn_of_unusual, warn_of_unusual_members
 
 
 def simulate(
@@ -135,6 +136,10 @@ def simulate(
         raise scene_error("outputs", "tension_extremes", "none with quadrature, because they are computed on links")
     content = SceneContent.of(scene)
     p, several = content.parameters(), "member" in scene.dims
+    if several:
+        warn_of_unusual_members(scene)
+    else:
+        warn_of_unusual(p)
     unit = unit_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature)
     used_tolerance = tolerance  # without one each member has its own
     if several:

@@ -12,9 +12,9 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import COORDINATES, VARIABLES
-from cablepod.errors import SceneError, scene_error, shown
+from cablepod.errors import SceneError, did_you_mean, scene_error, shown
 from cablepod.parameters._from_scene import parameters
-from cablepod.parameters._key_paths import variable_name, variable_of
+from cablepod.parameters._key_paths import dotted, flat, variable_name, variable_of
 from cablepod.parameters._keys import ENSEMBLE, join
 from cablepod.scene._make import check_numbers
 from cablepod.scene._ranges import check_values, points_of_grid
@@ -35,7 +35,8 @@ def design(
     scene
         One scene; parameters outside `ranges` are the same in all members.
     ranges
-        Key path of a number -> [low, high], or values for sampling "grid" and "list"; the order has no effect.  Components of
+        Key path of a number -> [low, high], or values for sampling "grid" and "list"; the order has no effect.  A path has
+        points, ``_`` (``"cable_top_tension"``) or is nested (``{"cable": {"top_tension": [low, high]}}``).  Components of
         vectors are named by their axis (``"ends.upper.x"``), point loads by their number (``"point_load.1.force.y"``).  By
         default the table ``[ensemble]`` of the scene file gives the ranges and all options that are None.
     members
@@ -91,13 +92,15 @@ def design(
 
 def _check_ranges(scene: xr.Dataset, ranges: Any, prefix: str, options: Mapping[str, Any]) -> dict[str, list[float]]:
     """Check all values and the scenes at the bounds; return the ranges sorted by key path."""
+    ranges = flat(ranges)
     if not isinstance(ranges, Mapping) or not ranges:
         raise scene_error(prefix, ranges, "a mapping from key paths to [low, high]")
     checked: dict[str, list[float]] = {}
     for path, range_values in ranges.items():
         key, target = join(prefix, path), variable_of(scene, path)
         if target is None:
-            raise SceneError(f"{key}: unknown key path; allowed: the path of a number of this scene")
+            similar = did_you_mean(path, [dotted(str(name)) for name in scene.data_vars])
+            raise SceneError(f"{key}: unknown key path; allowed: the path of a number of this scene{similar}")
         name, index, vocabulary_key = target
         values = check_values(key, range_values, members=options["members"], sampling=options["sampling"])
         is_whole = scene[name].dtype.kind == "i"

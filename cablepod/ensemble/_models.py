@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import cable, chain, condensed, galerkin, rigid
-from cablepod.errors import scene_error
+from cablepod.errors import one_of, scene_error
 
 #: Name of a model -> its function.
 MODELS: Mapping[str, Callable[..., xr.Dataset]] = {
@@ -39,7 +39,7 @@ def check_model(model: Any, modes: Any, options: Mapping[str, Any]) -> dict[str,
         For an unknown model or option, or missing or superfluous modes.
     """
     if not isinstance(model, str) or model not in MODELS:
-        raise scene_error("model", model, "one of " + ", ".join(f'"{name}"' for name in MODELS))
+        raise scene_error("model", model, one_of(MODELS, model))
     if model in REDUCED and not isinstance(modes, xr.Dataset):
         raise scene_error("modes", modes, f'the Dataset of modes for model "{model}", a result of pod.decompose')
     if model not in REDUCED and modes is not None:

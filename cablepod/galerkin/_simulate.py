@@ -10,7 +10,7 @@ from typing import Any
 import xarray as xr
 
 from cablepod._resources import check_memory
-from cablepod.batch._members import over_members
+from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import NotConvergedWarning
 from cablepod.galerkin._estimate import estimate_of
@@ -23,12 +23,13 @@ from cablepod.integrate._request import Request
 from cablepod.parameters._from_scene import SceneContent
 from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes, warn_galerkin_out_of_range
+from cablepod.scene._notes import warn_of_unusual, warn_of_unusual_members
 
 #: Maximum energy defect of a given step without a warning, as a fraction of the exchanged energy.
 MAX_ENERGY_DEFECT = 0.1
 
 
-@over_members
+@over_members_by(no_plan, warn_of_unusual_members)
 def simulate(
     scene: xr.Dataset,
     modes: xr.Dataset,
@@ -140,6 +141,7 @@ def simulate(
     )
     content = SceneContent.of(scene)
     p = content.parameters()
+    warn_of_unusual(p)
     model = model_of(p, modes, rank=rank, law=law)
     instants = request.instants(p)
     check_memory(instants.size, model.chain.links, p.dims, key="times", variables=3)

@@ -13,7 +13,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import OUTPUTS
-from cablepod.errors import NotConvergedWarning, SceneError, scene_error
+from cablepod.errors import NotConvergedWarning, SceneError, did_you_mean, scene_error
 from cablepod.parameters._checks import choice, number
 from cablepod.parameters._parameters import Parameters
 
@@ -45,7 +45,7 @@ def check_outputs(outputs: Any, allowed: tuple[str, ...] = OUTPUTS) -> tuple[str
         names = (outputs,)
     for name in names:
         if not isinstance(name, str) or name not in allowed:
-            raise scene_error("outputs", name, "some of " + ", ".join(allowed))
+            raise scene_error("outputs", name, "some of " + ", ".join(allowed) + did_you_mean(name, allowed))
     return names
 
 

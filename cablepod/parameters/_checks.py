@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.errors import scene_error
+from cablepod.errors import one_of, scene_error
 
 #: Minimum of positive numbers of a scene and maximum magnitude of all (squares and ratios stay finite).
 SMALLEST, LARGEST = 1e-30, 1e30
@@ -104,7 +104,7 @@ def choice(*allowed: str) -> Check:
 
     def check(key: str, value: Any) -> str:
         if not isinstance(value, str) or value not in allowed:
-            raise scene_error(key, value, "one of " + ", ".join(f'"{word}"' for word in allowed))
+            raise scene_error(key, value, one_of(allowed, value))
         return value
 
     return check

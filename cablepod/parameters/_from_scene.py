@@ -179,6 +179,7 @@ def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float
     time, chain, damping = (table_at(values, name, TABLES[name]) for name in ("time", "chain", "damping"))
     return Parameters(
         stiffness=number(cable["youngs_modulus"]) * area,
+        area=area,
         mass=mass,
         weight=weight,
         lower=values["ends_lower"],
@@ -188,6 +189,7 @@ def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float
         load=values["load_uniform"] if np.any(values.get("load_uniform", 0.0)) else None,
         load_factor=_time_function(values, "load"),
         point_loads=tuple(load for load in _point_loads(values) if np.any(load.force)),
+        weight_key=weight_key,
         length_key=length_key,
         length_value=number(cable[length_key]),
         duration=float(time["duration"]) if "duration" in time else None,
@@ -197,6 +199,7 @@ def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float
         initial=table_at(values, "initial", INITIAL),
         mass_damping=_nonzero(damping, "mass_proportional", number),
         link_viscosity=_nonzero(damping, "link_viscosity", number),
+        breaking_strength=number(cable["breaking_strength"]) if "breaking_strength" in cable else None,
     )
 
 

@@ -3,24 +3,159 @@
 A key path joins tables and key by points: ``cable.top_tension``, ``motion.upper.x.amplitude``.  An axis names a component of a
 vector (``ends.upper.x``), a number from 1 a point load (``point_load.1.force.y``).  The variable of the scene Dataset has the
 path with ``_`` for ``.``; the components of a vector share the variable of the vector.
+
+Wherever a key path is taken, its three forms are the same: nested tables, the path with points, and the path with ``_``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
+from itertools import chain
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from cablepod.conventions import COORDINATES
-from cablepod.parameters._keys import POINT_LOAD, TABLES, TOP, Key, time_function_keys
+from cablepod.errors import SceneError, named, shown
+from cablepod.parameters._keys import ENSEMBLE, POINT_LOAD, TABLES, TOP, Key, time_function_keys
+
+#: Maximum number of parts of a key path: ``motion.upper.x.amplitude`` has four, ``ensemble.ranges`` holds such paths.
+MAX_PARTS = 6
 
 
 @lru_cache(maxsize=1024)
 def variable_name(path: str) -> str:
     """Return the name of the variable of a key path in the scene Dataset."""
     return path.replace(".", "_")
+
+
+def dotted(path: Any) -> Any:
+    """Return a key path with points, given with points or with ``_`` (``cable_top_tension``); anything else as it is."""
+    return _dotted(path) if isinstance(path, str) and "." not in path else path
+
+
+@lru_cache(maxsize=1024)
+def _dotted(path: str) -> str:
+    motion = re.fullmatch(r"motion_(lower|upper)_([xyz])_(\w+)", path)
+    if motion:
+        return f"motion.{motion[1]}.{motion[2]}.{motion[3]}"
+    load = re.fullmatch(r"point_load_(\d+)_(\w+)", path)
+    table, key = (f"point_load.{load[1]}", load[2]) if load else path.split("_", 1) if "_" in path else ("", "")
+    known = POINT_LOAD if load else {**TABLES, "ensemble": ENSEMBLE}.get(table, {})
+    factors = {"kind", *chain.from_iterable(time_function_keys("1").values())} if load or table == "load" else set()
+    if key in known or key in factors:
+        return f"{table}.{key}"
+    vector, _, axis = key.rpartition("_")
+    return f"{table}.{vector}.{axis}" if axis in COORDINATES and vector in known else path
+
+
+def nested(tree: Mapping[Any, Any]) -> Mapping[Any, Any]:
+    """Return the tables of a scene as nested mappings, given in any form of key paths.
+
+    Raises
+    ------
+    SceneError
+        If two forms of one key are given.
+    """
+    if all(isinstance(key, str) and dotted(key) == key and "." not in key for key in tree) and not any(
+        isinstance(table, Mapping) and any(isinstance(key, str) and "." in key for key in table)
+        for table in tree.values()
+    ):
+        return tree
+    paths = sorted(_paths(tree, ()), key=lambda item: _order(item[0]))
+    result: dict[Any, Any] = {}
+    for parts, value in paths:
+        _place(result, parts, value)
+    return result
+
+
+def _order(parts: tuple[Any, ...]) -> tuple[bool, int, int]:
+    """Return the order in which values are placed: vectors before their components, tables before keys, loads by number."""
+    number = parts[1] if len(parts) > 1 and parts[0] == "point_load" else ""
+    is_number = isinstance(number, str) and number.isdecimal() and len(number) < 10
+    return parts[-1] in COORDINATES, len(parts), int(number) if is_number else 0
+
+
+def _paths(tree: Mapping[Any, Any], above: tuple[Any, ...]) -> Iterator[tuple[tuple[Any, ...], Any]]:
+    """Yield the parts of the key path of each value of nested tables; tables that are empty or hold no names are values."""
+    for key, value in tree.items():
+        path = dotted(key) if not above and isinstance(key, str) else key
+        parts = (*above, *(path.split(".") if isinstance(path, str) and not _is_text_of_ranges(above) else (path,)))
+        if isinstance(value, Mapping) and value and len(parts) < MAX_PARTS:
+            yield from _paths(value, parts)
+        else:
+            yield parts, value
+
+
+def _is_text_of_ranges(above: tuple[Any, ...]) -> bool:
+    """Tell whether keys below are key paths themselves."""
+    return above[:2] == ("ensemble", "ranges")
+
+
+def _place(tree: dict[Any, Any], parts: tuple[Any, ...], value: Any) -> None:
+    """Put a value at its place in nested tables; missing tables are made, also those of point loads."""
+    table: Any = tree
+    for depth, part in enumerate(parts):
+        last = depth == len(parts) - 1
+        if isinstance(table, list):
+            index = _index(table, part) if table and not isinstance(table[0], Mapping) else _new_index(table, part)
+            if index is None or index >= len(table):
+                raise SceneError(f"{'.'.join(map(named, parts))}: unknown key path; allowed: a key of a table")
+            if last:
+                table[index] = value
+            else:
+                table[index] = table = _mutable(table[index])
+            continue
+        if last:
+            if part in table:
+                path = ".".join(map(named, parts))
+                raise SceneError(f"{path}: given in two forms, {shown(table[part])} and {shown(value)}; allowed: one")
+            table[part] = value
+        else:
+            empty: Any = [] if part == "point_load" else {}
+            table[part] = table = _mutable(table.get(part, empty))
+        if not isinstance(table, dict | list):
+            path = ".".join(map(named, parts))
+            raise SceneError(f"{path}: given beside {shown(table)}; allowed: a table, or the keys of one")
+
+
+def _mutable(value: Any) -> Any:
+    """Return a copy of a table or list that can be changed; any other value as it is."""
+    if isinstance(value, Mapping):
+        return dict(value)
+    return list(value) if isinstance(value, list | tuple | np.ndarray) else value
+
+
+def _new_index(loads: list[Any], part: Any) -> int | None:
+    """Return the index of a point load, which may be the next one."""
+    index = int(part) - 1 if isinstance(part, str) and part.isdecimal() and len(part) < 10 else -1
+    if index == len(loads):
+        loads.append({})
+    return index if 0 <= index < len(loads) else None
+
+
+def flat(ranges: Any, depth: int = MAX_PARTS) -> Any:
+    """Return ranges by key paths with points, given in any form; anything else as it is.
+
+    Raises
+    ------
+    SceneError
+        If two forms of one key are given.
+    """
+    if not isinstance(ranges, Mapping):
+        return ranges
+    result: dict[Any, Any] = {}
+    for path, values in ranges.items():
+        below = flat(values, depth - 1) if isinstance(values, Mapping) and values and depth > 1 else {}
+        found = {f"{path}.{part}": range_values for part, range_values in below.items()} or {path: values}
+        for key, range_values in found.items():
+            if dotted(key) in result:
+                raise SceneError(f"ensemble.ranges.{named(dotted(key))}: given in two forms; allowed: one")
+            result[dotted(key)] = range_values
+    return result
 
 
 def motion_path(end: str, axis: str) -> str:
@@ -51,6 +186,7 @@ def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, Key] | N
     tuple or None
         Name of the variable, index of the component of a vector (None for a scalar), and key; None for an unknown path.
     """
+    path = dotted(path)
     parts = path.split(".") if isinstance(path, str) else []
     axis = COORDINATES.index(parts[-1]) if parts and parts[-1] in COORDINATES else None
     for component, of_key in ((None, parts), (axis, parts[:-1])):
@@ -83,7 +219,7 @@ def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:
 
 def number_at(tree: Any, path: Any) -> float | None:
     """Return the number at a key path of nested tables; None for any other path."""
-    value = tree
+    value, path = tree, dotted(path)
     for part in path.split(".") if isinstance(path, str) else ("",):
         if isinstance(value, Mapping):
             value = value.get(part)
@@ -93,9 +229,22 @@ def number_at(tree: Any, path: Any) -> float | None:
     return value if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
+def number_paths(tree: Any, above: str = "") -> list[str]:
+    """Return the key paths of all numbers of nested tables, for messages."""
+    if isinstance(tree, Mapping):
+        parts = [(str(key), value) for key, value in tree.items()]
+    elif isinstance(tree, list) and tree and isinstance(tree[0], Mapping):
+        parts = [(str(number), value) for number, value in enumerate(tree, start=1)]
+    elif isinstance(tree, list) and len(tree) <= len(COORDINATES):
+        parts = list(zip(COORDINATES, tree, strict=False))
+    else:
+        return [above] if number_at({"": tree}, "") is not None else []
+    return [path for key, value in parts for path in number_paths(value, f"{above}.{key}" if above else key)]
+
+
 def replaced(tree: Any, path: str, value: float) -> Any:
     """Replace the number at a key path in a copy of nested tables; missing tables are made."""
-    return _replaced(tree, path.split("."), value)
+    return _replaced(tree, dotted(path).split("."), value)
 
 
 def _replaced(tree: Any, parts: list[str], value: float) -> Any:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from cablepod.errors import SceneError, named, scene_error, shown
+from cablepod.errors import SceneError, did_you_mean, named, scene_error, shown
 from cablepod.parameters._checks import Check, choice, integer, number, numbers_list, point, points, text
 
 
@@ -39,6 +39,8 @@ CABLE = {
     "bottom_tension": _force("tension at the lower end of the continuous cable at rest"),
     "horizontal_force": _force("component of the tension normal to the total load at rest"),
     "unstretched_length": Key(number(above=0.0), "m", "unstretched length of the cable"),
+    "strand": Key(text, None, "strand of the shipped table, which gives the keys that are missing"),
+    "breaking_strength": _force("breaking strength of the cable"),
 }
 LENGTH_KEYS = ("top_tension", "bottom_tension", "horizontal_force", "unstretched_length")
 WEIGHT_KEYS = ("specific_weight", "density")
@@ -123,7 +125,9 @@ def check_table(prefix: str, table: Any, keys: Mapping[str, Key]) -> dict[str, A
     checked: dict[str, Any] = {}
     for name, value in table.items():
         if name not in keys:
-            raise SceneError(f"{join(prefix, name)}: unknown key; allowed: {', '.join(keys)}")
+            raise SceneError(
+                f"{join(prefix, name)}: unknown key; allowed: {', '.join(keys)}{meant(prefix, name, keys)}"
+            )
         checked[name] = keys[name].check(join(prefix, name), value)
     for name, key in keys.items():
         if name not in checked:
@@ -132,6 +136,14 @@ def check_table(prefix: str, table: Any, keys: Mapping[str, Key]) -> dict[str, A
             if key.default is not None:
                 checked[name] = key.default
     return checked
+
+
+def meant(prefix: str, name: Any, keys: Iterable[str]) -> str:
+    """Return the remedy of an unknown key: a similar key of its table, or the same key of another table; else empty."""
+    similar = did_you_mean(name, keys, f"{prefix}." if prefix else "")
+    tables = {"": TOP, **TABLES, "point_load.1": POINT_LOAD, "ensemble": ENSEMBLE}
+    elsewhere = [join(table, name) for table, of_table in tables.items() if name in of_table and table != prefix]
+    return similar or (f"; try: {' or '.join(elsewhere)}" if elsewhere else "")
 
 
 def describe(key: Key) -> str:

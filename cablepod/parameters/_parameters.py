@@ -34,6 +34,7 @@ class Parameters:
     """
 
     stiffness: Any  #: axial stiffness K [N]
+    area: Any  #: area of the unstrained cross-section [m2]
     mass: Any  #: mass per unstretched length [kg/m]
     weight: np.ndarray  #: weight per unstretched length (dims,) [N/m]
     lower: np.ndarray  #: lower end at rest (dims,) [m]
@@ -43,6 +44,7 @@ class Parameters:
     load: np.ndarray | None  #: uniform load beside the weight (dims,) [N/m]
     load_factor: TimeFunction | None  #: factor of the uniform load [1]
     point_loads: tuple[PointLoad, ...]
+    weight_key: str  #: the given one of WEIGHT_KEYS
     length_key: str  #: the given one of LENGTH_KEYS
     length_value: Any  #: [N], or [m] for unstretched_length
     duration: float | None  #: [s]
@@ -52,6 +54,7 @@ class Parameters:
     initial: Mapping[str, Any]  #: values of the table [initial]
     mass_damping: Any  #: [1/s]; None without
     link_viscosity: float | None  #: [s]
+    breaking_strength: Any  #: [N]; None without
 
     @cached_property
     def dims(self) -> int:

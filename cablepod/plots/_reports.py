@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from cablepod.errors import SceneError, scene_error
+from cablepod.errors import SceneError, one_of, scene_error
 from cablepod.plots import _style
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def error_against_run_time(
     """
     times = ("kernel_time", "call_time")
     if time not in times:
-        raise scene_error("time", time, "one of " + ", ".join(f'"{name}"' for name in times))
+        raise scene_error("time", time, one_of(times, time))
     part = _of_scene(result, scene, (*OF_SETTINGS, time))
     milliseconds, error = 1e3 * part[time].values, part["error_max"].values
     ax = _style.axes(ax)
@@ -152,7 +152,7 @@ def _of_scene(result: xr.Dataset, scene: str | None, needed: tuple[str, ...]) ->
     if scene is None and len(names) == 1:
         return result.isel(scene=0)
     if scene not in names:
-        raise scene_error("scene", scene, "one of " + ", ".join(f'"{name}"' for name in names))
+        raise scene_error("scene", scene, one_of(names, scene))
     return result.isel(scene=names.index(str(scene)))
 
 

@@ -9,7 +9,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import ENDS, label
-from cablepod.errors import SceneError, scene_error
+from cablepod.errors import SceneError, did_you_mean, scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod import _svd_methods as svd_methods
@@ -31,7 +31,9 @@ def check_options(layout: str, method: str, weights: str | None, rank: int | Non
         ("weights", weights, WEIGHTS),
     ):
         if value not in allowed:
-            raise scene_error(key, value, "one of " + ", ".join(map(repr, allowed)))
+            raise scene_error(
+                key, value, "one of " + ", ".join(map(repr, allowed)) + did_you_mean(value, filter(None, allowed))
+            )
     if rank is not None and energy is not None:
         raise scene_error("rank and energy", (rank, energy), "one of them")
 

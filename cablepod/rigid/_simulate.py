@@ -12,9 +12,9 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod._resources import check_memory
-from cablepod.batch._members import over_members
+from cablepod.batch._members import no_plan, over_members, over_members_by
 from cablepod.discretisation._chain import LumpedChain, chain_of
-from cablepod.errors import NotConvergedWarning, RunStopped, scene_error
+from cablepod.errors import NotConvergedWarning, RunStopped, one_of, scene_error
 from cablepod.integrate._output import chain_coordinates, rest_dataset
 from cablepod.integrate._request import Request
 from cablepod.integrate._run import Trajectory
@@ -29,6 +29,7 @@ from cablepod.parameters._parameters import Parameters
 from cablepod.rigid._ends import check_ends
 from cablepod.rigid._runs import DRIFT_WARN, FORMULATIONS, ROTATION_WARN, RigidRun
 from cablepod.rigid._start import rest_shape, start
+from cablepod.scene._notes import warn_of_unusual, warn_of_unusual_members
 
 #: Maximum rotation of a link per step of the first run [rad].
 ROTATION_PER_STEP = 0.1
@@ -73,7 +74,7 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
     )
 
 
-@over_members
+@over_members_by(no_plan, warn_of_unusual_members)
 def simulate(
     scene: xr.Dataset,
     *,
@@ -152,10 +153,11 @@ def simulate(
     between held ends particles are placed by unstretched length, and the smallest corrections then give the links their lengths.
     """
     if formulation not in FORMULATIONS:
-        raise scene_error("formulation", formulation, "one of " + ", ".join(f'"{name}"' for name in FORMULATIONS))
+        raise scene_error("formulation", formulation, one_of(FORMULATIONS, formulation))
     request = Request.of(times=times, step=step, tolerance=tolerance, outputs=outputs)
     baumgarte_rate = _check_baumgarte(baumgarte, formulation)
     p = parameters(scene)
+    warn_of_unusual(p)
     chain = _chain(p, links)
     instants = request.instants(p)
     end_time = float(instants[-1])

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.errors import SceneError, named, scene_error
+from cablepod.errors import SceneError, did_you_mean, named, scene_error
 from cablepod.parameters._checks import choice
-from cablepod.parameters._key_paths import motion_path, point_load_path
+from cablepod.parameters._key_paths import motion_path, nested, point_load_path
 from cablepod.parameters._keys import (
     ENSEMBLE,
     INITIAL,
@@ -25,24 +25,28 @@ from cablepod.parameters._keys import (
     check_table,
     exactly_one,
     join,
+    meant,
     time_function_keys,
 )
 from cablepod.scene._files import read_record
 from cablepod.scene._limits import LONGEST, SHORTEST
 from cablepod.scene._ranges import check_ranges
+from cablepod.scene._strands import with_strand
 
 
 def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Check all tables; return them with defaults filled in and records read."""
     if not isinstance(mapping, Mapping):
         raise scene_error("scene", mapping, "a mapping with the tables of a scene; read_scene reads a file")
+    mapping = nested(mapping)
     _check_names(mapping)
     tree = check_table("", {key: mapping[key] for key in mapping if key in TOP}, TOP)
     for name, keys in TABLES.items():
         if name == "load" and name in mapping:
             tree[name] = _check_with_factor(name, mapping[name], keys, folder)
         elif name in mapping:
-            tree[name] = check_table(name, mapping[name], keys)
+            table = with_strand(mapping[name]) if name == "cable" else mapping[name]
+            tree[name] = check_table(name, table, keys)
     dims = _check_ends(tree)
     _check_cable(tree)
     _check_chain(tree)
@@ -63,7 +67,9 @@ def _check_names(mapping: Mapping[str, Any]) -> None:
     allowed = [*TOP, *TABLES, *OTHER_TABLES]
     for name in mapping:
         if name not in allowed:
-            raise SceneError(f"{named(name)}: unknown key or table; allowed: {', '.join(allowed)}")
+            raise SceneError(
+                f"{named(name)}: unknown key or table; allowed: {', '.join(allowed)}{meant('', name, allowed)}"
+            )
     for name in ("cable", "ends"):
         if name not in mapping:
             raise SceneError(f"{name}: missing; allowed: a table with the keys {', '.join(TABLES[name])}")
@@ -163,7 +169,8 @@ def _check_with_factor(prefix: str, table: Any, keys: Mapping[str, Key], folder:
     for name in factor:
         if name not in factor_keys:
             allowed = ", ".join([*keys, "kind (of a time factor)"])
-            raise SceneError(f"{join(prefix, name)}: unknown key; allowed: {allowed}")
+            similar = meant(prefix, name, {*keys, *factor_keys})
+            raise SceneError(f"{join(prefix, name)}: unknown key; allowed: {allowed}{similar}")
     checked = check_table(prefix, load, keys)
     return checked | _check_time_function(prefix, factor, "1", folder) if factor else checked
 
@@ -189,7 +196,9 @@ def _check_motion(table: Any, dims: int, free: str | None, folder: Path) -> dict
     checked: dict[str, Any] = {}
     for end, motions in table.items():
         if end not in ENDS:
-            raise SceneError(f"motion.{named(end)}: unknown key; allowed: {', '.join(ENDS)}")
+            raise SceneError(
+                f"motion.{named(end)}: unknown key; allowed: {', '.join(ENDS)}{did_you_mean(end, ENDS, 'motion.')}"
+            )
         if not isinstance(motions, Mapping):
             raise scene_error(f"motion.{end}", motions, f"tables motion.{end}.x and so on")
         if end == free and motions:

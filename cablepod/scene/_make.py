@@ -20,11 +20,12 @@ from cablepod.conventions import COORDINATES, label
 from cablepod.errors import SceneError, shown
 from cablepod.parameters._checks import point
 from cablepod.parameters._from_scene import parameters
-from cablepod.parameters._key_paths import motion_path, point_load_path, replaced, variable_name
+from cablepod.parameters._key_paths import motion_path, nested, point_load_path, replaced, variable_name
 from cablepod.parameters._keys import POINT_LOAD, TABLES, TOP, Key, time_function_keys
 from cablepod.parameters._parameters import Parameters, count_instants
 from cablepod.scene._check import check_mapping
 from cablepod.scene._limits import check_limits
+from cablepod.scene._notes import hint
 
 
 def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
@@ -33,7 +34,8 @@ def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
     Parameters
     ----------
     mapping
-        Tables as mappings, vectors as sequences, SI units.  Not modified.
+        Tables as mappings, vectors as sequences, SI units.  Not modified.  A key may also be given by its path, with points or
+        with ``_``: ``{"cable.area": 1.25e-4}``, ``{"cable_area": 1.25e-4}``.
 
     Returns
     -------
@@ -45,7 +47,7 @@ def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
     SceneError
         For unknown and missing keys, two ways to give the length, types, signs and magnitudes that are not allowed, a
         tension below the minimum, and output larger than the memory.  The message names the key, the given value and the
-        allowed ones.
+        allowed ones, and the key that was likely given in another unit.
 
     Examples
     --------
@@ -85,8 +87,13 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     if "ensemble" in tree:
         scene.attrs["ensemble_json"] = json.dumps(tree["ensemble"], sort_keys=True)
     provenance.stamp_values(provenance.record(scene, function="make_scene", parameters={"scene": tree}))
-    check_numbers(parameters(scene))
-    _check_bounds(mapping, tree.get("ensemble", {}).get("ranges", {}), folder)
+    p = parameters(scene)
+    try:
+        check_numbers(p)
+    except SceneError as error:
+        error.args = (f"{error}{hint(p)}",)
+        raise
+    _check_bounds(nested(mapping), tree.get("ensemble", {}).get("ranges", {}), folder)
     return scene
 
 

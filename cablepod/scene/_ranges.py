@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from cablepod.errors import SceneError, scene_error
+from cablepod.errors import SceneError, did_you_mean, scene_error
 from cablepod.parameters._checks import numbers_list
-from cablepod.parameters._key_paths import number_at
+from cablepod.parameters._key_paths import flat, number_at, number_paths
 from cablepod.parameters._keys import join
 
 
@@ -88,13 +88,15 @@ def check_ranges(
     SceneError
         For an empty table, unknown key paths, values that are not allowed, and a grid of another number of members.
     """
+    given = flat(given)
     if not isinstance(given, Mapping) or not given:
         raise scene_error(prefix, given, "a table from key paths to [low, high]")
     checked: dict[str, list[float]] = {}
     for path, values in given.items():
         key = join(prefix, path)
         if number_at(tree, path) is None:
-            raise SceneError(f"{key}: unknown key path; allowed: the path of a number that this scene has")
+            similar = did_you_mean(path, number_paths(tree))
+            raise SceneError(f"{key}: unknown key path; allowed: the path of a number that this scene has{similar}")
         checked[path] = check_values(key, values, members=members, sampling=sampling)
     if sampling == "grid":
         points_of_grid(checked, members)

@@ -17,8 +17,9 @@ import xarray as xr
 from cablepod import archive, catenary, chain, compare, pod
 from cablepod.archive._folder import prepare_folder
 from cablepod.discretisation._chain import chain_of
-from cablepod.errors import RunStopped, SceneError, scene_error
+from cablepod.errors import RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.parameters._from_scene import parameters
+from cablepod.scene._notes import warn_once
 from cablepod.study._figures import write_figures
 from cablepod.study._models import MODELS, chains_of, table_of, timed_twice, with_row
 from cablepod.study._timing import timed
@@ -33,6 +34,7 @@ MAX_MODES = 20
 STAGES = ("scene", "catenary", "chain_rest", "chain", "modes", "normal_modes", "comparison", "chains")
 
 
+@warn_once
 def run(
     scene: xr.Dataset,
     out: str | os.PathLike[str] | None = None,
@@ -89,6 +91,8 @@ def run(
     -----
     UserWarning
         For ranks larger than the number of modes.
+    UnusualSceneWarning
+        Once, of the worst that :func:`cablepod.summary` notes.
 
     Examples
     --------
@@ -223,7 +227,7 @@ def _ranks_of(ranks: list[int], modes: int) -> list[int]:
     if len(left) < len(ranks):
         warnings.warn(
             f"ranks: {ranks[len(left) :]} left out, only {modes} modes; use smaller ranks, or more links and snapshots",
-            stacklevel=3,
+            stacklevel=user_stacklevel(),
         )
     return left
 

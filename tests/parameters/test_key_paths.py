@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import copy
+import json
 
 import pytest
+from scenes import SOFT
 
 import cablepod as cp
 from cablepod.parameters._key_paths import (
+    dotted,
+    flat,
     motion_path,
     number_at,
     point_load_path,
@@ -16,7 +20,7 @@ from cablepod.parameters._key_paths import (
     variable_name,
     variable_of,
 )
-from cablepod.parameters._keys import CABLE, POINT_LOAD
+from cablepod.parameters._keys import CABLE, ENSEMBLE, POINT_LOAD, TABLES, time_function_keys
 
 TREE = {
     "gravity": 9.81,
@@ -85,7 +89,7 @@ def test_numbers_of_a_dataset_are_those_of_its_tables(path, name, component, uni
     assert (scene[name].values if component is None else scene[name].values[component]) == NUMBERS[path]
 
 
-@pytest.mark.parametrize("path", [*NO_NUMBERS, "cable_area", "ends.upper.w", "damping.link_viscosity"])
+@pytest.mark.parametrize("path", [*NO_NUMBERS, "cable_mass", "ends.upper.w", "damping.link_viscosity"])
 def test_other_paths_lead_to_no_variable(path):
     assert variable_of(cp.make_scene(TREE), path) is None
 
@@ -96,3 +100,114 @@ def test_tables_of_a_dataset():
     assert table_at(values, "cable", CABLE) == TREE["cable"]
     assert table_at(values, "point_load.1", POINT_LOAD).keys() == POINT_LOAD.keys()
     assert table_at(values, "point_load.3", POINT_LOAD) == {}
+
+
+# --- three forms of one path --------------------------------------------------------------------------------------------
+
+
+def all_paths():
+    """Key paths of the whole schema: every table and key, motions of both ends, two point loads, components."""
+    for table, keys in {**TABLES, "ensemble": ENSEMBLE}.items():
+        yield from (f"{table}.{key}" for key in keys)
+    for kind in time_function_keys("m").values():
+        yield from (f"{table}.{key}" for table in ("motion.lower.x", "motion.upper.z", "load") for key in kind)
+        yield from (f"point_load.12.{key}" for key in kind)
+    yield from (f"point_load.{number}.{key}" for number in (1, 12) for key in (*POINT_LOAD, "kind", "force.y"))
+    yield from ("ends.upper.x", "ends.lower.z", "load.uniform.y", "gravity", "title")
+
+
+@pytest.mark.parametrize("path", sorted(set(all_paths())))
+def test_a_path_with_underscores_is_that_with_points(path):
+    assert dotted(variable_name(path)) == path
+    assert dotted(path) == path
+
+
+@pytest.mark.parametrize(
+    "path", [None, 3, [], "", "_", "cable_", "cable_aera", "point_load_x_force", "motion_top_x_kind"]
+)
+def test_what_is_no_path_stays(path):
+    assert dotted(path) == path
+
+
+FORMS = {
+    "points": {
+        "cable.youngs_modulus": 2e11, "cable.area": 1e-4, "cable.density": 8000, "cable.top_tension": 15000.0,
+        "ends.lower": [0.0, 0.0], "ends.upper": [0.0, 57.7], "ends.upper.x": 20.4, "gravity": 9.81, "title": "A guy",
+        "motion.upper.x": {"kind": "ramp", "amplitude": 0.1, "duration": 2.0},
+        "point_load.2.arc_length": 0.5, "point_load.2.force": [1.0, 2.0],
+        "point_load.1.arc_length": 0.3, "point_load.1.force": [0.0, 0.0], "point_load.1.force.y": -200.0,
+    },
+    "underscores": {
+        "cable_youngs_modulus": 2e11, "cable_area": 1e-4, "cable_density": 8000, "cable_top_tension": 15000.0,
+        "ends_lower": [0.0, 0.0], "ends_upper_x": 20.4, "ends_upper": [0.0, 57.7], "gravity": 9.81, "title": "A guy",
+        "motion_upper_x_kind": "ramp", "motion_upper_x_amplitude": 0.1, "motion_upper_x_duration": 2.0,
+        "point_load_1_arc_length": 0.3, "point_load_1_force": [0.0, -200.0],
+        "point_load_2_arc_length": 0.5, "point_load_2_force": [1.0, 2.0],
+    },
+    "mixed": {
+        "cable": {"youngs_modulus": 2e11, "area": 1e-4, "density": 8000}, "cable_top_tension": 15000.0, "gravity": 9.81,
+        "ends": TREE["ends"], "title": "A guy", "motion": {"upper.x": TREE["motion"]["upper"]["x"]},
+        "point_load": [{"arc_length": 0.3, "force": [0.0, 3.0]}, TREE["point_load"][1]], "point_load_1_force_y": -200.0,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_scene_is_the_same_in_all_forms(form):
+    before = copy.deepcopy(FORMS[form])
+    scene = cp.make_scene(FORMS[form])
+    assert FORMS[form] == before
+    expected = cp.make_scene(TREE)
+    assert scene.identical(expected)
+    assert scene.attrs["id"] == expected.attrs["id"]
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [
+        ({"cable.area": 2e-4}, r"^cable\.area: given in two forms, 0\.0001 and 0\.0002; allowed: one$"),
+        ({"cable_area": 2e-4}, r"^cable\.area: given in two forms"),
+        ({"cable.area.x": 2e-4}, r"^cable\.area\.x: given beside 0\.0001; allowed: a table"),
+        ({"cable.aera": 2e-4}, r"^cable\.aera: unknown key; .*; try: cable\.area$"),
+        ({"cable_aera": 2e-4}, r"^cable_aera: unknown key or table"),
+        ({"ends.upper.z": 2.0}, r"^ends\.upper\.z: unknown key path"),
+        ({"point_load.4.force": [0.0, 1.0]}, r"^point_load\.4\.force: unknown key path"),
+    ],
+)
+def test_forms_that_contradict_each_other_are_refused(given, match):
+    with pytest.raises(cp.SceneError, match=match):
+        cp.make_scene({**TREE, **given})
+
+
+RANGES = (
+    {"cable.top_tension": [200.0, 300.0], "ends.upper.x": [7.0, 8.5]},
+    {"cable_top_tension": [200.0, 300.0], "ends_upper_x": [7.0, 8.5]},
+    {"cable": {"top_tension": [200.0, 300.0]}, "ends": {"upper": {"x": [7.0, 8.5]}}},
+    {"cable": {"top_tension": [200.0, 300.0]}, "ends.upper": {"x": [7.0, 8.5]}},
+)
+
+
+@pytest.mark.parametrize("ranges", RANGES)
+def test_ranges_are_the_same_in_all_forms(ranges):
+    assert flat(ranges) == RANGES[0]
+    expected = cp.ensemble.design(cp.make_scene(SOFT), RANGES[0], members=5)
+    assert cp.ensemble.design(cp.make_scene(SOFT), ranges, members=5).identical(expected)
+    table = cp.make_scene({**SOFT, "ensemble": {"members": 5, "ranges": ranges}})
+    assert json.loads(table.attrs["ensemble_json"])["ranges"] == RANGES[0]
+    assert cp.ensemble.design(table).attrs["values_sha256"] == expected.attrs["values_sha256"]
+
+
+@pytest.mark.parametrize("ranges", [{**RANGES[0], **RANGES[1]}, {**RANGES[1], "cable": {"top_tension": [1.0, 2.0]}}])
+def test_a_range_in_two_forms_is_refused(ranges):
+    with pytest.raises(
+        cp.SceneError, match=r"^ensemble\.ranges\.cable\.top_tension: given in two forms; allowed: one$"
+    ):
+        cp.ensemble.design(cp.make_scene(SOFT), ranges, members=5)
+
+
+def test_parameters_of_a_prepared_model_are_the_same_in_all_forms():
+    scene = cp.make_scene(SOFT)
+    prepared = cp.condensed.prepare(scene, cp.condensed.vibration_modes(scene, rank=2))
+    runs = [prepared.run({path: 220.0}) for path in ("cable.top_tension", "cable_top_tension")]
+    assert (runs[0].amplitude == runs[1].amplitude).all()
+    assert (runs[0].amplitude != prepared.run().amplitude).any()

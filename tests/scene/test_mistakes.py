@@ -23,7 +23,7 @@ def nested(depth: int) -> Any:
 
 MISTAKES = [
     # unknown and missing keys and tables
-    ("cables", {}, r"^cables: unknown key or table; allowed: title, gravity, cable, ends, .*ensemble$"),
+    ("cables", {}, r"^cables: unknown key or table; allowed: title, gravity, cable, ends, .*ensemble; try: cable$"),
     ("cable.aera", 1.0, r"^cable\.aera: unknown key; allowed: youngs_modulus, area, specific_weight, .*"),
     ("ends.left", [0, 0], r"^ends\.left: unknown key; allowed: lower, upper, free$"),
     ("time.step", 1.0, r"^time\.step: unknown key; allowed: duration, interval$"),
@@ -238,7 +238,11 @@ MISTAKES = [
     ("ensemble", {"members": 3}, r"^ensemble\.ranges: given None; allowed: a table from key paths to \[low, high\]$"),
     ("ensemble", {"members": 3, "ranges": {}}, r"^ensemble\.ranges: given \{\}; allowed: a table from key paths"),
     ("ensemble", {"members": 3, "ranges": []}, r"^ensemble\.ranges: given \[\]; allowed: a table from key paths"),
-    ("ensemble.member", 5, r"^ensemble\.member: unknown key; allowed: members, seed, sampling$"),
+    (
+        "ensemble.member",
+        5,
+        r"^ensemble\.member: unknown key; allowed: members, seed, sampling; try: ensemble\.members$",
+    ),
     ("ensemble", {"members": 0}, r"^ensemble\.members: given 0; allowed: a whole number of at least 1$"),
     ("ensemble", {"members": True}, r"^ensemble\.members: given True; allowed: a whole number of at least 1$"),
     (

@@ -1,0 +1,222 @@
+"""Static numbers of a scene, its first frequencies, and notes on what is unusual."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import provenance
+from cablepod.cable._frequencies import converged_vibrations
+from cablepod.catenary._statics import load_plane
+from cablepod.conventions import label
+from cablepod.discretisation._similarity import features
+from cablepod.errors import SceneError
+from cablepod.parameters._from_scene import Members
+from cablepod.parameters._parameters import Parameters
+from cablepod.scene._notes import StaticNumbers, likely_keys, notes_of, static_numbers
+
+#: Number of frequencies in the plane and out of it.
+FREQUENCIES = 3
+#: Number of intervals along the cable on which the sag is looked for; a parabola through three points refines it.
+SAG_INTERVALS = 200
+#: Name -> (units, long name) of the numbers of a summary.
+NUMBERS = {
+    "chord": ("m", "distance of the ends"),
+    "inclination": ("rad", "angle of the chord above the horizontal"),
+    "weight_per_length": ("N m-1", "weight per unstretched length"),
+    "mass_per_length": ("kg m-1", "mass per unstretched length"),
+    "density": ("kg m-3", "mass per volume of the unstrained cable"),
+    "axial_stiffness": ("N", "axial stiffness EA"),
+    "unstretched_length": ("m", "unstretched length of the cable"),
+    "stretched_length": ("m", "stretched length of the cable"),
+    "tension_lower": ("N", "tension at the lower end"),
+    "tension_upper": ("N", "tension at the upper end"),
+    "horizontal_force": ("N", "component of the tension normal to the total load, constant along the cable"),
+    "stress": ("Pa", "largest stress at rest"),
+    "strain": ("1", "largest strain at rest"),
+    "sag": ("m", "largest distance of the cable from the chord at rest"),
+    "sag_over_chord": ("1", "sag over chord"),
+    "irvine_parameter": ("1", "Irvine's parameter lambda squared"),
+    "load_over_weight": ("1", "largest sum of the loads beside the weight, over the weight"),
+    "motion_over_chord": ("1", "largest displacement of an end along an axis, over the chord"),
+    "breaking_strength": ("N", "breaking strength of the cable"),
+    "utilisation": ("1", "largest tension at rest over the breaking strength"),
+}
+#: The same of the frequencies, which have the dimension mode but for the axial one.
+FREQUENCY_NUMBERS = {
+    "angular_frequency_in_plane": ("rad s-1", "angular frequency of vibrations in the plane of chord and load"),
+    "angular_frequency_out_of_plane": ("rad s-1", "angular frequency of vibrations out of this plane"),
+    "first_axial_frequency": ("rad s-1", "first angular frequency of vibrations along the cable, taken as straight"),
+}
+
+
+def summary(scene: xr.Dataset) -> xr.Dataset:
+    """Summarise a scene: static numbers, first frequencies, and notes on what is unusual.
+
+    Parameters
+    ----------
+    scene
+        A scene, with or without ``member``; it needs neither ``[time]`` nor ``[chain]``.
+
+    Returns
+    -------
+    xarray.Dataset
+        Scalars, or arrays along ``member``: ``chord`` [m], ``inclination`` [rad], ``weight_per_length`` [N/m],
+        ``mass_per_length`` [kg/m], ``density`` [kg/m3], ``axial_stiffness`` [N], ``unstretched_length``, ``stretched_length``
+        [m], ``tension_lower``, ``tension_upper``, ``horizontal_force`` [N], ``stress`` [Pa], ``strain``, ``sag`` [m],
+        ``sag_over_chord``, ``irvine_parameter``, ``load_over_weight``, ``motion_over_chord``; where given
+        ``breaking_strength`` [N] and ``utilisation``.  ``angular_frequency_in_plane``, ``angular_frequency_out_of_plane (mode)``
+        and ``first_axial_frequency`` [rad/s], the same in Hz as ``frequency_in_plane``, ``frequency_out_of_plane (mode)`` and
+        ``first_axial_frequency_hertz``.  ``note`` is a text with a line for each note, the worst first; empty for a usual scene.
+
+    Raises
+    ------
+    SceneError
+        For a scene without equilibrium.
+
+    Notes
+    -----
+    Rest is the elastic catenary under weight and uniform load at time 0, linear law; point loads are not in it.  Frequencies
+    are those of :func:`cablepod.cable.frequencies` by the linear law about the equilibrium under all loads at time 0, nan for a
+    free end or a cable that is not taut.  The first axial frequency is pi / L0 sqrt(EA / mu).  lambda squared is
+    (q_n L0 / T)^2 EA / T with the load per length q_n normal to the chord and the mean tension T of both ends.  Loads and
+    motions are bounds of their absolute values during the run.  The thresholds of the notes are constants of
+    ``cablepod.scene._notes``, each with its reason.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import examples
+    >>> numbers = cp.summary(examples.scene("example2"))
+    >>> round(float(numbers.stress) / 1e6), numbers.frequency_in_plane.values.round(2).tolist(), str(numbers.note.values)
+    (120, [1.0, 1.98, 2.98], '')
+    """
+    members = list(Members(scene))
+    rows = [_numbers_of_member(p) for p in members]
+    single = "member" not in scene.dims
+    variables: dict[str, Any] = {}
+    for name in rows[0]:
+        if all(name in row for row in rows):
+            values = np.array(rows[0][name] if single else [row[name] for row in rows])
+        else:  # a member without breaking strength
+            values = np.array([row.get(name, math.nan) for row in rows])
+        dims = () if single else ("member",)
+        variables[name] = ((*dims, "mode") if values.ndim > len(dims) else dims, values)
+    result = xr.Dataset(variables, coords={"mode": np.arange(1, FREQUENCIES + 1)})
+    if not single:
+        varied = {name: variable for name, variable in scene.variables.items() if variable.dims == ("member",)}
+        result = result.assign_coords({name: variable.copy() for name, variable in varied.items()})
+    hertz = {
+        name.removeprefix("angular_") if "angular" in name else f"{name}_hertz": ("Hz", text.replace("angular ", ""))
+        for name, (_, text) in FREQUENCY_NUMBERS.items()
+    }
+    for name, (of, _) in zip(hertz, FREQUENCY_NUMBERS.items(), strict=True):
+        result[name] = result[of] / (2.0 * math.pi)
+    label(
+        result,
+        **NUMBERS,
+        **FREQUENCY_NUMBERS,
+        **hertz,
+        mode=("1", "number of the mode, from 1, by rising frequency"),
+        note=("1", "what is unusual, one note a line"),
+    )
+    del result["note"].attrs["units"]
+    result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: summary", stage="summary")
+    return provenance.record(result, function="summary", parameters={}, inputs=[scene])
+
+
+def _numbers_of_member(p: Parameters) -> dict[str, Any]:
+    """Return the numbers of one scene by name."""
+    numbers = static_numbers(p)
+    statics, chord = numbers.statics, numbers.chord
+    reach = np.subtract(*p.initial_ends[::-1])
+    sag, weight = _sag(p, numbers), math.hypot(*p.weight)
+    result = {
+        "chord": chord,
+        "inclination": math.asin(max(-1.0, min(1.0, reach[1] / chord))),
+        "weight_per_length": weight,
+        "mass_per_length": p.mass,
+        "density": numbers.density,
+        "axial_stiffness": p.stiffness,
+        "unstretched_length": numbers.length,
+        "stretched_length": statics[1],
+        "tension_lower": statics[4],
+        "tension_upper": statics[5],
+        "horizontal_force": statics[2],
+        "stress": numbers.tension / p.area,
+        "strain": numbers.tension / p.stiffness,
+        "sag": sag,
+        "sag_over_chord": sag / chord,
+        "irvine_parameter": float(features(p, numbers.length, 0.0, 0.5 * float(statics[4] + statics[5]))[0]),
+        "load_over_weight": numbers.load / (weight * numbers.length) if weight > 0.0 else math.nan,
+        "motion_over_chord": numbers.motion / chord,
+    }
+    if p.breaking_strength is not None:
+        result |= {"breaking_strength": p.breaking_strength, "utilisation": numbers.tension / p.breaking_strength}
+    in_plane, out_of_plane = _frequencies(p, numbers.length)
+    result |= {
+        "angular_frequency_in_plane": in_plane,
+        "angular_frequency_out_of_plane": out_of_plane,
+        "first_axial_frequency": math.pi / numbers.length * math.sqrt(p.stiffness / p.mass),
+    }
+    notes = [f"{note.key}: {note.text}" for note in notes_of(p)]
+    if notes:
+        notes += [f"perhaps {text}" for _, text in likely_keys(p)]
+    return result | {"note": "\n".join(notes)}
+
+
+def _sag(p: Parameters, numbers: StaticNumbers) -> float:
+    """Return the largest distance of the catenary from the chord [m]."""
+    from cablepod.catenary import _kernels_shape as kernel  # numba is imported only to compute
+
+    plane = load_plane(p)
+    s = numbers.length * np.linspace(0.0, 1.0, SAG_INTERVALS + 1)
+    x, y, tension = np.empty_like(s), np.empty_like(s), np.empty_like(s)
+    kernel.shape(s, numbers.statics, plane.load, p.stiffness, x, y, tension)
+    distance = np.abs(x * plane.rise - y * plane.span) / plane.chord
+    at = int(distance.argmax())
+    if not 0 < at < SAG_INTERVALS:
+        return float(distance[at])
+    before, most, after = distance[at - 1 : at + 2]
+    curvature = before - 2.0 * most + after
+    return float(most - (after - before) ** 2 / (8.0 * curvature) if curvature < 0.0 else most)
+
+
+def _frequencies(p: Parameters, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first angular frequencies in the plane of chord and load and out of it [rad/s], nan where there are none."""
+    if p.free_end is not None:
+        return np.full(FREQUENCIES, math.nan), np.full(FREQUENCIES, math.nan)
+    planar = _in_plane(p, length)
+    try:
+        return tuple(  # type: ignore[return-value]
+            converged_vibrations(planar, FREQUENCIES, law="linear", out_of_plane=normal)[1] for normal in (False, True)
+        )
+    except SceneError:  # not taut at rest
+        return np.full(FREQUENCIES, math.nan), np.full(FREQUENCIES, math.nan)
+
+
+def _in_plane(p: Parameters, length: float) -> Parameters:
+    """Return the scene at time 0 in the plane of chord and load, x across the load and y against it; loads are constant."""
+    plane = load_plane(p)
+    axes = np.stack([plane.across, plane.against])
+    loads = []
+    for load in p.point_loads:
+        factor = 1.0 if load.factor is None else float(load.factor(0.0))
+        loads.append(replace(load, force=factor * (axes @ load.force), factor=None))
+    return replace(
+        p,
+        lower=np.zeros(2),
+        upper=np.array([plane.span, plane.rise]),
+        weight=np.array([0.0, -plane.load]),
+        motions={},
+        load=None,
+        load_factor=None,
+        point_loads=tuple(loads),
+        length_key="unstretched_length",
+        length_value=length,
+        initial={},
+    )

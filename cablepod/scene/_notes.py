@@ -1,0 +1,318 @@
+"""Notes on what is unusual in a scene, the key that is likely wrong, and the warning of the models.
+
+A note is no error: the scene runs.  Its purpose is a number in another unit, a thousand or a million times off.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import xarray as xr
+
+from cablepod.batch._members import inside_members
+from cablepod.catenary._statics import solve_statics
+from cablepod.errors import SceneError, UnusualSceneWarning, user_stacklevel
+from cablepod.parameters._from_scene import Members
+from cablepod.parameters._key_paths import motion_path
+from cablepod.parameters._keys import WEIGHT_KEYS
+from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._time_functions import TimeFunction
+
+#: Usual densities [kg/m3]: ropes of polyethylene float (970, with voids 600), tungsten has 19300.
+DENSITY = (500.0, 25000.0)
+#: Usual moduli [Pa]: soft rubber 1e7, nylon rope 1e9, steel 2e11, diamond 1.2e12.
+MODULUS = (1e7, 2e12)
+#: Usual ratios of the chord to the diameter of a round cross-section: below, a bar; above, thinner than a fishing line.
+SLENDERNESS = (200.0, 1e5)
+#: Maximum usual area [m2], the main cable of a suspension bridge.
+LARGEST_AREA = 1.0
+#: Usual gravitational acceleration [m/s2] beside 0: Moon to Jupiter.
+GRAVITY = (1.0, 30.0)
+#: Maximum usual stress at rest [Pa] and strain: the strongest steel wire, and above the strain at break of steel and aramid.
+LARGEST_STRESS, LARGEST_STRAIN = 2.5e9, 0.05
+#: Usual breaking stress [Pa], breaking strength over area: natural fibre rope to the strongest fibres.
+BREAKING_STRESS = (3e7, 7e9)
+#: Maximum usual ratios: unstretched length over chord, motion over chord, loads over weight.
+LARGEST_LENGTH, LARGEST_MOTION, LARGEST_LOAD = 2.0, 0.1, 100.0
+#: Maximum number of members that the models look at.
+MEMBERS_CHECKED = 5
+#: Factors between units that are mistaken for each other, and the name of the unit in which a value was likely given.
+UNITS: dict[str, dict[float, str]] = {
+    "youngs_modulus": {1e3: "kPa", 1e6: "MPa", 1e9: "GPa", 1e-3: "", 1e-6: ""},
+    "area": {1e-6: "mm2", 1e-4: "cm2", 1e-3: "", 1e3: "", 1e6: ""},
+    "specific_weight": {1e3: "kN/m3", 1e6: "MN/m3", 1e-3: "", 1e-6: ""},
+    "density": {1e3: "t/m3", 1e6: "", 1e-3: "", 1e-6: ""},
+    "force": {1e3: "kN", 1e6: "MN", 1e-3: "", 1e-6: ""},
+    "length": {1e-3: "mm", 1e-2: "cm", 1e3: "km", 1e-6: "", 1e6: ""},
+}
+
+
+class Note(NamedTuple):
+    """Something unusual in a scene."""
+
+    key: str  #: key path that is likely wrong
+    text: str  #: the value and what is usual
+    excess: float  #: distance from what is usual, in powers of ten
+
+
+@dataclass(frozen=True)
+class StaticNumbers:
+    """Numbers of a scene at rest that notes and summaries are about."""
+
+    chord: float  #: distance of the ends [m]
+    diameter: float  #: of a round cross-section of the same area [m]
+    modulus: float  #: [Pa]
+    density: float  #: [kg/m3]
+    statics: np.ndarray  #: (6,) as in ``catenary._kernels_solve.COLUMNS``
+    load: float  #: largest sum of the loads beside the weight [N]
+    motion: float  #: largest displacement of an end along an axis [m]
+    motion_key: str  #: key path of that motion
+
+    @property
+    def length(self) -> float:
+        """Unstretched length [m]."""
+        return float(self.statics[0])
+
+    @property
+    def tension(self) -> float:
+        """Largest tension at rest [N]."""
+        return float(max(self.statics[4], self.statics[5]))
+
+
+def static_numbers(p: Parameters) -> StaticNumbers:
+    """Compute the numbers of a scene at rest.
+
+    Raises
+    ------
+    SceneError
+        If the scene has no equilibrium.
+    """
+    statics = solve_statics(p, p.length_key, p.length_value)
+    end_time = p.duration or 0.0
+    load = 0.0 if p.load is None else math.hypot(*p.load) * float(statics[0]) * _largest(p.load_factor, end_time)
+    for point in p.point_loads:
+        load += math.hypot(*point.force) * _largest(point.factor, end_time)
+    motions = [(_largest(motion, end_time), motion_path(*key)) for key, motion in p.motions.items()]
+    motion, key = max(motions, default=(0.0, ""))
+    return StaticNumbers(
+        chord=math.dist(*p.initial_ends),
+        diameter=math.sqrt(4.0 / math.pi * p.area),
+        modulus=p.stiffness / p.area,
+        density=p.mass / p.area,
+        statics=statics,
+        load=load,
+        motion=motion,
+        motion_key=key,
+    )
+
+
+def _largest(function: TimeFunction | None, end_time: float) -> float:
+    """Return a bound of the absolute value of a time function; None is the constant 1."""
+    if function is None:
+        return 1.0
+    values = function.values
+    if function.kind in ("one_minus_cosine", "ramp"):
+        return abs(float(values["amplitude"])) * (2.0 if function.kind == "one_minus_cosine" else 1.0)
+    if function.kind == "harmonic":
+        return abs(float(values["amplitude"])) * (1.0 + abs(math.sin(values["phase"])))
+    return float(np.abs(function(function.sampling_times(end_time))).max())
+
+
+# --- notes ------------------------------------------------------------------------------------------------------------
+
+
+def notes_of(p: Parameters) -> tuple[Note, ...]:
+    """Return the notes on a scene, the worst first.
+
+    Raises
+    ------
+    SceneError
+        If the scene has no equilibrium.
+    """
+    numbers = static_numbers(p)
+    found = [*_notes_of_cable(p, numbers), *_notes_of_rest(p, numbers), *_notes_of_motion(p, numbers)]
+    return tuple(sorted(found, key=lambda note: -note.excess))
+
+
+def _notes_of_cable(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
+    gravity = math.hypot(*p.weight) / p.mass
+    if gravity > 0.0:
+        yield from _outside("gravity", "a gravitational acceleration", gravity, GRAVITY, "m/s2")
+    yield from _outside(f"cable.{p.weight_key}", "a density", numbers.density, DENSITY, "kg/m3")
+    yield from _outside("cable.youngs_modulus", "a Young's modulus", numbers.modulus, MODULUS, "Pa")
+    yield from _outside("cable.area", "an area", p.area, (0.0, LARGEST_AREA), "m2")
+    slenderness = numbers.chord / numbers.diameter
+    what = f"a diameter of {numbers.diameter:.3g} m on a chord of {numbers.chord:.3g} m, with a ratio"
+    yield from _outside("cable.area", what, slenderness, SLENDERNESS, "")
+    if p.breaking_strength is not None:
+        what, stress = "a breaking strength over the area", p.breaking_strength / p.area
+        yield from _outside("cable.breaking_strength", what, stress, BREAKING_STRESS, "Pa")
+
+
+def _notes_of_rest(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
+    if p.free_end is not None or "points" in p.initial:
+        return  # never at this equilibrium
+    key, stress = f"cable.{p.length_key}", numbers.tension / p.area
+    yield from _outside(key, "a stress at rest", stress, (0.0, LARGEST_STRESS), "Pa")
+    yield from _outside(key, "a strain at rest", numbers.tension / p.stiffness, (0.0, LARGEST_STRAIN), "")
+    what = "an unstretched length over the chord"
+    yield from _outside(key, what, numbers.length / numbers.chord, (0.0, LARGEST_LENGTH), "")
+    if p.breaking_strength is not None:
+        what, used = "a tension at rest over the breaking strength", numbers.tension / p.breaking_strength
+        yield from _outside("cable.breaking_strength", what, used, (0.0, 1.0), "")
+    lower, upper = p.initial_ends
+    if upper[1] < lower[1] and p.weight[1] < 0.0:
+        drop = f"an upper end {lower[1] - upper[1]:.3g} m below the lower one (swapped?)"
+        yield Note("ends.upper", drop, 0.0)
+
+
+def _notes_of_motion(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
+    what = "a displacement over the chord"
+    yield from _outside(numbers.motion_key, what, numbers.motion / numbers.chord, (0.0, LARGEST_MOTION), "")
+    weight = math.hypot(*p.weight) * numbers.length
+    if weight > 0.0 and numbers.load > LARGEST_LOAD * weight:
+        largest = max((math.hypot(*point.force) for point in p.point_loads), default=0.0)
+        uniform = p.load is not None and math.hypot(*p.load) * numbers.length >= largest
+        key = "load.uniform" if uniform else "point_load.force"
+        yield from _outside(key, "loads over the weight", numbers.load / weight, (0.0, LARGEST_LOAD), "")
+
+
+def _outside(key: str, what: str, value: float, usual: tuple[float, float], unit: str) -> Iterator[Note]:
+    """Yield the note of a value outside the usual range; none of nan."""
+    low, high = usual
+    if low <= value <= high or not value > 0.0:
+        return
+    excess = math.log10(low / value if value < low else value / high)
+    within = f"up to {high:.3g}" if low == 0.0 else f"{low:.3g} to {high:.3g}"
+    unit = f" {unit}" if unit else ""
+    yield Note(key, f"{what} of {value:.3g}{unit} (usual: {within}{unit})", excess)
+
+
+# --- the key that is likely wrong ---------------------------------------------------------------------------------------
+
+
+def likely_keys(p: Parameters) -> list[tuple[str, str]]:
+    """Return key paths and changes of up to two keys that leave nothing unusual by a factor between units."""
+    keys = ["area", "youngs_modulus", p.weight_key, p.length_key, "ends"]
+    keys += ["breaking_strength"] if p.breaking_strength is not None else []
+    found = []
+    for key in keys:
+        for factor, unit in UNITS.get(
+            key, UNITS["length" if key in ("ends", "unstretched_length") else "force"]
+        ).items():
+            if _is_usual(scaled := _scaled(p, key, factor)):
+                path = "ends.upper" if key == "ends" else f"cable.{key}"
+                found.append((abs(math.log10(factor)), path, _change(scaled, key, factor, unit)))
+                break
+    return [(path, text) for _, path, text in sorted(found)[:2]]
+
+
+def _scaled(p: Parameters, key: str, factor: float) -> Parameters:
+    """Return the parameters with one key of the cable, or both ends, times a factor."""
+    if key == "area":
+        changes: dict[str, Any] = {
+            "area": p.area * factor, "stiffness": p.stiffness * factor, "mass": p.mass * factor, "weight": p.weight * factor
+        }  # fmt: skip
+    elif key == "youngs_modulus":
+        changes = {"stiffness": p.stiffness * factor}
+    elif key in WEIGHT_KEYS:
+        changes = {"mass": p.mass * factor, "weight": p.weight * factor}
+    elif key == "ends":
+        changes = {"lower": p.lower * factor, "upper": p.upper * factor}
+    elif key == "breaking_strength":
+        changes = {"breaking_strength": p.breaking_strength * factor}
+    else:
+        changes = {"length_value": p.length_value * factor}
+    return replace(p, **changes)
+
+
+def _is_usual(p: Parameters) -> bool:
+    """Tell whether a scene has an equilibrium and nothing unusual."""
+    try:
+        with np.errstate(all="ignore"):
+            return not notes_of(p)
+    except (SceneError, ArithmeticError):
+        return False
+
+
+def _change(scaled: Parameters, key: str, factor: float, unit: str) -> str:
+    """Describe the change of a key."""
+    given = f"given in {unit}?" if unit else f"{factor:g} times what was given"
+    if key == "ends":
+        return f"ends.lower and ends.upper times {factor:g} ({given})"
+    values = {
+        "area": scaled.area,
+        "youngs_modulus": scaled.stiffness / scaled.area,
+        "density": scaled.mass / scaled.area,
+        "specific_weight": math.hypot(*scaled.weight) / scaled.area,
+        "breaking_strength": scaled.breaking_strength,
+    }
+    return f"cable.{key} = {values.get(key, scaled.length_value):.6g} ({given})"
+
+
+def hint(p: Parameters) -> str:
+    """Return the remedy "; try: ..." of the error of a scene whose refusal one key in another unit explains; else empty."""
+    return "" if _is_usual(p) else _remedy(likely_keys(p))
+
+
+def _remedy(changes: list[tuple[str, str]]) -> str:
+    return f"; try: {' or '.join(text for _, text in changes)}" if changes else ""
+
+
+# --- the warning --------------------------------------------------------------------------------------------------------
+
+#: Texts of the warnings of scenes by their parameters, empty for usual scenes; parameters of equal scenes are one object.
+_WARNINGS: WeakKeyDictionary[Parameters, str] = WeakKeyDictionary()
+_TOLD: ContextVar[bool] = ContextVar("told", default=False)
+
+
+@contextmanager
+def told() -> Iterator[None]:
+    """Let the models within be silent about what is unusual, because their caller has warned of it."""
+    token = _TOLD.set(True)
+    try:
+        yield
+    finally:
+        _TOLD.reset(token)
+
+
+def warn_of_unusual(p: Parameters) -> None:
+    """Warn of the worst note on a scene, at the user's line; a fraction of a microsecond for parameters seen before."""
+    text = _WARNINGS.get(p)
+    if text is None:
+        text = _WARNINGS[p] = _warning(p)
+    if text and not _TOLD.get() and not inside_members():
+        warnings.warn(f"{text}; see cp.summary(scene) or cablepod check", UnusualSceneWarning, user_stacklevel())
+
+
+def warn_of_unusual_members(scene: xr.Dataset) -> None:
+    """Warn of the worst note on up to :data:`MEMBERS_CHECKED` members of a scene, the first and the last among them."""
+    members = Members(scene)
+    for index in np.unique(np.linspace(0, len(members) - 1, MEMBERS_CHECKED).astype(int)).tolist():
+        p = members[index]
+        if _warning(p):
+            warn_of_unusual(p)
+            return
+
+
+def _warning(p: Parameters) -> str:
+    """Return the text of the warning of a scene, empty for a usual one."""
+    try:
+        with np.errstate(all="ignore"):
+            notes = notes_of(p)
+    except (SceneError, ArithmeticError):
+        return ""  # the model refuses the scene, or does not need an equilibrium
+    if not notes:
+        return ""
+    changes = likely_keys(p)
+    key = changes[0][0] if changes else notes[0].key
+    more = f", and {len(notes) - 1} more" if len(notes) > 1 else ""
+    return f"{key}: the scene has {notes[0].text}{more}{_remedy(changes)}"
