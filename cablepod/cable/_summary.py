@@ -21,8 +21,6 @@ from cablepod.scene._notes import StaticNumbers, likely_keys, notes_of, static_n
 
 #: Number of frequencies in the plane and out of it.
 FREQUENCIES = 3
-#: Number of intervals along the cable on which the sag is looked for; a parabola through three points refines it.
-SAG_INTERVALS = 200
 #: Name -> (units, long name) of the numbers of a summary.
 NUMBERS = {
     "chord": ("m", "distance of the ends"),
@@ -170,20 +168,17 @@ def _numbers_of_member(p: Parameters) -> dict[str, Any]:
 
 
 def _sag(p: Parameters, numbers: StaticNumbers) -> float:
-    """Return the largest distance of the catenary from the chord [m]."""
+    """Return the largest distance of the catenary from the chord [m]: there the tangent is parallel to the chord."""
     from cablepod.catenary import _kernels_shape as kernel  # numba is imported only to compute
 
-    plane = load_plane(p)
-    s = numbers.length * np.linspace(0.0, 1.0, SAG_INTERVALS + 1)
-    x, y, tension = np.empty_like(s), np.empty_like(s), np.empty_like(s)
+    plane, (length, _, horizontal, mid_force, *_) = load_plane(p), numbers.statics.tolist()
+    if not (plane.load > 0.0 and plane.span > 0.0):
+        return 0.0
+    at = 0.5 * length + (horizontal * plane.rise / plane.span - mid_force) / plane.load
+    s = np.array([min(max(at, 0.0), length)])
+    x, y, tension = np.empty(1), np.empty(1), np.empty(1)
     kernel.shape(s, numbers.statics, plane.load, p.stiffness, x, y, tension)
-    distance = np.abs(x * plane.rise - y * plane.span) / plane.chord
-    at = int(distance.argmax())
-    if not 0 < at < SAG_INTERVALS:
-        return float(distance[at])
-    before, most, after = distance[at - 1 : at + 2]
-    curvature = before - 2.0 * most + after
-    return float(most - (after - before) ** 2 / (8.0 * curvature) if curvature < 0.0 else most)
+    return abs(float(x[0] * plane.rise - y[0] * plane.span)) / float(plane.chord)
 
 
 def _frequencies(p: Parameters, length: float) -> tuple[np.ndarray, np.ndarray]:

@@ -31,7 +31,8 @@ class Group(click.Group):
         except click.UsageError as error:
             similar = closest(args[0], self.commands)
             if similar and not getattr(error, "possibilities", None):  # newer versions of click name them
-                error.message = f"{error.message.rstrip('.')}; did you mean {' or '.join(similar)}"
+                text = f"{error.message.rstrip('.')}; did you mean {' or '.join(similar)}"
+                raise click.UsageError(text, ctx) from None
             raise
 
     def invoke(self, ctx: click.Context) -> int:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.errors import SceneError, did_you_mean, named, scene_error
+from cablepod.errors import SceneError, closest, did_you_mean, named, scene_error
 from cablepod.parameters._checks import choice
 from cablepod.parameters._key_paths import motion_path, nested, point_load_path
 from cablepod.parameters._keys import (
@@ -180,7 +180,9 @@ def _check_time_function(prefix: str, table: Any, units: str, folder: Path) -> d
     if not isinstance(table, Mapping):
         raise scene_error(prefix, table, "a table with the key kind")
     if "kind" not in table:
-        raise SceneError(f"{prefix}.kind: missing; allowed: one of {', '.join(kinds)}")
+        wrong = [name for name in table if closest(name, ["kind"])]
+        remedy = f"; try: {prefix}.kind in place of {join(prefix, wrong[0])}" if wrong else ""
+        raise SceneError(f"{prefix}.kind: missing; allowed: one of {', '.join(kinds)}{remedy}")
     kind = choice(*kinds)(f"{prefix}.kind", table["kind"])
     values = {name: value for name, value in table.items() if name != "kind"}
     checked = check_table(prefix, values, kinds[kind])
@@ -226,6 +228,10 @@ def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, An
 def _check_ensemble(table: Any, tree: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(table, Mapping):
         raise scene_error("ensemble", table, "a table with the keys " + ", ".join([*ENSEMBLE, "ranges"]))
+    for name in table:
+        if name not in (keys := [*ENSEMBLE, "ranges"]):
+            similar = meant("ensemble", name, keys)
+            raise SceneError(f"{join('ensemble', name)}: unknown key; allowed: {', '.join(keys)}{similar}")
     checked = check_table("ensemble", {key: value for key, value in table.items() if key != "ranges"}, ENSEMBLE)
     count, sampling = checked["members"], checked["sampling"]
     checked["ranges"] = check_ranges(table.get("ranges"), tree, members=count, sampling=sampling)

@@ -51,6 +51,8 @@ UNITS: dict[str, dict[float, str]] = {
     "specific_weight": {1e3: "kN/m3", 1e6: "MN/m3", 1e-3: "", 1e-6: ""},
     "density": {1e3: "t/m3", 1e6: "", 1e-3: "", 1e-6: ""},
     "force": {1e3: "kN", 1e6: "MN", 1e-3: "", 1e-6: ""},
+    "gravity": {1e-3: "mm/s2", 1e-6: ""},
+    "load": {1e-3: "", 1e-6: ""},
     "length": {1e-3: "mm", 1e-2: "cm", 1e3: "km", 1e-6: "", 1e6: ""},
 }
 
@@ -191,7 +193,7 @@ def _outside(key: str, what: str, value: float, usual: tuple[float, float], unit
     if low <= value <= high or not value > 0.0:
         return
     excess = math.log10(low / value if value < low else value / high)
-    within = f"up to {high:.3g}" if low == 0.0 else f"{low:.3g} to {high:.3g}"
+    within = f"up to {high:g}" if low == 0.0 else f"{low:g} to {high:g}"
     unit = f" {unit}" if unit else ""
     yield Note(key, f"{what} of {value:.3g}{unit} (usual: {within}{unit})", excess)
 
@@ -202,36 +204,44 @@ def _outside(key: str, what: str, value: float, usual: tuple[float, float], unit
 def likely_keys(p: Parameters) -> list[tuple[str, str]]:
     """Return key paths and changes of up to two keys that leave nothing unusual by a factor between units."""
     keys = ["area", "youngs_modulus", p.weight_key, p.length_key, "ends"]
+    keys += ["gravity"] if p.weight_key == "density" else []
+    keys += ["motion"] if p.motions else []
+    keys += ["load"] if p.load is not None else []
     keys += ["breaking_strength"] if p.breaking_strength is not None else []
     found = []
     for key in keys:
-        for factor, unit in UNITS.get(
-            key, UNITS["length" if key in ("ends", "unstretched_length") else "force"]
-        ).items():
+        of_length = key in ("ends", "motion", "unstretched_length")
+        for factor, unit in UNITS.get(key, UNITS["length" if of_length else "force"]).items():
             if _is_usual(scaled := _scaled(p, key, factor)):
-                path = "ends.upper" if key == "ends" else f"cable.{key}"
-                found.append((abs(math.log10(factor)), path, _change(scaled, key, factor, unit)))
+                found.append((abs(math.log10(factor)), *_change(scaled, key, factor, unit)))
                 break
     return [(path, text) for _, path, text in sorted(found)[:2]]
 
 
 def _scaled(p: Parameters, key: str, factor: float) -> Parameters:
-    """Return the parameters with one key of the cable, or both ends, times a factor."""
+    """Return the parameters with one key, both ends or all motions times a factor."""
+    changes: dict[str, Any]
     if key == "area":
-        changes: dict[str, Any] = {
-            "area": p.area * factor, "stiffness": p.stiffness * factor, "mass": p.mass * factor, "weight": p.weight * factor
-        }  # fmt: skip
-    elif key == "youngs_modulus":
-        changes = {"stiffness": p.stiffness * factor}
+        names = ("area", "stiffness", "mass", "weight")
+        changes = {name: getattr(p, name) * factor for name in names}
     elif key in WEIGHT_KEYS:
         changes = {"mass": p.mass * factor, "weight": p.weight * factor}
     elif key == "ends":
         changes = {"lower": p.lower * factor, "upper": p.upper * factor}
-    elif key == "breaking_strength":
-        changes = {"breaking_strength": p.breaking_strength * factor}
+    elif key == "motion":
+        changes = {"motions": {name: _scaled_function(motion, factor) for name, motion in p.motions.items()}}
     else:
-        changes = {"length_value": p.length_value * factor}
+        name = {"youngs_modulus": "stiffness", "gravity": "weight"}.get(key, key)
+        name = name if name in ("stiffness", "weight", "load", "breaking_strength") else "length_value"
+        changes = {name: getattr(p, name) * factor}
     return replace(p, **changes)
+
+
+def _scaled_function(function: TimeFunction, factor: float) -> TimeFunction:
+    """Return a time function times a factor."""
+    names = ("amplitude", "coefficients", "value")
+    scaled = {name: factor * np.asarray(function.values[name]) for name in names if name in function.values}
+    return TimeFunction(function.kind, {**function.values, **scaled})
 
 
 def _is_usual(p: Parameters) -> bool:
@@ -243,19 +253,23 @@ def _is_usual(p: Parameters) -> bool:
         return False
 
 
-def _change(scaled: Parameters, key: str, factor: float, unit: str) -> str:
-    """Describe the change of a key."""
+def _change(scaled: Parameters, key: str, factor: float, unit: str) -> tuple[str, str]:
+    """Return key path and text of the change of a key."""
     given = f"given in {unit}?" if unit else f"{factor:g} times what was given"
-    if key == "ends":
-        return f"ends.lower and ends.upper times {factor:g} ({given})"
     values = {
         "area": scaled.area,
         "youngs_modulus": scaled.stiffness / scaled.area,
         "density": scaled.mass / scaled.area,
         "specific_weight": math.hypot(*scaled.weight) / scaled.area,
         "breaking_strength": scaled.breaking_strength,
+        "gravity": math.hypot(*scaled.weight) / scaled.mass,
     }
-    return f"cable.{key} = {values.get(key, scaled.length_value):.6g} ({given})"
+    vectors = {"ends": "ends.lower and ends.upper", "load": "load.uniform", "motion": "the displacements of motion"}
+    if key in vectors:
+        path = {"ends": "ends.upper", "load": "load.uniform", "motion": "motion"}[key]
+        return path, f"{vectors[key]} times {factor:g} ({given})"
+    path = key if key == "gravity" else f"cable.{key}"
+    return path, f"{path} = {values.get(key, scaled.length_value):.6g} ({given})"
 
 
 def hint(p: Parameters) -> str:

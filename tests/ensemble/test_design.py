@@ -116,7 +116,7 @@ MISTAKES = [
     ({"gravity": [9.8, 9]}, {}, r"^ranges\.gravity: given \[9\.8, 9\]; allowed: \[low, high\] with low < high$"),
     ({"gravity": "all"}, {}, r"^ranges\.gravity: given 'all'; allowed: a list"),
     ({"cable.top_tensio": [1, 2]}, {}, r"^ranges\.cable\.top_tensio: unknown key path; allowed: the path of a number"),
-    ({"cable_area": [1, 2]}, {}, r"^ranges\.cable_area: unknown key path"),
+    ({"cable_aera": [1, 2]}, {}, r"^ranges\.cable_aera: unknown key path; .*; try: cable\.area$"),
     ({"ends.upper.z": [1, 2]}, {}, r"^ranges\.ends\.upper\.z: unknown key path"),
     ({"ends.upper": [1, 2]}, {}, r"^ranges\.ends\.upper: unknown key path"),
     ({5: [1, 2]}, {}, r"^ranges\.5: unknown key path"),

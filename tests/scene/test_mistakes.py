@@ -241,7 +241,7 @@ MISTAKES = [
     (
         "ensemble.member",
         5,
-        r"^ensemble\.member: unknown key; allowed: members, seed, sampling; try: ensemble\.members$",
+        r"^ensemble\.member: unknown key; allowed: members, seed, sampling, ranges; try: ensemble\.members$",
     ),
     ("ensemble", {"members": 0}, r"^ensemble\.members: given 0; allowed: a whole number of at least 1$"),
     ("ensemble", {"members": True}, r"^ensemble\.members: given True; allowed: a whole number of at least 1$"),

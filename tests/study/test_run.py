@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -215,3 +216,13 @@ def test_a_folder_that_cannot_be_is_refused(scene, tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(cp.ArchiveError, match=r"out: given .*, which is or lies below a file; allowed: a folder"):
         cp.study.run(scene, tmp_path / "file" / "below")
+
+
+def test_an_unusual_scene_warns_once_at_the_users_line(soft):
+    soft["motion"]["upper"]["x"]["amplitude"] = -0.6
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        cp.study.run(cp.make_scene(soft), ranks=(1, 2))
+    found = [item for item in caught if issubclass(item.category, cp.UnusualSceneWarning)]
+    assert [item.filename for item in found] == [__file__]
+    assert str(found[0].message).startswith("motion.upper.x: the scene has a displacement over the chord of 0.12")

@@ -1,0 +1,86 @@
+"""``cablepod check``: the table, its notes, and what similar names the command proposes."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from scenes import SOFT_TOML
+
+import cablepod as cp
+from cablepod import cli
+from cablepod import examples as shipped
+from cablepod.cli import _summary
+
+
+def said_of(capsys, *arguments):
+    status = cli.main(list(arguments))
+    said = capsys.readouterr()
+    return status, said.out, said.err
+
+
+def test_the_table_holds_the_numbers_of_the_summary(capsys):
+    status, out, err = said_of(capsys, "check", "example2")
+    assert (status, err) == (0, "")
+    lines = out.splitlines()
+    assert lines[0] == "Example 2: slow end motion"
+    numbers = cp.summary(shipped.scene("example2"))
+    values = {line[:34].strip(): line[34:].strip() for line in lines[1:]}
+    for text, name, unit, factor in _summary.LINES:
+        if name not in numbers:
+            assert text not in values
+            continue
+        value, _, rest = values[text].partition(" ")
+        assert float(value) == pytest.approx(factor * float(numbers[name]), rel=1e-4)  # five digits
+        assert rest == unit
+    for text, plane in _summary.FREQUENCIES:
+        hertz, omega = values[text].split(" Hz ")
+        assert [float(value) for value in hertz.split()] == pytest.approx(
+            numbers[f"frequency_{plane}"].values, rel=1e-4
+        )
+        found = [float(value) for value in re.findall(r"[\d.]+", omega)]
+        assert found == pytest.approx(numbers[f"angular_frequency_{plane}"].values, rel=1e-4)
+    assert "note" not in out
+
+
+def test_notes_are_no_errors(tmp_path, capsys):
+    path = tmp_path / "guy.toml"
+    path.write_text(SOFT_TOML.replace("density = 1000.0", "density = 1.0\nbreaking_strength = 5e4"))
+    status, out, err = said_of(capsys, "check", str(path))
+    assert (status, err) == (0, "")
+    assert "  note: cable.density: a density of 1 kg/m3 (usual: 500 to 25000 kg/m3)" in out.splitlines()
+    assert "  note: perhaps cable.density = 1000 (given in t/m3?)" in out.splitlines()
+    assert re.search(r"^  utilisation at rest +0\.4 %$", out, re.MULTILINE)
+
+
+def test_run_prints_the_worst_note_once(tmp_path, capsys):
+    path = tmp_path / "guy.toml"
+    path.write_text(SOFT_TOML.replace("amplitude = -0.05", "amplitude = -0.6"))
+    status, out, err = said_of(capsys, "run", str(path), "--out", str(tmp_path / "out"), "--ranks", "1")
+    assert status == 0
+    assert err.count("cablepod: note: motion.upper.x: the scene has a displacement over the chord of 0.12") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "remedy"),
+    [
+        (("chek", "example2"), "check"),
+        (("ensembel", "example2"), "ensemble"),
+        (("check", "exmaple2"), "example2"),
+        (("run", "slackcable", "--out", "x"), "slack_cable"),
+        (("examples", "sagging2"), "sagging"),
+        (("run", "example2", "--rank", "2"), "--ranks"),
+    ],
+)
+def test_similar_names_are_proposed(arguments, remedy, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    status, _, err = said_of(capsys, *arguments)
+    assert status == 2
+    assert re.search(rf"(try: |did you mean '?|Did you mean '?){re.escape(remedy)}\b", err), err
+    assert err.count("\n") == 1
+
+
+def test_a_free_end_has_no_frequencies(capsys):
+    status, out, _ = said_of(capsys, "check", "pendulum")
+    assert status == 0
+    assert re.search(r"^  first frequencies in plane +none$", out, re.MULTILINE)

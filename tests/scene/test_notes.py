@@ -1,0 +1,246 @@
+"""Notes on unusual scenes: units a thousand or a million times off, each threshold, and the warning of the models."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+import re
+import warnings
+
+import pytest
+from scenes import SOFT
+
+import cablepod as cp
+from cablepod import examples
+from cablepod.parameters._from_scene import SceneContent, parameters
+from cablepod.scene import _notes
+from cablepod.scene._notes import likely_keys, notes_of, told, warn_of_unusual
+
+#: A steel guy, as an engineer gives it; nothing is unusual about it.
+GUY = {
+    "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 7850.0, "top_tension": 15000.0},
+    "ends": {"lower": [0.0, 0.0], "upper": [20.4, 57.7]},
+    "motion": {"upper": {"x": {"kind": "harmonic", "amplitude": 0.2, "angular_frequency": 1.0}}},
+    "load": {"uniform": [15.0, 0.0]},
+    "time": {"duration": 10.0, "interval": 1.0},
+    "chain": {"links": 8},
+}
+#: Keys of the cable that can stand for others, with the value of the same cable.
+OTHER_KEYS = {
+    "specific_weight": 77000.0,
+    "bottom_tension": 14000.0,
+    "horizontal_force": 5000.0,
+    "unstretched_length": 61.16,
+    "breaking_strength": 1.2e5,
+}
+KEYS = ("youngs_modulus", "area", "density", "top_tension", *OTHER_KEYS, "ends")
+FACTORS = (1e-6, 1e-3, 1e3, 1e6)
+
+
+def guy(**changes):
+    """The steel guy with keys of its cable changed; a key of length or weight takes the place of the other."""
+    mapping = copy.deepcopy(GUY)
+    for key, value in changes.items():
+        if key in ("bottom_tension", "horizontal_force", "unstretched_length"):
+            del mapping["cable"]["top_tension"]
+        if key == "specific_weight":
+            del mapping["cable"]["density"]
+        (mapping if key == "gravity" else mapping["cable"])[key] = value
+    return mapping
+
+
+def notes(mapping):
+    return notes_of(parameters(cp.make_scene(mapping)))
+
+
+def scaled(key, factor):
+    """The guy with one key in another unit."""
+    if key == "ends":
+        return {**GUY, "ends": {"lower": [0.0, 0.0], "upper": [20.4 * factor, 57.7 * factor]}}
+    return guy(**{key: OTHER_KEYS.get(key, GUY["cable"].get(key)) * factor})
+
+
+@pytest.mark.parametrize("key", OTHER_KEYS)
+def test_a_usual_guy_has_no_notes(key):
+    assert notes(GUY) == ()
+    assert notes(guy(**{key: OTHER_KEYS[key]})) == ()
+
+
+@pytest.mark.parametrize("factor", FACTORS)
+@pytest.mark.parametrize("key", KEYS)
+def test_another_unit_of_a_key_is_noted_or_refused_by_its_name(key, factor):
+    named = "ends.upper" if key == "ends" else f"cable.{key}"
+    mapping = scaled(key, factor)
+    try:
+        p = parameters(cp.make_scene(mapping))
+    except cp.SceneError as error:
+        said = str(error)
+        remedy = said.partition("; try: ")[2]
+        assert named in remedy, said
+    else:
+        assert notes_of(p)
+        assert named in [path for path, _ in likely_keys(p)], likely_keys(p)
+        said = _notes._warning(p)
+        assert said.startswith(named), said
+        remedy = said.partition("; try: ")[2]
+    # the value that is meant is told; an area 1000 times too large may also be one in cm2
+    if key != "ends" and (key, factor) != ("area", 1e3):
+        value = OTHER_KEYS.get(key, GUY["cable"].get(key))
+        told = re.search(rf"{re.escape(named)} = (\S+)", remedy)
+        assert told is not None, said
+        assert float(told[1]) == pytest.approx(value, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "unit"),
+    [
+        ("youngs_modulus", 160.0, "GPa"),
+        ("youngs_modulus", 1.6e5, "MPa"),
+        ("area", 125.0, "mm2"),
+        ("area", 1.25, "cm2"),
+        ("density", 7.85, "t/m3"),
+        ("specific_weight", 77.0, "kN/m3"),
+        ("top_tension", 15.0, "kN"),
+        ("gravity", 9810.0, "mm/s2"),
+        ("unstretched_length", 61160.0, "mm"),
+        ("breaking_strength", 120.0, "kN"),
+    ],
+)
+def test_the_unit_is_named(key, value, unit):
+    try:
+        said = _notes._warning(parameters(cp.make_scene(guy(**{key: value}))))
+    except cp.SceneError as error:
+        said = str(error)
+    assert f"(given in {unit}?)" in said
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "key"),
+    [
+        ("gravity", 31.0, "gravity"),
+        ("gravity", 0.00981, "gravity"),
+        ("cable.density", 499.0, "cable.density"),
+        ("cable.density", 25001.0, "cable.density"),
+        ("cable.top_tension", 2.6e9 * 1.25e-4, "cable.top_tension"),
+        ("motion.upper.x.amplitude", 6.2, "motion.upper.x"),
+        ("load", {"uniform": [970.0, 0.0], "kind": "ramp", "amplitude": 1.0, "duration": 5.0}, "load.uniform"),
+        ("point_load", [{"arc_length": 0.5, "force": [0.0, -6e4]}], "point_load.force"),
+        ("ends.upper", [20.4, -57.7], "ends.upper"),
+        ("cable.breaking_strength", 14000.0, "cable.breaking_strength"),
+    ],
+)
+def test_each_threshold(path, value, key):
+    mapping = copy.deepcopy(GUY)
+    *tables, name = path.split(".")
+    table = mapping
+    for part in tables:
+        table = table[part]
+    table[name] = value
+    found = notes(mapping)
+    assert key in [note.key for note in found], found
+    assert all(note.excess >= 0.0 for note in found)
+    assert list(found) == sorted(found, key=lambda note: -note.excess)
+
+
+@pytest.mark.parametrize(
+    ("function", "bound"),
+    [
+        ({"kind": "one_minus_cosine", "amplitude": -3.0, "angular_frequency": 1.0}, 6.0),
+        ({"kind": "harmonic", "amplitude": 3.0, "angular_frequency": 1.0, "phase": -1.5707963267948966}, 6.0),
+        ({"kind": "ramp", "amplitude": -3.0, "duration": 2.0}, 3.0),
+        ({"kind": "polynomial", "coefficients": [0.0, 0.03]}, 3.0),  # at the end, 10 s
+    ],
+)
+def test_the_largest_motion_is_that_of_the_run(function, bound):
+    p = parameters(cp.make_scene({**GUY, "motion": {"upper": {"y": function}}}))
+    numbers = _notes.static_numbers(p)
+    assert numbers.motion == pytest.approx(bound, rel=1e-12)
+    assert numbers.motion_key == "motion.upper.y"
+
+
+#: Shipped scenes that are unusual on purpose: lengths as printed in the paper, a folded chain, a whip.
+UNUSUAL = {"example2_as_printed", "example2_soft", "example3_as_printed", "example4_as_printed", "folded_chain", "whip"}
+
+
+@pytest.mark.parametrize("name", examples.scenes())
+def test_shipped_scenes_are_usual_but_for_some(name):
+    assert bool(notes_of(parameters(examples.scene(name)))) == (name in UNUSUAL)
+
+
+# --- the warning --------------------------------------------------------------------------------------------------------
+
+UNUSUAL_GUY = guy(density=7.85, top_tension=1500.0)
+
+
+def unusual_scene(**changes):
+    return cp.make_scene({**UNUSUAL_GUY, **changes})
+
+
+def warned(function, *arguments, **options):
+    """Call a function; return its warnings of unusual scenes."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        function(*arguments, **options)
+    return [item for item in caught if issubclass(item.category, cp.UnusualSceneWarning)]
+
+
+MODELS = {
+    "chain": lambda scene: cp.chain.simulate(scene, times=[0.0, 0.01], step=1e-5),
+    "cable": lambda scene: cp.cable.simulate(scene, times=[0.0, 0.01], step=1e-6, elements=4),
+    "rigid": lambda scene: cp.rigid.simulate(
+        scene.drop_vars("cable_top_tension").assign(cable_unstretched_length=62.0), times=[0.0, 0.01], step=1e-3
+    ),
+}
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_full_models_warn_once_at_the_users_line(model):
+    found = warned(MODELS[model], unusual_scene())
+    assert len(found) == 1
+    assert found[0].filename == __file__
+    assert 0 <= found[0].lineno - inspect.getsourcelines(MODELS[model])[1] <= 2
+    assert str(found[0].message).startswith("cable.density: the scene has a density of 7.85 kg/m3")
+    assert "try: cable.density = 7850 (given in t/m3?)" in str(found[0].message)
+    assert warned(MODELS[model], cp.make_scene(GUY)) == []
+
+
+def test_reduced_models_warn_once():
+    usual, scene = cp.make_scene(GUY), unusual_scene()
+    chain = cp.chain.simulate(usual, tolerance=1e-3)
+    modes, normal = cp.pod.decompose(chain, rank=2), cp.pod.decompose(chain, rank=2, layout="normal")
+    options = {"times": [0.0, 0.01], "step": 1e-5}
+    for simulate, of in ((cp.galerkin.simulate, modes), (cp.condensed.simulate, normal)):
+        for _ in range(2):  # the second time the scene is known
+            found = warned(simulate, scene, of, rank=1, **options)
+            assert [item.filename for item in found] == [__file__]
+        assert warned(simulate, usual, of, rank=1, **options) == []
+
+
+@pytest.mark.parametrize("model", ["chain", "cable", "rigid"])
+def test_members_warn_once(model):
+    scenes = cp.ensemble.design(unusual_scene(), {"cable.top_tension": [1000.0, 2000.0]}, members=12)
+    found = warned(MODELS[model], scenes)
+    assert len(found) == 1
+    assert found[0].filename == __file__
+
+
+def test_a_caller_that_warned_silences_the_models():
+    scene = unusual_scene()
+    with told():
+        assert warned(MODELS["chain"], scene) == []
+    assert len(warned(MODELS["chain"], scene)) == 1
+
+
+def test_the_notes_of_a_known_scene_are_not_computed_again(monkeypatch):
+    p = SceneContent.of(cp.make_scene(SOFT)).parameters()
+    warn_of_unusual(p)
+    monkeypatch.setattr(_notes, "_warning", None)
+    warn_of_unusual(SceneContent.of(cp.make_scene(SOFT)).parameters())
+
+
+def test_a_scene_without_equilibrium_is_no_matter_of_notes(soft):
+    # a weightless line longer than its span, which starts from given points
+    line = {"points": [[0.0, 0.0], [4.0, 4.0], [8.0, 6.0]]}
+    cable = {"youngs_modulus": 2e9, "area": 1e-5, "density": 1000.0, "unstretched_length": 12.0}
+    scene = cp.make_scene({**soft, "gravity": 0.0, "cable": cable, "initial": line})
+    assert warned(cp.chain.simulate, scene, times=[0.0, 0.01], step=1e-5) == []
