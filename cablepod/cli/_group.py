@@ -31,8 +31,7 @@ class Group(click.Group):
         except click.UsageError as error:
             similar = closest(args[0], self.commands)
             if similar and not getattr(error, "possibilities", None):  # newer versions of click name them
-                text = f"{error.message.rstrip('.')}; did you mean {' or '.join(similar)}"
-                raise click.UsageError(text, ctx) from None
+                raise click.UsageError(f"{error.message.rstrip('.')}; try: {' or '.join(similar)}", ctx) from None
             raise
 
     def invoke(self, ctx: click.Context) -> int:

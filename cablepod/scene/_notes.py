@@ -102,8 +102,7 @@ def static_numbers(p: Parameters) -> StaticNumbers:
     load = 0.0 if p.load is None else math.hypot(*p.load) * float(statics[0]) * _largest(p.load_factor, end_time)
     for point in p.point_loads:
         load += math.hypot(*point.force) * _largest(point.factor, end_time)
-    motions = [(_largest(motion, end_time), motion_path(*key)) for key, motion in p.motions.items()]
-    motion, key = max(motions, default=(0.0, ""))
+    motion, key = _largest_motion(p)
     return StaticNumbers(
         chord=math.dist(*p.initial_ends),
         diameter=math.sqrt(4.0 / math.pi * p.area),
@@ -114,6 +113,13 @@ def static_numbers(p: Parameters) -> StaticNumbers:
         motion=motion,
         motion_key=key,
     )
+
+
+def _largest_motion(p: Parameters) -> tuple[float, str]:
+    """Return the largest displacement of an end along an axis [m], and the key path of that motion."""
+    end_time = p.duration or 0.0
+    motions = [(_largest(motion, end_time), motion_path(*key)) for key, motion in p.motions.items()]
+    return max(motions, default=(0.0, ""))
 
 
 def _largest(function: TimeFunction | None, end_time: float) -> float:
@@ -266,7 +272,7 @@ def _change(scaled: Parameters, key: str, factor: float, unit: str) -> tuple[str
     }
     vectors = {"ends": "ends.lower and ends.upper", "load": "load.uniform", "motion": "the displacements of motion"}
     if key in vectors:
-        path = {"ends": "ends.upper", "load": "load.uniform", "motion": "motion"}[key]
+        path = {"ends": "ends.upper", "load": "load.uniform", "motion": _largest_motion(scaled)[1]}[key]
         return path, f"{vectors[key]} times {factor:g} ({given})"
     path = key if key == "gravity" else f"cable.{key}"
     return path, f"{path} = {values.get(key, scaled.length_value):.6g} ({given})"
