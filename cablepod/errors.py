@@ -127,6 +127,7 @@ def one_of(allowed: Iterable[str], given: Any) -> str:
 def user_stacklevel() -> int:
     """Return the ``stacklevel`` of a warning of the caller at which it names the first line outside this package."""
     frame, level = sys._getframe(1), 1
-    while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).partition(".")[0] == "cablepod":
+    inside = ("cablepod", "contextlib")
+    while frame.f_back is not None and str(frame.f_globals.get("__name__", "")).partition(".")[0] in inside:
         frame, level = frame.f_back, level + 1
     return level

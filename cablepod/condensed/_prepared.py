@@ -10,9 +10,10 @@ from cablepod.condensed._host import with_moving_end
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._prepared_dataset import UNCHANGED, check_coefficients, check_contents, stored_model
 from cablepod.condensed._prepared_model import PreparedModel
-from cablepod.errors import SceneError, one_of, scene_error
+from cablepod.errors import SceneError, scene_error
 from cablepod.integrate._request import check_step
 from cablepod.integrate._step_control import STEPS_PER_CHANGE, preferred_steps_per_second
+from cablepod.parameters._checks import choice
 from cablepod.parameters._from_scene import parameters as parameters_of
 from cablepod.parameters._parameters import Parameters
 
@@ -83,8 +84,7 @@ def prepare(
 
 def _checked_model(scene: xr.Dataset, modes: xr.Dataset, rank: int | None, order: str) -> tuple[CondensedModel, float]:
     """Return model and stability limit at rest [s]; refuse what prepared models lack."""
-    if not isinstance(order, str) or order not in ORDERS:
-        raise scene_error("order", order, one_of(ORDERS, order))
+    choice(*ORDERS)("order", order)
     p = parameters_of(scene)
     _check_scene(p)
     if isinstance(modes, xr.Dataset) and TEST in modes:

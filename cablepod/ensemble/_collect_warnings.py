@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from cablepod.errors import MemberFailedWarning
+from cablepod.errors import MemberFailedWarning, user_stacklevel
 
 #: Category and text of a warning.
 Note = tuple[type[Warning], str]
@@ -68,4 +68,4 @@ def emit_warnings(notes: list[Note], count: int) -> None:
         if category is MemberFailedWarning:
             continue
         more = f" (and {len(texts) - 1} more such warnings in {count} members)" if len(texts) > 1 else ""
-        warnings.warn(texts[0] + more, category, stacklevel=4)
+        warnings.warn(texts[0] + more, category, stacklevel=user_stacklevel())

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.errors import SceneError, scene_error
+from cablepod.parameters._key_paths import variable_name
 from cablepod.plots import _style
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def parameter_map(
     variable
         Name of a numeric variable.
     x, y
-        Names of two numeric parameters.
+        Names of two numeric parameters, or their key paths.
     contours
         Draw labelled contour lines if the parameters form a full grid.
     ax
@@ -74,6 +75,7 @@ def parameter_map(
     SceneError
         For missing variables and for other dimensions.
     """
+    x, y = (variable_name(name) if isinstance(name, str) else name for name in (x, y))
     across, up, values = _flat_columns(result, variable, x, y)
     ax = _style.axes(ax)
     label = _label(result, variable)

@@ -5,13 +5,13 @@ A note is no error: the scene runs.  Its purpose is a number in another unit, a 
 
 from __future__ import annotations
 
+import functools
 import math
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -26,6 +26,7 @@ from cablepod.parameters._keys import WEIGHT_KEYS
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
 
+F = TypeVar("F", bound=Callable[..., Any])
 #: Usual densities [kg/m3]: ropes of polyethylene float (970, with voids 600), tungsten has 19300.
 DENSITY = (500.0, 25000.0)
 #: Usual moduli [Pa]: soft rubber 1e7, nylon rope 1e9, steel 2e11, diamond 1.2e12.
@@ -291,17 +292,22 @@ def _remedy(changes: list[tuple[str, str]]) -> str:
 
 #: Texts of the warnings of scenes by their parameters, empty for usual scenes; parameters of equal scenes are one object.
 _WARNINGS: WeakKeyDictionary[Parameters, str] = WeakKeyDictionary()
-_TOLD: ContextVar[bool] = ContextVar("told", default=False)
+#: Whether the function that is running has warned; None outside of functions that warn once.
+_WARNED: ContextVar[list[bool] | None] = ContextVar("warned", default=None)
 
 
-@contextmanager
-def told() -> Iterator[None]:
-    """Let the models within be silent about what is unusual, because their caller has warned of it."""
-    token = _TOLD.set(True)
-    try:
-        yield
-    finally:
-        _TOLD.reset(token)
+def warn_once(function: F) -> F:
+    """Decorate a function that calls several models on one scene: the first warns of what is unusual, the others do not."""
+
+    @functools.wraps(function)
+    def wrapper(*args: Any, **options: Any) -> Any:
+        token = _WARNED.set([])
+        try:
+            return function(*args, **options)
+        finally:
+            _WARNED.reset(token)
+
+    return cast(F, wrapper)
 
 
 def warn_of_unusual(p: Parameters) -> None:
@@ -309,7 +315,10 @@ def warn_of_unusual(p: Parameters) -> None:
     text = _WARNINGS.get(p)
     if text is None:
         text = _WARNINGS[p] = _warning(p)
-    if text and not _TOLD.get() and not inside_members():
+    warned = _WARNED.get()
+    if text and not warned and not inside_members():
+        if warned is not None:
+            warned.append(True)
         warnings.warn(f"{text}; see cp.summary(scene) or cablepod check", UnusualSceneWarning, user_stacklevel())
 
 

@@ -51,6 +51,7 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "cable.frequencies": (("scene",), {}),
     "cable.rest": (("scene",), {}),
     "cable.simulate": (("scene",), {"step": 1e-2}),
+    "cable.summary": (("scene",), {}),
     "catenary.rest": (("scene",), {}),
     "chain.rest": (("scene",), {}),
     "chain.simulate": (("scene",), {"step": 1e-3}),
@@ -84,6 +85,7 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "rigid.rest": (("scene",), {}),
     "rigid.simulate": (("scene",), {"step": 1e-3}),
     "study.run": (("scene",), {}),
+    "summary": (("scene",), {}),
 }
 #: Functions whose first argument is no Dataset.
 OTHERS = {"archive.open_ensemble", "archive.read", "catenary.solve", "make_scene", "read_scene"}

@@ -204,6 +204,14 @@ def test_members_elsewhere_are_dots_and_those_without_a_result_crosses():
     assert mesh_of(plots.parameter_map(members(missing=True), "peak", x="omega", y="size")).get_array().mask[1, 1]
 
 
+def test_a_map_takes_key_paths():
+    paths = {"x": "motion.upper.x.angular_frequency", "y": "motion.upper.x.amplitude"}
+    names = {axis: path.replace(".", "_") for axis, path in paths.items()}
+    given = members().rename(omega=names["x"], size=names["y"])
+    found, expected = (mesh_of(plots.parameter_map(given, "peak", **axes)).get_array() for axes in (paths, names))
+    np.testing.assert_array_equal(found, expected)
+
+
 def test_error_against_run_time_draws_settings_fronts_and_ratios():
     ax = plots.error_against_run_time(settings(), scene="guy")
     drawn = {line.get_label(): line.get_xydata() for line in ax.lines}

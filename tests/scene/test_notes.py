@@ -14,7 +14,7 @@ import cablepod as cp
 from cablepod import examples
 from cablepod.parameters._from_scene import SceneContent, parameters
 from cablepod.scene import _notes
-from cablepod.scene._notes import likely_keys, notes_of, told, warn_of_unusual
+from cablepod.scene._notes import likely_keys, notes_of, warn_of_unusual, warn_once
 
 #: A steel guy, as an engineer gives it; nothing is unusual about it.
 GUY = {
@@ -224,10 +224,16 @@ def test_members_warn_once(model):
     assert found[0].filename == __file__
 
 
-def test_a_caller_that_warned_silences_the_models():
+def test_a_function_of_several_models_warns_once():
     scene = unusual_scene()
-    with told():
-        assert warned(MODELS["chain"], scene) == []
+
+    @warn_once
+    def both(scene):
+        MODELS["chain"](scene)
+        MODELS["cable"](scene)
+
+    for _ in range(2):
+        assert len(warned(both, scene)) == 1
     assert len(warned(MODELS["chain"], scene)) == 1
 
 

@@ -98,7 +98,10 @@ def test_a_record_that_brings_the_ends_together(soft, scene_folder):
     (scene_folder / "bad.csv").write_text(csv([(i, -8.0) for i in range(6)]))
     soft["ends"]["upper"] = [8.0, 0.0]
     soft["motion"]["upper"]["x"] = {"kind": "file", "path": "bad.csv"}
-    refused(soft, r"^motion: given one that begins with the ends 0 m apart; allowed: 1e-06 m to 1e\+09 m$")
+    refused(
+        soft,
+        r"^motion: given one that begins with the ends 0 m apart; allowed: 1e-06 m to 1e\+09 m; try: the disp.* mm",
+    )
 
 
 def test_an_error_names_the_point_load_as_the_file_numbers_it(soft, scene_folder):
