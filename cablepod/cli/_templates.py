@@ -34,7 +34,7 @@ TEXTS = {
         "Rest, snapshots of the chain, modes, reduced models, their errors and run times, figures; all archived.",
         f"SCENE.toml: scene file, or a shipped scene: {', '.join(scenes())}",
         (
-            "cablepod run example2 --out out/example2",
+            "cablepod run example2",
             "cablepod run guy.toml --out out/guy --ranks 1,2,4,8 --overwrite",
         ),
     ),
