@@ -59,15 +59,81 @@ def models(study: xr.DataTree) -> list[dict[str, Any]]:
 
 def as_json(study: xr.DataTree) -> str:
     """Return the answers and the table as JSON."""
-    content = {"title": study.attrs["title"], "models": models(study), "left_out": study.attrs["left_out"]}
+    content = {
+        "title": study.attrs["title"],
+        "answers": answers(study),
+        "models": models(study),
+        "left_out": study.attrs["left_out"],
+    }
     return json.dumps(content, indent=2, allow_nan=False)
 
 
 def text(study: xr.DataTree, folder: Path) -> str:
     """Return what the command prints: title, answers, models, singular values, files."""
     files = [path.name for path in sorted(folder.iterdir()) if path.suffix in (".nc", ".png")]
-    parts = [study.attrs["title"], table(study), singular_values(study["modes"].to_dataset())]
+    parts = [study.attrs["title"], answers_text(study), table(study), singular_values(study["modes"].to_dataset())]
     return "\n\n".join([*parts, f"{folder}: {', '.join(files)}"])
+
+
+def answers(study: xr.DataTree) -> dict[str, Any]:
+    """Return the answers that an engineer asks first: numbers at rest, frequencies, tensions over time."""
+    numbers = study["summary"].to_dataset()
+    names = ("unstretched_length", "chord", "sag", "stress", "tension_lower", "tension_upper")
+    found: dict[str, Any] = {name: _number(numbers[name]) for name in names}
+    found["frequency_in_plane"] = [_number(value) for value in numbers["frequency_in_plane"]]
+    found["frequency_out_of_plane"] = [_number(value) for value in numbers["frequency_out_of_plane"]]
+    found["tension"] = {kind: _peak(study, kind) for kind in ("maximum", "minimum")}
+    return found
+
+
+def _peak(study: xr.DataTree, kind: str) -> dict[str, Any]:
+    """Return the largest or the smallest tension of the chain, with instant, place and error.
+
+    The error by the length of the links, of second order, is a third of the change from half the links.
+    """
+    find = np.argmax if kind == "maximum" else np.argmin
+    chain = study["chain"].to_dataset()
+    tension, sigma = chain["tension"].transpose("time", "link").values, chain["arc_length"].values
+    instant, link = np.unravel_index(find(tension), tension.shape)
+    error = None
+    if "chain_half" in study:
+        half = study["chain_half"].to_dataset()["tension"].values
+        error = abs(float(tension[instant, link] - half.flat[find(half)])) / 3.0
+    place = 0.5 * float(sigma[link] + sigma[link + 1])
+    time = float(chain["time"][instant])
+    return {"value": float(tension[instant, link]), "time": time, "arc_length": place, "error": error}
+
+
+def answers_text(study: xr.DataTree) -> str:
+    """Return the answers as lines, each with how far to trust it."""
+    found = answers(study)
+    chord, sag = found["chord"], found["sag"]
+    rest = study["chain_rest"].to_dataset()
+    change = abs(float(rest["tension_upper"]) / found["tension_upper"] - 1.0)
+    chain = study["chain"].to_dataset()
+    links, length = chain.sizes["particle"] - 1, float(chain["arc_length"][-1])
+    lines = [
+        f"at rest      length {found['unstretched_length']:.5g} m, sag {sag:.3g} m ({100 * sag / chord:.2g} % of the chord), "
+        f"stress {found['stress'] / 1e6:.4g} MPa",
+        f"             tension {found['tension_lower']:.5g} N at the lower end, {found['tension_upper']:.5g} N at the upper",
+        f"             exact catenary without point loads; the chain of {links} links differs by {100 * change:.2g} %",
+        f"vibration    {_hertz(found['frequency_in_plane'])} Hz in the plane, "
+        f"{_hertz(found['frequency_out_of_plane'])} Hz out of it, about rest",
+    ]
+    for name, kind in (("largest", "maximum"), ("smallest", "minimum")):
+        peak = found["tension"][kind]
+        trust = "" if peak["error"] is None else f", ± {peak['error']:.2g} N by the length of the links"
+        lines.append(
+            f"tension      {name} {peak['value']:.5g} N at {peak['time']:.4g} s, "
+            f"S / L0 = {peak['arc_length'] / length:.2g}{trust}"
+        )
+    notes = [line for line in str(study["summary"].to_dataset()["note"].values).split("\n") if line]
+    return "\n".join(lines + [f"note         {note}" for note in notes])
+
+
+def _hertz(values: list[float | None]) -> str:
+    """Return frequencies with three digits."""
+    return ", ".join("none" if value is None else f"{value:.3g}" for value in values)
 
 
 def table(study: xr.DataTree) -> str:

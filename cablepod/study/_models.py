@@ -22,6 +22,8 @@ MODELS: dict[str, tuple[Callable[..., xr.Dataset], str]] = {
 }
 #: Tolerances of the chains that are compared with the reduced models, and the smallest number of links that is halved for them.
 CHAIN_TOLERANCES, MIN_HALVED_LINKS = (1e-1, 1e-2, 1e-3), 8
+#: Tolerance of the chain of half the links that tells the error of tensions.
+COARSER_TOLERANCE = 1e-4
 #: The chains take no more time together than this multiple of that of the reference solution, or than a minimum [s].
 CHAIN_SHARE, CHAIN_SECONDS = 1.5, 1.0
 #: Variables of a row of the table beside its errors: unit and long name.
@@ -130,6 +132,25 @@ def chains_of(
     table["tolerance"].attrs = {"units": "1", "long_name": "tolerance of the time error, as a fraction of the motion"}
     table.attrs = {**rows[0].attrs, "title": "errors and run times of cheaper chains"}
     return table
+
+
+def coarser_chain(scene: xr.Dataset, reference: xr.Dataset) -> xr.Dataset | None:
+    """Return the tensions of a chain of half the links; None where there are too few, or it stops."""
+    links = reference.sizes["particle"] - 1
+    if links < MIN_HALVED_LINKS:
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the chain of all links has warned
+        try:
+            return chain.simulate(
+                scene,
+                links=links // 2,
+                times=reference["time"].values,
+                tolerance=COARSER_TOLERANCE,
+                outputs=("tension",),
+            )
+        except RunStopped:
+            return None
 
 
 def fastest_chain(chains: xr.Dataset | None, error: float) -> xr.Dataset | None:

@@ -16,12 +16,13 @@ import xarray as xr
 
 from cablepod import archive, catenary, chain, compare, pod
 from cablepod.archive._folder import prepare_folder
+from cablepod.cable._summary import summary
 from cablepod.discretisation._chain import chain_of
 from cablepod.errors import RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.parameters._from_scene import parameters
 from cablepod.scene._notes import warn_once
 from cablepod.study._figures import write_figures
-from cablepod.study._models import MODELS, chains_of, table_of, timed_twice, with_row
+from cablepod.study._models import MODELS, chains_of, coarser_chain, table_of, timed_twice, with_row
 from cablepod.study._timing import timed
 
 #: Interval between the instants of the comparison [s], and their maximum number beside the snapshots (for long runs).
@@ -31,7 +32,9 @@ TRUTH_TOLERANCE = 1e-6
 #: Maximum number of modes that are computed.
 MAX_MODES = 20
 #: Stages beside the reduced models.
-STAGES = ("scene", "catenary", "chain_rest", "chain", "modes", "normal_modes", "comparison", "chains")
+STAGES = (
+    "scene", "summary", "catenary", "chain_rest", "chain", "chain_half", "modes", "normal_modes", "comparison", "chains",
+)  # fmt: skip
 
 
 @warn_once
@@ -71,7 +74,8 @@ def run(
     Returns
     -------
     xarray.DataTree
-        A node for each stage: "scene", "catenary", "chain_rest", "chain", "modes", "normal_modes", "condensed_r1" and so on,
+        A node for each stage: "scene", "summary", "catenary", "chain_rest", "chain", "chain_half" (tensions with half the links,
+        which tell the error of the tensions), "modes", "normal_modes", "condensed_r1" and so on,
         "galerkin_r1" and so on, "comparison", "chains".  ``study["chain"].to_dataset()`` is the Dataset that ``chain.simulate``
         gives, with the wall time of the call in the attribute ``wall_time_s`` [s].  "comparison" has errors and run times over
         ``model`` and ``rank``; "chains" has those of the cheaper chains.  The attribute ``left_out`` of the tree lists the models
@@ -115,11 +119,15 @@ def run(
 
     stages = _Stages(folder, progress, report)
     stages.add("scene", scene)
+    stages.add("summary", summary(scene))
     stages.add("catenary", catenary.rest(scene))
     stages.add("chain_rest", chain.rest(scene))
     report_at = _report_times(snapshots_at)
     truth = partial(chain.simulate, scene, times=report_at, tolerance=TRUTH_TOLERANCE, outputs=("position", "tension"))
     reference, seconds = stages.simulate("chain", "chain", timed, truth)
+    half = coarser_chain(scene, reference)
+    if half is not None:
+        stages.add("chain_half", half)
     snapshots = reference if report_at.size == snapshots_at.size else pod.at_times(reference, times=snapshots_at)
     modes = stages.modes(snapshots, available)
     ranks = _ranks_of(ranks, min(part.sizes["mode"] for part in modes.values()))
