@@ -17,20 +17,22 @@ from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import ChordFrame
 
 #: Number of modes of each deflection that the enriched model has beyond those of the motion (fewer where particles are few).
-EXTRA_MODES = 4
+EXTRA_MODES = 3
 #: Points along the cable for a motion of order "leading": POINTS plus POINTS_PER_MODE for each mode.  Other motions obey the
 #: exact closure on all links, and their residual is taken there.
-POINTS, POINTS_PER_MODE = 8, 2
+POINTS, POINTS_PER_MODE = 4, 2
 #: Joint Newton corrections of the closure, for order "leading" and for others (quadratic: the first leaves 1e-2 of the change).
 CORRECTIONS_LEADING, CORRECTIONS = 1, 4
-#: Interval of the residual samples times the angular frequency of the first truncated mode.
-SAMPLING_PHASE = 1.2
+#: Maximum interval of the residual samples times the angular frequency of the first truncated mode.
+SAMPLING_PHASE = 2.0
 #: Maximum number of samples (longer runs are sampled at longer intervals).
 MAX_SAMPLES = 20_000
 #: Maximum estimate: above twice the motion it only says that nothing is right.
 MAX_ERROR = 2.0
 #: Maximum number of instants at which the scale of the motion is computed.
 MOTION_SAMPLES = 200
+#: Number of models whose error equations are kept.
+KEPT_EQUATIONS = 32
 
 
 # --- enriched model ---------------------------------------------------------------------------------------------------
@@ -226,7 +228,9 @@ class ErrorEquation:
         kernel.error_growth(
             *motion, boundary_data, interval, *self.arguments, initial_error, initial_rate, squares, largest
         )
-        squares = np.nan_to_num(squares, nan=np.inf) / (self.chain.p.mass * self.chain.total_length)
+        squares /= self.chain.p.mass * self.chain.total_length
+        if not squares.max() < math.inf:
+            squares[np.isnan(squares)] = math.inf
         error = largest[:-1]
         return squares * (1.0 + self._chordwise_share(error, self.change @ motion[0][int(largest[-1])]))
 
@@ -257,12 +261,12 @@ def sample_interval(
     steps_per_second, end_time
         Steps per second of the run, and its end [s].
     phase
-        Interval of the samples times the angular frequency of the first truncated mode.
+        Maximum interval of the samples times the angular frequency of the first truncated mode (one step may be longer).
     """
     omega_truncated = math.sqrt(omega_squared) * (modes + 1.0) / max(modes, 1)
     return max(
         1,
-        round(phase / omega_truncated * steps_per_second),
+        math.floor(phase / omega_truncated * steps_per_second),
         math.ceil(end_time * steps_per_second / MAX_SAMPLES),
     )
 
@@ -290,9 +294,20 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float) ->
     rows, interval = state.samples, state.sample_interval
     rate = state.instants.steps_per_second / interval
     motion = state.saved[rows], state.saved_rates[rows], state.saved_accelerations[rows]
+    equation, error, error_rate = _error_at_start(model)
+    boundary_data = state.sampled_boundary_data
+    if boundary_data is None:
+        boundary_data = model.boundary_data(0, len(motion[0]) - 1, rate)
+    squares = equation.mean_squares(motion, boundary_data, 1.0 / rate, error, error_rate)
+    return min(math.sqrt(squares.max()) / scale, MAX_ERROR)
+
+
+@lru_cache(KEPT_EQUATIONS)
+def _error_at_start(model: CondensedModel) -> tuple[ErrorEquation, np.ndarray, np.ndarray]:
+    """Return the error equation of a model, the error at the start and its rate (R,); kept as long as the model is."""
     leading = model.order == "leading"
     equation = ErrorEquation.of(model.chain, model.modes, model.shapes, model.n_in_plane, leading=leading)
-    q = motion[0][0]
+    q = model.initial_state[0]
     if model.chain.p.initial:
         error = equation.coordinates(model.start_deflection()[:, 0]) - equation.change @ q
     else:
@@ -301,11 +316,7 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float) ->
     start_rates = model.start_deflection_rates
     if start_rates is not None:
         error_rate = equation.coordinates(start_rates) - equation.change @ model.coordinates(start_rates[:, None])[0]
-    boundary_data = state.sampled_boundary_data
-    if boundary_data is None:
-        boundary_data = model.boundary_data(0, len(motion[0]) - 1, rate)
-    squares = equation.mean_squares(motion, boundary_data, 1.0 / rate, error, error_rate)
-    return min(math.sqrt(squares.max()) / scale, MAX_ERROR)
+    return equation, error, error_rate
 
 
 def motion_of(model: CondensedModel, state: CondensedTrajectory) -> float:
@@ -317,22 +328,31 @@ def motion_of(model: CondensedModel, state: CondensedTrajectory) -> float:
     stride = -(-len(q) // MOTION_SAMPLES)
     q = q[::stride]
     times = np.arange(len(q)) * (stride * state.sample_interval / state.instants.steps_per_second)
-    chain, p = model.chain, model.chain.p
-    mass, change = p.mass * chain.total_length, q - q[0]
-    square = (change * change).sum(axis=1) / mass
+    p, change = model.chain.p, q - q[0]
+    square = (change * change).sum(axis=1) / (p.mass * model.chain.total_length)
     if p.motions:
         ends = p.end_positions(times)
         moved = ends - ends[0]
         lower, upper = moved[:, 0], moved[:, 1]
         square += ((lower + upper) * lower + upper * upper).sum(axis=1) / 3.0  # a linear displacement along the cable
-        normals = ChordFrame.of((ends[:1, 1] - ends[:1, 0]), model.reference).normals[0]
-        # means over the length of the shapes times (1 - sigma), which moves with the lower end, and times sigma
-        weighted = model.shapes * model.mass
-        of_upper = weighted @ (chain.arc_length / chain.total_length) / mass
-        of_lower = weighted.sum(axis=1) / mass - of_upper
-        for which, normal in zip(model.sets, normals, strict=True):
-            for end, mean in ((lower, of_lower), (upper, of_upper)):
-                square += 2.0 * (end @ normal) * (change[:, which] @ mean[which])
+        for which, normal, of_lower, of_upper in _means_of_shapes(model):
+            part = change[:, which]
+            square += 2.0 * ((lower @ normal) * (part @ of_lower) + (upper @ normal) * (part @ of_upper))
     largest = math.sqrt(max(float(square.max()), 0.0))
     chord = float(np.linalg.norm(p.upper - p.lower))
     return largest if largest > 1e-9 * chord else chord
+
+
+@lru_cache(KEPT_EQUATIONS)
+def _means_of_shapes(model: CondensedModel) -> list[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
+    """Return for each deflection its coordinates, its normal, and means over the length of two products of its shapes.
+
+    The first is that with 1 - sigma, which moves with the lower end, the second that with sigma.  Normals are those at the start.
+    """
+    chain, mass = model.chain, model.chain.p.mass * model.chain.total_length
+    ends = chain.p.initial_ends
+    normals = ChordFrame.of((ends[1] - ends[0])[None], model.reference).normals[0]
+    weighted = model.shapes * model.mass
+    of_upper = weighted @ (chain.arc_length / chain.total_length) / mass
+    of_lower = weighted.sum(axis=1) / mass - of_upper
+    return [(which, n, of_lower[which], of_upper[which]) for which, n in zip(model.sets, normals, strict=True)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -34,7 +35,7 @@ class CondensedTrajectory:
         remainder = self.instants.steps % self.sample_interval
         return np.flatnonzero(remainder == 0) if remainder.any() else slice(None)
 
-    @property
+    @cached_property
     def q(self) -> np.ndarray:
         """Coordinates at the instants of the output (times, r)."""
         if not self.instants.needs_interpolation:

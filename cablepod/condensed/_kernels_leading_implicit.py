@@ -1,4 +1,4 @@
-"""Compiled implicit steps of the condensed model to leading order: trapezoidal rule, and Fox and Goodwin's."""
+"""Compiled implicit steps of the condensed model to leading order."""
 
 from __future__ import annotations
 
@@ -9,9 +9,6 @@ from cablepod.condensed._kernels_closure import MAX_ITERATIONS, NEWTON_RTOL
 from cablepod.condensed._kernels_dense import _solve
 from cablepod.condensed._kernels_layout import LINK_ROWS
 from cablepod.condensed._kernels_leading import (
-    _add_test_stiffness,
-    _chord_tension,
-    _leading_acceleration,
     _link_tensions,
     _monitor_step,
     _straight_tension,
@@ -21,27 +18,28 @@ from cablepod.condensed._kernels_step import _save_implicit, _update_rates
 
 @compiled(inline="always")
 def _collect_known_terms(
-    q, v, acceleration, step, damping, beta, inertia_factor, new_part, boundary_data, row, geometric_stiffness,
+    q, v, acceleration, step, damping, inertia_factor, quarter_step_squared, boundary_data, row, geometric_stiffness,
     load_projection, known_terms, load_stiffness,
 ):  # fmt: skip
-    """Fill the terms of the implicit equation of a step that do not change with q (r,), (r, r); `new_part` is beta step^2."""
+    """Fill the terms of the implicit equation of a step that do not change with q (r,), (r, r)."""
     r, patterns = q.size, geometric_stiffness.shape[0]
-    old_part = (0.5 - beta + 0.5 * step * damping * (0.5 - 2.0 * beta)) / beta
     for j in range(r):
-        total = old_part * acceleration[j]
+        total = acceleration[j]
         for a in range(load_projection.shape[0]):
             total += boundary_data[row, 1 + patterns + a] * load_projection[a, j]
-        known_terms[j] = inertia_factor * q[j] + step * (1.0 + (0.5 - beta) * step * damping) * v[j] + new_part * total
+        known_terms[j] = (
+            inertia_factor * q[j] + step * (1.0 + 0.25 * step * damping) * v[j] + quarter_step_squared * total
+        )
         for k in range(r):
             total = 0.0
             for a in range(patterns):
                 total += boundary_data[row, 1 + a] * geometric_stiffness[a, j, k]
-            load_stiffness[j, k] = new_part * total
+            load_stiffness[j, k] = quarter_step_squared * total
 
 
 @compiled(inline="always")
 def _newton_system(
-    q, straight, inertia_factor, new_part, sag_stiffness, kappa, test_stiffness_defect, known_terms,
+    q, straight, inertia_factor, quarter_step_squared, sag_stiffness, kappa, test_stiffness_defect, known_terms,
     load_stiffness, tangent, change,
 ):  # fmt: skip
     """Fill residual (r,) and tangent (r, r) of the implicit equation of a step."""
@@ -49,18 +47,18 @@ def _newton_system(
     for j in range(r):
         chord_tension += sag_stiffness * kappa[j] * q[j] * q[j]
     for j in range(r):
-        diagonal = inertia_factor + new_part * chord_tension * kappa[j]
+        diagonal = inertia_factor + quarter_step_squared * chord_tension * kappa[j]
         residual = known_terms[j] - diagonal * q[j]
-        sag = 2.0 * new_part * sag_stiffness * kappa[j] * q[j]
+        sag = 2.0 * quarter_step_squared * sag_stiffness * kappa[j] * q[j]
         if test_stiffness_defect is not None:
             for k in range(r):
-                residual -= new_part * chord_tension * test_stiffness_defect[j, k] * q[k]
-                sag += 2.0 * new_part * sag_stiffness * test_stiffness_defect[j, k] * q[k]
+                residual -= quarter_step_squared * chord_tension * test_stiffness_defect[j, k] * q[k]
+                sag += 2.0 * quarter_step_squared * sag_stiffness * test_stiffness_defect[j, k] * q[k]
         for k in range(r):
             residual -= load_stiffness[j, k] * q[k]
             tangent[j, k] = load_stiffness[j, k] + sag * kappa[k] * q[k]
             if test_stiffness_defect is not None:
-                tangent[j, k] += new_part * chord_tension * test_stiffness_defect[j, k]
+                tangent[j, k] += quarter_step_squared * chord_tension * test_stiffness_defect[j, k]
         change[j] = residual
         tangent[j, j] += diagonal
 
@@ -80,19 +78,16 @@ def _remaining_residual(q, change, cross, square, kappa, test_stiffness_defect):
 
 @compiled
 def leading_implicit(
-    q, v, acceleration, previous_acceleration, step, damping, beta, boundary_data, stiffness, length, kappa,
-    test_stiffness_defect, mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms,
+    q, v, acceleration, step, damping, boundary_data, stiffness, length, kappa, test_stiffness_defect,
+    mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms,
     chordwise_forces_at_candidates, slopes, n_in_plane, chordwise_force_patterns, begin, output_steps, saved,
     half_step_rates, low, high, monitor,
 ):  # fmt: skip
-    """Advance by Newmark's method with gamma = 1/2 and a given beta, with Newton's method, to leading order.
+    """Advance by the trapezoidal rule (average acceleration) with Newton's method, to leading order.
 
-    q(t + h) = q + h v + h^2 ((1/2 - beta) a + beta a(t + h)), v(t + h) = v + h/2 (a + a(t + h)).  With beta = 1/4 it is the
-    trapezoidal rule (average acceleration).  With beta = 1/12 (Fox and Goodwin) coordinates are of fourth order without damping,
-    where v exceeds the rate by h^2 a_t / 12, and steps are stable below sqrt(6) over the highest angular frequency.
-
-    On call `q`, `v`, `acceleration` and, one step before, `previous_acceleration` belong to the first row of the boundary data,
-    on return to the last, which is the first of the next block.  Other parameters as in :func:`leading_verlet`.
+    On call `q`, `v` and `acceleration` belong to the first row of the boundary data, on return to the last, which is the first
+    of the next block.  Other parameters as in
+    :func:`cablepod.condensed._kernels_leading.leading_verlet`.
 
     Returns
     -------
@@ -100,26 +95,11 @@ def leading_implicit(
         Number of steps done; fewer than asked for where Newton's method did not converge.
     """
     r = q.size
-    work, matrices, vectors = np.empty((LINK_ROWS, low.size)), np.empty((2, r, r)), np.empty((3, r))
+    work, matrices, vectors = np.empty((LINK_ROWS, low.size)), np.empty((2, r, r)), np.empty((4, r))
     tangent, load_stiffness = matrices
-    change, q_start, known_terms = vectors
-    new_part, next_output, last_row = beta * step * step, 0, boundary_data.shape[0] - 1
-    is_trapezoidal, extrapolation = beta == 0.25, (0.5 - beta) / beta + 2.0
-    if begin == 0 and not is_trapezoidal:
-        # the excess of v over the rates, from the change of the acceleration over the first step
-        for j in range(r):
-            q_start[j] = q[j] + step * (v[j] + 0.5 * step * acceleration[j])
-        row = min(1, last_row)
-        chord_tension = _chord_tension(q_start, boundary_data, row, kappa, mean_chordwise_forces, stiffness, length)
-        _leading_acceleration(
-            q_start, boundary_data, row, chord_tension, kappa, geometric_stiffness, load_projection, change
-        )
-        if test_stiffness_defect is not None:
-            _add_test_stiffness(q_start, chord_tension, test_stiffness_defect, change)
-        for j in range(r):
-            change[j] -= damping * (v[j] + step * acceleration[j]) + acceleration[j]
-            previous_acceleration[j] = acceleration[j] - change[j]
-            v[j] += step / 12.0 * change[j]
+    change, q_start, known_terms, previous_acceleration = vectors
+    previous_acceleration[:] = acceleration
+    quarter_step_squared, next_output, last_row = 0.25 * step * step, 0, boundary_data.shape[0] - 1
     sag_stiffness, inertia_factor = 0.5 * stiffness / length, 1.0 + 0.5 * step * damping
     straight = _straight_tension(boundary_data, 0, mean_chordwise_forces, stiffness, length)
     for i in range(boundary_data.shape[0]):
@@ -136,28 +116,23 @@ def leading_implicit(
             )
         if next_output < output_steps.size and output_steps[next_output] == begin + i:
             _save_implicit(q, v, acceleration, step, saved[next_output], half_step_rates[next_output])
-            if not is_trapezoidal:
-                for j in range(r):
-                    excess = step / 12.0 * (acceleration[j] - previous_acceleration[j])
-                    half_step_rates[next_output, 0, j] -= excess
-                    half_step_rates[next_output, 1, j] -= excess
             next_output += 1
         if i == last_row:
             break
         straight = _straight_tension(boundary_data, i + 1, mean_chordwise_forces, stiffness, length)
         _collect_known_terms(
-            q, v, acceleration, step, damping, beta, inertia_factor, new_part, boundary_data, i + 1,
+            q, v, acceleration, step, damping, inertia_factor, quarter_step_squared, boundary_data, i + 1,
             geometric_stiffness, load_projection, known_terms, load_stiffness,
         )  # fmt: skip
         scale = 0.0
         for j in range(r):
             q_start[j] = q[j]
-            q[j] += step * v[j] + new_part * (extrapolation * acceleration[j] - previous_acceleration[j])
+            q[j] += step * v[j] + quarter_step_squared * (3.0 * acceleration[j] - previous_acceleration[j])
             scale = max(scale, abs(q[j]))
         previous_change, converged = 0.0, False  # the first correction has no known reduction
         for _ in range(MAX_ITERATIONS):
             _newton_system(
-                q, straight, inertia_factor, new_part, sag_stiffness, kappa, test_stiffness_defect,
+                q, straight, inertia_factor, quarter_step_squared, sag_stiffness, kappa, test_stiffness_defect,
                 known_terms, load_stiffness, tangent, change,
             )  # fmt: skip
             if not _solve(tangent, change):
@@ -172,7 +147,7 @@ def leading_implicit(
             # by the square of the last reduction (sharp for a stiff one)
             residual = _remaining_residual(q, change, cross, square, kappa, test_stiffness_defect)
             reduction = min(largest / previous_change, 1.0)
-            bound = min(2.0 * new_part * sag_stiffness * residual, largest * reduction * reduction)
+            bound = min(2.0 * quarter_step_squared * sag_stiffness * residual, largest * reduction * reduction)
             if bound <= NEWTON_RTOL * scale:
                 converged = True
                 break
@@ -181,12 +156,5 @@ def leading_implicit(
             for j in range(r):
                 q[j] = q_start[j]
             return i
-        if is_trapezoidal:
-            _update_rates(q_start, q, v, acceleration, previous_acceleration, step)
-        else:
-            for j in range(r):
-                previous_acceleration[j] = acceleration[j]
-                moved = q[j] - q_start[j] - step * v[j]
-                acceleration[j] = (moved - (0.5 * step * step - new_part) * acceleration[j]) / new_part
-                v[j] += 0.5 * step * (previous_acceleration[j] + acceleration[j])
+        _update_rates(q_start, q, v, acceleration, previous_acceleration, step)
     return last_row

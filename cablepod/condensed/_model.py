@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,8 @@ EQUILIBRIUM_RTOL = 1e-9
 ROUNDING_RTOL = 1e-14
 #: Maximum number of Newton iterations for the equilibrium.
 MAX_ITERATIONS = 60
+#: Number of scenes whose longest chords are kept.
+KEPT_CHORDS = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +111,13 @@ class CondensedModel(Coefficients):
                 q = q if rest is None else rest
         rates = self.start_deflection_rates
         return q, np.zeros_like(q) if rates is None else self.momenta(rates[:, None])[0]
+
+    @cached_property
+    def initial_forces(self) -> tuple[np.ndarray, float, float]:
+        """Undamped accelerations (r,), H [N] and a bound of the squared frequencies [1/s^2] in the initial state."""
+        (q, v), boundary_data = self.initial_state, self.initial_boundary_data
+        acceleration, _, chord_tension = self.force(q, v, boundary_data)
+        return acceleration, chord_tension, self.omega_max_squared(q, boundary_data, chord_tension)
 
     def start_deflection(self) -> np.ndarray:
         """Return the deflection of the chain at the start (normals, 1, particle) [m]."""
@@ -254,9 +263,8 @@ class CondensedModel(Coefficients):
 
     def omega_taut_squared(self, end_time: float, intervals: int = 1000) -> float:
         """Return the largest squared angular frequency without sag, at the longest chord up to `end_time` [s], in 1/s^2."""
-        ends = self.chain.p.end_positions(np.linspace(0.0, end_time, intervals + 1))
-        longest = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max()
-        chord_tension = self.chain.p.stiffness * max(float(longest) / self.chain.total_length - 1.0, 0.0)
+        longest = _longest_chord(self.chain.p, end_time, intervals)
+        chord_tension = self.chain.p.stiffness * max(longest / self.chain.total_length - 1.0, 0.0)
         return self.frequency_amplification * chord_tension * float(self.slope_norms_squared.max())
 
     @cached_property
@@ -274,6 +282,13 @@ class CondensedModel(Coefficients):
         _, tangent, mass, _ = self._forces(q, np.zeros_like(v), self.static_boundary_data)
         omega_squared = np.linalg.eigvals(np.linalg.solve(mass, tangent) if self.inertia.size else tangent)
         return float(np.abs(np.sqrt(omega_squared.astype(complex)).imag).max()) - 0.5 * self.chain.p.damping
+
+
+@lru_cache(KEPT_CHORDS)
+def _longest_chord(p: Parameters, end_time: float, intervals: int) -> float:
+    """Return the longest distance of the ends at equal intervals up to `end_time` [s], in m; kept for the same scenes."""
+    ends = p.end_positions(np.linspace(0.0, end_time, intervals + 1))
+    return float(np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max())
 
 
 def end_tables(p: Parameters, begin: int, steps: int, steps_per_second: float) -> tuple[np.ndarray, np.ndarray]:

@@ -63,14 +63,14 @@ def simulate(
         continuous cable instead of the chain.  Eight points suffice for four smooth modes, sixteen for eight.  Excludes point
         loads and "tension_extremes".
     scheme
-        "velocity_verlet" (explicit), "trapezoidal" (implicit, stable at any step) or, with order "leading", "fox_goodwin"
-        (implicit, of third order without damping, stable below 1.22 times the explicit limit).  By default explicit with a given
-        step or tolerance, and "fox_goodwin" without; trapezoidal where the stretching of the sag shortens such steps much.
+        "velocity_verlet" (explicit), "trapezoidal" (implicit, stable at any step) or, with order "leading", "numerov"
+        (explicit, of fourth order, stable below 1.73 times the limit of "velocity_verlet").  By default "velocity_verlet" with a
+        given step or tolerance, and "numerov" without; trapezoidal where the stretching of the sag shortens such steps much.
     step
         Time step [s]; by default it is refined until two runs agree within the tolerance.
     tolerance
-        Time error as a fraction of the largest rms displacement.  By default a tenth of the error that the first run expects of
-        the model, from 1e-6 to 1e-2; this time error is that of the deflection.
+        Time error as a fraction of the largest rms displacement.  By default a tenth of the estimated error of the model, from
+        1e-6 to 1e-2; this time error is that of the deflection.
     outputs
         Some of "position", "velocity", "tension", "tension_extremes" (over all steps) and "error_estimate" (of the model, see
         :func:`cablepod.condensed._estimate.estimate`).  Only these are computed.

@@ -15,9 +15,10 @@ from cablepod.integrate._step_control import damped_growth
 if TYPE_CHECKING:
     from cablepod.condensed._runs import CondensedRun
 
-#: Name of the scheme of fourth order, and Newmark's beta of the implicit schemes.
-FOURTH_ORDER = "fox_goodwin"
-BETA = {"trapezoidal": 1.0 / 4.0, FOURTH_ORDER: 1.0 / 12.0}
+#: Name of the scheme of fourth order.
+FOURTH_ORDER = "numerov"
+#: Schemes whose steps must not be too long for the damping.
+EXPLICIT = ("velocity_verlet", FOURTH_ORDER)
 #: Coordinates beyond this multiple of sqrt(mass) times length have diverged.
 DIVERGENCE_FACTOR = 1e6
 
@@ -78,9 +79,11 @@ class CondensedStepper:
         m = 0 if self.run.leading else model.rule[2].size
         stretch = np.full((2, m), model.stretch_guess(model.initial_boundary_data))
         damped = start.acceleration - damping * start.rates
-        if not self.run.explicit:
+        if self.run.scheme not in EXPLICIT:
             return start.q.copy(), start.rates.copy(), damped, stretch
         growth = damped_growth(damping, self.step)
+        if not self.run.explicit:
+            return start.q.copy(), start.rates.copy(), damped, stretch
         impulse_back = 0.5 * self.step if not damping else growth / damping
         return start.q.copy(), start.rates * (1.0 + growth) - impulse_back * start.acceleration, damped, stretch
 
@@ -108,24 +111,30 @@ class CondensedStepper:
         self, boundary_data: np.ndarray, outputs: tuple[Any, ...], tension_series: np.ndarray
     ) -> int | None:
         """Advance to leading order; return the steps done, None for an explicit run, which does all."""
-        from cablepod.condensed import _kernels_leading as kernel  # numba is imported only to compute
-        from cablepod.condensed import _kernels_leading_implicit as kernel_implicit
-
+        # numba is imported only to compute
         model = self.run.model
         norms = model.geometric_stiffness_norms / model.frequency_amplification
         rest = (*model.leading_coefficients, norms, model.chordwise_forces_at_candidates, *self.links, *outputs)
         if self.run.explicit:
+            from cablepod.condensed import _kernels_leading as kernel
+
             kernel.leading_verlet(
                 self.q, self.v, self.step, *self._damping_factors, boundary_data, *rest, tension_series
             )
             return None
         damping = model.chain.p.damping
-        if self.run.scheme != FOURTH_ORDER:
-            self.previous_acceleration[:] = self.acceleration
+        if self.run.scheme == FOURTH_ORDER:
+            from cablepod.condensed import _kernels_leading_numerov as kernel_numerov
+
+            kernel_numerov.leading_numerov(
+                self.q, self.v, self.acceleration, self.previous_acceleration, self.step, damping, boundary_data, *rest
+            )
+            return None
+        from cablepod.condensed import _kernels_leading_implicit as kernel_implicit
+
         return kernel_implicit.leading_implicit(
-            self.q, self.v, self.acceleration, self.previous_acceleration, self.step, damping, BETA[self.run.scheme],
-            boundary_data, *rest,
-        )  # fmt: skip
+            self.q, self.v, self.acceleration, self.step, damping, boundary_data, *rest
+        )
 
     def _advance_exact(self, boundary_data: np.ndarray, outputs: tuple[Any, ...]) -> int | None:
         """Advance with the exact chordwise stretch; return the steps done, None for an explicit run, which does all."""

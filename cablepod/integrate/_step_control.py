@@ -20,6 +20,8 @@ MIN_ORDER = 0.8
 FIRST_ORDER, SECOND_ORDER = 1.0, 2.0
 #: Maximum number of refinements after the first run, and maximum factor of the number of steps in one of them.
 MAX_REFINEMENTS, MAX_FACTOR = 6, 4.0
+#: Minimum factor of the number of steps; the same after a first run whose steps may be too long to show the order of the scheme.
+MIN_FACTOR, MIN_FACTOR_UNRESOLVED = 1.25, 1.5
 #: Tolerance over the expected error of the next refinement; the same, and margin of the first estimate, for :func:`fit_step`.
 REFINEMENT_MARGIN, ECONOMICAL_MARGIN, FIRST_MARGIN = 4.0, 1.5, 1.5
 #: Maximum number of steps of a run over that of the first (more steps would take long for a motion that is hardly resolved).
@@ -67,11 +69,12 @@ class ComparableRuns:
     #: place in the step, so that at most first order is assumed.
     has_kinks: Callable[[Any], bool] = _without_kinks
     order: float = SECOND_ORDER  #: of the scheme
+    first_order: float = math.inf  #: the order assumed of the first two runs, where their steps are too long to show it
 
     def distance(self, fine: Any, coarse: Any) -> float:
         """Return the largest rms distance of two runs over the motion of the finer one."""
         gap = self.position(fine) - self.position(coarse)
-        return float(np.sqrt(np.mean(np.sum(gap**2, axis=-1), axis=-1)).max()) / self.scale(fine)
+        return math.sqrt((gap * gap).sum(axis=-1).mean(axis=-1).max()) / self.scale(fine)
 
     def max_steps_per_second(self, work: float) -> float:
         """Return the steps per second at which a run has `work` steps times links."""
@@ -156,7 +159,9 @@ def refine_step(runs: ComparableRuns, tolerance: float) -> tuple[Any, float, flo
     return _refine(runs, *_first_finite_run(runs), tolerance, economical=False)
 
 
-def fit_step(runs: ComparableRuns, tolerance_of: Callable[[Any], float]) -> tuple[Any, float, float, float]:
+def fit_step(
+    runs: ComparableRuns, tolerance_of: Callable[[Any], float], *, by_second: bool = False
+) -> tuple[Any, float, float, float]:
     """Run with rising numbers of steps per second until two runs agree within a tolerance that the first run tells.
 
     Steps are hardly shorter than needed: second order is assumed for the distance of the first two runs.  That suits a time error
@@ -168,6 +173,8 @@ def fit_step(runs: ComparableRuns, tolerance_of: Callable[[Any], float]) -> tupl
         The runs and their comparison.
     tolerance_of
         Returns the maximum error as a fraction of the motion for the first run.
+    by_second
+        Whether it takes the second run instead, which is often the last.
 
     Returns
     -------
@@ -181,14 +188,25 @@ def fit_step(runs: ComparableRuns, tolerance_of: Callable[[Any], float]) -> tupl
     """
     check_work(runs.steps_per_second, runs.end_time, runs.links)
     coarse, rate = _first_finite_run(runs)
-    tolerance = tolerance_of(coarse)
-    return (*_refine(runs, coarse, rate, tolerance, economical=True), tolerance)
+    if not by_second:
+        tolerance = tolerance_of(coarse)
+        return (*_refine(runs, coarse, rate, tolerance, economical=True), tolerance)
+    told = []
+
+    def by_finer(fine: Any) -> float:
+        told.append(tolerance_of(fine))
+        return told[0]
+
+    return (*_refine(runs, coarse, rate, by_finer, economical=True), told[0])
 
 
 def _refine(
-    runs: ComparableRuns, coarse: Any, rate: float, tolerance: float, *, economical: bool
+    runs: ComparableRuns, coarse: Any, rate: float, tolerance: float | Callable[[Any], float], *, economical: bool
 ) -> tuple[Any, float, float]:
-    """Refine a first run with `rate` steps per second, see :func:`refine_step` and, economically, :func:`fit_step`."""
+    """Refine a first run with `rate` steps per second, see :func:`refine_step` and, economically, :func:`fit_step`.
+
+    `tolerance` may be a function of the second run.
+    """
     aim = ECONOMICAL_MARGIN if economical else REFINEMENT_MARGIN
     max_rate = min(MAX_GROWTH * rate, runs.max_steps_per_second(MAX_WORK))
     factor, last_distance, last_factor, slow = 2.0, math.inf, math.inf, 0
@@ -197,11 +215,13 @@ def _refine(
         new_rate = 2.0 * rate if last_distance == math.inf else preferred_steps_per_second(rate * factor)
         factor, rate = new_rate / rate, new_rate
         fine = runs.run(rate)
+        if callable(tolerance):
+            tolerance = tolerance(fine)
         distance = runs.distance(fine, coarse)
         max_order = FIRST_ORDER if runs.has_kinks(fine) else runs.order
         margin = 0.5 if rate < max_rate and not economical else 1.0  # while a finer run is possible
         if last_distance == math.inf:
-            order = max_order
+            order = min(max_order, runs.first_order)
             # second order is not observed yet, so the estimate does not use it, or with a margin
             estimate = distance / (factor**order - 1.0) * FIRST_MARGIN if economical else distance
             accepted = estimate <= (tolerance if order > FIRST_ORDER else margin * tolerance)
@@ -216,7 +236,8 @@ def _refine(
             break
         coarse, last_distance, last_factor = fine, distance, factor
         expected = distance / (factor**order - 1.0)
-        factor = min(MAX_FACTOR, max_rate / rate, max(1.25, (aim * expected / tolerance) ** (1.0 / order)))
+        least = MIN_FACTOR if runs.first_order >= runs.order else MIN_FACTOR_UNRESOLVED
+        factor = min(MAX_FACTOR, max_rate / rate, max(least, (aim * expected / tolerance) ** (1.0 / order)))
     warnings.warn(
         f"not converged in time: an error of {estimate:.2g} of the motion is left at step {1 / rate:.3g} s, more than the "
         f"tolerance {tolerance:.2g}; the motion is chaotic (judge it by statistics) or too abrupt for this scheme; give a "
