@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from cablepod.condensed._estimate import MAX_ERROR, ErrorEquation, sample_interval
-from cablepod.condensed._fields import positions
+from cablepod.condensed._fields import close_chord_of, positions_of
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._chord_frame import ChordFrame
@@ -89,62 +89,79 @@ class GalerkinEstimate:
             return 0.0
         if samples is None:
             return math.nan
-        condensed, times = self.condensed, samples.instants.times
+        condensed, count = self.condensed, samples.instants.times.size
+        rate = samples.samples_per_second
         try:
-            motion = self._deflection(samples)
-            chosen = np.unique(np.linspace(0, times.size - 1, CHORDWISE_SAMPLES).astype(int))
-            chordwise = self._chordwise(samples.q[chosen], motion[0][chosen], times[chosen])
+            frame = self._chord_frame(samples)
+            boundary_data = condensed.boundary_data(0, count - 1, rate)
+            motion = self._deflection(samples, frame)
+            chosen = np.linspace(0, count - 1, min(CHORDWISE_SAMPLES, count)).astype(int)
+            chordwise = self._chordwise(samples, motion[0], frame, boundary_data, chosen)
         except SceneError:
             return math.nan
         if not np.isfinite(chordwise).all():
             return math.nan
-        equation, q = self.equation, motion[0][0]
+        equation, q = self.equation, motion[0, 0]
         if condensed.chain.p.initial:
             initial_error = equation.coordinates(condensed.start_deflection()[:, 0]) - equation.change @ q
         else:
             initial_error = equation.error_at_rest(q, condensed.static_boundary_data)
         start_rates, initial_rate = condensed.start_deflection_rates, np.zeros_like(initial_error)
         if start_rates is not None:
-            initial_rate = equation.coordinates(start_rates) - equation.change @ motion[1][0]
-        interval = float(times[1]) if times.size > 1 else 1.0
-        boundary_data = condensed.boundary_data_at(times)
-        squares = equation.mean_squares(motion, boundary_data, interval, initial_error, initial_rate)
+            initial_rate = equation.coordinates(start_rates) - equation.change @ motion[1, 0]
+        squares = equation.mean_squares(motion, boundary_data, 1.0 / rate, initial_error, initial_rate)
         largest = max(float(squares.max()), float((squares[chosen] + chordwise).max()))
         return min(math.sqrt(largest) / samples.motion, MAX_ERROR)
 
     @cached_property
-    def _projection(self) -> np.ndarray:
-        """Coordinates of the deflection by each axis, of the mean shape and of each mode (r, dims, 1 + modes)."""
+    def _projection(self) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates of the deflection along each axis: of the mean shape (dims, r), and of each mode (modes, dims, r)."""
         condensed, model = self.condensed, self.model
-        fields = np.concatenate([model.mean[None], model.fields])
-        return np.einsum("rp,ipc->rci", condensed.shapes * condensed.mass, fields)
+        weighted = (condensed.shapes * condensed.mass).T
+        return model.mean.T @ weighted, model.fields.swapaxes(1, 2) @ weighted
 
-    def _deflection(self, samples: GalerkinTrajectory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coordinates of the deflection (times, r), and their first and second time derivatives.
+    def _chord_frame(self, samples: GalerkinTrajectory) -> ChordFrame:
+        """Chord frame of the ends at the samples."""
+        p, lifts = self.model.chain.p, self.model.lifts
+        reach = p.upper - p.lower + samples.displacements @ (lifts[:, -1] - lifts[:, 0])
+        return ChordFrame.of(reach, self.condensed.reference)
+
+    def _deflection(self, samples: GalerkinTrajectory, frame: ChordFrame) -> np.ndarray:
+        """Coordinates of the deflection, and their first and second time derivatives (3, times, r).
 
         The derivatives are relative to the line between the ends, which the enriched model adds.
         """
-        condensed, count = self.condensed, len(samples.q)
-        normals = _chord_frame(self.model, samples.instants.times, condensed.reference).normals
-        parts = []
-        for constant, amplitudes in ((1.0, samples.q), (0.0, samples.rates), (0.0, samples.second_rates)):
-            factors = np.concatenate([np.full((count, 1), constant), amplitudes], axis=1)
-            result = np.zeros((count, len(self._projection)))
-            for k, rows in enumerate(condensed.sets):
-                for axis in range(normals.shape[2]):
-                    result[:, rows] += normals[:, k, axis, None] * (factors @ self._projection[rows, axis].T)
-            parts.append(result)
-        return parts[0], parts[1], parts[2]
+        mean, modes = self._projection
+        amplitudes = np.stack([samples.q, samples.rates, samples.second_rates])
+        by_axis = amplitudes @ modes.reshape(len(modes), -1)
+        by_axis[0] += mean.ravel()
+        by_axis = by_axis.reshape(*by_axis.shape[:2], *mean.shape)
+        result = np.empty((3, len(samples.q), mean.shape[1]))
+        for k, rows in enumerate(self.condensed.sets):
+            for axis in range(len(mean)):
+                part = by_axis[:, :, axis, rows] * frame.normals[:, k, axis, None]
+                result[:, :, rows] = part if axis == 0 else result[:, :, rows] + part
+        return result
 
-    def _chordwise(self, amplitudes: np.ndarray, coordinates: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Mean square distance of the particles from their positions in the condensed model (times,) [m^2].
+    def _chordwise(
+        self,
+        samples: GalerkinTrajectory,
+        coordinates: np.ndarray,
+        frame: ChordFrame,
+        boundary_data: np.ndarray,
+        chosen: np.ndarray,
+    ) -> np.ndarray:
+        """Mean square distance of the particles from their positions in the condensed model, at some samples [m^2].
 
         It is infinite where they run back along the chord.
         """
-        position = self.model.positions(amplitudes, times)
-        along, _ = _chord_frame(self.model, times, self.condensed.reference).split(position)
+        times = samples.instants.times[chosen]
+        ends = self.model.chain.p.end_positions(times)
+        position = self.model.positions(samples.q[chosen], times, ends)
+        along = ((position - position[:, :1]) @ frame.along[chosen, :, None])[:, :, 0]
         ordered = np.diff(along, axis=1).min(axis=1) > 0.0
-        closed = positions(self.condensed, coordinates, times)
+        stretch, _, _, deflection = close_chord_of(self.condensed, coordinates[chosen], boundary_data[chosen])
+        closed = positions_of(self.condensed, stretch, deflection, ends)
         return np.where(ordered, square(closed - position).mean(axis=1), np.inf)
 
 
@@ -170,9 +187,3 @@ def _deflections(mean: bytes, modes: bytes, dims: int) -> np.ndarray:
         return np.zeros((0, len(shape)))
     _, values, rows = np.linalg.svd(deflection[deflected] / norm[deflected, None], full_matrices=False)
     return rows[values > DEFLECTION_RTOL * values[0]]
-
-
-def _chord_frame(model: GalerkinModel, times: np.ndarray, reference: int | None) -> ChordFrame:
-    """Chord frame of the ends at given instants [s]."""
-    ends = model.chain.p.end_positions(times)
-    return ChordFrame.of(ends[:, 1] - ends[:, 0], reference)

@@ -21,7 +21,7 @@ SLOWED = 3.0
 
 
 class StepFilter(NamedTuple):
-    """Factor of the accelerations of velocity Verlet, S = B B^T, diagonal in small vibrations about the start.
+    """Factor of the accelerations of velocity Verlet, S = B B^T, diagonal in small vibrations about a state.
 
     Velocity Verlet with S (F - dV/dq) has the modified mass matrix S^-1, so it stays symplectic, and equilibria do not change.
     On vibrations of phase x = omega h the factor is (2 - 2 cos x) / x^2 up to FITTED_PHASE, with which the scheme has their exact
@@ -52,10 +52,8 @@ class ExplicitGalerkinRun(GalerkinRun):
 
     @cached_property
     def vibrations(self) -> tuple[np.ndarray, np.ndarray]:
-        """Squared angular frequencies and shapes of small vibrations about the start."""
-        model = self.model
-        is_own = self.q0 is model.initial
-        return model.initial_vibrations if is_own else model.vibrations(self.q0, self.start_displacements)
+        """Squared angular frequencies and shapes of small vibrations about the mean state of the run."""
+        return self.model.mean_vibrations(float(self.times[-1]))
 
     @cached_property
     def _filters(self) -> dict[float, StepFilter]:
@@ -83,7 +81,8 @@ class ExplicitGalerkinRun(GalerkinRun):
         step = 1.0 / steps_per_second
         damping_factor = math.exp(-damping * step)
         impulse_time = -math.expm1(-damping * step) / damping if damping else step
-        law, (polynomial_form, link_form) = self.law, self.tables
+        law, ((factor, offset, *pairs), link_form) = self.law, self.tables
+        polynomial_form = factor, offset, *(part.astype(np.uint64) for part in pairs)
         gram, linear = model.gram_form if law == 0 else (np.zeros((0, 0)), np.zeros(0))
         filtered = None if (step_filter := self.filter(step)) is None else step_filter.factor
         p, account = self.p0.copy(), np.zeros(3)
@@ -101,7 +100,7 @@ class ExplicitGalerkinRun(GalerkinRun):
             kernel.verlet(
                 p, velocity, account, step, damping_factor, impulse_time, damping, filtered, model.coupling,
                 model.loads_at_steps(begin, steps, steps_per_second), ends, law, polynomial_form, gram, linear, link_form,
-                begin, steps, save_steps, saved, energy,
+                begin, steps, save_steps, record.is_output(save_steps), saved, energy,
             )  # fmt: skip
             if not self.is_finite(p):
                 return False

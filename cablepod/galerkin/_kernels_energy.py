@@ -10,7 +10,7 @@ from cablepod._jit import FAST_DIVISION, compiled
 POLYNOMIAL, GREEN_LINKS, LINEAR_LINKS = 0, 1, 2
 
 
-@compiled(fastmath=FAST_DIVISION)
+@compiled(fastmath=FAST_DIVISION, forceinline=True)
 def _fill_monomials(y, first, second, monomials):
     """Fill the coordinates, then their products of the given pairs."""
     count = y.size
@@ -33,11 +33,12 @@ def polynomial_energy(y, factor, offset, first, second, monomials):
     return energy
 
 
-@compiled(fastmath=FAST_DIVISION)
+@compiled(fastmath=FAST_DIVISION, forceinline=True)
 def polynomial_gradient(y, gram, linear, first, second, monomials, monomial_gradient, gradient):
     """Fill the gradient of the energy of law (21) with respect to y: (dm/dy)^T (R^T R m + R^T e).
 
-    Its rounding is that of R^T (R m + e), which costs twice as much.  `gram` is R^T R and `linear` is R^T e.
+    Its rounding is that of R^T (R m + e), which costs twice as much.  `gram` is R^T R and `linear` is R^T e, both filled up with
+    zeros to the size of `monomials`.
     """
     _fill_monomials(y, first, second, monomials)
     count, total = y.size, gram.shape[0]

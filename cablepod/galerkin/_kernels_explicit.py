@@ -4,23 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from cablepod._jit import FAST_DIVISION, FUSED, compiled
+from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.galerkin._kernels_energy import POLYNOMIAL, link_gradient, polynomial_energy, polynomial_gradient
-
-
-@compiled(fastmath=FUSED)
-def _row_product(a, row, b):
-    """Return the product of a row of a matrix and a vector: a sum in order, as few terms are slower in vectors."""
-    total = 0.0
-    for k in range(b.size):
-        total += a[row, k] * b[k]
-    return total
 
 
 @compiled(fastmath=FAST_DIVISION)
 def verlet(
     p, velocity, account, step, damping_factor, impulse_time, damping, step_filter, coupling, loads, ends, law,
-    polynomial_form, gram, linear, link_form, start, steps, save_steps, saved, saved_energy,
+    polynomial_form, gram, linear, link_form, start, steps, save_steps, with_energy, saved, saved_energy,
 ):  # fmt: skip
     """Advance the projection z by `steps` steps of velocity Verlet in leapfrog form.
 
@@ -44,9 +35,10 @@ def verlet(
     law : int
         POLYNOMIAL, GREEN_LINKS or LINEAR_LINKS.
     polynomial_form : tuple (factor, offset, first, second)
-        R (rows, monomials), e (rows,), and index pairs of the quadratic monomials; empty if not used.
+        R (rows, monomials), e (rows,), and index pairs of the quadratic monomials (unsigned: no index counts from the end);
+        empty if not used.
     gram, linear : float arrays (monomials, monomials), (monomials,)
-        R^T R and R^T e; empty if not used.
+        R^T R and R^T e, filled up with zeros; empty if not used.
     link_form : tuple (shape, strain, field_slopes, active_axes, stiffness)
         Slopes of the mean shape (dims, n), its strains (n,), slopes of the fields (coordinates, dims, n), mask of the axes of
         each coordinate (coordinates, dims), K l (n,) [N m]; empty if not used.
@@ -54,6 +46,8 @@ def verlet(
         Number of the first step, and number of steps.
     save_steps : int array (saves,)
         Increasing numbers of the steps to save, start <= number < start + steps.
+    with_energy : bool array (saves,)
+        Whether the strain energy is needed; without, it is left as it is in polynomial form.
     saved : float array (saves, 3, modes)
         Filled with z and its first and second time derivatives.
     saved_energy : float array (saves, 4)
@@ -97,9 +91,10 @@ def verlet(
             account[1] += 0.5 * total * (ends[i + 1, f] - ends[i, f])
         saving = start + i == next_save
         if saving:
-            if law == POLYNOMIAL:
-                energy = polynomial_energy(y, factor, offset, first, second, monomials)
-            saved_energy[save, 0] = energy
+            if law != POLYNOMIAL:
+                saved_energy[save, 0] = energy
+            elif with_energy[save]:
+                saved_energy[save, 0] = polynomial_energy(y, factor, offset, first, second, monomials)
             for term in range(3):
                 saved_energy[save, 1 + term] = account[term]
             for k in range(modes):
@@ -107,9 +102,15 @@ def verlet(
                 saved[save, 1, k] = velocity[k]
         power = 0.0
         for k in range(modes):
-            total = force[k] if step_filter is None else _row_product(step_filter, k, force)
+            if step_filter is None:
+                total = force[k]
+            else:
+                total = 0.0
+                for j in range(modes):
+                    total += step_filter[k, j] * force[j]
             velocity[k] = damping_factor * velocity[k] + impulse_time * total
             power += loads[row, k] * velocity[k]
+            p[k] += step * velocity[k]
         account[0] += half_step * power
         for f in range(moving):
             account[1] += 0.5 * end_force[f] * (ends[i + 2, f] - ends[i + 1, f])
@@ -120,5 +121,3 @@ def verlet(
                 saved[save, 2, k] = (velocity[k] - earlier) / step
             save += 1
             next_save = save_steps[save] if save < save_steps.size else -1
-        for k in range(modes):
-            p[k] += step * velocity[k]

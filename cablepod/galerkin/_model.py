@@ -24,6 +24,10 @@ from cablepod.pod._snapshots import relative_arc_length
 
 #: Number of models kept between calls.
 KEPT_MODELS = 32
+#: Number of instants whose mean is the mean of ends and loads.
+MEAN_INSTANTS = 201
+#: Number of monomials that vectors of the processor take together.
+PADDING = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,9 +134,14 @@ class GalerkinModel:
 
     @cached_property
     def gram_form(self) -> tuple[np.ndarray, np.ndarray]:
-        """Products R^T R (monomials, monomials) and R^T e (monomials,) of the polynomial form, for its gradient."""
+        """Products R^T R (monomials, monomials) and R^T e (monomials,) of the polynomial form, for its gradient.
+
+        Zeros fill them up to a multiple of PADDING, which vectors of the processor need.
+        """
         factor, offset, _, _ = self.polynomial_form
-        return factor.T @ factor, factor.T @ offset
+        padded = np.zeros((len(factor), -(-factor.shape[1] // PADDING) * PADDING))
+        padded[:, : factor.shape[1]] = factor
+        return padded.T @ padded, padded.T @ offset
 
     @cached_property
     def link_form(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -183,8 +192,16 @@ class GalerkinModel:
 
     def displacements_at_steps(self, start: int, steps: int, steps_per_second: float) -> np.ndarray:
         """Displacements of the moving ends (steps + 1, moving) [m] at the steps from `start` on."""
-        columns = [self.chain.p.motions[key].at_steps(start, steps, steps_per_second) for key in self.moving]
-        return np.ascontiguousarray(np.stack(columns, axis=1)) if columns else np.zeros((steps + 1, 0))
+        return self.motions_at_steps(start, steps, steps_per_second, (0,))[0]
+
+    def motions_at_steps(
+        self, start: int, steps: int, steps_per_second: float, derivatives: tuple[int, ...]
+    ) -> np.ndarray:
+        """Time derivatives of the displacements of the moving ends (derivatives, steps + 1, moving) from `start` on."""
+        result = np.empty((len(derivatives), steps + 1, len(self.moving)))
+        for k, key in enumerate(self.moving):
+            result[:, :, k] = self.chain.p.motions[key].all_at_steps(start, steps, steps_per_second, derivatives)
+        return result
 
     def displacements(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Displacements of the moving ends (time, moving) [m], or their time derivatives."""
@@ -247,8 +264,32 @@ class GalerkinModel:
         if p.initial:
             return q
         load = np.einsum("pc,kpc->k", self.chain.loads(0.0), self.fields)
-        floor = 1e-6 * math.sqrt(self.mass.sum()) * self.chain.total_length
-        return _equilibrium(lambda q: self.gradient(np.concatenate([q, end_displacements])), load, q, floor)
+        return _equilibrium(lambda q: self.gradient(np.concatenate([q, end_displacements])), load, q, self._floor)
+
+    def mean_vibrations(self, end_time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Small vibrations about the equilibrium of ends and loads at their means until `end_time` [s], see :meth:`vibrations`.
+
+        Those about the start where there is no such equilibrium, or where it is unstable.
+        """
+        if end_time not in self._mean_vibrations:
+            times = np.linspace(0.0, end_time, MEAN_INSTANTS)
+            ends = self.displacements(times).mean(axis=0)
+            total, varying = self._generalised_loads
+            load = total[0] + sum(float(factor(times).mean()) * pattern for pattern, factor in varying)
+            rest = _equilibrium(lambda q: self.gradient(np.concatenate([q, ends])), load, self.initial, self._floor)
+            # the start itself is what Newton's method returns where it fails
+            found = self.initial_vibrations if rest is self.initial else self.vibrations(rest, ends)
+            self._mean_vibrations[end_time] = found if found[0][0] > 0.0 else self.initial_vibrations
+        return self._mean_vibrations[end_time]
+
+    @cached_property
+    def _mean_vibrations(self) -> dict[float, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
+    @cached_property
+    def _floor(self) -> float:
+        """Amplitude that Newton corrections are compared with beside the largest one [kg^1/2 m]."""
+        return 1e-6 * math.sqrt(self.mass.sum()) * self.chain.total_length
 
     def tension(self, position: np.ndarray) -> np.ndarray:
         """Tensions of the links (..., n) [N] by the law of the model."""
@@ -258,12 +299,13 @@ class GalerkinModel:
             return self.chain.p.stiffness * np.maximum(strain, 0.0)
         return self.chain.p.stiffness * strain * (1.0 + 0.5 * strain) * (1.0 + strain)
 
-    def positions(self, q: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Positions (time, particle, dims) [m] from amplitudes (time, modes)."""
-        ends = self.chain.p.end_positions(time)
+    def positions(self, q: np.ndarray, time: np.ndarray, ends: np.ndarray | None = None) -> np.ndarray:
+        """Positions (time, particle, dims) [m] from amplitudes (time, modes); `ends` are those of the ends if known."""
+        ends = self.chain.p.end_positions(time) if ends is None else ends
+        count = time.size
         # the summation order of a matrix product would depend on the number of instants
-        position = np.einsum("tk,kp->tp", np.concatenate([q, ends.reshape(time.size, -1)], axis=1), self._composition)
-        position = position.reshape(time.size, *self.mean.shape)
+        position = np.einsum("tk,kp->tp", np.concatenate([q, ends.reshape(count, -1)], axis=1), self._composition)
+        position = position.reshape(count, *self.mean.shape)
         position += self.mean
         position[:, [0, -1]] = ends  # exactly, without rounding errors of sigma
         return position

@@ -33,6 +33,7 @@ class GalerkinTrajectory:
     record: RunRecord
     instants: OutputTimes
     diagnostics: dict[str, Any]  #: attributes of the result
+    interval: int = 0  #: steps between the instants of samples for the error estimate, 0 for other instants
 
     @property
     def model(self) -> GalerkinModel:
@@ -47,7 +48,19 @@ class GalerkinTrajectory:
     def displacements(self) -> np.ndarray:
         """Displacements of the moving ends (times, moving) [m]."""
         run, times = self.record.run, self.instants.times
+        if self.interval:
+            return self.end_motions[0]
         return run.displacements if times is run.times else self.model.displacements(times)
+
+    @cached_property
+    def end_motions(self) -> np.ndarray:
+        """Displacements of the moving ends and their first two time derivatives at samples (3, times, moving)."""
+        return self.model.motions_at_steps(0, self.instants.times.size - 1, self.samples_per_second, (0, 1, 2))
+
+    @property
+    def samples_per_second(self) -> float:
+        """Number of samples per second."""
+        return self.instants.steps_per_second / self.interval
 
     @cached_property
     def q(self) -> np.ndarray:
@@ -59,14 +72,13 @@ class GalerkinTrajectory:
     def rates(self) -> np.ndarray:
         """First time derivatives of `q` (times, modes) [kg^1/2 m/s]."""
         _, v, a, _ = self._saved
-        lifted = self.model.displacements(self.instants.times, 1) @ self.model.coupling
-        return self.instants.rates_at_times(v, a) - lifted
+        lifted = self.end_motions[1] if self.interval else self.model.displacements(self.instants.times, 1)
+        return self.instants.rates_at_times(v, a) - lifted @ self.model.coupling
 
     @cached_property
     def second_rates(self) -> np.ndarray:
-        """Second time derivatives (times, modes) [kg^1/2 m/s^2]; valid if each instant lies on a step."""
-        lifted = self.model.displacements(self.instants.times, 2) @ self.model.coupling
-        return self._saved[2][self.instants.left] - lifted
+        """Second time derivatives at samples (times, modes) [kg^1/2 m/s^2]."""
+        return self._saved[2] - self.end_motions[2] @ self.model.coupling
 
     @cached_property
     def rms_displacements(self) -> np.ndarray:
@@ -99,7 +111,7 @@ class GalerkinTrajectory:
             return None
         steps = np.arange(int(self.instants.steps[-1]) // interval + 1) * interval
         sampled = OutputTimes(steps / rate, rate, steps, np.arange(steps.size), np.zeros(steps.size))
-        return GalerkinTrajectory(self.record, sampled, {})
+        return GalerkinTrajectory(self.record, sampled, {}, interval)
 
 
 class RunRecord:
@@ -121,6 +133,11 @@ class RunRecord:
             return np.arange(begin, end), np.empty((end - begin, *self.saved.shape[1:])), np.empty((end - begin, 4))
         first, last = np.searchsorted(self.steps, (begin, end))
         return self.steps[first:last], self.saved[first:last], self.energy[first:last]
+
+    def is_output(self, steps: np.ndarray) -> np.ndarray:
+        """Tell which of some steps, up to the last one of the output, are needed for the output times."""
+        outputs = self.instants.steps
+        return outputs[np.searchsorted(outputs, steps)] == steps
 
     def store(self, begin: int, end: int, saved: np.ndarray, energy: np.ndarray) -> None:
         """Update the tension extremes from all steps [begin, end), and keep the steps that the output needs."""

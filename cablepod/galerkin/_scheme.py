@@ -31,8 +31,9 @@ EXPLICIT = SCHEMES[:2]
 TIME_ERROR_SHARE = 0.1
 #: Maximum number of times that the steps are shortened because a finer run expects less of the model.
 MAX_PASSES = 3
-#: First step of the filtered scheme times the lowest angular frequency at the start.
-FIRST_PHASE = 0.165
+#: First step of the filtered scheme times the lowest angular frequency about the mean state, for one mode of each coordinate
+#: (inverse to the root of their number: more modes are resolved less well, and stiffen more often beyond a longer step).
+FIRST_PHASE = 0.5
 #: Cost of an implicit step in explicit steps, and its increase for each amplitude (measured with 40 links).
 IMPLICIT_COST, COST_OF_AMPLITUDE = 4.0, 0.45
 #: Run time of an explicit step, and its increase for each amplitude [s].
@@ -176,8 +177,8 @@ def _comparable_runs(run: GalerkinRun, limit: float) -> ComparableRuns:
         tension = model.tension(model.positions(run.q0[None], np.zeros(1))[0])
         step = first_implicit_step(model.chain, tension, float(run.times[-1]), limit)
     elif run.scheme == "filtered_verlet":
-        squared = model.initial_vibrations[0]
+        squared = model.mean_vibrations(float(run.times[-1]))[0]
         lowest = math.sqrt(squared[squared > 0.0].min(initial=4.0 / limit**2))
-        step = max(FIRST_PHASE / lowest, step)
+        step = max(FIRST_PHASE / (lowest * math.sqrt(model.modes_per_coordinate)), step)
     steps_per_second = preferred_steps_per_second(1.0 / min(step, p.shortest_time_scale / STEPS_PER_CHANGE))
     return ComparableRuns(run, positions, motion, steps_per_second, float(run.times[-1]), model.chain.links, slackened)

@@ -34,8 +34,8 @@ def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
             raise scene_error("rank", rank, f"at most {most}, the number of modes")
         most = int(rank)
     if modes.attrs["layout"] == "vector":
-        return modes["mode_shape"].transpose("mode", "particle", "coordinate").values[:most]
-    shape = modes["mode_shape"].transpose("coordinate", "mode", "particle").values[:, :most]
+        return modes.variables["mode_shape"].transpose("mode", "particle", "coordinate").values[:most]
+    shape = modes.variables["mode_shape"].transpose("coordinate", "mode", "particle").values[:, :most]
     dims, _, particles = shape.shape
     fields = np.zeros((dims, most, particles, dims))
     for c in range(dims):
