@@ -15,7 +15,7 @@ from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import SceneError
 from cablepod.galerkin._model import KEPT_MODELS, GalerkinModel
-from cablepod.galerkin._runs import GalerkinTrajectory
+from cablepod.galerkin._runs import GalerkinTrajectory, Samples
 
 #: Relative tolerance of deflections: combinations of modes below it move the cable along the chord only.
 DEFLECTION_RTOL = 1e-6
@@ -89,8 +89,7 @@ class GalerkinEstimate:
             return 0.0
         if samples is None:
             return math.nan
-        condensed, count = self.condensed, samples.instants.times.size
-        rate = samples.samples_per_second
+        condensed, count, rate = self.condensed, samples.count, samples.per_second
         try:
             frame = self._chord_frame(samples)
             boundary_data = condensed.boundary_data(0, count - 1, rate)
@@ -101,51 +100,55 @@ class GalerkinEstimate:
             return math.nan
         if not np.isfinite(chordwise).all():
             return math.nan
-        equation, q = self.equation, motion[0, 0]
+        equation, q = self.equation, motion[0][0]
         if condensed.chain.p.initial:
             initial_error = equation.coordinates(condensed.start_deflection()[:, 0]) - equation.change @ q
         else:
             initial_error = equation.error_at_rest(q, condensed.static_boundary_data)
         start_rates, initial_rate = condensed.start_deflection_rates, np.zeros_like(initial_error)
         if start_rates is not None:
-            initial_rate = equation.coordinates(start_rates) - equation.change @ motion[1, 0]
+            initial_rate = equation.coordinates(start_rates) - equation.change @ motion[1][0]
         squares = equation.mean_squares(motion, boundary_data, 1.0 / rate, initial_error, initial_rate)
         largest = max(float(squares.max()), float((squares[chosen] + chordwise).max()))
         return min(math.sqrt(largest) / samples.motion, MAX_ERROR)
 
     @cached_property
     def _projection(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates of the deflection along each axis: of the mean shape (dims, r), and of each mode (modes, dims, r)."""
+        """Coordinates of the deflection by each axis: of the mean shape (dims, r), and of each sampled coordinate as well.
+
+        The shape of the latter is (coordinates, dims, r).
+        """
         condensed, model = self.condensed, self.model
         weighted = (condensed.shapes * condensed.mass).T
-        return model.mean.T @ weighted, model.fields.swapaxes(1, 2) @ weighted
+        # the line between the ends has no deflection
+        fields = np.concatenate([model.fields, -np.tensordot(model.coupling, model.fields, axes=1)])
+        return model.mean.T @ weighted, fields.swapaxes(1, 2) @ weighted
 
-    def _chord_frame(self, samples: GalerkinTrajectory) -> ChordFrame:
+    def _chord_frame(self, samples: Samples) -> ChordFrame:
         """Chord frame of the ends at the samples."""
         p, lifts = self.model.chain.p, self.model.lifts
-        reach = p.upper - p.lower + samples.displacements @ (lifts[:, -1] - lifts[:, 0])
-        return ChordFrame.of(reach, self.condensed.reference)
+        displacements = samples.states[0, :, len(self.model.modes) :]
+        return ChordFrame.of(p.upper - p.lower + displacements @ (lifts[:, -1] - lifts[:, 0]), self.condensed.reference)
 
-    def _deflection(self, samples: GalerkinTrajectory, frame: ChordFrame) -> np.ndarray:
-        """Coordinates of the deflection, and their first and second time derivatives (3, times, r).
+    def _deflection(self, samples: Samples, frame: ChordFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coordinates of the deflection (times, r), and their first and second time derivatives.
 
         The derivatives are relative to the line between the ends, which the enriched model adds.
         """
-        mean, modes = self._projection
-        amplitudes = np.stack([samples.q, samples.rates, samples.second_rates])
-        by_axis = amplitudes @ modes.reshape(len(modes), -1)
-        by_axis[0] += mean.ravel()
-        by_axis = by_axis.reshape(*by_axis.shape[:2], *mean.shape)
-        result = np.empty((3, len(samples.q), mean.shape[1]))
+        mean, fields = self._projection
+        by_axis = samples.states.reshape(-1, len(fields)) @ fields.reshape(len(fields), -1)
+        by_axis = by_axis.reshape(3, samples.count, *mean.shape)
+        by_axis[0] += mean
+        result = np.empty((3, samples.count, mean.shape[1]))
         for k, rows in enumerate(self.condensed.sets):
-            for axis in range(len(mean)):
-                part = by_axis[:, :, axis, rows] * frame.normals[:, k, axis, None]
-                result[:, :, rows] = part if axis == 0 else result[:, :, rows] + part
-        return result
+            result[:, :, rows] = sum(
+                by_axis[:, :, axis, rows] * frame.normals[:, k, axis, None] for axis in range(len(mean))
+            )
+        return result[0], result[1], result[2]
 
     def _chordwise(
         self,
-        samples: GalerkinTrajectory,
+        samples: Samples,
         coordinates: np.ndarray,
         frame: ChordFrame,
         boundary_data: np.ndarray,
@@ -155,13 +158,13 @@ class GalerkinEstimate:
 
         It is infinite where they run back along the chord.
         """
-        times = samples.instants.times[chosen]
-        ends = self.model.chain.p.end_positions(times)
-        position = self.model.positions(samples.q[chosen], times, ends)
+        model, states = self.model, samples.states[0, chosen]
+        position = (states @ model.fields_of_projections.reshape(states.shape[1], -1)).reshape(-1, *model.shape.shape)
+        position += model.shape
         along = ((position - position[:, :1]) @ frame.along[chosen, :, None])[:, :, 0]
         ordered = np.diff(along, axis=1).min(axis=1) > 0.0
         stretch, _, _, deflection = close_chord_of(self.condensed, coordinates[chosen], boundary_data[chosen])
-        closed = positions_of(self.condensed, stretch, deflection, ends)
+        closed = positions_of(self.condensed, stretch, deflection, np.ascontiguousarray(position[:, [0, -1]]))
         return np.where(ordered, square(closed - position).mean(axis=1), np.inf)
 
 

@@ -86,9 +86,12 @@ class ExplicitGalerkinRun(GalerkinRun):
         gram, linear = model.gram_form if law == 0 else (np.zeros((0, 0)), np.zeros(0))
         filtered = None if (step_filter := self.filter(step)) is None else step_filter.factor
         p, account = self.p0.copy(), np.zeros(3)
-        gradient, _ = model.gradient(np.concatenate([self.q0, self.start_displacements]))
         half_step = damped_growth(damping, step) / damping if damping else 0.5 * step
         # half a step before the start, at which the cable is at rest
+        if self.q0 is model.initial:
+            gradient = model.initial_gradient
+        else:
+            gradient = model.gradient(np.concatenate([self.q0, self.start_displacements]))[0]
         force = model.loads_at_steps(0, 0, steps_per_second)[0] - gradient
         velocity = -half_step * (force if filtered is None else filtered @ force)
 

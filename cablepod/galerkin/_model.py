@@ -159,7 +159,22 @@ class GalerkinModel:
     @cached_property
     def rms_root(self) -> np.ndarray:
         """Matrix (coordinates, coordinates) W: the norm of y W is the rms displacement of the particles [m]."""
-        fields = np.concatenate([self.fields, self.lifts])
+        return self._root_of(np.concatenate([self.fields, self.lifts]))
+
+    @cached_property
+    def rms_root_of_projections(self) -> np.ndarray:
+        """The same for the projections z = q + C^T d, followed by the displacements d of the ends."""
+        return self._root_of(self.fields_of_projections)
+
+    @cached_property
+    def fields_of_projections(self) -> np.ndarray:
+        """Fields of the projections z = q + C^T d, then of the displacements d (coordinates, particle, dims)."""
+        relative = self.lifts - np.tensordot(self.coupling, self.fields, axes=1)
+        return np.concatenate([self.fields, relative])
+
+    @staticmethod
+    def _root_of(fields: np.ndarray) -> np.ndarray:
+        """Matrix that turns amplitudes of fields (coordinates, particle, dims) into vectors of the rms displacement as norm."""
         flat = fields.reshape(len(fields), -1)
         squared, vectors = np.linalg.eigh(flat @ flat.T / fields.shape[1])
         return vectors * np.sqrt(np.maximum(squared, 0.0))
@@ -266,6 +281,11 @@ class GalerkinModel:
         load = np.einsum("pc,kpc->k", self.chain.loads(0.0), self.fields)
         return _equilibrium(lambda q: self.gradient(np.concatenate([q, end_displacements])), load, q, self._floor)
 
+    @cached_property
+    def initial_gradient(self) -> np.ndarray:
+        """Gradient (modes,) of the strain energy at the start."""
+        return self.gradient(np.concatenate([self.initial, self.displacements(np.zeros(1))[0]]))[0]
+
     def mean_vibrations(self, end_time: float) -> tuple[np.ndarray, np.ndarray]:
         """Small vibrations about the equilibrium of ends and loads at their means until `end_time` [s], see :meth:`vibrations`.
 
@@ -299,13 +319,12 @@ class GalerkinModel:
             return self.chain.p.stiffness * np.maximum(strain, 0.0)
         return self.chain.p.stiffness * strain * (1.0 + 0.5 * strain) * (1.0 + strain)
 
-    def positions(self, q: np.ndarray, time: np.ndarray, ends: np.ndarray | None = None) -> np.ndarray:
-        """Positions (time, particle, dims) [m] from amplitudes (time, modes); `ends` are those of the ends if known."""
-        ends = self.chain.p.end_positions(time) if ends is None else ends
-        count = time.size
+    def positions(self, q: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Positions (time, particle, dims) [m] from amplitudes (time, modes)."""
+        ends = self.chain.p.end_positions(time)
         # the summation order of a matrix product would depend on the number of instants
-        position = np.einsum("tk,kp->tp", np.concatenate([q, ends.reshape(count, -1)], axis=1), self._composition)
-        position = position.reshape(count, *self.mean.shape)
+        position = np.einsum("tk,kp->tp", np.concatenate([q, ends.reshape(time.size, -1)], axis=1), self._composition)
+        position = position.reshape(time.size, *self.mean.shape)
         position += self.mean
         position[:, [0, -1]] = ends  # exactly, without rounding errors of sigma
         return position

@@ -22,6 +22,8 @@ from cablepod.integrate._step_control import motion_scale
 #: cheaper one); and minimum ratio of links to rows for the polynomial form in implicit steps, whose tangent costs modes^2 x rows.
 #: Both as measured for 2 to 48 amplitudes and 20 to 320 links.
 POLYNOMIAL_COST, MIN_ROW_RATIO = 1.0, 2.0
+#: Number of samples at which the scale of the motion is computed (twice as many at most).
+MOTION_SAMPLES = 500
 #: Rounding error of a Newton correction, as a mean rotation of the links [rad].
 ROUNDING = 32.0 * float(np.finfo(float).eps)
 
@@ -33,7 +35,6 @@ class GalerkinTrajectory:
     record: RunRecord
     instants: OutputTimes
     diagnostics: dict[str, Any]  #: attributes of the result
-    interval: int = 0  #: steps between the instants of samples for the error estimate, 0 for other instants
 
     @property
     def model(self) -> GalerkinModel:
@@ -48,19 +49,7 @@ class GalerkinTrajectory:
     def displacements(self) -> np.ndarray:
         """Displacements of the moving ends (times, moving) [m]."""
         run, times = self.record.run, self.instants.times
-        if self.interval:
-            return self.end_motions[0]
         return run.displacements if times is run.times else self.model.displacements(times)
-
-    @cached_property
-    def end_motions(self) -> np.ndarray:
-        """Displacements of the moving ends and their first two time derivatives at samples (3, times, moving)."""
-        return self.model.motions_at_steps(0, self.instants.times.size - 1, self.samples_per_second, (0, 1, 2))
-
-    @property
-    def samples_per_second(self) -> float:
-        """Number of samples per second."""
-        return self.instants.steps_per_second / self.interval
 
     @cached_property
     def q(self) -> np.ndarray:
@@ -72,13 +61,8 @@ class GalerkinTrajectory:
     def rates(self) -> np.ndarray:
         """First time derivatives of `q` (times, modes) [kg^1/2 m/s]."""
         _, v, a, _ = self._saved
-        lifted = self.end_motions[1] if self.interval else self.model.displacements(self.instants.times, 1)
-        return self.instants.rates_at_times(v, a) - lifted @ self.model.coupling
-
-    @cached_property
-    def second_rates(self) -> np.ndarray:
-        """Second time derivatives at samples (times, modes) [kg^1/2 m/s^2]."""
-        return self._saved[2] - self.end_motions[2] @ self.model.coupling
+        lifted = self.model.displacements(self.instants.times, 1) @ self.model.coupling
+        return self.instants.rates_at_times(v, a) - lifted
 
     @cached_property
     def rms_displacements(self) -> np.ndarray:
@@ -104,14 +88,40 @@ class GalerkinTrajectory:
         return _energy_defect(v, energy, float(self.record.run.initial_energy))
 
     @cached_property
-    def samples(self) -> GalerkinTrajectory | None:
+    def samples(self) -> Samples | None:
         """The run at equal intervals, for the error estimate; None if it has no samples."""
-        interval, rate = self.record.interval, self.instants.steps_per_second
+        record, interval = self.record, self.record.interval
         if not interval:
             return None
         steps = np.arange(int(self.instants.steps[-1]) // interval + 1) * interval
-        sampled = OutputTimes(steps / rate, rate, steps, np.arange(steps.size), np.zeros(steps.size))
-        return GalerkinTrajectory(self.record, sampled, {}, interval)
+        rate = self.instants.steps_per_second / interval
+        projections, rates, second_rates, _ = record.at(steps)
+        end_motions = self.model.motions_at_steps(0, steps.size - 1, rate, (0, 1, 2))
+        states = np.concatenate([np.stack([projections, rates, second_rates]), end_motions], axis=2)
+        return Samples(self.model, states, rate)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A run at equal intervals from the start."""
+
+    model: GalerkinModel
+    states: (
+        np.ndarray
+    )  #: z and d, see `fields_of_projections`, and first and second time derivatives (3, times, coordinates)
+    per_second: float  #: [1/s]
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return self.states.shape[1]
+
+    @property
+    def motion(self) -> float:
+        """Largest rms displacement from the start at up to about MOTION_SAMPLES samples [m]; the chord if nothing moves."""
+        p, chosen = self.model.chain.p, self.states[0, :: -(-self.count // MOTION_SAMPLES)]
+        vectors = chosen @ self.model.rms_root_of_projections
+        return motion_scale(vectors[:, None], vectors[0], float(np.linalg.norm(p.upper - p.lower)))
 
 
 class RunRecord:
@@ -336,8 +346,10 @@ class GalerkinRun:
         }
         options = {"law": model.law, "rank": count}
         result = labelled_dataset(variables, labels, {"arc_length": (("particle",), model.chain.arc_length)})
+        stretch = model.chain.stretch(position)
         result.attrs = {
-            "smallest_stretch": float(model.chain.stretch(position).min()),
+            "smallest_stretch": float(stretch.min()),
+            "largest_stretch": float(stretch.max()),
             "title": f"{self.scene.attrs.get('title', 'scene')}: Galerkin model, r = {count}, {model.law} law",
             **trajectory_attributes("Galerkin", self.scheme, trajectory.instants, **options),
             "energy_defect": trajectory.energy_defect,

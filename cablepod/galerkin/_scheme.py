@@ -108,16 +108,17 @@ def _fit_to_model(
         return math.inf if math.isnan(errors[rate]) else max(TIME_ERROR_SHARE * errors[rate], DEFAULT_TOLERANCE)
 
     runs = replace(_comparable_runs(run, limit), run=kept)
+
+    def refined(rate: float, expected: float) -> tuple[GalerkinTrajectory, float, float, float]:
+        return fit_step(replace(runs, steps_per_second=rate), lambda _: expected)
+
     try:
         trajectory, rate, time_error, _ = fit_step(runs, lambda first: tolerance(2.0 * first.instants.steps_per_second))
         for _ in range(MAX_PASSES):
             expected = tolerance(rate)
             if time_error <= expected:
                 break
-            trajectory, rate, time_error, _ = fit_step(
-                replace(runs, steps_per_second=rate),
-                lambda _, expected=expected: expected,  # type: ignore[misc]
-            )
+            trajectory, rate, time_error, _ = refined(rate, expected)
     except RunStopped:
         return None
     if any(math.isnan(error) for error in errors.values()):

@@ -83,7 +83,7 @@ def simulate(
         ``amplitude (time, coordinate, mode)`` or ``(time, mode)`` [m], ``end_position`` [m] and the requested outputs on the
         particles of the modes.  Attributes that describe the validity:
 
-        - ``smallest_stretch``: minimum stretch xi at the output instants,
+        - ``smallest_stretch``, ``largest_stretch``: minimum and maximum stretch xi at the output instants,
         - ``forcing_over_axial_frequency``, ``outside_training``: see :mod:`cablepod.reduced`,
         - ``energy_share_kept``: fraction of the energy of the snapshots in these modes, minimum over the coordinates,
         - ``error_estimate``: estimate of the largest error over time, as a fraction of the motion; nan if there is none,
@@ -107,8 +107,9 @@ def simulate(
         If no step meets the tolerance, or if a given step violates the energy balance or does not resolve the motion of the ends
         or the loads.
     OutOfRangeWarning
-        If a link is compressed, if loads or ends change nearly as fast as axial waves and the scene lies outside the training
-        range, or if the estimated error is comparable to the motion.
+        If a link is compressed, if the laws differ by more than 5 % of the tension at the largest stretch and `law` is "green",
+        if loads or ends change nearly as fast as axial waves and the scene lies outside the training range, or if the estimated
+        error is comparable to the motion.
 
     Notes
     -----

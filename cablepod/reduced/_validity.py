@@ -19,6 +19,9 @@ MAX_FORCING_RATIO = 0.2
 MAX_ESTIMATED_ERROR = 0.5
 #: Maximum logarithm of the growth of vibrations about rest over a run.
 MAX_LOG_GROWTH = 1.0
+#: Maximum tension of law (21) over that of the linear law, less 1 (above, the motion is that of another material: where tension
+#: holds the cable in place, positions differ by two to three times this fraction of the motion).
+MAX_EXTRA_TENSION = 0.05
 
 
 def forcing_attributes(p: Parameters, length: Any) -> dict[str, Any]:
@@ -121,6 +124,17 @@ def warn_galerkin_out_of_range(attrs: Mapping[str, Any]) -> None:
         warnings.warn(
             f"links are compressed, to {attrs['smallest_stretch']:.6g} of their unstretched length (smallest_stretch): a cable "
             "goes slack there, and few modes do not represent its kinks; compare with chain.simulate",
+            OutOfRangeWarning,
+            stacklevel=4,
+        )
+    stretch = attrs["largest_stretch"]
+    extra_tension = 0.5 * stretch * (stretch + 1.0) - 1.0  # xi (xi^2 - 1) / 2 over xi - 1
+    if attrs["law"] == "green" and extra_tension > MAX_EXTRA_TENSION:
+        warnings.warn(
+            f"links are stretched to {stretch:.4g} of their unstretched length (largest_stretch), where law (21) has "
+            f"{100.0 * extra_tension:.2g} % more tension than the linear law of the same stiffness (above "
+            f"{100.0 * MAX_EXTRA_TENSION:g} %), which error_estimate does not contain: the motion is that of another material "
+            'than in chain.simulate; give law="linear" unless eq. (21) is the law of the cable',
             OutOfRangeWarning,
             stacklevel=4,
         )
