@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._resources import check_memory
+from cablepod.batch._computed import computed_variable
 from cablepod.batch._members import Rows, RunChunk, run_members
 from cablepod.batch._stack import Variables, to_dataset
 from cablepod.catenary._statics import member_statics
@@ -60,16 +61,43 @@ def run(
         solution = solve(member_model, request)
         result = variables(member_model, solution.state, request.outputs, request.links)
         result["arc_length"] = (("particle",), member_model.chain.arc_length)
+        if in_blocks is not None:
+            del result["end_position"]
         return result, attributes_of(solution, modes, request)
 
-    stack = run_members(run_member, len(members), progress, plan(modes, unit, members, request), lanes=LANES)
+    in_blocks = plan(modes, unit, members, request)
+    stack = run_members(run_member, len(members), progress, in_blocks, lanes=LANES)
     title = title_of(unit, str(scene.attrs.get("title", "scene")))
     times = members[0].times() if request.times is None else request.times
+    if in_blocks is not None:
+        failed = np.array([error is not None for error in stack.failures])
+        shape = len(members), times.size, 2, unit.chain.p.dims
+        ends = computed_variable(
+            ("member", "time", "end", "coordinate"), shape, EndPositions(members, times, failed)
+        )
+        stack.variables = {"end_position": ends, **stack.variables}
     coords = labels_of(unit, times, request.links)
     result = to_dataset(stack, scene, coords).set_coords("arc_length")
     result.attrs = {"title": title, **result.attrs}
     warn_condensed_members(stack.attrs)
     return result
+
+
+@dataclass(frozen=True)
+class EndPositions:
+    """Positions of both ends of members that can be stacked."""
+
+    members: Members
+    times: np.ndarray  #: instants [s]
+    failed: np.ndarray  #: whether a member failed, and so holds nan (members,)
+
+    def __call__(self, first: int, last: int) -> np.ndarray:
+        """Return the positions of the members `first` ... `last - 1` (members, time, end, dims) [m]."""
+        stacked = self.members.stacked(first, last)
+        ends = np.empty((last - first, self.times.size, 2, stacked.dims))
+        stacked.fill_end_positions(self.times, ends)
+        ends[self.failed[first:last]] = np.nan
+        return ends
 
 
 #: Outputs of compiled batches.
@@ -157,8 +185,6 @@ class CondensedBatch:
         )
         for amplitude, which in zip(amplitudes, unit.ranks, strict=False):
             amplitude[:, :, which:] = 0.0
-        ends = add("end_position", ("time", "end", "coordinate"), times, 2, unit.chain.p.dims)
-        self.parameters.fill_end_positions(instants.times, ends)
         dims, count = unit.chain.p.dims, len(q)
         tension, position = np.empty((count, 0, 0)), np.empty((count, 0, 0, dims))
         if "tension" in outputs:
@@ -167,6 +193,8 @@ class CondensedBatch:
             position = add("position", ("time", "particle", "coordinate"), times, unit.chain.links + 1, dims)
         done = advance(self, q, v, amplitudes, tension, position)
         if "position" in outputs:
+            ends = np.empty((count, times, 2, dims))
+            self.parameters.fill_end_positions(instants.times, ends)
             position[:, :, -1] = ends[:, :, 1]  # free of rounding, as for single runs
             self.active &= self._has_frames(ends)
         self.active &= (1.0 / instants.steps_per_second < limit) & done.completed

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -279,3 +281,20 @@ def test_stacked_parameters_equal_those_of_each_scene(soft, case, dims):
                 stacked.end_positions(times, derivative)[i], p.end_positions(times, derivative)
             )
         np.testing.assert_array_equal(features[i], similarity.features(p, lengths[i], 2.0, tension[i]))
+
+
+def test_end_positions_take_memory_only_when_read(soft):
+    # twice as many numbers as the amplitudes of two modes: most of the memory of a batch without shapes
+    scenes, modes = scenes_of(soft, *CASES["both ends"]), full_modes()
+    run = cp.condensed.simulate(scenes, modes, links=[1], **OPTIONS)
+    assert not run.variables["end_position"]._in_memory
+    again = pickle.loads(pickle.dumps(run))  # as from another process
+    truth = np.stack([p.end_positions(TIMES) for p in Members(scenes)])
+    moved = np.ptp(truth, axis=1).max()
+    for ends in (again.end_position, run.copy(deep=True).end_position, run.end_position):
+        np.testing.assert_allclose(ends.isel(time=3, end=1), truth[:, 3, 1], rtol=0, atol=1e-15 * moved + 1e-14)
+        np.testing.assert_allclose(ends, truth, rtol=0, atol=1e-14)
+    assert run.variables["end_position"]._in_memory
+    run.end_position[0] = 0.0  # as any other variable
+    assert not run.end_position[0].any()
+    np.testing.assert_array_equal(run.end_position[1:], again.end_position[1:])
