@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
@@ -14,7 +13,7 @@ from xarray.core import indexing
 BLOCK = 256
 
 
-class ComputedRows(BackendArray):  # type: ignore[misc]
+class ComputedRows(BackendArray):
     """Array (members, ...) of numbers whose rows are computed on reading."""
 
     def __init__(self, shape: tuple[int, ...], compute: Callable[[int, int], np.ndarray]) -> None:
@@ -32,17 +31,11 @@ class ComputedRows(BackendArray):  # type: ignore[misc]
         rows, rest = range(self.shape[0])[key[0]], (slice(None), *key[1:])
         if isinstance(rows, int):
             return np.asarray(self.compute(rows, rows + 1)[rest][0])
+        result = np.empty(np.broadcast_to(0.0, (len(rows), *self.shape[1:]))[rest].shape)
         size = BLOCK if rows.step == 1 else 1
-        blocks = [rows[first : first + size] for first in range(0, len(rows), size)]
-        if not blocks:
-            return np.empty(np.broadcast_to(0.0, (0, *self.shape[1:]))[rest].shape)
-        result: np.ndarray | None = None
-        for number, block in enumerate(blocks):
-            values = self.compute(block[0], block[-1] + 1)[rest]
-            if result is None:
-                result = np.empty((len(rows), *values.shape[1:]))
-            result[number * size : number * size + len(block)] = values
-        assert result is not None
+        for first in range(0, len(rows), size):
+            block = rows[first : first + size]
+            result[first : first + size] = self.compute(block[0], block[-1] + 1)[rest]
         return result
 
 
@@ -58,5 +51,5 @@ def computed_variable(
     compute
         Returns the rows of the members `first` ... `last - 1`; can be pickled.
     """
-    lazy = indexing.LazilyIndexedArray(ComputedRows(shape, compute))
-    return dims, indexing.MemoryCachedArray(indexing.CopyOnWriteArray(lazy))
+    rows: Any = indexing.LazilyIndexedArray(ComputedRows(shape, compute))
+    return dims, indexing.MemoryCachedArray(indexing.CopyOnWriteArray(rows))

@@ -43,8 +43,9 @@ class BatchPlan(NamedTuple):
     prepare_chunk: PrepareChunk = lambda *_: None
 
 
-#: Maximum number of members that a thread takes at once, one after the other or in groups of lanes.
-CHUNK, CHUNK_OF_LANES = 16, 256
+#: Maximum number of members that a thread takes at once, one after the other or in groups of lanes: the work arrays of more
+#: members are so large that the allocator returns them to the system after each chunk, and their pages are cleared anew.
+CHUNK, CHUNK_OF_LANES = 16, 128
 _THREADS: ContextVar[int | None] = ContextVar("threads", default=None)
 _STOP: ContextVar[Callable[[], bool] | None] = ContextVar("stop", default=None)
 _INSIDE: ContextVar[bool] = ContextVar("inside", default=False)

@@ -72,9 +72,7 @@ def run(
     if in_blocks is not None:
         failed = np.array([error is not None for error in stack.failures])
         shape = len(members), times.size, 2, unit.chain.p.dims
-        ends = computed_variable(
-            ("member", "time", "end", "coordinate"), shape, EndPositions(members, times, failed)
-        )
+        ends = computed_variable(("member", "time", "end", "coordinate"), shape, EndPositions(members, times, failed))
         stack.variables = {"end_position": ends, **stack.variables}
     coords = labels_of(unit, times, request.links)
     result = to_dataset(stack, scene, coords).set_coords("arc_length")

@@ -82,11 +82,12 @@ def simulate(
     Returns
     -------
     xarray.Dataset
-        ``amplitude (time, mode)`` [m], in space also ``amplitude_out_of_plane``, ``end_position`` [m] and the requested outputs,
-        on the particles of the modes.  Attributes: scheme, step [s], number of steps, ``step_limit`` [s], the stability limit of
-        explicit steps at the start, and the diagnostics of :mod:`cablepod.reduced`: ``smallest_chordwise_force`` [N] over all
-        steps, ``forcing_over_axial_frequency``, ``energy_share_kept``, ``outside_training``, ``error_estimate`` (largest
-        expected error over time as a fraction of the motion, including ``time_error_estimate``), and with trained test functions
+        ``amplitude (time, mode)`` [m], in space also ``amplitude_out_of_plane``, ``end_position`` [m] and the requested
+        outputs, on the particles of the modes; of members that run in lanes ``end_position`` is computed when it is read.
+        Attributes: scheme, step [s], number of steps, ``step_limit`` [s], the stability limit of explicit steps at the start,
+        and the diagnostics of :mod:`cablepod.reduced`: ``smallest_chordwise_force`` [N] over all steps,
+        ``forcing_over_axial_frequency``, ``energy_share_kept``, ``outside_training``, ``error_estimate`` (largest expected
+        error over time as a fraction of the motion, including ``time_error_estimate``), and with trained test functions
         ``growth_over_run`` (largest growth rate of vibrations about rest times duration).
 
     Raises
