@@ -42,7 +42,7 @@ def with_strand(cable: Any) -> Any:
     if not isinstance(name, str) or name not in strands():
         listed = ", ".join(f'"{strand}"' for strand in strands())
         raise scene_error("cable.strand", name, f"one of {listed}{did_you_mean(name, strands())}")
-    missing = {key: value for key, value in strands()[name].items() if key not in cable}
+    of_strand = dict(strands()[name])
     if any(key in cable for key in WEIGHT_KEYS):
-        missing.pop("density", None)
-    return {**missing, **cable}
+        del of_strand["density"]
+    return {**of_strand, **cable}

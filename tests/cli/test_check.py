@@ -33,6 +33,9 @@ def test_the_table_holds_the_numbers_of_the_summary(capsys):
         value, _, rest = values[text].partition(" ")
         assert float(value) == pytest.approx(factor * float(numbers[name]), rel=1e-4)  # five digits
         assert rest == unit
+    printed = {"inclination of the chord": "70.529 degrees", "axial stiffness EA": "20 MN", "stress": "120 MPa"}
+    printed |= {"strain": "0.075 %", "sag over chord": "0.16992 %", "tension, upper end": "15000 N"}
+    assert {text: values[text] for text in printed} == printed
     for text, plane in _summary.FREQUENCIES:
         hertz, omega = values[text].split(" Hz ")
         assert [float(value) for value in hertz.split()] == pytest.approx(
