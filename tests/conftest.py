@@ -1,4 +1,4 @@
-"""Fixtures and the order of all tests."""
+"""Fixtures and rules of all tests."""
 
 from __future__ import annotations
 
@@ -12,13 +12,26 @@ from typing import Any
 import pytest
 from scene_files import EVERYTHING, RECORD
 from scenes import SCENES, SOFT
+from suite import (
+    no_process_left_behind,
+    pytest_addoption,
+    pytest_collection_modifyitems,
+    pytest_configure,
+    pytest_report_header,
+    pytest_xdist_make_scheduler,
+)
 
 from cablepod.scene import _limits as scene_limits
 
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Physics in seconds first, what takes long last."""
-    items.sort(key=lambda item: item.get_closest_marker("slow") is not None)
+#: The rules; pytest finds them here by their names.
+__all__ = [
+    "no_process_left_behind",
+    "pytest_addoption",
+    "pytest_collection_modifyitems",
+    "pytest_configure",
+    "pytest_report_header",
+    "pytest_xdist_make_scheduler",
+]
 
 
 @pytest.fixture
