@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -147,3 +147,18 @@ def no_process_left_behind(request: pytest.FixtureRequest) -> Iterator[None]:
         psutil.wait_procs(left, timeout=PATIENCE)
         told = "; ".join(f"{process.pid}: {line}" for process, line in left.items())
         pytest.fail(f"{request.node.nodeid} left processes behind: {told}", pytrace=False)
+
+
+def slow(*values: Any) -> Any:
+    """Mark a value, or values, of a parametrised test as slow."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+def with_slow(values: Iterable[Any], *names: Any) -> list[Any]:
+    """Mark these values of a parametrised test as slow, and leave the others quick."""
+    return [slow(value) if value in names else value for value in values]
+
+
+def slow_but(values: Iterable[Any], *quick: Any) -> list[Any]:
+    """Mark all values of a parametrised test as slow but those named."""
+    return [value if value in quick else slow(value) for value in values]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scenes import scene_with, spatial
+from suite import slow
 
 import cablepod as cp
 from cablepod import examples as shipped
@@ -135,7 +136,7 @@ CASES = {
 @pytest.mark.parametrize(
     ("law", "case"), [*LAW_AND_TERM, ("green", "points"), ("linear", "points"), ("linear", "free end")]
 )
-@pytest.mark.parametrize(("scheme", "step"), [("velocity_verlet", 2e-4), ("trapezoidal", 5e-3)])
+@pytest.mark.parametrize(("scheme", "step"), [("velocity_verlet", 2e-4), slow("trapezoidal", 5e-3)])
 def test_elements_of_order_1_are_the_chain(law, case, scheme, step, smooth):
     scene = scene_with(smooth, **copy.deepcopy(CASES[case]))
     times = [0.0, 0.1, 0.333, 0.5]  # one of them between two steps

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scenes import spatial
+from suite import slow
 
 import cablepod as cp
 from cablepod import errors
@@ -125,7 +126,7 @@ def test_batched_members_equal_single_runs(soft, monkeypatch, case):
     assert_same_bits(run, scenes, options)
 
 
-@pytest.mark.parametrize("case", ["a motion", "loads and damping"])
+@pytest.mark.parametrize("case", ["a motion", slow("loads and damping")])
 def test_batched_members_equal_single_runs_in_space(soft, monkeypatch, case):
     tables, varied, options = CASES[case]
     scenes = scenes_of(soft, tables, varied, 3)
@@ -136,7 +137,7 @@ def test_batched_members_equal_single_runs_in_space(soft, monkeypatch, case):
     assert_same_bits(run, scenes, options)
 
 
-@pytest.mark.parametrize("case", ALONE)
+@pytest.mark.parametrize("case", ["default", "tolerance", slow("implicit")])
 def test_members_outside_a_batch_equal_single_runs(soft, monkeypatch, case):
     tables, varied, options = ALONE[case]
     scenes = scenes_of(soft, tables, varied)

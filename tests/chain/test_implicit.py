@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 from scenes import scene_with, spatial
+from suite import slow, slow_but
 
 import cablepod as cp
 from cablepod.chain import _implicit as implicit
@@ -100,7 +101,7 @@ TERMS = {
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("terms", TERMS)
+@pytest.mark.parametrize("terms", slow_but(TERMS, "plain", "all"))
 def test_second_order_with_every_term(soft, scheme, terms):
     scene = pulled(soft, **TERMS[terms])
     fine = cp.chain.simulate(scene, scheme="velocity_verlet", step=1e-5)
@@ -149,7 +150,7 @@ def test_planar_and_spatial_agree(soft, scheme):
     assert not deep.position[:, :, 2].any()
 
 
-@pytest.mark.parametrize("damping", [{}, {"damping": {"mass_proportional": 0.5, "link_viscosity": 0.01}}])
+@pytest.mark.parametrize("damping", [{}, slow({"damping": {"mass_proportional": 0.5, "link_viscosity": 0.01}})])
 @pytest.mark.parametrize("free", ["upper", "lower"])
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_released_end(soft, scheme, free, damping):
@@ -404,6 +405,7 @@ def test_newton_converges_far_from_the_origin(soft, scheme):
     assert float(np.abs(there.position - away - near.position).max()) < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_newton_converges_where_the_chain_is_towed_far_away(soft, scheme):
     tow = {end: {"x": {"kind": "polynomial", "coefficients": [0.0, 5.0]}} for end in ("lower", "upper")}

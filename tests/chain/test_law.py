@@ -15,6 +15,7 @@ import pytest
 from scenes import TERMS as SHARED
 from scenes import spatial
 from scipy.integrate import solve_ivp
+from suite import slow, with_slow
 
 import cablepod as cp
 from cablepod.discretisation import _chain as lumped_chain
@@ -24,6 +25,8 @@ TERMS = {
     **SHARED,
     "unequal links": {"chain": {"link_lengths": [1.0, 2.0, 1.0, 0.5, 2.0, 1.0, 1.0, 3.0]}},
 }
+#: Terms for which loops of their own are compiled; quick in the test of the order alone.
+COMPILED = ("uniform load", "mass damping")
 
 # a rubber band of 4 m, straight and without weight, pulled to xi = 2
 RUBBER = {
@@ -62,8 +65,8 @@ def law(xi, stiffness):
 # --- against what is known --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dims", [2, 3])
-@pytest.mark.parametrize("name", TERMS)
+@pytest.mark.parametrize("dims", [2, slow(3)])
+@pytest.mark.parametrize("name", with_slow(TERMS, *COMPILED))
 def test_the_galerkin_model_of_all_modes_is_the_chain(soft, name, dims):
     # two codes with nothing in common but masses and loads: forces link by link here, packed energy there
     mapping = {**soft, **copy.deepcopy(TERMS[name])}
@@ -115,7 +118,7 @@ def test_one_compressed_mass_swings_as_its_equation_says():
     np.testing.assert_allclose(run.tension_maximum, [most] * 2, rtol=1e-6)
 
 
-@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("dims", [2, slow(3)])
 def test_extremes_are_taken_over_all_steps_with_their_sign(soft, dims):
     # a chain thrown up from rest by a jump of the load goes slack: some links push
     load = {"uniform": [0.0, 25.0], "kind": "harmonic", "amplitude": 1.0, "angular_frequency": 4.0}
@@ -254,7 +257,7 @@ def test_energy_is_kept(soft):
     assert spread[500][0] / spread[1000][0] == pytest.approx(4.0, rel=0.15)
 
 
-@pytest.mark.parametrize("name", TERMS)
+@pytest.mark.parametrize("name", with_slow(TERMS, *COMPILED))
 def test_planar_and_spatial_agree_bit_for_bit(soft, name):
     mapping = {**soft, **copy.deepcopy(TERMS[name])}
     outputs = ("position", "velocity", "tension", "tension_extremes")

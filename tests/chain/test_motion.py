@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 from scenes import TERMS as SHARED
 from scenes import scene_with, spatial
+from suite import with_slow
 
 import cablepod as cp
 from cablepod.discretisation import _chain as lumped_chain
@@ -20,6 +21,8 @@ TERMS = {
     "link viscosity": {"damping": {"link_viscosity": 0.002}},
     "initial shape": {"initial": {"top_tension": 260.0}},
 }
+#: Terms for which loops of their own are compiled; quick in the test of the order alone.
+COMPILED = ("uniform load", "mass damping", "link viscosity")
 
 
 def positions(scene, **options):
@@ -131,7 +134,7 @@ def test_second_order_in_the_number_of_links(soft):
     np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 2.0, atol=0.1)
 
 
-@pytest.mark.parametrize("name", TERMS)
+@pytest.mark.parametrize("name", with_slow(TERMS, *COMPILED))
 def test_planar_and_spatial_agree_bit_for_bit(soft, name):
     mapping = {**soft, **copy.deepcopy(TERMS[name])}
     outputs = ("position", "velocity", "tension", "tension_extremes")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scenes import HARMONIC, full_modes, spatial
+from suite import with_slow
 
 import cablepod as cp
 from cablepod import errors
@@ -83,7 +84,7 @@ def assert_close(run, truth):
 
 
 @pytest.mark.parametrize("dims", [2, 3])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", with_slow(CASES, "still"))
 def test_compiled_blocks_equal_single_runs(soft, monkeypatch, case, dims):
     scenes, modes = scenes_of(soft, *CASES[case], dims), full_modes(dims=dims)
     truth = single_runs(monkeypatch, scenes, modes, links=[1, 5], **OPTIONS)
@@ -108,7 +109,7 @@ def test_all_links_positions_and_no_outputs(soft, monkeypatch, outputs, dims):
 
 
 @pytest.mark.parametrize("dims", [2, 3])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", with_slow(CASES, "still"))
 def test_members_equal_runs_of_their_scenes_alone_to_rounding(soft, case, dims):
     # own coefficients, own start, another kernel: differences are rounding, some 1e-14 of motion and tension
     scenes, modes = scenes_of(soft, *CASES[case], dims), full_modes(dims=dims)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scenes import spatial
+from suite import slow
 
 import cablepod as cp
 from cablepod.galerkin import _estimate as galerkin_estimate
@@ -42,7 +43,7 @@ def slack(soft, ratio):
 
 @pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")  # of the worst pairs, which are meant to be bad
 @pytest.mark.parametrize("layout", ["separate", "vector"])
-@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("dims", [2, slow(3)])
 @pytest.mark.parametrize("law", ["linear", "green"])
 def test_the_error_estimate_tells_the_error_against_the_chain(soft, dims, layout, law):
     options = {"times": TIMES, "tolerance": 1e-4, "law": law}

@@ -1,8 +1,8 @@
 """Random scenes that nobody meant end in a result or a clear error.
 
-Mutations of valid scenes: 200 in the suite, as many as CABLEPOD_FUZZ says otherwise, from another seed each time, by the command in
-tests/README.md (with --hypothesis-show-statistics); CABLEPOD_FUZZ_VARIANTS=1 adds those whose terms need kernels compiled that no
-other scene here needs, some seconds each.
+Mutations of valid scenes: 200 in the suite, as many as CABLEPOD_FUZZ says otherwise, from another seed each time;
+tests/README.md has the command (add --hypothesis-show-statistics).  CABLEPOD_FUZZ_VARIANTS=1 adds those whose terms need
+kernels compiled that no other scene here needs, some seconds each.
 """
 
 from __future__ import annotations
