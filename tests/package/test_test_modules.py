@@ -1,4 +1,4 @@
-"""Tests stand alone: no module of tests imports another one; what several need is in modules of its own."""
+"""Tests stand alone: none imports another one (what several need is in modules of its own), none needs a terminal."""
 
 from __future__ import annotations
 
@@ -46,3 +46,31 @@ def test_an_import_of_a_test_is_found(tmp_path, text):
     (tmp_path / "test_it.py").write_text(text)
     (tmp_path / "test_other.py").write_text("import numpy as np\nfrom scenes import SOFT\n")
     assert len(imports_of_tests(tmp_path)) == 1
+
+
+def senders_without_ctrl_c(text: str) -> list[str]:
+    """Functions that name SIGINT without the fixture `ctrl_c`, which may also be taken by one for the whole module."""
+    functions = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
+    taking = [function for function in functions if "ctrl_c" in {argument.arg for argument in function.args.args}]
+    if any("autouse=True" in ast.unparse(decorator) for function in taking for decorator in function.decorator_list):
+        return []
+    return [function.name for function in functions if function not in taking and "SIGINT" in ast.unparse(function)]
+
+
+def test_what_sends_ctrl_c_does_so_in_the_background_too():
+    paths = [path for path in TESTS.rglob("test_*.py") if path != Path(__file__).resolve()]
+    assert {str(path): found for path in paths if (found := senders_without_ctrl_c(path.read_text()))} == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("def test_it():\n    os.kill(pid, signal.SIGINT)", ["test_it"]),
+        ("@parametrize('sign', [signal.SIGINT])\ndef test_it(sign):\n    os.kill(pid, sign)", ["test_it"]),
+        ("def test_it(ctrl_c):\n    os.kill(pid, signal.SIGINT)", []),
+        ("@fixture(autouse=True)\ndef f(ctrl_c):\n    yield\n\ndef test_it():\n    raise_signal(SIGINT)", []),
+        ("@fixture\ndef f(ctrl_c):\n    yield\n\ndef test_it():\n    raise_signal(SIGINT)", ["test_it"]),
+    ],
+)
+def test_a_sender_without_ctrl_c_is_found(text, found):
+    assert senders_without_ctrl_c(text) == found
