@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 #: Time limit of a test marked slow [s]; that of all others is `timeout` in pyproject.toml.
-SLOW_LIMIT = 900.0
+SLOW_LIMIT = 1200.0
 #: Time that processes have to end after the tests of a file [s].
 PATIENCE = 5.0
 #: Folders in the order in which worker processes take them: first those that compile most kernels, in the end short ones.

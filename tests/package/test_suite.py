@@ -78,7 +78,7 @@ LIMITS = """
 
     @pytest.mark.slow
     def test_slow(request):
-        assert request.node.get_closest_marker("timeout").args == (900.0,)
+        assert request.node.get_closest_marker("timeout").args == (1200.0,)
 """
 
 

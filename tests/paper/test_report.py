@@ -392,6 +392,7 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("report")
 def test_the_report_is_whole(folder):
     assert {path.name for path in folder.iterdir()} == set(report.FILES)
     text = (folder / report.PAGE).read_text()
@@ -422,6 +423,7 @@ def test_the_report_is_whole(folder):
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("report")
 def test_the_table_of_the_page_is_what_comes_out(folder):
     data = cp.archive.read(folder / report.DATASET)
     page = (Path(paper.__file__).parent / "README.md").read_text()
@@ -430,6 +432,7 @@ def test_the_table_of_the_page_is_what_comes_out(folder):
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("report")
 def test_a_report_is_not_overwritten_unasked(folder, capsys):
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert cli.main(["paper", "--small", "--out", str(folder)]) == 2
@@ -451,6 +454,7 @@ def test_an_interrupted_report_leaves_what_was_there(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("report")
 def test_the_report_is_a_compliant_file(folder):
     from compliance import HAVE_TIME, check_compliance
 
