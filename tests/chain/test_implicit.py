@@ -309,7 +309,7 @@ def test_the_choice_of_scheme_follows_the_tolerance(scenes):
     assert unasked.attrs["choice_of_scheme"].startswith("explicit: all its runs take about ")
 
 
-@pytest.mark.parametrize("period", [0.025, 0.00025])
+@pytest.mark.parametrize("period", [slow(0.025), 0.00025])
 @pytest.mark.parametrize("tolerance", [1e-1, 1e-3])
 def test_steps_do_not_alias_a_fast_load(period, tolerance):
     # a load that every round step meets in the same phase: two runs with such steps agree, and both miss it
