@@ -41,6 +41,7 @@ class BatchPlan(NamedTuple):
     run_member: RunMember
     first: Callable[[], xr.Dataset]  #: returns the Dataset of one completed member, as of a single run
     prepare_chunk: PrepareChunk = lambda *_: None
+    lanes: int = 1  #: members that `prepare_chunk` advances abreast
 
 
 #: Maximum number of members that a thread takes at once, one after the other or in groups of lanes: the work arrays of more
@@ -98,7 +99,7 @@ def run_members(
     prepare_chunk
         Prepares several members for `run_member`.
     lanes
-        Number of members that `run_chunk` advances abreast.
+        Number of members that `run_chunk` or `prepare_chunk` advances abreast.
 
     Raises
     ------
@@ -142,7 +143,7 @@ def run_members(
                 progress(stack.done / count)
 
     workers = min(_THREADS.get() or cores(), count)
-    size = _chunk_size(count, workers, 1 if run_chunk is None else lanes)
+    size = _chunk_size(count, workers, lanes)
     _run_chunks(chunk, range(0, count, size), workers, ended)
     failed = [(i, error) for i, error in enumerate(stack.failures) if error is not None]
     if failed and len(failed) == count:
@@ -203,8 +204,9 @@ def over_members_by(
             given = {name: value for name, value in options.items() if name != "progress"}
             batch = plan(scene, *args, **given) or _member_by_member(function, scene, args, options)
             stack = run_members(
-                batch.run_member, scene.sizes["member"], options.get("progress"), prepare_chunk=batch.prepare_chunk
-            )
+                batch.run_member, scene.sizes["member"], options.get("progress"), prepare_chunk=batch.prepare_chunk,
+                lanes=batch.lanes,
+            )  # fmt: skip
             return provenance.record(
                 labelled_like(stack, scene, batch.first()),
                 function=provenance.public_name(function),

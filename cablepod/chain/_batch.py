@@ -1,7 +1,7 @@
-"""Chains of many members: explicit runs of equal shape advance together in one compiled call.
+"""Chains of many members: runs of equal shape advance together in one compiled call.
 
-Each member equals the run of its scene alone, bit for bit: same preparation, same loop, same checks.  Only the Dataset of each
-member is left out.
+Each member has the preparation and the checks of the run of its scene alone; only its Dataset is left out.  Explicit members
+have the same loop, and the same bits.  Implicit ones lie in lanes, whose sums over links are added up in another order.
 """
 
 from __future__ import annotations
@@ -14,8 +14,10 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.batch._members import BatchPlan
 from cablepod.batch._stack import Variables
-from cablepod.chain._explicit import ExplicitChainRun, ExplicitStepper, PreparedRun
-from cablepod.chain._scheme import ChainRequest, PreparedScene, prepare, solve
+from cablepod.chain._explicit import ExplicitStepper, PreparedRun
+from cablepod.chain._implicit import ImplicitStepper
+from cablepod.chain._lanes import LANES, ImplicitLanes
+from cablepod.chain._scheme import SCHEMES, ChainRequest, PreparedScene, prepare, solve
 from cablepod.errors import SceneError
 from cablepod.integrate._march import BLOCK
 from cablepod.integrate._run import Trajectory
@@ -38,7 +40,8 @@ def plan(scene: xr.Dataset, **options: Any) -> BatchPlan | None:
     except SceneError:
         return None
     batch = ChainBatch(members, request, str(scene.attrs.get("title", "scene")))
-    return BatchPlan(batch.run_member, lambda: batch.first[0], batch.prepare_chunk)
+    in_lanes = request.step is not None and request.scheme not in (None, SCHEMES[0])
+    return BatchPlan(batch.run_member, lambda: batch.first[0], batch.prepare_chunk, LANES if in_lanes else 1)
 
 
 class ChainBatch:
@@ -49,15 +52,15 @@ class ChainBatch:
         self.first: list[xr.Dataset] = []  #: result of the first member, the template of all others
         self._shared: dict[str, tuple[tuple[str, ...], Any]] = {}  # coordinates that are equal in all members
         self._ready: dict[int, PreparedScene] = {}
-        self._advanced: dict[int, tuple[ExplicitStepper, int]] = {}
+        self._advanced: dict[int, tuple[Any, int]] = {}
 
     def prepare_chunk(self, first: int, last: int, check: Callable[[], None]) -> None:
-        """Advance the members `first` ... `last - 1` together, as far as they are explicit with a given step.
+        """Advance the members `first` ... `last - 1` together, as far as they have a given step.
 
         `check` is called regularly and raises :class:`cablepod.errors.StoppedError` on cancellation.
         """
         shapes: dict[Any, list[int]] = {}
-        prepared: dict[int, PreparedRun] = {}
+        prepared: dict[int, PreparedRun | ImplicitStepper] = {}
         memory = MAX_KEPT_BYTES
         for i in range(first, last):
             check()
@@ -66,28 +69,27 @@ class ChainBatch:
                 memory -= member.saved_bytes
                 prepared[i] = member
                 shapes.setdefault(member.run.shape, []).append(i)
-        for group in shapes.values():
-            stepper = ExplicitStepper([prepared[i] for i in group])
-            self._advance(stepper, check)
-            # runs that are no longer finite are repeated alone, to find the failing step
-            self._advanced |= {i: (stepper, place) for place, i in enumerate(group) if stepper.is_finite[place]}
+        for alike in shapes.values():
+            run: Any = prepared[alike[0]].run
+            for places in run.groups([prepared[i] for i in alike]):
+                group = [alike[place] for place in places]
+                stepper = run.together([prepared[i] for i in group])
+                self._advance(stepper, check)
+                # runs that are no longer finite are repeated alone, to find the failing step
+                self._advanced |= {i: (stepper, place) for place, i in enumerate(group) if stepper.is_finite[place]}
 
-    def _prepare(self, i: int) -> PreparedRun | None:
-        """Prepare a member; None if it is not explicit with a given step, or fails, which its own run reports."""
+    def _prepare(self, i: int) -> PreparedRun | ImplicitStepper | None:
+        """Prepare a member; None if it has no given step, or fails, which its own run reports."""
         try:
             ready = self._ready[i] = prepare(self.members[i], self.request, self.title)
-            return (
-                ready.run.begin(ready.steps_per_second)
-                if isinstance(ready.run, ExplicitChainRun) and ready.steps_per_second is not None
-                else None
-            )
+            return None if ready.steps_per_second is None else cast(Any, ready.run).begin(ready.steps_per_second)
         except (ValueError, ArithmeticError):
             return None
 
-    def _advance(self, stepper: ExplicitStepper, check: Callable[[], None]) -> None:
+    def _advance(self, stepper: ExplicitStepper | ImplicitLanes, check: Callable[[], None]) -> None:
         """Take all steps, block by block."""
         block = MAX_BLOCK_STEPS
-        while block > MIN_BLOCK_STEPS and block * stepper.saved[:, 0, 0].size > BLOCK_WORK:
+        while block > MIN_BLOCK_STEPS and block * stepper.work > BLOCK_WORK:
             block //= 2
         for start in range(0, stepper.total, block):
             check()
@@ -98,7 +100,7 @@ class ChainBatch:
         ready = self._ready.pop(i, None) or prepare(self.members[i], self.request, self.title)
         state: Trajectory | None = None
         if i in self._advanced:
-            state = ready.explicit.finish(*self._advanced.pop(i))
+            state = cast(Any, ready.run).finish(*self._advanced.pop(i))
         return self._to_variables(solve(ready, self.request, state))
 
     def _to_variables(self, solution: Solution) -> tuple[Variables, Mapping[str, Any]]:

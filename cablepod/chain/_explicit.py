@@ -44,6 +44,16 @@ class ExplicitChainRun(ChainRun):
         """Prepare a run with a number of steps per second."""
         return PreparedRun(self, self.instants(steps_per_second), *self._first_state(1.0 / steps_per_second))
 
+    @staticmethod
+    def groups(prepared: Sequence[PreparedRun]) -> list[list[int]]:
+        """Return the places of runs of equal shape that are advanced together: all."""
+        return [list(range(len(prepared)))]
+
+    @staticmethod
+    def together(prepared: Sequence[PreparedRun]) -> ExplicitStepper:
+        """Return what advances runs of equal shape together."""
+        return ExplicitStepper(prepared)
+
     def finish(self, stepper: ExplicitStepper, place: int) -> Trajectory:
         """Return the trajectory of this run, number `place` of a stepper, after its last step.
 
@@ -204,6 +214,7 @@ class ExplicitStepper:
         np.stack([member.state for member in prepared], out=self.states)
         count, saves = len(prepared), self.instants.steps.size
         self.total = int(self.instants.steps[-1]) + 1
+        self.work = count * (chain.links + 1)  #: of a step, in steps of one link
         self.is_finite = np.ones(count, dtype=bool)  #: False for runs that are no longer advanced (runs,)
         self.saved = np.empty((count, saves, p.dims, chain.links + 1))
         self.half_velocities = (

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +13,9 @@ from cablepod.integrate._march import cut_step, not_converged
 from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._run import NewtonRun, Trajectory
+
+if TYPE_CHECKING:
+    from cablepod.chain._lanes import ImplicitLanes
 
 SCHEMES = ("trapezoidal", "generalized_alpha", "energy_momentum")
 #: Newton tolerance: the mean link rotation of the last correction is so small that its second-order effect on the mean tension
@@ -37,16 +42,56 @@ class ImplicitChainRun(NewtonRun):
         """Name of the scheme."""
         return self.method
 
+    @property
+    def parameters(self) -> tuple[float, float, float, float]:
+        """Parameters alpha_m, alpha_f, beta, gamma of Chung and Hulbert (1993); alphas 0 give the trapezoidal rule."""
+        if self.method == "trapezoidal":
+            return 0.0, 0.0, 0.25, 0.5
+        radius = self.spectral_radius
+        alpha_m, alpha_f = (2.0 * radius - 1.0) / (radius + 1.0), radius / (radius + 1.0)
+        return alpha_m, alpha_f, 0.25 * (1.0 - alpha_m + alpha_f) ** 2, 0.5 - alpha_m + alpha_f
+
     def new_stepper(self, instants: OutputTimes) -> ImplicitStepper:
         """Return the stepper of a run; models with other kernels override this."""
         return ImplicitStepper(self, instants)
 
+    def begin(self, steps_per_second: float) -> ImplicitStepper:
+        """Prepare a run with a number of steps per second, to be advanced in a lane."""
+        return self.new_stepper(self.instants(steps_per_second))
+
+    @property
+    def shape(self) -> tuple[Any, ...]:
+        """Key of runs that can be advanced in lanes of one kernel call, see :class:`cablepod.chain._lanes.ImplicitLanes`."""
+        chain, p, free = self.chain, self.chain.p, self.chain.free_particles
+        terms = (p.mass_damping is None, p.link_viscosity is None, len(chain.time_dependent_loads()))
+        sizes = (chain.links, p.dims, chain.law, free.start, free.stop, *sorted(self.moving))
+        return self.method, self.spectral_radius, sizes, terms, self.outputs, self.times.tobytes()
+
+    @staticmethod
+    def groups(steppers: Sequence[ImplicitStepper]) -> list[list[int]]:
+        """Return the places of runs of equal shape that are advanced together; others are left to single runs."""
+        from cablepod.chain._lanes import groups_of_lanes
+
+        return groups_of_lanes(steppers)
+
+    @staticmethod
+    def together(steppers: Sequence[ImplicitStepper]) -> ImplicitLanes:
+        """Return what advances runs of equal shape together."""
+        from cablepod.chain._lanes import ImplicitLanes
+
+        return ImplicitLanes(steppers)
+
+    def finish(self, lanes: ImplicitLanes, place: int) -> Trajectory:
+        """Return the trajectory of this run, number `place` of some in lanes, after its last step; raises as a single run."""
+        return self.end(lanes.stepper(place), lanes.instants)
+
     def _gather(self, stepper: ImplicitStepper, instants: OutputTimes, extremes: Extremes) -> Trajectory:
-        saves = instants.steps.size
-        x, v, a = (np.ascontiguousarray(np.moveaxis(stepper.saved[:saves, i], 1, 2)) for i in range(3))
+        saves, saved = instants.steps.size, stepper.saved
+        x = np.ascontiguousarray(np.moveaxis(saved[:saves, 0], 1, 2))
         if not self.wants_velocity(instants):
             state = self.state(instants, x, None, None, extremes)
         else:
+            v, a = (np.ascontiguousarray(np.moveaxis(saved[:saves, i], 1, 2)) for i in (1, 2))
             if self.method == "energy_momentum":
                 a = self._accelerations(stepper, instants, x, v)
             state = self.state(instants, x, v, a, extremes)
@@ -128,7 +173,7 @@ class ImplicitStepper:
 
     def save_last(self) -> Extremes:
         """Save the state after the last step, as the kernels do at the beginning of steps; returns the tension extremes."""
-        self.saved[-1] = self.x, self.v, self.a
+        self.saved[-1] = (self.x, self.v, self.a)[: self.saved.shape[1]]
         if self.extremes is not None:
             tension = self.run.chain.tensions_and_forces(self.x.T)[0]
             np.minimum(self.extremes[0], tension, out=self.extremes[0])
@@ -138,6 +183,23 @@ class ImplicitStepper:
     def is_finite(self) -> bool:
         """Whether all positions are finite and below the divergence bound."""
         return bool(np.isfinite(self.x).all() and np.abs(self.x).max() < self.run.divergence_bound)
+
+    def rotation_by_rounding(self, ends: np.ndarray | None) -> float:
+        """Return the rotation of a link by rounding errors over their relative size, for positions of the ends in a run."""
+        # errors scale with the coordinates of the chain now, which may be far from the start; those beyond the bound are not
+        # reached
+        largest = max(float(np.abs(self.x).max()), 0.0 if ends is None else float(np.abs(ends).max()))
+        return min(self.run.divergence_bound, largest) * math.sqrt((1.0 / self.run.chain.length**2).mean())
+
+    @property
+    def saved_bytes(self) -> int:
+        """Memory of the saved steps of a run in a lane [bytes]."""
+        return 8 * self.variables * self.instants.steps.size * self.x.size
+
+    @property
+    def variables(self) -> int:
+        """Number of variables saved in a lane: positions, or also velocities and accelerations."""
+        return 3 if self.run.wants_velocity(self.instants) else 1
 
     def _kernel(
         self, time: np.ndarray, step: float, start: int, steps: int, save: np.ndarray, saved: np.ndarray
@@ -169,17 +231,11 @@ class ImplicitStepper:
             np.ascontiguousarray(ends[:, 0]) if ends is not None and "lower" in moving else None,
             np.ascontiguousarray(ends[:, 1]) if ends is not None and "upper" in moving else None,
         )
-        # rounding errors scale with the coordinates of the chain now, which may be far from the start
-        largest = max(float(np.abs(self.x).max()), 0.0 if ends is None else float(np.abs(ends).max()))
-        # those beyond the bound are not reached
-        rotation = min(run.divergence_bound, largest) * math.sqrt(
-            (1.0 / chain.length**2).mean()
-        )  # of a link, by an error of 1 in a coordinate
+        rotation = self.rotation_by_rounding(ends)
         last = (run.divergence_bound, start, steps, save, saved, low, high)
         if run.method == "energy_momentum":
-            rounding = (MIN_ROUNDING * rotation, ROUNDING * rotation)
             done, iterations = kernel_energy_momentum.energy_momentum(
-                self.x, self.v, *links, *loads, step, *rounding, *last
+                self.x, self.v, *links, *loads, step, MIN_ROUNDING * rotation, ROUNDING * rotation, *last
             )
         else:
             rates = p.end_positions(time, 1) if p.link_viscosity is not None else None
@@ -192,18 +248,9 @@ class ImplicitStepper:
                 *loads,
                 rates,
                 step,
-                *_parameters(run),
+                *run.parameters,
                 max(self.rotation_tolerance, ROUNDING * rotation),
                 *last,
             )
         self.iterations += iterations
         return done
-
-
-def _parameters(run: ImplicitChainRun) -> tuple[float, float, float, float]:
-    """Return alpha_m, alpha_f, beta, gamma of Chung and Hulbert (1993); alphas 0 give the trapezoidal rule."""
-    if run.method == "trapezoidal":
-        return 0.0, 0.0, 0.25, 0.5
-    radius = run.spectral_radius
-    alpha_m, alpha_f = (2.0 * radius - 1.0) / (radius + 1.0), radius / (radius + 1.0)
-    return alpha_m, alpha_f, 0.25 * (1.0 - alpha_m + alpha_f) ** 2, 0.5 - alpha_m + alpha_f

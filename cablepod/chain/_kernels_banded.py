@@ -7,8 +7,8 @@ from cablepod._jit import FUSED, compiled
 # --- block tridiagonal systems ----------------------------------------------------------------------------------------
 
 
-@compiled(fastmath=FUSED)
-def _eliminate(a, b, c, s, rx, ry):
+@compiled(fastmath=FUSED, forceinline=True)
+def eliminate(a, b, c, s, rx, ry):
     """Eliminate a particle with the block D = [[a, b], [b, c]], the link S to the next one and the right side r.
 
     Returns D^-1 S (four numbers), D^-1 r, and the changes of the next particle's block and right side, S D^-1 S (three numbers)
@@ -59,7 +59,7 @@ def solve_planar(diagonal, s, b, workspace, first, last):
         # from the lower end
         p = first + i
         above = (sxx[p + 1], sxy[p + 1], syy[p + 1])
-        matrix, t, up, u = _eliminate(
+        matrix, t, up, u = eliminate(
             diagonal[p] + sxx[p] + above[0] - up[0],
             sxy[p] + above[1] - up[1],
             diagonal[p] + syy[p] + above[2] - up[2],
@@ -71,7 +71,7 @@ def solve_planar(diagonal, s, b, workspace, first, last):
         p = last - 1 - i
         if p > first + half:
             below = (sxx[p], sxy[p], syy[p])
-            matrix, t, down, w = _eliminate(
+            matrix, t, down, w = eliminate(
                 diagonal[p] + below[0] + sxx[p + 1] - down[0],
                 below[1] + sxy[p + 1] - down[1],
                 diagonal[p] + below[2] + syy[p + 1] - down[2],
@@ -80,7 +80,7 @@ def solve_planar(diagonal, s, b, workspace, first, last):
             mxx[p], mxy[p], myx[p], myy[p] = matrix
             bx[p], by[p] = t
     p = first + half
-    _, t, _, _ = _eliminate(
+    _, t, _, _ = eliminate(
         diagonal[p] + sxx[p] + sxx[p + 1] - up[0] - down[0],
         sxy[p] + sxy[p + 1] - up[1] - down[1],
         diagonal[p] + syy[p] + syy[p + 1] - up[2] - down[2],
@@ -99,29 +99,29 @@ def solve_planar(diagonal, s, b, workspace, first, last):
             bx[p], by[p] = qx, qy
 
 
-@compiled(fastmath=FUSED)
-def _inverse3(a, b, c, d, e, f):
+@compiled(fastmath=FUSED, forceinline=True)
+def inverse3(a, b, c, d, e, f):
     """Return the inverse of the symmetric matrix [[a, b, c], [b, d, e], [c, e, f]] as six numbers in the same order."""
     p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
     scale = 1.0 / (a * p + b * q + c * r)
     return p * scale, q * scale, r * scale, (a * f - c * c) * scale, (b * c - a * e) * scale, (a * d - b * b) * scale
 
 
-@compiled(fastmath=FUSED)
-def _times3(s, x, y, z):
+@compiled(fastmath=FUSED, forceinline=True)
+def times3(s, x, y, z):
     """Return the product of a symmetric matrix (six numbers) and a vector."""
     return s[0] * x + s[1] * y + s[2] * z, s[1] * x + s[3] * y + s[4] * z, s[2] * x + s[4] * y + s[5] * z
 
 
-@compiled(fastmath=FUSED)
-def _sandwich3(s, i):
+@compiled(fastmath=FUSED, forceinline=True)
+def sandwich3(s, i):
     """Return the product S I S of symmetric matrices as six numbers."""
-    a = _times3(i, s[0], s[1], s[2])
-    b = _times3(i, s[1], s[3], s[4])
-    c = _times3(i, s[2], s[4], s[5])
-    xx, xy, xz = _times3(s, a[0], a[1], a[2])
-    _, yy, yz = _times3(s, b[0], b[1], b[2])
-    _, _, zz = _times3(s, c[0], c[1], c[2])
+    a = times3(i, s[0], s[1], s[2])
+    b = times3(i, s[1], s[3], s[4])
+    c = times3(i, s[2], s[4], s[5])
+    xx, xy, xz = times3(s, a[0], a[1], a[2])
+    _, yy, yz = times3(s, b[0], b[1], b[2])
+    _, _, zz = times3(s, c[0], c[1], c[2])
     return xx, xy, xz, yy, yz, zz
 
 
@@ -131,10 +131,10 @@ def _at3(s, p):
     return s[0][p], s[1][p], s[2][p], s[3][p], s[4][p], s[5][p]
 
 
-@compiled(fastmath=FUSED)
-def _block3(diagonal, below, above, update, second_update):
+@compiled(fastmath=FUSED, forceinline=True)
+def block3(diagonal, below, above, update, second_update):
     """Return the inverse of a particle's block after the updates by elimination."""
-    return _inverse3(
+    return inverse3(
         diagonal + below[0] + above[0] - update[0] - second_update[0],
         below[1] + above[1] - update[1] - second_update[1],
         below[2] + above[2] - update[2] - second_update[2],
@@ -158,37 +158,37 @@ def solve_spatial(diagonal, s, b, inverses, first, last):
     for i in range(half):
         p = first + i
         above = _at3(s, p + 1)
-        inverse = _block3(diagonal[p], _at3(s, p), above, up, none)
+        inverse = block3(diagonal[p], _at3(s, p), above, up, none)
         inverses[0][p], inverses[1][p], inverses[2][p], inverses[3][p], inverses[4][p], inverses[5][p] = inverse
         bx[p] += u[0]
         by[p] += u[1]
         bz[p] += u[2]
-        t = _times3(inverse, bx[p], by[p], bz[p])
-        u = _times3(above, t[0], t[1], t[2])
-        up = _sandwich3(above, inverse)
+        t = times3(inverse, bx[p], by[p], bz[p])
+        u = times3(above, t[0], t[1], t[2])
+        up = sandwich3(above, inverse)
         p = last - 1 - i
         if p > first + half:
             below = _at3(s, p)
-            inverse = _block3(diagonal[p], below, _at3(s, p + 1), down, none)
+            inverse = block3(diagonal[p], below, _at3(s, p + 1), down, none)
             inverses[0][p], inverses[1][p], inverses[2][p], inverses[3][p], inverses[4][p], inverses[5][p] = inverse
             bx[p] += w[0]
             by[p] += w[1]
             bz[p] += w[2]
-            t = _times3(inverse, bx[p], by[p], bz[p])
-            w = _times3(below, t[0], t[1], t[2])
-            down = _sandwich3(below, inverse)
+            t = times3(inverse, bx[p], by[p], bz[p])
+            w = times3(below, t[0], t[1], t[2])
+            down = sandwich3(below, inverse)
     p = first + half
-    inverse = _block3(diagonal[p], _at3(s, p), _at3(s, p + 1), up, down)
-    t = _times3(inverse, bx[p] + u[0] + w[0], by[p] + u[1] + w[1], bz[p] + u[2] + w[2])
+    inverse = block3(diagonal[p], _at3(s, p), _at3(s, p + 1), up, down)
+    t = times3(inverse, bx[p] + u[0] + w[0], by[p] + u[1] + w[1], bz[p] + u[2] + w[2])
     bx[p], by[p], bz[p] = t
     q = t
     for i in range(half):
         p = first + half - 1 - i
-        r = _times3(_at3(s, p + 1), t[0], t[1], t[2])
-        t = _times3(_at3(inverses, p), bx[p] + r[0], by[p] + r[1], bz[p] + r[2])
+        r = times3(_at3(s, p + 1), t[0], t[1], t[2])
+        t = times3(_at3(inverses, p), bx[p] + r[0], by[p] + r[1], bz[p] + r[2])
         bx[p], by[p], bz[p] = t
         p = first + half + 1 + i
         if p < last:
-            r = _times3(_at3(s, p), q[0], q[1], q[2])
-            q = _times3(_at3(inverses, p), bx[p] + r[0], by[p] + r[1], bz[p] + r[2])
+            r = times3(_at3(s, p), q[0], q[1], q[2])
+            q = times3(_at3(inverses, p), bx[p] + r[0], by[p] + r[1], bz[p] + r[2])
             bx[p], by[p], bz[p] = q

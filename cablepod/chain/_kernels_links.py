@@ -9,6 +9,38 @@ from cablepod._jit import compiled
 # --- links ------------------------------------------------------------------------------------------------------------
 
 
+@compiled(forceinline=True)
+def place(values, j):
+    """Return the value of link `j`, None without values."""
+    if values is None:
+        return None
+    return values[j]
+
+
+@compiled(forceinline=True)
+def link_moduli(square, stretching, k, length, inverse_square, viscosity, rate):
+    """Return tension over length [N/m], and its derivative by half the squared length, of a link.
+
+    `stretching` is the product of the link's vector and its rate, `rate` the derivative of the new velocity by the new position.
+    """
+    if inverse_square is None:
+        part = length / math.sqrt(square)
+        t = k * (1.0 - part)
+        g = k * part / square
+        taut = t > 0.0
+        if viscosity is not None:
+            c = viscosity * k / square
+            total = t + c * stretching
+            taut = taut and total > 0.0
+            t, g = total, g + c * rate
+        t = t if taut else 0.0
+        g = g if taut else 0.0
+    else:
+        t = 0.5 * k * (square * inverse_square - 1.0)
+        g = k * inverse_square
+    return t, g
+
+
 @compiled
 def link_forces_planar(x, y, u, v, k, length, inverse_squares, viscosity, rate, fx, fy, sxx, sxy, syy):
     """Compute forces [N] and tangent stiffness [N/m] of planar links.
@@ -19,26 +51,13 @@ def link_forces_planar(x, y, u, v, k, length, inverse_squares, viscosity, rate, 
     for j in range(k.size):
         dx, dy = x[j + 1] - x[j], y[j + 1] - y[j]
         square = dx * dx + dy * dy
-        if inverse_squares is None:
-            part = length[j] / math.sqrt(square)
-            s = k[j] * (1.0 - part)
-            g = k[j] * part / square
-            taut = s > 0.0
-            if viscosity is not None:
-                c = viscosity * k[j] / square
-                total = s + c * (dx * (u[j + 1] - u[j]) + dy * (v[j + 1] - v[j]))
-                taut = taut and total > 0.0
-                s, g = total, g + c * rate
-            s = s if taut else 0.0
-            g = g if taut else 0.0
-        else:
-            s = 0.5 * k[j] * (square * inverse_squares[j] - 1.0)
-            g = k[j] * inverse_squares[j]
-        fx[j + 1] = s * dx
-        fy[j + 1] = s * dy
-        sxx[j + 1] = s + g * dx * dx
+        stretching = dx * (u[j + 1] - u[j]) + dy * (v[j + 1] - v[j])
+        t, g = link_moduli(square, stretching, k[j], length[j], place(inverse_squares, j), viscosity, rate)
+        fx[j + 1] = t * dx
+        fy[j + 1] = t * dy
+        sxx[j + 1] = t + g * dx * dx
         sxy[j + 1] = g * dx * dy
-        syy[j + 1] = s + g * dy * dy
+        syy[j + 1] = t + g * dy * dy
 
 
 @compiled
@@ -47,21 +66,8 @@ def link_forces_spatial(x, y, z, u, v, w, k, length, inverse_squares, viscosity,
     for j in range(k.size):
         dx, dy, dz = x[j + 1] - x[j], y[j + 1] - y[j], z[j + 1] - z[j]
         square = dx * dx + dy * dy + dz * dz
-        if inverse_squares is None:
-            part = length[j] / math.sqrt(square)
-            t = k[j] * (1.0 - part)
-            g = k[j] * part / square
-            taut = t > 0.0
-            if viscosity is not None:
-                c = viscosity * k[j] / square
-                total = t + c * (dx * (u[j + 1] - u[j]) + dy * (v[j + 1] - v[j]) + dz * (w[j + 1] - w[j]))
-                taut = taut and total > 0.0
-                t, g = total, g + c * rate
-            t = t if taut else 0.0
-            g = g if taut else 0.0
-        else:
-            t = 0.5 * k[j] * (square * inverse_squares[j] - 1.0)
-            g = k[j] * inverse_squares[j]
+        stretching = dx * (u[j + 1] - u[j]) + dy * (v[j + 1] - v[j]) + dz * (w[j + 1] - w[j])
+        t, g = link_moduli(square, stretching, k[j], length[j], place(inverse_squares, j), viscosity, rate)
         fx[j + 1] = t * dx
         fy[j + 1] = t * dy
         fz[j + 1] = t * dz
@@ -79,7 +85,7 @@ def _fill3(s, p, t, g, dx, dy, dz):
     s[5, p] = t + g * dz * dz
 
 
-@compiled
+@compiled(forceinline=True)
 def _secant(square0, square1, k, length, inverse_squares):
     """Return the difference quotient of a link's energy, 2 (W1 - W0) / (|R1|^2 - |R0|^2) [N/m], and its derivative by |R1|^2 / 2.
 
@@ -107,6 +113,23 @@ def _secant(square0, square1, k, length, inverse_squares):
     return quotient, max(slope, 0.0) / length1
 
 
+@compiled(forceinline=True)
+def conserving_moduli(square0, square1, middle_square, stretching, k, length, inverse_square, viscosity, per_step):
+    """Return tension over length of a link over a step [N/m], and its derivative by half the squared length at the end.
+
+    The squared lengths are those at both ends of the step and that of the mean vector; `stretching` is the product of the mean
+    vector and its change.
+    """
+    t, g = _secant(square0, square1, k, length, inverse_square)
+    if viscosity is not None:
+        damper = viscosity * k * per_step / middle_square
+        total = t + damper * stretching
+        is_viscous, taut = t > 0.0, total > 0.0
+        g = (g + damper if taut else 0.0) if is_viscous else g
+        t = (total if taut else 0.0) if is_viscous else t
+    return t, g
+
+
 @compiled
 def link_forces_conserving(x0, x1, k, length, inverse_squares, viscosity, per_step, f, s):
     """Compute energy-conserving forces over a step from x0 to x1, and their tangent without the rotation of the links."""
@@ -119,14 +142,9 @@ def link_forces_conserving(x0, x1, k, length, inverse_squares, viscosity, per_st
             square1 += b * b
             middle_square += 0.25 * (a + b) * (a + b)
             stretching += 0.5 * (a + b) * (b - a)
-        if inverse_squares is None:
-            t, g = _secant(square0, square1, k[j], length[j], None)
-        else:
-            t, g = _secant(square0, square1, k[j], length[j], inverse_squares[j])
-        if viscosity is not None and t > 0.0:
-            damper = viscosity * k[j] * per_step / middle_square
-            total = t + damper * stretching
-            t, g = (total, g + damper) if total > 0.0 else (0.0, 0.0)
+        t, g = conserving_moduli(
+            square0, square1, middle_square, stretching, k[j], length[j], place(inverse_squares, j), viscosity, per_step
+        )
         dx, dy = (
             0.5 * (x0[0, j + 1] - x0[0, j] + x1[0, j + 1] - x1[0, j]),
             0.5 * (x0[1, j + 1] - x0[1, j] + x1[1, j + 1] - x1[1, j]),

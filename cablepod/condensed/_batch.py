@@ -66,7 +66,7 @@ def run(
         return result, attributes_of(solution, modes, request)
 
     in_blocks = plan(modes, unit, members, request)
-    stack = run_members(run_member, len(members), progress, in_blocks, lanes=LANES)
+    stack = run_members(run_member, len(members), progress, in_blocks, lanes=1 if in_blocks is None else LANES)
     title = title_of(unit, str(scene.attrs.get("title", "scene")))
     times = members[0].times() if request.times is None else request.times
     if in_blocks is not None:

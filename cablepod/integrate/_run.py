@@ -297,6 +297,10 @@ class NewtonRun(ChainRun):
                 self._check_step(stepper, done)
             if self.progress is not None:
                 self.progress(done / total)
+        return self.end(stepper, instants)
+
+    def end(self, stepper: Any, instants: OutputTimes) -> Trajectory:
+        """Return the trajectory of a stepper after its last step."""
         return self.check_energy(self._gather(stepper, instants, stepper.save_last()))
 
     def _check_step(self, stepper: Any, done: int) -> None:

@@ -14,6 +14,9 @@ Ensemble: 2000 members of the same scenes over 125 s with positions, one call wi
 Chains: Example 2 (n = 40, 125 s, step 2.5e-4 s) under different tensions, one call with `member`, in two threads and in one, and
 against the time inside the compiled loop alone.
 
+Implicit chains: members of Example 3 as above over 124 s in one call, and each scene alone, in one thread: processor time inside
+the compiled loop, and of the whole call.
+
 Times are medians over the repeats, after compilation; BLAS on one thread.  The first line gives the work of two processes that
 only count over that of one, the limit of the machine.
 """
@@ -169,8 +172,51 @@ def chains(number: int, repeats: int) -> None:
     )
 
 
+#: Scheme and step [s] of implicit chains.
+IMPLICIT = (("trapezoidal", 0.1), ("trapezoidal", 0.02), ("generalized_alpha", 0.02), ("energy_momentum", 0.02))
+
+
+def implicit_chains(number: int, repeats: int) -> None:
+    """Measure members that are implicit chains, in lanes and one after the other, in one thread."""
+    ranges = {
+        "cable_top_tension": (8e3, 16e3),
+        "motion_upper_x_amplitude": (0.01, 0.1),
+        "motion_upper_x_angular_frequency": (0.05, 1.0),
+    }
+    scenes = varied(scene("example3"), number, ranges)
+    each = [scenes.isel(member=i, drop=True) for i in range(number)]
+    kernels = {
+        "_kernels_lane_steps": ("alpha_lanes", "conserving_lanes"),
+        "_kernels_generalized_alpha": ("generalized_alpha",),
+        "_kernels_energy_momentum": ("energy_momentum",),
+    }
+    names = [f"cablepod.chain.{file}.{name}" for file, functions in kernels.items() for name in functions]
+    for scheme, step in IMPLICIT:
+        options: dict[str, Any] = {"scheme": scheme, "step": step, "links": 40}
+        ways = {
+            "together": lambda options=options: [cp.chain.simulate(scenes, **options)],
+            "alone": lambda options=options: [cp.chain.simulate(one, **options) for one in each],
+        }
+        times: dict[str, list[tuple[float, float]]] = {name: [] for name in ways}
+        with members.thread_limit(1):
+            for run in ways.values():
+                run()
+            for _ in range(repeats):
+                for name, run in ways.items():  # in turn, so that both see the same machine
+                    with time_inside(*names, clock=time.thread_time) as loop:
+                        begin = time.process_time()
+                        run()
+                        times[name].append((loop.seconds, time.process_time() - begin))
+        own, single = (np.median(times[name], axis=0) / number * 1e3 for name in ways)
+        print(
+            f"implicit chains, {number} of Example 3, n = 40, {scheme}, step {step} s, one thread, ms for each member: "
+            f"loop {own[0]:.2f}, call {own[1]:.2f}; alone: loop {single[0]:.2f}, call {single[1]:.2f}; "
+            f"ratios {single[0] / own[0]:.2f}, {single[1] / own[1]:.2f}"
+        )
+
+
 def main() -> None:
-    """Measure both."""
+    """Measure all."""
     parser = command_line(__doc__, repeats=5)
     parser.add_argument("--cases", type=int, default=10_000, help="number of condensed models")
     parser.add_argument("--chains", type=int, default=64, help="number of full chains")
@@ -180,6 +226,7 @@ def main() -> None:
         condensed(asked.cases, asked.repeats)
         ensembles(max(asked.cases // 5, 1), asked.repeats)
         chains(asked.chains, asked.repeats)
+        implicit_chains(asked.chains, asked.repeats)
 
 
 if __name__ == "__main__":

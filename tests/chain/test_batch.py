@@ -1,4 +1,4 @@
-"""Batched chains: each member equals the run of its scene alone, bit for bit."""
+"""Batched chains: each member equals the run of its scene alone, explicit ones bit for bit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ from cablepod import errors
 from cablepod.batch import _members as members
 from cablepod.batch import _sigint as sigint
 from cablepod.chain import _batch as chain_many
+from cablepod.chain import _lanes as lanes
 from cablepod.chain._explicit import ExplicitChainRun, ExplicitStepper
+from cablepod.chain._implicit import ImplicitChainRun, ImplicitStepper
+from cablepod.integrate import _march as march
 from cablepod.integrate._run import ChainRun
 
 STEP = 2e-3
@@ -66,11 +69,25 @@ CASES = {
     "between steps": (ONE, TENSIONS, {"step": STEP, "times": [0.0, 0.333, 1.7, 3.3], "outputs": ALL}),
     "other links": (ONE, TENSIONS, {"step": STEP, "links": 5}),
 }  # fmt: skip
+#: Case, scheme, dimensions, for members in lanes.  Each scheme has each law, and each term that changes its equations.
+IN_LANES = [
+    ("all outputs", "trapezoidal", 2),
+    ("green", "trapezoidal", 2),
+    ("free end", "trapezoidal", 2),
+    ("loads and damping", "trapezoidal", 3),
+    ("viscous", "generalized_alpha", 2),
+    ("between steps", "generalized_alpha", 2),
+    ("green", "generalized_alpha", 3),
+    ("loads and damping", "energy_momentum", 2),
+    ("viscous", "energy_momentum", 2),
+    ("green", "energy_momentum", 2),
+    ("a motion", "energy_momentum", 3),
+]
 #: Cases that are not advanced together, but still make no Dataset of each member.
 ALONE = {
     "default": (ONE, TENSIONS, {}),
     "tolerance": (ONE, TENSIONS, {"tolerance": 1e-3, "scheme": "velocity_verlet", "outputs": ALL}),
-    "implicit": (ONE, TENSIONS, {"scheme": "trapezoidal", "step": 0.02, "outputs": ALL}),
+    "implicit": (ONE, TENSIONS, {"scheme": "trapezoidal", "tolerance": 1e-3, "outputs": ALL}),
 }
 
 
@@ -137,7 +154,97 @@ def test_batched_members_equal_single_runs_in_space(soft, monkeypatch, case):
     assert_same_bits(run, scenes, options)
 
 
-@pytest.mark.parametrize("case", ["default", "tolerance", slow("implicit")])
+def assert_equal_members(run, scenes, options, tolerance=1e-12):
+    """Compare members in lanes with runs of their scenes alone: variables over their size, and numbers of iterations."""
+    for i in range(scenes.sizes["member"]):
+        alone = cp.chain.simulate(scenes.isel(member=i, drop=True), **options)
+        for name in ("position", "velocity", "tension", "tension_minimum", "tension_maximum"):
+            if name in alone:
+                size = float(abs(alone[name]).max())
+                np.testing.assert_allclose(run[name][i], alone[name], rtol=0.0, atol=tolerance * size, err_msg=name)
+        for name in ("newton_iterations", "steps_cut", "energy_excess"):
+            own = run[name].values[i] if name in run else run.attrs[name]
+            assert own == pytest.approx(alone.attrs[name], rel=1e-9), name
+
+
+@pytest.mark.parametrize(("case", "scheme", "dims"), IN_LANES)
+def test_members_in_lanes_equal_single_runs(soft, monkeypatch, case, scheme, dims):
+    tables, varied, options = CASES[case]
+    options = options | {"scheme": scheme, "step": 5e-3}
+    scenes = scenes_of(soft, tables, varied, dims)
+    with monkeypatch.context() as patch:  # no member is left to a single run
+        patch.setattr(ImplicitChainRun, "__call__", None)
+        run = run_batched(scenes, options)
+    assert_equal_members(run, scenes, options)
+
+
+@pytest.mark.parametrize("scheme", ["trapezoidal", "energy_momentum"])
+def test_steps_that_do_not_converge_are_cut_in_their_lanes_alone(soft, monkeypatch, scheme):
+    # the third member is thrown upwards: its links slacken and snap taut
+    scenes = scenes_of(soft, {"motion": {"upper": {"y": HARMONIC}}}, {"motion_upper_y_amplitude": [0.01, 0.02, 2.0]})
+    options = {"scheme": scheme, "step": 0.05, "outputs": ALL, "times": np.arange(0.0, 1.01, 0.25)}
+    monkeypatch.setattr(march, "MAX_SUBSTEPS", 512)
+    with monkeypatch.context() as patch:
+        patch.setattr(ImplicitChainRun, "__call__", None)
+        run = run_batched(scenes, options)
+    assert run.steps_cut.values[2] > 0
+    assert not run.steps_cut.values[:2].any()
+    # snapping links amplify differences of rounding
+    assert_equal_members(run.isel(member=slice(2)), scenes.isel(member=slice(2)), options)
+    assert_equal_members(run.isel(member=[2]), scenes.isel(member=[2]), options, 1e-9)
+
+
+def test_members_of_lanes_that_fail_report_the_reason_of_single_runs(soft):
+    motion = {"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}}
+    coefficients = np.zeros((6, 30))
+    coefficients[3, -1] = 1e3
+    tables = {"motion": motion, "time": {"duration": 0.5, "interval": 0.5}}
+    scenes = scenes_of(soft, tables, {"cable_top_tension": [230.0, 1.0, 250.0, 230.0, 300.0, 220.0]})
+    dims = ("member", *scenes["motion_upper_x_coefficients"].dims)
+    scenes = scenes.assign(motion_upper_x_coefficients=(dims, coefficients))
+    options = {"scheme": "trapezoidal", "step": 0.1, "times": np.arange(0.0, 41.0)}
+    with pytest.warns(errors.MemberFailedWarning, match="8 of 24 members failed"):
+        run = run_batched(scenes, options)
+    for i, kind in {1: cp.SceneError, 3: cp.RunStopped}.items():
+        with pytest.raises(kind) as stopped:
+            cp.chain.simulate(scenes.isel(member=i), **options)
+        assert run.failure.values[i] == str(stopped.value)
+        assert np.isnan(run.position[i]).all()
+    good = [0, 2, 4, 5]
+    assert not run.failure.values[good].any(where=run.failure.values[good] != "")
+    assert_equal_members(run.isel(member=good), scenes.isel(member=good), options)
+
+
+def test_blocks_of_lanes_change_no_bit_and_few_members_run_alone(soft, monkeypatch):
+    scenes = scenes_of(soft, BOTH | LOADED, {"cable_top_tension": np.linspace(200.0, 300.0, 7)})
+    options = {"scheme": "trapezoidal", "step": 1e-3, "outputs": ALL}
+    alone, lengths = [], []
+    single, advance = ImplicitStepper.advance, lanes.ImplicitLanes.advance
+    monkeypatch.setattr(ImplicitStepper, "advance", lambda self, i, n: alone.append(n) or single(self, i, n))
+    monkeypatch.setattr(lanes.ImplicitLanes, "advance", lambda self, i, n: lengths.append(n) or advance(self, i, n))
+    with members.thread_limit(1):
+        run = cp.chain.simulate(scenes, **options)
+        assert (lengths, alone) == ([4000], [])
+        monkeypatch.setattr(chain_many, "BLOCK_WORK", 0.0)
+        again = cp.chain.simulate(scenes, **options)
+        assert (lengths[1:], alone) == ([1024, 1024, 1024, 928], [])
+        cp.chain.simulate(scenes.isel(member=slice(lanes.MIN_MEMBERS - 1)), **options)
+        assert alone == [4000] * (lanes.MIN_MEMBERS - 1)
+    xr.testing.assert_identical(run, again)
+
+
+def test_groups_of_lanes_have_similar_speeds(soft):
+    amplitude = np.tile([0.0, 0.1], 24)
+    batch = chain_many.plan(
+        scenes_of(soft, ONE, {"motion_upper_x_amplitude": amplitude}), scheme="trapezoidal", step=0.02
+    )
+    steppers = [batch.run_member.__self__._prepare(i) for i in range(48)]
+    groups = lanes.groups_of_lanes(steppers)
+    assert [len(group) for group in groups] == [24, 24]
+    assert [set(amplitude[group]) for group in groups] == [{0.0}, {0.1}]
+
+
+@pytest.mark.parametrize("case", ALONE)
 def test_members_outside_a_batch_equal_single_runs(soft, monkeypatch, case):
     tables, varied, options = ALONE[case]
     scenes = scenes_of(soft, tables, varied)
