@@ -17,6 +17,7 @@ from cablepod.errors import (
     RunStopped,
     SceneError,
     UnusualSceneWarning,
+    VelocityJumpWarning,
 )
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ __all__ = [
     "RunStopped",
     "SceneError",
     "UnusualSceneWarning",
+    "VelocityJumpWarning",
     "archive",
     "cable",
     "catenary",

@@ -85,6 +85,7 @@ ATTRIBUTE_UNITS = {
     "smallest_chordwise_force": "N",
     "first_axial_frequency": "rad s-1",
     "highest_angular_frequency": "rad s-1",
+    **{f"motion_{end}_{axis}_offset": "m" for end in ENDS for axis in COORDINATES},
 }
 VARIABLES |= {
     f"{name}_out_of_plane": (VARIABLES[name][0], f"{VARIABLES[name][1]}, out of the plane of chord and vertical")

@@ -89,6 +89,10 @@ class StoppedError(Exception):
     """Members were stopped on request, see :func:`cablepod.batch._members.stop_when`."""
 
 
+class VelocityJumpWarning(UserWarning):
+    """An end starts from rest with a nonzero speed; the message names the axial wave that this sends out, and a remedy."""
+
+
 class OutOfRangeWarning(UserWarning):
     """A reduced model was used outside its range of validity; the message names the deciding diagnostic."""
 

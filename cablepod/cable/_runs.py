@@ -89,6 +89,7 @@ class CableRun(ChainRun):
             "smallest_stretch_time": float(state.instants.times[instant]),
             "smallest_stretch_arc_length": float(mesh.point_arc_length[point]),
             **state.diagnostics,
+            **mesh.p.offsets(),
         }
 
 

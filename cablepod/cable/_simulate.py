@@ -20,6 +20,7 @@ from cablepod.errors import NotConvergedWarning
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._output import law_suffix, rest_dataset
 from cablepod.integrate._request import Request
+from cablepod.integrate._velocity_jump import warn_of_velocity_jump
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
@@ -201,6 +202,8 @@ def simulate(
     NotConvergedWarning
         If no step or no number of elements meets the tolerance (chaotic motion, or a cable that goes slack), or if a given step
         does not resolve the motion of the ends or the loads, or violates the energy balance.
+    VelocityJumpWarning
+        If an end starts from rest with a nonzero speed along the cable; see the key ``ramp`` of motions.
 
     Notes
     -----
@@ -228,6 +231,7 @@ def simulate(
     limit = step_limit_of(first_runs[SCHEMES[0]]) if step is not None and scheme in (None, SCHEMES[0]) else None
     others = '; scheme "trapezoidal" has none'
     given_steps_per_second = request.steps_per_second(p, float(instants[-1]), limit, others)
+    warn_of_velocity_jump(p, stacklevel=3)
     solution = solve(first_runs, request, given_steps_per_second)
     if step is not None:
         _warn_of_energy_excess(solution.trajectory.diagnostics["energy_excess"])

@@ -16,6 +16,7 @@ from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import chain_of, square
 from cablepod.discretisation._laws import LAWS, check_law
 from cablepod.integrate._output import chain_coordinates, law_suffix, rest_dataset
+from cablepod.integrate._velocity_jump import warn_of_velocity_jump
 from cablepod.parameters._from_scene import parameters
 from cablepod.scene._notes import warn_of_unusual, warn_of_unusual_members
 
@@ -164,6 +165,9 @@ def simulate(
     NotConvergedWarning
         If no step meets the tolerance, as in chaotic scenes, and if a given step leads to excessive strain energy or does not
         resolve the motion of the ends or the loads.
+    VelocityJumpWarning
+        If an end starts from rest with a nonzero speed, whose wave exceeds 0.1 % of the tension at rest; see the key ``ramp`` of
+        motions.
 
     Notes
     -----
@@ -171,7 +175,8 @@ def simulate(
     and in 1/n.  Damping by mass is integrated exactly; viscous links use a velocity extrapolated from the last two half steps,
     which preserves the order.
 
-    End motions are continuous in position and start from the position of the end; records are splines.  A jump v of the speed
+    End motions are displacements counted from their value at time 0, which is the attribute ``motion_END_AXIS_offset`` [m] of
+    harmonic motions and records; records are splines.  The key ``ramp`` multiplies them by a smooth step.  A jump v of the speed
     along the cable at the start sends out an axial wave, which changes the tension by v sqrt(K mu).  After one passage the wave
     carries the energy mu L v^2 (for two ends the sum).
 
@@ -201,6 +206,7 @@ def simulate(
     p = parameters(scene)
     warn_of_unusual(p)
     ready = prepare(p, request, str(scene.attrs.get("title", "scene")), progress)
+    warn_of_velocity_jump(p, stacklevel=3)
     solution = solve(ready, request)
     run = solution.run
     return request.record(

@@ -242,6 +242,7 @@ class CondensedBatch:
             "smallest_chordwise_force": done.least_force,
             "time_of_smallest_force": done.least_force_step / instants.steps_per_second,
             **forcing_attributes(parameters, self.total),
+            **parameters.offsets(),
             "step_limit": limit,
         }
         return (

@@ -16,6 +16,7 @@ from cablepod.condensed._rescale import kept_model
 from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import scene_error
+from cablepod.integrate._velocity_jump import warn_of_velocity_jump, warn_of_velocity_jumps
 from cablepod.parameters._from_scene import Members, SceneContent
 from cablepod.reduced._validity import warn_condensed_out_of_range
 from cablepod.scene._notes import warn_of_unusual, warn_of_unusual_members
@@ -104,6 +105,8 @@ def simulate(
         fast as waves travel along the cable, vibrations about rest grow, or the estimated error exceeds half of the motion.
     NotConvergedWarning
         Where no step meets the tolerance, and where a given step does not resolve the motion of the ends or the loads.
+    VelocityJumpWarning
+        If an end starts from rest with a nonzero speed along the cable; see the key ``ramp`` of motions.
 
     Notes
     -----
@@ -144,6 +147,7 @@ def simulate(
     unit = unit_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature)
     used_tolerance = tolerance  # without one each member has its own
     if several:
+        warn_of_velocity_jumps(Members(scene), stacklevel=2)
         result = run(
             scene,
             modes,
@@ -155,6 +159,7 @@ def simulate(
         )
     else:
         title = str(scene.attrs.get("title", "scene"))
+        warn_of_velocity_jump(p, stacklevel=2)
         solution = solve(kept_model(unit, p), request, progress)
         result, used_tolerance = result_of(solution, modes, request, title), solution.tolerance
         warn_condensed_out_of_range(result.attrs)

@@ -353,6 +353,7 @@ class GalerkinRun:
             "title": f"{self.scene.attrs.get('title', 'scene')}: Galerkin model, r = {count}, {model.law} law",
             **trajectory_attributes("Galerkin", self.scheme, trajectory.instants, **options),
             "energy_defect": trajectory.energy_defect,
+            **model.chain.p.offsets(),
             **trajectory.diagnostics,
         }
         return result

@@ -20,6 +20,7 @@ from cablepod.galerkin._model import GalerkinModel, model_of
 from cablepod.galerkin._runs import GalerkinRun
 from cablepod.galerkin._scheme import EXPLICIT, SCHEMES, solve
 from cablepod.integrate._request import Request
+from cablepod.integrate._velocity_jump import warn_of_velocity_jump
 from cablepod.parameters._from_scene import SceneContent
 from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes, warn_galerkin_out_of_range
@@ -110,6 +111,8 @@ def simulate(
         If a link is compressed, if the laws differ by more than 5 % of the tension at the largest stretch and `law` is "green",
         if loads or ends change nearly as fast as axial waves and the scene lies outside the training range, or if the estimated
         error is comparable to the motion.
+    VelocityJumpWarning
+        If an end starts from rest with a nonzero speed along the cable; see the key ``ramp`` of motions.
 
     Notes
     -----
@@ -161,6 +164,7 @@ def simulate(
     explicit_limit = limit if scheme in (None, SCHEMES[0]) else None
     others = "; implicit schemes have none"
     given_steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, others)
+    warn_of_velocity_jump(p, stacklevel=3)
     solution, time_tolerance, model_error = solve(runs, limit, request, given_steps_per_second, estimate.error)
     run, trajectory, _, time_error, _ = solution
     if step is not None:

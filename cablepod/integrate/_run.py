@@ -259,6 +259,7 @@ class ChainRun:
             "highest_angular_frequency": chain.highest_frequency(chain.tangent_stiffness_ratio(self.initial)),
             **state.diagnostics,
             **self.initial_velocity_jump(),
+            **chain.p.offsets(),
         }
         if chain.green:
             attrs["smallest_stretch"] = float(chain.stretch(state.position).min())

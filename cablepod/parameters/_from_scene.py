@@ -28,8 +28,8 @@ from cablepod.parameters._parameters import Parameters, PointLoad
 from cablepod.parameters._time_functions import SINES, TimeFunction
 from cablepod.provenance import digest
 
-#: Variables of a record: times [s] and values.
-RECORD = ("time", "value")
+#: Variables of a record: times [s] and values, duration of the smooth start [s].
+RECORD = ("time", "value", "ramp")
 #: Beginnings of the variables that stacked parameters hold, and variables of terms that these do not cover.
 STACKED_TABLES = ("gravity", "cable_", "ends_", "load_", "motion_", "damping_")
 UNSTACKED_TERMS = ("ends_free", "load_kind", "point_load_1_force")
@@ -130,6 +130,7 @@ class Members(Sequence[Parameters]):
             or p.link_viscosity is not None
             or "damping_link_viscosity" in self.varied
             or any(motion.kind not in SINES for motion in p.motions.values())
+            or any(name.startswith("motion_") and name.endswith("_ramp") for name in names)
         )
 
     def stacked(self, first: int, last: int) -> Parameters:
@@ -187,7 +188,7 @@ def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float
         free_end=str(values["ends_free"]) if "ends_free" in values else None,
         motions={key: motion for key, motion in motions.items() if motion is not None},
         load=values["load_uniform"] if np.any(values.get("load_uniform", 0.0)) else None,
-        load_factor=_time_function(values, "load"),
+        load_factor=_time_function(values, "load", keeps_start=True),
         point_loads=tuple(load for load in _point_loads(values) if np.any(load.force)),
         weight_key=weight_key,
         length_key=length_key,
@@ -207,17 +208,19 @@ def _nonzero(table: Mapping[str, Any], name: str, number: Callable[[Any], Any]) 
     return number(table[name]) if name in table and np.any(table[name]) else None
 
 
-def _time_function(values: Mapping[str, Any], path: str) -> TimeFunction | None:
+def _time_function(values: Mapping[str, Any], path: str, *, keeps_start: bool = False) -> TimeFunction | None:
     """Make the time function of the table at a key path; None without `kind`."""
     if (variable := variable_name(f"{path}.kind")) not in values:
         return None
     kind = str(values[variable])
-    return TimeFunction(kind, table_at(values, path, RECORD if kind == "file" else time_function_keys("1")[kind]))
+    table = table_at(values, path, RECORD if kind == "file" else time_function_keys("1")[kind])
+    return TimeFunction(kind, table, keeps_start)
 
 
 def _point_loads(values: Mapping[str, Any]) -> list[PointLoad]:
     """Make all point loads, also those without force."""
     loads: list[PointLoad] = []
     while "force" in (table := table_at(values, path := point_load_path(len(loads) + 1), POINT_LOAD)):
-        loads.append(PointLoad(path, float(table["arc_length"]), table["force"], _time_function(values, path)))
+        factor = _time_function(values, path, keeps_start=True)
+        loads.append(PointLoad(path, float(table["arc_length"]), table["force"], factor))
     return loads

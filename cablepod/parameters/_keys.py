@@ -93,12 +93,14 @@ def time_function_keys(units: str) -> dict[str, dict[str, Key]]:
     """Return the keys of each kind of time function whose values have `units`."""
     amplitude = Key(number(), units, "amplitude", required=True)
     omega = Key(number(least=0.0), "rad s-1", "angular frequency", required=True)
+    ramp = {"ramp": Key(number(least=0.0), "s", "duration of the smooth start")}
     return {
-        "one_minus_cosine": {"amplitude": amplitude, "angular_frequency": omega},
+        "one_minus_cosine": {"amplitude": amplitude, "angular_frequency": omega, **ramp},
         "harmonic": {
             "amplitude": amplitude,
             "angular_frequency": omega,
             "phase": Key(number(), "rad", "phase", default=0.0),
+            **ramp,
         },
         "ramp": {
             "amplitude": amplitude,
@@ -106,9 +108,10 @@ def time_function_keys(units: str) -> dict[str, dict[str, Key]]:
         },
         # no units attribute: coefficient k has the unit units / s^k, which CF cannot express for one variable
         "polynomial": {
-            "coefficients": Key(numbers_list(), "1", f"coefficients of t, t2, ... [{units}, s]", required=True)
+            "coefficients": Key(numbers_list(), "1", f"coefficients of t, t2, ... [{units}, s]", required=True),
+            **ramp,
         },
-        "file": {"path": Key(text, None, "CSV file of the record", required=True)},
+        "file": {"path": Key(text, None, "CSV file of the record", required=True), **ramp},
     }
 
 

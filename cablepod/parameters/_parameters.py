@@ -137,6 +137,18 @@ class Parameters:
         functions |= {load.key: load.factor for load in self.point_loads}
         return {key: function for key, function in functions.items() if function is not None}
 
+    def offsets(self) -> dict[str, Any]:
+        """Return the values at t = 0 from which harmonic motions and records are counted [m], as attributes of a result.
+
+        Stacked members give arrays (members,).
+        """
+        offsets = {
+            f"motion_{end}_{axis}_offset": motion.offset
+            for (end, axis), motion in self.motions.items()
+            if motion.kind in ("harmonic", "file")
+        }
+        return {name: offset[:, 0] if np.ndim(offset) else float(offset) for name, offset in offsets.items()}
+
     @cached_property
     def shortest_time_scale(self) -> Any:
         """Shortest time scale of all motions and load factors [s]; infinity if there are none."""

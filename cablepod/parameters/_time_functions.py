@@ -1,7 +1,8 @@
 """Time functions: the motions of the ends and the factors of the loads.
 
 One class evaluates every kind and its first two derivatives at arrays of times.  Time steppers receive tables of values at
-their steps.
+their steps.  With g the formula of the kind or the spline of the record, and s the quintic step from 0 to 1, a displacement is
+s(t / ramp) (g(t) - g(0)), and a load factor g(0) + s(t / ramp) (g(t) - g(0)); s is absent without a ramp.
 """
 
 from __future__ import annotations
@@ -28,6 +29,19 @@ def _kernel() -> Any:
     return kernel
 
 
+def smooth_step(s: Array, derivative: int = 0, scale: Any = 1.0) -> Array:
+    """Evaluate the quintic step from 0 at s = 0 to `scale` at s = 1, or a derivative by s.
+
+    First and second derivatives vanish at both ends, so that it is twice continuously differentiable.
+    """
+    s = np.clip(s, 0.0, 1.0)
+    if derivative == 0:
+        return scale * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    if derivative == 1:
+        return scale * 30.0 * s**2 * (1.0 - s) ** 2
+    return scale * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+
+
 @dataclass(frozen=True)
 class TimeFunction:
     """Function of time, of one of the kinds of the scene file.
@@ -38,22 +52,60 @@ class TimeFunction:
         "one_minus_cosine", "harmonic", "ramp", "polynomial" or "file".
     values
         Parameters of that kind by their names in the scene file, with stacked members arrays (members, 1); for "file" the
-        samples `time` [s] and `value`.
+        samples `time` [s] and `value`; for all kinds but "ramp" also `ramp` [s], the duration of a smooth start.
+    keeps_start
+        Whether a record keeps its value at t = 0, as the factor of a load does; a displacement is counted from it.
     """
 
     kind: str
     values: Mapping[str, Any]
+    keeps_start: bool = False
     _spline: Any = field(default=None, init=False, repr=False, compare=False)
+    _start: float = field(default=0.0, init=False, repr=False, compare=False)  # value of the record at t = 0
 
     def __post_init__(self) -> None:
         if self.kind == "file":
             from scipy.interpolate import CubicSpline  # slow to import, needed by records only
 
             object.__setattr__(self, "_spline", CubicSpline(self.values["time"], self.values["value"]))
+            object.__setattr__(self, "_start", float(self._spline(0.0)))
 
     def __call__(self, time: ArrayLike, derivative: int = 0) -> Array:
         """Evaluate the function (`derivative` 0), or its first or second derivative, at `time` [s]."""
-        return getattr(self, f"_{self.kind}")(np.asarray(time, dtype=float), derivative)
+        time = np.asarray(time, dtype=float)
+        if not self.ramp:
+            return self._unramped(time, derivative)
+        change = [self._unramped(time, order) for order in range(derivative + 1)]
+        if self.keeps_start:
+            change[0] = change[0] - self._start
+        value = self._ramped(time, change)
+        return value + self._start if self.keeps_start and derivative == 0 else value
+
+    def _unramped(self, time: Array, derivative: int) -> Array:
+        """Evaluate the function without its ramp."""
+        return getattr(self, f"_{self.kind}")(time, derivative)
+
+    def _ramped(self, time: Array, change: Sequence[Array] | Array) -> Array:
+        """Multiply a function, given by its values and derivatives up to an order, by the ramp: the derivative of that order."""
+        ramp = self.ramp
+        step = [smooth_step(time / ramp, order) for order in range(len(change))]
+        if len(change) == 1:
+            return step[0] * change[0]
+        if len(change) == 2:
+            return step[0] * change[1] + step[1] * change[0] / ramp
+        return step[0] * change[2] + (2.0 * step[1] * change[1] + step[2] * change[0] / ramp) / ramp
+
+    @property
+    def ramp(self) -> float:
+        """Duration of the smooth start [s]; 0 without."""
+        return float(self.values.get("ramp", 0.0))
+
+    @property
+    def offset(self) -> Any:
+        """Value of the formula or record at t = 0, from which a displacement is counted; arrays for stacked members."""
+        if self.kind == "harmonic":
+            return self.values["amplitude"] * np.sin(self.values["phase"])
+        return self._start
 
     def at_steps(
         self, start: int, steps: int, steps_per_second: float, derivative: int = 0, origin: float = 0.0
@@ -72,7 +124,21 @@ class TimeFunction:
             time = np.arange(start, start + steps + 1) / steps_per_second
             return np.array([self(time, derivative) + (0.0 if derivative else origin) for derivative in derivatives])
         result = np.empty((len(derivatives), steps + 1))
-        _kernel().harmonic(start, steps_per_second, *self.sine, float(origin), derivatives, result)
+        if not self.ramp:
+            _kernel().harmonic(start, steps_per_second, *self.sine, float(origin), derivatives, result)
+            return result
+        _kernel().harmonic(start, steps_per_second, *self.sine, 0.0, derivatives, result)
+        # only the steps before the end of the ramp are multiplied by it
+        count = min(max(math.ceil(self.ramp * steps_per_second) - start, 0), steps + 1)
+        if count:
+            orders, time = tuple(range(max(derivatives) + 1)), np.arange(start, start + count) / steps_per_second
+            change = np.empty((len(orders), count))
+            _kernel().harmonic(start, steps_per_second, *self.sine, 0.0, orders, change)
+            for row, derivative in zip(result, derivatives, strict=True):
+                row[:count] = self._ramped(time, change[: derivative + 1])
+        for row, derivative in zip(result, derivatives, strict=True):
+            if derivative == 0:
+                row += origin
         return result
 
     @property
@@ -98,25 +164,25 @@ class TimeFunction:
         return -amplitude * omega**2 * np.sin(omega * time + phase)
 
     def _ramp(self, time: Array, derivative: int) -> Array:
-        # quintic step: first and second derivatives vanish at both ends, so that the motion is C2
         amplitude, duration = self.values["amplitude"], self.values["duration"]
-        s = np.clip(time / duration, 0.0, 1.0)
-        if derivative == 0:
-            return amplitude * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-        if derivative == 1:
-            return amplitude / duration * 30.0 * s**2 * (1.0 - s) ** 2
-        return amplitude / duration**2 * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+        return smooth_step(time / duration, derivative, amplitude / duration**derivative)
 
     def _polynomial(self, time: Array, derivative: int) -> Array:
         polynomial = np.polynomial.Polynomial([0.0, *self.values["coefficients"]])
         return polynomial.deriv(derivative)(time) if derivative else polynomial(time)
 
     def _file(self, time: Array, derivative: int) -> Array:
-        return self._spline(time, derivative)
+        values = self._spline(time, derivative)
+        return values if derivative or self.keeps_start else values - self._start
 
     @property
     def shortest_time_scale(self) -> Any:
-        """Period, duration of a ramp, or twice the spacing of a record [s]; infinity for a polynomial."""
+        """Period, duration of a ramp, or twice the spacing of a record [s]; infinity for a polynomial without ramp."""
+        return min(self._time_scale, self.ramp) if self.ramp else self._time_scale
+
+    @property
+    def _time_scale(self) -> Any:
+        """Shortest time scale without the ramp [s]."""
         if self.kind in SINES:
             with np.errstate(divide="ignore"):
                 period = 2.0 * np.pi / np.abs(self.values["angular_frequency"])
@@ -128,12 +194,17 @@ class TimeFunction:
     def sampling_times(self, end_time: float) -> Array:
         """Return instants up to `end_time` [s] that resolve the range of values.
 
-        These are 101 in a period or in the whole time, or the samples of a record.
+        These are 101 in a period or in the whole time, or the samples of a record; with a ramp, also 101 in it, and the period
+        begins after it.
         """
+        ramp = min(end_time, self.ramp)
+        during = [np.linspace(0.0, ramp, 101)] if ramp else []
         if self.kind == "file":
             time = np.asarray(self.values["time"], dtype=float)
-            return time[(time >= 0.0) & (time <= end_time)]
-        return np.linspace(0.0, min(end_time, self.shortest_time_scale) if self.kind in SINES else end_time, 101)
+            after = time[(time >= 0.0) & (time <= end_time)]
+        else:
+            after = np.linspace(ramp, min(end_time, ramp + self._time_scale) if self.kind in SINES else end_time, 101)
+        return np.unique(np.concatenate([*during, after])) if during else after
 
     @property
     def begin(self) -> float:
@@ -156,7 +227,7 @@ class BatchedTimeFunction:
         self.functions = functions
         self.origins = np.zeros(len(functions)) if origins is None else np.array(origins, dtype=float)
         self.sines = None
-        if all(function.kind in SINES for function in functions):
+        if all(function.kind in SINES and not function.ramp for function in functions):
             self.sines = np.array([function.sine for function in functions]).T.copy()
 
     def fill(self, start: int, steps_per_second: float, derivative: int, row: int, tables: Array) -> None:

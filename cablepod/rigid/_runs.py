@@ -109,6 +109,7 @@ class RigidRun(NewtonRun):
             **trajectory_attributes("rigid chain", self.scheme, state.instants, formulation=self.formulation),
             **diagnostics,
             **self.initial_velocity_jump(),
+            **self.chain.p.offsets(),
         }
 
 

@@ -23,6 +23,7 @@ from cablepod.integrate._step_control import (
     preferred_steps_per_second,
     refine_step,
 )
+from cablepod.integrate._velocity_jump import warn_of_velocity_jump
 from cablepod.parameters._checks import number
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
@@ -139,6 +140,8 @@ def simulate(
     NotConvergedWarning
         If no step meets the tolerance, as in chaotic scenes, and if a given step is too long: links turn by more than a radian
         in it, it needs substeps, the energies are out of balance by a tenth, or it does not resolve the motion of ends or loads.
+    VelocityJumpWarning
+        If an end starts from rest with a nonzero speed along the cable; see the key ``ramp`` of motions.
 
     Notes
     -----
@@ -165,6 +168,7 @@ def simulate(
         instants.size, chain.links, p.dims, key="links" if links is not None else "chain.links and times", variables=3
     )
     check_ends(chain, end_time)
+    warn_of_velocity_jump(p, stacklevel=3)
     title = str(scene.attrs.get("title", "scene"))
     run = RigidRun(chain, instants, start(chain), request.outputs, progress, title, formulation, baumgarte_rate)
     steps_per_second = request.steps_per_second(p, end_time, None)

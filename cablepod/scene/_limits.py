@@ -32,7 +32,7 @@ def check_limits(p: Parameters) -> None:
 
 
 def _check_functions(p: Parameters) -> None:
-    """Refuse motions and load factors that are not finite, and ends that coincide at the start."""
+    """Refuse motions and load factors that are not finite, and ends that coincide."""
     end_time = p.duration or 0.0
     for key, function in p.time_functions().items():
         time = function.sampling_times(end_time)
@@ -43,10 +43,10 @@ def _check_functions(p: Parameters) -> None:
                 f"{key}: given a {function.kind} that leaves the finite numbers by {end_time:g} s; "
                 "allowed: one that is finite during the run, with its first two derivatives"
             )
-    chord = math.dist(*p.initial_ends)
+    chord = math.dist(p.lower, p.upper)
     if not SHORTEST <= chord <= LONGEST:
-        raise SceneError(
-            f"motion: given one that begins with the ends {chord:g} m apart; allowed: {SHORTEST:g} m to {LONGEST:g} m"
+        raise scene_error(
+            "ends.upper", p.upper.tolist(), f"a chord from {SHORTEST:g} m to {LONGEST:g} m (it is {chord:g} m)"
         )
 
 

@@ -37,6 +37,12 @@ def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
         Tables as mappings, vectors as sequences, SI units.  Not modified.  A key may also be given by its path, with points or
         with ``_``: ``{"cable.area": 1.25e-4}``, ``{"cable_area": 1.25e-4}``.
 
+        Motions and load factors, by `kind`: "one_minus_cosine", amplitude (1 - cos(angular_frequency t)); "harmonic", amplitude
+        (sin(angular_frequency t + phase) - sin(phase)); "ramp", amplitude s^3 (10 - 15 s + 6 s^2) with s = t / duration, then
+        amplitude; "polynomial", c1 t + c2 t^2 + ... with coefficients [c1, c2, ...]; "file", a spline through a record, minus
+        its value at t = 0 for a motion.  All but "ramp" may have `ramp` [s], which multiplies the change since t = 0 by the same
+        step of that duration.
+
     Returns
     -------
     xarray.Dataset
@@ -149,7 +155,9 @@ def _time_function_variables(path: str, table: Mapping[str, Any], units: str, lo
     kind = {"long_name": f"kind of {long_name}"}
     variables: Variables = {variable_name(f"{path}.kind"): ((), np.asarray(table["kind"]), kind)}
     keys = time_function_keys(units)[table["kind"]]
-    keys = {name: Key(key.check, key.units, f"{key.long_name}, {long_name}") for name, key in keys.items()}
+    keys = {
+        name: Key(key.check, key.units, f"{key.long_name}, {long_name}") for name, key in keys.items() if name in table
+    }
     variables |= _table_variables(path, table, keys)
     if table["kind"] == "file":
         samples = variable_name(f"{path}.sample")

@@ -18,6 +18,7 @@ KINDS = {
     "polynomial": {"coefficients": np.array([0.3, -0.2, 0.05, 0.001])},
     "file": {"time": SAMPLES, "value": RECORD},
 }
+RAMPED = [kind for kind in KINDS if kind != "ramp"]
 FORMULAS = {
     "one_minus_cosine": lambda t: -0.07 * (1 - np.cos(1.3 * t)),
     "harmonic": lambda t: 0.4 * (np.sin(1.7 * t + 0.6) - np.sin(0.6)),
@@ -58,11 +59,87 @@ def test_the_function_is_twice_continuously_differentiable(kind):
         assert np.abs(jump).max() < 1e-8
 
 
-def test_every_kind_but_a_record_begins_at_zero(kind):
-    if kind == "file":
-        assert TimeFunction(kind, {**KINDS[kind], "value": RECORD + 0.5})(0.0) == 0.5
-    else:
-        assert TimeFunction(kind, KINDS[kind])(0.0) == 0.0
+def test_every_kind_begins_at_zero(kind):
+    values = {**KINDS[kind], "value": RECORD + 0.5} if kind == "file" else KINDS[kind]
+    function = TimeFunction(kind, values)
+    assert function(0.0) == 0.0
+    assert function.offset == {"file": 0.5, "harmonic": 0.4 * np.sin(0.6)}.get(kind, 0.0)
+
+
+def test_the_record_of_a_load_keeps_its_value_at_zero():
+    values = {**KINDS["file"], "value": RECORD + 0.5}
+    for ramp in (0.0, 7.0):
+        factor = TimeFunction("file", values | {"ramp": ramp}, keeps_start=True)
+        assert factor(0.0) == 0.5
+    # the ramp multiplies the change, half of it in the middle
+    time = SAMPLES[10]
+    assert TimeFunction("file", values | {"ramp": 2 * time}, keeps_start=True)(time) == pytest.approx(
+        0.5 + 0.5 * RECORD[10], rel=1e-14
+    )
+
+
+@pytest.mark.parametrize("kind", RAMPED)
+def test_a_ramp_multiplies_the_function(kind):
+    plain, ramped = TimeFunction(kind, KINDS[kind]), TimeFunction(kind, KINDS[kind] | {"ramp": 4.0})
+    time = np.linspace(0.0, 9.0, 37)
+    s = np.minimum(time / 4.0, 1.0)
+    np.testing.assert_allclose(ramped(time), (6 * s**5 - 15 * s**4 + 10 * s**3) * plain(time), rtol=1e-12, atol=1e-14)
+    assert [ramped(0.0, derivative) for derivative in range(3)] == [0.0, 0.0, 0.0]
+    for derivative in range(3):  # after the ramp the function itself
+        np.testing.assert_array_equal(ramped(time[16:], derivative), plain(time[16:], derivative))
+
+
+@pytest.mark.parametrize("kind", RAMPED)
+@pytest.mark.parametrize("keeps_start", [False, True])
+def test_rates_with_a_ramp_are_those_of_the_values(kind, keeps_start):
+    function = TimeFunction(kind, KINDS[kind] | {"ramp": 6.1}, keeps_start)
+    # places inside the intervals of the record, and not within 3 h of the end of the ramp
+    time = 0.5 * (SAMPLES[:-1] + SAMPLES[1:])[1:29]
+    time = time[np.abs(time - 6.1) > 0.05]
+    # truncation of the sixth-order differences: h^6/140 times the 7th derivative, at most some 100 here: 1e-12; rounding 1e-13
+    h, offsets, weights = 0.01, np.array([1, 2, 3]), np.array([45, -9, 1]) / 60.0
+    for derivative in (0, 1):
+        ahead, behind = (np.array([function(time + sign * k * h, derivative) for k in offsets]) for sign in (1, -1))
+        np.testing.assert_allclose(function(time, derivative + 1), weights @ (ahead - behind) / h, rtol=0, atol=3e-12)
+
+
+@pytest.mark.parametrize("kind", RAMPED)
+def test_a_ramped_function_is_twice_continuously_differentiable(kind):
+    function = TimeFunction(kind, KINDS[kind] | {"ramp": 4.1})
+    for derivative in range(3):
+        jump = function(np.array([1e-9, 4.1 + 1e-9]), derivative) - function(np.array([-1e-9, 4.1 - 1e-9]), derivative)
+        assert np.abs(jump).max() < 1e-8  # 2e-9 s times the next rate, at most about 3
+
+
+@pytest.mark.parametrize("kind", RAMPED)
+@pytest.mark.parametrize("steps_per_second", [100.0, 64.0 / 0.3])
+def test_tables_with_a_ramp_are_those_of_the_function(kind, steps_per_second):
+    function = TimeFunction(kind, KINDS[kind] | {"ramp": 3.7})
+    derivatives = (0, 2, 1)
+    whole = function.all_at_steps(0, 1023, steps_per_second, derivatives, 0.3)
+    time = np.arange(1024) / steps_per_second
+    for row, derivative in zip(whole, derivatives, strict=True):
+        expected = function(time, derivative) + (0.0 if derivative else 0.3)
+        np.testing.assert_allclose(row, expected, rtol=0, atol=1e-13)
+    # blocks have the same bits wherever they begin, before, in and after the end of the ramp
+    for start in (256, 512, 768):
+        block = function.all_at_steps(start, 255, steps_per_second, derivatives, 0.3)
+        np.testing.assert_array_equal(block, whole[:, start : start + 256])
+
+
+def test_a_ramp_is_a_time_scale(kind):
+    if kind in RAMPED:
+        plain, short = TimeFunction(kind, KINDS[kind]), TimeFunction(kind, KINDS[kind] | {"ramp": 0.1})
+        assert short.shortest_time_scale == 0.1
+        assert TimeFunction(kind, KINDS[kind] | {"ramp": 0.0}).shortest_time_scale == plain.shortest_time_scale
+        assert TimeFunction(kind, KINDS[kind] | {"ramp": 1e3}).shortest_time_scale == min(
+            plain.shortest_time_scale, 1e3
+        )
+        # the samples resolve the range of values during the ramp and after it
+        time = np.linspace(0.0, 9.0, 20001)
+        samples = TimeFunction(kind, KINDS[kind] | {"ramp": 3.0}).sampling_times(9.0)
+        ramped = TimeFunction(kind, KINDS[kind] | {"ramp": 3.0})
+        assert np.abs(ramped(samples)).max() == pytest.approx(np.abs(ramped(time)).max(), rel=2e-3)
 
 
 @pytest.mark.parametrize("phase", [-2.0, 0.0, 0.1, np.pi / 2, 3.0])
@@ -116,10 +193,11 @@ def test_the_shape_of_the_times_is_kept(kind):
         assert function([1, 2], derivative).shape == (2,)
 
 
-@pytest.mark.parametrize("kinds", [SINES, ("ramp", "harmonic", "file"), ("one_minus_cosine",)])
+@pytest.mark.parametrize("kinds", [SINES, ("ramp", "harmonic", "file"), ("one_minus_cosine",), ("harmonic", "ramped")])
 @pytest.mark.parametrize("derivative", [0, 1, 2])
 def test_tables_of_several_scenes_have_the_bits_of_each(kinds, derivative):
-    functions = [TimeFunction(kind, KINDS[kind]) for kind in kinds]
+    ramped = {"ramped": TimeFunction("harmonic", KINDS["harmonic"] | {"ramp": 5.0})}
+    functions = [ramped.get(kind) or TimeFunction(kind, KINDS[kind]) for kind in kinds]
     origins = np.arange(1.0, 1.0 + len(kinds))
     tables = np.full((len(kinds), 3, 702), np.nan)
     BatchedTimeFunction(functions, origins).fill(256, 100.0, derivative, 1, tables)

@@ -31,7 +31,11 @@ MISTAKES = [
     ("damping.viscous", 5.0, r"^damping\.viscous: unknown key; allowed: mass_proportional, link_viscosity$"),
     ("motion.top", {}, r"^motion\.top: unknown key; allowed: lower, upper$"),
     ("motion.upper.z", RAMP, r"^motion\.upper\.z: unknown axis; allowed: x, y$"),
-    ("motion.upper.x.phase", 1.0, r"^motion\.upper\.x\.phase: unknown key; allowed: amplitude, angular_frequency$"),
+    (
+        "motion.upper.x.phase",
+        1.0,
+        r"^motion\.upper\.x\.phase: unknown key; allowed: amplitude, angular_frequency, ramp$",
+    ),
     ("load", {"uniform": [0, 0], "up": 1}, r"^load\.up: unknown key; allowed: uniform, kind \(of a time factor\)$"),
     ("load", {"uniform": [0, 0], "phase": 1}, r"^load\.kind: missing; allowed: one of one_minus_cosine, .*file$"),
     ("cable", None, r"^cable: missing; allowed: a table with the keys youngs_modulus, "),

@@ -94,14 +94,30 @@ def test_an_endless_record_is_not_read_to_its_end(soft):
     refused(soft, r"^motion\.upper\.x\.path: /dev/zero: larger than 64 MiB; allowed: a record")
 
 
-def test_a_record_that_brings_the_ends_together(soft, scene_folder):
-    (scene_folder / "bad.csv").write_text(csv([(i, -8.0) for i in range(6)]))
+def test_a_motion_is_counted_from_its_record_at_the_start(soft, scene_folder):
+    # alone, the record would bring the ends together at the start
+    write(scene_folder / "far.csv", csv([(i, -8.0 + 0.01 * i**3) for i in range(6)]))
     soft["ends"]["upper"] = [8.0, 0.0]
-    soft["motion"]["upper"]["x"] = {"kind": "file", "path": "bad.csv"}
-    refused(
-        soft,
-        r"^motion: given one that begins with the ends 0 m apart; allowed: 1e-06 m to 1e\+09 m; try: the disp.* mm",
-    )
+    soft["motion"]["upper"]["x"] = {"kind": "file", "path": "far.csv"}
+    scene = cp.make_scene(soft)
+    ends = parameters(scene).end_positions(np.array([0.0, 2.0]))
+    np.testing.assert_allclose(ends[:, 1, 0], [8.0, 8.08], rtol=1e-14)
+    assert cp.chain.simulate(scene, step=1e-3).attrs["motion_upper_x_offset"] == -8.0
+
+
+def test_a_load_factor_keeps_its_record_at_the_start(soft, scene_folder):
+    # the mean of a wind record is in the rest shape; a ramp takes the gusts only
+    write(scene_folder / "wind.csv", csv([(i, 2.0 + 0.01 * i**3) for i in range(6)]))
+    soft["load"] = {"uniform": [3.0, 0.0], "kind": "file", "path": "wind.csv"}
+    steady = {**soft, "load": {"uniform": [6.0, 0.0]}}
+    rest = cp.chain.rest(cp.make_scene(steady)).position
+    for ramp in ({}, {"ramp": 3.0}):
+        soft["load"] |= ramp
+        scene = cp.make_scene(soft)
+        np.testing.assert_array_equal(cp.chain.rest(scene).position, rest)
+        factor = parameters(scene).load_factor
+        assert factor(0.0) == 2.0
+        assert factor(4.0) == pytest.approx(2.64, rel=1e-14)
 
 
 def test_an_error_names_the_point_load_as_the_file_numbers_it(soft, scene_folder):
