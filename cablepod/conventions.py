@@ -85,6 +85,8 @@ ATTRIBUTE_UNITS = {
     "smallest_chordwise_force": "N",
     "first_axial_frequency": "rad s-1",
     "highest_angular_frequency": "rad s-1",
+    "window_start": "s",
+    "window_end": "s",
     **{f"motion_{end}_{axis}_offset": "m" for end in ENDS for axis in COORDINATES},
 }
 VARIABLES |= {

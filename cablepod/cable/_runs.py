@@ -16,6 +16,7 @@ from cablepod.integrate._output import Extremes, chain_coordinates, law_suffix, 
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import damped_growth
+from cablepod.integrate._window import window_attributes
 
 SCHEMES = ("velocity_verlet", "trapezoidal")
 #: Number of points at which runs with different elements are compared.
@@ -90,6 +91,7 @@ class CableRun(ChainRun):
             "smallest_stretch_arc_length": float(mesh.point_arc_length[point]),
             **state.diagnostics,
             **mesh.p.offsets(),
+            **window_attributes(self.window),
         }
 
 
@@ -138,7 +140,8 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
             return bool(np.isfinite(x).all() and np.abs(x).max() < bound)
 
         state = (x, v, slack, *(() if v_before is None else (v_before,)))
-        failed_step = advance_in_blocks(advance, state, total, self.progress)
+        window = self.window_of(steps_per_second, low, high)
+        failed_step = advance_in_blocks(advance, state, total, self.progress, window)
         if failed_step is not None:
             self._stop(instants, saved, self._of_all_nodes(half_step_rates), failed_step, steps_per_second)
         result = self._gather(instants, saved, self._of_all_nodes(half_step_rates), extremes)

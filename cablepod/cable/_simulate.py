@@ -146,6 +146,7 @@ def simulate(
     tolerance: float | None = None,
     points: Any = None,
     outputs: tuple[str, ...] = ("position",),
+    window: tuple[float, float] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Simulate the continuous cable of a scene by spectral elements.
@@ -177,6 +178,8 @@ def simulate(
         "nodes".  By default the particles of the scene's chain, or 41 particles without a chain.
     outputs
         Some of "position", "velocity", "tension", "tension_extremes" (over all steps).
+    window
+        Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
     progress
         Callback receiving the completed fraction, 0 to 1.
 
@@ -213,7 +216,9 @@ def simulate(
     linear law, no stiffness there, so that the order is lower.
     """
     check_law(law)
-    request = Request.of(times=times, scheme=scheme, schemes=SCHEMES, step=step, tolerance=tolerance, outputs=outputs)
+    request = Request.of(
+        times=times, scheme=scheme, schemes=SCHEMES, step=step, tolerance=tolerance, window=window, outputs=outputs
+    )
     p = parameters(scene)
     warn_of_unusual(p)
     check_viscous_law(law, p.link_viscosity)
@@ -225,7 +230,8 @@ def simulate(
         mesh = mesh_of(p, count, order, law, points)
         check_memory(instants.size, max(mesh.links, mesh.particles.size), p.dims, key="elements and times", variables=3)
         arguments = (mesh, instants, start(mesh), request.outputs, progress, title)
-        return {SCHEMES[0]: ExplicitCableRun(*arguments), SCHEMES[1]: ImplicitCableRun(*arguments)}
+        pair = zip(SCHEMES, (ExplicitCableRun, ImplicitCableRun), strict=True)
+        return {name: run(*arguments, window=request.window) for name, run in pair}
 
     first_runs = runs(element_count(elements, p))
     limit = step_limit_of(first_runs[SCHEMES[0]]) if step is not None and scheme in (None, SCHEMES[0]) else None

@@ -32,9 +32,11 @@ class ExplicitChainRun(ChainRun):
     def __call__(self, steps_per_second: float) -> Trajectory:
         """Run with a number of steps per second."""
         stepper = ExplicitStepper([self.begin(steps_per_second)])
+        low, high = (stepper.states[0, row, : self.chain.links] for row in (layout.LOW, layout.HIGH))
         failed = advance_in_blocks(
-            lambda start, steps: bool(stepper.advance(start, steps)[0]), (stepper.states,), stepper.total, self.progress
-        )
+            lambda start, steps: bool(stepper.advance(start, steps)[0]), (stepper.states,), stepper.total, self.progress,
+            self.window_of(steps_per_second, low, high),
+        )  # fmt: skip
         if failed is not None:
             half_velocities = None if stepper.half_velocities is None else stepper.half_velocities[0]
             self._stop(stepper.instants, stepper.saved[0], half_velocities, failed, steps_per_second)

@@ -180,6 +180,12 @@ class ImplicitStepper:
             np.maximum(self.extremes[1], tension, out=self.extremes[1])
         return self.extremes
 
+    @property
+    def watched(self) -> tuple[np.ndarray, np.ndarray]:
+        """Tension extremes that the kernels update (n,) [N]."""
+        assert self.extremes is not None
+        return self.extremes
+
     def is_finite(self) -> bool:
         """Whether all positions are finite and below the divergence bound."""
         return bool(np.isfinite(self.x).all() and np.abs(self.x).max() < self.run.divergence_bound)

@@ -78,11 +78,11 @@ def prepare(
     check_memory(instants.size, chain.links, p.dims, key=key, variables=3)
     initial = start(chain)
     arguments = (chain, instants, initial, request.outputs, progress, title)
-    explicit = ExplicitChainRun(*arguments)
+    explicit = ExplicitChainRun(*arguments, window=request.window)
     limit = explicit.step_limit
     run: ChainRun = explicit
     if request.scheme not in (None, explicit.scheme):
-        run = ImplicitChainRun(*arguments, method=request.scheme, spectral_radius=request.radius)
+        run = ImplicitChainRun(*arguments, method=request.scheme, spectral_radius=request.radius, window=request.window)
     explicit_limit = limit if run is explicit else None
     others = "; implicit schemes have none"
     steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, others)
@@ -126,8 +126,9 @@ def solve(ready: PreparedScene, request: ChainRequest, state: Trajectory | None 
     if request.scheme is not None:
         return Solution(run, *_refine_in_time(run, limit, request.tolerance))
     trapezoidal = ImplicitChainRun(
-        explicit.chain, explicit.times, explicit.initial, explicit.outputs, explicit.progress, explicit.title
-    )
+        explicit.chain, explicit.times, explicit.initial, explicit.outputs, explicit.progress, explicit.title,
+        window=explicit.window,
+    )  # fmt: skip
     return _choose_scheme(explicit, trapezoidal, limit, request.tolerance, asked=request.given_tolerance is not None)
 
 

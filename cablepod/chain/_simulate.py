@@ -106,6 +106,7 @@ def simulate(
     step: float | None = None,
     tolerance: float | None = None,
     outputs: tuple[str, ...] = ("position",),
+    window: tuple[float, float] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Simulate the elastic chain of a scene.
@@ -137,6 +138,8 @@ def simulate(
         Tolerance of the time error, as a fraction of the largest rms displacement; 1e-6 by default.
     outputs
         Some of "position", "velocity", "tension", "tension_extremes" (over all steps); only these are computed.
+    window
+        Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
     progress
         Callback receiving the completed fraction, 0 to 1.
 
@@ -201,6 +204,7 @@ def simulate(
         spectral_radius=spectral_radius,
         step=step,
         tolerance=tolerance,
+        window=window,
         outputs=outputs,
     )
     p = parameters(scene)

@@ -108,6 +108,7 @@ def plan(modes: xr.Dataset, unit: CondensedModel, members: Members, request: Con
     if (
         unit.raw_test_functions is not None
         or step is None
+        or request.window is not None
         or unit.order != "leading"
         or request.scheme not in (None, SCHEMES[0])
         or outputs - BATCHED_OUTPUTS

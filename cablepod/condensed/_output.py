@@ -21,6 +21,7 @@ from cablepod.condensed._model import CondensedModel
 from cablepod.conventions import COORDINATES, ENDS, labelled_dataset
 from cablepod.integrate._output import law_suffix, trajectory_attributes, trajectory_variables
 from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._window import window_attributes
 from cablepod.pod import _normal as pod_normal
 from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes
@@ -126,7 +127,7 @@ def padded(amplitude: np.ndarray, rank: int) -> np.ndarray:
 def attributes_of(solution: CondensedResult, modes: xr.Dataset, request: CondensedRequest) -> dict[str, Any]:
     """Return all attributes of a run, with the error estimate where it was requested."""
     run, state, time_error = solution.run, solution.state, solution.time_error
-    attrs = attributes(run.model, state, modes) | {"step_limit": solution.limit}
+    attrs = attributes(run.model, state, modes) | {"step_limit": solution.limit} | window_attributes(run.window)
     if time_error is not None:
         attrs["time_error_estimate"] = time_error
     if "error_estimate" in request.outputs:

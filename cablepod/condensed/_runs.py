@@ -29,6 +29,7 @@ from cablepod.integrate._step_control import (
     preferred_steps_per_second,
     refine_step,
 )
+from cablepod.integrate._window import ExtremesWindow
 
 SCHEMES = ("velocity_verlet", "trapezoidal", FOURTH_ORDER)
 #: Schemes by order of the model.
@@ -110,7 +111,7 @@ def solve(
     if step is None or estimates:
         omega_squared = max(omega_squared, model.omega_taut_squared(end_time, FIT_INTERVALS if fits else 1000))
     sampled = omega_squared if (estimates or fits) and end_time > 0.0 else 0.0
-    run = CondensedRun(model, times, start, request.outputs, request.links, progress, scheme, sampled)
+    run = CondensedRun(model, times, start, request.outputs, request.links, progress, scheme, sampled, request.window)
     if step is not None:
         if run.stable_phase < math.inf:
             longest = 0.5 * run.stable_phase * limit
@@ -210,6 +211,8 @@ class CondensedRun:
     scheme: str
     #: Bound of the squared frequencies that samples for the error estimate resolve [1/s^2]; 0 for none
     sampled_omega_squared: float = 0.0
+    #: Part of the run over which extremes are taken [s]; None for all
+    window: tuple[float, float] | None = None
 
     @property
     def explicit(self) -> bool:
@@ -241,7 +244,11 @@ class CondensedRun:
         """
         stepper = CondensedStepper(self, steps_per_second)
         total = max(stepper.total, 1) if self.explicit else stepper.total
-        failed_step = advance_in_blocks(stepper.advance, stepper.changed, total, self.progress)
+        window = None
+        if self.window is not None:
+            low, high = stepper.low, stepper.high
+            window = ExtremesWindow(self.window, steps_per_second, low, high, with_end=not self.explicit)
+        failed_step = advance_in_blocks(stepper.advance, stepper.changed, total, self.progress, window)
         if stepper.total == 0:  # an implicit run of no length has only its start
             stepper.advance(0, 0)
         state = stepper.trajectory()

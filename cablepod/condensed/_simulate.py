@@ -36,6 +36,7 @@ def simulate(
     tolerance: float | None = None,
     outputs: tuple[str, ...] = ("position", "error_estimate"),
     links: Any = None,
+    window: tuple[float, float] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Simulate a cable that is quasi-static along its chord, on modes of its deflection.
@@ -77,6 +78,8 @@ def simulate(
         :func:`cablepod.condensed._estimate.estimate`).  Only these are computed.
     links
         Numbers, from 1 at the lower end, of the links whose tensions are computed; all by default.
+    window
+        Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
     progress
         Callback receiving the completed fraction, 0 to 1.
 
@@ -132,6 +135,7 @@ def simulate(
         schemes=SCHEMES,
         step=step,
         tolerance=tolerance,
+        window=window,
         outputs=outputs,
         allowed=(*OUTPUTS, "error_estimate"),
         links=None if links is None else check_links(links, modes),

@@ -30,7 +30,7 @@ from cablepod.ensemble._job import check_access, compute, run_batch, synchronous
 from cablepod.ensemble._models import MODELS, REDUCED, check_model
 from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, worker_pool
 from cablepod.errors import ArchiveError, MemberFailedWarning, RunStopped, SceneError, scene_error, shown
-from cablepod.integrate._request import check_times
+from cablepod.integrate._request import Request, check_times
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 
@@ -222,6 +222,8 @@ def _prepare(
     if not scenes.sizes["member"]:
         raise SceneError("scenes: given no members; allowed: at least one")
     resolved = check_model(model, modes, options)
+    if resolved.get("window", ()) is None:
+        del resolved["window"]  # ids of ensembles without a window stay those of earlier versions
     size = integer(least=1, most=10**6)("batch", batch)
     _check_shapes(scenes, model, resolved)
     if "member" not in scenes.coords:
@@ -252,15 +254,20 @@ def _try_options(
     modes_argument = () if modes is None else (modes,)
     if options.get("times") is not None:
         check_times(options["times"])
-    errors = []
+    window, errors = options.get("window"), []
+    trial = {name: value for name, value in options.items() if name != "window"} | {"times": [0.0]}
     for i in dict.fromkeys(np.linspace(0, scenes.sizes["member"] - 1, N_PROBED).astype(int).tolist()):
         scene = scenes.isel(member=i, drop=True)
         try:
             if options.get("times") is None:
                 parameters(scene).times()
+            if window is not None:
+                outputs = tuple(options["outputs"])
+                request = Request.of(times=options.get("times"), outputs=outputs, allowed=outputs, window=window)
+                request.instants(parameters(scene))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                MODELS[model](scene, *modes_argument, **{**options, "times": [0.0]})
+                MODELS[model](scene, *modes_argument, **trial)
             return
         except (ValueError, RunStopped, ArithmeticError) as error:
             errors.append(error)

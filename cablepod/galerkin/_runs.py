@@ -17,6 +17,7 @@ from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import Extremes, stop, trajectory_attributes, trajectory_variables
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._step_control import motion_scale
+from cablepod.integrate._window import steps_within, window_attributes
 
 #: Cost of the polynomial form, monomials x rows, relative to the link form, coordinates x axes x links (explicit steps take the
 #: cheaper one); and minimum ratio of links to rows for the polynomial form in implicit steps, whose tangent costs modes^2 x rows.
@@ -158,7 +159,11 @@ class RunRecord:
         self.saved[first:last], self.energy[first:last] = saved[kept], energy[kept]
         model, (low, high) = self.run.model, self.extremes
         time = np.arange(begin, end) / self.instants.steps_per_second
-        for block in np.array_split(np.arange(end - begin), max(1, (end - begin) // 1024)):
+        watched = np.arange(end - begin)
+        if self.run.window is not None:
+            first, last = steps_within(self.run.window, self.instants.steps_per_second)
+            watched = watched[(begin + watched >= first) & (begin + watched <= last)]
+        for block in np.array_split(watched, max(1, watched.size // 1024)) if watched.size else ():
             q = saved[block, 0] - model.displacements(time[block]) @ model.coupling
             tension = model.tension(model.positions(q, time[block]))
             np.minimum(low, tension.min(axis=0), out=low)
@@ -193,6 +198,8 @@ class GalerkinRun:
         _no_samples  #: steps between samples for the error estimate, by steps per second
     )
     sampled: bool = False  #: whether runs have samples
+    #: Part of the run over which extremes are taken [s]; None for all
+    window: tuple[float, float] | None = None
 
     def __call__(self, steps_per_second: float, *, sampled: bool | None = None) -> GalerkinTrajectory:
         """Integrate the equations of motion with a given number of steps per second; `sampled` overrides the attribute."""
@@ -354,6 +361,7 @@ class GalerkinRun:
             **trajectory_attributes("Galerkin", self.scheme, trajectory.instants, **options),
             "energy_defect": trajectory.energy_defect,
             **model.chain.p.offsets(),
+            **window_attributes(self.window),
             **trajectory.diagnostics,
         }
         return result

@@ -42,6 +42,7 @@ def simulate(
     step: float | None = None,
     tolerance: float | None = None,
     outputs: tuple[str, ...] = ("position", "error_estimate"),
+    window: tuple[float, float] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Simulate the extensible cable of a scene by Galerkin projection on Karhunen-Loeve modes.
@@ -75,6 +76,8 @@ def simulate(
     outputs
         Some of "position", "velocity", "tension", "tension_extremes" (over all steps) and "error_estimate" (of the model, from
         samples of the run, see :class:`cablepod.galerkin._estimate.GalerkinEstimate`).
+    window
+        Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
     progress
         Callback receiving the completed fraction, 0 to 1.
 
@@ -140,6 +143,7 @@ def simulate(
         schemes=SCHEMES,
         step=step,
         tolerance=tolerance,
+        window=window,
         outputs=outputs,
         allowed=(*OUTPUTS, "error_estimate"),
     )
@@ -157,7 +161,7 @@ def simulate(
     options = (model, instants, model.initial, request.outputs, progress, scene, modes)
     runs: dict[str, GalerkinRun] = {
         name: (ExplicitGalerkinRun if name in EXPLICIT else ImplicitGalerkinRun)(
-            *options, name, estimate.sample_interval, wanted
+            *options, name, estimate.sample_interval, wanted, request.window
         )
         for name in SCHEMES
     }

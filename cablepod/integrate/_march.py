@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cablepod.integrate._window import ExtremesWindow
+
 #: Steps between two checks of the state (few enough to stop early, many enough to cost nothing).
 BLOCK = 65536
 #: Parts in which a block that fails is repeated, and each part of it that fails again, down to one step.
@@ -19,6 +21,7 @@ def advance_in_blocks(
     state: tuple[np.ndarray, ...],
     total: int,
     progress: Callable[[float], None] | None,
+    window: ExtremesWindow | None = None,
 ) -> int | None:
     """Advance a state by `total` steps in blocks, with a check after each block.
 
@@ -36,6 +39,8 @@ def advance_in_blocks(
         Number of steps.
     progress
         Callback receiving the completed fraction, 0 to 1.
+    window
+        Part of the run over which extremes are taken; None for all.
 
     Returns
     -------
@@ -45,12 +50,18 @@ def advance_in_blocks(
     done = 0
     while done < total:
         steps = min(BLOCK, total - done)
+        if window is not None:
+            steps = window.limit(done, steps)
         failed = _first_failure(advance, state, done, steps)
         if failed is not None:
             return failed
         done += steps
+        if window is not None:
+            window.reach(done)
         if progress is not None:
             progress(done / total)
+    if window is not None:
+        window.finish()
     return None
 
 

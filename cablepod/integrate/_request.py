@@ -14,6 +14,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import NotConvergedWarning, SceneError, did_you_mean, scene_error
+from cablepod.integrate._window import ROUNDING
 from cablepod.parameters._checks import choice, number
 from cablepod.parameters._parameters import Parameters
 
@@ -47,6 +48,20 @@ def check_outputs(outputs: Any, allowed: tuple[str, ...] = OUTPUTS) -> tuple[str
         if not isinstance(name, str) or name not in allowed:
             raise scene_error("outputs", name, "some of " + ", ".join(allowed) + did_you_mean(name, allowed))
     return names
+
+
+def check_window(window: Any, outputs: tuple[str, ...]) -> tuple[float, float]:
+    """Return a window as two floats [s]; refuse others than finite, rising, not negative ones, and a window without extremes."""
+    allowed = "two finite instants (start, end) of the run with start < end [s]"
+    try:
+        ends = tuple(number(least=0.0)("window", instant) for instant in window)
+    except (TypeError, SceneError):
+        raise scene_error("window", window, allowed) from None
+    if len(ends) != 2 or ends[0] >= ends[1]:
+        raise scene_error("window", window, allowed)
+    if "tension_extremes" not in outputs:
+        raise scene_error("window", window, 'none without the output "tension_extremes", which it restricts')
+    return ends[0], ends[1]
 
 
 def check_positive(key: str, value: Any) -> float:
@@ -101,6 +116,7 @@ class Request:
     step: float | None = None  #: [s], by default chosen by the tolerance
     given_tolerance: float | None = None  #: of the time error, as a fraction of the motion
     outputs: tuple[str, ...] = ("position",)
+    window: tuple[float, float] | None = None  #: part of the run over which extremes are taken [s], None for all
 
     @classmethod
     def of(
@@ -113,6 +129,7 @@ class Request:
         tolerance: Any = None,
         outputs: Any = ("position",),
         allowed: tuple[str, ...] = OUTPUTS,
+        window: Any = None,
         **others: Any,
     ) -> Self:
         """Check the options of a run.
@@ -123,6 +140,8 @@ class Request:
             As given by the caller; None for the default of the model.
         schemes, allowed
             Names of the schemes and outputs that the model has.
+        window
+            Start and end of the part of the run over which extremes are taken [s].
         **others
             Further fields of a model's own request.
 
@@ -142,6 +161,7 @@ class Request:
             step=None if step is None else check_positive("step", step),
             given_tolerance=None if tolerance is None else check_positive("tolerance", tolerance),
             outputs=names,
+            window=None if window is None else check_window(window, names),
             **others,
         )
 
@@ -165,6 +185,8 @@ class Request:
         """
         times = p.times() if self.times is None else self.times
         p.check_reach(float(times[-1]))
+        if self.window is not None and self.window[1] > float(times[-1]) * (1.0 + ROUNDING):
+            raise scene_error("window", self.window, f"a part of the run, from 0 s to {times[-1]:g} s")
         return times
 
     def steps_per_second(self, p: Parameters, end_time: float, limit: float | None, others: str = "") -> float | None:
@@ -219,6 +241,7 @@ class Request:
             "step": result.attrs.get("step", self.step),
             "tolerance": self.recorded_tolerance,
             "outputs": list(self.outputs),
+            **({} if self.window is None else {"window": list(self.window)}),
         }
         chosen = provenance.defaulted_options(times=self.times, step=self.step, tolerance=self.given_tolerance, **given)
         return provenance.record(

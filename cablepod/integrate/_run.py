@@ -27,6 +27,7 @@ from cablepod.integrate._output import (
 )
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._step_control import ComparableRuns, motion_scale, preferred_steps_per_second
+from cablepod.integrate._window import ExtremesWindow, window_attributes
 
 
 @dataclass
@@ -50,6 +51,8 @@ class ChainRun:
     outputs: tuple[str, ...]
     progress: Callable[[float], None] | None  #: receives the completed fraction, 0 to 1
     title: str  #: of the scene
+    #: Part of the run over which extremes are taken [s]; None for all
+    window: tuple[float, float] | None = field(default=None, kw_only=True)
 
     @property
     def scheme(self) -> str:
@@ -87,6 +90,10 @@ class ChainRun:
         """Whether the outputs need velocities at the saved steps."""
         viscous = "tension" in self.outputs and self.chain.p.link_viscosity is not None
         return instants.needs_interpolation or "velocity" in self.outputs or viscous
+
+    def window_of(self, steps_per_second: float, low: np.ndarray, high: np.ndarray) -> ExtremesWindow | None:
+        """Return what restricts the extremes `low` and `high` (n,) of the kernels to the window; None without one."""
+        return None if self.window is None else ExtremesWindow(self.window, steps_per_second, low, high)
 
     def extremes(self) -> Extremes:
         """Return initial values of the tension extremes, None if they are not an output."""
@@ -260,6 +267,7 @@ class ChainRun:
             **state.diagnostics,
             **self.initial_velocity_jump(),
             **chain.p.offsets(),
+            **window_attributes(self.window),
         }
         if chain.green:
             attrs["smallest_stretch"] = float(chain.stretch(state.position).min())
@@ -285,9 +293,12 @@ class NewtonRun(ChainRun):
         instants = self.instants(steps_per_second)
         total = int(instants.steps[-1])
         stepper = self.new_stepper(instants)
+        window = None if self.window is None else self.window_of(steps_per_second, *stepper.watched)
         done = 0
         while done < total:
             steps = min(BLOCK, total - done)
+            if window is not None:
+                steps = window.limit(done, steps)
             reached = stepper.advance(done, steps)
             done += reached
             self._check_step(stepper, done)
@@ -296,13 +307,18 @@ class NewtonRun(ChainRun):
                     self._stop(stepper, done, stepper.failure())
                 done += 1
                 self._check_step(stepper, done)
+            if window is not None:
+                window.reach(done)
             if self.progress is not None:
                 self.progress(done / total)
-        return self.end(stepper, instants)
+        return self.end(stepper, instants, window)
 
-    def end(self, stepper: Any, instants: OutputTimes) -> Trajectory:
+    def end(self, stepper: Any, instants: OutputTimes, window: ExtremesWindow | None = None) -> Trajectory:
         """Return the trajectory of a stepper after its last step."""
-        return self.check_energy(self._gather(stepper, instants, stepper.save_last()))
+        extremes = stepper.save_last()
+        if window is not None:
+            extremes = window.finish(extremes)
+        return self.check_energy(self._gather(stepper, instants, extremes))
 
     def _check_step(self, stepper: Any, done: int) -> None:
         """Stop a run if the last one of `done` steps, at which the kernels return, diverged."""

@@ -18,8 +18,9 @@ from cablepod.parameters._parameters import Parameters
 
 #: Maximum tension of the wave without a warning, as a fraction of the tension at rest.
 MAX_WAVE_TENSION = 1e-3
-#: Axial passages in the ramp that the warning proposes at least: its wave is then below a hundredth of that of the jump.
-PASSAGES = 20.0
+#: Minimum number of axial passages in the ramp that the warning proposes.  At its end the third derivative of v t s(t / ramp)
+#: jumps by 60 v / ramp^2, which leaves 60 / (30 pi)^2, less than a hundredth, of the wave of the jump.
+PASSAGES = 30.0
 
 
 def warn_of_velocity_jump(p: Parameters, *, prefix: str = "", stacklevel: int) -> None:

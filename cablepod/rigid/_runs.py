@@ -15,6 +15,7 @@ from cablepod.integrate._output import Extremes, trajectory_attributes
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._run import NewtonRun, Trajectory
 from cablepod.integrate._step_control import STEPS_PER_CHANGE
+from cablepod.integrate._window import window_attributes
 from cablepod.rigid import _kernels_layout as layout
 
 FORMULATIONS = ("rattle", "index1")
@@ -110,6 +111,7 @@ class RigidRun(NewtonRun):
             **diagnostics,
             **self.initial_velocity_jump(),
             **self.chain.p.offsets(),
+            **window_attributes(self.window),
         }
 
 
@@ -282,6 +284,11 @@ class RigidStepper:
             is_projected, self._length_rounding(time), x, v, a, tension, self.counts,
         )  # fmt: skip
         return a, tension, done
+
+    @property
+    def watched(self) -> tuple[np.ndarray, np.ndarray]:
+        """Tension extremes that the kernels update (n,) [N]."""
+        return self.s[layout.LOW, : self.links], self.s[layout.HIGH, : self.links]
 
     def is_finite(self) -> bool:
         """Whether all positions are finite and below the divergence bound."""

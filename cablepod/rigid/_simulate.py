@@ -86,6 +86,7 @@ def simulate(
     step: float | None = None,
     tolerance: float | None = None,
     outputs: tuple[str, ...] = ("position",),
+    window: tuple[float, float] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Simulate the chain of a scene with rigid links, which carry tension and compression.
@@ -112,6 +113,8 @@ def simulate(
         Tolerance of the time error, as a fraction of the largest rms displacement; 1e-6 by default.
     outputs
         Some of "position", "velocity", "tension", "tension_extremes" (over all steps); only these are computed.
+    window
+        Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
     progress
         Callback receiving the completed fraction, 0 to 1.
 
@@ -157,7 +160,7 @@ def simulate(
     """
     if formulation not in FORMULATIONS:
         raise scene_error("formulation", formulation, one_of(FORMULATIONS, formulation))
-    request = Request.of(times=times, step=step, tolerance=tolerance, outputs=outputs)
+    request = Request.of(times=times, step=step, tolerance=tolerance, window=window, outputs=outputs)
     baumgarte_rate = _check_baumgarte(baumgarte, formulation)
     p = parameters(scene)
     warn_of_unusual(p)
@@ -170,7 +173,17 @@ def simulate(
     check_ends(chain, end_time)
     warn_of_velocity_jump(p, stacklevel=3)
     title = str(scene.attrs.get("title", "scene"))
-    run = RigidRun(chain, instants, start(chain), request.outputs, progress, title, formulation, baumgarte_rate)
+    run = RigidRun(
+        chain,
+        instants,
+        start(chain),
+        request.outputs,
+        progress,
+        title,
+        formulation,
+        baumgarte_rate,
+        window=request.window,
+    )
     steps_per_second = request.steps_per_second(p, end_time, None)
     if steps_per_second is not None:
         state, estimate = run(steps_per_second), None

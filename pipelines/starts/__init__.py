@@ -1,0 +1,1 @@
+"""Peaks of tension after starts with a jump and with a ramp."""
