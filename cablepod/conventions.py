@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 COORDINATES = ("x", "y", "z")
 ENDS = ("lower", "upper")
-OUTPUTS = ("position", "velocity", "tension", "tension_extremes")
+OUTPUTS = ("position", "velocity", "tension", "tension_extremes", "tension_peaks")
 #: Name -> (units, long name) of results; :mod:`cablepod.parameters._keys` has the parameters of scenes.
 VARIABLES: dict[str, tuple[str, str]] = {
     # coordinates
@@ -43,6 +43,13 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "velocity": ("m s-1", "velocity"),
     "tension_minimum": ("N", "smallest tension of the link over all steps of the run"),
     "tension_maximum": ("N", "largest tension of the link over all steps of the run"),
+    "tension_minimum_time": ("s", "time of the smallest tension of all links"),
+    "tension_maximum_time": ("s", "time of the largest tension of all links"),
+    "tension_minimum_arc_length": (
+        "m",
+        "unstretched arc length from the lower end to the link of the smallest tension",
+    ),
+    "tension_maximum_arc_length": ("m", "unstretched arc length from the lower end to the link of the largest tension"),
     "end_position": ("m", "position of the ends"),
     "amplitude": ("m", "amplitude of the mode"),
     # small vibrations

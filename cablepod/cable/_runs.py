@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from cablepod.conventions import COORDINATES, ENDS
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import Extremes, chain_coordinates, law_suffix, trajectory_attributes
 from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._peaks import peak_times
 from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import damped_growth
 from cablepod.integrate._window import window_attributes
@@ -140,12 +142,12 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
             return bool(np.isfinite(x).all() and np.abs(x).max() < bound)
 
         state = (x, v, slack, *(() if v_before is None else (v_before,)))
-        window = self.window_of(steps_per_second, low, high)
-        failed_step = advance_in_blocks(advance, state, total, self.progress, window)
+        watch = None if extremes is None else self.watch_of(steps_per_second, total, low, high)
+        failed_step = advance_in_blocks(advance, state, total, self.progress, watch)
         if failed_step is not None:
             self._stop(instants, saved, self._of_all_nodes(half_step_rates), failed_step, steps_per_second)
         result = self._gather(instants, saved, self._of_all_nodes(half_step_rates), extremes)
-        result = self.add_slack_attributes(result, slack)
+        result = replace(self.add_slack_attributes(result, slack), peak_times=peak_times(watch, steps_per_second))
         self._check_limit(result)
         return self.check_energy(result)
 
@@ -179,6 +181,11 @@ class _CableStepper(ImplicitStepper):
         super().__init__(run, instants)
         self.slack = np.array(NO_SLACK)
         self.element, self.rows = run.chain.link_rows
+
+    @property
+    def state(self) -> tuple[np.ndarray, ...]:
+        """All arrays that a step changes, but for the extremes."""
+        return *super().state, self.slack
 
     def substep(self, number: int) -> bool:
         """Repeat one step with substeps; slack recorded in a substep gets the number of the step."""

@@ -177,7 +177,8 @@ def simulate(
         Output points: a number of particles equidistant in unstretched arc length, or fractions of the length from 0 to 1, or
         "nodes".  By default the particles of the scene's chain, or 41 particles without a chain.
     outputs
-        Some of "position", "velocity", "tension", "tension_extremes" (over all steps).
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "tension_peaks" (time and place of the
+        largest and smallest of these).
     window
         Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
     progress

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,6 +16,7 @@ from cablepod.errors import RunStopped
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._peaks import peak_times
 from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._step_control import damped_growth
 from cablepod.parameters._time_functions import BatchedTimeFunction
@@ -33,14 +34,17 @@ class ExplicitChainRun(ChainRun):
         """Run with a number of steps per second."""
         stepper = ExplicitStepper([self.begin(steps_per_second)])
         low, high = (stepper.states[0, row, : self.chain.links] for row in (layout.LOW, layout.HIGH))
+        watch = (
+            self.watch_of(steps_per_second, stepper.total, low, high) if "tension_extremes" in self.outputs else None
+        )
         failed = advance_in_blocks(
             lambda start, steps: bool(stepper.advance(start, steps)[0]), (stepper.states,), stepper.total, self.progress,
-            self.window_of(steps_per_second, low, high),
+            watch,
         )  # fmt: skip
         if failed is not None:
             half_velocities = None if stepper.half_velocities is None else stepper.half_velocities[0]
             self._stop(stepper.instants, stepper.saved[0], half_velocities, failed, steps_per_second)
-        return self.finish(stepper, 0)
+        return replace(self.finish(stepper, 0), peak_times=peak_times(watch, steps_per_second))
 
     def begin(self, steps_per_second: float) -> PreparedRun:
         """Prepare a run with a number of steps per second."""

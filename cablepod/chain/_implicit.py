@@ -181,6 +181,11 @@ class ImplicitStepper:
         return self.extremes
 
     @property
+    def state(self) -> tuple[np.ndarray, ...]:
+        """All arrays that a step changes, but for the extremes."""
+        return self.x, self.v, self.a, self.force
+
+    @property
     def watched(self) -> tuple[np.ndarray, np.ndarray]:
         """Tension extremes that the kernels update (n,) [N]."""
         assert self.extremes is not None

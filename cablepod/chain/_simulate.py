@@ -137,7 +137,8 @@ def simulate(
     tolerance
         Tolerance of the time error, as a fraction of the largest rms displacement; 1e-6 by default.
     outputs
-        Some of "position", "velocity", "tension", "tension_extremes" (over all steps); only these are computed.
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "tension_peaks" (time and place of the
+        largest and smallest of these); only these are computed.
     window
         Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
     progress
@@ -147,7 +148,8 @@ def simulate(
     -------
     xarray.Dataset
         ``position (time, particle, coordinate)`` [m], ``velocity`` [m/s], ``tension (time, link)`` [N],
-        ``tension_minimum``, ``tension_maximum (link)`` [N], as requested; by law "green" compression is negative.  Attributes:
+        ``tension_minimum``, ``tension_maximum (link)`` [N], ``tension_maximum_time`` [s], ``tension_maximum_arc_length`` [m, of
+        the middle of the link] and the same of the minimum, as requested; by law "green" compression is negative.  Attributes:
         law, scheme, step [s], number of steps, stability limit of the step [s], highest angular frequency [rad/s] and the
         estimate of the time error.  With law "green" limit and frequency hold at the start, and ``smallest_stretch`` is the
         minimum of xi at the output times.  ``energy_excess`` is the largest ratio of the strain energy to the energy that start,

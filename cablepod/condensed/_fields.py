@@ -28,6 +28,7 @@ class CondensedTrajectory:
     tension: np.ndarray | None = None
     sample_interval: int = 0  #: number of steps between the samples of the error estimate, all saved; 0 without samples
     sampled_boundary_data: np.ndarray | None = None  #: boundary data of the samples; None for runs of several blocks
+    peak_times: tuple[float, float] | None = None  #: of the smallest and the largest tension [s]; None if not requested
 
     @property
     def samples(self) -> slice | np.ndarray:

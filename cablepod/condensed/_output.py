@@ -19,7 +19,7 @@ from cablepod.condensed._fields import (
 from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP
 from cablepod.condensed._model import CondensedModel
 from cablepod.conventions import COORDINATES, ENDS, labelled_dataset
-from cablepod.integrate._output import law_suffix, trajectory_attributes, trajectory_variables
+from cablepod.integrate._output import law_suffix, peak_variables, trajectory_attributes, trajectory_variables
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import window_attributes
 from cablepod.pod import _normal as pod_normal
@@ -66,7 +66,9 @@ def variables(
     else:
         saved = state.tension
         values = {"tension": lambda: selected_tensions(model, q, times, links) if saved is None else saved}
-    return result | trajectory_variables(outputs, state.extremes, values)
+    middles = 0.5 * (chain.arc_length[1:] + chain.arc_length[:-1])
+    peaks = peak_variables(state.extremes, state.peak_times, middles if links is None else middles[links])
+    return result | trajectory_variables(outputs, state.extremes, values) | peaks
 
 
 def attributes(model: CondensedModel, state: CondensedTrajectory, modes: xr.Dataset | None) -> dict[str, Any]:

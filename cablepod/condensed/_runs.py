@@ -19,6 +19,7 @@ from cablepod.condensed._stepper import FOURTH_ORDER, CondensedStepper
 from cablepod.errors import scene_error
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import stop
+from cablepod.integrate._peaks import PeakSearch, Watch, peak_times
 from cablepod.integrate._request import Request, check_resolved, check_step
 from cablepod.integrate._step_control import (
     SECOND_ORDER,
@@ -244,14 +245,20 @@ class CondensedRun:
         """
         stepper = CondensedStepper(self, steps_per_second)
         total = max(stepper.total, 1) if self.explicit else stepper.total
-        window = None
-        if self.window is not None:
-            low, high = stepper.low, stepper.high
-            window = ExtremesWindow(self.window, steps_per_second, low, high, with_end=not self.explicit)
-        failed_step = advance_in_blocks(stepper.advance, stepper.changed, total, self.progress, window)
+        watch, low, high = None, stepper.low, stepper.high
+        if low.size:
+            window, with_end = None, not self.explicit
+            if self.window is not None:
+                window = ExtremesWindow(self.window, steps_per_second, low, high, with_end=with_end)
+            peaks = None
+            if "tension_peaks" in self.outputs:
+                chosen = None if self.leading else self.links  # to leading order the arrays hold the chosen links only
+                peaks = PeakSearch(low, high, total, with_end=with_end, chosen=chosen)
+            watch = Watch(window, peaks)
+        failed_step = advance_in_blocks(stepper.advance, stepper.changed, total, self.progress, watch)
         if stepper.total == 0:  # an implicit run of no length has only its start
             stepper.advance(0, 0)
-        state = stepper.trajectory()
+        state = stepper.trajectory(peak_times(watch, steps_per_second))
         if state.monitor[UNSTABLE_STEP] < np.inf:  # tested first, because it is the cause of a divergence
             self._stop_unstable(state, int(state.monitor[UNSTABLE_STEP]), steps_per_second)
         if failed_step is not None:

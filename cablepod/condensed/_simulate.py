@@ -74,7 +74,8 @@ def simulate(
         Time error as a fraction of the largest rms displacement.  By default a tenth of the estimated error of the model, from
         1e-6 to 1e-2; this time error is that of the deflection.
     outputs
-        Some of "position", "velocity", "tension", "tension_extremes" (over all steps) and "error_estimate" (of the model, see
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "tension_peaks" (time and place of the
+        largest and smallest of these) and "error_estimate" (of the model, see
         :func:`cablepod.condensed._estimate.estimate`).  Only these are computed.
     links
         Numbers, from 1 at the lower end, of the links whose tensions are computed; all by default.

@@ -160,8 +160,8 @@ class CondensedStepper:
         damping, step = self.run.model.chain.p.damping, self.step
         return math.exp(-damping * step), -math.expm1(-damping * step) / damping if damping else step
 
-    def trajectory(self) -> CondensedTrajectory:
-        """Return what was computed so far."""
+    def trajectory(self, peak_times: tuple[float, float] | None = None) -> CondensedTrajectory:
+        """Return what was computed so far; `peak_times` are those of the smallest and the largest tension [s]."""
         low, high, run = self.low, self.high, self.run
         if self.wants_extremes and run.links is not None and not run.leading:
             low, high = low[run.links], high[run.links]
@@ -169,5 +169,5 @@ class CondensedStepper:
         tension = self.tension_series[self.instants.left] if self.saves_tension else None
         return CondensedTrajectory(
             self.instants, self.saved, self.half_step_rates, extremes, self.monitor, run.scheme, tension,
-            self.sample_interval, self.sampled_boundary_data,
+            self.sample_interval, self.sampled_boundary_data, peak_times,
         )  # fmt: skip

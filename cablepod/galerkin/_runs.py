@@ -14,7 +14,7 @@ import xarray as xr
 from cablepod.conventions import COORDINATES, ENDS, labelled_dataset
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.integrate._march import advance_in_blocks
-from cablepod.integrate._output import Extremes, stop, trajectory_attributes, trajectory_variables
+from cablepod.integrate._output import Extremes, peak_variables, stop, trajectory_attributes, trajectory_variables
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._step_control import motion_scale
 from cablepod.integrate._window import steps_within, window_attributes
@@ -138,6 +138,9 @@ class RunRecord:
         links = run.model.chain.links
         self.extremes = (np.full(links, np.inf), np.full(links, -np.inf)) if "tension_extremes" in run.outputs else None
 
+        #: Minus the smallest tension and the largest [N], and their times [s]
+        self.peaks = [(-np.inf, 0.0), (-np.inf, 0.0)]
+
     def targets(self, begin: int, end: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the steps of [begin, end) to save, and the arrays for the kernel (saves, 3, modes), (saves, 4)."""
         if self.extremes is not None:
@@ -166,6 +169,10 @@ class RunRecord:
         for block in np.array_split(watched, max(1, watched.size // 1024)) if watched.size else ():
             q = saved[block, 0] - model.displacements(time[block]) @ model.coupling
             tension = model.tension(model.positions(q, time[block]))
+            for i, sign in enumerate((-1.0, 1.0)):
+                peaks = (sign * tension).max(axis=1)
+                if peaks.max() > self.peaks[i][0]:
+                    self.peaks[i] = float(peaks.max()), float(time[block[int(peaks.argmax())]])
             np.minimum(low, tension.min(axis=0), out=low)
             np.maximum(high, tension.max(axis=0), out=high)
 
@@ -345,6 +352,11 @@ class GalerkinRun:
             "velocity": lambda: model.velocities(trajectory.rates, time),
         }
         variables |= trajectory_variables(self.outputs, trajectory.extremes, values)
+        if "tension_peaks" in self.outputs:
+            (_, least), (_, largest) = trajectory.record.peaks
+            arc_length = model.chain.arc_length
+            middles = 0.5 * (arc_length[1:] + arc_length[:-1])
+            variables |= peak_variables(trajectory.extremes, (least, largest), middles)
         labels = {
             "coordinate": np.array(COORDINATES[: model.chain.p.dims]),
             "time": time,

@@ -74,7 +74,8 @@ def simulate(
         within it.  If neither `scheme`, `step` nor `tolerance` is given, it is a tenth of the error that the model expects of its
         modes (``error_estimate``), and at least 1e-6; where that has no estimate, and with a given scheme, it is 1e-6.
     outputs
-        Some of "position", "velocity", "tension", "tension_extremes" (over all steps) and "error_estimate" (of the model, from
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "tension_peaks" (time and place of the
+        largest and smallest of these) and "error_estimate" (of the model, from
         samples of the run, see :class:`cablepod.galerkin._estimate.GalerkinEstimate`).
     window
         Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.

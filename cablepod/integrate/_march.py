@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cablepod.integrate._window import ExtremesWindow
+from cablepod.integrate._peaks import Watch
 
 #: Steps between two checks of the state (few enough to stop early, many enough to cost nothing).
 BLOCK = 65536
@@ -21,7 +21,7 @@ def advance_in_blocks(
     state: tuple[np.ndarray, ...],
     total: int,
     progress: Callable[[float], None] | None,
-    window: ExtremesWindow | None = None,
+    watch: Watch | None = None,
 ) -> int | None:
     """Advance a state by `total` steps in blocks, with a check after each block.
 
@@ -39,8 +39,8 @@ def advance_in_blocks(
         Number of steps.
     progress
         Callback receiving the completed fraction, 0 to 1.
-    window
-        Part of the run over which extremes are taken; None for all.
+    watch
+        What is done with extremes between the blocks; None for runs without.
 
     Returns
     -------
@@ -50,18 +50,20 @@ def advance_in_blocks(
     done = 0
     while done < total:
         steps = min(BLOCK, total - done)
-        if window is not None:
-            steps = window.limit(done, steps)
+        before: list[np.ndarray] = []
+        if watch is not None:
+            steps = watch.limit(done, steps)
+            before = watch.before(state)
         failed = _first_failure(advance, state, done, steps)
         if failed is not None:
             return failed
         done += steps
-        if window is not None:
-            window.reach(done)
+        if watch is not None:
+            watch.after(done, steps, before)
         if progress is not None:
             progress(done / total)
-    if window is not None:
-        window.finish()
+    if watch is not None:
+        watch.finish(advance, state)
     return None
 
 

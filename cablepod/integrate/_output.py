@@ -59,6 +59,29 @@ def trajectory_variables(
     return result
 
 
+def peak_variables(
+    extremes: Extremes, times: tuple[float, float] | None, arc_length: np.ndarray
+) -> dict[str, tuple[tuple[str, ...], float]]:
+    """Return dimensions and values of time and place of the extremes of all links; none where they are not requested.
+
+    Parameters
+    ----------
+    extremes
+        Minimum and maximum of the tensions (n,) [N].
+    times
+        Times of the smallest and the largest [s]; None if they are not requested.
+    arc_length
+        Unstretched arc length from the lower end to the middle of the links (n,) [m].
+    """
+    if extremes is None or times is None:
+        return {}
+    places = (arc_length[int(extremes[0].argmin())], arc_length[int(extremes[1].argmax())])
+    result: dict[str, tuple[tuple[str, ...], float]] = {}
+    for name, time, place in zip(("tension_minimum", "tension_maximum"), times, places, strict=True):
+        result[f"{name}_time"], result[f"{name}_arc_length"] = ((), time), ((), float(place))
+    return result
+
+
 def trajectory_attributes(model: str, scheme: str, instants: OutputTimes, **options: Any) -> dict[str, Any]:
     """Return the attributes that all trajectories have, and the options of the model."""
     return {

@@ -153,6 +153,8 @@ class Request:
         if schemes:
             check_scheme(scheme, schemes)
         names = check_outputs(outputs, allowed)
+        if "tension_peaks" in names and "tension_extremes" not in names:
+            raise scene_error("outputs", names, '"tension_extremes" beside "tension_peaks"')
         if step is not None and tolerance is not None:
             raise scene_error("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
         return cls(

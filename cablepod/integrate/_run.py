@@ -21,11 +21,13 @@ from cablepod.integrate._output import (
     Extremes,
     chain_coordinates,
     law_suffix,
+    peak_variables,
     stop,
     trajectory_attributes,
     trajectory_variables,
 )
 from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._peaks import PeakSearch, Watch, peak_times
 from cablepod.integrate._step_control import ComparableRuns, motion_scale, preferred_steps_per_second
 from cablepod.integrate._window import ExtremesWindow, window_attributes
 
@@ -39,6 +41,7 @@ class Trajectory:
     velocity: np.ndarray | None  #: as `position` [m/s]
     extremes: Extremes  #: minimum and maximum of the tensions (n,) [N]
     diagnostics: dict[str, Any] = field(default_factory=dict)  #: attributes of the result from the run itself
+    peak_times: tuple[float, float] | None = None  #: of the smallest and the largest tension [s]; None if not requested
 
 
 @dataclass(frozen=True)
@@ -91,9 +94,11 @@ class ChainRun:
         viscous = "tension" in self.outputs and self.chain.p.link_viscosity is not None
         return instants.needs_interpolation or "velocity" in self.outputs or viscous
 
-    def window_of(self, steps_per_second: float, low: np.ndarray, high: np.ndarray) -> ExtremesWindow | None:
-        """Return what restricts the extremes `low` and `high` (n,) of the kernels to the window; None without one."""
-        return None if self.window is None else ExtremesWindow(self.window, steps_per_second, low, high)
+    def watch_of(self, steps_per_second: float, total: int, low: np.ndarray, high: np.ndarray) -> Watch | None:
+        """Return what is done with the extremes `low` and `high` (n,) of the kernels between blocks of a run of `total` steps."""
+        window = None if self.window is None else ExtremesWindow(self.window, steps_per_second, low, high)
+        peaks = PeakSearch(low, high, total) if "tension_peaks" in self.outputs else None
+        return None if window is None and peaks is None else Watch(window, peaks)
 
     def extremes(self) -> Extremes:
         """Return initial values of the tension extremes, None if they are not an output."""
@@ -237,6 +242,8 @@ class ChainRun:
         }
         variables: dict[str, Any] = trajectory_variables(self.outputs, state.extremes, values)
         variables["unstretched_length"] = ((), self.chain.total_length)
+        middles = 0.5 * (self.chain.particles[1:] + self.chain.particles[:-1])
+        variables |= peak_variables(state.extremes, state.peak_times, middles)
         features, names = self.features(float(state.instants.times[-1]))
         return variables | features, {"time": state.instants.times, **self.coordinates(), **names}
 
@@ -293,12 +300,17 @@ class NewtonRun(ChainRun):
         instants = self.instants(steps_per_second)
         total = int(instants.steps[-1])
         stepper = self.new_stepper(instants)
-        window = None if self.window is None else self.window_of(steps_per_second, *stepper.watched)
+        watch = None
+        if "tension_extremes" in self.outputs:
+            watch = self.watch_of(steps_per_second, total, *stepper.watched)
         done = 0
         while done < total:
             steps = min(BLOCK, total - done)
-            if window is not None:
-                steps = window.limit(done, steps)
+            before: list[np.ndarray] = []
+            if watch is not None:
+                steps = watch.limit(done, steps)
+                before = watch.before(stepper.state)
+            begin = done
             reached = stepper.advance(done, steps)
             done += reached
             self._check_step(stepper, done)
@@ -307,18 +319,27 @@ class NewtonRun(ChainRun):
                     self._stop(stepper, done, stepper.failure())
                 done += 1
                 self._check_step(stepper, done)
-            if window is not None:
-                window.reach(done)
+            if watch is not None:
+                watch.after(done, done - begin, before)
             if self.progress is not None:
                 self.progress(done / total)
-        return self.end(stepper, instants, window)
+        return self.end(stepper, instants, watch)
 
-    def end(self, stepper: Any, instants: OutputTimes, window: ExtremesWindow | None = None) -> Trajectory:
+    def end(self, stepper: Any, instants: OutputTimes, watch: Watch | None = None) -> Trajectory:
         """Return the trajectory of a stepper after its last step."""
         extremes = stepper.save_last()
-        if window is not None:
-            extremes = window.finish(extremes)
-        return self.check_energy(self._gather(stepper, instants, extremes))
+        if watch is None or extremes is None:
+            return self.check_energy(self._gather(stepper, instants, extremes))
+        if watch.window is not None:
+            extremes = watch.window.finish(extremes)
+        result = self._gather(stepper, instants, extremes)
+        if watch.peaks is not None:
+            if watch.window is None or not watch.window.is_closed:
+                watch.peaks.note_last(int(instants.steps[-1]), extremes)
+            extremes = extremes[0].copy(), extremes[1].copy()
+            watch.peaks.locate(lambda start, count: _repeat(stepper, start, count), stepper.state)
+            result = replace(result, extremes=extremes, peak_times=peak_times(watch, instants.steps_per_second))
+        return self.check_energy(result)
 
     def _check_step(self, stepper: Any, done: int) -> None:
         """Stop a run if the last one of `done` steps, at which the kernels return, diverged."""
@@ -336,3 +357,13 @@ class NewtonRun(ChainRun):
             f"{done}); try a shorter step, {self.alternatives}"
         )
         self.stop(partial, done / steps_per_second, why)
+
+
+def _repeat(stepper: Any, start: int, count: int) -> None:
+    """Repeat steps that a stepper has taken before, in substeps where Newton's method does not converge."""
+    done = 0
+    while done < count:
+        done += stepper.advance(start + done, count - done)
+        if done < count:
+            stepper.substep(start + done)
+            done += 1

@@ -73,6 +73,11 @@ class ExtremesWindow:
         elif done == self.first:
             self.low[:], self.high[:] = np.inf, -np.inf
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether the window has ended."""
+        return self._kept is not None
+
     def finish(self, extremes: tuple[np.ndarray, np.ndarray] | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return the extremes within the window; `extremes` are those at the end of the run, by default the arrays."""
         if self._kept is None:

@@ -286,6 +286,11 @@ class RigidStepper:
         return a, tension, done
 
     @property
+    def state(self) -> tuple[np.ndarray, ...]:
+        """All arrays that a step changes."""
+        return self.s, self.counts
+
+    @property
     def watched(self) -> tuple[np.ndarray, np.ndarray]:
         """Tension extremes that the kernels update (n,) [N]."""
         return self.s[layout.LOW, : self.links], self.s[layout.HIGH, : self.links]

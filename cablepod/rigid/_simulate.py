@@ -112,7 +112,8 @@ def simulate(
     tolerance
         Tolerance of the time error, as a fraction of the largest rms displacement; 1e-6 by default.
     outputs
-        Some of "position", "velocity", "tension", "tension_extremes" (over all steps); only these are computed.
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "tension_peaks" (time and place of the
+        largest and smallest of these); only these are computed.
     window
         Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
     progress

@@ -58,7 +58,7 @@ def test_invalid_options_are_refused(soft, modes):
         (cp.make_scene(spatial(soft)), m, {}, "^modes: given 2 coordinates; allowed: the 3 coordinates of the scene$"),
         (scene, modes[3], {}, "^modes: given 3 coordinates; allowed: the 2 coordinates of the scene$"),
         (scene, dependent, {}, "^modes: given some that are sums of others; allowed: independent ones"),
-        (scene, scene, {}, "^modes: given a Dataset of stage .scene. without .*; allowed: modes of the deflection normal to the chord"),
+        (scene, scene, {}, "^modes: given a Dataset of stage .scene. without .*; allowed: modes of the deflection"),
     ]  # fmt: skip
     for some, some_modes, options, match in cases:
         with pytest.raises(cp.SceneError, match=match):

@@ -77,15 +77,18 @@ def test_a_window_of_the_whole_run_changes_nothing(soft, model):
 @pytest.mark.parametrize("model", ["chain", "condensed", "galerkin"])
 def test_members_have_their_windows(soft, model, tmp_path):
     scenes = cp.ensemble.design(soft[0], {"cable.top_tension": [110.0, 130.0]}, members=3)
-    options = {"outputs": ("position", "tension_extremes"), "window": (1.0, 2.3)}
+    options = {"outputs": ("position", "tension_extremes", "tension_peaks"), "window": (1.0, 2.3)}
     runs = simulate(soft, model, scenes=scenes, **options)
     for i in range(3):
         single = simulate(soft, model, scenes=scenes.isel(member=i), **options)
         np.testing.assert_allclose(runs.tension_maximum[i], single.tension_maximum, rtol=1e-9)
+        assert float(runs.tension_maximum_time[i]) == float(single.tension_maximum_time)
     modes = {"modes": soft[1][model]} if model in soft[1] else {}
     cp.ensemble.run(scenes, tmp_path / "study", model=model, step=STEP[model], **modes, **options)
     kept = cp.archive.open_ensemble(tmp_path / "study")
     np.testing.assert_allclose(kept.tension_maximum, runs.tension_maximum, rtol=1e-9)
+    for name in ("tension_maximum_time", "tension_maximum_arc_length", "tension_minimum_time"):
+        np.testing.assert_allclose(kept[name], runs[name], rtol=1e-9)
 
 
 @pytest.mark.parametrize("model", STEP)
@@ -110,6 +113,39 @@ def test_other_windows_are_refused(soft, model, window, allowed):
 
 
 @pytest.mark.parametrize("model", STEP)
+def test_peaks_need_extremes(soft, model):
+    with pytest.raises(cp.SceneError, match=r"^outputs: given .*; allowed: .tension_extremes. beside .tension_peaks."):
+        simulate(soft, model, outputs=("position", "tension_peaks"))
+
+
+@pytest.mark.parametrize("model", STEP)
 def test_a_window_needs_extremes(soft, model):
     with pytest.raises(cp.SceneError, match=r"^window: given .*none without the output .tension_extremes."):
         simulate(soft, model, outputs=("position",), window=(0.0, 1.0))
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("window", [None, (1.0, 2.3)])
+def test_peaks_have_their_time_and_place(soft, case, window):
+    model, options = CASES[case]
+    outputs = ("tension_extremes", "tension_peaks")
+    run = simulate(soft, model, outputs=outputs, window=window, **options)
+    steps = np.arange(round(4.0 / STEP[model]) + 1) * STEP[model]
+    first, last = window or (0.0, 4.0)
+    times = steps[(steps >= first - 1e-9) & (steps <= last + 1e-9)]
+    tension = simulate(soft, model, outputs=("tension",), times=times, **options).tension.values
+    middles = run.get("link_arc_length", 0.5 * (run.arc_length.values[1:] + run.arc_length.values[:-1]))
+    middles = np.asarray(middles)[[0, 7]] if "links" in options else np.asarray(middles)
+    for name, sign in (("minimum", -1.0), ("maximum", 1.0)):
+        instant, link = np.unravel_index(int((sign * tension).argmax()), tension.shape)
+        time, place = float(run[f"tension_{name}_time"]), float(run[f"tension_{name}_arc_length"])
+        # the same instant, unless another is as large to the rounding of the output
+        at = tension[np.abs(times - time).argmin(), np.abs(middles - place).argmin()]
+        assert at == pytest.approx(tension[instant, link], rel=1e-7)
+        assert np.abs(times - time).min() < 1e-9
+        assert np.abs(middles - place).min() < 1e-9
+        assert run[f"tension_{name}_time"].units == "s"
+    # the search leaves no trace
+    plain = simulate(soft, model, outputs=("tension_extremes",), window=window, **options)
+    np.testing.assert_allclose(run.tension_maximum, plain.tension_maximum, rtol=1e-9)
+    assert run.attrs.get("newton_iterations", 0) >= plain.attrs.get("newton_iterations", 0)
