@@ -20,11 +20,11 @@ from cablepod.errors import NotConvergedWarning
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._output import law_suffix, rest_dataset
 from cablepod.integrate._request import Request
-from cablepod.integrate._velocity_jump import warn_of_velocity_jump
+from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
-from cablepod.scene._notes import warn_of_unusual, warn_of_unusual_members
+from cablepod.scene._notes import warn_of_unusual
 
 #: Default law, eq. (21) of the paper.
 LAW = LAWS[1]
@@ -133,7 +133,7 @@ def element_count(elements: int | None, p: Parameters) -> int:
 # --- motion ---------------------------------------------------------------------------------------------------------
 
 
-@over_members_by(no_plan, warn_of_unusual_members)
+@over_members_by(no_plan, warn_of_members)
 def simulate(
     scene: xr.Dataset,
     *,
@@ -238,7 +238,7 @@ def simulate(
     limit = step_limit_of(first_runs[SCHEMES[0]]) if step is not None and scheme in (None, SCHEMES[0]) else None
     others = '; scheme "trapezoidal" has none'
     given_steps_per_second = request.steps_per_second(p, float(instants[-1]), limit, others)
-    warn_of_velocity_jump(p, stacklevel=3)
+    warn_of_velocity_jump(p)
     solution = solve(first_runs, request, given_steps_per_second)
     if step is not None:
         _warn_of_energy_excess(solution.trajectory.diagnostics["energy_excess"])

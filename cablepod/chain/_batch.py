@@ -22,7 +22,6 @@ from cablepod.errors import SceneError
 from cablepod.integrate._march import BLOCK
 from cablepod.integrate._run import Trajectory
 from cablepod.integrate._step_control import Solution
-from cablepod.integrate._velocity_jump import warn_of_velocity_jumps
 from cablepod.parameters._from_scene import Members
 
 #: Maximum and minimum number of steps per block (multiples of the period after which tables of sines restart, so that the tables
@@ -40,7 +39,6 @@ def plan(scene: xr.Dataset, **options: Any) -> BatchPlan | None:
         members, request = Members(scene), ChainRequest.of(**options)
     except SceneError:
         return None
-    warn_of_velocity_jumps(members, stacklevel=3)
     batch = ChainBatch(members, request, str(scene.attrs.get("title", "scene")))
     in_lanes = request.step is not None and request.scheme not in (None, SCHEMES[0])
     return BatchPlan(batch.run_member, lambda: batch.first[0], batch.prepare_chunk, LANES if in_lanes else 1)

@@ -16,9 +16,9 @@ from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import chain_of, square
 from cablepod.discretisation._laws import LAWS, check_law
 from cablepod.integrate._output import chain_coordinates, law_suffix, rest_dataset
-from cablepod.integrate._velocity_jump import warn_of_velocity_jump
+from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._from_scene import parameters
-from cablepod.scene._notes import warn_of_unusual, warn_of_unusual_members
+from cablepod.scene._notes import warn_of_unusual
 
 # --- rest -----------------------------------------------------------------------------------------------------------
 
@@ -94,7 +94,7 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
 # --- motion ---------------------------------------------------------------------------------------------------------
 
 
-@over_members_by(plan, warn_of_unusual_members)
+@over_members_by(plan, warn_of_members)
 def simulate(
     scene: xr.Dataset,
     *,
@@ -212,7 +212,7 @@ def simulate(
     p = parameters(scene)
     warn_of_unusual(p)
     ready = prepare(p, request, str(scene.attrs.get("title", "scene")), progress)
-    warn_of_velocity_jump(p, stacklevel=3)
+    warn_of_velocity_jump(p)
     solution = solve(ready, request)
     run = solution.run
     return request.record(

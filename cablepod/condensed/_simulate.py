@@ -16,10 +16,10 @@ from cablepod.condensed._rescale import kept_model
 from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import scene_error
-from cablepod.integrate._velocity_jump import warn_of_velocity_jump, warn_of_velocity_jumps
+from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._from_scene import Members, SceneContent
 from cablepod.reduced._validity import warn_condensed_out_of_range
-from cablepod.scene._notes import warn_of_unusual, warn_of_unusual_members
+from cablepod.scene._notes import warn_of_unusual
 
 
 def simulate(
@@ -146,13 +146,12 @@ def simulate(
     content = SceneContent.of(scene)
     p, several = content.parameters(), "member" in scene.dims
     if several:
-        warn_of_unusual_members(scene)
+        warn_of_members(scene)
     else:
         warn_of_unusual(p)
     unit = unit_of(p, modes, rank=rank, order=order, law=law, quadrature=quadrature)
     used_tolerance = tolerance  # without one each member has its own
     if several:
-        warn_of_velocity_jumps(Members(scene), stacklevel=2)
         result = run(
             scene,
             modes,
@@ -164,7 +163,7 @@ def simulate(
         )
     else:
         title = str(scene.attrs.get("title", "scene"))
-        warn_of_velocity_jump(p, stacklevel=2)
+        warn_of_velocity_jump(p)
         solution = solve(kept_model(unit, p), request, progress)
         result, used_tolerance = result_of(solution, modes, request, title), solution.tolerance
         warn_condensed_out_of_range(result.attrs)

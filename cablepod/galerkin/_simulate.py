@@ -20,17 +20,17 @@ from cablepod.galerkin._model import GalerkinModel, model_of
 from cablepod.galerkin._runs import GalerkinRun
 from cablepod.galerkin._scheme import EXPLICIT, SCHEMES, solve
 from cablepod.integrate._request import Request
-from cablepod.integrate._velocity_jump import warn_of_velocity_jump
+from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._from_scene import SceneContent
 from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes, warn_galerkin_out_of_range
-from cablepod.scene._notes import warn_of_unusual, warn_of_unusual_members
+from cablepod.scene._notes import warn_of_unusual
 
 #: Maximum energy defect of a given step without a warning, as a fraction of the exchanged energy.
 MAX_ENERGY_DEFECT = 0.1
 
 
-@over_members_by(no_plan, warn_of_unusual_members)
+@over_members_by(no_plan, warn_of_members)
 def simulate(
     scene: xr.Dataset,
     modes: xr.Dataset,
@@ -169,7 +169,7 @@ def simulate(
     explicit_limit = limit if scheme in (None, SCHEMES[0]) else None
     others = "; implicit schemes have none"
     given_steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, others)
-    warn_of_velocity_jump(p, stacklevel=3)
+    warn_of_velocity_jump(p)
     solution, time_tolerance, model_error = solve(runs, limit, request, given_steps_per_second, estimate.error)
     run, trajectory, _, time_error, _ = solution
     if step is not None:

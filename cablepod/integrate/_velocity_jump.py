@@ -8,13 +8,16 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import xarray as xr
 
+from cablepod.batch._members import inside_members
 from cablepod.catenary._statics import load_plane, solve_statics, unstretched_length
 from cablepod.conventions import COORDINATES, ENDS
-from cablepod.errors import VelocityJumpWarning
+from cablepod.errors import SceneError, VelocityJumpWarning, user_stacklevel
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._key_paths import motion_path
 from cablepod.parameters._parameters import Parameters
+from cablepod.scene._notes import warn_of_unusual_members
 
 #: Maximum tension of the wave without a warning, as a fraction of the tension at rest.
 MAX_WAVE_TENSION = 1e-3
@@ -23,8 +26,8 @@ MAX_WAVE_TENSION = 1e-3
 PASSAGES = 30.0
 
 
-def warn_of_velocity_jump(p: Parameters, *, prefix: str = "", stacklevel: int) -> None:
-    """Warn if an end starts with such a speed that its axial wave exceeds :data:`MAX_WAVE_TENSION`.
+def warn_of_velocity_jump(p: Parameters, *, prefix: str = "") -> None:
+    """Warn if an end starts with such a speed that its axial wave exceeds :data:`MAX_WAVE_TENSION`; not within members.
 
     Parameters
     ----------
@@ -32,10 +35,8 @@ def warn_of_velocity_jump(p: Parameters, *, prefix: str = "", stacklevel: int) -
         Parameters of a scene; what follows from them is computed once.
     prefix
         Begins the message.
-    stacklevel
-        As in :func:`warnings.warn`, counted from the caller.
     """
-    if p.motions and p.initial_end_rates[0].any():
+    if p.motions and p.initial_end_rates[0].any() and not inside_members():
         jump = _jump(p)
         if jump.tension > MAX_WAVE_TENSION * jump.rest:  # false for nan, of a slack cable without weight
             warnings.warn(
@@ -43,21 +44,26 @@ def warn_of_velocity_jump(p: Parameters, *, prefix: str = "", stacklevel: int) -
                 f"{jump.tension:.3g} N ({100.0 * jump.tension / jump.rest:.2g} % of the tension at rest) along the cable and "
                 f"into the peaks of the tension; try: {jump.key}.ramp = {jump.ramp:.2g} s, a smooth start",
                 VelocityJumpWarning,
-                stacklevel=stacklevel + 1,
+                stacklevel=user_stacklevel(),
             )
 
 
-def warn_of_velocity_jumps(members: Members, *, stacklevel: int) -> None:
-    """Warn once of the member whose ends start fastest, see :func:`warn_of_velocity_jump`."""
-    if members.can_be_stacked:
-        stacked = members.stacked(0, len(members))
-        speeds = np.abs(stacked.initial_end_rates[0]).max(axis=(1, 2)) if stacked.motions else np.zeros(1)
-    else:
-        speeds = np.array([np.abs(p.initial_end_rates[0]).max() if p.motions else 0.0 for p in members])
+def warn_of_members(scene: xr.Dataset) -> None:
+    """Warn once of what is unusual in a scene with members, and of the member whose ends start fastest."""
+    warn_of_unusual_members(scene)
+    try:
+        members = Members(scene)
+        if members.can_be_stacked:
+            stacked = members.stacked(0, len(members))
+            speeds = np.abs(stacked.initial_end_rates[0]).max(axis=(1, 2)) if stacked.motions else np.zeros(1)
+        else:
+            speeds = np.array([np.abs(p.initial_end_rates[0]).max() if p.motions else 0.0 for p in members])
+    except SceneError:
+        return  # the run of that member says why
     fastest = int(speeds.argmax())
     if speeds[fastest] > 0.0:
         prefix = f"member {fastest} of {len(members)}, whose ends start fastest: "
-        warn_of_velocity_jump(members[fastest], prefix=prefix, stacklevel=stacklevel + 1)
+        warn_of_velocity_jump(members[fastest], prefix=prefix)
 
 
 class _Jump(NamedTuple):

@@ -23,14 +23,14 @@ from cablepod.integrate._step_control import (
     preferred_steps_per_second,
     refine_step,
 )
-from cablepod.integrate._velocity_jump import warn_of_velocity_jump
+from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._checks import number
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.rigid._ends import check_ends
 from cablepod.rigid._runs import DRIFT_WARN, FORMULATIONS, ROTATION_WARN, RigidRun
 from cablepod.rigid._start import rest_shape, start
-from cablepod.scene._notes import warn_of_unusual, warn_of_unusual_members
+from cablepod.scene._notes import warn_of_unusual
 
 #: Maximum rotation of a link per step of the first run [rad].
 ROTATION_PER_STEP = 0.1
@@ -75,7 +75,7 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
     )
 
 
-@over_members_by(no_plan, warn_of_unusual_members)
+@over_members_by(no_plan, warn_of_members)
 def simulate(
     scene: xr.Dataset,
     *,
@@ -172,7 +172,7 @@ def simulate(
         instants.size, chain.links, p.dims, key="links" if links is not None else "chain.links and times", variables=3
     )
     check_ends(chain, end_time)
-    warn_of_velocity_jump(p, stacklevel=3)
+    warn_of_velocity_jump(p)
     title = str(scene.attrs.get("title", "scene"))
     run = RigidRun(
         chain,

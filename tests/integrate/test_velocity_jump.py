@@ -81,7 +81,7 @@ def test_every_model_warns_once(taut, model):
     assert warning.filename == __file__
 
 
-@pytest.mark.parametrize("model", ["chain", "condensed"])
+@pytest.mark.parametrize("model", ["chain", "galerkin", "condensed"])
 def test_members_warn_once(taut, model):
     mapping, modes, normal = taut
     tables = copy.deepcopy(mapping)
