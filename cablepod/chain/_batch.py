@@ -83,7 +83,9 @@ class ChainBatch:
         try:
             ready = self._ready[i] = prepare(self.members[i], self.request, self.title)
             alone = self.request.window is not None or "tension_peaks" in self.request.outputs
-            return None if alone or ready.steps_per_second is None else cast(Any, ready.run).begin(ready.steps_per_second)
+            return (
+                None if alone or ready.steps_per_second is None else cast(Any, ready.run).begin(ready.steps_per_second)
+            )
         except (ValueError, ArithmeticError):
             return None
 
