@@ -91,17 +91,17 @@ def _peak(study: xr.DataTree, kind: str) -> dict[str, Any]:
 
     The error by the length of the links, of second order, is a third of the change from half the links.
     """
-    find = np.argmax if kind == "maximum" else np.argmin
     chain = study["chain"].to_dataset()
-    tension, sigma = chain["tension"].transpose("time", "link").values, chain["arc_length"].values
-    instant, link = np.unravel_index(find(tension), tension.shape)
-    error = None
-    if "chain_half" in study:
-        half = study["chain_half"].to_dataset()["tension"].values
-        error = abs(float(tension[instant, link] - half.flat[find(half)])) / 3.0
-    place = 0.5 * float(sigma[link] + sigma[link + 1])
-    time = float(chain["time"][instant])
-    return {"value": float(tension[instant, link]), "time": time, "arc_length": place, "error": error}
+    value = _extreme(chain, kind)
+    error = abs(value - _extreme(study["chain_half"].to_dataset(), kind)) / 3.0 if "chain_half" in study else None
+    time, place = (float(chain[f"tension_{kind}_{of}"]) for of in ("time", "arc_length"))
+    return {"value": value, "time": time, "arc_length": place, "error": error}
+
+
+def _extreme(chain: xr.Dataset, kind: str) -> float:
+    """Return the largest or the smallest tension over links and steps [N]."""
+    values = chain[f"tension_{kind}"]
+    return float(values.max() if kind == "maximum" else values.min())
 
 
 def answers_text(study: xr.DataTree) -> str:

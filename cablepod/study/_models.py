@@ -135,7 +135,7 @@ def chains_of(
 
 
 def coarser_chain(scene: xr.Dataset, reference: xr.Dataset) -> xr.Dataset | None:
-    """Return the tensions of a chain of half the links; None where there are too few, or it stops."""
+    """Return the extremes of the tension of a chain of half the links; None where there are too few, or it stops."""
     links = reference.sizes["particle"] - 1
     if links < MIN_HALVED_LINKS:
         return None
@@ -147,7 +147,7 @@ def coarser_chain(scene: xr.Dataset, reference: xr.Dataset) -> xr.Dataset | None
                 links=links // 2,
                 times=reference["time"].values,
                 tolerance=COARSER_TOLERANCE,
-                outputs=("tension",),
+                outputs=("tension_extremes",),
             )
         except RunStopped:
             return None

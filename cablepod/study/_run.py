@@ -29,6 +29,8 @@ from cablepod.study._timing import timed
 REPORT_INTERVAL, REPORT_INSTANTS = 0.1, 2000
 #: Tolerance of the chain that is the reference solution.
 TRUTH_TOLERANCE = 1e-6
+#: Outputs of this chain.
+OUTPUTS = ("position", "tension", "tension_extremes", "tension_peaks")
 #: Maximum number of modes that are computed.
 MAX_MODES = 20
 #: Stages beside the reduced models.
@@ -123,7 +125,7 @@ def run(
     stages.add("catenary", catenary.rest(scene))
     stages.add("chain_rest", chain.rest(scene))
     report_at = _report_times(snapshots_at)
-    truth = partial(chain.simulate, scene, times=report_at, tolerance=TRUTH_TOLERANCE, outputs=("position", "tension"))
+    truth = partial(chain.simulate, scene, times=report_at, tolerance=TRUTH_TOLERANCE, outputs=OUTPUTS)
     reference, seconds = stages.simulate("chain", "chain", timed, truth)
     half = coarser_chain(scene, reference)
     if half is not None:

@@ -35,7 +35,18 @@ def test_the_main_job(scene_file, tmp_path, capsys):
     said = capsys.readouterr()
     assert said.err == ""
     names = {path.name for path in out.iterdir()}
-    data = {"scene", "catenary", "chain_rest", "chain", "modes", "normal_modes", "comparison", "chains"}
+    data = {
+        "scene",
+        "summary",
+        "catenary",
+        "chain_rest",
+        "chain",
+        "chain_half",
+        "modes",
+        "normal_modes",
+        "comparison",
+        "chains",
+    }
     data |= {f"{model}_r{r}" for model in ("condensed", "galerkin") for r in (1, 2)}
     figures = {"deflection", "tension", "error_over_time", "modes", "singular_values", "shapes"}
     assert names == {f"{name}.nc" for name in data} | {f"{name}.png" for name in figures}
@@ -48,7 +59,7 @@ def test_the_main_job(scene_file, tmp_path, capsys):
     # what is archived is what the functions give
     scene = cp.read_scene(scene_file)
     chain = cp.archive.read(out / "chain.nc")
-    again = cp.chain.simulate(scene, times=chain.time.values, tolerance=1e-6, outputs=("position", "tension"))
+    again = cp.chain.simulate(scene, times=chain.time.values, tolerance=1e-6, outputs=study.OUTPUTS)
     np.testing.assert_array_equal(chain.position, again.position)
     assert chain.attrs["id"] == again.attrs["id"]
     reduced = cp.galerkin.simulate(scene, cp.archive.read(out / "modes.nc"), rank=2, times=chain.time.values)

@@ -81,9 +81,9 @@ def value_at(path: str) -> Any:
     return table
 
 
-def misspelt(name: str) -> set[str]:
+def misspelt(name: str) -> list[str]:
     """Leave out the third letter; swap the second and the third."""
-    return {name[:2] + name[3:], name[0] + name[2] + name[1] + name[3:]} - {name}
+    return sorted({name[:2] + name[3:], name[0] + name[2] + name[1] + name[3:]} - {name})
 
 
 def wrong_values():

@@ -14,9 +14,22 @@ from matplotlib import pyplot as plt
 import cablepod as cp
 from cablepod import cli
 from cablepod.study import _figures
+from cablepod.study import _run as study
 
 MODELS = ["condensed_r1", "condensed_r2", "galerkin_r1", "galerkin_r2"]
-STAGES = ["scene", "catenary", "chain_rest", "chain", "modes", "normal_modes", *MODELS, "comparison", "chains"]
+STAGES = [
+    "scene",
+    "summary",
+    "catenary",
+    "chain_rest",
+    "chain",
+    "chain_half",
+    "modes",
+    "normal_modes",
+    *MODELS,
+    "comparison",
+    "chains",
+]
 
 
 @pytest.fixture
@@ -39,9 +52,7 @@ def test_it_gives_what_the_functions_give(scene):
     xr.testing.assert_identical(datasets["scene"], scene)
     xr.testing.assert_identical(datasets["catenary"], cp.catenary.rest(scene))
     xr.testing.assert_identical(datasets["chain_rest"], cp.chain.rest(scene))
-    chain = cp.chain.simulate(
-        scene, times=datasets["chain"].time.values, tolerance=1e-6, outputs=("position", "tension")
-    )
+    chain = cp.chain.simulate(scene, times=datasets["chain"].time.values, tolerance=1e-6, outputs=study.OUTPUTS)
     assert datasets["chain"].attrs.pop("wall_time_s") > 0.0
     xr.testing.assert_identical(datasets["chain"], chain)
     modes = cp.pod.decompose(cp.pod.at_times(chain, times=np.linspace(0.0, 4.0, 9)), rank=7)
