@@ -8,17 +8,20 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+import xarray as xr
 
 from cablepod import archive, ensemble, study
 from cablepod.archive import _lineage
 from cablepod.archive._folder import prepare_folder
-from cablepod.archive._manifest import MANIFEST, describe_ensemble
+from cablepod.archive._manifest import MANIFEST, MODES, describe_ensemble
+from cablepod.archive._write import check_target
 from cablepod.cli import _arguments, _group, _report, _summary, _templates
 from cablepod.cli._group import Group, interrupted
 from cablepod.cli._progress import Bars, member_bar
 from cablepod.errors import SceneError
 from cablepod.examples import scene_path
 from cablepod.scene._read import read_scene
+from cablepod.study._modes import LAYOUT_OF, RANK, make_modes
 
 F = TypeVar("F", bound=Callable[..., Any])
 SCENE = click.argument("scene", metavar="SCENE.toml", shell_complete=_arguments.complete_scene)
@@ -103,6 +106,34 @@ def paper_command(out: str, small: bool, overwrite: bool) -> None:
     print(f"\n{folder / report.PAGE}, {report.DATASET} and {len(report.FIGURES)} figures beside it")
 
 
+@commands.command("modes", **_templates.texts("modes"))
+@SCENE
+@click.option(
+    "--out",
+    required=True,
+    metavar="FILE.nc",
+    shell_complete=_arguments.complete_file,
+    help="netCDF file to write",
+)
+@click.option(
+    "--layout",
+    default="normal",
+    metavar="LAYOUT",
+    help="normal (the default) or vibration, for the condensed model; separate or vector, for the Galerkin model",
+)
+@click.option("--rank", type=int, default=RANK, metavar="R", help=f"number of modes (default {RANK})")
+@click.option("--overwrite", is_flag=True, help="replace FILE.nc")
+def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool) -> None:
+    """Make the modes that a reduced model needs."""
+    check_target(Path(out), overwrite=overwrite)
+    dataset = read_scene(scene_path(scene))
+    with Bars() as bars:
+        modes = make_modes(dataset, layout=layout, rank=rank, progress=partial(bars, "chain"))
+    archive.write(modes, out, overwrite=overwrite)
+    kind = "vibration" if layout == "vibration" else f"Karhunen-Loève, layout {layout}"
+    print(f"{out}: {modes.sizes['mode']} modes, {kind}")
+
+
 @commands.command("ensemble", **_templates.texts("ensemble"))
 @SCENE
 @out_option("folder of the ensemble; made if missing")
@@ -117,7 +148,7 @@ def paper_command(out: str, small: bool, overwrite: bool) -> None:
     "--modes",
     metavar="FILE",
     shell_complete=_arguments.complete_file,
-    help="netCDF file of modes, for galerkin and condensed",
+    help="netCDF file of modes, for galerkin and condensed (default: made from a run of the scene itself)",
 )
 @click.option(
     "--option",
@@ -130,6 +161,7 @@ def paper_command(out: str, small: bool, overwrite: bool) -> None:
     "--scheduler", metavar="ADDRESS", help='of a dask scheduler, or "processes" of this machine (default: threads)'
 )
 @click.option("--workers", type=int, metavar="N", help="threads or processes (default: as many as cores)")
+@click.option("--batch", type=int, default=64, metavar="COUNT", help="members in a file (default 64)")
 @click.option("--overwrite", is_flag=True, help="replace another ensemble in DIR, and damaged files")
 def ensemble_command(
     scene: str,
@@ -139,6 +171,7 @@ def ensemble_command(
     options: tuple[str, ...],
     scheduler: str | None,
     workers: int | None,
+    batch: int,
     overwrite: bool,
 ) -> int:
     """Simulate all members of a scene."""
@@ -146,9 +179,9 @@ def ensemble_command(
     dataset = read_scene(scene_path(scene))
     if "ensemble_json" not in dataset.attrs:
         raise SceneError(f"ensemble: missing in {scene}; allowed: a table with members and ensemble.ranges")
-    modes_dataset = archive.read(modes) if modes else None
     scenes = ensemble.design(dataset)
     print(scenes.attrs["title"])
+    modes_dataset = archive.read(modes) if modes else _modes_of_ensemble(dataset, folder, model, overwrite)
     try:
         with member_bar(model, scenes.sizes["member"]) as progress:
             ensemble.run(
@@ -158,6 +191,7 @@ def ensemble_command(
                 modes=modes_dataset,
                 scheduler=scheduler,
                 workers=workers,
+                batch=batch,
                 overwrite=overwrite,
                 progress=progress,
                 **dict(_arguments.model_option(text) for text in options),
@@ -177,6 +211,18 @@ def check_command(scene: str) -> None:
     dataset = read_scene(scene_path(scene))
     print(dataset.attrs["title"])
     print(_summary.table(summary(dataset)))
+
+
+def _modes_of_ensemble(scene: xr.Dataset, folder: Path, model: str, overwrite: bool) -> xr.Dataset | None:
+    """Return the modes of a reduced model: those of the ensemble that goes on, or new ones; None for a full model."""
+    if model not in LAYOUT_OF:
+        return None
+    if (folder / MODES).exists() and not overwrite:
+        return archive.read(folder / MODES)
+    with Bars() as bars:
+        modes = make_modes(scene, layout=LAYOUT_OF[model], progress=partial(bars, "chain, for the modes"))
+    print(f"modes: {modes.sizes['mode']} of layout {LAYOUT_OF[model]}, from a run of the scene itself")
+    return modes
 
 
 @commands.command("info", **_templates.texts("info"))

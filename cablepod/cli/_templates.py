@@ -45,13 +45,22 @@ TEXTS = {
         "",
         ("cablepod paper --out out/paper", "cablepod paper --small --out out/trial"),
     ),
+    "modes": Texts(
+        "make the modes that a reduced model needs",
+        "Modes of the deflection normal to the chord from a run of the chain, or other ones, in a netCDF file.",
+        "SCENE.toml: scene file, or a shipped scene",
+        (
+            "cablepod modes guy.toml --out modes.nc",
+            "cablepod modes guy.toml --out vibration.nc --layout vibration --rank 4",
+        ),
+    ),
     "ensemble": Texts(
         "simulate all members of a scene with a table [ensemble]",
         "Every member simulated, in batches, each a netCDF file. After Ctrl-C or a crash the same command goes on.",
         "SCENE.toml: scene file with a table [ensemble]",
         (
             "cablepod ensemble study.toml --out out/study",
-            "cablepod ensemble study.toml --out out/study --model condensed --modes normal_modes.nc",
+            "cablepod ensemble study.toml --out out/study --model condensed --batch 256",
             "cablepod ensemble study.toml --out out/study --option step=2.5e-4 --scheduler processes",
         ),
     ),

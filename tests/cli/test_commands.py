@@ -243,6 +243,36 @@ def test_ctrl_c_has_a_status_of_its_own(scene_file, tmp_path, capsys, monkeypatc
     assert said == "cablepod: interrupted; every file that was written is whole, --overwrite begins anew\n"
 
 
+@pytest.mark.parametrize("layout", ["normal", "separate", "vibration"])
+def test_modes_are_those_of_the_functions(scene_file, tmp_path, capsys, layout):
+    out = tmp_path / "modes.nc"
+    assert cli.main(["modes", str(scene_file), "--out", str(out), "--layout", layout, "--rank", "3"]) == 0
+    assert capsys.readouterr().out.startswith(f"{out}: 3 modes, ")
+    scene = cp.read_scene(scene_file)
+    if layout == "vibration":
+        modes = cp.condensed.vibration_modes(scene, rank=3)
+    else:
+        modes = cp.pod.decompose(cp.chain.simulate(scene, tolerance=1e-6), rank=3, layout=layout)
+    np.testing.assert_array_equal(cp.archive.read(out).mode_shape, modes.mode_shape)
+    assert cli.main(["modes", str(scene_file), "--out", str(out)]) == 2  # nothing is overwritten
+    assert "--overwrite" in capsys.readouterr().err
+
+
+def test_an_ensemble_makes_its_modes_and_goes_on_with_them(scene_file, tmp_path, capsys):
+    ranges = '[ensemble]\nmembers = 5\nseed = 1\n[ensemble.ranges]\n"cable.top_tension" = [190.0, 210.0]\n'
+    scene_file.write_text(SOFT_TOML + ranges)
+    out = tmp_path / "map"
+    arguments = ["ensemble", str(scene_file), "--out", str(out), "--model", "condensed", "--batch", "2"]
+    assert cli.main([*arguments, "--option", "step=0.01"]) == 0
+    assert "modes: 7 of layout normal" in capsys.readouterr().out
+    assert len(list(out.glob("batch_*.nc"))) == 3
+    whole = cp.archive.open_ensemble(out).position.values
+    (out / "batch_0001.nc").unlink()
+    assert cli.main([*arguments, "--option", "step=0.01"]) == 0
+    assert "modes: " not in capsys.readouterr().out
+    np.testing.assert_array_equal(cp.archive.open_ensemble(out).position, whole)
+
+
 @pytest.mark.parametrize("arguments", [["examples"], ["--help"], ["run", "--help"]])
 def test_a_closed_pipe_ends_without_a_word(arguments):
     reader, writer = os.pipe()
