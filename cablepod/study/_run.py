@@ -155,6 +155,19 @@ def run(
     return stages.tree()
 
 
+def forward(progress: Callable[[float], None]) -> Callable[[float], None]:
+    """Return a callback of a call of several runs, each from 0 to 1, that passes on only what is further than before."""
+    furthest = -1.0
+
+    def further(fraction: float) -> None:
+        nonlocal furthest
+        if fraction > furthest:
+            furthest = fraction
+            progress(fraction)
+
+    return further
+
+
 @dataclass(frozen=True)
 class _Stages:
     """Results of the stages by name; each is written and reported as soon as it is added."""
@@ -190,7 +203,10 @@ class _Stages:
         """
         progress = say = None
         if self.progress is not None:
-            progress, say = partial(self.progress, label), partial(self.progress, f"{label}: compiling, once", 0.0)
+            progress, say = (
+                forward(partial(self.progress, label)),
+                partial(self.progress, f"{label}: compiling, once", 0.0),
+            )
             progress(0.0)
         try:
             result, row = measure(call, progress=progress, say=say)

@@ -125,8 +125,9 @@ def test_files_appear_as_stages_are_done(scene, tmp_path):
     for label, stage in (("chain", "chain"), *((name.replace("_r", ", r = "), name) for name in MODELS)):
         fractions = [item[1] for item in told if item[0] == label]
         assert (fractions[0], fractions[-1]) == (0.0, 1.0)
-        assert told.index((label, 0.0)) == told.index(STAGES[STAGES.index(stage) - 1]) + 1
-        assert told.index(stage) == told.index((label, 1.0)) + fractions.count(1.0)
+        assert told.index((label, 0.0)) > told.index(STAGES[STAGES.index(stage) - 1])
+        assert fractions == sorted(set(fractions))
+        assert told.index((label, 1.0)) < told.index(stage)
 
 
 def test_nothing_is_written_or_drawn_without_a_folder(soft, tmp_path):
@@ -153,7 +154,7 @@ def test_a_stopped_run_keeps_its_partial_result(unstable, tmp_path):
     told = []
     with pytest.raises(cp.RunStopped) as stopped:
         cp.study.run(unstable, tmp_path, report=lambda name, dataset: told.append(name))
-    assert told == ["scene", "catenary", "chain_rest", "chain_incomplete"]
+    assert told == ["scene", "summary", "catenary", "chain_rest", "chain_incomplete"]
     assert {path.stem for path in tmp_path.iterdir()} == set(told)
     kept = cp.archive.read(tmp_path / "chain_incomplete.nc")
     assert "stopped at" in kept.attrs["incomplete"]
