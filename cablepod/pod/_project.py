@@ -24,7 +24,7 @@ def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
         If `modes` have another layout or fewer modes than `rank`.
     """
     allowed = f"modes of pod.decompose with one of the layouts {LAYOUTS[:2]}"
-    check_dataset("modes", modes, ("mode_shape", "mean", "arc_length"), allowed)
+    check_dataset("modes", modes, ("mode_shape", "arc_length"), allowed)
     if modes.attrs.get("layout") not in LAYOUTS[:2]:
         raise scene_error("modes", f"layout {modes.attrs.get('layout')!r}", allowed)
     most = modes.sizes["mode"]

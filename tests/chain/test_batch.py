@@ -18,6 +18,7 @@ from cablepod import errors
 from cablepod.batch import _members as members
 from cablepod.batch import _sigint as sigint
 from cablepod.chain import _batch as chain_many
+from cablepod.chain import _explicit as chain_explicit
 from cablepod.chain import _lanes as lanes
 from cablepod.chain._explicit import ExplicitChainRun, ExplicitStepper
 from cablepod.chain._implicit import ImplicitChainRun, ImplicitStepper
@@ -136,6 +137,7 @@ def assert_same_bits(run, scenes, options):
 def test_batched_members_equal_single_runs(soft, monkeypatch, case):
     tables, varied, options = CASES[case]
     scenes = scenes_of(soft, tables, varied)
+    monkeypatch.setattr(lanes, "MIN_MEMBERS", 4)  # the copies of one member, where it alone has no damping
     with monkeypatch.context() as patch:  # no member is left to a single run
         patch.setattr(ExplicitChainRun, "__call__", None)
         run = run_batched(scenes, options)
@@ -171,6 +173,7 @@ def test_members_in_lanes_equal_single_runs(soft, monkeypatch, case, scheme, dim
     tables, varied, options = CASES[case]
     options = options | {"scheme": scheme, "step": 5e-3}
     scenes = scenes_of(soft, tables, varied, dims)
+    monkeypatch.setattr(lanes, "MIN_MEMBERS", 4)  # the copies of one member, where it alone has no damping
     with monkeypatch.context() as patch:  # no member is left to a single run
         patch.setattr(ImplicitChainRun, "__call__", None)
         run = run_batched(scenes, options)
@@ -321,7 +324,7 @@ def test_members_are_grouped_by_shape(soft, monkeypatch):
     scenes = xr.concat([ramp, sine, still, ramp, sine], "member", data_vars="all", combine_attrs="override")
     with monkeypatch.context() as patch:
         patch.setattr(ExplicitChainRun, "__call__", None)
-        patch.setattr(chain_many, "ExplicitStepper", seen := Counted())
+        patch.setattr(chain_explicit, "ExplicitStepper", seen := Counted())
         run = run_batched(scenes, {"step": STEP})
     # whether a motion is a sine does not matter, whether there is one does
     assert sorted(seen.sizes) == [1] * 4 + [4] * 4

@@ -93,7 +93,7 @@ def test_chordwise_inertia_is_that_of_the_kinetic_energy(soft, modes):
 
 
 @pytest.mark.parametrize("dims", [2, 3])
-@pytest.mark.parametrize(("order", "scheme"), PAIRS)
+@pytest.mark.parametrize(("order", "scheme"), [pair for pair in PAIRS if pair[1] != "numerov"])
 def test_second_order_in_the_step(soft, modes, scheme, order, dims):
     scene = cp.make_scene(everything(soft, dims))
     runs = [
@@ -126,17 +126,17 @@ def test_fourth_order_with_damping(soft, modes, dims):
     np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 4.0, atol=0.2)
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_second_order_between_steps(soft, modes, scheme):
+@pytest.mark.parametrize(("scheme", "order"), [("velocity_verlet", 2.0), ("trapezoidal", 2.0), ("numerov", 4.0)])
+def test_order_between_steps(soft, modes, scheme, order):
     scene = cp.make_scene(everything(soft))
     times = np.array([0.123456, 0.7654321, 1.9])
     runs = [
         cp.condensed.simulate(scene, modes[2], rank=3, scheme=scheme, times=times, step=1 / rate).position.values
-        for rate in (700, 1400, 2800, 5600)
+        for rate in ((700, 1400, 2800, 5600) if order == 2.0 else (100, 200, 400, 800))
     ]
     distance = distances(runs)
     # the error also depends on the position of an instant within a step
-    np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 2.0, atol=0.15)
+    np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), order, atol=0.075 * order)
 
 
 @pytest.mark.parametrize("order", ORDERS)

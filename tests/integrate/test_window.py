@@ -23,7 +23,7 @@ CASES = {
     "galerkin velocity_verlet": ("galerkin", {"scheme": "velocity_verlet"}),
     "galerkin trapezoidal": ("galerkin", {"scheme": "trapezoidal"}),
     "condensed leading": ("condensed", {}),
-    "condensed fox_goodwin": ("condensed", {"scheme": "fox_goodwin"}),
+    "condensed numerov": ("condensed", {"scheme": "numerov"}),
     "condensed trapezoidal": ("condensed", {"scheme": "trapezoidal"}),
     "condensed exact": ("condensed", {"order": "exact"}),
     "condensed inertial": ("condensed", {"order": "inertial", "scheme": "trapezoidal"}),

@@ -76,7 +76,7 @@ def runs(mapping: Mapping, step: float) -> dict[str, xr.Dataset]:
         warnings.simplefilter("ignore", cp.OutOfRangeWarning)
         normal, separate = (cp.pod.decompose(chain, layout=layout, rank=2) for layout in ("normal", "vector"))
         condensed = cp.condensed.simulate(scene, normal, step=step, scheme="trapezoidal", outputs=outputs)
-    galerkin = cp.galerkin.simulate(scene, separate, step=step, scheme="trapezoidal", outputs=outputs)
+        galerkin = cp.galerkin.simulate(scene, separate, step=step, scheme="trapezoidal", outputs=outputs)
     return {"chain": chain, "galerkin": galerkin, "condensed": condensed}
 
 
