@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod import provenance
 from cablepod.archive._folder import path_of
 from cablepod.archive._manifest import FAILURE, SCENES, check_batch, file_of, read_entry, read_manifest, sizes_of
 from cablepod.archive._read import LIBRARY_ERRORS, damaged, netcdf_lock, opened_file, restored
@@ -145,7 +146,7 @@ class _EnsembleAssembler:
 
     def dataset(self) -> xr.Dataset:
         """Return the lazy dataset."""
-        variables, attrs = {"failure": self._failures()}, dict(self.manifest["attributes"])
+        variables, attrs = {"failure": self._failures()}, provenance.abridged(self.manifest["attributes"])
         coords: dict[str, xr.Variable] = {}
         for name, values in self.scenes.variables.items():
             if values.dims == ("member",):

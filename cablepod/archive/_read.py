@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import conventions
+from cablepod import conventions, provenance
 from cablepod.archive._folder import path_of
 from cablepod.batch._sigint import defer_sigint
 from cablepod.errors import ArchiveError
@@ -91,6 +91,7 @@ def damaged(path: Path, error: BaseException) -> ArchiveError:
 def restored(opened: xr.Dataset) -> xr.Dataset:
     """Return `opened` as it was before writing: without encodings and content types, strings as fixed-width arrays."""
     dataset = fixed_width_texts(opened.drop_encoding())
+    dataset.attrs = provenance.abridged(dataset.attrs)
     for name, content in content_types(dataset):
         if dataset[name].attrs.get("coverage_content_type") == content:
             del dataset[name].attrs["coverage_content_type"]

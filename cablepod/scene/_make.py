@@ -91,7 +91,7 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     scene.attrs["title"] = tree.get("title", "untitled scene")
     scene.attrs["stage"] = "scene"
     if "ensemble" in tree:
-        scene.attrs["ensemble_json"] = json.dumps(tree["ensemble"], sort_keys=True)
+        scene.attrs["ensemble_json"] = provenance.Abridged(json.dumps(tree["ensemble"], sort_keys=True))
     provenance.stamp_values(provenance.record(scene, function="make_scene", parameters={"scene": tree}))
     p = parameters(scene)
     try:

@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
+import copy
+import html
+import json
+import pickle
+import re
+
 import numpy as np
+import pytest
+import xarray as xr
+from xarray.core import formatting as xr_formatting
 
 import cablepod as cp
 from cablepod import provenance
@@ -61,3 +70,51 @@ def test_results_lead_with_what_they_are(soft):
     assert list(run.attrs).index("scheme") < list(run.attrs).index("step") < 6
     text = repr(run).split("Attributes:")[1]
     assert text.index("title") < text.index("step:") < text.index("time_error_estimate")
+
+
+def test_reprs_show_an_abstract_of_a_history(soft, tmp_path):
+    ranges = {"ensemble": {"members": 4, "ranges": {"gravity": [9.7, 9.8], "cable.density": [900.0, 1000.0]}}}
+    scene = cp.make_scene({**soft, **ranges})
+    rest = cp.catenary.rest(scene)
+    cp.archive.write(rest, tmp_path / "rest.nc")
+    for dataset in (rest, cp.archive.read(tmp_path / "rest.nc"), scene, scene.copy(deep=True)):
+        functions = [stage["function"] for stage in provenance.stages_of(dataset)]
+        said = f"{len(functions)} stage{'s' * (len(functions) > 1)} up to {functions[-1]}, see archive.describe"
+        pages = (
+            html.unescape(dataset._repr_html_()),
+            "\n".join(xr_formatting.summarize_attr(*a) for a in dataset.attrs.items()),
+        )
+        for page in pages:
+            assert said in page
+            assert '"function"' not in page
+            assert "make_scene(" not in page
+        assert ("table of members, ranges" in pages[0]) == ("ensemble_json" in dataset.attrs)
+
+
+def test_an_abridged_attribute_is_the_whole_text_for_all_others(soft, tmp_path):
+    rest = cp.catenary.rest(cp.make_scene(soft))
+    found = rest.attrs["history_json"]
+    plain = "".join(found)
+    assert (type(found), type(plain)) == (provenance.Abridged, str)
+    assert len(plain) > 3 * len(found.abstract)
+    copies = [
+        pickle.loads(pickle.dumps(found)),
+        copy.deepcopy(found),
+        np.array(found).item(),
+        json.loads(json.dumps(found)),
+    ]
+    assert [str(found), f"{found}", "%s" % found, format(found), *copies] == [plain] * 8  # noqa: UP031
+    assert (repr(found), hash(found)) == (repr(plain), hash(plain))
+    assert json.loads(found) == json.loads(plain)
+    dask = pytest.importorskip("dask.base")
+    assert dask.tokenize(found) == dask.tokenize(plain)
+    for form in ("NETCDF4", "NETCDF3_CLASSIC"):
+        rest.to_netcdf(tmp_path / "it.nc", format=form)
+        with xr.open_dataset(tmp_path / "it.nc") as opened:
+            assert opened.attrs["history_json"] == plain
+
+
+def test_a_text_of_another_origin_is_shown_by_its_lines():
+    assert provenance.Abridged("short").abstract == "short"
+    for text in ("a line\n" * 40, json.dumps(["x"] * 100), json.dumps([{"id": "x"}] * 100)):
+        assert re.fullmatch(r"<\d+ lines, see archive.describe>", provenance.Abridged(text).abstract)
