@@ -21,7 +21,7 @@ from cablepod import provenance
 from cablepod._resources import cores
 from cablepod.batch._pool import map_threads
 from cablepod.batch._stack import MemberResults, Variables, arrays_of, labelled_like
-from cablepod.errors import AllFailedError, MemberFailedWarning, RunStopped, StoppedError
+from cablepod.errors import AllFailedError, MemberFailedWarning, RunStopped, StoppedError, user_stacklevel
 
 F = TypeVar("F", bound=Callable[..., xr.Dataset])
 #: Makes a variable of a chunk from name, dimensions and shape of one member: its rows of the array of all members.
@@ -156,7 +156,7 @@ def run_members(
             f"{len(failed)} of {count} members failed and hold nan, the first of them member {failed[0][0]}: "
             f"{failed[0][1]}; see the variable failure for each",
             MemberFailedWarning,
-            stacklevel=4,
+            stacklevel=user_stacklevel(),
         )
     return stack
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from cablepod.cable._runs import SCHEMES, CableRun, ImplicitCableRun
 from cablepod.discretisation._chain import square
-from cablepod.errors import NotConvergedWarning
+from cablepod.errors import NotConvergedWarning, user_stacklevel
 from cablepod.integrate._request import Request
 from cablepod.integrate._run import Trajectory
 from cablepod.integrate._step_control import (
@@ -149,6 +149,6 @@ def refine_in_space(
             f"tolerance {tolerance:.2g} (the motion is chaotic, or the cable goes slack and has corners); give a number of "
             "elements, or a larger tolerance",
             NotConvergedWarning,
-            stacklevel=4,
+            stacklevel=user_stacklevel(),
         )
     return solution._replace(run=run, trajectory=trajectory), estimate

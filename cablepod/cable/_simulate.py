@@ -16,7 +16,7 @@ from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCa
 from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_space, solve, step_limit_of
 from cablepod.cable._start import equilibrium_with_error, start
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law, law_tension
-from cablepod.errors import NotConvergedWarning
+from cablepod.errors import NotConvergedWarning, user_stacklevel
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._output import law_suffix, rest_dataset
 from cablepod.integrate._request import Request
@@ -268,5 +268,5 @@ def _warn_of_energy_excess(excess: float) -> None:
             f"the cable holds up to {excess:.2g} times the energy that rest, loads and ends explain: a resonance, or a step too "
             "long for a cable that slackens and snaps taut; compare with half the step",
             NotConvergedWarning,
-            stacklevel=4,
+            stacklevel=user_stacklevel(),
         )

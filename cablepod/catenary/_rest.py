@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from cablepod import provenance
 from cablepod.catenary._statics import check_solved, load_plane, solve_catenaries, solve_statics
 from cablepod.conventions import COORDINATES, label
-from cablepod.errors import SceneError
+from cablepod.errors import SceneError, user_stacklevel
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._keys import LENGTH_KEYS, exactly_one
@@ -70,7 +70,7 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
         warnings.warn(
             "catenary.rest leaves out the point loads of the scene; use chain.rest to include them",
             UserWarning,
-            stacklevel=2,
+            stacklevel=user_stacklevel(),
         )
     solved = [_rest_of_member(p, points) for p in members]
     single = "member" not in scene.dims

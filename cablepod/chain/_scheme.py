@@ -16,7 +16,7 @@ from cablepod.chain._implicit import ImplicitChainRun
 from cablepod.chain._start import start
 from cablepod.discretisation._chain import chain_of
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law
-from cablepod.errors import NotConvergedWarning, scene_error
+from cablepod.errors import NotConvergedWarning, scene_error, user_stacklevel
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._request import Request, check_scheme
 from cablepod.integrate._run import ChainRun, Trajectory
@@ -120,7 +120,7 @@ def solve(ready: PreparedScene, request: ChainRequest, state: Trajectory | None 
                 "explain: a resonance, or a step too long for links that slacken and snap taut; compare with half the step or "
                 "with scheme energy_momentum",
                 NotConvergedWarning,
-                stacklevel=4,
+                stacklevel=user_stacklevel(),
             )
         return Solution(run, state, steps_per_second, None)
     if request.scheme is not None:

@@ -24,7 +24,7 @@ from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._prepared_dataset import checked_state, dataset_of
 from cablepod.condensed._prepared_run import PreparedRun, PreparedRunner
-from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError, scene_error
+from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.integrate._request import check_positive
 from cablepod.parameters._key_paths import motion_path
 
@@ -143,7 +143,7 @@ class PreparedModel:
                 f"the chordwise force became negative, {self.smallest_chordwise_force:.3g} N until {self.time:.6g} s: the cable "
                 "goes slack, where the condensed model resists compression; compare with chain.simulate",
                 OutOfRangeWarning,
-                stacklevel=3,
+                stacklevel=user_stacklevel(),
             )
 
     def _shape_error(self, position: Any, velocity: Any, acceleration: Any, step: Any) -> SceneError:

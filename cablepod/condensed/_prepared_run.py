@@ -99,7 +99,7 @@ class PreparedRunner:
                 }
             )
         if scale < math.inf:
-            check_resolved(self.step, scale, stacklevel=5)
+            check_resolved(self.step, scale)
             check_forcing(
                 forcing_attributes(p, float(variant.coefficients.numbers[layout.LENGTH])),
                 "the condensed model lacks",

@@ -29,7 +29,15 @@ from cablepod.ensemble._collect_warnings import Note, collect_warnings, emit_war
 from cablepod.ensemble._job import check_access, compute, run_batch, synchronous_dask
 from cablepod.ensemble._models import MODELS, REDUCED, check_model
 from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, worker_pool
-from cablepod.errors import ArchiveError, MemberFailedWarning, RunStopped, SceneError, scene_error, shown
+from cablepod.errors import (
+    ArchiveError,
+    MemberFailedWarning,
+    RunStopped,
+    SceneError,
+    scene_error,
+    shown,
+    user_stacklevel,
+)
 from cablepod.integrate._request import Request, check_times
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
@@ -327,5 +335,5 @@ def _warn_of_failures(result: xr.Dataset) -> None:
             f"{failed.size} of {result.sizes['member']} members failed and hold nan, the first is member "
             f"{int(result['member'][failed[0]])}: {result['failure'].values[failed[0]]}; see the variable failure for all",
             MemberFailedWarning,
-            stacklevel=3,
+            stacklevel=user_stacklevel(),
         )

@@ -12,7 +12,7 @@ import xarray as xr
 from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import OUTPUTS
-from cablepod.errors import NotConvergedWarning
+from cablepod.errors import NotConvergedWarning, user_stacklevel
 from cablepod.galerkin._estimate import estimate_of
 from cablepod.galerkin._explicit import ExplicitGalerkinRun
 from cablepod.galerkin._implicit import ImplicitGalerkinRun
@@ -211,5 +211,5 @@ def _warn_of_energy_defect(defect: float, scheme: str) -> None:
             f"energy balance violated by {100.0 * defect:.2g} % of the exchanged energy (energy_defect, {scheme}): the step is "
             "too long for the motion; give a shorter step, scheme energy_momentum, or a tolerance instead of a step",
             NotConvergedWarning,
-            stacklevel=4,
+            stacklevel=user_stacklevel(),
         )

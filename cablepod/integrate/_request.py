@@ -13,7 +13,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import OUTPUTS
-from cablepod.errors import NotConvergedWarning, SceneError, did_you_mean, scene_error
+from cablepod.errors import NotConvergedWarning, SceneError, did_you_mean, scene_error, user_stacklevel
 from cablepod.integrate._window import ROUNDING
 from cablepod.parameters._checks import choice, number
 from cablepod.parameters._parameters import Parameters
@@ -74,7 +74,7 @@ def check_scheme(scheme: str | None, allowed: tuple[str, ...]) -> str:
     return allowed[0] if scheme is None else str(choice(*allowed)("scheme", scheme))
 
 
-def check_resolved(step: float, time_scale: float, *, stacklevel: int = 4) -> None:
+def check_resolved(step: float, time_scale: float) -> None:
     """Warn if a given step [s] does not resolve motions and loads with the shortest time scale `time_scale` [s].
 
     Warns
@@ -87,7 +87,7 @@ def check_resolved(step: float, time_scale: float, *, stacklevel: int = 4) -> No
             f"step: given {step:.6g} s does not resolve motions and loads, with {time_scale / step:.2g} steps in their shortest "
             f"time scale of {time_scale:.4g} s; give a step below {MAX_STEP_RATIO * time_scale:.3g} s, or a tolerance instead",
             NotConvergedWarning,
-            stacklevel=stacklevel,
+            stacklevel=user_stacklevel(),
         )
 
 
@@ -214,7 +214,7 @@ class Request:
             formula = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s{others}"
             return 1.0 / check_step(self.step, limit, formula)
         value = number(above=0.0, most=end_time or math.inf)("step", self.step)
-        check_resolved(value, p.shortest_time_scale, stacklevel=5)
+        check_resolved(value, p.shortest_time_scale)
         return 1.0 / value
 
     def record(

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.discretisation._chain import LumpedChain
-from cablepod.errors import NotConvergedWarning, RunStopped, SceneError
+from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, user_stacklevel
 
 #: Minimum observed order of a converging scheme: runs that differ whatever their steps seem to have 0.1 to 0.7.
 MIN_ORDER = 0.8
@@ -243,7 +243,7 @@ def _refine(
         f"tolerance {tolerance:.2g}; the motion is chaotic (judge it by statistics) or too abrupt for this scheme; give a "
         "shorter step, or a larger tolerance",
         NotConvergedWarning,
-        stacklevel=5,
+        stacklevel=user_stacklevel(),
     )
     return fine, rate, estimate
 

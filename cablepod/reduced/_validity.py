@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.errors import OutOfRangeWarning
+from cablepod.errors import OutOfRangeWarning, user_stacklevel
 from cablepod.parameters._parameters import Parameters
 
 #: Maximum ratio of the forcing frequency to the first axial one (above, waves run along the cable, which neither the condensed
@@ -45,7 +45,7 @@ def check_forcing(attrs: Mapping[str, Any], lacking: str, prefix: str = "") -> N
             f"{prefix}loads or ends change with {ratio:.2g} times the first axial frequency, {axial:.3g} rad/s (above "
             f"{MAX_FORCING_RATIO}): {lacking} waves along the cable; compare with chain.simulate",
             OutOfRangeWarning,
-            stacklevel=5,
+            stacklevel=user_stacklevel(),
         )
 
 
@@ -57,7 +57,7 @@ def check_estimate(attrs: Mapping[str, Any], prefix: str = "") -> None:
             f"{prefix}the model expects an error of {error:.2g} times the motion (error_estimate, above {MAX_ESTIMATED_ERROR}): "
             "the modes do not represent this scene; give more modes, modes trained nearer to it, or compare with chain.simulate",
             OutOfRangeWarning,
-            stacklevel=5,
+            stacklevel=user_stacklevel(),
         )
 
 
@@ -71,7 +71,7 @@ def _check_slack(attrs: Mapping[str, Any], prefix: str = "") -> None:
             f"{attrs['time_of_smallest_force']:.4g} s, below zero: the cable goes slack there, and the condensed "
             f"model is ill-posed{long_step}; compare with chain.simulate",
             OutOfRangeWarning,
-            stacklevel=5,
+            stacklevel=user_stacklevel(),
         )
 
 
@@ -88,7 +88,7 @@ def _check_growth(attrs: Mapping[str, Any], prefix: str = "") -> None:
             f"(growth_over_run, above {MAX_LOG_GROWTH:g}): the scene is too far from their training scenes; train them nearer "
             "to it, or take the modes without them",
             OutOfRangeWarning,
-            stacklevel=5,
+            stacklevel=user_stacklevel(),
         )
 
 
@@ -125,7 +125,7 @@ def warn_galerkin_out_of_range(attrs: Mapping[str, Any]) -> None:
             f"links are compressed, to {attrs['smallest_stretch']:.6g} of their unstretched length (smallest_stretch): a cable "
             "goes slack there, and few modes do not represent its kinks; compare with chain.simulate",
             OutOfRangeWarning,
-            stacklevel=4,
+            stacklevel=user_stacklevel(),
         )
     stretch = attrs["largest_stretch"]
     extra_tension = 0.5 * stretch * (stretch + 1.0) - 1.0  # xi (xi^2 - 1) / 2 over xi - 1
@@ -136,7 +136,7 @@ def warn_galerkin_out_of_range(attrs: Mapping[str, Any]) -> None:
             f"{100.0 * MAX_EXTRA_TENSION:g} %), which error_estimate does not contain: the motion is that of another material "
             'than in chain.simulate; give law="linear" unless eq. (21) is the law of the cable',
             OutOfRangeWarning,
-            stacklevel=4,
+            stacklevel=user_stacklevel(),
         )
     if attrs.get("outside_training", math.inf) > 0.0:
         check_forcing(attrs, "modes of slower motion lack")

@@ -14,7 +14,7 @@ from cablepod import provenance
 from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members, over_members_by
 from cablepod.discretisation._chain import LumpedChain, chain_of
-from cablepod.errors import NotConvergedWarning, RunStopped, one_of, scene_error
+from cablepod.errors import NotConvergedWarning, RunStopped, one_of, scene_error, user_stacklevel
 from cablepod.integrate._output import chain_coordinates, rest_dataset
 from cablepod.integrate._request import Request
 from cablepod.integrate._run import Trajectory
@@ -196,7 +196,7 @@ def simulate(
                 f"{diagnostics['steps_cut']} steps needed substeps, and the energies are out of balance by "
                 f"{diagnostics['energy_drift']:.2g} of the exchanged energy; compare with half the step",
                 NotConvergedWarning,
-                stacklevel=3,
+                stacklevel=user_stacklevel(),
             )
     else:
         state, _, estimate = _refine_in_time(run, request.tolerance)
