@@ -182,7 +182,7 @@ def simulate(
     window
         Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
     progress
-        Callback receiving the completed fraction, 0 to 1.
+        Callback receiving the completed fraction, which never falls and ends at 1.
 
     Returns
     -------
@@ -218,7 +218,15 @@ def simulate(
     """
     check_law(law)
     request = Request.of(
-        times=times, scheme=scheme, schemes=SCHEMES, step=step, tolerance=tolerance, window=window, outputs=outputs
+        times=times,
+        scheme=scheme,
+        schemes=SCHEMES,
+        step=step,
+        tolerance=tolerance,
+        window=window,
+        outputs=outputs,
+        progress=progress,
+        several=step is None or elements is None,
     )
     p = parameters(scene)
     warn_of_unusual(p)
@@ -230,7 +238,7 @@ def simulate(
     def runs(count: int) -> dict[str, CableRun]:
         mesh = mesh_of(p, count, order, law, points)
         check_memory(instants.size, max(mesh.links, mesh.particles.size), p.dims, key="elements and times", variables=3)
-        arguments = (mesh, instants, start(mesh), request.outputs, progress, title)
+        arguments = (mesh, instants, start(mesh), request.outputs, request.progress, title)
         pair = zip(SCHEMES, (ExplicitCableRun, ImplicitCableRun), strict=True)
         return {name: run(*arguments, window=request.window) for name, run in pair}
 

@@ -142,7 +142,7 @@ def simulate(
     window
         Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
     progress
-        Callback receiving the completed fraction, 0 to 1.
+        Callback receiving the completed fraction, which never falls and ends at 1.
 
     Returns
     -------
@@ -208,10 +208,11 @@ def simulate(
         tolerance=tolerance,
         window=window,
         outputs=outputs,
+        progress=progress,
     )
     p = parameters(scene)
     warn_of_unusual(p)
-    ready = prepare(p, request, str(scene.attrs.get("title", "scene")), progress)
+    ready = prepare(p, request, str(scene.attrs.get("title", "scene")), request.progress)
     warn_of_velocity_jump(p)
     solution = solve(ready, request)
     run = solution.run

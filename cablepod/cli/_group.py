@@ -85,4 +85,8 @@ def interrupted(how_to_go_on: str) -> int:
 
 def note(message: Warning | str, *_: Any, **__: Any) -> None:
     """Print a warning as one line, without its location in the code."""
-    print("cablepod: note: " + " ".join(str(message).split()), file=sys.stderr)
+    text = "cablepod: note: " + " ".join(str(message).split())
+    if "tqdm" in sys.modules:  # a bar may be drawn: remove it, print, draw it again
+        sys.modules["tqdm"].tqdm.write(text, file=sys.stderr)
+    else:
+        print(text, file=sys.stderr)

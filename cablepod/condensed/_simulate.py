@@ -82,7 +82,7 @@ def simulate(
     window
         Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
     progress
-        Callback receiving the completed fraction, 0 to 1.
+        Callback receiving the completed fraction, which never falls and ends at 1.
 
     Returns
     -------
@@ -139,6 +139,7 @@ def simulate(
         window=window,
         outputs=outputs,
         allowed=(*OUTPUTS, "error_estimate"),
+        progress=progress,
         links=None if links is None else check_links(links, modes),
     )
     if quadrature is not None and "tension_extremes" in request.outputs:
@@ -164,7 +165,7 @@ def simulate(
     else:
         title = str(scene.attrs.get("title", "scene"))
         warn_of_velocity_jump(p)
-        solution = solve(kept_model(unit, p), request, progress)
+        solution = solve(kept_model(unit, p), request, request.progress)
         result, used_tolerance = result_of(solution, modes, request, title), solution.tolerance
         warn_condensed_out_of_range(result.attrs)
     return request.record(

@@ -80,7 +80,7 @@ def simulate(
     window
         Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
     progress
-        Callback receiving the completed fraction, 0 to 1.
+        Callback receiving the completed fraction, which never falls and ends at 1.
 
     Returns
     -------
@@ -147,6 +147,7 @@ def simulate(
         window=window,
         outputs=outputs,
         allowed=(*OUTPUTS, "error_estimate"),
+        progress=progress,
     )
     content = SceneContent.of(scene)
     p = content.parameters()
@@ -159,7 +160,7 @@ def simulate(
     limit = 2.0 / math.sqrt(squared) if squared > 0.0 else model.chain.step_limit()
     estimate = estimate_of(model, float(instants[-1]))
     wanted = "error_estimate" in request.outputs
-    options = (model, instants, model.initial, request.outputs, progress, scene, modes)
+    options = (model, instants, model.initial, request.outputs, request.progress, scene, modes)
     runs: dict[str, GalerkinRun] = {
         name: (ExplicitGalerkinRun if name in EXPLICIT else ImplicitGalerkinRun)(
             *options, name, estimate.sample_interval, wanted, request.window

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -14,6 +14,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import NotConvergedWarning, SceneError, did_you_mean, scene_error, user_stacklevel
+from cablepod.integrate._progress import Rising
 from cablepod.integrate._window import ROUNDING
 from cablepod.parameters._checks import choice, number
 from cablepod.parameters._parameters import Parameters
@@ -117,6 +118,7 @@ class Request:
     given_tolerance: float | None = None  #: of the time error, as a fraction of the motion
     outputs: tuple[str, ...] = ("position",)
     window: tuple[float, float] | None = None  #: part of the run over which extremes are taken [s], None for all
+    progress: Rising | None = None  #: receives the completed fraction of each run
 
     @classmethod
     def of(
@@ -130,6 +132,8 @@ class Request:
         outputs: Any = ("position",),
         allowed: tuple[str, ...] = OUTPUTS,
         window: Any = None,
+        progress: Callable[[float], None] | None = None,
+        several: bool | None = None,
         **others: Any,
     ) -> Self:
         """Check the options of a run.
@@ -142,6 +146,10 @@ class Request:
             Names of the schemes and outputs that the model has.
         window
             Start and end of the part of the run over which extremes are taken [s].
+        progress
+            Callback receiving the completed fraction, 0 to 1.
+        several
+            Whether a call has several runs; by default without a given step.
         **others
             Further fields of a model's own request.
 
@@ -164,6 +172,9 @@ class Request:
             given_tolerance=None if tolerance is None else check_positive("tolerance", tolerance),
             outputs=names,
             window=None if window is None else check_window(window, names),
+            progress=None
+            if progress is None
+            else Rising(progress, several=step is None if several is None else several),
             **others,
         )
 
@@ -238,6 +249,8 @@ class Request:
         **parameters
             Options of the model with defaults filled in; those of the request are added.
         """
+        if self.progress is not None:
+            self.progress.end()
         resolved = {
             "times": result.variables["time"].values,
             "step": result.attrs.get("step", self.step),

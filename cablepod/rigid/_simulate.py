@@ -117,7 +117,7 @@ def simulate(
     window
         Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
     progress
-        Callback receiving the completed fraction, 0 to 1.
+        Callback receiving the completed fraction, which never falls and ends at 1.
 
     Returns
     -------
@@ -161,7 +161,7 @@ def simulate(
     """
     if formulation not in FORMULATIONS:
         raise scene_error("formulation", formulation, one_of(FORMULATIONS, formulation))
-    request = Request.of(times=times, step=step, tolerance=tolerance, window=window, outputs=outputs)
+    request = Request.of(times=times, step=step, tolerance=tolerance, window=window, outputs=outputs, progress=progress)
     baumgarte_rate = _check_baumgarte(baumgarte, formulation)
     p = parameters(scene)
     warn_of_unusual(p)
@@ -179,7 +179,7 @@ def simulate(
         instants,
         start(chain),
         request.outputs,
-        progress,
+        request.progress,
         title,
         formulation,
         baumgarte_rate,

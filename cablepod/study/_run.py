@@ -155,19 +155,6 @@ def run(
     return stages.tree()
 
 
-def forward(progress: Callable[[float], None]) -> Callable[[float], None]:
-    """Return a callback of a call of several runs, each from 0 to 1, that passes on only what is further than before."""
-    furthest = -1.0
-
-    def further(fraction: float) -> None:
-        nonlocal furthest
-        if fraction > furthest:
-            furthest = fraction
-            progress(fraction)
-
-    return further
-
-
 @dataclass(frozen=True)
 class _Stages:
     """Results of the stages by name; each is written and reported as soon as it is added."""
@@ -203,10 +190,8 @@ class _Stages:
         """
         progress = say = None
         if self.progress is not None:
-            progress, say = (
-                forward(partial(self.progress, label)),
-                partial(self.progress, f"{label}: compiling, once", 0.0),
-            )
+            progress = partial(self.progress, label)
+            say = partial(self.progress, f"{label}: compiling, once", 0.0)
             progress(0.0)
         try:
             result, row = measure(call, progress=progress, say=say)
@@ -215,8 +200,6 @@ class _Stages:
                 self.add(f"{name}_incomplete", error.partial)
             raise
         result.attrs["wall_time_s"] = row["call_time"]
-        if progress is not None:
-            progress(1.0)
         return self.add(name, result), row
 
     def modes(self, snapshots: xr.Dataset, rank: int) -> dict[str, xr.Dataset]:

@@ -1,0 +1,64 @@
+"""The fraction that a call reports never falls and ends at 1, however many runs the call has."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+import cablepod as cp
+from cablepod.integrate._progress import Rising
+
+
+def test_each_of_several_runs_takes_half_of_what_is_left():
+    seen = []
+    rising = Rising(seen.append, several=True)
+    for fraction in (0.5, 1.0, 1.0, 0.2, 0.4):
+        rising(fraction)
+    rising.end()
+    assert seen == pytest.approx([0.25, 0.5, 0.75, 0.775, 0.8, 1.0])
+
+
+def test_a_run_alone_reports_its_own_fraction():
+    seen = []
+    rising = Rising(seen.append, several=False)
+    for fraction in (0.5, 1.0):
+        rising(fraction)
+    rising.end()
+    assert seen == [0.5, 1.0]
+
+
+CALLS = {
+    "chain": lambda scene, _, **options: cp.chain.simulate(scene, **options),
+    "cable": lambda scene, _, **options: cp.cable.simulate(scene, elements=4, **options),
+    "rigid": lambda scene, _, **options: cp.rigid.simulate(
+        scene.drop_vars("cable_top_tension").assign(cable_unstretched_length=((), 12.0, {"units": "m"})), **options
+    ),
+    "galerkin": lambda scene, modes, **options: cp.galerkin.simulate(scene, modes, rank=2, **options),
+    "condensed": lambda scene, modes, **options: cp.condensed.simulate(scene, modes, rank=2, **options),
+}
+LAYOUTS = {"galerkin": "separate", "condensed": "normal"}
+
+
+@pytest.mark.parametrize("model", CALLS)
+@pytest.mark.parametrize("options", [{"tolerance": 1e-3}, {"step": 1e-3}], ids=str)
+def test_progress_never_falls_and_ends_at_one(soft, model, options):
+    scene, modes = cp.make_scene({**soft, "time": {"duration": 1.0, "interval": 0.25}}), None
+    if model in LAYOUTS:
+        modes = cp.pod.decompose(cp.chain.simulate(scene, tolerance=1e-3), rank=2, layout=LAYOUTS[model])
+    if model == "cable" and "step" in options:
+        options = {"step": 1e-4}
+    seen = []
+    CALLS[model](scene, modes, progress=seen.append, **options)
+    assert all(0.0 < before < after for before, after in itertools.pairwise(seen))
+    assert seen[-1] == 1.0
+    if "tolerance" in options:
+        assert len(seen) > 2  # two runs, and the end
+
+
+def test_elements_by_tolerance_are_several_runs_even_with_a_step(soft):
+    scene = cp.make_scene({**soft, "time": {"duration": 0.5, "interval": 0.25}})
+    seen = []
+    cp.cable.simulate(scene, step=5e-5, tolerance=None, progress=seen.append)
+    assert seen == sorted(set(seen))
+    assert seen[-1] == 1.0
