@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 
 import pytest
 from scenes import ROOT
 
 import cablepod as cp
+
+#: Text and path of a picture.
+PICTURE = re.compile(r"!\[([^\]]*)\]\(([^)]*)\)")
 
 
 def test_the_scene_of_the_page_is_one():
@@ -31,3 +35,10 @@ def test_the_python_in_the_readme_runs(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize("page", ["README.md", "cablepod/README.md"])
 def test_first_pages_are_short(page):
     assert len((ROOT / page).read_text().splitlines()) <= 200
+
+
+def test_every_picture_says_what_is_seen():
+    pages = [path for folder in ("cablepod", "pipelines", "data", "tests") for path in (ROOT / folder).rglob("*.md")]
+    pictures = [found for page in (ROOT / "README.md", *pages) for found in PICTURE.findall(page.read_text())]
+    assert len(pictures) > 15
+    assert [path for text, path in pictures if len(text.split()) < 7] == []
