@@ -72,16 +72,16 @@ CASES = {
 #: Case, scheme, dimensions, for members in lanes.  Each scheme has each law, and each term that changes its equations.
 IN_LANES = [
     ("all outputs", "trapezoidal", 2),
-    ("green", "trapezoidal", 2),
-    ("free end", "trapezoidal", 2),
-    ("loads and damping", "trapezoidal", 3),
+    slow("green", "trapezoidal", 2),
+    slow("free end", "trapezoidal", 2),
+    slow("loads and damping", "trapezoidal", 3),
     ("viscous", "generalized_alpha", 2),
-    ("between steps", "generalized_alpha", 2),
-    ("green", "generalized_alpha", 3),
+    slow("between steps", "generalized_alpha", 2),
+    slow("green", "generalized_alpha", 3),
     ("loads and damping", "energy_momentum", 2),
-    ("viscous", "energy_momentum", 2),
-    ("green", "energy_momentum", 2),
-    ("a motion", "energy_momentum", 3),
+    slow("viscous", "energy_momentum", 2),
+    slow("green", "energy_momentum", 2),
+    slow("a motion", "energy_momentum", 3),
 ]
 #: Cases that are not advanced together, but still make no Dataset of each member.
 ALONE = {

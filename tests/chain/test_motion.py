@@ -165,6 +165,7 @@ def test_a_turned_scene_moves_likewise(soft):
     np.testing.assert_allclose(b, expected, rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_saving_more_often_changes_no_bit(soft):
     scene = scene_with(soft, damping={"mass_proportional": 0.3, "link_viscosity": 0.001})
     every = positions(scene, times=np.arange(0, 4001) / 1000, step=1e-3)

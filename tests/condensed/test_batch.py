@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scenes import HARMONIC, full_modes, spatial
-from suite import with_slow
+from suite import slow, with_slow
 
 import cablepod as cp
 from cablepod import errors
@@ -94,7 +94,7 @@ def test_compiled_blocks_equal_single_runs(soft, monkeypatch, case, dims):
     assert_close(run, truth)
 
 
-@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("dims", [2, slow(3)])
 @pytest.mark.parametrize("outputs", [(), ("tension_extremes",), ("position", "tension")])
 def test_all_links_positions_and_no_outputs(soft, monkeypatch, outputs, dims):
     scenes, modes = scenes_of(soft, *CASES["both ends"], dims), full_modes(dims=dims)
