@@ -17,7 +17,7 @@ from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._key_paths import dotted, flat, variable_name, variable_of
 from cablepod.parameters._keys import ENSEMBLE, join
 from cablepod.scene._make import check_numbers
-from cablepod.scene._ranges import check_values, points_of_grid
+from cablepod.scene._ranges import axis_hint, check_values, points_of_grid, with_counts_expanded
 
 
 def design(
@@ -35,12 +35,14 @@ def design(
     scene
         One scene; parameters outside `ranges` are the same in all members.
     ranges
-        Key path of a number -> [low, high], or values for sampling "grid" and "list"; the order has no effect.  A path has
-        points, ``_`` (``"cable_top_tension"``) or is nested (``{"cable": {"top_tension": [low, high]}}``).  Components of
-        vectors are named by their axis (``"ends.upper.x"``), point loads by their number (``"point_load.1.force.y"``).  By
-        default the table ``[ensemble]`` of the scene file gives the ranges and all options that are None.
+        Key path of a number -> [low, high]; the order has no effect.  If all ranges are [low, high, count], without `sampling`,
+        the members are all combinations of `count` equally spaced values of each, ends included.  For sampling "grid" and
+        "list": values.  A path has points, ``_`` (``"cable_top_tension"``) or is nested (``{"cable": {"top_tension": [low,
+        high]}}``).  Components of vectors are named by their axis (``"ends.upper.x"``), point loads by their number
+        (``"point_load.1.force.y"``).  By default the table ``[ensemble]`` of the scene file gives the ranges and all options
+        that are None.
     members
-        Number of members.
+        Number of members; not needed for ranges with a count, and then equal to the product of the counts.
     sampling
         "latin_hypercube" (the default): one member in each of as many equal parts of a range as there are members; "sobol": the
         first points of a scrambled Sobol sequence; "grid": all combinations of equally spaced
@@ -59,8 +61,8 @@ def design(
     Raises
     ------
     SceneError
-        For unknown key paths, reversed ranges, bounds that give no valid scene, a missing number of members, or one that does not
-        fit the grid.
+        For unknown key paths, reversed ranges, bounds that give no valid scene, ranges with a count beside others without, a
+        missing number of members, or one that does not fit the grid.
     """
     if not isinstance(scene, xr.Dataset) or "ends_lower" not in scene or "member" in scene.dims:
         raise SceneError("scene: given no Dataset of one scene; allowed: a result of make_scene or read_scene")
@@ -72,11 +74,14 @@ def design(
         table = json.loads(scene.attrs["ensemble_json"])
         ranges, prefix = table["ranges"], "ensemble.ranges"
         options |= {name: table[name] for name, value in options.items() if value is None}
+    else:
+        ranges, options = with_counts_expanded(ranges, options)
     options = {
         name: key.default if options[name] is None else key.check(name, options[name]) for name, key in ENSEMBLE.items()
     }
     if options["members"] is None:
-        raise SceneError("members: missing; allowed: a whole number of at least 1")
+        counts = "ranges [low, high, count] without sampling, which give it"
+        raise SceneError(f"members: missing; allowed: a whole number of at least 1, or {counts}")
     checked = _check_ranges(scene, ranges, prefix, options)
     points = _sample(checked, **options)
     scenes = _vary(scene, dict(zip(checked, points.T, strict=True)))
@@ -99,7 +104,8 @@ def _check_ranges(scene: xr.Dataset, ranges: Any, prefix: str, options: Mapping[
     for path, range_values in ranges.items():
         key, target = join(prefix, path), variable_of(scene, path)
         if target is None:
-            similar = did_you_mean(path, [dotted(str(name)) for name in scene.data_vars])
+            is_vector = variable_of(scene, f"{path}.x") is not None
+            similar = axis_hint(is_vector, path) or did_you_mean(path, [dotted(str(name)) for name in scene.data_vars])
             raise SceneError(f"{key}: unknown key path; allowed: the path of a number of this scene{similar}")
         name, index, vocabulary_key = target
         values = check_values(key, range_values, members=options["members"], sampling=options["sampling"])

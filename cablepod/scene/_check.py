@@ -30,7 +30,7 @@ from cablepod.parameters._keys import (
 )
 from cablepod.scene._files import read_record
 from cablepod.scene._limits import LONGEST, SHORTEST
-from cablepod.scene._ranges import check_ranges
+from cablepod.scene._ranges import check_ranges, with_counts_expanded
 from cablepod.scene._strands import with_strand
 
 
@@ -232,7 +232,9 @@ def _check_ensemble(table: Any, tree: dict[str, Any]) -> dict[str, Any]:
         if name not in (keys := [*ENSEMBLE, "ranges"]):
             similar = meant("ensemble", name, keys)
             raise SceneError(f"{join('ensemble', name)}: unknown key; allowed: {', '.join(keys)}{similar}")
-    checked = check_table("ensemble", {key: value for key, value in table.items() if key != "ranges"}, ENSEMBLE)
+    options = {key: value for key, value in table.items() if key != "ranges"}
+    ranges, options = with_counts_expanded(table.get("ranges"), options, prefix="ensemble")
+    checked = check_table("ensemble", options, ENSEMBLE)
     count, sampling = checked["members"], checked["sampling"]
-    checked["ranges"] = check_ranges(table.get("ranges"), tree, members=count, sampling=sampling)
+    checked["ranges"] = check_ranges(ranges, tree, members=count, sampling=sampling)
     return checked

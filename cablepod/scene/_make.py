@@ -20,7 +20,7 @@ from cablepod.conventions import COORDINATES, label
 from cablepod.errors import SceneError, shown
 from cablepod.parameters._checks import point
 from cablepod.parameters._from_scene import parameters
-from cablepod.parameters._key_paths import motion_path, nested, point_load_path, replaced, variable_name
+from cablepod.parameters._key_paths import motion_path, nested, number_at, point_load_path, replaced, variable_name
 from cablepod.parameters._keys import POINT_LOAD, TABLES, TOP, Key, time_function_keys
 from cablepod.parameters._parameters import Parameters, count_instants
 from cablepod.scene._check import check_mapping
@@ -99,17 +99,20 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     except SceneError as error:
         error.args = (f"{error}{hint(p)}",)
         raise
-    _check_bounds(nested(mapping), tree.get("ensemble", {}).get("ranges", {}), folder)
+    if "ensemble" in tree:
+        _check_bounds(nested(mapping), tree, folder)
     return scene
 
 
-def _check_bounds(mapping: Mapping[str, Any], ranges: Mapping[str, list[float]], folder: Path) -> None:
-    """Refuse a range of an ensemble if the scene at one of its bounds is refused."""
+def _check_bounds(mapping: Mapping[str, Any], tree: Mapping[str, Any], folder: Path) -> None:
+    """Refuse a range of an ensemble if the scene at one of its bounds is refused; `tree` is the checked scene."""
     single = {name: table for name, table in mapping.items() if name != "ensemble"}
-    for path, values in ranges.items():
+    has_values = tree["ensemble"]["sampling"] in ("grid", "list")
+    for path, values in tree["ensemble"]["ranges"].items():
+        whole = has_values and isinstance(number_at(tree, path), int) and all(map(float.is_integer, values))
         for bound in sorted({min(values), max(values)}):
             try:
-                _make(replaced(single, path, bound), folder)
+                _make(replaced(single, path, int(bound) if whole else bound), folder)
             except SceneError as error:
                 text = f"ensemble.ranges.{path}: given {shown(values)}, at {bound:g} no scene: {error}"
                 raise SceneError(text) from None

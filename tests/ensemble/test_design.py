@@ -10,6 +10,7 @@ import xarray as xr
 from scenes import ENSEMBLE_RANGES, ENSEMBLE_STEP
 
 import cablepod as cp
+from cablepod import lineage
 
 
 def test_a_latin_hypercube_has_one_member_in_each_part_of_each_range(scenes_of):
@@ -58,6 +59,54 @@ def test_a_grid_has_every_combination(scenes_of):
     assert scenes_of(9, sampling="grid", ranges=lists).sizes["member"] == 9
     with pytest.raises(cp.SceneError, match=r"^members: given 8; allowed: 9, the product of the lengths"):
         scenes_of(8, sampling="grid", ranges=lists)
+
+
+COUNTS = {"cable.top_tension": [200, 300, 5], "ends.upper.x": [7.0, 8.5, 4]}
+
+
+def test_ranges_with_a_count_make_a_grid_of_all_combinations(scenes_of):
+    scenes = scenes_of(None, ranges=COUNTS)
+    tension, x = scenes["cable_top_tension"].values, scenes["ends_upper_x"].values
+    np.testing.assert_array_equal(tension.reshape(5, 4), np.repeat([[200.0], [225.0], [250.0], [275.0], [300.0]], 4, 1))
+    np.testing.assert_array_equal(x.reshape(5, 4), [[7.0, 7.5, 8.0, 8.5]] * 5)
+    np.testing.assert_array_equal(scenes["ends_upper"].sel(coordinate="x"), x)
+    xr.testing.assert_identical(scenes, scenes_of(20, ranges=dict(reversed(COUNTS.items()))))
+    nested = {"cable": {"top_tension": (200, 300, 5)}, "ends_upper_x": np.array([7.0, 8.5, 4.0])}
+    xr.testing.assert_identical(scenes, scenes_of(None, ranges=nested))
+    links = scenes_of(None, ranges={"chain.links": [4, 8, 3], "gravity": [9, 10, 2]})
+    assert links["chain_links"].values.tolist() == [4, 4, 6, 6, 8, 8]
+    assert links["gravity"].values.tolist() == [9.0, 10.0] * 3
+    assert links["chain_links"].dtype.kind == "i"
+
+
+def test_a_table_with_counts_makes_the_same_grid(soft, scenes_of):
+    soft["ensemble"] = {"ranges": COUNTS}
+    scene = cp.make_scene(soft)
+    table = json.loads(scene.attrs["ensemble_json"])
+    assert (table["members"], table["sampling"]) == (20, "grid")
+    scenes = cp.ensemble.design(scene)
+    xr.testing.assert_equal(scenes, scenes_of(None, ranges=COUNTS))
+    with pytest.raises(cp.SceneError, match=r"^members: given 7; allowed: 20, the product of the lengths"):
+        cp.ensemble.design(scene, members=7)
+    soft["ensemble"] = {"members": 20, "ranges": COUNTS}
+    xr.testing.assert_equal(scenes, cp.ensemble.design(cp.make_scene(soft)))
+    soft["ensemble"] = {"ranges": {"chain.links": [4, 8, 5]}}
+    assert cp.ensemble.design(cp.make_scene(soft))["chain_links"].values.tolist() == [4, 5, 6, 7, 8]
+    soft["ensemble"] = {"ranges": {"chain.links": [4, 8, 4]}}
+    with pytest.raises(cp.SceneError, match=r"^ensemble\.ranges\.chain\.links: "):
+        cp.make_scene(soft)
+
+
+@pytest.mark.parametrize("count", [2, 3, 70])  # lists of two values, of three, and those that a history shortens
+def test_the_lineage_of_a_grid_with_counts_makes_it_again(soft, count):
+    ranges = {"cable.top_tension": [200.0, 300.1, count], "gravity": [9.0, 9.9, 2]}
+    for scenes in (
+        cp.ensemble.design(cp.make_scene(soft), ranges),
+        cp.ensemble.design(cp.make_scene(soft | {"ensemble": {"ranges": ranges}})),
+    ):
+        made: dict = {}
+        exec(lineage.script(scenes).rsplit("cp.archive.write", 1)[0], made)
+        xr.testing.assert_identical(made["scenes"], scenes)
 
 
 def test_a_list_is_taken_as_it_is(scenes_of):
@@ -128,6 +177,48 @@ MISTAKES = [
     ),
     ({"cable.top_tension": [1, 300]}, {}, r"at 1 no scene: cable\.top_tension: given 1\.0; allowed: at least"),
     ({"chain.links": [5, 9]}, {}, r"^ranges\.chain\.links: given \[5, 9\]; allowed: a list of whole numbers"),
+    (
+        {"gravity": [9, 9.8, 3]},
+        {},
+        r"^ranges\.cable\.top_tension: .*; allowed: \[low, high, count\], as ranges\.gravity has a count$",
+    ),
+    (COUNTS, {"members": 9}, r"^members: given 9; allowed: 20, the product of the counts 5 x 4, or none given$"),
+    (COUNTS, {"members": "many"}, r"^members: given 'many'; allowed: a whole number"),
+    (COUNTS | {"gravity": [9, 10, 1]}, {}, r"^ranges\.gravity: given \[9, 10, 1\]; .* a whole count of at least 2$"),
+    (COUNTS | {"gravity": [9, 10, 2.5]}, {}, r"^ranges\.gravity: given \[9, 10, 2\.5\]; .* a whole count"),
+    (COUNTS | {"gravity": [10, 9, 3]}, {}, r"^ranges\.gravity: given \[10, 9, 3\]; .* with low < high"),
+    (COUNTS | {"gravity": [9, "10", 3]}, {}, r"^ranges\.gravity\[1\]: given '10'; allowed: a finite number"),
+    (
+        COUNTS | {"gravity": [9, 10, 10**7]},
+        {"members": None},
+        r"^members: given 200000000; allowed: .* at most 10000000",
+    ),
+    (COUNTS | {"cable.area": [-1, 2, 4]}, {"members": None}, r"^ranges\.cable\.area: given .*, at -1 no scene: "),
+    (
+        COUNTS | {"chain.links": [4, 8, 4]},
+        {"members": None},
+        r"^ranges\.chain\.links: given .*; allowed: .*whole numbers",
+    ),
+    (
+        COUNTS | {"ends.upper": [1, 2, 3]},
+        {"members": None},
+        r"^ranges\.ends\.upper: unknown .*; try: ends\.upper\.x or",
+    ),
+    (
+        COUNTS,
+        {"sampling": "sobol"},
+        r'^ranges\.cable\.top_tension: given .*; allowed: \[low, high\] for sampling "sobol"; \[',
+    ),
+    (
+        COUNTS,
+        {"sampling": "grid"},
+        r"^ranges\.cable\.top_tension: given .*; allowed: rising values; \[low, high, count\]",
+    ),
+    (
+        {"gravity": [9, 9.2, 9.4, 9.8]},
+        {},
+        r'^ranges\.gravity: given .*; lists of values need sampling "grid" or "list"$',
+    ),
 ]
 
 

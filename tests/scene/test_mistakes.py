@@ -267,7 +267,23 @@ RANGES = [
     ({"ensemble.members": [1, 2]}, r"^ensemble\.ranges\.ensemble\.members: unknown key path"),
     ({"gravity": [2, 1]}, r"^ensemble\.ranges\.gravity: given \[2, 1\]; allowed: \[low, high\] with low < high$"),
     ({"gravity": [1, 1]}, r"^ensemble\.ranges\.gravity: given \[1, 1\]; allowed: \[low, high\] with low < high$"),
-    ({"gravity": [1, 2, 3]}, r"^ensemble\.ranges\.gravity: given \[1, 2, 3\]; allowed: \[low, high\] with low < high$"),
+    (
+        {"gravity": [1, 2, 2.5]},
+        r"^ensemble\.ranges\.gravity: given \[1, 2, 2\.5\]; allowed: \[low, high, count\] with low",
+    ),
+    ({"gravity": [1, 2, 1]}, r"^ensemble\.ranges\.gravity: given \[1, 2, 1\]; .* a whole count of at least 2$"),
+    ({"gravity": [2, 1, 3]}, r"^ensemble\.ranges\.gravity: given \[2, 1, 3\]; allowed: .* with low < high"),
+    ({"gravity": [1, 2, 4]}, r"^ensemble\.members: given 3; allowed: 4, the product of the counts 4, or none given$"),
+    ({"gravity": [1, 2, 10**9]}, r"^ensemble\.members: given 1000000000; allowed: .* at most 10000000$"),
+    ({"gravity": [1, 2, 3, 4]}, r"^ensemble\.ranges\.gravity: given .*; lists of values need sampling \"grid\" or"),
+    (
+        {"gravity": [1, 2, 3], "cable.top_tension": [200, 300]},
+        r"^ensemble\.ranges\.cable\.top_tension: .*; allowed: \[low, high, count\], as ensemble\.ranges\.gravity has a count$",
+    ),
+    (
+        {"ends.upper": [1, 2, 3]},
+        r"^ensemble\.ranges\.ends\.upper: unknown key path; .*; try: ends\.upper\.x or ends\.upper\.y$",
+    ),
     ({"gravity": 1.0}, r"^ensemble\.ranges\.gravity: given 1\.0; allowed: a list of at least 2 finite numbers$"),
     ({"gravity": ["1", 2]}, r"^ensemble\.ranges\.gravity\[0\]: given '1'; allowed: a finite number$"),
     (
