@@ -80,21 +80,59 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "error_rms": ("1", "root mean square of the error over time"),
     "displacement_scale": ("m", "length by which the error is divided"),
 }
-#: Units of attributes that become variables along ``member``; "1" for others.
-ATTRIBUTE_UNITS = {
-    "step": "s",
-    "step_limit": "s",
-    "time_of_smallest_force": "s",
-    "smallest_stretch_time": "s",
-    "first_slack_time": "s",
-    "smallest_stretch_arc_length": "m",
-    "first_slack_arc_length": "m",
-    "smallest_chordwise_force": "N",
-    "first_axial_frequency": "rad s-1",
-    "highest_angular_frequency": "rad s-1",
-    "window_start": "s",
-    "window_end": "s",
-    **{f"motion_{end}_{axis}_offset": "m" for end in ENDS for axis in COORDINATES},
+#: Name -> (units, long name) of numeric attributes, which become variables along ``member`` where members differ.
+ATTRIBUTES: dict[str, tuple[str, str]] = {
+    # steps and errors
+    "step": ("s", "time step"),
+    "step_limit": ("s", "largest stable time step"),
+    "number_of_steps": ("1", "number of time steps"),
+    "steps_cut": ("1", "number of steps divided into substeps"),
+    "newton_iterations": ("1", "number of Newton iterations"),
+    "spectral_radius": ("1", "spectral radius of the scheme at high frequencies"),
+    "error_estimate": ("1", "estimated largest error over time as a fraction of the motion"),
+    "time_error_estimate": ("1", "estimated error of the time step as a fraction of the motion"),
+    "space_error_estimate": ("1", "estimated error of the elements as a fraction of the motion"),
+    "elements": ("1", "number of elements"),
+    "element_order": ("1", "polynomial order of the elements"),
+    "rank": ("1", "number of modes"),
+    "window_start": ("s", "start of the window of the extremes"),
+    "window_end": ("s", "end of the window of the extremes"),
+    # frequencies
+    "highest_angular_frequency": ("rad s-1", "bound of all angular frequencies"),
+    "first_axial_frequency": ("rad s-1", "first axial angular frequency"),
+    "forcing_over_axial_frequency": ("1", "angular frequency of the forcing over the first axial one"),
+    "largest_turn_rate": ("rad s-1", "largest rotation rate of a link"),
+    # energies
+    "energy_excess": ("1", "largest ratio of the strain energy to the energy that the forcing can supply"),
+    "energy_defect": ("1", "largest unexplained energy over the largest exchanged energy"),
+    "energy_drift": ("1", "largest imbalance of energy over the exchanged energy"),
+    "energy_exchanged": ("J", "largest exchanged energy"),
+    # forces and stretches
+    "smallest_tension": ("N", "smallest tension at the output times"),
+    "links_in_compression": ("1", "number of links in compression at an output time"),
+    "first_compression": ("s", "first output time with a link in compression"),
+    "smallest_chordwise_force": ("N", "smallest chordwise force"),
+    "time_of_smallest_force": ("s", "time of the smallest chordwise force"),
+    "smallest_stretch": ("1", "smallest stretch"),
+    "smallest_stretch_time": ("s", "time of the smallest stretch"),
+    "smallest_stretch_arc_length": ("m", "unstretched arc length of the smallest stretch"),
+    "largest_stretch": ("1", "largest stretch"),
+    "first_slack_time": ("s", "first time with a stretch below 1"),
+    "first_slack_arc_length": ("m", "unstretched arc length of the first stretch below 1"),
+    "length_error": ("1", "largest relative error of a link length"),
+    # validity
+    "energy_share_kept": ("1", "share of the energy of the snapshots in the modes of the model"),
+    "outside_training": ("1", "distance from the training range, 0 inside"),
+    "growth_over_run": ("1", "largest growth rate of vibrations about rest times the duration"),
+    # start
+    "start_jolt_speed": ("m s-1", "jump of speed of the ends at the start"),
+    "start_jolt_tension": ("N", "tension of the axial wave from the jump of speed"),
+    "start_jolt_energy": ("J", "energy of the axial wave from the jump of speed"),
+    **{
+        f"motion_{end}_{axis}_offset": ("m", f"motion of the {end} end along {axis} at t = 0, subtracted")
+        for end in ENDS
+        for axis in COORDINATES
+    },
 }
 VARIABLES |= {
     f"{name}_out_of_plane": (VARIABLES[name][0], f"{VARIABLES[name][1]}, out of the plane of chord and vertical")
@@ -119,6 +157,12 @@ def label(dataset: xr.Dataset, **extra: tuple[str, str]) -> xr.Dataset:
         elif "units" not in variable.attrs:
             raise KeyError(f"variable {name!r} has no entry in the vocabulary and no units")
     return dataset
+
+
+def attribute_labels(name: str) -> dict[str, str]:
+    """Return units and long name of an attribute that becomes a variable along ``member``."""
+    units, long_name = ATTRIBUTES.get(name, ("1", name.replace("_", " ")))
+    return {"units": units, "long_name": long_name}
 
 
 #: Maximum size of the labels of a template that is kept [bytes]; longer ones cost less than the run itself.

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._resources import check_bytes
-from cablepod.conventions import ATTRIBUTE_UNITS, label
+from cablepod.conventions import attribute_labels, label
 from cablepod.errors import SceneError
 
 #: Dimensions and values of a variable.
@@ -135,10 +135,7 @@ def to_dataset(stack: MemberResults, scene: xr.Dataset, coords: Any) -> xr.Datas
     if any(stack.failures):
         reasons = np.array([str(error or "") for error in stack.failures], dtype=object)
         variables["failure"] = (("member",), reasons)
-    labelled = {
-        name: (dims, values, {"units": ATTRIBUTE_UNITS.get(name, "1"), "long_name": name.replace("_", " ")})
-        for name, (dims, values) in variables.items()
-    }
+    labelled = {name: (dims, values, attribute_labels(name)) for name, (dims, values) in variables.items()}
     joined = label(xr.Dataset(labelled, coords=coords, attrs=attrs))
     varied = {
         str(name): variable.copy()

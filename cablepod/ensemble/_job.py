@@ -27,7 +27,7 @@ from cablepod.archive._manifest import (
 )
 from cablepod.archive._write import check_target
 from cablepod.batch._members import stop_when, thread_limit
-from cablepod.conventions import ATTRIBUTE_UNITS
+from cablepod.conventions import attribute_labels
 from cablepod.ensemble._collect_warnings import Note, collect_warnings
 from cablepod.ensemble._models import MODELS
 from cablepod.errors import AllFailedError, ArchiveError, RunStopped
@@ -77,8 +77,8 @@ def compute(
     variables = {name: _pad(variable, skipped) for name, variable in result.variables.items() if name not in varied}
     for name, value in result.attrs.items():
         if isinstance(value, int | float | np.number) and not isinstance(value, bool | np.bool_):
-            attrs = {"units": ATTRIBUTE_UNITS.get(str(name), "1"), "long_name": str(name).replace("_", " ")}
-            variables[name] = xr.Variable("member", np.where(failed, np.nan, float(value)), attrs)
+            numbers = np.where(failed, np.nan, float(value))
+            variables[name] = xr.Variable("member", numbers, attribute_labels(str(name)))
     variables["failure"] = xr.Variable("member", np.array(failure, dtype=str), FAILURE)
     batch = xr.Dataset({**variables, **varied}).set_coords(
         [*varied, *(name for name in result.coords if name in variables)]

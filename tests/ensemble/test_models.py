@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import warnings
 
 import numpy as np
 import pytest
 from scenes import full_modes
 
 import cablepod as cp
+from cablepod import conventions
 from cablepod.archive import _manifest as archive_manifest
+from cablepod.ensemble._job import compute
+from cablepod.ensemble._models import MODELS
 
 RANGES = {"cable.top_tension": [200.0, 300.0], "motion.upper.x.amplitude": [-0.05, -0.02]}
 #: Rigid links do not move along a straight line between their ends: a slack cable whose length is given.
@@ -61,3 +65,33 @@ def test_each_model_gives_its_single_runs(soft, tmp_path, model):
     assert stage["parameters"]["model"] == model
     assert stage["inputs"][1:] == [item.attrs["id"] for item in modes]
     assert archive_manifest.read_manifest(tmp_path / "it")["model"] == model
+
+
+@pytest.mark.parametrize(
+    ("model", "options"),
+    [
+        ("chain", {"outputs": ("tension_extremes",), "window": (0.1, 1.0)}),
+        ("chain", {"scheme": "generalized_alpha", "step": 4e-3}),
+        ("cable", {}),
+        ("rigid", {}),
+        ("galerkin", {}),
+        ("condensed", {}),
+    ],
+)
+def test_attributes_that_become_variables_have_units_and_a_name(soft, model, options):
+    soft["motion"]["upper"]["x"] = {"kind": "harmonic", "amplitude": -0.02, "angular_frequency": 2.0}
+    scenes = cp.ensemble.design(cp.make_scene(soft), {"cable.top_tension": [200, 300, 2]})
+    modes = ()
+    if model == "galerkin":
+        modes = (cp.pod.decompose(cp.chain.simulate(cp.make_scene(soft), step=4e-3)),)
+    elif model == "condensed":
+        modes = (full_modes(),)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the sine starts with a jump
+        alone = MODELS[model](scenes.isel(member=0, drop=True), *modes, **options)
+        result = compute(scenes, model, modes[0] if modes else None, options)
+    numbers = [name for name, value in alone.attrs.items() if isinstance(value, int | float | np.number)]
+    assert {"step", "number_of_steps", "motion_upper_x_offset"} <= set(numbers)
+    for name in numbers:
+        assert result[name].dims == ("member",)
+        assert (result[name].attrs["units"], result[name].attrs["long_name"]) == conventions.ATTRIBUTES[name], name
