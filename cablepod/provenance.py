@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     import xarray as xr
 
@@ -29,6 +29,10 @@ ATTRS_FIRST = (
 MAX_HISTORY_ITEMS = 64
 #: Maximum size of a non-uniform time array stored in a history (a run cannot be repeated without it).
 MAX_HISTORY_FLOATS = 4096
+#: Function of a stage that records a change of values outside the package.
+CHANGED = "changed by hand"
+#: In place of the time of a stage that no file holds yet; sorted after all times.
+NOT_WRITTEN = "~"
 #: Formulas for equidistant numbers, see :func:`equidistant`.
 EQUIDISTANT = ("multiples", "quotients", "linspace")
 #: Attributes of which the reprs of xarray show an abstract.
@@ -154,10 +158,7 @@ def record(
     parents = [str(dataset.attrs.get("id", "unknown")) for dataset in inputs]
     key = json.dumps([function, resolved, parents], sort_keys=True, separators=(",", ":"))
     identifier = hashlib.sha256(key.encode()).hexdigest()[:20]
-    stages: dict[str, str] = {}
-    for dataset in inputs:
-        for key, text in _texts_of_stages(dataset.attrs.get("history_json", "[]")):
-            stages.setdefault(key, text)
+    stages = merged_stages(dataset.attrs.get("history_json", "[]") for dataset in inputs)
     stage = {"id": identifier, "function": function, "parameters": resolved, "inputs": parents}
     stages[identifier] = json.dumps(stage | ({"chosen": sorted(chosen)} if chosen else {}), sort_keys=True)
     attrs = {name: value for name, value in result.attrs.items() if name not in ("id", "history_json")}
@@ -166,10 +167,27 @@ def record(
     return result
 
 
+def merged_stages(histories: Iterable[str]) -> dict[str, str]:
+    """Return id and JSON text of each stage of some histories, once, in order.
+
+    A stage has one time: where histories differ, it is the earliest, and a stage that was written precedes one that was not.
+    """
+    stages: dict[str, str] = {}
+    times: dict[str, str] = {}
+    for history in histories:
+        for key, text, written in _texts_of_stages(history):
+            if key not in stages or written < times[key]:
+                stages[key], times[key] = text, written
+    return stages
+
+
 @lru_cache(256)
-def _texts_of_stages(history: str) -> tuple[tuple[str, str], ...]:
-    """Return id and JSON text of each stage of a history (kept, as many results share the history of their inputs)."""
-    return tuple((stage["id"], json.dumps(stage, sort_keys=True)) for stage in json.loads(history))
+def _texts_of_stages(history: str) -> tuple[tuple[str, str, str], ...]:
+    """Return id, JSON text and time of each stage of a history (kept, as many results share the history of their inputs)."""
+    return tuple(
+        (stage["id"], json.dumps(stage, sort_keys=True), str(stage.get("written", NOT_WRITTEN)))
+        for stage in json.loads(history)
+    )
 
 
 def abridged(attrs: Mapping[Any, Any]) -> dict[Any, Any]:
@@ -223,7 +241,7 @@ def with_manual_change(dataset: xr.Dataset, known_digest: str | None = None) -> 
         if variable.size <= MAX_HISTORY_ITEMS
     }
     parameters = {"values_sha256": new_digest, "values": values}
-    return record(changed, function="changed by hand", parameters=parameters, inputs=[original])
+    return record(changed, function=CHANGED, parameters=parameters, inputs=[original])
 
 
 def _with_dims(variable: xr.Variable) -> Any:

@@ -31,6 +31,10 @@ ROOT = {
     "Karhunen-Loeve decomposition",
     "license": "Freely distributed: cablepod (MIT license) sets no terms on what it computes",
 }
+#: Content hash of a Dataset without variables.
+EMPTY = content_hash(xr.Dataset())
+#: Id of a stage -> program and time of its first file in this process, so that all its files tell one time.
+_STAMPS: dict[str, dict[str, str]] = {}
 #: Default summary, with the function of the last stage.
 SUMMARY = (
     "What the stage {} of cablepod gave, a package for reduced-order models of the dynamics of cables. "
@@ -47,12 +51,35 @@ def with_file_attributes(dataset: xr.Dataset) -> xr.Dataset:
     return stamped
 
 
+def with_own_id(dataset: xr.Dataset, digest: str | None = None) -> xr.Dataset:
+    """Return a dataset whose values differ from those of its last stage with a stage and id of its own; others unchanged.
+
+    Scenes have the hash of their values, datasets read from a file that of their content.  `digest` is the content hash,
+    computed if None.
+    """
+    stages = checked_stages(dataset)
+    changed = provenance.with_manual_change(dataset)
+    if changed is not dataset:
+        attrs = {name: changed.attrs[name] for name in ("id", "history_json")}
+        return dataset.assign_attrs(attrs, values_sha256=provenance.digest(dataset))
+    written = stage_of(stages, str(dataset.attrs.get("id"))).get("sha256", EMPTY) if stages else EMPTY
+    if written == EMPTY or written == (digest := digest or content_hash(dataset)):
+        return dataset
+    original = xr.Dataset(attrs={name: dataset.attrs[name] for name in ("id", "history_json") if name in dataset.attrs})
+    changed = provenance.record(
+        xr.Dataset(), function=provenance.CHANGED, parameters={"sha256": digest}, inputs=[original]
+    )
+    return dataset.assign_attrs(changed.attrs)
+
+
 def root_attributes(dataset: xr.Dataset) -> dict[str, Any]:
     """Return the global attributes of a file for `dataset`, with its history.
 
-    Stages that were read from a file keep their date and program.
+    Stages that were read from a file keep their date and program, others have those of their first file in this process.  A
+    dataset whose values were changed since it was read gets a stage and id of its own.
     """
     digest = content_hash(dataset)
+    dataset = with_own_id(dataset, digest)
     attrs: dict[str, Any] = {**ROOT, **dataset.attrs}
     attrs["id"] = str(attrs.get("id") or digest[:20])
     stages = checked_stages(dataset) or [
@@ -61,7 +88,7 @@ def root_attributes(dataset: xr.Dataset) -> dict[str, Any]:
     new = [stage for stage in stages if "written" not in stage]
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     for stage in new:
-        stage.update(_program(), written=now)
+        stage.update(_STAMPS.setdefault(stage["id"], {**_program(), "written": now}))
     last = stage_of(stages, attrs["id"])
     last["sha256"] = digest
     if "wall_time_s" in attrs:
@@ -97,15 +124,20 @@ def stage_of(stages: list[dict[str, Any]], identifier: str) -> dict[str, Any]:
 
 
 def _history(history: str, stages: list[dict[str, Any]]) -> str:
-    """Return `history` with a line appended for each stage that it lacks."""
-    known = set(history.split())
-    lines = [history] if history else []
-    for stage in stages:
-        if f"id={stage['id']}" not in known:
-            inputs = f" inputs={','.join(stage['inputs'])}" if stage.get("inputs") else ""
-            program = f"{stage['program']} {stage['version']}"
-            lines.append(f"{stage['written']} {program}: {call_text(stage)} id={stage['id']}{inputs}")
-    return "\n".join(lines)
+    """Return `history` with one line for each stage, of the time of the stage; lines of others are kept."""
+    own = {stage["id"]: _history_line(stage) for stage in stages}
+    times = {stage["id"]: stage["written"] for stage in stages}
+    lines: dict[str, str] = {}
+    for line in history.split("\n") if history else []:
+        key = next((word[3:] for word in line.split() if word.startswith("id=") and word[3:] in own), line)
+        lines.setdefault(key, line if key == line or line.startswith(times[key]) else own[key])
+    return "\n".join((lines | {key: line for key, line in own.items() if key not in lines}).values())
+
+
+def _history_line(stage: Mapping[str, Any]) -> str:
+    """Return the line of a stage: time, program, call, id, inputs."""
+    inputs = f" inputs={','.join(stage['inputs'])}" if stage.get("inputs") else ""
+    return f"{stage['written']} {stage['program']} {stage['version']}: {call_text(stage)} id={stage['id']}{inputs}"
 
 
 def call_text(stage: Mapping[str, Any], width: int = 160) -> str:

@@ -17,7 +17,7 @@ from cablepod.errors import SceneError
 #: Function -> variable name in the script; by default a part of the function's name.
 NAMES = {
     "make_scene": "scene",
-    "changed by hand": "changed",
+    provenance.CHANGED: "changed",
     "pod.decompose": "modes",
     "ensemble.design": "scenes",
     "ensemble.run": "runs",
@@ -92,9 +92,9 @@ def _statements(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]
     name, function, parameters = names[stage["id"]], stage["function"], stage["parameters"]
     missing = [parent for parent in stage["inputs"] if parent not in names]
     digested = list(_digests(parameters))
-    if function == "changed by hand":
+    if function == provenance.CHANGED:
         digested = [] if "values" in parameters else ["values"]
-    if missing or digested or (function != "changed by hand" and not callable(_callable(function))):
+    if missing or digested or (function != provenance.CHANGED and not callable(_callable(function))):
         why = (
             "the history lacks " + ", ".join(missing) if missing else f"only a digest is kept of {', '.join(digested)}"
         )
@@ -112,7 +112,7 @@ def _statements(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]
         return [*_ensemble(name, inputs, parameters), f'cablepod.lineage.check({name}, "{stage["id"]}")', ""]
     if function == "make_scene":
         call = f"cp.make_scene({_text(parameters['scene'])})"
-    elif function == "changed by hand":
+    elif function == provenance.CHANGED:
         call = f"cablepod.lineage.changed({inputs[0]}, values={_text(parameters['values'])})"
     else:
         chosen = set(stage.get("chosen", ()))
@@ -123,7 +123,7 @@ def _statements(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]
         ]
         call = f"cp.{_present_name(function)}({', '.join([*inputs, *options])})"
     lines = [f"{name} = {call}"]
-    if function != "changed by hand":  # the id of a changed scene appears only in later stages
+    if function != provenance.CHANGED:  # the id of a changed scene appears only in later stages
         lines.append(f'cablepod.lineage.check({name}, "{stage["id"]}")')
     return [*lines, ""]
 

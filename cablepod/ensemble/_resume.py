@@ -296,10 +296,7 @@ def _write_inputs(folder: Path, inputs: Mapping[str, xr.Dataset], *, overwrite: 
 def _new_manifest(folder: Path, plan: Mapping[str, Any], inputs: Mapping[str, xr.Dataset]) -> dict[str, Any]:
     """Return the manifest of an ensemble without batches."""
     datasets = [archive.read(folder / name) for name in inputs]
-    stages: dict[str, dict[str, Any]] = {}
-    for dataset in datasets:
-        for earlier in provenance.stages_of(dataset):
-            stages.setdefault(earlier["id"], earlier)
+    stages = provenance.merged_stages(dataset.attrs.get("history_json", "[]") for dataset in datasets)
     # long arrays among the options are shortened here; the manifest holds them in full
     parameters = {name: provenance.to_json(plan[name]) for name in ("model", "members", "batch", "options")}
     stage = {
@@ -312,7 +309,7 @@ def _new_manifest(folder: Path, plan: Mapping[str, Any], inputs: Mapping[str, xr
         dict.fromkeys(line for dataset in datasets for line in str(dataset.attrs["history"]).split("\n"))
     )
     head = {"title": plan["title"], "id": plan["id"], "history": history}
-    head["history_json"] = json.dumps([*stages.values(), stage], sort_keys=True)
+    head["history_json"] = json.dumps([*map(json.loads, stages.values()), stage], sort_keys=True)
     attributes = root_attributes(xr.Dataset(attrs=head))
     return {
         "kind": KIND,

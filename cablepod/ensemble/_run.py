@@ -20,6 +20,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod.archive._attributes import with_own_id
 from cablepod.archive._manifest import MODES, SCENES
 from cablepod.archive._open_ensemble import open_ensemble
 from cablepod.batch._members import stop_when, thread_limit
@@ -236,7 +237,8 @@ def _prepare(
     _check_shapes(scenes, model, resolved)
     if "member" not in scenes.coords:
         scenes = scenes.assign_coords(member=np.arange(scenes.sizes["member"]))
-    scenes = scenes.assign_attrs(provenance.with_manual_change(scenes).attrs, stage="scenes")
+    scenes = with_own_id(scenes).assign_attrs(stage="scenes")
+    modes = None if modes is None else with_own_id(modes)
     scenes.attrs.pop("values_sha256", None)
     _try_options(scenes, model, modes, resolved, {*options, "modes", "layout", "times", "time"})
     inputs = {SCENES: scenes} | ({} if modes is None else {MODES: modes})

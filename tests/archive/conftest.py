@@ -20,5 +20,6 @@ def stop_clock(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
                 return cls.strptime(instant, "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=tz)
 
         monkeypatch.setattr(attributes, "datetime", Clock)
+        monkeypatch.setattr(attributes, "_STAMPS", {})  # as another process
 
     return stop

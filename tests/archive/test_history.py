@@ -9,7 +9,8 @@ import pytest
 import xarray as xr
 from results import make_scene, make_trajectory
 
-from cablepod import provenance
+import cablepod as cp
+from cablepod import lineage, provenance
 from cablepod.archive import ArchiveError, describe, read, write
 from cablepod.archive import _attributes as attributes
 from cablepod.archive import _content_hash as content_hash
@@ -145,3 +146,83 @@ def test_describe_shows_the_values_of_a_scene_before_it_is_written():
     assert "  gravity = 9.81 [m s-2]  acceleration of gravity\n" in text
     assert "  motion_upper_x_kind = 'one_minus_cosine' [1]" in text
     assert describe(xr.Dataset()).endswith("history")
+
+
+def test_values_changed_after_reading_make_a_stage_and_an_id_of_their_own(tmp_path):
+    whole = read(write(make_trajectory(), tmp_path / "whole.nc"))
+    same = read(write(whole.assign_attrs(title="Renamed"), tmp_path / "same.nc"))
+    assert (same.attrs["id"], same.attrs["history_json"]) == (whole.attrs["id"], whole.attrs["history_json"])
+    lazy = read(tmp_path / "whole.nc", chunks={})
+    for number, other in enumerate((whole, lazy)):
+        values = other["tension"].copy(data=other["tension"].values)
+        values[0, 0] += 1e-9
+        edited = read(write(other.assign(tension=values), tmp_path / f"edited{number}.nc"))
+        old, new = (json.loads(dataset.attrs["history_json"]) for dataset in (whole, edited))
+        assert new[:-1] == old
+        assert (new[-1]["function"], new[-1]["inputs"]) == ("changed by hand", [whole.attrs["id"]])
+        assert new[-1]["id"] == edited.attrs["id"] != whole.attrs["id"]
+        assert new[-1]["sha256"] == content_hash.content_hash(edited)
+        assert edited.attrs["history"].split("\n")[:-1] == whole.attrs["history"].split("\n")
+        again = read(write(edited, tmp_path / f"again{number}.nc"))
+        assert again.attrs["history_json"] == edited.attrs["history_json"]
+    lazy.close()
+
+
+def test_a_scene_changed_by_hand_has_the_id_that_its_results_name(tmp_path, soft):
+    scene = cp.make_scene(soft)
+    for before in (scene, read(write(scene, tmp_path / "scene.nc"))):
+        heavier = before.assign(gravity=before["gravity"] + 0.1)
+        back = read(write(heavier, tmp_path / "heavier.nc", overwrite=True))
+        assert back.attrs["id"] != scene.attrs["id"]
+        results = [cp.catenary.rest(item) for item in (heavier, back)]
+        for result in results:
+            assert json.loads(result.attrs["history_json"])[-1]["inputs"] == [back.attrs["id"]]
+        assert results[0].attrs["id"] == results[1].attrs["id"]
+        made: dict = {}
+        exec(lineage.script(back).rsplit("cp.archive.write", 1)[0], made)
+        assert provenance.digest(made["changed"]) == provenance.digest(heavier)
+    assert read(write(scene, tmp_path / "unchanged.nc")).attrs["id"] == scene.attrs["id"]
+    rest = read(write(cp.catenary.rest(scene), tmp_path / "rest.nc"))
+    edited = read(write(rest.assign(tension_lower=1.0), tmp_path / "edited.nc"))
+    assert "changed by hand" in lineage.script(edited)
+    assert "cannot be made again" in lineage.script(edited)
+
+
+def times_of(dataset):
+    """Return the times of each stage, in the record and in the text."""
+    times = {}
+    for stage in attributes.checked_stages(dataset):
+        times.setdefault(stage["id"], set()).add(stage["written"])
+    for line in dataset.attrs["history"].split("\n"):
+        times.setdefault(re.search(r"id=(\w+)", line)[1], set()).add(line.split()[0])
+    return times
+
+
+def test_a_stage_has_one_time(tmp_path, monkeypatch, stop_clock):
+    scene = make_scene()
+    identifier = scene.attrs["id"]
+    stop_clock("2030-01-02T00:00:00Z")
+    late = read(write(make_trajectory(scene=scene), tmp_path / "late.nc"))
+    stop_clock("2030-01-01T00:00:00Z")
+    early = read(write(scene, tmp_path / "early.nc"))
+    first, second = (dataset.attrs["history"].split("\n")[0] for dataset in (early, late))
+    assert first != second
+    # of several inputs, written at different times or not at all, the earliest counts, in any order
+    for inputs in ([late, early], [early, late], [scene, late, early]):
+        both = provenance.record(make_scene(), function="compare.errors", parameters={}, inputs=inputs)
+        both.attrs["history"] = "\n".join([second, first])
+        found = times_of(read(write(both, tmp_path / "both.nc", overwrite=True)))
+        assert found[identifier] == {"2030-01-01T00:00:00Z"}
+        assert [len(times) for times in found.values()] == [1] * 3
+    # files that one process writes later tell the same time of what they have in common
+
+    class Later(attributes.datetime):
+        @classmethod
+        def now(cls, tz=None):
+            return cls(2031, 1, 1, tzinfo=tz)
+
+    monkeypatch.setattr(attributes, "datetime", Later)
+    other = read(write(make_trajectory(times=7, scene=scene), tmp_path / "other.nc"))
+    found = times_of(other)
+    assert found[identifier] == {"2030-01-01T00:00:00Z"}
+    assert other.attrs["date_created"] == "2031-01-01T00:00:00Z"
