@@ -31,12 +31,14 @@ def test_what_new_writes_runs(here, capsys):
 def test_each_block_of_the_new_scene_can_be_uncommented():
     text = (shipped.data_folder() / "new.toml").read_text()
     blocks = [block for block in text.split("\n\n") if block.startswith("# [")]
-    assert len(blocks) == 4
+    assert len(blocks) == 5
     plain = cp.make_scene(tomllib.loads(text))
     for block in blocks:
         bare = "\n".join(line.removeprefix("# ") for line in block.splitlines())
         scene = cp.make_scene(tomllib.loads(text.replace(block, bare)))
-        assert set(scene.variables) > set(plain.variables), block
+        assert {*scene.variables, *scene.attrs} > {*plain.variables, *plain.attrs}, block
+        if "ensemble" in block:
+            assert cp.ensemble.design(scene).sizes["member"] == 42  # as the comment says
     everything = text
     for block in blocks:
         everything = everything.replace(block, "\n".join(line.removeprefix("# ") for line in block.splitlines()))

@@ -109,6 +109,29 @@ def test_the_lineage_of_a_grid_with_counts_makes_it_again(soft, count):
         xr.testing.assert_identical(made["scenes"], scenes)
 
 
+def test_a_grid_with_counts_runs_resumes_and_makes_a_map(soft, tmp_path):
+    ranges = {"cable.top_tension": [200, 300, 3], "motion.upper.x.amplitude": [-0.05, -0.02, 4]}
+    soft["ensemble"] = {"ranges": ranges}
+    scenes = cp.ensemble.design(cp.make_scene(soft))
+    options = {"step": ENSEMBLE_STEP, "outputs": ("tension_extremes",), "batch": 5}
+    whole = cp.ensemble.run(scenes, tmp_path / "it", **options).compute()
+    (tmp_path / "it" / "batch_0001.nc").unlink()
+    given = cp.ensemble.design(cp.make_scene(soft), ranges)  # the same by another way
+    again = cp.ensemble.run(given, tmp_path / "it", **options)
+    xr.testing.assert_identical(again.compute(), whole)
+    assert again.sizes["member"] == 12
+    ax = cp.plots.parameter_map(
+        again.assign(least=again["tension_minimum"].min("link")),
+        "least",
+        x="cable.top_tension",
+        y="motion.upper.x.amplitude",
+    )
+    (mesh,) = [item for item in ax.collections if item.__class__.__name__ == "QuadMesh"]
+    least = whole["tension_minimum"].min("link").values.reshape(3, 4)  # the keys are in the order of the alphabet
+    np.testing.assert_array_equal(mesh.get_array(), least.T)
+    assert np.unique(least).size == 12
+
+
 def test_a_list_is_taken_as_it_is(scenes_of):
     scenes = scenes_of(
         3, sampling="list", ranges={"cable.top_tension": [300.0, 200.0, 250.0], "chain.links": [4, 6, 5]}
