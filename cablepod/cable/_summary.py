@@ -187,9 +187,8 @@ def _frequencies(p: Parameters, length: float) -> tuple[np.ndarray, np.ndarray]:
         return np.full(FREQUENCIES, math.nan), np.full(FREQUENCIES, math.nan)
     planar = _in_plane(p, length)
     try:
-        return tuple(  # type: ignore[return-value]
-            converged_vibrations(planar, FREQUENCIES, law="linear", out_of_plane=normal)[1] for normal in (False, True)
-        )
+        within = converged_vibrations(planar, FREQUENCIES, law="linear", out_of_plane=False)[1]
+        return within, converged_vibrations(planar, FREQUENCIES, law="linear", out_of_plane=True)[1]
     except SceneError:  # not taut at rest
         return np.full(FREQUENCIES, math.nan), np.full(FREQUENCIES, math.nan)
 

@@ -14,7 +14,8 @@ from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import SceneError
-from cablepod.galerkin._model import KEPT_MODELS, GalerkinModel
+from cablepod.galerkin._assembly import KEPT_MODELS
+from cablepod.galerkin._model import GalerkinModel
 from cablepod.galerkin._runs import GalerkinTrajectory, Samples
 
 #: Relative tolerance of deflections: combinations of modes below it move the cable along the chord only.

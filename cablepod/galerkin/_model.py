@@ -4,26 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
-from cablepod.catenary._statics import solve_statics
 from cablepod.chain._start import start
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chain import LumpedChain, square
-from cablepod.discretisation._laws import check_law, green_secant
-from cablepod.errors import SceneError, scene_error
-from cablepod.parameters._parameters import Parameters
+from cablepod.discretisation._laws import green_secant
 from cablepod.parameters._time_functions import TimeFunction
-from cablepod.pod._project import mode_fields
-from cablepod.pod._snapshots import relative_arc_length
 
-#: Number of models kept between calls.
-KEPT_MODELS = 32
 #: Number of instants whose mean is the mean of ends and loads.
 MEAN_INSTANTS = 201
 #: Number of monomials that vectors of the processor take together.
@@ -368,60 +360,3 @@ def _equilibrium(
             return iterate
         last = norm
     return iterate if last <= 1e-9 * (float(np.abs(q).max()) + floor) else q
-
-
-def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) -> GalerkinModel:
-    """Assemble the Galerkin model of a scene's parameters on modes.
-
-    Parameters
-    ----------
-    p
-        Parameters of the scene.
-    modes
-        Result of :func:`cablepod.pod.decompose`.
-    rank
-        Number of modes, of each coordinate if separate; None for all.
-    law
-        "green" or "linear".
-
-    Raises
-    ------
-    SceneError
-        For a free end, viscous links, or modes of other coordinates.
-    """
-    check_law(law)
-    if p.free_end is not None:
-        raise scene_error(
-            "ends.free", p.free_end, "two held ends, as the modes vanish at both; use chain.simulate for a free end"
-        )
-    if p.link_viscosity is not None:
-        raise scene_error(
-            "damping.link_viscosity", p.link_viscosity, "none for a reduced model; use damping.mass_proportional"
-        )
-    fields = mode_fields(modes, rank)
-    if fields.shape[2] != p.dims:
-        raise SceneError(f"modes: given {fields.shape[2]} coordinates; allowed: the {p.dims} coordinates of the scene")
-    mean = modes.variables["mean"].transpose("particle", "coordinate").values
-    arrays = tuple(np.array(array) for array in (relative_arc_length(modes), mean, fields))
-    content = tuple(array.tobytes() for array in arrays)
-    return _kept_model(p, _Modes(arrays, content, modes.attrs["layout"], law))
-
-
-@dataclass(frozen=True)
-class _Modes:
-    """Modes and law of a model, compared by content."""
-
-    arrays: tuple[np.ndarray, ...] = field(
-        compare=False
-    )  #: relative arc length, mean [m], modes (modes, particle, dims)
-    content: tuple[bytes, ...]
-    layout: str
-    law: str
-
-
-@lru_cache(KEPT_MODELS)
-def _kept_model(p: Parameters, modes: _Modes) -> GalerkinModel:
-    """Make the model of parameters on modes; that of the same parameters and modes is kept with all that follows from it."""
-    sigma, mean, fields = modes.arrays
-    arc_length = float(solve_statics(p, p.length_key, p.length_value)[0]) * sigma
-    return GalerkinModel(LumpedChain(p, np.diff(arc_length), arc_length), modes.law, mean, fields, modes.layout)

@@ -13,10 +13,11 @@ from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import NotConvergedWarning, user_stacklevel
+from cablepod.galerkin._assembly import model_of
 from cablepod.galerkin._estimate import estimate_of
 from cablepod.galerkin._explicit import ExplicitGalerkinRun
 from cablepod.galerkin._implicit import ImplicitGalerkinRun
-from cablepod.galerkin._model import GalerkinModel, model_of
+from cablepod.galerkin._model import GalerkinModel
 from cablepod.galerkin._runs import GalerkinRun
 from cablepod.galerkin._scheme import EXPLICIT, SCHEMES, solve
 from cablepod.integrate._request import Request

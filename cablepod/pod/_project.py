@@ -27,6 +27,7 @@ def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
     check_dataset("modes", modes, ("mode_shape", "arc_length"), allowed)
     if modes.attrs.get("layout") not in LAYOUTS[:2]:
         raise scene_error("modes", f"layout {modes.attrs.get('layout')!r}", allowed)
+    check_dataset("modes", modes, ("mean",), allowed)
     most = modes.sizes["mode"]
     if rank is not None:
         integer(least=1)("rank", rank)

@@ -12,7 +12,7 @@ from suite import slow
 import cablepod as cp
 from cablepod.galerkin import _estimate as galerkin_estimate
 from cablepod.galerkin import _explicit as galerkin_explicit
-from cablepod.galerkin._model import model_of
+from cablepod.galerkin._assembly import model_of
 from cablepod.integrate._step_control import motion_scale
 from cablepod.parameters._from_scene import parameters
 

@@ -16,6 +16,7 @@ from cablepod.galerkin import _explicit as explicit
 from cablepod.galerkin import _implicit as implicit
 from cablepod.galerkin import _model as galerkin_model
 from cablepod.galerkin import _scheme as galerkin_scheme
+from cablepod.galerkin._assembly import model_of
 from cablepod.integrate import _march as march
 from cablepod.parameters._from_scene import parameters
 
@@ -128,7 +129,7 @@ def test_the_packed_form_has_the_gradient_of_the_energy(soft):
 
     scene = cp.make_scene({**soft, **TERMS["both ends"]})
     modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3))
-    model = galerkin_model.model_of(parameters(scene), modes, rank=3, law="green")
+    model = model_of(parameters(scene), modes, rank=3, law="green")
     shape, rates = model.slopes
     weight = model.chain.p.stiffness * model.chain.length
     rng = np.random.default_rng(5)
@@ -159,7 +160,7 @@ def test_the_cost_does_not_depend_on_the_particles(soft):
     sizes = []
     for links in (40, 120):
         modes = cp.pod.decompose(cp.chain.simulate(scene, links=links, step=1e-4), rank=2)
-        sizes.append(galerkin_model.model_of(parameters(scene), modes, rank=2, law="green").polynomial_form[0].shape)
+        sizes.append(model_of(parameters(scene), modes, rank=2, law="green").polynomial_form[0].shape)
     assert sizes[0] == sizes[1]
 
 
@@ -342,7 +343,7 @@ def test_the_default_time_error_is_small_beside_that_of_the_modes(scenes, number
 def test_filtered_steps_have_the_exact_frequencies_of_small_vibrations(soft, phase):
     scene = cp.make_scene({**soft, "motion": {}})
     modes = cp.pod.decompose(cp.chain.simulate(cp.make_scene(soft), step=1e-3))
-    model = galerkin_model.model_of(parameters(scene), modes, rank=2, law="green")
+    model = model_of(parameters(scene), modes, rank=2, law="green")
     rest = model.initial
     squared, shapes = model.vibrations(rest, np.zeros(0))
     omega, size = np.sqrt(squared[0]), 1e-6 * np.abs(rest).max()
@@ -495,7 +496,7 @@ def test_without_an_equilibrium_at_the_mean_state_the_start_counts(soft):
     # a load beyond all numbers, under which Newton's method finds none
     scene = cp.make_scene(soft)
     modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3))
-    model = galerkin_model.model_of(parameters(scene), modes, rank=2, law="green")
+    model = model_of(parameters(scene), modes, rank=2, law="green")
     model.__dict__["_generalised_loads"] = (np.full((1, model.initial.size), np.inf), [])
     with np.errstate(all="ignore"):
         assert model.mean_vibrations(1.0) is model.initial_vibrations
