@@ -1,4 +1,7 @@
-"""Provide the command ``cablepod``: studies of one scene, ensembles, the paper, descriptions of files."""
+"""Provide the command ``cablepod``: studies of one scene, ensembles, the paper, descriptions of files.
+
+.. include:: README.md
+"""
 
 from cablepod.cli._commands import main
 
