@@ -126,6 +126,21 @@ def test_fourth_order_with_damping(soft, modes, dims):
     np.testing.assert_allclose(np.log2(np.divide(distance[:-1], distance[1:])), 4.0, atol=0.2)
 
 
+@pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")  # modes of another cable
+@pytest.mark.parametrize(("damping", "scheme"), [(0.5, "numerov"), (130.0, "velocity_verlet")])
+def test_default_scheme_at_heavy_damping(soft, modes, damping, scheme):
+    """Numerov's step would have to resolve a damping above twice the highest frequency, which is 60 rad/s or less here."""
+    soft["damping"] = {"mass_proportional": damping}
+    scene = cp.make_scene(soft)
+    times = np.array([0.5, 1.0, 2.0])
+    run = cp.condensed.simulate(scene, modes[2], rank=2, times=times)
+    assert run.attrs["scheme"] == scheme
+    assert run.attrs["step_limit"] > 2.0 / 60.0
+    fine = cp.condensed.simulate(scene, modes[2], rank=2, times=times, scheme="trapezoidal", step=1 / 8000)
+    # the default time error is at most a tenth of the estimate, or 1e-6
+    assert float(cp.compare.errors(run, fine).error_max) <= max(0.2 * run.attrs["error_estimate"], 2e-6)
+
+
 @pytest.mark.parametrize(("scheme", "order"), [("velocity_verlet", 2.0), ("trapezoidal", 2.0), ("numerov", 4.0)])
 def test_order_between_steps(soft, modes, scheme, order):
     scene = cp.make_scene(everything(soft))
