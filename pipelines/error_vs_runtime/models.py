@@ -17,6 +17,10 @@ from _study import wrapped
 from scipy.interpolate import CubicSpline
 
 import cablepod as cp
+import cablepod.cable._runs
+import cablepod.chain._explicit
+import cablepod.condensed._runs
+import cablepod.galerkin._runs  # all loaded at the first call otherwise, too late to be watched
 from cablepod.cable._mesh import mesh_of
 from cablepod.catenary import _kernels_shape as kernels_shape
 from cablepod.catenary import _kernels_solve as catenary_kernel
@@ -392,11 +396,13 @@ MARCHES = (
 COMPILED = (
     "cablepod.chain._kernels_explicit.verlet",
     "cablepod.chain._kernels_generalized_alpha.generalized_alpha",
+    "cablepod.chain._kernels_energy_momentum.energy_momentum",
     "cablepod.cable._kernels_explicit.verlet",
     "cablepod.cable._kernels_trapezoidal.trapezoidal",
     "cablepod.galerkin._kernels_explicit.verlet",
     "cablepod.condensed._kernels_frame.frames",
     "cablepod.condensed._kernels_leading.leading_verlet",
+    "cablepod.condensed._kernels_leading_numerov.leading_numerov",
     "cablepod.condensed._kernels_leading_implicit.leading_implicit",
     "cablepod.condensed._kernels_exact.exact_verlet",
     "cablepod.condensed._kernels_exact.exact_implicit",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from error_vs_runtime import figure, models, run
+from error_vs_runtime import figure, models, run, whole_calls
 
 import cablepod as cp
 
@@ -120,6 +120,7 @@ def test_kernel_is_recorded_whole_and_once(pipeline):
         (models.Setting("full", "cable", "trapezoidal", 1, "7", step=0.1), "trapezoidal"),
         (models.Setting("reduced", "condensed", "trapezoidal", 10, "leading", 2, step=0.1), "leading_implicit"),
         (models.Setting("reduced", "condensed", "velocity_verlet", 40, "exact", 1, 6, step=0.05), "exact_verlet"),
+        (models.Setting("reduced", "condensed", "numerov", 10, "leading", 2, step=0.05), "leading_numerov"),
     ):
         job = models.job_of(given, setting, setting.step, training)
         calls, _ = models.kernel_calls(job, times, setting)
@@ -133,3 +134,21 @@ def test_kernel_is_recorded_whole_and_once(pipeline):
         assert models.seconds_of(calls, least=0.0) > 0.0
         np.testing.assert_array_equal(calls[names.index(kernel)][1][0], before)  # timing leaves the first state alone
         np.testing.assert_array_equal(again[names.index(kernel)][1][0], before)
+
+
+def test_whole_default_calls(tmp_path):
+    result = whole_calls.study(["example2"], quick=True, repeats=1, folder=tmp_path)
+    assert set(result["model"].values) == set(whole_calls.STYLES) - {"cable"}
+    assert (result["error_max"].values < 0.05).all()  # 8 links are the coarsest
+    assert (result["kernel_time"] < result["call_time"]).all()  # a call has several runs
+    full, reduced = (whole_calls.best(result.sel(scene="example2"), 1e-2, reduced=flag) for flag in (False, True))
+    assert str(full["model"].values) == "chain"
+    # the fastest of those that err no more than 1 %
+    good = result.sel(scene="example2").isel(setting=result["error_max"].values[0] <= 1e-2)
+    others = good["call_time"].values[good["model"].values != "chain"]
+    assert float(reduced["call_time"]) == others.min()
+    assert whole_calls.best(result.sel(scene="example2"), 1e-12, reduced=True) is None
+    lines = whole_calls.table(result).splitlines()
+    assert len(lines) == 2 + 2
+    assert lines[2].split("|")[7].strip() == f"{float(full['call_time'] / reduced['call_time']):.2g}"
+    assert whole_calls.draw(result).axes[0].get_title().startswith("Example 2")
