@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 COORDINATES = ("x", "y", "z")
 ENDS = ("lower", "upper")
-OUTPUTS = ("position", "velocity", "tension", "tension_extremes", "tension_peaks")
+OUTPUTS = ("position", "velocity", "tension", "tension_extremes", "tension_peaks", "tension_mean", "tension_rms")
 #: Name -> (units, long name) of results; :mod:`cablepod.parameters._keys` has the parameters of scenes.
 VARIABLES: dict[str, tuple[str, str]] = {
     # coordinates
@@ -43,6 +43,8 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "velocity": ("m s-1", "velocity"),
     "tension_minimum": ("N", "smallest tension of the link over all steps of the run"),
     "tension_maximum": ("N", "largest tension of the link over all steps of the run"),
+    "tension_mean": ("N", "time mean of the tension of the link"),
+    "tension_rms": ("N", "root mean square of the tension of the link over time"),
     "tension_minimum_time": ("s", "time of the smallest tension of all links"),
     "tension_maximum_time": ("s", "time of the largest tension of all links"),
     "tension_minimum_arc_length": (
@@ -95,8 +97,8 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
     "elements": ("1", "number of elements"),
     "element_order": ("1", "polynomial order of the elements"),
     "rank": ("1", "number of modes"),
-    "window_start": ("s", "start of the window of the extremes"),
-    "window_end": ("s", "end of the window of the extremes"),
+    "window_start": ("s", "start of the window of extremes and means"),
+    "window_end": ("s", "end of the window of extremes and means"),
     # frequencies
     "highest_angular_frequency": ("rad s-1", "bound of all angular frequencies"),
     "first_axial_frequency": ("rad s-1", "first axial angular frequency"),

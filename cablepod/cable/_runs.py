@@ -13,6 +13,7 @@ from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ROUNDING, ImplicitChainRun, ImplicitStepper
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.integrate._march import advance_in_blocks
+from cablepod.integrate._means import MEANS
 from cablepod.integrate._output import Extremes, chain_coordinates, law_suffix, trajectory_attributes
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._peaks import peak_times
@@ -74,7 +75,7 @@ class CableRun(ChainRun):
 
     def coordinates(self) -> dict[str, Any]:
         """Return the coordinates of the result but for time."""
-        has_tensions = {"tension", "tension_extremes"} & set(self.outputs)
+        has_tensions = {"tension", "tension_extremes", *MEANS} & set(self.outputs)
         return (output_coordinates if has_tensions else chain_coordinates)(self.chain)
 
     def attributes(self, state: Trajectory) -> dict[str, Any]:

@@ -178,9 +178,10 @@ def simulate(
         "nodes".  By default the particles of the scene's chain, or 41 particles without a chain.
     outputs
         Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "tension_peaks" (time and place of the
-        largest and smallest of these).
+        largest and smallest of these), "tension_mean", "tension_rms" (time mean and root mean square of each link, by the
+        trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps).
     window
-        Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
+        Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
     progress
         Callback receiving the completed fraction, which never falls and ends at 1.
 

@@ -177,9 +177,9 @@ class ExplicitChainRun(ChainRun):
         time = done / steps_per_second
         before, partial = instants.before_time(time), None
         if before is not None:
-            saves = before.steps.size
+            rows = np.searchsorted(instants.steps, before.steps)
             partial = self._gather(
-                before, saved[:saves], None if half_velocities is None else half_velocities[:saves], None
+                before, saved[rows], None if half_velocities is None else half_velocities[rows], None
             )
             self._check_limit(partial, incomplete=done)  # names stiffening as the reason, if an output time shows it
         why = (

@@ -86,12 +86,15 @@ class ImplicitChainRun(NewtonRun):
         return self.end(lanes.stepper(place), lanes.instants)
 
     def _gather(self, stepper: ImplicitStepper, instants: OutputTimes, extremes: Extremes) -> Trajectory:
-        saves, saved = instants.steps.size, stepper.saved
-        x = np.ascontiguousarray(np.moveaxis(saved[:saves, 0], 1, 2))
+        saved = stepper.saved
+        rows: Any = slice(None)
+        if instants.steps.size < stepper.instants.steps.size:
+            rows = np.searchsorted(stepper.instants.steps, instants.steps)
+        x = np.ascontiguousarray(np.moveaxis(saved[rows, 0], 1, 2))
         if not self.wants_velocity(instants):
             state = self.state(instants, x, None, None, extremes)
         else:
-            v, a = (np.ascontiguousarray(np.moveaxis(saved[:saves, i], 1, 2)) for i in (1, 2))
+            v, a = (np.ascontiguousarray(np.moveaxis(saved[rows, i], 1, 2)) for i in (1, 2))
             if self.method == "energy_momentum":
                 a = self._accelerations(stepper, instants, x, v)
             state = self.state(instants, x, v, a, extremes)

@@ -138,9 +138,11 @@ def simulate(
         Tolerance of the time error, as a fraction of the largest rms displacement; 1e-6 by default.
     outputs
         Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "tension_peaks" (time and place of the
-        largest and smallest of these); only these are computed.
+        largest and smallest of these), "tension_mean", "tension_rms" (time mean and root mean square of each link, by the
+        trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps); only these are
+        computed.
     window
-        Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
+        Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
     progress
         Callback receiving the completed fraction, which never falls and ends at 1.
 

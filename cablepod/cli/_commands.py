@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import click
 import xarray as xr
 
-from cablepod import archive, ensemble, study
+from cablepod import archive, study
 from cablepod.archive import _lineage
 from cablepod.archive._folder import prepare_folder
 from cablepod.archive._manifest import MANIFEST, MODES, describe_ensemble
@@ -175,6 +175,8 @@ def ensemble_command(
     overwrite: bool,
 ) -> int:
     """Simulate all members of a scene."""
+    from cablepod import ensemble  # slow to import
+
     folder = _arguments.folder(out)
     dataset = read_scene(scene_path(scene))
     if "ensemble_json" not in dataset.attrs:

@@ -10,6 +10,7 @@ import numpy as np
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chord_frame import MAX_COSINE, ChordFrame
 from cablepod.discretisation._laws import law_tension
+from cablepod.integrate._means import Means, means
 from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
 
@@ -29,6 +30,7 @@ class CondensedTrajectory:
     sample_interval: int = 0  #: number of steps between the samples of the error estimate, all saved; 0 without samples
     sampled_boundary_data: np.ndarray | None = None  #: boundary data of the samples; None for runs of several blocks
     peak_times: tuple[float, float] | None = None  #: of the smallest and the largest tension [s]; None if not requested
+    window: tuple[float, float] | None = None  #: part of the run of extremes and means [s]; None for all
 
     @property
     def samples(self) -> slice | np.ndarray:
@@ -183,4 +185,13 @@ def selected_tensions(model: CondensedModel, q: np.ndarray, times: np.ndarray, l
     slopes = (q[:, which] @ model.slopes[which][:, links] for which in model.sets)
     return (chord_tension[:, None] + loads @ model.chordwise_force_patterns[:, links]) * np.sqrt(
         1.0 + sum(slope * slope for slope in slopes)
+    )
+
+
+def tension_means(model: CondensedModel, state: CondensedTrajectory, links: np.ndarray | None) -> Means:
+    """Return time mean and root mean square of the tensions of all or selected links (links,) [N], from the saved steps."""
+    time = state.instants.steps / state.instants.steps_per_second
+    count = model.chain.links if links is None else links.size
+    return means(
+        state.instants, state.window, lambda part: selected_tensions(model, state.saved[part], time[part], links), count
     )

@@ -14,12 +14,20 @@ from cablepod.condensed._fields import (
     link_tensions,
     positions_of,
     selected_tensions,
+    tension_means,
     velocities,
 )
 from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP
 from cablepod.condensed._model import CondensedModel
 from cablepod.conventions import COORDINATES, ENDS, labelled_dataset
-from cablepod.integrate._output import law_suffix, peak_variables, trajectory_attributes, trajectory_variables
+from cablepod.integrate._means import wants_means
+from cablepod.integrate._output import (
+    law_suffix,
+    mean_variables,
+    peak_variables,
+    trajectory_attributes,
+    trajectory_variables,
+)
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._window import window_attributes
 from cablepod.pod import _normal as pod_normal
@@ -68,7 +76,8 @@ def variables(
         values = {"tension": lambda: selected_tensions(model, q, times, links) if saved is None else saved}
     middles = 0.5 * (chain.arc_length[1:] + chain.arc_length[:-1])
     peaks = peak_variables(state.extremes, state.peak_times, middles if links is None else middles[links])
-    return result | trajectory_variables(outputs, state.extremes, values) | peaks
+    means = mean_variables(outputs, tension_means(model, state, links) if wants_means(outputs) else None)
+    return result | trajectory_variables(outputs, state.extremes, values) | peaks | means
 
 
 def attributes(model: CondensedModel, state: CondensedTrajectory, modes: xr.Dataset | None) -> dict[str, Any]:

@@ -212,7 +212,7 @@ class CondensedRun:
     scheme: str
     #: Bound of the squared frequencies that samples for the error estimate resolve [1/s^2]; 0 for none
     sampled_omega_squared: float = 0.0
-    #: Part of the run over which extremes are taken [s]; None for all
+    #: Part of the run over which extremes and means are taken [s]; None for all
     window: tuple[float, float] | None = None
 
     @property

@@ -75,12 +75,13 @@ def simulate(
         1e-6 to 1e-2; this time error is that of the deflection.
     outputs
         Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "tension_peaks" (time and place of the
-        largest and smallest of these) and "error_estimate" (of the model, see
-        :func:`cablepod.condensed._estimate.estimate`).  Only these are computed.
+        largest and smallest of these), "tension_mean", "tension_rms" (time mean and root mean square of each link, by the
+        trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps)
+        and "error_estimate" (of the model, see :func:`cablepod.condensed._estimate.estimate`).  Only these are computed.
     links
         Numbers, from 1 at the lower end, of the links whose tensions are computed; all by default.
     window
-        Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
+        Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
     progress
         Callback receiving the completed fraction, which never falls and ends at 1.
 

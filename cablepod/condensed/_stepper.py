@@ -9,6 +9,7 @@ import numpy as np
 
 from cablepod.condensed._fields import CondensedTrajectory
 from cablepod.condensed._kernels_layout import initial_monitor
+from cablepod.integrate._means import with_steps_of_means
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._step_control import damped_growth
 
@@ -44,6 +45,7 @@ class CondensedStepper:
         self.sampled_boundary_data: np.ndarray | None = None
         if self.sample_interval:
             self.instants = self.instants.with_multiples(self.sample_interval)
+        self.instants = with_steps_of_means(self.instants, run.outputs, run.window)
         self.q, self.v, self.acceleration, self.stretch = self._initial_arrays()
         self.previous_acceleration = self.acceleration.copy()
         # the kernels compare frequencies of the modes, without the amplification by test functions
@@ -169,5 +171,5 @@ class CondensedStepper:
         tension = self.tension_series[self.instants.left] if self.saves_tension else None
         return CondensedTrajectory(
             self.instants, self.saved, self.half_step_rates, extremes, self.monitor, run.scheme, tension,
-            self.sample_interval, self.sampled_boundary_data, peak_times,
+            self.sample_interval, self.sampled_boundary_data, peak_times, run.window,
         )  # fmt: skip

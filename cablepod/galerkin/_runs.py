@@ -14,7 +14,15 @@ import xarray as xr
 from cablepod.conventions import COORDINATES, ENDS, labelled_dataset
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.integrate._march import advance_in_blocks
-from cablepod.integrate._output import Extremes, peak_variables, stop, trajectory_attributes, trajectory_variables
+from cablepod.integrate._means import Means, means, wants_means, with_steps_of_means
+from cablepod.integrate._output import (
+    Extremes,
+    mean_variables,
+    peak_variables,
+    stop,
+    trajectory_attributes,
+    trajectory_variables,
+)
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._step_control import motion_scale
 from cablepod.integrate._window import steps_within, window_attributes
@@ -83,6 +91,19 @@ class GalerkinTrajectory:
         return self.record.extremes
 
     @property
+    def means(self) -> Means:
+        """Time mean and root mean square of the tensions (n,) [N]; only of complete runs that save the steps of means."""
+        record, model = self.record, self.model
+        instants = record.with_means
+        time = instants.steps / instants.steps_per_second
+
+        def tension(part: slice) -> np.ndarray:
+            q = record.saved[part, 0] - model.displacements(time[part]) @ model.coupling
+            return model.tension(model.positions(q, time[part]))
+
+        return means(instants, record.run.window, tension, model.chain.links)
+
+    @property
     def energy_defect(self) -> float:
         """Largest violation of the energy balance at the saved steps, over the largest energy exchanged."""
         _, v, _, energy = self._saved
@@ -131,7 +152,9 @@ class RunRecord:
     def __init__(self, run: GalerkinRun, instants: OutputTimes, interval: int) -> None:
         self.run, self.instants, self.interval = run, instants, interval
         #: Numbers of the saved steps: those of the output, and multiples of the interval of the samples
-        self.steps = instants.with_multiples(self.interval).steps if self.interval else instants.steps
+        sampled = instants.with_multiples(self.interval) if self.interval else instants
+        self.with_means = with_steps_of_means(sampled, run.outputs, run.window)
+        self.steps = self.with_means.steps
         modes, count = run.q0.size, self.steps.size
         self.saved = np.zeros((count, 3, modes))  # projection z = q + C^T d, first and second time derivatives
         self.energy = np.zeros((count, 4))  # strain energy, work of loads, work of ends, dissipated energy [J]
@@ -205,7 +228,7 @@ class GalerkinRun:
         _no_samples  #: steps between samples for the error estimate, by steps per second
     )
     sampled: bool = False  #: whether runs have samples
-    #: Part of the run over which extremes are taken [s]; None for all
+    #: Part of the run over which extremes and means are taken [s]; None for all
     window: tuple[float, float] | None = None
 
     def __call__(self, steps_per_second: float, *, sampled: bool | None = None) -> GalerkinTrajectory:
@@ -352,6 +375,8 @@ class GalerkinRun:
             "velocity": lambda: model.velocities(trajectory.rates, time),
         }
         variables |= trajectory_variables(self.outputs, trajectory.extremes, values)
+        if wants_means(self.outputs) and trajectory.instants is trajectory.record.instants:
+            variables |= mean_variables(self.outputs, trajectory.means)
         if "tension_peaks" in self.outputs:
             (_, least), (_, largest) = trajectory.record.peaks
             arc_length = model.chain.arc_length

@@ -76,10 +76,11 @@ def simulate(
         modes (``error_estimate``), and at least 1e-6; where that has no estimate, and with a given scheme, it is 1e-6.
     outputs
         Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "tension_peaks" (time and place of the
-        largest and smallest of these) and "error_estimate" (of the model, from
-        samples of the run, see :class:`cablepod.galerkin._estimate.GalerkinEstimate`).
+        largest and smallest of these), "tension_mean", "tension_rms" (time mean and root mean square of each link, by the
+        trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps)
+        and "error_estimate" (of the model, from samples of the run, see :class:`cablepod.galerkin._estimate.GalerkinEstimate`).
     window
-        Start and end [s] of the part of the run over which "tension_extremes" are taken; all of it by default.
+        Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
     progress
         Callback receiving the completed fraction, which never falls and ends at 1.
 

@@ -12,6 +12,7 @@ import xarray as xr
 from cablepod.conventions import COORDINATES, label
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.errors import RunStopped
+from cablepod.integrate._means import MEANS, Means
 from cablepod.integrate._output_times import OutputTimes
 
 #: Dimensions of the variables of a trajectory.
@@ -80,6 +81,12 @@ def peak_variables(
     for name, time, place in zip(("tension_minimum", "tension_maximum"), times, places, strict=True):
         result[f"{name}_time"], result[f"{name}_arc_length"] = ((), time), ((), float(place))
     return result
+
+
+def mean_variables(outputs: tuple[str, ...], means: Means) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
+    """Return dimensions and values of those of the mean and the root mean square of the tensions that are requested."""
+    values = () if means is None else means
+    return {name: (("link",), value) for name, value in zip(MEANS, values, strict=False) if name in outputs}
 
 
 def trajectory_attributes(model: str, scheme: str, instants: OutputTimes, **options: Any) -> dict[str, Any]:

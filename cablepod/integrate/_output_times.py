@@ -50,8 +50,14 @@ class OutputTimes:
     def with_multiples(self, interval: int) -> OutputTimes:
         """Return the same output times with all multiples of a number of steps, up to the last step, among the steps to save."""
         steps = np.arange(int(self.steps[-1]) // interval + 1) * interval
-        if (self.steps % interval).any():
-            steps = np.union1d(steps, self.steps)
+        return self._saving(np.union1d(steps, self.steps) if (self.steps % interval).any() else steps)
+
+    def with_steps(self, steps: np.ndarray) -> OutputTimes:
+        """Return the same output times with other steps, none after the last one, among the steps to save."""
+        return self._saving(np.union1d(steps, self.steps))
+
+    def _saving(self, steps: np.ndarray) -> OutputTimes:
+        """Return the same output times with `steps`, those to save now among them, as the steps to save."""
         left = np.searchsorted(steps, self.steps)[self.left]
         return OutputTimes(self.times, self.steps_per_second, steps, left, self.fraction)
 

@@ -14,6 +14,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.conventions import OUTPUTS
 from cablepod.errors import NotConvergedWarning, SceneError, did_you_mean, scene_error, user_stacklevel
+from cablepod.integrate._means import wants_means
 from cablepod.integrate._progress import Rising
 from cablepod.integrate._window import ROUNDING
 from cablepod.parameters._checks import choice, number
@@ -52,7 +53,7 @@ def check_outputs(outputs: Any, allowed: tuple[str, ...] = OUTPUTS) -> tuple[str
 
 
 def check_window(window: Any, outputs: tuple[str, ...]) -> tuple[float, float]:
-    """Return a window as two floats [s]; refuse others than finite, rising, not negative ones, and a window without extremes."""
+    """Return a window as two floats [s]; refuse others than finite, rising, not negative ones, and one that restricts nothing."""
     allowed = "two finite instants (start, end) of the run with start < end [s]"
     try:
         ends = tuple(number(least=0.0)("window", instant) for instant in window)
@@ -60,8 +61,9 @@ def check_window(window: Any, outputs: tuple[str, ...]) -> tuple[float, float]:
         raise scene_error("window", window, allowed) from None
     if len(ends) != 2 or ends[0] >= ends[1]:
         raise scene_error("window", window, allowed)
-    if "tension_extremes" not in outputs:
-        raise scene_error("window", window, 'none without the output "tension_extremes", which it restricts')
+    if "tension_extremes" not in outputs and not wants_means(outputs):
+        allowed = 'none without the output "tension_extremes", "tension_mean" or "tension_rms", which it restricts'
+        raise scene_error("window", window, allowed)
     return ends[0], ends[1]
 
 
@@ -117,7 +119,7 @@ class Request:
     step: float | None = None  #: [s], by default chosen by the tolerance
     given_tolerance: float | None = None  #: of the time error, as a fraction of the motion
     outputs: tuple[str, ...] = ("position",)
-    window: tuple[float, float] | None = None  #: part of the run over which extremes are taken [s], None for all
+    window: tuple[float, float] | None = None  #: part of the run of extremes and means [s], None for all
     progress: Rising | None = None  #: receives the completed fraction of each run
 
     @classmethod
@@ -145,7 +147,7 @@ class Request:
         schemes, allowed
             Names of the schemes and outputs that the model has.
         window
-            Start and end of the part of the run over which extremes are taken [s].
+            Start and end of the part of the run over which extremes and means are taken [s].
         progress
             Callback receiving the completed fraction, 0 to 1.
         several

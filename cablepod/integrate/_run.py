@@ -17,10 +17,12 @@ from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._similarity import describe
 from cablepod.integrate._energy_check import check_energy, max_energy_of_run
 from cablepod.integrate._march import BLOCK
+from cablepod.integrate._means import Means, means, wants_means, with_steps_of_means
 from cablepod.integrate._output import (
     Extremes,
     chain_coordinates,
     law_suffix,
+    mean_variables,
     peak_variables,
     stop,
     trajectory_attributes,
@@ -42,6 +44,7 @@ class Trajectory:
     extremes: Extremes  #: minimum and maximum of the tensions (n,) [N]
     diagnostics: dict[str, Any] = field(default_factory=dict)  #: attributes of the result from the run itself
     peak_times: tuple[float, float] | None = None  #: of the smallest and the largest tension [s]; None if not requested
+    means: Means = None  #: time mean and root mean square of the tensions (n,) [N]
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,7 @@ class ChainRun:
     outputs: tuple[str, ...]
     progress: Callable[[float], None] | None  #: receives the completed fraction, 0 to 1
     title: str  #: of the scene
-    #: Part of the run over which extremes are taken [s]; None for all
+    #: Part of the run over which extremes and means are taken [s]; None for all
     window: tuple[float, float] | None = field(default=None, kw_only=True)
 
     @property
@@ -84,14 +87,17 @@ class ChainRun:
     def instants(self, steps_per_second: float) -> OutputTimes:
         """Place the output times on the steps."""
         instants = OutputTimes.of(self.times, steps_per_second)
+        links, dims = self.chain.links, self.chain.p.dims
         if instants.needs_interpolation:  # positions, velocities and accelerations at both neighbours are kept
-            links, dims = self.chain.links, self.chain.p.dims
             check_memory(instants.times.size, links, dims, key="times between two steps", variables=12)
+        if wants_means(self.outputs):
+            instants = with_steps_of_means(instants, self.outputs, self.window)
+            check_memory(instants.steps.size, links, dims, key="steps of the means", variables=6)
         return instants
 
     def wants_velocity(self, instants: OutputTimes) -> bool:
         """Whether the outputs need velocities at the saved steps."""
-        viscous = "tension" in self.outputs and self.chain.p.link_viscosity is not None
+        viscous = ("tension" in self.outputs or wants_means(self.outputs)) and self.chain.p.link_viscosity is not None
         return instants.needs_interpolation or "velocity" in self.outputs or viscous
 
     def watch_of(self, steps_per_second: float, total: int, low: np.ndarray, high: np.ndarray) -> Watch | None:
@@ -136,7 +142,8 @@ class ChainRun:
             Minimum and maximum of the tensions (n,) [N].
         """
         if v is None or a is None:
-            return Trajectory(instants, instants.at_times(x, None, None), None, extremes)
+            position, of_steps = instants.at_times(x, None, None), self.means_of(instants, x, None)
+            return Trajectory(instants, position, None, extremes, means=of_steps)
         p, free = self.chain.p, self.chain.free_particles
         held = [end for end in (0, -1) if not free.start <= end % len(self.initial) < free.stop]
         time = instants.steps / instants.steps_per_second
@@ -145,7 +152,25 @@ class ChainRun:
         velocity = None
         if "velocity" in self.outputs or "tension" in self.outputs:
             velocity = instants.rates_at_times(v, a)
-        return Trajectory(instants, instants.at_times(x, v, a), velocity, extremes)
+        return Trajectory(instants, instants.at_times(x, v, a), velocity, extremes, means=self.means_of(instants, x, v))
+
+    def means_of(self, instants: OutputTimes, x: np.ndarray, v: np.ndarray | None) -> Means:
+        """Return time mean and root mean square of the tensions (n,) [N] of saved steps; None if not requested.
+
+        Parameters
+        ----------
+        instants
+            Output times on the steps.
+        x, v
+            Positions and, for viscous links, velocities at the saved steps (saves, n + 1, dims).
+        """
+        if not wants_means(self.outputs) or instants.times.size < self.times.size:
+            return None
+
+        def tension(part: slice) -> np.ndarray:
+            return self.chain.tensions_and_forces(x[part], None if v is None else v[part])[0]
+
+        return means(instants, self.window, tension, self.chain.particles.size - 1)
 
     def initial_velocity_jump(self) -> dict[str, float]:
         """Return attributes about ends that start with a nonzero speed; empty for all other runs.
@@ -213,7 +238,7 @@ class ChainRun:
         if "step_limit" in state.diagnostics:
             limit = f", limit {state.diagnostics['step_limit']:.4g} s for taut links"
         if first:
-            partial = self.dataset(replace(state, extremes=None)).isel(time=slice(first))
+            partial = self.dataset(replace(state, extremes=None, means=None)).isel(time=slice(first))
         stop(
             partial,
             time,
@@ -243,7 +268,9 @@ class ChainRun:
         variables: dict[str, Any] = trajectory_variables(self.outputs, state.extremes, values)
         variables["unstretched_length"] = ((), self.chain.total_length)
         middles = 0.5 * (self.chain.particles[1:] + self.chain.particles[:-1])
-        variables |= peak_variables(state.extremes, state.peak_times, middles)
+        variables |= peak_variables(state.extremes, state.peak_times, middles) | mean_variables(
+            self.outputs, state.means
+        )
         features, names = self.features(float(state.instants.times[-1]))
         return variables | features, {"time": state.instants.times, **self.coordinates(), **names}
 

@@ -11,6 +11,7 @@ import numpy as np
 from cablepod.discretisation._chain import square
 from cablepod.errors import SceneError
 from cablepod.integrate._march import cut_step, not_converged
+from cablepod.integrate._means import Means, means, wants_means
 from cablepod.integrate._output import Extremes, trajectory_attributes
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._run import NewtonRun, Trajectory
@@ -61,21 +62,33 @@ class RigidRun(NewtonRun):
     def _gather(self, stepper: RigidStepper, instants: OutputTimes, extremes: Extremes) -> Trajectory:
         """Make a trajectory of the saved steps, with tensions if they are an output."""
         saves = instants.steps.size
-        x, v = (np.ascontiguousarray(stepper.saved[:saves, i]) for i in range(2))
-        tension = None
-        if instants.needs_interpolation:
+        rows = np.searchsorted(stepper.instants.steps, instants.steps)
+        x, v = (np.ascontiguousarray(stepper.saved[rows, i]) for i in range(2))
+        tension, of_steps = None, None
+        wants = wants_means(self.outputs) and instants is stepper.instants
+        if instants.needs_interpolation or wants:
             a, tension = stepper.states(instants.steps / instants.steps_per_second, x, v, np.zeros(saves, dtype=bool))
+            of_steps = self._means_of(instants, tension) if wants else None
+        if instants.needs_interpolation:
             x, v = instants.at_times(x, v, a), instants.rates_at_times(v, a)
             is_projected = (instants.fraction > 0) & (self.baumgarte is None)
             tension = stepper.states(instants.times, x, v, is_projected)[1]
-        elif "tension" in self.outputs:
-            tension = stepper.states(instants.times, x, v, np.zeros(saves, dtype=bool))[1]
+        else:
+            x, v = x[instants.left], v[instants.left]
+            if tension is not None:
+                tension = tension[instants.left]
+            elif "tension" in self.outputs:
+                tension = stepper.states(instants.times, x, v, np.zeros(len(x), dtype=bool))[1]
         x, v = (np.ascontiguousarray(np.moveaxis(array, 1, 2)) for array in (x, v))
-        state = Trajectory(instants, x, v, extremes)
+        state = Trajectory(instants, x, v, extremes, means=of_steps)
         state.diagnostics = stepper.diagnostics()
         if tension is not None and "tension" in self.outputs:
             state.diagnostics["tension"] = tension
         return state
+
+    def _means_of(self, instants: OutputTimes, tension: np.ndarray) -> Means:
+        """Return time mean and root mean square (n,) [N] of tensions at the saved steps (saves, n)."""
+        return means(instants, self.window, lambda part: tension[part], self.chain.links)
 
     def initial_velocity_jump(self) -> dict[str, float]:
         """Return attributes about ends that start with a nonzero speed; empty for all other runs.

@@ -1,7 +1,8 @@
-"""Extremes within a window: those of the tensions at the steps in it, for every model and scheme; refusals."""
+"""Extremes and means of tensions, of runs and windows: those of all steps, for every model and scheme; refusals."""
 
 from __future__ import annotations
 
+import math
 import re
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from scenes import SOFT
 
 import cablepod as cp
+from cablepod.integrate import _means
 
 STEP = {"galerkin": 0.005, "condensed": 0.005, "chain": 0.0025, "cable": 0.0005, "rigid": 0.0025}
 CASES = {
@@ -47,7 +49,8 @@ def simulate(soft, model, **options):
     """Run a model with its modes and step."""
     scene, modes = soft
     scenes = options.pop("scenes", scene)
-    return getattr(cp, model).simulate(scenes, *([modes[model]] if model in modes else []), step=STEP[model], **options)
+    options = {"step": STEP[model], **options}
+    return getattr(cp, model).simulate(scenes, *([modes[model]] if model in modes else []), **options)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -149,3 +152,185 @@ def test_peaks_have_their_time_and_place(soft, case, window):
     plain = simulate(soft, model, outputs=("tension_extremes",), window=window, **options)
     np.testing.assert_allclose(run.tension_maximum, plain.tension_maximum, rtol=1e-9)
     assert run.attrs.get("newton_iterations", 0) >= plain.attrs.get("newton_iterations", 0)
+
+
+MEANS = ("tension_mean", "tension_rms")
+#: Long taut cable almost without weight, stretched along its chord: T = T0 + K A / L0 (1 - cos wt).  The wave along the cable
+#: changes the part with cos wt by the factor theta cot theta = 1 - theta^2 / 3 at most, theta = w L sqrt(mu / K).
+AMPLITUDE, OMEGA, CHORD, STIFFNESS, TENSION = 0.05, 2.0, 100.0, 1e7, 1e5
+WAVE = (OMEGA * CHORD) ** 2 * 0.8 / STIFFNESS / 3.0
+
+
+@pytest.fixture(scope="module")
+def taut():
+    scene = cp.make_scene(
+        {
+            "gravity": 0.01,
+            "cable": {"youngs_modulus": 1e11, "area": 1e-4, "density": 8000.0, "horizontal_force": TENSION},
+            "ends": {"lower": [0.0, 0.0], "upper": [CHORD, 0.0]},
+            "motion": {
+                "upper": {"x": {"kind": "one_minus_cosine", "amplitude": AMPLITUDE, "angular_frequency": OMEGA}}
+            },
+            "time": {"duration": 10.0, "interval": 2.5},
+            "chain": {"links": 12},
+        }
+    )
+    run = cp.chain.simulate(scene, times=np.linspace(0.0, 10.0, 101), tolerance=1e-4)
+    return scene, {"galerkin": cp.pod.decompose(run, rank=2), "condensed": cp.condensed.vibration_modes(scene, rank=2)}
+
+
+def exact(begin, end, length):
+    """Mean and root mean square of c - k cos wt."""
+    k = STIFFNESS / length * AMPLITUDE
+    c = TENSION + k
+
+    def first(t):
+        return c * t - k * math.sin(OMEGA * t) / OMEGA
+
+    def second(t):
+        return (
+            c * first(t) - c * k * math.sin(OMEGA * t) / OMEGA + k * k * (t / 2 + math.sin(2 * OMEGA * t) / 4 / OMEGA)
+        )
+
+    width = end - begin
+    return (first(end) - first(begin)) / width, math.sqrt((second(end) - second(begin)) / width)
+
+
+@pytest.mark.filterwarnings("ignore::cablepod.errors.UnusualSceneWarning", "ignore::cablepod.errors.OutOfRangeWarning")
+@pytest.mark.parametrize(
+    ("model", "options"),
+    [
+        ("chain", {}),
+        ("chain", {"scheme": "energy_momentum", "step": 0.004}),
+        ("cable", {"law": "linear", "elements": 3, "tolerance": 1e-4}),
+        ("galerkin", {"law": "linear"}),
+        ("condensed", {}),
+        ("condensed", {"order": "exact"}),
+    ],
+)
+@pytest.mark.parametrize("window", [None, (1.2345, 4.321)])
+def test_a_taut_cable_has_the_means_of_a_sinusoidal_tension(taut, model, options, window):
+    run = simulate(taut, model, outputs=MEANS, window=window, **{"step": None, **options})
+    mean, rms = exact(*(window or (0.0, 10.0)), float(run.unstretched_length))
+    deviation = math.sqrt(rms**2 - mean**2)
+    # trapezoidal rule: (w h)^2 / 12 of the change
+    share = (OMEGA * run.attrs["step"]) ** 2 / 12 + WAVE
+    np.testing.assert_allclose(run.tension_mean, mean, atol=1.1 * share * deviation, rtol=0)
+    np.testing.assert_allclose(np.sqrt(run.tension_rms**2 - run.tension_mean**2), deviation, rtol=1.1 * share)
+    assert run.tension_mean.dims == run.tension_rms.dims == ("link",)
+    assert run.tension_rms.attrs["units"] == "N"
+
+
+def mean_of_series(times, values, begin, end):
+    """Mean of the linear interpolant of a series (times, links) over part of it."""
+    inside = times[(times > begin) & (times < end)]
+    at = np.concatenate([[begin], inside, [end]])
+    return np.stack([np.trapezoid(np.interp(at, times, column), at) for column in values.T]) / (end - begin)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("window", [None, (1.0006, 2.3007)])
+@pytest.mark.parametrize("times", [(0.0, 1.7, 4.0), (0.1234, 3.33333)])
+def test_means_are_those_of_the_series_at_all_steps(soft, case, window, times):
+    model, options = CASES[case]
+    run = simulate(soft, model, outputs=("position", *MEANS), window=window, times=times, **options)
+    steps = np.arange(math.ceil(times[-1] / STEP[model] - 1e-9) + 1) * STEP[model]
+    tension = simulate(soft, model, outputs=("tension",), times=steps, **options).tension.values
+    begin, end = window or (0.0, times[-1])
+    np.testing.assert_allclose(run.tension_mean, mean_of_series(steps, tension, begin, end), rtol=1e-9)
+    rms = np.sqrt(mean_of_series(steps, tension**2, begin, end))
+    np.testing.assert_allclose(run.tension_rms, rms, rtol=1e-9)
+    # the steps that are saved for them do not change what is output at the asked instants
+    alone = simulate(soft, model, outputs=("position",), times=times, **options)
+    np.testing.assert_allclose(run.position, alone.position, rtol=0, atol=1e-12 * 10.0)
+
+
+@pytest.mark.parametrize("model", STEP)
+def test_long_runs_are_integrated_over_several_steps_each(soft, model, monkeypatch):
+    options = {"elements": 2} if model == "cable" else {}
+    run = simulate(soft, model, outputs=MEANS, **options)
+    monkeypatch.setattr(_means, "MAX_INTERVALS", 200)
+    coarse = simulate(soft, model, outputs=MEANS, **options)
+    for name in MEANS:
+        assert (coarse[name] != run[name]).any()
+        np.testing.assert_allclose(coarse[name], run[name], rtol=1e-3)
+
+
+def test_weights_are_those_of_the_linear_interpolant():
+    steps = np.array([0, 1, 4, 5, 9])
+    line = 3.0 - 0.25 * steps  # is its own interpolant
+    for begin, end in [(0.0, 9.0), (0.3, 0.6), (0.5, 4.5), (2.0, 9.0), (4.0, 5.0)]:
+        weight = _means.weights(steps, begin, end)
+        np.testing.assert_allclose([weight.sum(), weight @ line], [1.0, 3.0 - 0.125 * (begin + end)], rtol=1e-14)
+    # the hat function at 4 over [2, 4.5]: (1/3 + 1)/2 * 2 + (1 + 1/2)/2 * 1/2
+    np.testing.assert_allclose(_means.weights(steps, 2.0, 4.5)[2], (4 / 3 + 3 / 8) / 2.5, rtol=1e-14)
+
+
+@pytest.mark.parametrize("model", STEP)
+def test_a_run_of_no_length_has_the_tension_at_its_instant(soft, model):
+    run = simulate(soft, model, outputs=("tension", *MEANS), times=[0.0])
+    for name in MEANS:
+        np.testing.assert_allclose(run[name], run.tension[0], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("model", "options"),
+    [
+        ("chain", {}),
+        ("chain", {"scheme": "trapezoidal"}),
+        ("cable", {"elements": 2}),
+        ("rigid", {}),
+        ("galerkin", {}),
+        ("condensed", {}),
+    ],
+)
+@pytest.mark.parametrize("window", [None, (1.0006, 2.3007)])
+def test_members_have_the_means_of_their_single_runs(soft, model, options, window):
+    ranges = {"motion.upper.x.amplitude": [-0.05, -0.02]}
+    scenes = cp.ensemble.design(soft[0], ranges, members=3)
+    runs = simulate(soft, model, scenes=scenes, outputs=MEANS, window=window, **options)
+    assert runs.tension_mean.dims == ("member", "link")
+    for i in range(3):
+        single = simulate(soft, model, scenes=scenes.isel(member=i), outputs=MEANS, window=window, **options)
+        for name in MEANS:
+            np.testing.assert_allclose(runs[name][i], single[name], rtol=1e-10)
+
+
+def test_an_ensemble_keeps_means(soft, tmp_path):
+    scenes = cp.ensemble.design(soft[0], {"cable.top_tension": [110.0, 130.0]}, members=3)
+    cp.ensemble.run(scenes, tmp_path / "study", model="chain", step=0.0025, outputs=MEANS)
+    kept = cp.archive.open_ensemble(tmp_path / "study")
+    runs = cp.chain.simulate(scenes, step=0.0025, outputs=MEANS)
+    for name in MEANS:
+        np.testing.assert_allclose(kept[name], runs[name], rtol=1e-12)
+
+
+def test_a_selection_of_links_has_their_means(soft):
+    whole, part = (simulate(soft, "condensed", outputs=MEANS, **options) for options in ({}, {"links": [1, 8]}))
+    for name in MEANS:
+        np.testing.assert_allclose(part[name], whole[name][[0, 7]], rtol=1e-12)
+
+
+def test_only_what_is_asked_for_is_there(soft):
+    for model in STEP:
+        run = simulate(soft, model, outputs=("tension_rms",), times=[0.0, 0.5])
+        assert "tension_rms" in run
+        assert not {"tension_mean", "tension_maximum", "tension"} & set(run.variables)
+
+
+@pytest.mark.parametrize("scheme", ["velocity_verlet", "trapezoidal"])
+def test_what_a_stopped_run_keeps_has_no_means(scheme):
+    scene = cp.make_scene(
+        {
+            **SOFT,
+            "motion": {"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}},
+            "time": {"duration": 1.0, "interval": 1.0},
+        }
+    )
+    times = np.arange(0, 4000.0)
+    with pytest.raises(cp.RunStopped) as stopped:
+        cp.chain.simulate(scene, times=times, step=1e-3, scheme=scheme, outputs=("position", *MEANS))
+    partial = stopped.value.partial
+    assert not {*MEANS} & set(partial.variables)
+    again = cp.chain.simulate(scene, times=partial.time.values, step=1e-3, scheme=scheme)
+    np.testing.assert_allclose(partial.position, again.position, rtol=1e-12)
