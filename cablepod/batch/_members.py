@@ -7,6 +7,7 @@ reason in the variable ``failure``; the other members are not affected.
 from __future__ import annotations
 
 import functools
+import inspect
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -21,7 +22,15 @@ from cablepod import provenance
 from cablepod._resources import cores
 from cablepod.batch._pool import map_threads
 from cablepod.batch._stack import MemberResults, Variables, arrays_of, labelled_like
-from cablepod.errors import AllFailedError, MemberFailedWarning, RunStopped, StoppedError, user_stacklevel
+from cablepod.errors import (
+    AllFailedError,
+    MemberFailedWarning,
+    RunStopped,
+    SceneError,
+    StoppedError,
+    user_stacklevel,
+)
+from cablepod.parameters._parameters import count_instants
 
 F = TypeVar("F", bound=Callable[..., xr.Dataset])
 #: Makes a variable of a chunk from name, dimensions and shape of one member: its rows of the array of all members.
@@ -177,6 +186,30 @@ def _run_chunks(chunk: Callable[[int], None], starts: range, workers: int, ended
         map_threads(chunk, starts, workers, ended=ended.set)
 
 
+def check_common_times(scene: xr.Dataset, times: Any) -> None:
+    """Refuse members whose output times differ, as one coordinate ``time`` labels them all; `times` replaces those of the scene.
+
+    Raises
+    ------
+    SceneError
+        Names ``time.interval`` or ``time.duration``.
+    """
+    if times is not None or "time_interval" not in scene or "time_duration" not in scene:
+        return
+    columns = xr.broadcast(scene["time_interval"], scene["time_duration"])
+    interval, duration = (np.atleast_1d(column.values).astype(float) for column in columns)
+    valid = (interval > 0.0) & (duration >= 0.0) & np.isfinite(duration)  # others fail alone, with the reason
+    interval, duration = interval[valid], duration[valid]
+    counts = {count_instants(*pair) for pair in zip(duration.tolist(), interval.tolist(), strict=True)}
+    for key, values, differ in (
+        ("time.interval", interval, len(set(interval.tolist())) > 1),
+        ("time.duration", duration, len(counts) > 1),
+    ):
+        if differ:
+            given = f"{values.min():g} to {values.max():g} s in {scene.sizes['member']} members"
+            raise SceneError(f"{key}: given {given}; allowed: one value for all members, or the option times")
+
+
 def no_plan(*_: Any, **__: Any) -> None:
     """Run member by member, see :func:`over_members_by`."""
 
@@ -196,10 +229,14 @@ def over_members_by(
     """
 
     def decorator(function: F) -> F:
+        has_times = "times" in inspect.signature(function).parameters
+
         @functools.wraps(function)
         def wrapper(scene: xr.Dataset, *args: Any, **options: Any) -> xr.Dataset:
             if not isinstance(scene, xr.Dataset) or "member" not in scene.dims:
                 return function(scene, *args, **options)
+            if has_times:
+                check_common_times(scene, options.get("times"))
             check(scene)
             given = {name: value for name, value in options.items() if name != "progress"}
             batch = plan(scene, *args, **given) or _member_by_member(function, scene, args, options)

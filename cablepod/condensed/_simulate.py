@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.batch._members import values_of_members
+from cablepod.batch._members import check_common_times, values_of_members
 from cablepod.condensed._assembly import model_of, unit_of
 from cablepod.condensed._batch import run
 from cablepod.condensed._output import result_of
@@ -148,6 +148,7 @@ def simulate(
     content = SceneContent.of(scene)
     p, several = content.parameters(), "member" in scene.dims
     if several:
+        check_common_times(scene, times)
         warn_of_members(scene)
     else:
         warn_of_unusual(p)

@@ -377,7 +377,7 @@ class GalerkinRun:
         variables |= trajectory_variables(self.outputs, trajectory.extremes, values)
         if wants_means(self.outputs) and trajectory.instants is trajectory.record.instants:
             variables |= mean_variables(self.outputs, trajectory.means)
-        if "tension_peaks" in self.outputs:
+        if trajectory.extremes is not None:
             (_, least), (_, largest) = trajectory.record.peaks
             arc_length = model.chain.arc_length
             middles = 0.5 * (arc_length[1:] + arc_length[:-1])

@@ -299,7 +299,9 @@ def test_the_result_equals_that_of_single_runs(soft, case):
 
 def test_members_with_other_instants_are_refused(soft):
     varied = {"time_duration": [4.0, 2.0], "time_interval": [0.5, 0.25]}
-    with pytest.raises(cp.SceneError, match=r"members: they differ in time; allowed: members with the same time"):
+    with pytest.raises(
+        cp.SceneError, match=r"^time\.interval: given 0\.25 to 0\.5 s in 8 members; allowed: one value for all"
+    ):
         run_batched(scenes_of(soft, ONE, varied), {"step": STEP})
 
 

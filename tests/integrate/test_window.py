@@ -334,3 +334,26 @@ def test_what_a_stopped_run_keeps_has_no_means(scheme):
     assert not {*MEANS} & set(partial.variables)
     again = cp.chain.simulate(scene, times=partial.time.values, step=1e-3, scheme=scheme)
     np.testing.assert_allclose(partial.position, again.position, rtol=1e-12)
+
+
+@pytest.mark.parametrize("model", STEP)
+@pytest.mark.parametrize(
+    ("varied", "said"),
+    [
+        (
+            {"time.interval": [0.5, 1.0], "time.duration": [4.0, 8.0]},
+            r"^time\.interval: given 0\.5 to 1 s in 2 members",
+        ),
+        ({"time.duration": [4.0, 8.0]}, r"^time\.duration: given 4 to 8 s in 2 members"),
+    ],
+)
+def test_members_with_other_instants_are_refused(soft, model, varied, said):
+    # one coordinate time labels all members, though their arrays may have one shape
+    names = {path.replace(".", "_"): ("member", values) for path, values in varied.items()}
+    scenes = soft[0].assign(names)
+    with pytest.raises(cp.SceneError, match=said + "; allowed: one value for all members, or the option times"):
+        simulate(soft, model, scenes=scenes)
+    run = simulate(soft, model, scenes=scenes, times=[0.0, 0.5], outputs=("position",))
+    assert run.time.values.tolist() == [0.0, 0.5]
+    same = soft[0].assign(time_duration=("member", [4.0, 4.2]))  # 0.5 s apart up to 4 s in both
+    assert simulate(soft, model, scenes=same, outputs=("position",)).sizes["time"] == 9
