@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -34,6 +35,8 @@ def out_option(text: str) -> Callable[[F], F]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status: 0, or not 0 with one line on stderr."""
+    if arguments is None:  # the process is the command's own: its imports leave no garbage, but many objects to search
+        gc.set_threshold(50_000)
     return commands.status(None if arguments is None else list(arguments))
 
 

@@ -43,8 +43,10 @@ def models(study: xr.DataTree) -> list[dict[str, Any]]:
         chains = study["chains"].to_dataset()
         for trial in _front(chains):
             row = chains.isel(trial=trial)
-            values = {name: _number(row[name]) for name in ("error_max", "error_rms", "call_time", "tolerance")}
-            rows.append({"model": "chain", "links": int(row["links"]), **values})
+            of_chain = ("error_max", "error_rms", "call_time", "step", "tolerance")
+            values = {name: _number(row[name]) for name in of_chain}
+            steps = int(row["number_of_steps"])
+            rows.append({"model": "chain", "links": int(row["links"]), **values, "steps": steps})
     chain = study["chain"].to_dataset()
     reference = {
         "links": chain.sizes["particle"] - 1,
@@ -144,7 +146,9 @@ def table(study: xr.DataTree) -> str:
         error = f"{100 * row['error_max']:.3g} %" if "error_max" in row else "reference"
         estimate = f"{100 * row['error_estimate']:.3g} %" if row.get("error_estimate") is not None else ""
         one_run = seconds(row["loop_time"]) if "loop_time" in row else ""
-        step, steps = (f"{row['step']:.3g}", str(row["steps"])) if "steps" in row else (f"({row['tolerance']:g})", "")
+        if "links" in row:
+            name += f" ({row['tolerance']:g})"
+        step, steps = f"{row['step']:.3g}", str(row["steps"])
         lines.append(
             f"{name:<24}{error:>10}{estimate:>10}{seconds(row['call_time']):>11}{one_run:>11}{step:>11}{steps:>10}"
         )
@@ -159,7 +163,7 @@ def notes(study: xr.DataTree) -> list[str]:
         "error: largest rms distance to the last row over time, as a fraction of the motion; estimate: by the model itself"
     ]
     lines.append(
-        "call: run time with defaults, compilation apart; one run: with that step given; (tolerance) of a chain's step"
+        "call: run time with defaults, compilation apart; one run: with that step given; (tolerance) of a chain"
     )
     compiled = chain.attrs.get("compile_time_s", 0.0)
     if "comparison" in study:
@@ -191,10 +195,20 @@ def _at_equal_error(rows: xr.Dataset, model: str, chains: xr.Dataset | None) -> 
             best = gain
             faster = f"{gain:.2g} times faster" if gain >= 1.0 else f"{1.0 / gain:.2g} times slower"
             text = f"{model}, r = {rank}: {100 * error:.2g} % in {seconds(own)}, {faster} than the fastest chain above that errs "
-            text += f"no more ({int(rival['links'])} links, tolerance {float(rival['tolerance']):g})"
+            text += f"no more ({int(rival['links'])} links, tolerance {float(rival['tolerance']):g}):\n  {_cost(row, rival)}"
     if not text:
         return f"{model}: no cheaper chain errs as little"
     return text
+
+
+def _cost(row: xr.Dataset, rival: xr.Dataset) -> str:
+    """Say why a call takes its time beside that of a chain: runs in a call, number of steps, run time of a step."""
+    call, one_run, steps = (float(row[name]) for name in ("call_time", "loop_time", "number_of_steps"))
+    of_chain = float(rival["number_of_steps"])
+    return (
+        f"{call / one_run:.2g} times one run of {steps:.0f} steps, {seconds(one_run / steps)} each with output; "
+        f"that chain {of_chain:.0f} steps in its last run, {seconds(float(rival['call_time']) / of_chain)} each of its call"
+    )
 
 
 def _front(chains: xr.Dataset) -> list[int]:
@@ -211,6 +225,8 @@ def _front(chains: xr.Dataset) -> list[int]:
 
 def seconds(value: float) -> str:
     """Return a run time with its unit."""
+    if value < 1e-3:
+        return f"{1e6 * value:.3g} us"
     return f"{1e3 * value:.3g} ms" if value < 1.0 else f"{value:.3g} s"
 
 

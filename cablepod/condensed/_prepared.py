@@ -16,6 +16,7 @@ from cablepod.integrate._step_control import STEPS_PER_CHANGE, preferred_steps_p
 from cablepod.parameters._checks import choice
 from cablepod.parameters._from_scene import parameters as parameters_of
 from cablepod.parameters._parameters import Parameters
+from cablepod.scene._notes import warn_of_unusual
 
 #: Orders of prepared models.
 ORDERS = ("leading", "exact")
@@ -58,6 +59,11 @@ def prepare(
         For point loads, load factors, a given initial shape, a free end, viscous links, members, trained test functions, and as
         :func:`cablepod.condensed.simulate`.
 
+    Warns
+    -----
+    UnusualSceneWarning
+        Of the worst that :func:`cablepod.summary` notes, as every run.
+
     Examples
     --------
     >>> import cablepod as cp
@@ -74,6 +80,7 @@ def prepare(
     (125, 2)
     """
     model, limit = _checked_model(scene, modes, rank, order)
+    warn_of_unusual(parameters_of(scene))
     if step is None:
         slowest = min(STEP_OVER_LIMIT * limit, model.chain.p.shortest_time_scale / STEPS_PER_CHANGE)
         step = 1.0 / preferred_steps_per_second(1.0 / slowest)

@@ -75,10 +75,11 @@ def simulate(
         within it.  If neither `scheme`, `step` nor `tolerance` is given, it is a tenth of the error that the model expects of its
         modes (``error_estimate``), and at least 1e-6; where that has no estimate, and with a given scheme, it is 1e-6.
     outputs
-        Some of "position", "velocity", "tension", "tension_extremes" (over all steps, with
-        time and place of the largest and smallest of them, so that "tension_peaks" adds nothing), "tension_mean", "tension_rms" (time mean and root mean square of each link, by the
-        trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps)
-        and "error_estimate" (of the model, from samples of the run, see :class:`cablepod.galerkin._estimate.GalerkinEstimate`).
+        Some of "position", "velocity", "tension", "tension_extremes" (over all steps, with time and place of the largest and
+        smallest, so that "tension_peaks" adds nothing), "tension_mean", "tension_rms" (time mean and root mean square of each
+        link, by the trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps)
+        and "error_estimate" (of the model, from samples of the run, see
+        :class:`cablepod.galerkin._estimate.GalerkinEstimate`).
     window
         Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
     progress

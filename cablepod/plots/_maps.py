@@ -73,10 +73,12 @@ def parameter_map(
     Raises
     ------
     SceneError
-        For missing variables and for other dimensions.
+        For missing variables, for other dimensions, and for members that share a pair of x and y, as where a third parameter
+        varies over a grid: their dots would hide each other.
     """
     x, y = (variable_name(name) if isinstance(name, str) else name for name in (x, y))
     across, up, values = _flat_columns(result, variable, x, y)
+    _check_pairs(result, across, up, x, y)
     ax = _style.axes(ax)
     label = _label(result, variable)
     missing = ~np.isfinite(values)
@@ -169,6 +171,30 @@ def _flat_columns(result: xr.Dataset, variable: str, x: str, y: str) -> tuple[np
             "allowed: one number for each pair of x and y, or all three along member"
         )
     return result[x].values, result[y].values, array.values.astype(float)
+
+
+def _check_pairs(result: xr.Dataset, across: np.ndarray, up: np.ndarray, x: str, y: str) -> None:
+    """Refuse members that share a pair of x and y."""
+    pairs, counts = np.unique(np.stack([across, up]), axis=1, return_counts=True)
+    most = int(counts.argmax())
+    if counts[most] == 1:
+        return
+    here = np.flatnonzero((across == pairs[0, most]) & (up == pairs[1, most]))
+    others = [
+        str(name)
+        for name, column in result.coords.items()
+        if column.dims == ("member",) and name not in ("member", x, y) and np.unique(column.values[here]).size > 1
+    ]
+    cure = "pick some with .isel(member=...)"
+    if others:
+        value = result[others[0]].values[here[0]]
+        names, part = ", ".join(others), f"result.{others[0]}.values == {value:.6g}"
+        cure = f"one map for each value of {names}, as of result.isel(member={part})"
+    raise scene_error(
+        "result",
+        f"{counts[most]} members at {x} = {pairs[0, most]:.6g}, {y} = {pairs[1, most]:.6g}",
+        f"one a pair; {cure}",
+    )
 
 
 def _label(result: xr.Dataset, name: str) -> str:

@@ -120,7 +120,8 @@ def chains_of(
                 run, row = timed(call)
             except RunStopped:  # long steps may break down
                 continue
-        trial = with_row(compare.errors(run, reference), {"call_time": row["call_time"]})
+        steps = {"step": run.attrs["step"], "number_of_steps": run.attrs["number_of_steps"]}
+        trial = with_row(compare.errors(run, reference), {"call_time": row["call_time"], **steps})
         rows.append(trial.assign(links=number, tolerance=tolerance))
         left -= row["call_time"]
         if left < 0.0:

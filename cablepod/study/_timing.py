@@ -14,7 +14,7 @@ import xarray as xr
 #: Calls of at most this wall time [s] are repeated.
 LONGEST_REPEATED = 3.0
 #: Maximum number of repeats; they end sooner when all of them together take this time [s].
-REPEATS, REPEAT_SECONDS = 5, 0.1
+REPEATS, REPEAT_SECONDS = 3, 0.05
 
 
 def timed(

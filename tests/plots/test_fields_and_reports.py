@@ -51,6 +51,12 @@ def members(missing=False, order=slice(None)):
     )
 
 
+def third_parameter():
+    """Members over a grid of three parameters."""
+    layers = [members().assign_coords(depth=("member", np.full(9, depth))) for depth in (5.0, 7.0)]
+    return xr.concat(layers, "member")
+
+
 def settings():
     model = np.array(["chain", "chain", "condensed", "condensed"])
     return xr.Dataset(
@@ -273,6 +279,15 @@ def test_given_axes_are_used_and_new_ones_can_be_drawn(name):
         (lambda: plots.phase_portraits(pulled(), at=[0.1] * 7), "at: given .*one to 6 places"),
         (lambda: plots.phase_portraits(pulled(), coordinate="z"), 'coordinate: given \'z\'; allowed: one of "x", "y"'),
         (lambda: plots.parameter_map({}, "a", x="b", y="c"), "result: given 'dict'; allowed: a Dataset"),
+        (
+            lambda: plots.parameter_map(third_parameter(), "peak", x="omega", y="size"),
+            r"result: given '2 members at omega = 1, size = 10'; allowed: one a pair; one map for each value of depth, "
+            r"as of result.isel\(member=result.depth.values == 5\)",
+        ),
+        (
+            lambda: plots.parameter_map(xr.concat([members()] * 3, "member"), "peak", x="omega", y="size"),
+            r"result: given '3 members at omega = 1, size = 10'; allowed: one a pair; pick some with .isel",
+        ),
         (lambda: plots.parameter_map(members(), "a", x="omega", y="size"), "variable: given 'a'; .* numbers: peak, om"),
         (lambda: plots.parameter_map(members(), "peak", x="omega", y="b"), "y: given 'b'; allowed: a variable of num"),
         (

@@ -216,6 +216,13 @@ def test_reduced_models_warn_once():
         assert warned(simulate, usual, of, rank=1, **options) == []
 
 
+def test_a_model_prepared_for_a_host_warns():
+    usual, scene = cp.make_scene(GUY), unusual_scene()
+    normal = cp.condensed.vibration_modes(usual, rank=2)
+    assert [item.filename for item in warned(cp.condensed.prepare, scene, normal)] == [__file__]
+    assert warned(cp.condensed.prepare, usual, normal) == []
+
+
 @pytest.mark.parametrize("model", ["chain", "cable", "rigid"])
 def test_members_warn_once(model):
     scenes = cp.ensemble.design(unusual_scene(), {"cable.top_tension": [1000.0, 2000.0]}, members=12)
