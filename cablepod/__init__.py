@@ -5,22 +5,10 @@ Sub-packages are loaded when they are first used: importing cablepod costs next 
 .. include:: README.md
 """
 
-from importlib import import_module
-from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
-
-from cablepod.errors import (
-    ArchiveError,
-    MemberFailedWarning,
-    NotConvergedWarning,
-    OutOfRangeWarning,
-    RunStopped,
-    SceneError,
-    UnusualSceneWarning,
-    VelocityJumpWarning,
-)
-
+TYPE_CHECKING = False  #: as of :mod:`typing`, whose import the command would wait for
 if TYPE_CHECKING:
+    from typing import Any
+
     from cablepod import (
         archive,
         cable,
@@ -37,9 +25,19 @@ if TYPE_CHECKING:
         study,
     )
     from cablepod.cable import summary
+    from cablepod.errors import (
+        ArchiveError,
+        MemberFailedWarning,
+        NotConvergedWarning,
+        OutOfRangeWarning,
+        RunStopped,
+        SceneError,
+        UnusualSceneWarning,
+        VelocityJumpWarning,
+    )
     from cablepod.scene import make_scene, read_scene
 
-__version__ = version("cablepod")
+    __version__: str
 
 __all__ = [
     "ArchiveError",
@@ -69,14 +67,21 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    """Load a public sub-package or function at its first use."""
-    if name not in __all__:
+#: Modules of the public names that are no sub-packages.
+_HOMES = {"make_scene": "scene", "read_scene": "scene", "summary": "cable"}
+
+
+def __getattr__(name: str) -> "Any":
+    """Load a public sub-package, function or error at its first use."""
+    from importlib import import_module, metadata
+
+    found: Any
+    if name == "__version__":
+        found = metadata.version("cablepod")
+    elif name not in (*__all__, "errors"):
         raise AttributeError(f"module 'cablepod' has no attribute {name!r}; see dir(cablepod)")
-    if name in ("make_scene", "read_scene"):
-        found = getattr(import_module("cablepod.scene"), name)
-    elif name == "summary":
-        found = import_module("cablepod.cable").summary
+    elif name in _HOMES or name[:1].isupper():
+        found = getattr(import_module(f"cablepod.{_HOMES.get(name, 'errors')}"), name)
     else:
         found = import_module(f"cablepod.{name}")
     globals()[name] = found

@@ -1,7 +1,20 @@
-"""``python -m cablepod`` is the command ``cablepod``."""
+"""``python -m cablepod`` and the command ``cablepod``: a process that ends on a signal with one line, at every instant."""
 
+import gc
+import os
 import sys
 
-from cablepod.cli import main
 
-sys.exit(main())
+def main() -> None:
+    """Run the command with the arguments of the process, and end the process."""
+    gc.set_threshold(50_000)  # the imports leave no garbage, but many objects to search
+    try:
+        from cablepod.cli import _process, main
+    except KeyboardInterrupt:
+        os.write(2, b"cablepod: interrupted\n")
+        os._exit(130)
+    _process.run(main, sys.argv[1:])
+
+
+if __name__ == "__main__":
+    main()

@@ -58,6 +58,22 @@ def defer_sigint() -> Iterator[None]:
             _State.previous = None
 
 
+@contextmanager
+def block_sigint() -> Iterator[None]:
+    """Block SIGINT in this thread; threads and processes that are started in the block never receive it.
+
+    A terminal sends Ctrl-C to all processes of a command: workers would print a traceback each, also while they start.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def check_sigint() -> None:
     """Forward a deferred SIGINT; to be called while no lock is held.
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import gc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,7 +16,7 @@ from cablepod.archive._folder import prepare_folder
 from cablepod.archive._manifest import MANIFEST, MODES, describe_ensemble
 from cablepod.archive._write import check_target
 from cablepod.cli import _arguments, _group, _report, _summary, _templates
-from cablepod.cli._group import Group, interrupted
+from cablepod.cli._group import Group
 from cablepod.cli._progress import Bars, member_bar
 from cablepod.errors import SceneError
 from cablepod.examples import scene_path
@@ -31,13 +30,6 @@ SCENE = click.argument("scene", metavar="SCENE.toml", shell_complete=_arguments.
 def out_option(text: str) -> Callable[[F], F]:
     """Make the required option ``--out`` of a folder."""
     return click.option("--out", required=True, metavar="DIR", shell_complete=_arguments.complete_folder, help=text)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status: 0, or not 0 with one line on stderr."""
-    if arguments is None:  # the process is the command's own: its imports leave no garbage, but many objects to search
-        gc.set_threshold(50_000)
-    return commands.status(None if arguments is None else list(arguments))
 
 
 @click.group(
@@ -176,7 +168,7 @@ def ensemble_command(
     workers: int | None,
     batch: int,
     overwrite: bool,
-) -> int:
+) -> None:
     """Simulate all members of a scene."""
     from cablepod import ensemble  # slow to import
 
@@ -187,24 +179,20 @@ def ensemble_command(
     scenes = ensemble.design(dataset)
     print(scenes.attrs["title"])
     modes_dataset = archive.read(modes) if modes else _modes_of_ensemble(dataset, folder, model, overwrite)
-    try:
-        with member_bar(model, scenes.sizes["member"]) as progress:
-            ensemble.run(
-                scenes,
-                folder,
-                model=model,
-                modes=modes_dataset,
-                scheduler=scheduler,
-                workers=workers,
-                batch=batch,
-                overwrite=overwrite,
-                progress=progress,
-                **dict(_arguments.model_option(text) for text in options),
-            )
-    except KeyboardInterrupt:
-        return interrupted("the same command goes on where it stopped")
+    with member_bar(model, scenes.sizes["member"]) as progress:
+        ensemble.run(
+            scenes,
+            folder,
+            model=model,
+            modes=modes_dataset,
+            scheduler=scheduler,
+            workers=workers,
+            batch=batch,
+            overwrite=overwrite,
+            progress=progress,
+            **dict(_arguments.model_option(text) for text in options),
+        )
     print(describe_ensemble(folder))
-    return 0
 
 
 @commands.command("check", **_templates.texts("check"))

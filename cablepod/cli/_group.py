@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import warnings
 from typing import Any
 
 import click
 
+from cablepod.cli import _process
 from cablepod.errors import ArchiveError, RunStopped, SceneError, closest
-
-#: Exit status after Ctrl-C.
-INTERRUPTED = 130
 
 
 class Group(click.Group):
@@ -47,7 +46,7 @@ class Group(click.Group):
         except (SceneError, ArchiveError, RunStopped) as error:
             return fail(str(error).replace("overwrite=True", "--overwrite"))  # the option of every command that writes
         except KeyboardInterrupt:
-            return interrupted("--overwrite begins anew")
+            return interrupted(ctx.invoked_subcommand)
         except BrokenPipeError:  # the reader of the output, such as head, closed it
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 1
@@ -63,7 +62,7 @@ class Group(click.Group):
         except click.UsageError as error:
             return fail_usage(error, "cablepod")
         except click.Abort:  # Ctrl-C before a command runs
-            return interrupted("--overwrite begins anew")
+            return interrupted(None)
 
 
 def fail(message: str, status: int = 2) -> int:
@@ -78,9 +77,10 @@ def fail_usage(error: click.UsageError, path: str) -> int:
     return fail(f"{text[:1].lower()}{text[1:]}; try: {path} --help")
 
 
-def interrupted(how_to_go_on: str) -> int:
+def interrupted(command: str | None) -> int:
     """Print the message after Ctrl-C; return the exit status."""
-    return fail(f"interrupted; every file that was written is whole, {how_to_go_on}", status=INTERRUPTED)
+    print(_process.message(command), file=sys.stderr)
+    return _process.STATUS[signal.SIGINT]
 
 
 def note(message: Warning | str, *_: Any, **__: Any) -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cablepod._resources import cores
-from cablepod.batch._sigint import defer_sigint, wait_for_any
+from cablepod.batch._sigint import block_sigint, defer_sigint, wait_for_any
 from cablepod.errors import RunStopped, scene_error, shown
 from cablepod.parameters._checks import integer
 
@@ -93,16 +93,19 @@ def _threads(count: int, batches: int) -> Iterator[WorkerPool]:
 @contextlib.contextmanager
 def _processes(count: int) -> Iterator[WorkerPool]:
     """Provide processes of this machine."""
+    from multiprocessing import resource_tracker
+
     from distributed import Client, LocalCluster
 
-    # one thread each, also for BLAS: dask starts the workers with OMP_NUM_THREADS=1
-    with (
-        LocalCluster(
-            n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-        ) as cluster,
-        Client(cluster, timeout=CONNECT_TIMEOUT, set_as_default=False) as client,
-    ):
-        yield _client_pool(client, "processes")
+    resource_tracker.ensure_running()  # its start, otherwise with the first process, unblocks SIGINT
+    with contextlib.ExitStack() as contexts:
+        with block_sigint():  # workers end with this process, or are told to
+            # one thread each, also for BLAS: dask starts the workers with OMP_NUM_THREADS=1
+            cluster = LocalCluster(
+                n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+            )
+            client = Client(contexts.enter_context(cluster), timeout=CONNECT_TIMEOUT, set_as_default=False)
+        yield _client_pool(contexts.enter_context(client), "processes")
 
 
 @contextlib.contextmanager

@@ -10,6 +10,7 @@ import pytest
 import cablepod as cp
 from cablepod import cli
 from cablepod import examples as shipped
+from cablepod.cli import _commands
 
 
 @pytest.fixture
@@ -90,7 +91,7 @@ def test_nothing_is_overwritten_or_guessed(here, capsys, arguments, said):
 
 
 def test_every_command_has_examples_that_parse(capsys):
-    group = cli._commands.commands
+    group = _commands.commands
     assert set(group.commands) >= {"run", "paper", "info", "new", "examples"}
     for name in group.commands:
         assert cli.main([name, "--help"]) == 0

@@ -57,6 +57,7 @@ EXCEPTIONS = {
     ("subscript", "errors[0]"): "the error of the first batch, raised again",
     ("subscript", "failed[0][1]"): "the error of the first member, raised again where all failed",
     # caught inside the package: no user sees them
+    ("name", "KeyboardInterrupt"): "after SIGINT or SIGTERM, whose line the command has printed",
     ("ValueError", "it is another kind of file"): "caught a few lines below",
     ("FloatingPointError", "ends are not finite"): "caught, and said of the snapshots by name",
     ("FloatingPointError", "rows are not finite"): "caught, and said of the snapshots by name",
