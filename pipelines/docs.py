@@ -1,8 +1,11 @@
-"""Write the API reference, a page for each public module, and check the links of all pages.
+"""Write reference and notebooks as static pages into one folder, and check the links of all pages.
 
-    python pipelines/docs.py [--out FOLDER]
+    python pipelines/docs.py [--out FOLDER] [--no-execute] [--small]
 
-The page of a sub-package contains its README.md, with formulas.  Needs pdoc (``pip install '.[docs]'``).  Ends with status 1 if
+``index.html`` is the first page.  The reference has a page for each public module; that of a sub-package contains its README.md,
+with formulas.  The notebooks are run and shown with what they print and draw; ``--no-execute`` shows text and code alone,
+``--small`` runs them at the size of the tests.  Needs pdoc and nbconvert (``pip install '.[docs]'``), and no network.  Ends with
+status 1 if
 
 - a link of the reference has no target,
 - a docstring refers to a name of the package without a page, or
@@ -11,6 +14,7 @@ The page of a sub-package contains its README.md, with formulas.  Needs pdoc (``
 
 from __future__ import annotations
 
+import argparse
 import html
 import os
 import re
@@ -20,6 +24,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urldefrag
 
+import _pages
 import pdoc
 import pdoc.doc
 import pdoc.extract
@@ -121,7 +126,7 @@ def to_html_with_formulas(text: str) -> str:
 
 
 def write(folder: Path) -> list[str]:
-    """Write all pages of the reference; return their faults."""
+    """Write all pages of the reference; return the names of docstrings that have no page."""
     modules = set(pdoc.extract.walk_specs(MODULES))
 
     @pass_context
@@ -136,16 +141,22 @@ def write(folder: Path) -> list[str]:
     pdoc.render.env.filters.update(to_markdown=to_markdown, to_html=to_html_with_formulas)
     pdoc.pdoc(*MODULES, output_directory=folder)
     shown = {item.fullname: item for name in modules for item in members(pdoc.doc.Module.from_name(name))}
-    return [*broken_html_links(folder), *lost_references(shown)]
+    return list(lost_references(shown))
 
 
 def main() -> int:
-    """Write the pages, check all links and print the faults."""
-    folder = command_line(__doc__, out="out/reference").parse_args().out
-    faults = [*write(folder), *broken_markdown_links(ROOT)]
+    """Write all pages, check all links and print the faults."""
+    parser = command_line(__doc__, out="out/reference")
+    parser.add_argument("--execute", action=argparse.BooleanOptionalAction, default=True, help="run the notebooks")
+    parser.add_argument("--small", action="store_true", help="run them at the size of the tests")
+    options = parser.parse_args()
+    folder = options.out
+    faults = write(folder)
+    _pages.write(folder, execute=options.execute, small=options.small)
+    faults += [*broken_html_links(folder), *broken_markdown_links(ROOT)]
     for fault in faults:
         print(fault, file=sys.stderr)
-    print(f"{folder / 'cablepod.html'}: {len(list(folder.rglob('*.html')))} pages, {len(faults)} faults")
+    print(f"{folder / 'index.html'}: {len(list(folder.rglob('*.html')))} pages, {len(faults)} faults")
     return 1 if faults else 0
 
 
