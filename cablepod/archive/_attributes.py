@@ -15,8 +15,10 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod.archive._checksums import CHECKSUMS, BlockSums, as_text
 from cablepod.archive._content_hash import content_hash
-from cablepod.archive._read import SCHEMA, content_types, fixed_width_texts, version
+from cablepod.archive._read import content_types, fixed_width_texts, version
+from cablepod.archive._seal import SCHEMA
 from cablepod.errors import ArchiveError
 
 if TYPE_CHECKING:
@@ -47,7 +49,9 @@ def with_file_attributes(dataset: xr.Dataset) -> xr.Dataset:
     stamped = fixed_width_texts(dataset.drop_encoding())
     for name, content in content_types(stamped):
         stamped[name].attrs.setdefault("coverage_content_type", content)
-    stamped.attrs = root_attributes(dataset)
+    sums: dict[str, BlockSums] = {}
+    stamped.attrs = root_attributes(dataset, sums)
+    stamped.attrs[CHECKSUMS] = as_text(stamped, sums)
     return stamped
 
 
@@ -72,13 +76,13 @@ def with_own_id(dataset: xr.Dataset, digest: str | None = None) -> xr.Dataset:
     return dataset.assign_attrs(changed.attrs)
 
 
-def root_attributes(dataset: xr.Dataset) -> dict[str, Any]:
+def root_attributes(dataset: xr.Dataset, sums: dict[str, BlockSums] | None = None) -> dict[str, Any]:
     """Return the global attributes of a file for `dataset`, with its history.
 
     Stages that were read from a file keep their date and program, others have those of their first file in this process.  A
-    dataset whose values were changed since it was read gets a stage and id of its own.
+    dataset whose values were changed since it was read gets a stage and id of its own.  `sums` as of :func:`content_hash`.
     """
-    digest = content_hash(dataset)
+    digest = content_hash(dataset, sums)
     dataset = with_own_id(dataset, digest)
     attrs: dict[str, Any] = {**ROOT, **dataset.attrs}
     attrs["id"] = str(attrs.get("id") or digest[:20])

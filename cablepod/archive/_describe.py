@@ -9,7 +9,7 @@ import xarray as xr
 
 from cablepod.archive._attributes import call_text, checked_stages, stage_of
 from cablepod.archive._folder import path_of
-from cablepod.archive._read import LIBRARY_ERRORS, damaged, netcdf_lock, open_file
+from cablepod.archive._read import READ_ERRORS, damaged, netcdf_lock, open_file
 from cablepod.errors import ArchiveError
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def describe(source: xr.Dataset | str | os.PathLike[str]) -> str:
             return "\n".join([size, *_description(opened)])
         except ArchiveError as error:
             raise ArchiveError(f"{path}: {error}") from error
-        except LIBRARY_ERRORS as error:
+        except READ_ERRORS as error:
             raise damaged(path, error) from error
 
 

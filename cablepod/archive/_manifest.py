@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,7 +13,9 @@ from typing import Any
 
 import xarray as xr
 
-from cablepod.archive._read import LIBRARY_ERRORS, SCHEMA, damaged, netcdf_lock, opened_file, restored, version
+from cablepod.archive._checked import changed
+from cablepod.archive._read import READ_ERRORS, damaged, netcdf_lock, opened_file, restored, version
+from cablepod.archive._seal import SCHEMA, seal_of
 from cablepod.errors import ArchiveError
 
 MANIFEST, SCENES, MODES = "manifest.json", "scenes.nc", "modes.nc"
@@ -22,13 +25,24 @@ BATCH_ATTRIBUTES = ("id", "history", "history_json", "title", "date_created", "s
 FAILURE = {"units": "1", "long_name": "why the member failed; empty where it did not"}
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """Read the manifest of an ensemble.
+def manifest_text(manifest: Mapping[str, Any]) -> str:
+    """Return a manifest as the text of its file, with the CRC-32 of the rest."""
+    content = {name: value for name, value in manifest.items() if name != "crc32"}
+    return json.dumps({**content, "crc32": _crc(content)}, sort_keys=True)
+
+
+def _crc(content: Mapping[str, Any]) -> str:
+    """Return the CRC-32 of a manifest as text."""
+    return f"{zlib.crc32(json.dumps(content, sort_keys=True).encode()):08x}"
+
+
+def read_manifest(folder: Path, *, verify: bool = True) -> dict[str, Any]:
+    """Read the manifest of an ensemble; with `verify`, it must be as written.
 
     Raises
     ------
     ArchiveError
-        If it is missing, damaged or of a newer version.
+        If it is missing, damaged, changed since it was written or of a newer version.
     """
     path = folder / MANIFEST
     if not path.is_file():
@@ -40,8 +54,11 @@ def read_manifest(folder: Path) -> dict[str, Any]:
             raise ValueError("it is another kind of file")
     except OSError as error:
         raise ArchiveError(f"{path}: cannot be read: {error.strerror}; check its permissions") from error
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ArchiveError(f"{path}: is damaged ({error}); take it from a backup, or run the ensemble again") from error
+    written = manifest.pop("crc32", None)
+    if verify and written is not None and written != _crc(manifest):
+        raise changed(path, ["its text"])
     if manifest["schema"] > SCHEMA:
         raise ArchiveError(
             f"{path}: has schema version {manifest['schema']}, this cablepod ({version()}) knows versions up to {SCHEMA}; "
@@ -66,8 +83,10 @@ def file_of(number: int) -> str:
     return f"batch_{number:04d}.nc"
 
 
-def check_batch(folder: Path, manifest: Mapping[str, Any], number: int) -> None:
-    """Check that the file of a batch exists, is complete and belongs to this ensemble (reads attributes only).
+def check_batch(folder: Path, manifest: Mapping[str, Any], number: int, *, verify: bool = True) -> None:
+    """Check that the file of a batch exists, is complete and belongs to this ensemble (reads its seal or attributes only).
+
+    Without `verify`, it may have been edited.
 
     Raises
     ------
@@ -81,9 +100,14 @@ def check_batch(folder: Path, manifest: Mapping[str, Any], number: int) -> None:
     if not path.exists():
         raise ArchiveError(f"{path}: is missing; run the ensemble again, which computes what is missing")
     try:
-        with netcdf_lock(), NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
-            attributes = {name: file.getncattr(name) for name in ("cablepod_schema", "id") if name in file.ncattrs()}
-    except LIBRARY_ERRORS as error:
+        if (seal := seal_of(path)) is not None and seal.id:
+            attributes: dict[str, Any] = {"cablepod_schema": seal.schema, "id": seal.id}
+        else:
+            with netcdf_lock(), NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
+                attributes = {
+                    name: file.getncattr(name) for name in ("cablepod_schema", "id") if name in file.ncattrs()
+                }
+    except READ_ERRORS as error:
         raise damaged(path, error) from error
     if attributes.get("cablepod_schema", SCHEMA + 1) > SCHEMA:
         with opened_file(path):  # raises the error for this file
@@ -92,13 +116,14 @@ def check_batch(folder: Path, manifest: Mapping[str, Any], number: int) -> None:
         raise ArchiveError(
             f"{path}: is not batch {number} of the ensemble {manifest['id']}; take it from a backup, or remove it"
         )
-    if entry is not None and path.stat().st_size != entry["bytes"]:
+    if verify and entry is not None and path.stat().st_size != entry["bytes"]:
         raise ArchiveError(
-            f"{path}: is damaged, its size differs from that in {MANIFEST}; take it from a backup, or remove it"
+            f"{path}: is damaged or edited, its size differs from that in {MANIFEST}; take it from a backup, remove it, or "
+            "take it as it is with verify=False"
         )
 
 
-def read_entry(path: Path) -> dict[str, Any]:
+def read_entry(path: Path, *, verify: bool = True) -> dict[str, Any]:
     """Read a batch file and return its entry in the manifest.
 
     Raises
@@ -106,10 +131,10 @@ def read_entry(path: Path) -> dict[str, Any]:
     ArchiveError
         If the file cannot be read.
     """
-    with opened_file(path) as opened:
+    with opened_file(path, verify=verify) as opened:
         try:
             return entry_of(restored(opened), path)
-        except LIBRARY_ERRORS as error:
+        except READ_ERRORS as error:
             raise damaged(path, error) from error
 
 

@@ -14,9 +14,10 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod.archive._checked import blocks_of, changed, check_bytes
 from cablepod.archive._folder import path_of
 from cablepod.archive._manifest import FAILURE, SCENES, check_batch, file_of, read_entry, read_manifest, sizes_of
-from cablepod.archive._read import LIBRARY_ERRORS, damaged, netcdf_lock, opened_file, restored
+from cablepod.archive._read import READ_ERRORS, damaged, netcdf_lock, opened_file, read, restored
 from cablepod.errors import ArchiveError
 
 #: Maximum bytes of a dask chunk; longer batches are split along time.
@@ -34,6 +35,7 @@ class _ChunkReader:
     dtype: np.dtype
     time: int | None  #: index of the dimension time, which is split
     lengths: tuple[int, ...]  #: lengths of the chunks along time
+    verify: bool  #: whether the files must be as written
 
     def __call__(self, block_id: tuple[int, ...]) -> np.ndarray:
         import netCDF4
@@ -46,17 +48,25 @@ class _ChunkReader:
             times = slice(first, first + self.lengths[block_id[self.time]])
             shape[self.time - 1] = self.lengths[block_id[self.time]]
         try:
+            by_blocks = self.verify and not check_bytes(path, whole=False)
             with netcdf_lock(), NETCDF4_PYTHON_LOCK, netCDF4.Dataset(path) as file:
                 file.set_auto_maskandscale(False)
+                blocks = blocks_of(path, file, self.name) if by_blocks else None
                 if self.name not in file.variables:  # all members of the batch failed
                     return np.full((count, *shape), np.nan, self.dtype)
                 variable = file.variables[self.name]
                 has_members = "member" in variable.dimensions
-                index = [slice(None)] * variable.ndim
+                index: list[int | slice] = [slice(None)] * variable.ndim
                 if self.time is not None:
                     index[self.time - (0 if has_members else 1)] = times
-                values = np.asarray(variable[tuple(index)], self.dtype)
-        except LIBRARY_ERRORS as error:
+                read = variable.__getitem__
+                found = read(tuple(index)) if blocks is None else blocks.checked(tuple(index), read)
+                if found is None:
+                    raise changed(path, [self.name])
+                values = np.asarray(found, self.dtype)
+        except ArchiveError:
+            raise
+        except READ_ERRORS as error:
             if not path.exists():
                 raise ArchiveError(
                     f"{path}: is missing; run the ensemble again, which computes what is missing"
@@ -65,7 +75,7 @@ class _ChunkReader:
         return np.ascontiguousarray(np.broadcast_to(values, (count, *shape)))
 
 
-def open_ensemble(path: str | os.PathLike[str], *, incomplete: bool = False) -> xr.Dataset:
+def open_ensemble(path: str | os.PathLike[str], *, incomplete: bool = False, verify: bool = True) -> xr.Dataset:
     """Open the folder of :func:`cablepod.ensemble.run` as one lazy dataset.
 
     Parameters
@@ -74,6 +84,9 @@ def open_ensemble(path: str | os.PathLike[str], *, incomplete: bool = False) -> 
         The folder.
     incomplete
         Also open an unfinished ensemble, with the members that are complete.
+    verify
+        Whether the files must be as written; a file of results is compared when a value of it is first read, one above 64 MiB
+        block by block.  False takes files that were edited as they are.
 
     Returns
     -------
@@ -85,26 +98,28 @@ def open_ensemble(path: str | os.PathLike[str], *, incomplete: bool = False) -> 
     Raises
     ------
     ArchiveError
-        If there is no ensemble, it is unfinished, or files are missing, damaged or of a newer version (named in the message).
+        If there is no ensemble, it is unfinished, or files are missing, damaged, changed since they were written or of a newer
+        version (named in the message).
     """
     folder = path_of(path)
-    manifest = read_manifest(folder)
+    manifest = read_manifest(folder, verify=verify)
     sizes = sizes_of(manifest)
     numbers = [number for number in range(len(sizes)) if incomplete is False or (folder / file_of(number)).exists()]
     if not incomplete:
         _check_complete(folder, manifest, sizes)
-    _check_files(folder, manifest, numbers)
+    _check_files(folder, manifest, numbers, verify=verify)
     if not numbers:
         raise ArchiveError(f"{folder}: no member of this ensemble is complete yet; run the ensemble again to continue")
     # the manifest may lack batches completed just before a crash: read their entries from the files
-    entries = {number: manifest["done"].get(str(number)) or read_entry(folder / file_of(number)) for number in numbers}
-    with opened_file(folder / SCENES) as opened:
-        scenes = restored(opened.load())
+    entries = {
+        number: manifest["done"].get(str(number)) or read_entry(folder / file_of(number), verify=verify)
+        for number in numbers
+    }
+    scenes = read(folder / SCENES, verify=verify)
     first = np.cumsum([0, *sizes])
     rows = np.concatenate([np.arange(first[number], first[number + 1]) for number in numbers])
-    return _EnsembleAssembler(
-        folder, manifest, entries, [sizes[number] for number in numbers], scenes.isel(member=rows)
-    ).dataset()
+    chosen = [sizes[number] for number in numbers]
+    return _EnsembleAssembler(folder, manifest, entries, chosen, scenes.isel(member=rows), verify).dataset()
 
 
 def _check_complete(folder: Path, manifest: Mapping[str, Any], sizes: Sequence[int]) -> None:
@@ -121,12 +136,12 @@ def _check_complete(folder: Path, manifest: Mapping[str, Any], sizes: Sequence[i
         )
 
 
-def _check_files(folder: Path, manifest: Mapping[str, Any], numbers: Sequence[int]) -> None:
+def _check_files(folder: Path, manifest: Mapping[str, Any], numbers: Sequence[int], *, verify: bool) -> None:
     """Refuse missing and damaged batch files, naming up to five."""
     faults = []
     for number in numbers:
         try:
-            check_batch(folder, manifest, number)
+            check_batch(folder, manifest, number, verify=verify)
         except ArchiveError as error:
             faults.append(str(error))
     if faults:
@@ -143,6 +158,7 @@ class _EnsembleAssembler:
     entries: Mapping[int, Mapping[str, Any]]  #: number of the batch -> entry of the manifest, in order
     sizes: Sequence[int]
     scenes: xr.Dataset
+    verify: bool  #: whether the files must be as written
 
     def dataset(self) -> xr.Dataset:
         """Return the lazy dataset."""
@@ -175,7 +191,7 @@ class _EnsembleAssembler:
         for number, entry in self.entries.items():
             seen.setdefault(json.dumps(entry["layout"], sort_keys=True), (number, entry))
         for number, _ in sorted(seen.values(), key=lambda pair: (-len(pair[1]["layout"]["variables"]), pair[0])):
-            with opened_file(self.folder / file_of(number)) as opened:
+            with opened_file(self.folder / file_of(number), verify=self.verify) as opened:
                 yield restored(opened)
 
     def _failures(self) -> xr.Variable:
@@ -223,8 +239,8 @@ class _EnsembleAssembler:
         if time is not None:
             chunks[time] = lengths
         files = tuple(str(self.folder.resolve() / file_of(number)) for number in self.entries)
-        reader = _ChunkReader(files, tuple(self.sizes), name, shape, dtype, time, lengths)
-        stamp = hashlib.sha256(repr((files, self.sizes, self.manifest["id"])).encode()).hexdigest()[:16]
+        reader = _ChunkReader(files, tuple(self.sizes), name, shape, dtype, time, lengths, self.verify)
+        stamp = hashlib.sha256(repr((files, self.sizes, self.manifest["id"], self.verify)).encode()).hexdigest()[:16]
         return dask.array.map_blocks(
             reader, chunks=tuple(chunks), dtype=dtype, meta=np.empty((0,) * len(chunks), dtype), name=f"{name}-{stamp}"
         )

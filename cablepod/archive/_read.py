@@ -15,15 +15,19 @@ import numpy as np
 import xarray as xr
 
 from cablepod import conventions, provenance
+from cablepod.archive._checked import CheckedFile, changed, check_bytes
+from cablepod.archive._checksums import CHECKSUMS
+from cablepod.archive._content_hash import content_hash
 from cablepod.archive._folder import path_of
+from cablepod.archive._seal import SCHEMA
 from cablepod.batch._sigint import defer_sigint
 from cablepod.errors import ArchiveError
 
-#: Version of the file layout, raised when an older package would misread new files.
-SCHEMA = 1
 _LIBRARY = threading.RLock()
 #: Exceptions of xarray and netCDF for files that they cannot read or write.
 LIBRARY_ERRORS = (OSError, RuntimeError, ValueError, TypeError, KeyError, IndexError, AttributeError)
+#: Those for damaged files.
+READ_ERRORS = (*LIBRARY_ERRORS, ArithmeticError, AssertionError, LookupError, MemoryError, SystemError)
 
 
 @contextmanager
@@ -37,8 +41,12 @@ def netcdf_lock() -> Iterator[None]:
         yield
 
 
-def open_file(path: Path, chunks: Any) -> xr.Dataset:
-    """Open a file lazily, after a check that this package wrote it."""
+def open_file(path: Path, chunks: Any, *, verify: bool = True, whole: bool = False) -> xr.Dataset:
+    """Open a file lazily, after a check that this package wrote it.
+
+    With `verify` it must be as written: all bytes are compared before the library opens the file, of a large one without `whole`
+    its values when they are read.
+    """
     if not path.exists():
         raise ArchiveError(f"{path}: does not exist; check the path")
     if not path.is_file():
@@ -46,11 +54,17 @@ def open_file(path: Path, chunks: Any) -> xr.Dataset:
     if path.stat().st_size == 0:
         raise ArchiveError(f"{path}: is empty; make it again")
     try:
+        if verify and not check_bytes(path, whole=whole):
+            engine: dict[str, Any] = {"engine": CheckedFile}
+        else:
+            engine = {"engine": "netcdf4", "decode_times": False, "decode_timedelta": False}
         with netcdf_lock():
-            opened = xr.open_dataset(path, engine="netcdf4", chunks=chunks, decode_times=False, decode_timedelta=False)
+            opened = xr.open_dataset(path, chunks=chunks, **engine)
+    except ArchiveError:
+        raise
     except PermissionError as error:
         raise ArchiveError(f"{path}: no permission to read it; change its permissions") from error
-    except LIBRARY_ERRORS as error:
+    except READ_ERRORS as error:
         raise damaged(path, error) from error
     schema = opened.attrs.get("cablepod_schema")
     if isinstance(schema, np.integer) and schema <= SCHEMA:
@@ -73,25 +87,32 @@ def version() -> str:
 
 
 @contextmanager
-def opened_file(path: Path) -> Iterator[xr.Dataset]:
+def opened_file(path: Path, *, verify: bool = True) -> Iterator[xr.Dataset]:
     """Open a file as :func:`open_file`, with the lock of the library until it is closed."""
-    with netcdf_lock(), open_file(path, None) as opened:
+    with netcdf_lock(), open_file(path, None, verify=verify) as opened:
         yield opened
 
 
 def damaged(path: Path, error: BaseException) -> ArchiveError:
-    """Return the error for a file that the netCDF library cannot read."""
-    with path.open("rb") as file:
-        is_netcdf = file.read(8) == b"\x89HDF\r\n\x1a\n"
+    """Return the error for a file that the netCDF library cannot read; an ArchiveError as it is."""
+    if isinstance(error, ArchiveError):
+        return error
+    try:
+        with path.open("rb") as file:
+            is_netcdf = file.read(8) == b"\x89HDF\r\n\x1a\n"
+    except OSError as second:
+        return ArchiveError(f"{path}: cannot be read: {second.strerror}; check the path and its permissions")
     if not is_netcdf:
         return ArchiveError(f"{path}: is not a netCDF-4 file ({error}); check the path")
+    if isinstance(error, MemoryError):
+        return ArchiveError(f"{path}: is larger than the memory, or damaged; read it with chunks, or make it again")
     return ArchiveError(f"{path}: is truncated or damaged ({error}); make it again, or take it from a backup")
 
 
 def restored(opened: xr.Dataset) -> xr.Dataset:
     """Return `opened` as it was before writing: without encodings and content types, strings as fixed-width arrays."""
     dataset = fixed_width_texts(opened.drop_encoding())
-    dataset.attrs = provenance.abridged(dataset.attrs)
+    dataset.attrs = provenance.abridged({name: value for name, value in dataset.attrs.items() if name != CHECKSUMS})
     for name, content in content_types(dataset):
         if dataset[name].attrs.get("coverage_content_type") == content:
             del dataset[name].attrs["coverage_content_type"]
@@ -115,7 +136,7 @@ def content_types(dataset: xr.Dataset) -> Iterator[tuple[Hashable, str]]:
             yield name, "coordinate"
 
 
-def read(path: str | os.PathLike[str], *, chunks: Any = None) -> xr.Dataset:
+def read(path: str | os.PathLike[str], *, chunks: Any = None, verify: bool = True) -> xr.Dataset:
     """Read a file of :func:`cablepod.archive.write`.
 
     Parameters
@@ -125,6 +146,10 @@ def read(path: str | os.PathLike[str], *, chunks: Any = None) -> xr.Dataset:
     chunks
         None to read all values and close the file.  Otherwise as in :func:`xarray.open_dataset` (``{}`` for the chunks of the
         file): variables are dask arrays, and the file stays open until ``close`` of the dataset.
+    verify
+        Whether the file must be as written, in values, coordinates and attributes.  With `chunks`, the values of files above
+        64 MiB are compared when they are read.  False takes a file that was edited as it is; if it is written again, it gets a
+        stage and id of its own.
 
     Returns
     -------
@@ -134,18 +159,38 @@ def read(path: str | os.PathLike[str], *, chunks: Any = None) -> xr.Dataset:
     Raises
     ------
     ArchiveError
-        If the file is missing, empty, truncated or damaged, not from this package, or from a newer version.
+        If the file is missing, empty, truncated or damaged, changed since it was written (the message names what), not from this
+        package, or from a newer version.
     """
     path = path_of(path)
     if chunks is not None:
         if find_spec("dask") is None:
             raise ArchiveError(f"{path}: reading in chunks needs dask; install it, or read without chunks")
-        opened = open_file(path, chunks)
-        lazy = restored(opened)
+        opened = open_file(path, chunks, verify=verify)
+        try:
+            lazy = restored(opened)
+        except READ_ERRORS as error:
+            opened.close()
+            raise damaged(path, error) from error
         lazy.set_close(defer_sigint()(opened.close))
         return lazy
-    with netcdf_lock(), open_file(path, None) as opened:
+    with netcdf_lock(), open_file(path, None, verify=verify, whole=True) as opened:
         try:
-            return restored(opened.load())
-        except LIBRARY_ERRORS as error:
+            has_checksums = CHECKSUMS in opened.attrs
+            dataset = restored(opened.load())
+        except READ_ERRORS as error:
             raise damaged(path, error) from error
+    if verify and not has_checksums:
+        _check_content_hash(path, dataset)
+    return dataset
+
+
+def _check_content_hash(path: Path, dataset: xr.Dataset) -> None:
+    """Refuse a file of an earlier version, without checksums, whose values have another content hash than its last stage."""
+    try:
+        stages = provenance.stages_of(dataset)
+        written = next((stage.get("sha256") for stage in stages if stage["id"] == dataset.attrs.get("id")), None)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):  # a history of another program
+        return
+    if written is not None and written != content_hash(dataset):
+        raise changed(path, ["its values"])

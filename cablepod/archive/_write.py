@@ -13,8 +13,10 @@ import xarray as xr
 
 from cablepod.archive._atomic import atomic_file
 from cablepod.archive._attributes import with_file_attributes
+from cablepod.archive._checksums import chunk_shape
 from cablepod.archive._folder import path_of
 from cablepod.archive._read import LIBRARY_ERRORS, netcdf_lock
+from cablepod.archive._seal import add_seal
 from cablepod.batch._sigint import defer_sigint_during_dask
 from cablepod.errors import ArchiveError, check_dataset
 
@@ -23,10 +25,6 @@ if TYPE_CHECKING:
 
 #: Maximum bytes of an uncompressed variable (filter and chunk index would cost more than they save).
 MAX_UNCOMPRESSED = 16_384
-#: Target bytes of a chunk.
-CHUNK = 1 << 20
-#: Dimensions split into chunks (decompositions read complete rows of particles).
-CHUNKED = ("time", "member")
 #: Data types that netCDF-4 can store.
 DTYPES = {np.dtype(code) for code in ("i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8")}
 #: Attribute names that xarray decodes on reading.
@@ -87,6 +85,7 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
     try:
         with atomic_file(path, check=lambda: check_target(path, overwrite=overwrite)) as part, library:
             stamped.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding_of(stamped))
+            add_seal(part, stamped.attrs["id"])
     except ArchiveError:
         raise
     except LIBRARY_ERRORS as error:
@@ -112,19 +111,8 @@ def _encoding(name: str, variable: xr.Variable, is_coordinate: bool) -> dict[str
     if not is_coordinate and (variable.chunks is not None or np.isnan(variable.values).any()):
         encoding["_FillValue"] = variable.dtype.type(np.nan)
     if variable.nbytes > MAX_UNCOMPRESSED:
-        encoding.update(zlib=True, complevel=4, shuffle=True, chunksizes=_chunk_sizes(variable))
+        encoding.update(zlib=True, complevel=4, shuffle=True, chunksizes=chunk_shape(variable))
     return encoding
-
-
-def _chunk_sizes(variable: xr.Variable) -> tuple[int, ...]:
-    """Return chunk sizes of about :data:`CHUNK` bytes, split along time first, then member."""
-    sizes = dict(variable.sizes)
-    rows = max(1, CHUNK * int(np.prod([sizes[dim] for dim in CHUNKED if dim in sizes])) // variable.nbytes)
-    for dim in CHUNKED:
-        if dim in sizes:
-            sizes[dim] = min(sizes[dim], rows)
-            rows = max(1, rows // sizes[dim])
-    return tuple(sizes.values())
 
 
 def check_target(path: Path, *, overwrite: bool) -> None:

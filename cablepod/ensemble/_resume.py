@@ -24,11 +24,13 @@ from cablepod.archive._manifest import (
     SCENES,
     check_batch,
     file_of,
+    manifest_text,
     read_entry,
     read_manifest,
     sizes_of,
 )
-from cablepod.archive._read import SCHEMA, version
+from cablepod.archive._read import version
+from cablepod.archive._seal import SCHEMA
 from cablepod.archive._write import check_target, reason
 from cablepod.batch._sigint import check_sigint
 from cablepod.errors import ArchiveError, shown
@@ -79,7 +81,7 @@ class Store:
         path = self.folder / MANIFEST
         try:
             with atomic_file(path) as part:
-                part.write_text(json.dumps(self.manifest, sort_keys=True), encoding="utf-8")
+                part.write_text(manifest_text(self.manifest), encoding="utf-8")
         except OSError as error:
             raise ArchiveError(f"{path}: not written: {reason(error, self.folder)}") from error
         self.last_save = time.monotonic()

@@ -52,8 +52,8 @@ def test_an_eager_read_closes_the_file(tmp_path, monkeypatch):
     path = write(make_trajectory(), tmp_path / "it.nc")
     opened = []
 
-    def open_file(*args, _open=archive_read.open_file):
-        opened.append(_open(*args))
+    def open_file(*args, _open=archive_read.open_file, **options):
+        opened.append(_open(*args, **options))
         return opened[-1]
 
     monkeypatch.setattr(archive_read, "open_file", open_file)
