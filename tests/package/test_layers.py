@@ -25,7 +25,7 @@ LAYERS = (
     ("catenary", "batch"),
     ("scene", "discretisation", "archive"),
     ("integrate", "pod", "reduced", "examples"),
-    ("chain", "compare", "plots"),
+    ("chain", "compare", "fatigue", "plots"),
     ("cable", "rigid", "condensed"),
     ("galerkin", "oblique"),
     ("ensemble", "paper", "study"),

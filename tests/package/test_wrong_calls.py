@@ -88,7 +88,9 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "summary": (("scene",), {}),
 }
 #: Functions whose first argument is no Dataset.
-OTHERS = {"archive.open_ensemble", "archive.read", "catenary.solve", "make_scene", "read_scene"}
+OTHERS = {
+    "archive.open_ensemble", "archive.read", "catenary.solve", "fatigue.equivalent", "fatigue.ranges", "make_scene", "read_scene",
+}  # fmt: skip
 #: What stands in the place of a Dataset.
 WRONG: dict[str, Any] = {
     "None": None,

@@ -1,0 +1,175 @@
+"""Public functions: rainflow cycles of a series, equivalent range."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import provenance
+from cablepod.errors import SceneError, scene_error, shown
+from cablepod.parameters._checks import number
+
+
+def ranges(series: xr.DataArray, *, dim: str = "time") -> xr.Dataset:
+    """Count the cycles of a series by the rainflow method of ASTM E1049.
+
+    Parameters
+    ----------
+    series
+        Numbers along `dim`, such as the tension of a link.  Every further dimension (``member``, ``link``) is a series of its
+        own.  A series without any number, that of a failed member, has no cycles.
+    dim
+        Dimension along which the series runs.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along ``cycle``, in the order in which the method closes them: ``cycle_range`` and ``cycle_mean`` in the units of the
+        series, ``cycle_count``, 1 for a cycle and 0.5 for half a cycle, ``cycle_start`` and ``cycle_end``, values of the
+        coordinate `dim` (numbers of samples without one).  Series with fewer cycles than others are filled with nan and the
+        count 0.
+
+    Raises
+    ------
+    SceneError
+        For anything but a DataArray with the dimension `dim`, for fewer than two samples, and for numbers that are not finite.
+
+    Notes
+    -----
+    ASTM E1049-85, Standard practices for cycle counting in fatigue analysis, section 5.4.4.  The first and the last sample count
+    as reversals.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> import xarray as xr
+    >>> series = xr.DataArray([-2.0, 1.0, -3.0, 5.0, -1.0, 3.0, -4.0, 4.0, -2.0], dims="time")  # of the standard
+    >>> cycles = cp.fatigue.ranges(series)
+    >>> cycles.cycle_range.values.tolist(), cycles.cycle_count.values.tolist()
+    ([3.0, 4.0, 4.0, 8.0, 9.0, 8.0, 6.0], [0.5, 0.5, 1.0, 0.5, 0.5, 0.5, 0.5])
+    """
+    from cablepod.fatigue import _kernels_rainflow as kernel  # numba is imported only to compute
+
+    rows, template = _rows(series, dim)
+    starts, ends = np.empty(rows.shape, np.int32), np.empty(rows.shape, np.int32)
+    half, counts = np.empty(rows.shape, np.bool_), np.empty(len(rows), np.int64)
+    kernel.all_cycles(rows, starts, ends, half, counts)
+    counts[np.isnan(rows[:, 0])] = 0
+    most = int(counts.max(initial=0))
+    if dim in series.coords:
+        places, place_units = np.asarray(series[dim].values, dtype=float), str(series[dim].attrs.get("units", "1"))
+    else:
+        places, place_units = np.arange(rows.shape[1], dtype=float), "1"
+    values = [np.empty((len(rows), most)) for _ in range(5)]
+    kernel.tables(rows, places, starts, ends, half, counts, *values)
+    units, of = str(series.attrs.get("units", "1")), series.attrs.get("long_name", series.name or "the series")
+    shape, dims = (*template.shape, most), (*template.dims, "cycle")
+    labels = (
+        ("cycle_range", units, f"range of the cycle of {of}"),
+        ("cycle_mean", units, f"mean of the cycle of {of}"),
+        ("cycle_count", "1", "1 for a whole cycle, 0.5 for half a cycle"),
+        ("cycle_start", place_units, f"{dim} at which the cycle begins"),
+        ("cycle_end", place_units, f"{dim} at which the cycle ends"),
+    )
+    variables = {
+        name: (dims, table.reshape(shape), {"units": unit, "long_name": text})
+        for (name, unit, text), table in zip(labels, values, strict=True)
+    }
+    numbers = ("cycle", np.arange(1, most + 1), {"units": "1", "long_name": "number of the cycle"})
+    result = xr.Dataset(variables, coords={**template.coords, "cycle": numbers})
+    result.attrs.update(title=f"rainflow cycles of {of}", stage="cycles")
+    return provenance.record(result, function="fatigue.ranges", parameters={"series": rows, "dim": dim})
+
+
+def equivalent(series: xr.DataArray, *, exponent: float = 4, frequency: float = 1.0, dim: str = "time") -> xr.DataArray:
+    """Compute the constant range of the same fatigue damage.
+
+    Parameters
+    ----------
+    series
+        Numbers along `dim`, as in :func:`ranges`, with the coordinate `dim` [s].
+    exponent
+        Exponent m of the S-N curve, damage per cycle proportional to range^m.
+    frequency
+        Frequency [Hz] of the constant range.
+    dim
+        Dimension along which the series runs.
+
+    Returns
+    -------
+    xarray.DataArray
+        Equivalent range in the units of the series, over its other dimensions: (sum of count range^m / cycles)^(1/m), where
+        cycles is the frequency times the duration from the first to the last sample.  Series without any number give nan.
+
+    Raises
+    ------
+    SceneError
+        As :func:`ranges`, for an exponent or frequency that is not positive, and for a coordinate that does not rise.
+
+    Notes
+    -----
+    By Palmgren and Miner's rule: cycles of this range at `frequency` do the damage of all counted cycles in the same time.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> time = np.arange(0.0, 100.25, 0.25)
+    >>> series = xr.DataArray(3.0 * np.sin(2.0 * np.pi * time), dims="time", coords={"time": time})
+    >>> round(float(cp.fatigue.equivalent(series, frequency=1.0)), 3)
+    5.989
+    """
+    from cablepod.fatigue import _kernels_rainflow as kernel
+
+    m, reference = number(above=0.0)("exponent", exponent), number(above=0.0)("frequency", frequency)
+    rows, template = _rows(series, dim)
+    if dim not in series.coords:
+        raise SceneError(f"series: given one without the coordinate {dim}; allowed: a DataArray with {dim} [s]")
+    place = np.asarray(series[dim].values, dtype=float)
+    if not (np.diff(place) > 0.0).all():
+        raise SceneError(f"series: given a coordinate {dim} that does not rise; allowed: increasing instants [s]")
+    failed = np.isnan(rows[:, 0])
+    size = np.maximum(rows.max(axis=1), -rows.min(axis=1))
+    scale = np.where(size > 0.0, size, 1.0)  # ranges of the order of one neither overflow nor underflow
+    sums = np.empty(len(rows))
+    power = int(m) if float(m).is_integer() and m < 100 else float(m)  # products are ten times as fast as powers
+    kernel.damage_sums(rows, scale, power, sums)
+    values = scale * (sums / (reference * (place[-1] - place[0]))) ** (1.0 / m)
+    values[failed] = np.nan
+    of = series.attrs.get("long_name", series.name or "the series")
+    attrs = {
+        "units": str(series.attrs.get("units", "1")),
+        "long_name": f"equivalent range of {of}",
+        "exponent": float(m),
+        "frequency": float(reference),
+    }
+    return xr.DataArray(values.reshape(template.shape), dims=template.dims, coords=template.coords, attrs=attrs)
+
+
+def _rows(series: Any, dim: str) -> tuple[np.ndarray, xr.DataArray]:
+    """Return the series as rows (rows, n), and a DataArray of the other dimensions."""
+    if not isinstance(series, xr.DataArray):
+        raise scene_error(
+            "series", series, 'a DataArray, such as run.tension.sel(link=40), or xr.DataArray(values, dims="time")'
+        )
+    if dim not in series.dims:
+        raise SceneError(
+            f"dim: given {shown(dim)}; allowed: a dimension of the series, {', '.join(map(str, series.dims))}"
+        )
+    if series.dtype.kind not in "iuf":
+        raise SceneError(f"series: given values of type {series.dtype}; allowed: numbers")
+    if series.sizes[dim] < 2:
+        raise SceneError(f"series: given {series.sizes[dim]} samples along {dim}; allowed: at least 2")
+    ordered = series.transpose(..., dim)
+    rows = np.ascontiguousarray(ordered.values, dtype=float).reshape(-1, series.sizes[dim])
+    finite = np.isfinite(rows)
+    wrong = ~finite.all(axis=1) & ~np.isnan(rows).all(axis=1)
+    if wrong.any():
+        place = int(np.argmin(finite[int(np.argmax(wrong))]))
+        raise SceneError(
+            f"series: given a value that is not finite at sample {place} along {dim}; allowed: finite numbers"
+        )
+    return rows, ordered.isel({dim: 0}, drop=True)
