@@ -16,7 +16,7 @@ from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCa
 from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_space, solve, step_limit_of
 from cablepod.cable._start import equilibrium_with_error, start
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law, law_tension
-from cablepod.errors import NotConvergedWarning, user_stacklevel
+from cablepod.errors import NotConvergedWarning, scene_error, user_stacklevel
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._output import law_suffix, rest_dataset
 from cablepod.integrate._request import Request
@@ -232,6 +232,10 @@ def simulate(
     p = parameters(scene)
     warn_of_unusual(p)
     check_viscous_law(law, p.link_viscosity)
+    if p.tension_damping is not None:
+        raise scene_error(
+            "damping.tension_proportional", p.tension_damping, "none; try: chain.simulate, or damping.mass_proportional"
+        )
     check_order(order)
     instants = request.instants(p)
     title = str(scene.attrs.get("title", "scene"))

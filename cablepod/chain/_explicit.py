@@ -83,7 +83,8 @@ class ExplicitChainRun(ChainRun):
     def shape(self) -> tuple[Any, ...]:
         """Key of runs that can be advanced in one kernel call, see :class:`ExplicitStepper`."""
         chain, p = self.chain, self.chain.p
-        terms = (p.mass_damping is None, p.link_viscosity is None, len(chain.time_dependent_loads()), tuple(p.motions))
+        damping = (p.mass_damping is None, p.link_viscosity is None, p.tension_damping is None)
+        terms = (damping, len(chain.time_dependent_loads()), tuple(p.motions))
         return chain.links, p.dims, chain.law, terms, self.outputs, self.times.tobytes()
 
     def _first_state(self, step: float) -> tuple[np.ndarray, float | None, np.ndarray | None]:
@@ -240,6 +241,7 @@ class ExplicitStepper:
         self._patterns = _stacked([member.patterns for member in prepared])
         self._damping_factors = _stacked([member.damping_factor for member in prepared])
         self._viscosities = _stacked([member.run.chain.p.link_viscosity for member in prepared])
+        self._tension_dampings = _stacked([member.run.chain.p.tension_damping for member in prepared])
         self._kind = chain.links, True if p.dims == 3 else None, True if chain.green else None
         self._extremes = True if "tension_extremes" in run.outputs else None
 
@@ -247,12 +249,16 @@ class ExplicitStepper:
         """Take `steps` steps from number `start` on; returns which runs are still finite (runs,)."""
         from cablepod.chain import _kernels_explicit as kernel  # numba is imported only to compute
 
-        step, viscous = 1.0 / self.instants.steps_per_second, self._viscosities is not None
+        step, damped = (
+            1.0 / self.instants.steps_per_second,
+            (self._viscosities is not None or self._tension_dampings is not None),
+        )
         first, last = np.searchsorted(self.instants.steps, (start, start + steps))
         kernel.verlet(
-            self.states, self.is_finite, *self._kind, step, self._damping_factors, self._viscosities, self._patterns,
+            self.states, self.is_finite, *self._kind, step, self._damping_factors, self._viscosities,
+            self._tension_dampings, None, None, 0.0, 1, self._patterns,
             self._table("factors", start, steps) if self._functions["factors"] else None,
-            *self._places, self._table("ends", start, steps), self._table("rates", start, steps) if viscous else None,
+            *self._places, self._table("ends", start, steps), self._table("rates", start, steps) if damped else None,
             self._extremes, steps, start, self.instants.steps, first, last, self.saved, self.half_velocities,
         )  # fmt: skip
         axes = (1, 2)

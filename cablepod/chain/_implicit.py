@@ -63,7 +63,8 @@ class ImplicitChainRun(NewtonRun):
     def shape(self) -> tuple[Any, ...]:
         """Key of runs that can be advanced in lanes of one kernel call, see :class:`cablepod.chain._lanes.ImplicitLanes`."""
         chain, p, free = self.chain, self.chain.p, self.chain.free_particles
-        terms = (p.mass_damping is None, p.link_viscosity is None, len(chain.time_dependent_loads()))
+        damping = (p.mass_damping is None, p.link_viscosity is None, p.tension_damping is None)
+        terms = (damping, len(chain.time_dependent_loads()))
         sizes = (chain.links, p.dims, chain.law, free.start, free.stop, *sorted(self.moving))
         return self.method, self.spectral_radius, sizes, terms, self.outputs, self.times.tobytes()
 
@@ -242,6 +243,9 @@ class ImplicitStepper:
             self.patterns,
             np.stack([factor(time) for _, factor in self.varying], axis=1) if self.varying else None,
             p.link_viscosity,
+            p.tension_damping,
+        )
+        end_tables = (
             np.ascontiguousarray(ends[:, 0]) if ends is not None and "lower" in moving else None,
             np.ascontiguousarray(ends[:, 1]) if ends is not None and "upper" in moving else None,
         )
@@ -249,10 +253,11 @@ class ImplicitStepper:
         last = (run.divergence_bound, start, steps, save, saved, low, high)
         if run.method == "energy_momentum":
             done, iterations = kernel_energy_momentum.energy_momentum(
-                self.x, self.v, *links, *loads, step, MIN_ROUNDING * rotation, ROUNDING * rotation, *last
+                self.x, self.v, *links, *loads, *end_tables, step, MIN_ROUNDING * rotation, ROUNDING * rotation, *last
             )
         else:
-            rates = p.end_positions(time, 1) if p.link_viscosity is not None else None
+            is_damped = p.link_viscosity is not None or p.tension_damping is not None
+            rates = p.end_positions(time, 1) if is_damped else None
             done, iterations = kernel_generalized_alpha.generalized_alpha(
                 self.x,
                 self.v,
@@ -260,6 +265,10 @@ class ImplicitStepper:
                 self.force,
                 *links,
                 *loads,
+                None,
+                None,
+                None,
+                *end_tables,
                 rates,
                 step,
                 *run.parameters,

@@ -20,8 +20,8 @@ from cablepod.chain._kernels_links import link_forces_conserving
 
 @compiled
 def energy_momentum(
-    x, v, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity, lower, upper, step,
-    rotation_tolerance, rounding, bound, start, steps, save_steps, saved, low, high,
+    x, v, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity,
+    tension_damping, lower, upper, step, rotation_tolerance, rounding, bound, start, steps, save_steps, saved, low, high,
 ):  # fmt: skip
     """Advance a chain by `steps` steps of the energy-momentum method (Simo and Tarnow 1992).
 
@@ -57,7 +57,7 @@ def energy_momentum(
         converged, last_rotation = False, np.inf
         for _ in range(MAX_ITERATIONS):
             iterations += 1
-            link_forces_conserving(x, trial, k, length, inverse_squares, viscosity, 1.0 / step, f, s)
+            link_forces_conserving(x, trial, k, length, inverse_squares, viscosity, tension_damping, 1.0 / step, f, s)
             rotation = _correction(f, s, fixed_force, diagonal, d, b, workspace, first, last, per_length)
             _correct(d, b.reshape(-1), flat_x, flat_trial)
             _set_ends(trial, lower, upper, i + 1)

@@ -17,9 +17,11 @@ import numpy as np
 
 from cablepod._jit import compiled
 from cablepod.chain._kernels_layout import (
+    BASE_X,
     BX,
     BY,
     BZ,
+    DRAG_X,
     FX,
     FY,
     FZ,
@@ -118,6 +120,75 @@ def _viscous_forces(s, links, viscosity, spatial):
 
 
 @compiled(inline="always")
+def _add_tension_damping(s, links, tension_damping, spatial):
+    """Add the damping forces by the tension T [N], tension_damping T / |R| times the difference of the predicted velocities."""
+    for j in range(links):
+        dx = s[X, j + 1] - s[X, j]
+        dy = s[Y, j + 1] - s[Y, j]
+        square = dx * dx + dy * dy
+        along = s[FX, j + 1] * dx + s[FY, j + 1] * dy
+        if spatial is not None:
+            dz = s[Z, j + 1] - s[Z, j]
+            square += dz * dz
+            along += s[FZ, j + 1] * dz
+        damping = tension_damping * along / square if along > 0.0 else 0.0
+        s[FX, j + 1] += damping * (s[UX, j + 1] - s[UX, j])
+        s[FY, j + 1] += damping * (s[UY, j + 1] - s[UY, j])
+        if spatial is not None:
+            s[FZ, j + 1] += damping * (s[UZ, j + 1] - s[UZ, j])
+
+
+@compiled(inline="always")
+def _drag_of_particle(s, j, below, above, wind, sample, share, drag, step, target, is_first, spatial):
+    """Compute the velocity increment of a particle by drag half a step before, and write the increment that is applied.
+
+    The particles `below` and `above` give direction and length of the cable at particle j.  The increments of two evaluations are
+    extrapolated by 3/2 and -1/2 to the middle of the steps until the next one.
+    """
+    back = 0.5 * step
+    tx = s[X, above] - s[X, below] - back * (s[VX, above] - s[VX, below])
+    ty = s[Y, above] - s[Y, below] - back * (s[VY, above] - s[VY, below])
+    ux = wind[sample, 0, j] + share * (wind[sample + 1, 0, j] - wind[sample, 0, j]) - s[VX, j]
+    uy = wind[sample, 1, j] + share * (wind[sample + 1, 1, j] - wind[sample, 1, j]) - s[VY, j]
+    square, along = tx * tx + ty * ty, ux * tx + uy * ty
+    if spatial is not None:
+        tz = s[Z, above] - s[Z, below] - back * (s[VZ, above] - s[VZ, below])
+        uz = wind[sample, 2, j] + share * (wind[sample + 1, 2, j] - wind[sample, 2, j]) - s[VZ, j]
+        square += tz * tz
+        along += uz * tz
+    along /= square
+    ux -= along * tx
+    uy -= along * ty
+    speed_squared = ux * ux + uy * uy
+    if spatial is not None:
+        uz -= along * tz
+        speed_squared += uz * uz
+    factor = 0.5 * drag * s[PER_MASS, j] * math.sqrt(square * speed_squared)
+    before_x = factor * ux if is_first else s[DRAG_X, j]
+    before_y = factor * uy if is_first else s[DRAG_X + 1, j]
+    s[target, j] = s[BASE_X, j] + 1.5 * factor * ux - 0.5 * before_x
+    s[target + 1, j] = s[BASE_X + 1, j] + 1.5 * factor * uy - 0.5 * before_y
+    s[DRAG_X, j] = factor * ux
+    s[DRAG_X + 1, j] = factor * uy
+    if spatial is not None:
+        before_z = factor * uz if is_first else s[DRAG_X + 2, j]
+        s[target + 2, j] = s[BASE_X + 2, j] + 1.5 * factor * uz - 0.5 * before_z
+        s[DRAG_X + 2, j] = factor * uz
+
+
+@compiled
+def _apply_drag(s, links, wind, place, drag, step, target, is_first, spatial):
+    """Compute the drag on all particles from the wind (samples, dims, n + 1) [m/s] at a place between its samples."""
+    place = min(max(place, 0.0), wind.shape[0] - 1.0)
+    sample = min(int(place), wind.shape[0] - 2)
+    share = place - sample
+    for j in range(links - 1):
+        _drag_of_particle(s, j + 1, j, j + 2, wind, sample, share, drag, step, target, is_first, spatial)
+    _drag_of_particle(s, 0, 0, 1, wind, sample, share, drag, step, target, is_first, spatial)
+    _drag_of_particle(s, links, links - 1, links, wind, sample, share, drag, step, target, is_first, spatial)
+
+
+@compiled(inline="always")
 def _predict_velocities(s, links, spatial):
     """Extrapolate the velocity at the step from the last two half steps, which preserves second order."""
     for j in range(links + 1):
@@ -193,15 +264,16 @@ def _extremes(s, links, green, spatial):
 
 @compiled
 def _advance(
-    s, links, spatial, green, step, damping_factor, viscosity, patterns, factors, rows, columns, ends, end_rates,
-    begin, end, extremes,
+    s, links, spatial, green, step, damping_factor, viscosity, tension_damping, wind, drag, samples_per_second, hold, patterns,
+    factors, rows, columns, ends, end_rates, start, begin, end, extremes,
 ):  # fmt: skip
     """Take the steps begin ... end - 1 of the tables, without saving, so that the compiler sees a plain loop."""
     for i in range(begin, end):
-        if viscosity is not None:
+        if end_rates is not None:
             _predict_velocities(s, links, spatial)
             for m in range(rows.size):
                 s[rows[m] + UX, columns[m]] = end_rates[m, i]
+        if viscosity is not None:
             _viscous_forces(s, links, viscosity, spatial)
         elif green is not None:
             _green_forces(s, links, spatial)
@@ -209,6 +281,12 @@ def _advance(
             _elastic_forces(s, links, spatial)
         if extremes is not None:
             _extremes(s, links, green, spatial)
+        if tension_damping is not None:
+            _add_tension_damping(s, links, tension_damping, spatial)
+        if wind is not None and (start + i) % hold == 0:
+            place = (start + i - 0.5) * step * samples_per_second
+            target = LOAD_X if patterns is None else STEADY_X
+            _apply_drag(s, links, wind, place, drag, step, target, start + i == 0, spatial)
         if patterns is not None:
             _load_increments(s, links, patterns, factors, i, spatial)
         _kick_and_drift(s, links, step, damping_factor, spatial)
@@ -218,8 +296,8 @@ def _advance(
 
 @compiled
 def _verlet(
-    s, links, spatial, green, step, damping_factor, viscosity, patterns, factors, rows, columns, ends, end_rates, extremes,
-    steps, start, save_steps, saved, saved_half,
+    s, links, spatial, green, step, damping_factor, viscosity, tension_damping, wind, drag, samples_per_second, hold, patterns,
+    factors, rows, columns, ends, end_rates, extremes, steps, start, save_steps, saved, saved_half,
 ):  # fmt: skip
     """Advance one chain as :func:`verlet` does, with arrays without their first dimension."""
     dims = saved.shape[1]
@@ -235,8 +313,8 @@ def _verlet(
         if target == steps and save + saving < save_steps.size:
             target = save_steps[save + saving] - start
         _advance(
-            s, links, spatial, green, step, damping_factor, viscosity, patterns, factors, rows, columns, ends, end_rates,
-            i, target, extremes,
+            s, links, spatial, green, step, damping_factor, viscosity, tension_damping, wind, drag, samples_per_second, hold,
+            patterns, factors, rows, columns, ends, end_rates, start, i, target, extremes,
         )  # fmt: skip
         i = target
         if saving:
@@ -247,8 +325,9 @@ def _verlet(
 
 @compiled
 def verlet(
-    states, is_active, links, spatial, green, step, damping_factors, viscosities, patterns, factors, rows, columns, ends,
-    end_rates, extremes, steps, start, save_steps, first, last, saved, saved_half,
+    states, is_active, links, spatial, green, step, damping_factors, viscosities, tension_dampings, winds, drags,
+    samples_per_second, hold, patterns, factors, rows, columns, ends, end_rates, extremes, steps, start, save_steps,
+    first, last, saved, saved_half,
 ):  # fmt: skip
     """Advance chains of equal shape by `steps` steps of velocity Verlet in leapfrog form.
 
@@ -271,6 +350,14 @@ def verlet(
         exp(-damping step) with the damping per mass; None without.
     viscosities : float array (chains,) or None
         Viscosity of the links over their stiffness [s]; only with the linear law.
+    tension_dampings : float array (chains,) or None
+        Damping by the tension [s], see :func:`_add_tension_damping`.
+    winds : float array (chains, samples, dims, n + 1) or None
+        Velocity of the air at the particles [m/s], linear between the samples, from the start of the run on.
+    drags : float array (chains,)
+        Half the density of the air times drag coefficient and diameter [kg/m2]; only with winds.
+    samples_per_second, hold : float, int
+        Of the winds [1/s]; number of steps from one evaluation of the drag to the next.
     patterns, factors : float arrays (chains, loads, dims, n + 1), (chains, loads, steps + 1 or more) or None
         Velocity increments in a step by time-dependent loads at factor 1 [m/s], and the factors at the steps.
     rows, columns : int arrays (moving,)
@@ -278,7 +365,7 @@ def verlet(
     ends : float array (chains, moving, steps + 1 or more)
         Their values at the steps from `start` on [m].
     end_rates : float array (chains, moving, steps + 1 or more) or None
-        Their velocities [m/s]; only with viscosity.
+        Their velocities [m/s]; only with viscosity or tension damping.
     steps, start : int
         Number of steps, number of the first.
     save_steps : int array (saves,)
@@ -296,6 +383,10 @@ def verlet(
                 states[m], links, spatial, green, step,
                 None if damping_factors is None else damping_factors[m],
                 None if viscosities is None else viscosities[m],
+                None if tension_dampings is None else tension_dampings[m],
+                None if winds is None else winds[m],
+                None if winds is None else drags[m],
+                samples_per_second, hold,
                 None if patterns is None else patterns[m],
                 None if factors is None else factors[m],
                 rows, columns, ends[m],

@@ -15,6 +15,7 @@ import numpy as np
 
 from cablepod._jit import REORDERED, compiled
 from cablepod.chain._kernels_banded import solve_planar, solve_spatial
+from cablepod.chain._kernels_drag import drag_forces
 from cablepod.chain._kernels_links import link_forces_planar, link_forces_spatial
 
 #: Maximum number of Newton iterations per step.
@@ -125,8 +126,9 @@ def _update_extremes(x, low, high, inverse_squares, k, length):
 
 @compiled
 def generalized_alpha(
-    x, v, a, g, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity, lower, upper,
-    end_rates, step, alpha_m, alpha_f, beta, gamma, rotation_tolerance, bound, start, steps, save_steps, saved, low, high,
+    x, v, a, g, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity,
+    tension_damping, wind, wind_places, drag, lower, upper, end_rates, step, alpha_m, alpha_f, beta, gamma,
+    rotation_tolerance, bound, start, steps, save_steps, saved, low, high,
 ):  # fmt: skip
     """Advance a chain by `steps` steps of generalized alpha (Chung and Hulbert 1993); alphas 0 give the trapezoidal rule.
 
@@ -151,10 +153,15 @@ def generalized_alpha(
         Time-dependent loads [N] and their factors at the steps.
     viscosity : float or None
         Viscosity of the links over their stiffness [s].
+    tension_damping : float or None
+        Damping by the tension [s], see :func:`cablepod.chain._kernels_links.link_forces_planar`.
+    wind, wind_places, drag : float arrays (samples, dims, n + 1), (steps + 1,), float, or None
+        Velocity of the air at the particles [m/s], linear between the samples; places of the steps between the samples; half the
+        density of the air times drag coefficient and diameter [kg/m2].
     lower, upper : float arrays (steps + 1, dims) or None
         Positions of the ends at the steps [m].
     end_rates : float array (steps + 1, 2, dims) or None
-        Velocities of the ends [m/s]; only with viscosity.
+        Velocities of the ends [m/s]; only where a force depends on velocities.
     step : float
         [s].
     alpha_m, alpha_f, beta, gamma : float
@@ -183,6 +190,7 @@ def generalized_alpha(
     d, b, fixed_force = np.zeros(x.size), np.zeros((dims, particles)), np.zeros(x.size)
     workspace = np.zeros((2 * dims, particles))
     trial, rates = x.copy(), np.zeros((dims, particles))
+    air_force, air_damping, air_diagonal = np.zeros((dims, particles)), np.zeros(particles), np.zeros(x.size)
     masses, per_length = _repeat(mass, dims), _repeat(np.append(1.0 / length, 0.0), dims)
     flat_x, flat_v, flat_a, flat_g, flat_trial = (
         x.reshape(-1),
@@ -224,7 +232,7 @@ def generalized_alpha(
         converged = False
         for _ in range(MAX_ITERATIONS):
             iterations += 1
-            if viscosity is not None:
+            if end_rates is not None:
                 flat_rates = rates.reshape(-1)
                 for q in range(d.size):
                     a1 = per_d * (d[q] - step * flat_v[q]) - per_a * flat_a[q]
@@ -236,15 +244,25 @@ def generalized_alpha(
                         rates[c, last] = end_rates[i + 1, 1, c]
             if dims == 2:
                 link_forces_planar(
-                    trial[0], trial[1], rates[0], rates[1], k, length, inverse_squares, viscosity, rate,
-                    f, f[particles:], s[0], s[1], s[2],
+                    trial[0], trial[1], rates[0], rates[1], k, length, inverse_squares, viscosity, tension_damping,
+                    rate, f, f[particles:], s[0], s[1], s[2],
                 )  # fmt: skip
             else:
                 link_forces_spatial(
-                    trial[0], trial[1], trial[2], rates[0], rates[1], rates[2], k, length, inverse_squares, viscosity, rate,
-                    f, f[particles:], f[2 * particles :], s,
+                    trial[0], trial[1], trial[2], rates[0], rates[1], rates[2], k, length, inverse_squares, viscosity,
+                    tension_damping, rate, f, f[particles:], f[2 * particles :], s,
                 )  # fmt: skip
-            rotation = _correction(f, s, fixed_force, diagonal, d, b, workspace, first, last, per_length)
+            if wind is not None:
+                drag_forces(trial, rates, wind, wind_places[i + 1], drag, first, last, air_force, air_damping)
+                flat_air = air_force.reshape(-1)
+                for c in range(dims):
+                    for p in range(particles):  # the tangent by the velocity, without the direction of the wind
+                        q = c * particles + p
+                        air_diagonal[q] = diagonal[q] + rate * air_damping[p]
+                        flat_air[q] += fixed_force[q] + rate * air_damping[p] * d[q]
+                rotation = _correction(f, s, flat_air, air_diagonal, d, b, workspace, first, last, per_length)
+            else:
+                rotation = _correction(f, s, fixed_force, diagonal, d, b, workspace, first, last, per_length)
             _correct(d, b.reshape(-1), flat_x, flat_trial)
             _set_ends(trial, lower, upper, i + 1)
             if rotation <= rotation_tolerance:

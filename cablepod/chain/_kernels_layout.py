@@ -20,5 +20,8 @@ UX, UY, UZ = range(19, 22)  #: velocities predicted for the step [m/s]
 BX, BY, BZ = range(22, 25)  #: velocities a whole step before VX, VY, VZ [m/s]
 # only if extremes are an output
 LOW, HIGH = range(25, 27)  #: of T |T| of the links [N^2], which needs no root; with law (21) compression is negative
-ROWS = 27
+# only with wind
+BASE_X, BASE_Y, BASE_Z = range(27, 30)  #: velocity increments by the constant loads in a step without drag [m/s]
+DRAG_X, DRAG_Y, DRAG_Z = range(30, 33)  #: velocity increments by the drag at its last evaluation [m/s]
+ROWS = 33
 LINE = 8  #: numbers in a cache line

@@ -42,11 +42,12 @@ def link_moduli(square, stretching, k, length, inverse_square, viscosity, rate):
 
 
 @compiled
-def link_forces_planar(x, y, u, v, k, length, inverse_squares, viscosity, rate, fx, fy, sxx, sxy, syy):
+def link_forces_planar(x, y, u, v, k, length, inverse_squares, viscosity, tension_damping, rate, fx, fy, sxx, sxy, syy):
     """Compute forces [N] and tangent stiffness [N/m] of planar links.
 
     `x`, `y`, `u`, `v` are positions and velocities (n + 1,), `rate` the derivative of the new velocity by the new position [1/s].
-    `fx`, `fy`, `sxx`, `sxy`, `syy` are filled for link j at j + 1.
+    `tension_damping` [s] adds its product with tension over length and the difference of the velocities; of its tangent only the
+    part by the velocities is kept.  `fx`, `fy`, `sxx`, `sxy`, `syy` are filled for link j at j + 1.
     """
     for j in range(k.size):
         dx, dy = x[j + 1] - x[j], y[j + 1] - y[j]
@@ -58,10 +59,16 @@ def link_forces_planar(x, y, u, v, k, length, inverse_squares, viscosity, rate, 
         sxx[j + 1] = t + g * dx * dx
         sxy[j + 1] = g * dx * dy
         syy[j + 1] = t + g * dy * dy
+        if tension_damping is not None:
+            damping = tension_damping * max(t, 0.0)
+            fx[j + 1] += damping * (u[j + 1] - u[j])
+            fy[j + 1] += damping * (v[j + 1] - v[j])
+            sxx[j + 1] += damping * rate
+            syy[j + 1] += damping * rate
 
 
 @compiled
-def link_forces_spatial(x, y, z, u, v, w, k, length, inverse_squares, viscosity, rate, fx, fy, fz, s):
+def link_forces_spatial(x, y, z, u, v, w, k, length, inverse_squares, viscosity, tension_damping, rate, fx, fy, fz, s):
     """Compute forces and tangent stiffness of spatial links; s (6, n + 2) is filled with xx, xy, xz, yy, yz, zz."""
     for j in range(k.size):
         dx, dy, dz = x[j + 1] - x[j], y[j + 1] - y[j], z[j + 1] - z[j]
@@ -72,6 +79,21 @@ def link_forces_spatial(x, y, z, u, v, w, k, length, inverse_squares, viscosity,
         fy[j + 1] = t * dy
         fz[j + 1] = t * dz
         _fill3(s, j + 1, t, g, dx, dy, dz)
+        if tension_damping is not None:
+            damping = tension_damping * max(t, 0.0)
+            fx[j + 1] += damping * (u[j + 1] - u[j])
+            fy[j + 1] += damping * (v[j + 1] - v[j])
+            fz[j + 1] += damping * (w[j + 1] - w[j])
+            _add_identity(s, j + 1, damping * rate)
+
+
+@compiled
+def _add_identity(s, p, value):
+    """Add a value to the diagonal of column p of s (3 or 6 rows)."""
+    s[0, p] += value
+    s[2 if s.shape[0] == 3 else 3, p] += value
+    if s.shape[0] == 6:
+        s[5, p] += value
 
 
 @compiled
@@ -131,7 +153,7 @@ def conserving_moduli(square0, square1, middle_square, stretching, k, length, in
 
 
 @compiled
-def link_forces_conserving(x0, x1, k, length, inverse_squares, viscosity, per_step, f, s):
+def link_forces_conserving(x0, x1, k, length, inverse_squares, viscosity, tension_damping, per_step, f, s):
     """Compute energy-conserving forces over a step from x0 to x1, and their tangent without the rotation of the links."""
     dims, particles = x0.shape
     for j in range(k.size):
@@ -159,3 +181,8 @@ def link_forces_conserving(x0, x1, k, length, inverse_squares, viscosity, per_st
             dz = 0.5 * (x0[2, j + 1] - x0[2, j] + x1[2, j + 1] - x1[2, j])
             f[2 * particles + j + 1] = t * dz
             _fill3(s, j + 1, 0.5 * t, g, dx, dy, dz)
+        if tension_damping is not None:
+            damping = tension_damping * per_step * max(t, 0.0)
+            for c in range(dims):
+                f[c * particles + j + 1] += damping * (x1[c, j + 1] - x1[c, j] - (x0[c, j + 1] - x0[c, j]))
+            _add_identity(s, j + 1, damping)

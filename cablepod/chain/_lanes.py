@@ -22,7 +22,7 @@ INSTANTS = 64
 
 def groups_of_lanes(steppers: Sequence[ImplicitStepper]) -> list[list[int]]:
     """Return the places of the runs of each group of lanes: of similar speeds of the ends, which need as many iterations."""
-    if len(steppers) < MIN_MEMBERS:
+    if len(steppers) < MIN_MEMBERS or steppers[0].run.chain.p.tension_damping is not None:
         return []
     time = np.linspace(0.0, float(steppers[0].run.times[-1]), INSTANTS)
     speeds = [np.abs(stepper.run.chain.p.end_positions(time, 1)).max() for stepper in steppers]

@@ -9,6 +9,7 @@ import numpy as np
 from cablepod._jit import REORDERED_FUSED, compiled
 from cablepod.condensed._kernels_closure import MAX_ITERATIONS
 from cablepod.condensed._kernels_dense import _solve
+from cablepod.condensed._kernels_drag import _add_drag, _add_tension_damping
 from cablepod.condensed._kernels_layout import (
     LINK_FORCE,
     LINK_ROWS,
@@ -206,10 +207,10 @@ def _link_tensions(
 
 @compiled
 def leading_verlet(
-    q, v, step, damping_factor, impulse, boundary_data, stiffness, length, kappa, test_stiffness_defect,
-    mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms,
-    chordwise_forces_at_candidates, slopes, n_in_plane, chordwise_force_patterns, begin, output_steps, saved,
-    half_step_rates, low, high, monitor, tension_series,
+    q, v, step, damping_factor, impulse, v_before, tension_damping, wind, samples_per_second, drag, drag_shapes,
+    boundary_data, stiffness, length, kappa, test_stiffness_defect, mean_chordwise_forces, geometric_stiffness,
+    load_projection, geometric_stiffness_norms, chordwise_forces_at_candidates, slopes, n_in_plane,
+    chordwise_force_patterns, begin, output_steps, saved, half_step_rates, low, high, monitor, tension_series,
 ):  # fmt: skip
     """Advance by velocity Verlet to leading order, one step for each row of the boundary data.
 
@@ -219,6 +220,13 @@ def leading_verlet(
         Coordinates, and their rates half a step before (r,); changed.
     step, damping_factor, impulse
         Step [s]; factor of the rates by damping over a step; rate gained in a step for unit acceleration [s].
+    v_before
+        Rates one and a half steps before (r,), changed; None without the forces that depend on velocities.
+    tension_damping
+        Damping by the tension [s]; None without.
+    wind, samples_per_second, drag, drag_shapes
+        Wind with its sampling from the start of the run on [1/s], weights, and shapes, slopes and test functions (3, r, points)
+        of :func:`cablepod.condensed._kernels_drag._add_drag`; None without.
     boundary_data
         See :func:`cablepod.condensed._kernels_frame.frames`; one row for each step.
     stiffness, length
@@ -242,12 +250,24 @@ def leading_verlet(
         Filled: link tensions at the steps to save (outputs, n) [N], or without columns.
     """
     f, work = np.empty(q.size), np.empty((LINK_ROWS, low.size))
+    u = f if v_before is None else np.empty(q.size)
     next_output = 0
     for i in range(boundary_data.shape[0]):
         chord_tension = _chord_tension(q, boundary_data, i, kappa, mean_chordwise_forces, stiffness, length)
         _leading_acceleration(q, boundary_data, i, chord_tension, kappa, geometric_stiffness, load_projection, f)
         if test_stiffness_defect is not None:
             _add_test_stiffness(q, chord_tension, test_stiffness_defect, f)
+        if v_before is not None:
+            for j in range(q.size):
+                u[j] = 1.5 * v[j] - 0.5 * v_before[j]
+                v_before[j] = v[j]
+        if tension_damping is not None:
+            _add_tension_damping(u, boundary_data, i, chord_tension, kappa, geometric_stiffness, tension_damping, f)
+        if wind is not None:
+            _add_drag(
+                q, u, boundary_data[i, 0] / length, wind, (begin + i) * step * samples_per_second, drag, drag_shapes[0],
+                drag_shapes[1], drag_shapes[2], n_in_plane, f,
+            )  # fmt: skip
         _monitor_step(
             begin + i, q, boundary_data, i, chord_tension, kappa, geometric_stiffness_norms,
             chordwise_forces_at_candidates, stiffness, length, monitor,

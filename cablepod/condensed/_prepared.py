@@ -108,6 +108,8 @@ def _check_scene(p: Parameters) -> None:
         raise scene_error(p.point_loads[0].key, "a point load", "uniform loads only; try: condensed.simulate")
     if p.load_factor is not None:
         raise scene_error("load.kind", p.load_factor.kind, "steady uniform loads only; try: condensed.simulate")
+    if p.tension_damping is not None:
+        raise scene_error("damping.tension_proportional", p.tension_damping, "none; try: condensed.simulate")
     if p.initial:
         key = f"initial.{next(iter(p.initial))}"
         raise scene_error(key, "a start from another shape", "a start from equilibrium; try: condensed.simulate")

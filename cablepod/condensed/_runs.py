@@ -16,6 +16,7 @@ from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE, UNS
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._output import attributes, dataset
 from cablepod.condensed._stepper import FOURTH_ORDER, CondensedStepper
+from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import scene_error
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import stop
@@ -31,6 +32,7 @@ from cablepod.integrate._step_control import (
     refine_step,
 )
 from cablepod.integrate._window import ExtremesWindow
+from cablepod.parameters._parameters import Parameters
 
 SCHEMES = ("velocity_verlet", "trapezoidal", FOURTH_ORDER)
 #: Schemes by order of the model.
@@ -49,6 +51,8 @@ FOURTH_ORDER_THRESHOLD = 0.03
 FIT_INTERVALS = 200
 #: Default time error over the estimated error of the model, and its bounds as a fraction of the motion.
 TIME_ERROR_SHARE, MIN_TOLERANCE, MAX_TOLERANCE = 0.1, 1e-6, 1e-2
+#: Default time error as a fraction of the motion where the error of the model is not estimated.
+DEFAULT_TOLERANCE = 1e-3
 #: First step of the scheme of fourth order times the highest angular frequency; phases err by (omega h)^4 / 720 of themselves.
 FOURTH_ORDER_PHASE = 1.35
 #: Order that is assumed of its first two runs: where the phase of the first one has drifted away, their distance does not fall as
@@ -97,18 +101,17 @@ def solve(
     limit = 2.0 / math.sqrt(omega_squared)
     scheme, step = request.scheme, request.step
     fits = step is None and request.given_tolerance is None
+    estimates = "error_estimate" in request.outputs
+    if has_velocity_terms(p):  # the equation of the error has no such terms
+        fits, estimates = False, False
     if scheme is None:
-        taut = max(abs(chord_tension) * model.slope_norms_squared.max(), 1e-300)
-        explicit = limit >= IMPLICIT_THRESHOLD * 2.0 / math.sqrt(taut)
-        scheme = SCHEMES[0] if explicit or (step is not None and step < limit) else SCHEMES[1]
-        resolves_damping = 0.25 * p.damping**2 <= omega_squared  # Numerov's step would have to
-        if fits and model.order == "leading" and limit >= FOURTH_ORDER_THRESHOLD * 2.0 / math.sqrt(taut):
-            scheme = FOURTH_ORDER if resolves_damping else scheme
+        scheme = _default_scheme(model, limit, step, fits)
     elif scheme not in SCHEMES_OF[model.order]:
         names = ", ".join(f'"{name}"' for name in SCHEMES_OF[model.order])
         raise scene_error("scheme", scheme, f'one of {names} with order "{model.order}"')
+    elif has_velocity_terms(p) and scheme != SCHEMES[0]:
+        raise scene_error("scheme", scheme, f'"{SCHEMES[0]}" with damping.tension_proportional')
     start, end_time = InitialState(q0, v0, acceleration, chord_tension), float(times[-1])
-    estimates = "error_estimate" in request.outputs
     if step is None or estimates:
         omega_squared = max(omega_squared, model.omega_taut_squared(end_time, FIT_INTERVALS if fits else 1000))
     sampled = omega_squared if (estimates or fits) and end_time > 0.0 else 0.0
@@ -140,9 +143,29 @@ def solve(
         return motion_scale(position(state), initial, chord)
 
     runs = ComparableRuns(run, position, motion, steps_per_second, end_time, model.chain.links, order=run.order)
-    state, steps_per_second, time_error = refine_step(runs, request.tolerance)
+    tolerance = request.tolerance if request.given_tolerance is not None else DEFAULT_TOLERANCE
+    state, steps_per_second, time_error = refine_step(runs, tolerance)
     error = run.model_error(state) if estimates else np.nan
-    return CondensedResult(run, state, steps_per_second, limit, time_error, request.tolerance, error)
+    return CondensedResult(run, state, steps_per_second, limit, time_error, tolerance, error)
+
+
+def has_velocity_terms(p: Parameters) -> bool:
+    """Whether forces depend on the rates beyond the damping by mass, which velocity Verlet alone contains."""
+    return p.tension_damping is not None
+
+
+def _default_scheme(model: CondensedModel, limit: float, step: float | None, fits: bool) -> str:
+    """Return the scheme for a stability limit of explicit steps [s]; `fits` is whether the run chooses step and tolerance."""
+    if has_velocity_terms(model.chain.p):
+        return SCHEMES[0]
+    _, chord_tension, omega_squared = model.initial_forces
+    taut = max(abs(chord_tension) * model.slope_norms_squared.max(), 1e-300)
+    resolves_damping = 0.25 * model.chain.p.damping**2 <= omega_squared  # Numerov's step would have to
+    is_fine = limit >= FOURTH_ORDER_THRESHOLD * 2.0 / math.sqrt(taut)
+    if fits and model.order == "leading" and is_fine and resolves_damping:
+        return FOURTH_ORDER
+    explicit = limit >= IMPLICIT_THRESHOLD * 2.0 / math.sqrt(taut)
+    return SCHEMES[0] if explicit or (step is not None and step < limit) else SCHEMES[1]
 
 
 def _fitted(run: CondensedRun, steps_per_second: float, limit: float) -> CondensedResult:
@@ -223,6 +246,10 @@ class CondensedRun:
     @property
     def stable_phase(self) -> float:
         """Longest stable step times the highest angular frequency."""
+        damping = self.model.chain.p.tension_damping
+        if self.explicit and damping is not None:
+            omega = math.sqrt(self.model.initial_forces[2])
+            return omega * verlet_step_limit(omega, damping)
         return STABLE_PHASE[self.scheme]
 
     @property

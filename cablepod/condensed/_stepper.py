@@ -47,6 +47,12 @@ class CondensedStepper:
             self.instants = self.instants.with_multiples(self.sample_interval)
         self.instants = with_steps_of_means(self.instants, run.outputs, run.window)
         self.q, self.v, self.acceleration, self.stretch = self._initial_arrays()
+        damping = model.chain.p.tension_damping
+        #: Rates one and a half steps before the start, damping by the tension, and wind; None for absent terms.
+        self._velocity_terms: tuple[Any, ...] = (None,) * 6
+        if damping is not None:
+            before = 3.0 * self.v - 2.0 * run.start.rates  # the prediction at the start gives the rates there
+            self._velocity_terms = (before, damping, None, None, None, None)
         self.previous_acceleration = self.acceleration.copy()
         # the kernels compare frequencies of the modes, without the amplification by test functions
         limit = run.stable_phase**2 * steps_per_second**2 / model.frequency_amplification
@@ -121,8 +127,9 @@ class CondensedStepper:
             from cablepod.condensed import _kernels_leading as kernel
 
             kernel.leading_verlet(
-                self.q, self.v, self.step, *self._damping_factors, boundary_data, *rest, tension_series
-            )
+                self.q, self.v, self.step, *self._damping_factors, *self._velocity_terms, boundary_data, *rest,
+                tension_series,
+            )  # fmt: skip
             return None
         damping = model.chain.p.damping
         if self.run.scheme == FOURTH_ORDER:

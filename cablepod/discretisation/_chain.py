@@ -126,7 +126,7 @@ class LumpedChain:
         if inverse is not None:
             squares = square(reach)
             secant = green_secant(squares * inverse, self.k)
-            return secant * np.sqrt(squares), secant[..., None] * reach
+            return secant * np.sqrt(squares), self._with_tension_damping(secant, reach, velocity)
         stretched = np.sqrt(square(reach))
         with np.errstate(divide="ignore", invalid="ignore"):
             elastic = self.k * (1.0 - self.length / stretched)
@@ -135,7 +135,14 @@ class LumpedChain:
                 reach_times_rate = np.sum(reach * np.diff(velocity, axis=-2), axis=-1)
                 total = elastic + self.p.link_viscosity * self.k * reach_times_rate / stretched**2
         secant = np.where((elastic > 0.0) & (total > 0.0), total, 0.0)
-        return secant * stretched, secant[..., None] * reach
+        return secant * stretched, self._with_tension_damping(secant, reach, velocity)
+
+    def _with_tension_damping(self, secant: np.ndarray, reach: np.ndarray, velocity: np.ndarray | None) -> np.ndarray:
+        """Return the forces of links (..., n, dims) [N] with tension over length `secant` [N/m], damping by tension included."""
+        force = secant[..., None] * reach
+        if velocity is None or self.p.tension_damping is None:
+            return force
+        return force + self.p.tension_damping * np.maximum(secant, 0.0)[..., None] * np.diff(velocity, axis=-2)
 
     def forces(self, position: np.ndarray, velocity: np.ndarray | None = None) -> np.ndarray:
         """Return the forces of the links on the particles (..., n + 1, dims) [N]."""
@@ -189,7 +196,15 @@ class LumpedChain:
 
     def step_limit(self, stiffness_ratio: np.ndarray | float = 1.0) -> float:
         """Return the stability limit of velocity Verlet [s], see :mod:`cablepod.discretisation._step_limit`."""
-        return verlet_step_limit(self.highest_frequency(stiffness_ratio), self.p.link_viscosity)
+        return verlet_step_limit(self.highest_frequency(stiffness_ratio), self._axial_viscosity)
+
+    @property
+    def _axial_viscosity(self) -> float | None:
+        """Viscosity of the links [s], with that of the damping by the tension T at rest: along a link it is T/K times that."""
+        if self.p.tension_damping is None:
+            return self.p.link_viscosity
+        strain = float(self.statics[4:].max()) / self.p.stiffness
+        return (self.p.link_viscosity or 0.0) + self.p.tension_damping * strain
 
 
 def square(vectors: np.ndarray) -> np.ndarray:

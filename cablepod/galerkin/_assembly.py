@@ -49,6 +49,12 @@ def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) ->
         raise scene_error(
             "damping.link_viscosity", p.link_viscosity, "none for a reduced model; use damping.mass_proportional"
         )
+    if p.tension_damping is not None:
+        raise scene_error(
+            "damping.tension_proportional",
+            p.tension_damping,
+            "none; try: condensed.simulate, or damping.mass_proportional",
+        )
     fields = mode_fields(modes, rank)
     if fields.shape[2] != p.dims:
         raise SceneError(f"modes: given {fields.shape[2]} coordinates; allowed: the {p.dims} coordinates of the scene")

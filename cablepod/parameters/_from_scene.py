@@ -129,6 +129,8 @@ class Members(Sequence[Parameters]):
             or names & set(UNSTACKED_TERMS)
             or p.link_viscosity is not None
             or "damping_link_viscosity" in self.varied
+            or p.tension_damping is not None
+            or "damping_tension_proportional" in self.varied
             or any(motion.kind not in SINES for motion in p.motions.values())
             or any(name.startswith("motion_") and name.endswith("_ramp") for name in names)
         )
@@ -200,6 +202,7 @@ def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float
         initial=table_at(values, "initial", INITIAL),
         mass_damping=_nonzero(damping, "mass_proportional", number),
         link_viscosity=_nonzero(damping, "link_viscosity", number),
+        tension_damping=_nonzero(damping, "tension_proportional", number),
         breaking_strength=number(cable["breaking_strength"]) if "breaking_strength" in cable else None,
     )
 

@@ -70,6 +70,7 @@ INITIAL = {
 DAMPING = {
     "mass_proportional": Key(number(least=0.0), "s-1", "damping force per mass and velocity"),
     "link_viscosity": Key(number(least=0.0), "s", "damping force per axial stiffness and strain rate"),
+    "tension_proportional": Key(number(least=0.0), "s", "damping force per tension and rate of slope"),
 }
 ENSEMBLE = {
     "members": Key(integer(least=1, most=10**7), "1", "number of members", required=True),

@@ -54,6 +54,7 @@ class Parameters:
     initial: Mapping[str, Any]  #: values of the table [initial]
     mass_damping: Any  #: [1/s]; None without
     link_viscosity: float | None  #: [s]
+    tension_damping: float | None  #: damping force per tension and rate of slope [s]
     breaking_strength: Any  #: [N]; None without
 
     @cached_property

@@ -224,6 +224,10 @@ def _chain(p: Parameters, links: int | None) -> LumpedChain:
             p.link_viscosity,
             "none, as rigid links do not stretch; mass_proportional is possible",
         )
+    if p.tension_damping is not None:
+        raise scene_error(
+            "damping.tension_proportional", p.tension_damping, "none; try: chain.simulate, or damping.mass_proportional"
+        )
     return chain_of(p, links, least=2 if p.free_end is None else 1)
 
 

@@ -1,0 +1,80 @@
+"""Compiled forces of the condensed model that depend on velocities: damping by the tension, drag of the wind."""
+
+from __future__ import annotations
+
+import math
+
+from cablepod._jit import compiled
+
+
+@compiled(inline="always")
+def _add_tension_damping(u, boundary_data, row, chord_tension, kappa, geometric_stiffness, tension_damping, f):
+    """Subtract tension_damping times geometric stiffness times rates u from the accelerations f (r,); 0 for a slack cable."""
+    if chord_tension > 0.0:
+        for i in range(u.size):
+            total = chord_tension * kappa[i] * u[i]
+            for a in range(geometric_stiffness.shape[0]):
+                for j in range(u.size):
+                    total += boundary_data[row, 1 + a] * geometric_stiffness[a, i, j] * u[j]
+            f[i] -= tension_damping * total
+
+
+@compiled(inline="always")
+def _add_drag(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plane, f):
+    """Add the drag to the accelerations f (r,): c |t| |u_n| u_n at points along the cable.
+
+    At a point, t = (zeta', w') in the chord frame, and u_n is the part normal to t of wind less velocity.
+
+    Parameters
+    ----------
+    q, u : float arrays (r,)
+        Coordinates and their rates.
+    stretch : float
+        Mean chordwise stretch zeta'.
+    wind : float array (samples, 1 + normals, points)
+        Velocity of the air less that of the line between the ends, along the chord and its normals [m/s]; linear between samples.
+    place : float
+        Place between the samples.
+    drag : float array (points,)
+        Quadrature weights [m] times c, half the density of the air times drag coefficient and diameter [kg/m2].
+    shapes, slopes, tests : float arrays (r, points)
+        Shapes of the coordinates, their slopes, and the test functions.
+    n_in_plane : int
+        Number of in-plane coordinates.
+    """
+    place = min(max(place, 0.0), wind.shape[0] - 1.0)
+    sample = min(int(place), wind.shape[0] - 2)
+    share = place - sample
+    for g in range(drag.size):
+        slope, rate = 0.0, 0.0
+        for i in range(n_in_plane):
+            slope += slopes[i, g] * q[i]
+            rate += shapes[i, g] * u[i]
+        along = wind[sample, 0, g] + share * (wind[sample + 1, 0, g] - wind[sample, 0, g])
+        normal = wind[sample, 1, g] + share * (wind[sample + 1, 1, g] - wind[sample, 1, g]) - rate
+        square, product = stretch * stretch + slope * slope, along * stretch + normal * slope
+        slope_out, binormal = 0.0, 0.0
+        if q.size > n_in_plane:
+            rate = 0.0
+            for i in range(n_in_plane, q.size):
+                slope_out += slopes[i, g] * q[i]
+                rate += shapes[i, g] * u[i]
+            binormal = wind[sample, 2, g] + share * (wind[sample + 1, 2, g] - wind[sample, 2, g]) - rate
+            square += slope_out * slope_out
+            product += binormal * slope_out
+        product /= square
+        along -= product * stretch
+        normal -= product * slope
+        binormal -= product * slope_out
+        factor = drag[g] * math.sqrt(square * (along * along + normal * normal + binormal * binormal))
+        for i in range(n_in_plane):
+            f[i] += tests[i, g] * factor * normal
+        for i in range(n_in_plane, q.size):
+            f[i] += tests[i, g] * factor * binormal
+
+
+@compiled
+def drag_force(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plane, f):
+    """Fill f (r,) with the accelerations by the drag in one state, see :func:`_add_drag`."""
+    f[:] = 0.0
+    _add_drag(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plane, f)

@@ -1,0 +1,167 @@
+"""Damping proportional to the tension: decay of the modes of a taut string, by every scheme and by the condensed model."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import cablepod as cp
+
+LENGTH, TENSION, MASS, STIFFNESS = 50.0, 20000.0, 1.0, 2.0e7
+#: Damping ratios of some per cent in all six modes.
+ALPHA, BETA = 0.1, 1.0e-3
+
+
+def string(mode, *, spatial=False, links=60, law="linear", duration=None):
+    """Make a taut string without weight that starts from a mode, and its angular frequency in the chain."""
+    lower, upper = ([0.0, 0.0, 0.0], [LENGTH, 0.0, 0.0]) if spatial else ([0.0, 0.0], [LENGTH, 0.0])
+    sigma = np.linspace(0.0, 1.0, links + 1)
+    # the amplitude is so small that the tension stays that of the straight string: of the order of 1e-6 of it
+    shape = 1e-3 / mode * np.sin(mode * np.pi * sigma)
+    points = np.zeros((links + 1, len(lower)))
+    points[:, 0], points[:, -1] = LENGTH * sigma, shape
+    scene = cp.make_scene(
+        {
+            "gravity": 0.0,
+            "cable": {"youngs_modulus": STIFFNESS, "area": 1.0, "density": MASS, "top_tension": TENSION},
+            "ends": {"lower": lower, "upper": upper},
+            "chain": {"links": links},
+            "initial": {"points": points.tolist()},
+            "damping": {"mass_proportional": ALPHA, "tension_proportional": BETA},
+            "time": {"duration": duration or 1.0, "interval": 0.01},
+        }
+    )
+    length = float(cp.catenary.rest(scene).unstretched_length)
+    reach, natural = LENGTH / links, length / links
+    # links of the length `reach` under TENSION, masses of the unstretched length
+    omega = 2.0 * math.sqrt(TENSION / reach / (MASS * natural)) * math.sin(mode * math.pi / (2 * links))
+    return scene, omega
+
+
+def decay(run, mode):
+    """Fit rate of decay [1/s] and angular frequency [rad/s] to the amplitude of a mode."""
+    from scipy.optimize import curve_fit
+
+    sigma = np.linspace(0.0, 1.0, run.sizes["particle"])
+    amplitude = run.position.values[:, :, -1] @ np.sin(mode * np.pi * sigma)
+    time = run.time.values
+    amplitude = amplitude / amplitude[0]
+
+    def damped(t, rate, omega, c, s):
+        return np.exp(-rate * t) * (c * np.cos(omega * t) + s * np.sin(omega * t))
+
+    spectrum = np.abs(np.fft.rfft(amplitude, 16 * amplitude.size))
+    guess = 2 * np.pi * np.argmax(spectrum) / (16 * amplitude.size * (time[1] - time[0]))
+    return curve_fit(damped, time, amplitude, p0=(0.1, guess, 1.0, 0.0))[0][:2]
+
+
+def expected(omega):
+    """Decay rate zeta omega by Rayleigh's formula [1/s]."""
+    return omega * (ALPHA / (2.0 * omega) + BETA * omega / 2.0)
+
+
+@pytest.mark.parametrize("mode", range(1, 7))
+def test_modes_of_a_taut_string_decay_as_rayleigh_says(mode):
+    scene, omega = string(mode)
+    rate, found = decay(cp.chain.simulate(scene, tolerance=1e-5), mode)
+    assert found == pytest.approx(omega, rel=1e-3)
+    assert rate == pytest.approx(expected(omega), rel=5e-3)
+
+
+@pytest.mark.parametrize("scheme", ["trapezoidal", "generalized_alpha", "energy_momentum"])
+@pytest.mark.parametrize("spatial", [False, True])
+def test_implicit_schemes_damp_alike(scheme, spatial):
+    scene, omega = string(4, spatial=spatial)
+    rate, _ = decay(cp.chain.simulate(scene, scheme=scheme, step=5e-4), 4)
+    assert rate == pytest.approx(expected(omega), rel=5e-3)
+
+
+def test_law_21_damps_alike():
+    scene, _ = string(3)
+    rate, found = decay(cp.chain.simulate(scene, law="green", step=1.5e-4), 3)
+    assert rate == pytest.approx(expected(found), rel=5e-3)
+
+
+@pytest.mark.parametrize("scheme", [None, "trapezoidal"])
+def test_second_order_remains(scheme):
+    scene, _ = string(6)
+    steps = [1.6e-4, 8e-5, 4e-5] if scheme is None else [8e-4, 4e-4, 2e-4]
+    runs = [cp.chain.simulate(scene, step=step, scheme=scheme).position.values for step in steps]
+    coarse, fine = (np.abs(a - b).max() for a, b in pairwise(runs))
+    assert math.log2(coarse / fine) == pytest.approx(2.0, abs=0.15)
+
+
+@pytest.mark.parametrize("spatial", [False, True])
+@pytest.mark.parametrize("mode", [1, 3, 6])
+def test_the_condensed_model_damps_alike(mode, spatial):
+    scene, omega = string(mode, spatial=spatial)
+    modes = cp.condensed.vibration_modes(scene, rank=6)
+    run = cp.condensed.simulate(scene, modes, tolerance=1e-5)
+    rate, found = decay(run, mode)
+    assert found == pytest.approx(omega, rel=2e-3)
+    assert rate == pytest.approx(expected(omega), rel=5e-3)
+    assert np.isnan(run.attrs["error_estimate"])
+
+
+def test_the_condensed_model_keeps_second_order():
+    scene, _ = string(6)
+    modes = cp.condensed.vibration_modes(scene, rank=6)
+    runs = [cp.condensed.simulate(scene, modes, step=step).amplitude.values for step in (4e-3, 2e-3, 1e-3)]
+    coarse, fine = (np.abs(a - b).max() for a, b in pairwise(runs))
+    assert math.log2(coarse / fine) == pytest.approx(2.0, abs=0.15)
+
+
+def test_a_slack_cable_is_not_damped():
+    # a free particle falls beside a slack link: nothing but gravity acts
+    scene = {
+        "cable": {"youngs_modulus": 1e9, "area": 1e-4, "density": 8000.0, "unstretched_length": 12.0},
+        "ends": {"lower": [0.0, 0.0], "upper": [10.0, 0.0]},
+        "chain": {"links": 2},
+        "initial": {"points": [[0.0, 0.0], [5.0, 0.0], [10.0, 0.0]]},
+        "time": {"duration": 0.4, "interval": 0.1},
+    }
+    damped = cp.make_scene({**scene, "damping": {"tension_proportional": 10.0}})
+    for options in ({}, {"scheme": "trapezoidal", "step": 1e-3}, {"scheme": "energy_momentum", "step": 1e-3}):
+        run = cp.chain.simulate(damped, **options)
+        assert run.position.values[:, 1, 1] == pytest.approx(-0.5 * 9.81 * run.time.values**2, abs=1e-4)
+
+
+def test_members_have_the_bits_of_single_runs():
+    scene, _ = string(2, duration=0.2)
+    members = cp.ensemble.design(scene, {"damping.tension_proportional": [1e-4, 1e-3]}, members=6, seed=1)
+    for options in ({"step": 1.6e-4}, {"step": 1e-3, "scheme": "trapezoidal"}):
+        together = cp.chain.simulate(members, **options)
+        alone = cp.chain.simulate(members.isel(member=4, drop=True), **options)
+        assert np.array_equal(together.position.isel(member=4), alone.position)
+        assert float(np.ptp(together.position.values[:, -1, 20], axis=0)[1]) > 0.0
+    modes = cp.condensed.vibration_modes(scene, rank=4)
+    together = cp.condensed.simulate(members, modes, step=1e-3, outputs=("position",))
+    alone = cp.condensed.simulate(members.isel(member=4, drop=True), modes, step=1e-3, outputs=("position",))
+    assert np.array_equal(together.position.isel(member=4), alone.position)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda scene, modes: cp.rigid.simulate(scene, step=1e-3),
+        lambda scene, modes: cp.cable.simulate(scene, step=1e-3),
+        lambda scene, modes: cp.galerkin.simulate(scene, cp.pod.decompose(cp.chain.simulate(scene, step=5e-4), rank=2)),
+        lambda scene, modes: cp.condensed.simulate(scene, modes, order="exact"),
+        lambda scene, modes: cp.condensed.prepare(scene, modes),
+    ],
+)
+def test_models_without_it_refuse_it(call):
+    scene, _ = string(1, links=10, duration=0.1)
+    with pytest.raises(cp.SceneError, match=r"^damping\.tension_proportional: given .*; allowed: none"):
+        call(scene, cp.condensed.vibration_modes(scene, rank=2))
+
+
+def test_other_schemes_of_the_condensed_model_refuse_it():
+    scene, _ = string(1, links=10, duration=0.1)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    for scheme in ("numerov", "trapezoidal"):
+        with pytest.raises(cp.SceneError, match=r"^scheme: given"):
+            cp.condensed.simulate(scene, modes, scheme=scheme)
