@@ -27,6 +27,9 @@ from cablepod.pod import _normal as pod_normal
 from cablepod.reduced._training_distance import distance_outside_training
 from cablepod.reduced._validity import forcing_attributes, warn_condensed_members
 
+#: Groups of lanes to take at once where members have steps of their own: those with equal steps advance together.
+STEP_GROUPS = 2
+
 
 def run(
     scene: xr.Dataset,
@@ -66,7 +69,8 @@ def run(
         return result, attributes_of(solution, modes, request)
 
     in_blocks = plan(modes, unit, members, request)
-    stack = run_members(run_member, len(members), progress, in_blocks, lanes=1 if in_blocks is None else LANES)
+    lanes = LANES if request.step is not None else LANES * STEP_GROUPS
+    stack = run_members(run_member, len(members), progress, in_blocks, lanes=1 if in_blocks is None else lanes)
     title = title_of(unit, str(scene.attrs.get("title", "scene")))
     times = members[0].times() if request.times is None else request.times
     if in_blocks is not None:
@@ -105,19 +109,18 @@ BATCHED_OUTPUTS = {"position", "tension", "tension_extremes"}
 def plan(modes: xr.Dataset, unit: CondensedModel, members: Members, request: CondensedRequest) -> RunChunk | None:
     """Return how to run many members in compiled blocks; None where these do not support the request."""
     step, outputs = request.step, set(request.outputs)
-    if (
-        unit.raw_test_functions is not None
-        or step is None
-        or request.window is not None
-        or unit.order != "leading"
-        or request.scheme not in (None, SCHEMES[0])
-        or outputs - BATCHED_OUTPUTS
-    ):
+    if unit.raw_test_functions is not None or request.window is not None or unit.order != "leading":
         return None
     # the duration decides on the reference state
     if "time_duration" in members.varied or (request.times is None and "time_interval" in members.varied):
         return None
     if not members.can_be_stacked:
+        return None
+    if step is None:
+        from cablepod.condensed._batch_fitted import plan_fitted  # whose batch is one of this file
+
+        return plan_fitted(modes, unit, members, request)
+    if request.scheme not in (None, SCHEMES[0]) or outputs - BATCHED_OUTPUTS:
         return None
     times = members[0].times() if request.times is None else request.times
     check_memory(times.size, unit.chain.links, unit.chain.p.dims, key="times", variables=3)
@@ -126,21 +129,27 @@ def plan(modes: xr.Dataset, unit: CondensedModel, members: Members, request: Con
         return None
     shared = shared_attributes(unit, instants, SCHEMES[0], modes)
     end_time = members[0].duration or 0.0
-    return CondensedBatchPlan(modes, unit, members, instants, outputs, request.links, shared, end_time)
+    return CondensedBatchPlan(modes, unit, members, outputs, request.links, end_time, instants, shared)
 
 
 @dataclass(frozen=True)
-class CondensedBatchPlan:
-    """Common data of all members; a call runs some of them."""
+class MembersPlan:
+    """Common data of all members."""
 
     modes: xr.Dataset
     unit: CondensedModel  #: unit model of all members
     members: Members
-    instants: OutputTimes
     outputs: set[str]
     links: np.ndarray | None  #: indices, from 0, of the links whose tensions are computed; None for all
-    shared: dict[str, Any]  #: attributes of all members
     end_time: float  #: duration of the scenes, over which the reference state is taken [s]
+
+
+@dataclass(frozen=True)
+class CondensedBatchPlan(MembersPlan):
+    """Common data of all members with a given step; a call runs some of them."""
+
+    instants: OutputTimes
+    shared: dict[str, Any]  #: attributes of all members
 
     def __call__(self, first: int, last: int, rows: Rows) -> tuple[np.ndarray, Variables, dict[str, list[Any]]]:
         """Run the members `first` ... `last - 1`; return a mask of those completed, variables and attributes."""
@@ -149,10 +158,10 @@ class CondensedBatchPlan:
             return CondensedBatch(self, self.members.stacked(first, last)).run(rows)
 
 
-class CondensedBatch:
-    """Rescaled coefficients and results of the members of one chunk."""
+class MemberCoefficients:
+    """Rescaled coefficients of the members of one chunk, and their starts."""
 
-    def __init__(self, plan: CondensedBatchPlan, parameters: Parameters) -> None:
+    def __init__(self, plan: MembersPlan, parameters: Parameters) -> None:
         self.plan, self.parameters = plan, parameters
         statics, self.active = member_statics(parameters)
         self.total, self.rest_tension = statics[:, 0].copy(), 0.5 * (statics[:, 4] + statics[:, 5])
@@ -166,6 +175,45 @@ class CondensedBatch:
         )  # fmt: skip
         self.load = np.ascontiguousarray(parameters.load_at(0.0)[:, :, None])
         self.reference = reference_axis(parameters.ends[:, 1] - parameters.ends[:, 0])
+
+    def starts(self, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return coordinates, rates half a `step` before the start (members, r), step limits [s] and H [N] (members,)."""
+        from cablepod.condensed import _kernels_leading_batch as kernel  # numba is imported only to compute
+
+        parameters, model, start = self.parameters, self.plan.unit, np.zeros(1)
+        count, _, dims = parameters.ends.shape
+        chain, scaled = model.chain, self.scaled
+        ends, rates, accelerations = (
+            np.ascontiguousarray(parameters.end_positions(start, k).reshape(count, 2 * dims, 1)) for k in (0, 1, 2)
+        )
+        # damping acts on the motion of the chord frame too
+        accelerations += parameters.damping[:, None, None] * rates
+        if not parameters.motions:
+            rates = accelerations = np.zeros((count, 2 * dims, 0))
+        # first guess: the parabola whose tension is that at rest
+        sigma = chain.arc_length / chain.total_length
+        sag = parameters.mass * self.total * 0.5 * self.total**2 / self.rest_tension
+        parabola = sag[:, None] * (scaled.named["shapes"] @ (chain.tributary_length * sigma * (1.0 - sigma)))
+        q, v, limit, chord_tension = np.empty_like(parabola), np.empty_like(parabola), np.empty(count), np.empty(count)
+        kernel.leading_starts(
+            ends, rates, accelerations, self.load, self.reference, step, parameters.damping, *self.coefficients,
+            model.n_in_plane, parabola, q, v, limit, chord_tension,
+        )  # fmt: skip
+        return q, v, limit, chord_tension
+
+    def diagnostics(self, limit: np.ndarray, end_time: float) -> dict[str, list[Any]]:
+        """Return the attributes of the members that do not depend on their runs, for step limits [s] (members,)."""
+        parameters = self.parameters
+        varied = {**forcing_attributes(parameters, self.total), **parameters.offsets(), "step_limit": limit}
+        return {name: values.tolist() for name, values in varied.items()} | distance_outside_training(
+            self.plan.modes, parameters, self.total, end_time, self.rest_tension
+        )
+
+
+class CondensedBatch(MemberCoefficients):
+    """Coefficients and results of the members of one chunk with a given step."""
+
+    plan: CondensedBatchPlan
 
     def run(self, rows: Rows) -> tuple[np.ndarray, Variables, dict[str, list[Any]]]:
         """Run the members; return a mask of those completed, variables, the large ones in `rows`, and attributes."""
@@ -213,43 +261,17 @@ class CondensedBatch:
 
     def _start(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return coordinates, rates half a step before the start (members, r), and step limits (members,) [s]."""
-        from cablepod.condensed import _kernels_leading_batch as kernel  # numba is imported only to compute
-
-        parameters, model, start = self.parameters, self.plan.unit, np.zeros(1)
-        count, _, dims = parameters.ends.shape
-        chain, scaled = model.chain, self.scaled
-        ends, rates, accelerations = (
-            np.ascontiguousarray(parameters.end_positions(start, k).reshape(count, 2 * dims, 1)) for k in (0, 1, 2)
-        )
-        # damping acts on the motion of the chord frame too
-        accelerations += parameters.damping[:, None, None] * rates
-        if not parameters.motions:
-            rates = accelerations = np.zeros((count, 2 * dims, 0))
-        # first guess: the parabola whose tension is that at rest
-        sigma = chain.arc_length / chain.total_length
-        sag = parameters.mass * self.total * 0.5 * self.total**2 / self.rest_tension
-        parabola = sag[:, None] * (scaled.named["shapes"] @ (chain.tributary_length * sigma * (1.0 - sigma)))
-        q, v, limit = np.empty_like(parabola), np.empty_like(parabola), np.empty(count)
-        kernel.leading_starts(
-            ends, rates, accelerations, self.load, self.reference, 1.0 / self.plan.instants.steps_per_second,
-            parameters.damping, *self.coefficients, model.n_in_plane, parabola, q, v, limit,
-        )  # fmt: skip
-        return q, v, limit
+        return self.starts(1.0 / self.plan.instants.steps_per_second)[:3]
 
     def _attributes(self, done: LaneResults, limit: np.ndarray) -> dict[str, list[Any]]:
         """Return the attributes of the members, a list for each name."""
-        parameters, instants = self.parameters, self.plan.instants
+        instants = self.plan.instants
         varied = {
             "smallest_chordwise_force": done.least_force,
             "time_of_smallest_force": done.least_force_step / instants.steps_per_second,
-            **forcing_attributes(parameters, self.total),
-            **parameters.offsets(),
-            "step_limit": limit,
         }
         return (
             {name: [value] * limit.size for name, value in self.plan.shared.items()}
             | {name: values.tolist() for name, values in varied.items()}
-            | distance_outside_training(
-                self.plan.modes, parameters, self.total, float(instants.times[-1]), self.rest_tension
-            )
+            | self.diagnostics(limit, float(instants.times[-1]))
         )

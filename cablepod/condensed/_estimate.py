@@ -15,6 +15,7 @@ from cablepod.condensed._fields import CondensedTrajectory
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.parameters._parameters import Parameters
 
 #: Number of modes of each deflection that the enriched model has beyond those of the motion (fewer where particles are few).
 EXTRA_MODES = 3
@@ -72,6 +73,29 @@ class _Points(NamedTuple):
     share: float  #: part of its own stretch that displaces a point: half between particles, all at the particle above a link
     patterns: np.ndarray
     slopes: np.ndarray
+
+
+def unit_coefficients(
+    sets: Sequence[np.ndarray], sigma: np.ndarray, p: Parameters, points: int
+) -> tuple[Coefficients, _Points]:
+    """Return the coefficients of an enriched model of unit length and mass.
+
+    Parameters
+    ----------
+    sets, sigma
+        Modes of each deflection (mode, particle), and relative arc lengths (particle,).
+    p
+        Parameters with the kinds of loads of the scene.
+    points
+        Number of points of a Gauss rule; 0 for the links.
+    """
+    return _unit_coefficients(
+        tuple(np.ascontiguousarray(part, dtype=float).tobytes() for part in sets),
+        np.round(sigma, 12).tobytes(),  # the same for all lengths
+        bool(p.motions),
+        tuple(load.fraction for load in p.point_loads),
+        points,
+    )
 
 
 @lru_cache(maxsize=64)
@@ -142,13 +166,7 @@ class ErrorEquation:
         """
         p, length = chain.p, chain.total_length
         points = POINTS + POINTS_PER_MODE * max(len(part) for part in sets) if leading else 0
-        unit, at = _unit_coefficients(
-            tuple(np.ascontiguousarray(part, dtype=float).tobytes() for part in sets),
-            np.round(chain.arc_length / length, 12).tobytes(),  # the same for all lengths
-            bool(p.motions),
-            tuple(load.fraction for load in p.point_loads),
-            points,
-        )
+        unit, at = unit_coefficients(sets, chain.arc_length / length, p, points)
         # powers of mass and length: of the shapes, their slopes, and the loads (point loads do not grow with the length)
         shape = 1.0 / math.sqrt(p.mass * length)
         load = np.ones(len(unit.load_patterns))

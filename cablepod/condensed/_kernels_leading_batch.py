@@ -15,7 +15,7 @@ from cablepod.condensed._kernels_leading import leading_force, leading_rest
 def leading_starts(
     ends, end_rates, end_accelerations, load, reference, step, damping, mass, stiffness, length, kappa,
     mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms, n_in_plane, parabola, q,
-    v, limit,
+    v, limit, chord_tensions,
 ):  # fmt: skip
     """Compute equilibrium, initial rates and step limit of many members.
 
@@ -27,7 +27,7 @@ def leading_starts(
     load, reference, mass, stiffness, length
         As in ``frames`` and ``leading_verlet``: (members, dims, 1), the others (members,).
     step, damping
-        Step [s]; mass damping (members,) [1/s].
+        Step [s], 0 for the rates at the start; mass damping (members,) [1/s].
     kappa, mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms
         As in :func:`cablepod.condensed._kernels_leading.leading_verlet`, with a leading dimension of members.
     n_in_plane
@@ -38,6 +38,8 @@ def leading_starts(
         Filled: coordinates, rates half a step before the start (members, r).
     limit
         Filled: stability limit of the step at the start (members,) [s]; nan where no equilibrium is found.
+    chord_tensions
+        Filled: H at the start (members,) [N].
     """
     members, r = q.shape
     patterns, dims = mean_chordwise_forces.shape[1], load.shape[1]
@@ -72,6 +74,7 @@ def leading_starts(
                     v[m, i] += boundary_row[0, 1 + patterns + a] * load_projection[m, a, i]
         frames(ends[m], end_accelerations[m], load[m], no_points, reference[m], mass[m], boundary_row)
         chord_tension = leading_force(q[m], boundary_row, 0, *coefficients, f, tangent)
+        chord_tensions[m] = chord_tension
         sag, load_frequency_bound = 0.0, 0.0
         for i in range(r):
             sag += (kappa[m, i] * q[m, i]) ** 2

@@ -9,9 +9,10 @@ import numpy as np
 
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR
 from cablepod.conventions import COORDINATES, ENDS
+from cablepod.parameters._parameters import Parameters
 
 if TYPE_CHECKING:
-    from cablepod.condensed._batch import CondensedBatch
+    from cablepod.condensed._batch import CondensedBatch, MemberCoefficients
     from cablepod.condensed._model import CondensedModel
 
 #: Largest number of lanes: the numbers of so many members fit in the first cache.
@@ -76,27 +77,26 @@ def advance(
     from cablepod.condensed import _kernels_leading_lanes as kernel  # numba is imported only to compute
 
     plan, unit, instants, count = batch.plan, batch.plan.unit, batch.plan.instants, len(q)
-    groups, chosen = LaneGroups(count), slice(None) if plan.links is None else plan.links
-    shapes = np.concatenate(unit.modes[: len(unit.sets)]).T.copy()
-    of_links = (np.diff(shapes, axis=0) / unit.chain.length[:, None], unit.chordwise_force_patterns.T.copy())
-    slopes, force_patterns = (array[chosen] for array in of_links)
+    groups = LaneGroups(count)
+    shapes, of_links = np.concatenate(unit.modes[: len(unit.sets)]).T.copy(), link_coefficients(unit, None)
+    slopes, force_patterns = link_coefficients(unit, plan.links)
     extremes = len(slopes) if "tension_extremes" in plan.outputs else 0
     low, high = groups.full(extremes, np.inf), groups.full(extremes, -np.inf)
     least_force, least_force_step, largest_omega_squared = (
         np.full((groups.groups, groups.lanes), value) for value in (np.inf, 0.0, 0.0)
     )
-    rows, motions = _motions(batch, groups)
+    rows, motions = member_motions(batch.parameters)
     parameters, state = batch.parameters, (groups.split(q), groups.split(v))
-    stiffness, norms, projection, bases = _matrices(batch)
+    stiffness, norms, projection, bases = matrices(batch)
     kernel.leading_lanes(
         count, *((0,) * number for number in (*unit.ranks, 0)[:2]), (0,) * len(unit.load_patterns),
-        int(instants.steps[-1]) + 1, instants.steps_per_second, instants.steps, rows, motions,
+        int(instants.steps[-1]) + 1, instants.steps_per_second, instants.steps, rows, groups.split(motions),
         groups.split(parameters.ends.reshape(count, -1)), groups.split(batch.load[:, :, 0]),
         None if unit.chain.p.dims == 2 else groups.split(np.eye(3)[batch.reference]), *state,
-        groups.split(batch.scaled.slope_norms_squared), groups.split(_numbers(batch)),
+        groups.split(batch.scaled.slope_norms_squared), groups.split(member_numbers(batch, instants.steps_per_second)),
         unit.mean_chordwise_forces, groups.split(stiffness), groups.split(projection), groups.split(norms),
         np.ascontiguousarray(unit.chordwise_forces_at_candidates[:, [0, -1]]), slopes, force_patterns,
-        groups.split(bases), shapes, unit.chain.length, _rest_profile(unit), *of_links, low, high, least_force, least_force_step,
+        groups.split(bases), shapes, unit.chain.length, rest_profile(unit), *of_links, low, high, least_force, least_force_step,
         largest_omega_squared, amplitudes[0], amplitudes[-1], tension, position,
     )  # fmt: skip
     limit = 4.0 * instants.steps_per_second**2
@@ -112,7 +112,14 @@ def _masses(batch: CondensedBatch) -> np.ndarray:
     return batch.parameters.mass * batch.total * batch.plan.unit.chain.tributary_length.sum()
 
 
-def _matrices(batch: CondensedBatch) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def link_coefficients(unit: CondensedModel, links: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return slopes of the modes as given (links, r) and chordwise force patterns (links, patterns); of all links for None."""
+    chosen = slice(None) if links is None else links
+    slopes = np.diff(np.concatenate(unit.modes[: len(unit.sets)]), axis=1) / unit.chain.length
+    return slopes.T[chosen].copy(), unit.chordwise_force_patterns.T[chosen].copy()
+
+
+def matrices(batch: MemberCoefficients) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return geometric stiffness, its norms and load projections for loads times the length, and matrices to amplitudes."""
     unit, named, total = batch.plan.unit, batch.scaled.named, batch.total
     bases = np.zeros((total.size, sum(unit.ranks), max(unit.ranks)))
@@ -126,16 +133,16 @@ def _matrices(batch: CondensedBatch) -> tuple[np.ndarray, np.ndarray, np.ndarray
     )
 
 
-def _rest_profile(unit: CondensedModel) -> np.ndarray:
+def rest_profile(unit: CondensedModel) -> np.ndarray:
     """Return the squared slopes at rest over their mean square (n,), those of a uniform load."""
     shear = unit.chordwise_force_patterns[0] - unit.mean_chordwise_forces[0]
     return shear * shear / (shear * shear @ unit.chain.length)
 
 
-def _numbers(batch: CondensedBatch) -> np.ndarray:
+def member_numbers(batch: MemberCoefficients, steps_per_second: float) -> np.ndarray:
     """Return the numbers of the members (members, MEMBER_ROWS), columns as in ``_kernels_layout``."""
     p, total, damping = batch.parameters, batch.total, batch.parameters.damping
-    step, damped = 1.0 / batch.plan.instants.steps_per_second, damping != 0.0
+    step, damped = 1.0 / steps_per_second, damping != 0.0
     impulse = np.where(damped, -np.expm1(-damping * step) / np.where(damped, damping, 1.0), step)
     return np.stack(
         [
@@ -146,9 +153,9 @@ def _numbers(batch: CondensedBatch) -> np.ndarray:
     )  # fmt: skip
 
 
-def _motions(batch: CondensedBatch, groups: LaneGroups) -> tuple[np.ndarray, np.ndarray]:
-    """Return the coordinate that each motion moves, and the motions (groups, motions, MOTION_ROWS, lanes)."""
-    p, columns, rows = batch.parameters, [], []
+def member_motions(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
+    """Return the coordinate that each motion moves (motions,), and the motions (members, motions, MOTION_ROWS)."""
+    columns, rows = [], []
     count, _, dims = p.ends.shape
     initial = p.ends.reshape(count, 2 * dims)
     for (end, axis), motion in p.motions.items():
@@ -159,4 +166,4 @@ def _motions(batch: CondensedBatch, groups: LaneGroups) -> tuple[np.ndarray, np.
             np.stack([values["angular_frequency"], phase, values["amplitude"], initial[:, rows[-1]], p.damping], axis=1)
         )
     motions = np.stack(columns, axis=1) if columns else np.empty((count, 0, 5))
-    return np.array(rows, dtype=np.int64), groups.split(motions)
+    return np.array(rows, dtype=np.int64), motions

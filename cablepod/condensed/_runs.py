@@ -130,9 +130,7 @@ def solve(
     first_step = min(_unforced_step(run, omega_squared), p.shortest_time_scale / STEPS_PER_CHANGE)
     steps_per_second = preferred_steps_per_second(1.0 / first_step)
     if fits:
-        while steps_per_second > 1.0 and steps_per_second % 1.0:  # steps hit whole seconds, where most outputs are
-            steps_per_second = preferred_steps_per_second(1.01 * steps_per_second)
-        return _fitted(run, steps_per_second, limit)
+        return _fitted(run, whole_steps_per_second(steps_per_second), limit)
     chord = float(np.linalg.norm(p.upper - p.lower))
     initial = positions(model, q0[None], np.zeros(1))[0]
 
@@ -197,6 +195,14 @@ def _fitted(run: CondensedRun, steps_per_second: float, limit: float) -> Condens
     )  # fmt: skip
     state, steps_per_second, time_error, tolerance = fit_step(runs, tolerance_of, by_second=True)
     return CondensedResult(run, state, steps_per_second, limit, time_error, tolerance, error)
+
+
+def whole_steps_per_second(steps_per_second: float) -> float:
+    """Round a number of steps per second up to a preferred one whose steps hit whole seconds, where most outputs are."""
+    steps_per_second = preferred_steps_per_second(steps_per_second)
+    while steps_per_second > 1.0 and steps_per_second % 1.0:
+        steps_per_second = preferred_steps_per_second(1.01 * steps_per_second)
+    return steps_per_second
 
 
 def _unforced_step(run: CondensedRun, omega_squared: float) -> float:

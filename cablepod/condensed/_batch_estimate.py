@@ -1,0 +1,170 @@
+"""Error estimates of many members with equal steps, as :mod:`cablepod.condensed._estimate` makes that of one."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cablepod.condensed._estimate import (
+    CORRECTIONS_LEADING,
+    MAX_ERROR,
+    MOTION_SAMPLES,
+    POINTS,
+    POINTS_PER_MODE,
+    unit_coefficients,
+)
+
+if TYPE_CHECKING:
+    from cablepod.condensed._batch_fitted import FittedBatch
+    from cablepod.condensed._lanes_numerov import NumerovResults
+
+
+class MemberRuns:
+    """Runs of members with equal steps, and what their estimates share.
+
+    Parameters
+    ----------
+    batch
+        Parameters and coefficients of the chunk.
+    part
+        Numbers of the members (members,).
+    results
+        Saved states, those of the samples among them.
+    interval
+        Number of steps between two samples.
+    """
+
+    def __init__(self, batch: FittedBatch, part: np.ndarray, results: NumerovResults, interval: int) -> None:
+        self.batch, self.part, self.results, self.interval = batch, part, results, interval
+        self.total, self.mass = batch.total[part], batch.parameters.mass[part]
+        self.ends, self.shapes = batch.ends.take(part), batch.scaled.named["shapes"][part]
+        self.samples = np.flatnonzero(results.instants.steps % interval == 0)
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """Normals of the chord at the start (members, normals, dims)."""
+        ends = self.ends.positions(np.zeros(1))[:, 0]
+        reach = ends[:, 1] - ends[:, 0]
+        along = reach / np.sqrt((reach * reach).sum(axis=1, keepdims=True))
+        if along.shape[1] == 2:
+            return np.stack([-along[:, 1], along[:, 0]], axis=1)[:, None]
+        axis = np.eye(3)[self.batch.reference[self.part]]
+        cosine = (axis * along).sum(axis=1, keepdims=True)
+        first = (axis - cosine * along) / np.sqrt(1.0 - cosine**2)
+        return np.stack([first, np.cross(along, first)], axis=1)
+
+
+def motions_of(runs: MemberRuns) -> np.ndarray:
+    """Return the largest rms displacements of members from their initial shapes [m], see :func:`_estimate.motion_of`."""
+    batch, results = runs.batch, runs.results
+    stride = -(-runs.samples.size // MOTION_SAMPLES)
+    q = results.saved[:, runs.samples[::stride]]
+    times = np.arange(q.shape[1]) * (stride * runs.interval / results.instants.steps_per_second)
+    change, unit = q - q[:, :1], batch.plan.unit
+    square = (change * change).sum(axis=2) / (runs.mass * runs.total)[:, None]
+    if runs.ends.rows.size:
+        ends = runs.ends.positions(times)
+        moved = ends - ends[:, :1]
+        lower, upper = moved[:, :, 0], moved[:, :, 1]
+        square += ((lower + upper) * lower + upper * upper).sum(axis=2) / 3.0  # a linear displacement along the cable
+        of_upper = runs.shapes @ (unit.chain.tributary_length * unit.chain.arc_length)
+        of_lower = runs.shapes @ unit.chain.tributary_length - of_upper
+        for k, which in enumerate(unit.sets):
+            normal, part = runs.normals[:, k, :, None], change[:, :, which]
+            for end, shares in ((lower, of_lower), (upper, of_upper)):
+                square += 2.0 * (end @ normal)[:, :, 0] * (part @ shares[:, which, None])[:, :, 0]
+    largest = np.sqrt(np.maximum(square.max(axis=1), 0.0))
+    reach = runs.ends.initial[:, 1] - runs.ends.initial[:, 0]
+    chord = np.sqrt((reach * reach).sum(axis=1))
+    return np.where(largest > 1e-9 * chord, largest, chord)
+
+
+def errors_of(runs: MemberRuns, scale: np.ndarray) -> np.ndarray:
+    """Estimate the largest errors of members over time as fractions of their motions `scale` [m]."""
+    from cablepod.condensed import _kernels_members as kernel  # numba is imported only to compute
+
+    batch, results, part, total = runs.batch, runs.results, runs.part, runs.total
+    model, p, shapes = batch.plan.unit, batch.parameters, runs.shapes
+    unit, at = unit_coefficients(
+        model.modes, model.chain.arc_length, model.chain.p, POINTS + POINTS_PER_MODE * max(map(len, model.modes))
+    )
+    # powers of mass and length, as in ErrorEquation.of; there are no point loads
+    shape = (1.0 / np.sqrt(runs.mass * total))[:, None, None]
+    length, inverse_shape = total[:, None, None], 1.0 / shape
+    projection = inverse_shape * (unit.shapes * unit.mass)
+    change = projection @ np.swapaxes(shapes, 1, 2)
+    in_plane, enriched_in_plane = model.n_in_plane, unit.n_in_plane
+    change[:, :enriched_in_plane, in_plane:] = change[:, enriched_in_plane:, :in_plane] = 0.0
+    slopes = (shape / length) * at.slopes
+    stiffness = (shape * shape)[..., None] * unit.geometric_stiffness
+    points = (
+        length[:, 0] * at.weights, at.sigma, (runs.mass * total)[:, None] * at.masses, at.share, length * at.patterns,
+        np.swapaxes(change, 1, 2) @ slopes, slopes,
+    )  # fmt: skip
+    coefficients = (
+        change, unit.slope_norms_squared * (shape * shape / length)[:, 0], length[:, 0] * unit.mean_chordwise_forces, stiffness,
+        stiffness @ change[:, None], length * shape * unit.load_projection,
+    )  # fmt: skip
+    q, rates, boundary_data = results.saved, results.half_step_rates, results.boundary_data
+    if runs.samples.size < q.shape[1]:
+        q, rates, boundary_data = (array.take(runs.samples, axis=1) for array in (q, rates, boundary_data))
+    rate = results.instants.steps_per_second
+    squares, largest = np.empty(q.shape[:2]), np.zeros((part.size, len(unit.shapes) + 1))
+    dims, count = p.dims, part.size
+    rest = (
+        batch.q_rest[part], runs.ends.positions(np.zeros(1)).reshape(count, 2 * dims, 1),
+        np.zeros((2 * dims, 1 if p.motions else 0)), batch.load[part], batch.reference[part], runs.mass,
+    )  # fmt: skip
+    kernel.errors_of_members(
+        rest, (q, rates, rate), boundary_data, runs.interval / rate,
+        (False, True, CORRECTIONS_LEADING, in_plane, enriched_in_plane),
+        np.stack([p.stiffness[part], total, p.damping[part]], axis=1), points, coefficients,
+        _initial_error_rates(runs, projection, change, enriched_in_plane), squares, largest,
+    )  # fmt: skip
+    squares /= (runs.mass * total)[:, None]
+    squares[np.isnan(squares)] = math.inf
+    error, samples = largest[:, :-1], largest[:, -1].astype(int)
+    at_largest = (change @ q[np.arange(count), samples][:, :, None])[:, :, 0]
+    link_slopes = (shape / length) * unit.slopes
+    share = _chordwise_shares(runs, error, at_largest, link_slopes, enriched_in_plane)
+    return np.minimum(np.sqrt(squares.max(axis=1) * (1.0 + share)) / scale, MAX_ERROR)
+
+
+def _chordwise_shares(
+    runs: MemberRuns, error: np.ndarray, q: np.ndarray, slopes: np.ndarray, in_plane: int
+) -> np.ndarray:
+    """Return the mean squares of the chordwise displacement over those of the deflection, for errors (members, R) at q."""
+    chain = runs.batch.plan.unit.chain
+    stretch = np.zeros((len(q), chain.links))
+    for which in (slice(in_plane), slice(in_plane, None)):
+        moved, wrong = ((part[:, None, which] @ slopes[:, which])[:, 0] for part in (q, error))
+        stretch -= moved * wrong
+    along = np.cumsum(stretch * (runs.total[:, None] * chain.length), axis=1)
+    along -= chain.arc_length[1:] * along[:, -1:]
+    square = (error * error).sum(axis=1)
+    share = runs.mass * runs.total * (along**2 @ chain.tributary_length[1:]) / square
+    return np.where((square > 0.0) & (square < math.inf), share, 0.0)
+
+
+def _initial_error_rates(
+    runs: MemberRuns, projection: np.ndarray, change: np.ndarray, enriched_in_plane: int
+) -> np.ndarray:
+    """Return the rates of the errors at the start (members, R): the particles are at rest, the chord frame moves."""
+    rates, result = runs.ends.positions(np.zeros(1), 1)[:, 0], np.zeros(change.shape[:2])
+    if not rates.any():
+        return result
+    unit, q_rates = runs.batch.plan.unit, np.zeros((len(rates), change.shape[2]))
+    sigma = unit.chain.arc_length
+    mass = (runs.mass * runs.total)[:, None, None] * unit.chain.tributary_length
+    sets = (slice(enriched_in_plane), slice(enriched_in_plane, None))
+    for k, (which, enriched) in enumerate(zip(unit.sets, sets, strict=False)):
+        ends = -(rates @ runs.normals[:, k, :, None])  # (members, end, 1)
+        deflection = ends[:, 0] * (1.0 - sigma) + ends[:, 1] * sigma
+        shapes = runs.shapes[:, which]
+        momenta = (shapes * mass) @ deflection[:, :, None]
+        q_rates[:, which] = np.linalg.solve((shapes * mass) @ np.swapaxes(shapes, 1, 2), momenta)[:, :, 0]
+        result[:, enriched] = (projection[:, enriched] @ deflection[:, :, None])[:, :, 0]
+    return result - (change @ q_rates[:, :, None])[:, :, 0]

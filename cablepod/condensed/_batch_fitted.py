@@ -1,0 +1,261 @@
+"""Members whose steps fit their models: two runs in lanes and an estimate, as :func:`cablepod.condensed._runs.solve` of one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from cablepod._resources import check_memory
+from cablepod.batch._members import Rows
+from cablepod.batch._stack import Variables
+from cablepod.condensed._batch import MemberCoefficients, MembersPlan
+from cablepod.condensed._batch_estimate import MemberRuns, errors_of, motions_of
+from cablepod.condensed._estimate import sample_interval
+from cablepod.condensed._lanes import VECTOR, rest_profile
+from cablepod.condensed._lanes_numerov import MemberEnds, NumerovLanes, NumerovResults
+from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._output import shared_attributes
+from cablepod.condensed._runs import (
+    FIT_INTERVALS,
+    FOURTH_ORDER_AT_FIRST,
+    FOURTH_ORDER_PHASE,
+    FOURTH_ORDER_THRESHOLD,
+    MAX_TOLERANCE,
+    MIN_TOLERANCE,
+    TIME_ERROR_SHARE,
+    CondensedRequest,
+    whole_steps_per_second,
+)
+from cablepod.condensed._stepper import FOURTH_ORDER
+from cablepod.discretisation._chord_frame import MAX_COSINE
+from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._step_control import FIRST_MARGIN, MAX_WORK, STEPS_PER_CHANGE
+from cablepod.parameters._from_scene import Members
+from cablepod.parameters._parameters import Parameters
+from cablepod.pod import _normal as pod_normal
+
+#: Outputs of these members.
+FITTED_OUTPUTS = {"position", "tension", "tension_extremes", "error_estimate"}
+#: Maximum memory for the saved states of members that run together [bytes].
+MAX_SAVED = 16_000_000
+#: Minimum number of steps: the first one needs the loads of three instants.
+MIN_STEPS = 2
+
+
+def plan_fitted(
+    modes: xr.Dataset, unit: CondensedModel, members: Members, request: CondensedRequest
+) -> FittedBatchPlan | None:
+    """Return how to run many members with steps that fit their models; None where lanes do not support the request."""
+    if request.given_tolerance is not None or request.scheme not in (None, FOURTH_ORDER):
+        return None
+    outputs = set(request.outputs)
+    if outputs - FITTED_OUTPUTS:
+        return None
+    times = members[0].times() if request.times is None else request.times
+    if not times[-1] > 0.0:
+        return None
+    check_memory(times.size, unit.chain.links, unit.chain.p.dims, key="times", variables=3)
+    end_time = members[0].duration or 0.0
+    return FittedBatchPlan(modes, unit, members, outputs, request.links, end_time, times, request.scheme is None)
+
+
+@dataclass(frozen=True)
+class FittedBatchPlan(MembersPlan):
+    """Common data of all members; a call runs some of them."""
+
+    times: np.ndarray  #: instants of the output [s]
+    chooses_scheme: bool  #: whether the scheme is the default, which suits most members
+
+    def __call__(self, first: int, last: int, rows: Rows) -> tuple[np.ndarray, Variables, dict[str, list[Any]]]:
+        """Run the members `first` ... `last - 1`; return a mask of those completed, variables and attributes."""
+        # invalid members become nan here: their single runs report the reason
+        with np.errstate(all="ignore"):
+            return FittedBatch(self, self.members.stacked(first, last)).run(rows)
+
+
+class _Choice(NamedTuple):
+    """First steps per second of members, and bounds that decide on their samples."""
+
+    steps_per_second: np.ndarray  #: of the first run [1/s]; 0 for members that run alone
+    sample_intervals: np.ndarray  #: steps of the second run between samples of the error estimate
+    limit: np.ndarray  #: stability limits of velocity Verlet [s]
+
+
+class FittedBatch(MemberCoefficients):
+    """Rescaled coefficients and results of the members of one chunk."""
+
+    plan: FittedBatchPlan
+
+    def __init__(self, plan: FittedBatchPlan, parameters: Parameters) -> None:
+        super().__init__(plan, parameters)
+        self.ends = MemberEnds.of(parameters)
+
+    def run(self, rows: Rows) -> tuple[np.ndarray, Variables, dict[str, list[Any]]]:
+        """Run the members; return a mask of those completed, variables, the large ones in `rows`, and attributes."""
+        q, v, limit, chord_tension = self.starts(0.0)  # no step: the rates at the start
+        self.q_rest = q
+        choice = self._first_steps(limit, chord_tension)
+        result: Variables = {}
+        targets = self._targets(rows, result)
+        count = limit.size
+        attributes: dict[str, list[Any]] = {}
+        completed, lanes = np.zeros(count, dtype=bool), NumerovLanes(self, q, v)
+        keys = np.stack([choice.steps_per_second, choice.sample_intervals], axis=1)
+        for rate, interval in np.unique(keys[self.active & (choice.steps_per_second > 0.0)], axis=0).tolist():
+            group = np.flatnonzero(self.active & (keys == (rate, interval)).all(axis=1))
+            fine = OutputTimes.of(self.plan.times, 2.0 * rate).with_multiples(int(interval))
+            numbers = 8 * fine.steps.size * (3 * q.shape[1] + 1 + self.load_rows)
+            most = max(VECTOR, MAX_SAVED // numbers // VECTOR * VECTOR)
+            for begin in range(0, group.size, most):
+                part = group[begin : begin + most]
+                done = self._run_group(lanes, part, OutputTimes.of(self.plan.times, rate), fine, int(interval), targets)
+                self._set_attributes(attributes, part, done, fine)
+                completed[part] = done.completed
+        result["unstretched_length"] = (), self.total
+        result["arc_length"] = ("particle",), self.total[:, None] * self.plan.unit.chain.arc_length
+        end_time = float(self.plan.times[-1])
+        return completed, result, attributes | self.diagnostics(limit, end_time)
+
+    def _targets(self, rows: Rows, result: Variables) -> dict[str, np.ndarray]:
+        """Add the variables with many numbers to the result, and return their arrays."""
+        unit, outputs, times = self.plan.unit, self.plan.outputs, self.plan.times.size
+        links = unit.chain.links if self.plan.links is None else self.plan.links.size
+        shapes: dict[str, tuple[tuple[str, ...], tuple[int, ...]]] = {
+            f"amplitude{suffix}": (("time", "mode"), (times, unit.rank))
+            for suffix, _ in zip(pod_normal.SETS, unit.sets, strict=False)
+        }
+        if "tension" in outputs:
+            shapes["tension"] = ("time", "link"), (times, links)
+        if "position" in outputs:
+            shapes["position"] = ("time", "particle", "coordinate"), (times, unit.chain.links + 1, unit.chain.p.dims)
+        if "tension_extremes" in outputs:
+            shapes |= {f"tension_{which}": (("link",), (links,)) for which in ("minimum", "maximum")}
+        for name, (dims, shape) in shapes.items():
+            result[name] = dims, rows(name, dims, shape)
+        return {name: values for name, (_, values) in result.items()}
+
+    @property
+    def load_rows(self) -> int:
+        """Number of loads along the chord and along the normals."""
+        return len(self.plan.unit.load_patterns) * self.plan.unit.chain.p.dims
+
+    def _first_steps(self, limit: np.ndarray, chord_tension: np.ndarray) -> _Choice:
+        """Choose the steps of the first runs, as :func:`cablepod.condensed._runs.solve` does."""
+        p, times = self.parameters, self.plan.times
+        end_time, kappa = float(times[-1]), self.scaled.slope_norms_squared.max(axis=1)
+        at_start = 4.0 / (limit * limit)
+        ends = self.ends.positions(np.linspace(0.0, end_time, FIT_INTERVALS + 1))
+        longest = np.sqrt(((ends[:, :, 1] - ends[:, :, 0]) ** 2).sum(axis=2).max(axis=1))
+        omega_squared = np.maximum(at_start, p.stiffness * np.maximum(longest / self.total - 1.0, 0.0) * kappa)
+        suited = self.active & np.isfinite(omega_squared) & (omega_squared > 0.0)
+        if self.plan.chooses_scheme:
+            taut = np.maximum(np.abs(chord_tension) * kappa, 1e-300)
+            suited &= (limit >= FOURTH_ORDER_THRESHOLD * 2.0 / np.sqrt(taut)) & (0.25 * p.damping**2 <= at_start)
+        free = FOURTH_ORDER_PHASE / np.sqrt(omega_squared + 0.25 * p.damping**2)
+        first = np.minimum(free, p.shortest_time_scale / STEPS_PER_CHANGE)
+        largest = MAX_WORK / (end_time * self.plan.unit.chain.links)
+        rates, intervals, modes = np.zeros(limit.size), np.ones(limit.size), self.plan.unit.n_in_plane
+        for m in np.flatnonzero(suited).tolist():
+            rate = whole_steps_per_second(1.0 / float(first[m]))
+            if rate <= largest and end_time * rate >= MIN_STEPS:
+                rates[m] = rate
+                intervals[m] = sample_interval(float(omega_squared[m]), modes, 2.0 * rate, end_time)
+        return _Choice(rates, intervals, limit)
+
+    def _run_group(
+        self,
+        lanes: NumerovLanes,
+        part: np.ndarray,
+        coarse: OutputTimes,
+        fine: OutputTimes,
+        interval: int,
+        targets: dict[str, np.ndarray],
+    ) -> _Done:
+        """Run members with equal steps twice, estimate their errors, and fill their rows of the targets."""
+        unit, mass = self.plan.unit, self.parameters.mass[part] * self.total[part]
+        first = lanes.advance(part, coarse, extremes=False)
+        q_first, stable = first.q, first.completed
+        second = lanes.advance(part, fine, extremes="tension_extremes" in self.plan.outputs)
+        q = second.q
+        runs = MemberRuns(self, part, second, interval)
+        scale = motions_of(runs)
+        error = errors_of(runs, scale)
+        gap = q - q_first
+        distance = np.sqrt((gap * gap).sum(axis=2).max(axis=1) / mass) / scale
+        time_error = distance / (2.0**FOURTH_ORDER_AT_FIRST - 1.0) * FIRST_MARGIN
+        tolerance = np.clip(TIME_ERROR_SHARE * error, MIN_TOLERANCE, MAX_TOLERANCE)
+        completed = stable & second.completed & (time_error <= tolerance)
+        for name, which, bases in zip(pod_normal.SETS, unit.sets, self.scaled.bases, strict=False):
+            turned = q[:, :, which] @ np.swapaxes(bases[part], 1, 2)
+            targets[f"amplitude{name}"][part, :, : turned.shape[2]] = turned
+            targets[f"amplitude{name}"][part, :, turned.shape[2] :] = 0.0
+        for name, values in (("tension_minimum", second.low), ("tension_maximum", second.high)):
+            if name in targets:
+                targets[name][part] = values
+        completed &= self._fill_fields(part, q, targets)
+        return _Done(completed, time_error, error + time_error, second)
+
+    def _fill_fields(self, part: np.ndarray, q: np.ndarray, targets: dict[str, np.ndarray]) -> np.ndarray:
+        """Fill positions and tensions of members; return whether they have a chord frame at all instants."""
+        has_frames = np.ones(part.size, dtype=bool)
+        if not {"position", "tension"} & set(targets):
+            return has_frames
+        from cablepod.condensed import _kernels_members as kernel  # numba is imported only to compute
+
+        unit, p, times, count = self.plan.unit, self.parameters, self.plan.times, len(self.total)
+        dims, total = unit.chain.p.dims, self.total[part]
+        ends = self.ends.take(part)
+        accelerations = np.zeros((part.size, 2 * dims, 0))
+        if p.motions:
+            values = ends.positions(times, 2)
+            if p.mass_damping is not None:
+                values += p.damping[part, None, None, None] * ends.positions(times, 1)
+            accelerations = _rows_of_ends(values)
+        states = self.states
+        factors = states.uniform[part, None] + states.sag[part, None] * rest_profile(unit)
+        kernel.fields_of_members(
+            q, _rows_of_ends(ends.positions(times)), accelerations, self.load[part], self.reference[part], MAX_COSINE,
+            p.mass[part], p.stiffness[part], total[:, None] * unit.chain.length, self.scaled.named["shapes"][part],
+            unit.n_in_plane, self.scaled.named["chordwise_force_patterns"][part], factors,
+            np.arange(unit.chain.links) if self.plan.links is None else self.plan.links, part,
+            targets.get("position", np.empty((count, 0, 0, dims))), targets.get("tension", np.empty((count, 0, 0))),
+            has_frames,
+        )  # fmt: skip
+        return has_frames
+
+    def _set_attributes(
+        self, attributes: dict[str, list[Any]], part: np.ndarray, done: _Done, instants: OutputTimes
+    ) -> None:
+        """Set the attributes of members with equal steps."""
+        shared = shared_attributes(self.plan.unit, instants, FOURTH_ORDER, self.plan.modes)
+        own = {
+            "smallest_chordwise_force": done.lanes.least_force,
+            "time_of_smallest_force": done.lanes.least_force_step / instants.steps_per_second,
+            "time_error_estimate": done.time_error,
+        }
+        if "error_estimate" in self.plan.outputs:
+            own["error_estimate"] = done.error
+        columns = {name: [value] * part.size for name, value in shared.items()}
+        columns |= {name: values.tolist() for name, values in own.items()}
+        for name, column in columns.items():
+            target = attributes.setdefault(name, [None] * self.total.size)
+            for m, value in zip(part.tolist(), column, strict=True):
+                target[m] = value
+
+
+class _Done(NamedTuple):
+    """Results of members with equal steps."""
+
+    completed: np.ndarray  #: whether a run was stable and meets its tolerance (members,)
+    time_error: np.ndarray  #: estimated time error as a fraction of the motion (members,)
+    error: np.ndarray  #: estimated error (members,)
+    lanes: NumerovResults
+
+
+def _rows_of_ends(values: np.ndarray) -> np.ndarray:
+    """Return values of both ends (members, times, end, dims) as rows (members, 2 dims, times)."""
+    count, times, _, dims = values.shape
+    return np.ascontiguousarray(np.swapaxes(values.reshape(count, times, 2 * dims), 1, 2))

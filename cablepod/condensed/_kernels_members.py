@@ -1,0 +1,139 @@
+"""Compiled loops over members for what follows a run to leading order: error equations, positions and tensions.
+
+Each member calls the kernels of a single run, so that its numbers are those of its run alone.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cablepod._jit import compiled
+from cablepod.condensed._kernels_error import error_at_rest, error_growth
+from cablepod.condensed._kernels_fields import close_leading, deflections, positions
+from cablepod.condensed._kernels_frame import frames
+
+
+@compiled
+def errors_of_members(
+    rest, motions, boundary_data, step, constants, numbers, points, coefficients, initial_rate, mean_squares, largest
+):
+    """Integrate the error equations of many members, see :mod:`cablepod.condensed._kernels_error`.
+
+    Parameters
+    ----------
+    rest
+        Coordinates at rest (members, r); then, as ``frames`` takes them, with a leading dimension of members: ends at rest, zero
+        accelerations of the ends (2 dims, 1 or 0), which members share, load with weight, axis of the normals, mass per length.
+    motions
+        Coordinates (members, samples, r), rates half a step before and after (members, samples, 2, r), steps per second.
+    boundary_data
+        Those of the samples (members, samples, columns).
+    step
+        Interval of the samples [s].
+    constants
+        The constants after the first three, which members share.
+    numbers
+        K [N], L0 [m] and mass damping [1/s] (members, 3).
+    points, coefficients
+        As there, with a leading dimension of members, but for the relative arc lengths (m,) and the part of its own stretch that
+        displaces a point.
+    initial_rate
+        Rate of the error at the start (members, R).
+    mean_squares, largest
+        Filled: as there, (members, samples) and (members, R + 1).
+    """
+    weights, sigma, masses, share, patterns, slopes_of_motion, slopes = points
+    change, kappa, mean_forces, stiffness, stiffness_change, projection = coefficients
+    q, half_step_rates, steps_per_second = motions
+    samples, r = q.shape[1], q.shape[2]
+    rest_q, ends, no_accelerations, load, reference, mass = rest
+    rates, accelerations, no_points = np.empty((samples, r)), np.empty((samples, r)), np.empty((0, load.shape[1], 1))
+    boundary_row, initial_error = np.empty((1, boundary_data.shape[2])), np.empty(kappa.shape[1])
+    green, leading, corrections, in_plane, enriched_in_plane = constants
+    for m in range(q.shape[0]):
+        own_constants = (
+            numbers[m, 0], numbers[m, 1], numbers[m, 2], green, leading, corrections, in_plane, enriched_in_plane,
+        )  # fmt: skip
+        own_points = (weights[m], sigma, masses[m], share, patterns[m], slopes_of_motion[m], slopes[m])
+        own = (change[m], kappa[m], mean_forces[m], stiffness[m], stiffness_change[m], projection[m])
+        frames(ends[m], no_accelerations, load[m], no_points, reference[m], mass[m], boundary_row)
+        if not error_at_rest(rest_q[m : m + 1], boundary_row, own_constants, own_points, own, initial_error):
+            initial_error[:] = 0.0
+        for t in range(samples):
+            for j in range(r):
+                rates[t, j] = 0.5 * (half_step_rates[m, t, 0, j] + half_step_rates[m, t, 1, j])
+                accelerations[t, j] = (half_step_rates[m, t, 1, j] - half_step_rates[m, t, 0, j]) * steps_per_second
+        error_growth(
+            q[m], rates, accelerations, boundary_data[m], step, own_constants, own_points, own, initial_error,
+            initial_rate[m], mean_squares[m], largest[m],
+        )  # fmt: skip
+
+
+@compiled
+def fields_of_members(
+    q, ends, accelerations, load, reference, largest_cosine, mass, stiffness, lengths, shapes, n_in_plane, patterns,
+    slope_factors, links, rows, position, tension, has_frames,
+):  # fmt: skip
+    """Compute positions and tensions of many members, as ``close_chord`` and ``positions_of`` do for one.
+
+    Parameters
+    ----------
+    q
+        Coordinates (members, times, r).
+    ends, accelerations
+        Positions and accelerations of the ends, all coordinates of the lower one first (members, 2 dims, times) [m, m/s^2]; the
+        latter without times where no end moves.
+    load, reference, mass, stiffness
+        Load with weight (members, dims, 1) [N/m], axis of the normals, mass per length [kg/m] and K [N] (members,).
+    largest_cosine
+        See :func:`cablepod.condensed._kernels_fields.positions`.
+    lengths
+        Unstretched lengths of the links (members, n) [m].
+    shapes, n_in_plane
+        Shapes (members, r, n + 1), and the number of those in the plane.
+    patterns
+        Chordwise force patterns (members, patterns, n).
+    slope_factors
+        Factors of the squared slopes (members, n).
+    links
+        Links whose tensions are computed (links,).
+    rows
+        Row of each member in the following two arrays (members,).
+    position, tension
+        Filled: positions (rows, times, n + 1, dims) [m] and tensions (rows, times, links) [N], or without times.
+    has_frames
+        Filled: whether there is a chord frame at all instants (members,); true without positions.
+    """
+    (members, times, _), dims = q.shape, load.shape[1]
+    links_of_chain = lengths.shape[1]
+    deflection, squared = np.empty((dims - 1, times, links_of_chain + 1)), np.empty((times, links_of_chain))
+    reduced, tau, stretch = np.empty_like(squared), np.empty_like(squared), np.empty_like(squared)
+    boundary_data = np.empty((times, 1 + patterns.shape[1] * dims))
+    chord, chord_tension = np.empty(times), np.empty(times)
+    both_ends, no_points = np.empty((times, 2, dims)), np.empty((0, dims, 1))
+    for m in range(members):
+        frames(ends[m], accelerations[m], load[m], no_points, reference[m], mass[m], boundary_data)
+        deflections(q[m], shapes[m], n_in_plane, lengths[m], deflection, squared)
+        for t in range(times):
+            chord[t] = boundary_data[t, 0]
+            for j in range(links_of_chain):
+                reduced[t, j] = squared[t, j] * slope_factors[m, j]
+                tau[t, j] = 0.0
+                for a in range(patterns.shape[1]):
+                    tau[t, j] += boundary_data[t, 1 + a] * patterns[m, a, j]
+        close_leading(reduced, tau, lengths[m], chord, stiffness[m], chord_tension, stretch)
+        has_frames[m] = True
+        if position.shape[1]:
+            for t in range(times):
+                for end in range(2):
+                    for d in range(dims):
+                        both_ends[t, end, d] = ends[m, end * dims + d, t]
+            has_frames[m] = positions(
+                both_ends, reference[m], largest_cosine, stretch, lengths[m], deflection, position[rows[m]]
+            )
+        for t in range(tension.shape[1]):
+            for k in range(links.size):
+                j = links[k]
+                tension[rows[m], t, k] = (chord_tension[t] + tau[t, j]) * math.sqrt(1.0 + squared[t, j])

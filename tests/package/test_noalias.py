@@ -1,0 +1,90 @@
+"""Kernels compiled for arrays that share no memory are called with such arrays.
+
+The compiler takes their word for it: a kernel that writes to an array which another argument shares gives wrong numbers.  Here
+these kernels and all that call them run as plain Python, in a process of its own, and each call is looked at.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).resolve().parents[1]
+CHECK = """
+import functools, sys
+import numpy as np
+from cablepod import _jit
+
+called = set()
+
+def compiled(function=None, *, noalias=False, counted=True, **options):
+    if function is None:
+        return lambda kernel: compiled(kernel, noalias=noalias)
+    if not noalias:
+        return function
+
+    @functools.wraps(function)
+    def checked(*arguments):
+        arrays = [array for array in arguments if isinstance(array, np.ndarray) and array.size]
+        pairs = [(a, b) for i, a in enumerate(arrays) for b in arrays[i + 1 :] if np.shares_memory(a, b)]
+        before = [(a.copy(), b.copy()) for a, b in pairs]
+        result = function(*arguments)
+        for now, then in zip(pairs, before):  # to share what nobody writes to is harmless
+            if not all(np.array_equal(*both, equal_nan=True) for both in zip(now, then)):
+                sys.exit(f"{function.__module__}.{function.__name__}: writes to memory that two arguments share")
+        called.add(f"{function.__module__}.{function.__name__}")
+        return result
+
+    return checked
+
+_jit.compiled = compiled
+sys.path[:0] = [TESTS, TESTS + "/condensed"]
+import cablepod as cp
+from scenes import HARMONIC, SOFT, full_modes, spatial
+
+np.seterr(all="ignore")
+"""
+SCENES = """
+def scenes_of(dims, links, count):
+    mapping = {**SOFT, "motion": {"upper": {"x": {**HARMONIC, "amplitude": 0.02}}}, "damping": {"mass_proportional": 0.8}}
+    mapping["chain"] = {"links": links}
+    if dims == 3:
+        mapping = spatial(mapping)
+        mapping["ends"]["upper"][2] = 1.0
+    scene = cp.make_scene(mapping)
+    return scene.assign(cable_top_tension=("member", np.linspace(220.0, 240.0, count), scene["cable_top_tension"].attrs))
+"""
+RUNS = {
+    "condensed": """
+for dims in (2, 3):
+    scenes, modes = scenes_of(dims, 6, 2), full_modes(dims=dims)
+    outputs = ("position", "tension", "tension_extremes")
+    cp.condensed.simulate(scenes, modes, rank=2, step=0.01, times=[0.0, 0.02], outputs=outputs)
+    cp.condensed.simulate(scenes, modes, rank=2, times=[0.0, 0.3], outputs=outputs)
+""",
+    "chain": """
+from cablepod.chain import _lanes
+_lanes.MIN_MEMBERS = 2
+for dims in (2, 3):
+    for scheme in ("trapezoidal", "generalized_alpha", "energy_momentum"):
+        outputs = ("position", "tension_extremes")
+        cp.chain.simulate(scenes_of(dims, 3, 2), scheme=scheme, step=0.05, times=[0.0, 0.1], outputs=outputs)
+""",
+}
+#: Kernels that each run must call.
+KERNELS = {
+    "condensed": ("_kernels_leading_lanes", "_kernels_leading_numerov_lanes", "_kernels_frame", "_kernels_sines"),
+    "chain": ("_kernels_lanes", "_kernels_lane_steps"),
+}
+
+
+@pytest.mark.parametrize("model", RUNS)
+def test_no_kernel_writes_to_memory_that_two_of_its_arguments_share(model):
+    script = f"TESTS = {str(TESTS)!r}\n{CHECK}{SCENES}{RUNS[model]}\nprint(*called)"
+    done = subprocess.run([sys.executable, "-W", "ignore", "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    for name in KERNELS[model]:
+        assert f".{name}." in done.stdout, name
