@@ -87,12 +87,17 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
     # steps and errors
     "step": ("s", "time step"),
     "step_limit": ("s", "largest stable time step"),
+    "shortest_time_scale": ("s", "shortest time scale of the motion of the ends and of the loads"),
     "number_of_steps": ("1", "number of time steps"),
     "steps_cut": ("1", "number of steps divided into substeps"),
     "newton_iterations": ("1", "number of Newton iterations"),
     "spectral_radius": ("1", "spectral radius of the scheme at high frequencies"),
     "error_estimate": ("1", "estimated largest error over time as a fraction of the motion"),
     "time_error_estimate": ("1", "estimated error of the time step as a fraction of the motion"),
+    "tension_time_error_estimate": (
+        "1",
+        "estimated error of the tensions by the time step as a fraction of their range",
+    ),
     "space_error_estimate": ("1", "estimated error of the elements as a fraction of the motion"),
     "elements": ("1", "number of elements"),
     "element_order": ("1", "polynomial order of the elements"),

@@ -26,7 +26,7 @@ HERE = Path(__file__).resolve().parent
 def example3() -> plt.Figure:
     """Draw Example 3: chain as dots, Galerkin model as lines, and the error over time."""
     given = scene("example3")
-    chain = cp.chain.simulate(given)
+    chain = cp.chain.simulate(given, tolerance=1e-6, outputs=("position",))
     modes = cp.pod.decompose(chain, rank=8)
     models = {f"r = {rank}": cp.galerkin.simulate(given, modes, rank=rank) for rank in (1, 2, 4, 8)}
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 4.2), layout="constrained")

@@ -14,7 +14,13 @@ from cablepod.chain._implicit import ROUNDING, ImplicitChainRun, ImplicitStepper
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._means import MEANS
-from cablepod.integrate._output import Extremes, chain_coordinates, law_suffix, trajectory_attributes
+from cablepod.integrate._output import (
+    Extremes,
+    chain_coordinates,
+    law_suffix,
+    time_scale_attributes,
+    trajectory_attributes,
+)
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._peaks import peak_times
 from cablepod.integrate._run import ChainRun, Trajectory
@@ -93,6 +99,7 @@ class CableRun(ChainRun):
             "smallest_stretch_time": float(state.instants.times[instant]),
             "smallest_stretch_arc_length": float(mesh.point_arc_length[point]),
             **state.diagnostics,
+            **time_scale_attributes(mesh.p),
             **mesh.p.offsets(),
             **window_attributes(self.window),
         }
@@ -163,6 +170,11 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
 
 class ImplicitCableRun(CableRun, ImplicitChainRun):
     """Trapezoidal rule: second order, unconditionally stable in linear theory."""
+
+    @property
+    def alternatives(self) -> str:
+        """What to try where a run stops."""
+        return "a shorter step, scheme velocity_verlet, gentler loads or motion, or damping"
 
     def new_stepper(self, instants: OutputTimes) -> ImplicitStepper:
         """Return the stepper of a run."""

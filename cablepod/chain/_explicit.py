@@ -185,8 +185,8 @@ class ExplicitChainRun(ChainRun):
             self._check_limit(partial, incomplete=done)  # names stiffening as the reason, if an output time shows it
         why = (
             f"the chain left the finite numbers at {time:.6g} s (velocity Verlet, step "
-            f"{1 / steps_per_second:.4g} s, step number {done}, stability limit {self.step_limit:.4g} s); try a shorter step, "
-            "gentler loads or motion, or damping"
+            f"{1 / steps_per_second:.4g} s, step number {done}, stability limit {self.step_limit:.4g} s); try scheme "
+            "energy_momentum, a step half as long, gentler loads or motion, or damping"
         )
         self.stop(partial, time, why)
 

@@ -33,7 +33,6 @@ class ImplicitChainRun(NewtonRun):
     alphas 0; the energy-momentum method conserves the energy at any step.
     """
 
-    alternatives = "scheme velocity_verlet, gentler loads or motion, or damping"
     method: str = SCHEMES[0]
     spectral_radius: float = 0.8  #: of generalized alpha at unresolved frequencies
 
@@ -41,6 +40,12 @@ class ImplicitChainRun(NewtonRun):
     def scheme(self) -> str:
         """Name of the scheme."""
         return self.method
+
+    @property
+    def alternatives(self) -> str:
+        """What to try where a run stops: the scheme that completed all scenes of the stability study first."""
+        other = "" if self.method == "energy_momentum" else "scheme energy_momentum, "
+        return f"{other}a shorter step, scheme velocity_verlet, gentler loads or motion, or damping"
 
     @property
     def parameters(self) -> tuple[float, float, float, float]:

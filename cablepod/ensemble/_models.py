@@ -48,6 +48,8 @@ def check_model(model: Any, modes: Any, options: Mapping[str, Any]) -> dict[str,
     for name in options:
         if name not in known:
             raise scene_error(f"option {name}", options[name], f'an option of model "{model}": {", ".join(known)}')
+    if known.get("outputs") and options.get("quadrature") is None:
+        known = {**known, "outputs": (*known["outputs"], "tension_extremes")}  # what an ensemble is mostly made for
     return {name: _to_json(name, options.get(name, default)) for name, default in known.items()}
 
 

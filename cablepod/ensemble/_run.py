@@ -86,7 +86,8 @@ def run(
     progress
         Callback receiving the completed fraction, 0 to 1.
     options
-        Options of the model's ``simulate``.
+        Options of the model's ``simulate``.  Default outputs are those of the model and "tension_extremes" (without with
+        ``quadrature``, by which there are none).
 
     Returns
     -------

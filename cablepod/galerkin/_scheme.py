@@ -12,7 +12,7 @@ import numpy as np
 from cablepod.errors import RunStopped
 from cablepod.galerkin._implicit import ImplicitGalerkinRun
 from cablepod.galerkin._runs import GalerkinRun, GalerkinTrajectory
-from cablepod.integrate._request import DEFAULT_TOLERANCE, Request
+from cablepod.integrate._request import REDUCED_TOLERANCE, Request
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
     ComparableRuns,
@@ -105,7 +105,7 @@ def _fit_to_model(
     def tolerance(rate: float) -> float:
         errors[rate] = errors[rate] if rate in errors else model_error(kept(rate))
         # without an estimate any run will do, as it is not used
-        return math.inf if math.isnan(errors[rate]) else max(TIME_ERROR_SHARE * errors[rate], DEFAULT_TOLERANCE)
+        return math.inf if math.isnan(errors[rate]) else max(TIME_ERROR_SHARE * errors[rate], REDUCED_TOLERANCE)
 
     runs = replace(_comparable_runs(run, limit), run=kept)
 

@@ -20,7 +20,7 @@ from cablepod.galerkin._implicit import ImplicitGalerkinRun
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.galerkin._runs import GalerkinRun
 from cablepod.galerkin._scheme import EXPLICIT, SCHEMES, solve
-from cablepod.integrate._request import Request
+from cablepod.integrate._request import REDUCED_TOLERANCE, Request
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._from_scene import SceneContent
 from cablepod.reduced._training_distance import distance_outside_training
@@ -147,6 +147,7 @@ def simulate(
         schemes=SCHEMES,
         step=step,
         tolerance=tolerance,
+        default_tolerance=REDUCED_TOLERANCE,
         window=window,
         outputs=outputs,
         allowed=(*OUTPUTS, "error_estimate"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any, NoReturn
@@ -14,6 +15,7 @@ from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.errors import RunStopped
 from cablepod.integrate._means import MEANS, Means
 from cablepod.integrate._output_times import OutputTimes
+from cablepod.parameters._parameters import Parameters
 
 #: Dimensions of the variables of a trajectory.
 PARTICLES, LINKS = ("time", "particle", "coordinate"), ("time", "link")
@@ -99,6 +101,12 @@ def trajectory_attributes(model: str, scheme: str, instants: OutputTimes, **opti
         "step": 1.0 / instants.steps_per_second,
         "number_of_steps": int(instants.steps[-1]),
     }
+
+
+def time_scale_attributes(p: Parameters) -> dict[str, float]:
+    """Return the shortest time scale of motions and loads [s] as an attribute; none where there are none."""
+    scale = float(p.shortest_time_scale)
+    return {"shortest_time_scale": scale} if math.isfinite(scale) else {}
 
 
 def rest_dataset(

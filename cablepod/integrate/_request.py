@@ -20,8 +20,9 @@ from cablepod.integrate._window import ROUNDING
 from cablepod.parameters._checks import choice, number
 from cablepod.parameters._parameters import Parameters
 
-#: Default tolerance of the time error, as a fraction of the motion.
-DEFAULT_TOLERANCE = 1e-6
+#: Default tolerance of the time error of full models, as a fraction of the motion; the least that reduced models ask for by
+#: themselves, and their default where they have no estimate of their modes.
+DEFAULT_TOLERANCE, REDUCED_TOLERANCE = 1e-4, 1e-6
 #: Maximum given step without a warning, as a fraction of the shortest time scale of motions and loads.
 MAX_STEP_RATIO = 0.25
 
@@ -119,6 +120,7 @@ class Request:
     step: float | None = None  #: [s], by default chosen by the tolerance
     given_tolerance: float | None = None  #: of the time error, as a fraction of the motion
     outputs: tuple[str, ...] = ("position",)
+    default_tolerance: float = DEFAULT_TOLERANCE  #: without a given one
     window: tuple[float, float] | None = None  #: part of the run of extremes and means [s], None for all
     progress: Rising | None = None  #: receives the completed fraction of each run
 
@@ -131,7 +133,7 @@ class Request:
         schemes: tuple[str, ...] = (),
         step: Any = None,
         tolerance: Any = None,
-        outputs: Any = ("position",),
+        outputs: Any = ("position", "tension"),
         allowed: tuple[str, ...] = OUTPUTS,
         window: Any = None,
         progress: Callable[[float], None] | None = None,
@@ -183,7 +185,7 @@ class Request:
     @property
     def tolerance(self) -> float:
         """Tolerance of the time error of a run without a given step, as a fraction of the motion."""
-        return DEFAULT_TOLERANCE if self.given_tolerance is None else self.given_tolerance
+        return self.default_tolerance if self.given_tolerance is None else self.given_tolerance
 
     @property
     def recorded_tolerance(self) -> float | None:

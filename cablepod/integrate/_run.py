@@ -25,6 +25,7 @@ from cablepod.integrate._output import (
     mean_variables,
     peak_variables,
     stop,
+    time_scale_attributes,
     trajectory_attributes,
     trajectory_variables,
 )
@@ -32,6 +33,9 @@ from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._peaks import PeakSearch, Watch, peak_times
 from cablepod.integrate._step_control import ComparableRuns, motion_scale, preferred_steps_per_second
 from cablepod.integrate._window import ExtremesWindow, window_attributes
+
+#: Rounding error of a link's stretch over its coordinates in links.
+ROUNDING = 16.0 * float(np.finfo(float).eps)
 
 
 @dataclass
@@ -45,6 +49,11 @@ class Trajectory:
     diagnostics: dict[str, Any] = field(default_factory=dict)  #: attributes of the result from the run itself
     peak_times: tuple[float, float] | None = None  #: of the smallest and the largest tension [s]; None if not requested
     means: Means = None  #: time mean and root mean square of the tensions (n,) [N]
+
+
+def note_tension_error(state: Trajectory, error: float) -> None:
+    """Add the estimated time error of the tensions, as a fraction of their range, to the attributes of the result."""
+    state.diagnostics["tension_time_error_estimate"] = error
 
 
 @dataclass(frozen=True)
@@ -68,7 +77,7 @@ class ChainRun:
     @property
     def remedy(self) -> str:
         """Advice for a run that gains energy from numerical errors."""
-        return "a step half as long" + ("" if self.scheme == "energy_momentum" else ", or scheme energy_momentum")
+        return ("" if self.scheme == "energy_momentum" else "scheme energy_momentum, or ") + "a step half as long"
 
     def __call__(self, steps_per_second: float) -> Trajectory:
         """Run with a number of steps per second."""
@@ -214,7 +223,22 @@ class ChainRun:
             float(self.times[-1]),
             self.chain.links,
             self.slackens,
+            **self.compared_tensions(),
         )
+
+    def compared_tensions(self) -> dict[str, Any]:
+        """Return how tensions are compared, where they are among the outputs."""
+        if not {"tension", "tension_extremes"} & set(self.outputs):
+            return {}
+        # by rounding of the coordinates, which stiff links turn into tension
+        reach, link = float(np.abs(self.initial).max()), self.chain.total_length / self.chain.links
+        rounding = ROUNDING * self.chain.p.stiffness * (1.0 + reach / link)
+        return {"tension": self.compared_tension, "tension_rounding": rounding, "note_tension": note_tension_error}
+
+    def compared_tension(self, state: Trajectory) -> np.ndarray:
+        """Return the tensions among the outputs (rows, links) [N]: at the output times, and extremes."""
+        rows = [self.tension(state)] if "tension" in self.outputs else []
+        return np.concatenate([*rows, *([] if state.extremes is None else [np.stack(state.extremes)])])
 
     @cached_property
     def energy_bound(self) -> float:
@@ -300,6 +324,7 @@ class ChainRun:
             "highest_angular_frequency": chain.highest_frequency(chain.tangent_stiffness_ratio(self.initial)),
             **state.diagnostics,
             **self.initial_velocity_jump(),
+            **time_scale_attributes(chain.p),
             **chain.p.offsets(),
             **window_attributes(self.window),
         }
@@ -311,8 +336,10 @@ class ChainRun:
 class NewtonRun(ChainRun):
     """Run whose steps are solved by Newton's method, and cut into substeps where it does not converge."""
 
-    #: What to try where a run stops, besides a shorter step.
-    alternatives = "gentler loads or motion, or damping"
+    @property
+    def alternatives(self) -> str:
+        """What to try where a run stops, the most promising first."""
+        return "a shorter step, gentler loads or motion, or damping"
 
     def new_stepper(self, instants: OutputTimes) -> Any:
         """Return the state of a run, with the functions to advance it."""
@@ -381,7 +408,7 @@ class NewtonRun(ChainRun):
         partial = None if before is None else self._gather(stepper, before, None)
         why = (
             f"{failure} at {done / steps_per_second:.6g} s ({self.scheme}, step {1 / steps_per_second:.4g} s, step number "
-            f"{done}); try a shorter step, {self.alternatives}"
+            f"{done}); try {self.alternatives}"
         )
         self.stop(partial, done / steps_per_second, why)
 

@@ -32,6 +32,9 @@ MAX_WORK, MAX_TRIAL_WORK = 1e12, 1e9
 #: Minimum number of steps in the shortest time scale of motions and loads: steps that are multiples of a period all see the same
 #: phase, so that two wrong runs would agree.
 STEPS_PER_CHANGE = 8.0
+#: Maximum number of steps of a run over that of the first, and maximum steps times links (0.2 s) where that is more, if
+#: the motion has converged and the tension alone has not: axial waves may need many more, as after a jump of the speed of an end.
+MAX_TENSION_GROWTH, MAX_TENSION_WORK = 32.0, 1e8
 #: Steps of the first implicit run in a period of the first transverse vibration.
 STEPS_PER_PERIOD = 8.0
 #: Tolerance over the distance at which two implicit runs agree: their long steps need not resolve all frequencies.
@@ -47,6 +50,10 @@ _PREFERRED_MANTISSAS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0)
 def _without_kinks(run: Any) -> bool:
     """Default of :attr:`ComparableRuns.has_kinks`."""
     return False
+
+
+def _no_note(run: Any, error: float) -> None:
+    """Default of :attr:`ComparableRuns.note_tension`."""
 
 
 #: Minimum explicit run time at which an implicit scheme is tried unless a tolerance is given [s].
@@ -70,11 +77,23 @@ class ComparableRuns:
     has_kinks: Callable[[Any], bool] = _without_kinks
     order: float = SECOND_ORDER  #: of the scheme
     first_order: float = math.inf  #: the order assumed of the first two runs, where their steps are too long to show it
+    #: Tensions of a run (rows, link) [N], where they are to converge as the motion does
+    tension: Callable[[Any], np.ndarray] | None = None
+    tension_rounding: float = 0.0  #: rounding error of tensions [N], which does not count
+    note_tension: Callable[[Any, float], None] = _no_note  #: takes a run and the estimated error of its tensions
 
-    def distance(self, fine: Any, coarse: Any) -> float:
-        """Return the largest rms distance of two runs over the motion of the finer one."""
+    def distances(self, fine: Any, coarse: Any) -> tuple[float, float]:
+        """Return the distances of the motions of two runs and of their tensions, the latter 0 where they do not count.
+
+        They are the largest rms distance of the particles over the motion of the finer run, and the largest rms difference of
+        the tensions over their range in it.
+        """
         gap = self.position(fine) - self.position(coarse)
-        return math.sqrt((gap * gap).sum(axis=-1).mean(axis=-1).max()) / self.scale(fine)
+        motion = math.sqrt((gap * gap).sum(axis=-1).mean(axis=-1).max()) / self.scale(fine)
+        if self.tension is None:
+            return motion, 0.0
+        tension = self.tension(fine)
+        return motion, tension_distance(tension, self.tension(coarse), self.tension_rounding)
 
     def max_steps_per_second(self, work: float) -> float:
         """Return the steps per second at which a run has `work` steps times links."""
@@ -107,6 +126,17 @@ def motion_scale(position: np.ndarray, initial: np.ndarray, chord: float) -> flo
     """Return the largest rms displacement from the initial shape, or the chord if nothing moves: the divisor of errors [m]."""
     largest = float(np.sqrt(np.mean(np.sum((position - initial) ** 2, axis=-1), axis=-1)).max(initial=0.0))
     return largest if largest > 1e-9 * chord else chord
+
+
+def tension_distance(fine: np.ndarray, coarse: np.ndarray, rounding: float = 0.0) -> float:
+    """Return the largest rms difference of tensions (rows, links) [N] over the largest range of a link in `fine`.
+
+    Differences up to `rounding` [N] do not count.
+    """
+    span = float((fine.max(axis=0) - fine.min(axis=0)).max())
+    largest = float(np.abs(fine).max())
+    scale = span if span > 1e-9 * largest else max(largest, 1e-300)  # nothing changes: rounding errors
+    return max(math.sqrt(float(((fine - coarse) ** 2).mean(axis=1).max())) - rounding, 0.0) / scale
 
 
 def check_work(steps_per_second: float, end_time: float, links: int) -> None:
@@ -209,43 +239,77 @@ def _refine(
     """
     aim = ECONOMICAL_MARGIN if economical else REFINEMENT_MARGIN
     max_rate = min(MAX_GROWTH * rate, runs.max_steps_per_second(MAX_WORK))
-    factor, last_distance, last_factor, slow = 2.0, math.inf, math.inf, 0
+    of_tension_rate = min(max_rate, max(MAX_TENSION_GROWTH * rate, runs.max_steps_per_second(MAX_TENSION_WORK)))
+    factor, last, last_factor, slow = 2.0, (math.inf, math.inf), math.inf, 0
     for _ in range(MAX_REFINEMENTS):
         # the first doubling is exact, so that its runs share their instants; later numbers are preferred ones again
-        new_rate = 2.0 * rate if last_distance == math.inf else preferred_steps_per_second(rate * factor)
+        new_rate = 2.0 * rate if last_factor == math.inf else preferred_steps_per_second(rate * factor)
         factor, rate = new_rate / rate, new_rate
         fine = runs.run(rate)
         if callable(tolerance):
             tolerance = tolerance(fine)
-        distance = runs.distance(fine, coarse)
+        distances = runs.distances(fine, coarse)
         max_order = FIRST_ORDER if runs.has_kinks(fine) else runs.order
-        margin = 0.5 if rate < max_rate and not economical else 1.0  # while a finer run is possible
-        if last_distance == math.inf:
+        limit = (0.5 if rate < max_rate and not economical else 1.0) * tolerance  # while a finer run is possible
+        if last_factor == math.inf:
             order = min(max_order, runs.first_order)
             # second order is not observed yet, so the estimate does not use it, or with a margin
-            estimate = distance / (factor**order - 1.0) * FIRST_MARGIN if economical else distance
-            accepted = estimate <= (tolerance if order > FIRST_ORDER else margin * tolerance)
+            divisor = (factor**order - 1.0) / FIRST_MARGIN if economical else 1.0
+            limit = tolerance if order > FIRST_ORDER else limit
+            orders = order, order
         else:
-            order = observed_order(distance / last_distance, last_factor, factor, max_order)
-            estimate = distance / (factor**order - 1.0)
-            accepted = estimate <= margin * tolerance
-        if accepted:
+            orders = (
+                _order(distances[0], last[0], last_factor, factor, max_order),
+                _order(distances[1], last[1], last_factor, factor, max_order),
+            )
+            divisor = 1.0
+        estimate, of_tension = (
+            distance / (divisor if last_factor == math.inf else factor**order - 1.0)
+            for distance, order in zip(distances, orders, strict=True)
+        )
+        runs.note_tension(fine, of_tension)
+        if estimate <= limit and of_tension <= limit:
             return fine, rate, estimate
-        slow = slow + 1 if order < MIN_ORDER else 0
-        if slow == 2 or rate >= (1.0 - 1e-9) * max_rate:  # once may be a wave that the steps only begin to resolve
+        needed, of_waves = (
+            (aim * distance / (factor**order - 1.0) / tolerance) ** (1.0 / order)
+            for distance, order in zip(distances, (orders[0], max(orders[1], MIN_ORDER)), strict=True)
+        )
+        only_tension = estimate <= limit
+        slow = slow + 1 if orders[0] < MIN_ORDER and not only_tension else 0
+        # once may be a wave that the steps only begin to resolve
+        if slow == 2 or (rate * of_waves > of_tension_rate if only_tension else rate >= (1.0 - 1e-9) * max_rate):
             break
-        coarse, last_distance, last_factor = fine, distance, factor
-        expected = distance / (factor**order - 1.0)
+        of_waves = min(of_waves, of_tension_rate / rate)
+        coarse, last, last_factor = fine, distances, factor
         least = MIN_FACTOR if runs.first_order >= runs.order else MIN_FACTOR_UNRESOLVED
-        factor = min(MAX_FACTOR, max_rate / rate, max(least, (aim * expected / tolerance) ** (1.0 / order)))
+        factor = min(MAX_FACTOR, max_rate / rate, max(least, needed, of_waves))
+    assert not callable(tolerance)
+    _warn_not_converged(estimate, of_tension, limit, tolerance, rate)
+    return fine, rate, estimate
+
+
+def _order(distance: float, last: float, last_factor: float, factor: float, highest: float) -> float:
+    """Return the observed order of distances of successive runs; the highest one where nothing differed before."""
+    return observed_order(distance / last, last_factor, factor, highest) if last > 0.0 else highest
+
+
+def _warn_not_converged(estimate: float, of_tension: float, limit: float, tolerance: float, rate: float) -> None:
+    """Warn of motion, or of tension alone, that has not converged within the tolerance."""
+    what = f"not converged in time: an error of {estimate:.2g} of the motion is left at step {1 / rate:.3g} s"
+    cause = "the motion is chaotic (judge it by statistics) or too abrupt for this scheme; give a shorter step, or"
+    if estimate <= limit:
+        what = (
+            f"tension not converged in time: an error of {of_tension:.2g} of its range is left at step {1 / rate:.3g} s, and of "
+            f"{estimate:.2g} of the motion"
+        )
+        cause = (
+            "axial waves or snaps are not resolved; give a ramp to motions that start with a jump, a shorter step, or"
+        )
     warnings.warn(
-        f"not converged in time: an error of {estimate:.2g} of the motion is left at step {1 / rate:.3g} s, more than the "
-        f"tolerance {tolerance:.2g}; the motion is chaotic (judge it by statistics) or too abrupt for this scheme; give a "
-        "shorter step, or a larger tolerance",
+        f"{what}, more than the tolerance {tolerance:.2g}; {cause} a larger tolerance",
         NotConvergedWarning,
         stacklevel=user_stacklevel(),
     )
-    return fine, rate, estimate
 
 
 def halve_step_while_cheaper(
@@ -262,19 +326,28 @@ def halve_step_while_cheaper(
     tuple or None
         The finer of the two runs, its steps per second, their distance; None if no two runs agree.
     """
-    coarse, steps_per_second = None, runs.steps_per_second
-    upper_limit = min(max_steps_per_second, runs.max_steps_per_second(MAX_TRIAL_WORK))
-    while steps_per_second <= upper_limit:
+    coarse = None
+    for steps_per_second in halving_rates(runs, max_steps_per_second):
         try:
             fine = runs.run(steps_per_second)
         except RunStopped:
             fine = None
         if fine is not None and coarse is not None:
-            distance = runs.distance(fine, coarse)
-            if distance <= tolerance / HALVING_MARGIN:
-                return fine, steps_per_second, distance
-        coarse, steps_per_second = fine, 2.0 * steps_per_second
+            motion, tension = runs.distances(fine, coarse)
+            if max(motion, tension) <= tolerance / HALVING_MARGIN:
+                runs.note_tension(fine, tension)
+                return fine, steps_per_second, motion
+        coarse = fine
     return None
+
+
+def halving_rates(runs: ComparableRuns, max_steps_per_second: float) -> list[float]:
+    """Return the steps per second that :func:`halve_step_while_cheaper` tries in turn."""
+    upper_limit = min(max_steps_per_second, runs.max_steps_per_second(MAX_TRIAL_WORK))
+    rates = [runs.steps_per_second]
+    while rates[-1] <= upper_limit:
+        rates.append(2.0 * rates[-1])
+    return rates[:-1]
 
 
 class Solution(NamedTuple):
@@ -324,13 +397,17 @@ def choose_scheme(
         Of implicit runs; beyond it explicit steps are cheaper.
     """
     if explicit_seconds is not None and explicit_seconds < CHOICE_MIN_SECONDS:
-        reason = f"explicit: all its runs take about {explicit_seconds:.1g} s"
+        reason = f"explicit: its runs were expected to take {explicit_seconds:.1g} s, too little to try another scheme"
         return Solution(explicit.run, *refine_step(explicit, tolerance), reason)
     halved = halve_step_while_cheaper(implicit, tolerance, max_steps_per_second)
     if halved is not None:
         ratio = 1.0 / (halved[1] * step_limit)
-        return Solution(implicit.run, *halved, f"implicit: its steps may be {ratio:.3g} times the explicit limit")
-    reason = f"explicit: implicit steps would have to be shorter than {1 / max_steps_per_second:.3g} s"
+        reason = f"implicit: two runs with steps of {ratio:.3g} and {2 * ratio:.3g} times the explicit limit agreed"
+        return Solution(implicit.run, *halved, reason)
+    rates = halving_rates(implicit, max_steps_per_second)
+    reason = f"explicit: no two implicit runs have steps above {1 / max_steps_per_second:.3g} s, where they are cheaper"
+    if len(rates) > 1:
+        reason = f"explicit: implicit runs with steps down to {1 / rates[-1]:.3g} s did not agree"
     return Solution(explicit.run, *refine_step(explicit, tolerance), reason)
 
 

@@ -12,6 +12,7 @@ import xarray as xr
 from cablepod import chain, pod, provenance
 from cablepod.conventions import label
 from cablepod.examples import scene
+from cablepod.paper.examples import CHAIN_TOLERANCE
 from cablepod.pod import _svd_methods as svd_methods
 from cablepod.pod._snapshots import relative_arc_length
 
@@ -187,7 +188,10 @@ def weights(*, ratio: float = 9.0, links: int = 40, count: int = 3) -> xr.Datase
     even = scene("example2")
     lengths = np.geomspace(1.0, ratio, links)
     uneven = even.assign(chain_links=links, chain_link_lengths=("link", lengths, {"units": "1"}))
-    uniform, graded = (chain.simulate(each) for each in (even.assign(chain_links=links), uneven))
+    uniform, graded = (
+        chain.simulate(each, scheme="velocity_verlet", tolerance=CHAIN_TOLERANCE, outputs=("position",))
+        for each in (even.assign(chain_links=links), uneven)
+    )
     target = pod.decompose(uniform, rank=count)
     fine = relative_arc_length(uniform)
     kinds = (None, "length", "mass")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -13,6 +14,7 @@ from cablepod.conventions import label
 from cablepod.errors import SceneError
 from cablepod.examples import scene, table
 from cablepod.paper import independent_chain
+from cablepod.paper.examples import CHAIN_TOLERANCE
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 
@@ -199,7 +201,8 @@ def rest_comparison(
         gaps.append(float(np.sqrt(((at_rest["position"] - exact["position"]) ** 2).sum("coordinate")).max()))
     times = np.linspace(0.0, duration, 11)
     coarse = guy.assign(chain_links=moving_links)
-    ours = chain.simulate(coarse, times=times)["position"].values
+    options: dict[str, Any] = {"scheme": "velocity_verlet", "tolerance": CHAIN_TOLERANCE, "outputs": ("position",)}
+    ours = chain.simulate(coarse, times=times, **options)["position"].values
     theirs = independent_chain.simulate(coarse, times)
     result = xr.Dataset(
         {

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FRAMES_PER_SECOND = 15
+#: Frames in the shortest time scale of ends and loads, their least number, and the largest without a given one.
+FRAMES_PER_CHANGE, LEAST_FRAMES, MOST_FRAMES = 12, 60, 600
 DOTS_PER_INCH = 80
 
 
@@ -39,6 +41,9 @@ class Animation:
 
     def __init__(self, ax: Axes, times: np.ndarray, show: Callable[[int], None]) -> None:
         self.ax, self.times, self._show = ax, times, show
+        self._clock = ax.text(0.02, 0.97, "", transform=ax.transAxes, va="top", family="monospace")
+        self._frames_per_second: float = FRAMES_PER_SECOND
+        self.show_frame(0)
         self._page: str | None = None
 
     @property
@@ -48,8 +53,17 @@ class Animation:
 
     def show_frame(self, number: int) -> Axes:
         """Draw the frame `number`, counted from 0, and return the axes."""
-        self._show(integer(least=0, most=self.times.size - 1)("number", number))
+        self._draw(integer(least=0, most=self.times.size - 1)("number", number))
         return self.ax
+
+    def _draw(self, number: int) -> None:
+        """Draw a frame, with its instant and the speed of the animation."""
+        self._show(number)
+        text = f"t = {self.times[number]:.4g} s"
+        if self.times.size > 1:
+            interval = (self.times[-1] - self.times[0]) / (self.times.size - 1)
+            text += f", {self._frames_per_second * interval:.2g} x real time"
+        self._clock.set_text(text)
 
     def save(self, path: str | os.PathLike[str], *, frames_per_second: float = FRAMES_PER_SECOND) -> Path:
         """Write the animation to a file; an existing file is replaced.
@@ -93,6 +107,7 @@ class Animation:
         self.figure.set_layout_engine("none")  # laid out once, so that the axes do not move
         writer = (animation.PillowWriter if ending == ".gif" else animation.FFMpegWriter)(fps=speed)
         width, height = self.figure.get_size_inches()
+        self._frames_per_second = speed
         try:
             with mpl.rc_context():
                 mpl.rcParams["animation.ffmpeg_path"] = program
@@ -105,7 +120,7 @@ class Animation:
     def _write(self, writer: Any, target: Path) -> None:
         with writer.saving(self.figure, str(target), DOTS_PER_INCH):
             for i in range(self.times.size):
-                self._show(i)
+                self._draw(i)
                 writer.grab_frame()
 
     def _repr_html_(self) -> str:
@@ -139,7 +154,7 @@ def animate(
     reduced: xr.Dataset | None = None,
     *,
     deflection: bool = False,
-    frames: int = 60,
+    frames: int | None = None,
     ax: Axes | None = None,
 ) -> Animation:
     """Animate the cable: the chain as dots, the reduced cable as a line.
@@ -152,7 +167,8 @@ def animate(
     deflection
         Draw the deflection normal to the instantaneous chord [m] against S / L0 instead of y against x.
     frames
-        Maximum number of frames, evenly spread over the instants.
+        Maximum number of frames, evenly spread over the instants.  By default 12 in the shortest time scale of ends and loads
+        (attribute ``shortest_time_scale`` of full models), from 60 to 600.
     ax
         Axes to draw on; their figure is redrawn for each frame.
 
@@ -168,12 +184,13 @@ def animate(
 
     Notes
     -----
-    Each frame is an instant as of :func:`cablepod.plots.shapes`; the first shape stays as a grey line.
+    Each frame is an instant as of :func:`cablepod.plots.shapes`, and states the speed; the first shape stays as a grey line.
+    There are no more frames than instants: a fast motion needs ``times`` that show it.
     """
     runs = {"chain": chain} if reduced is None else {"chain": chain, "reduced": reduced}
     positions = _style.positions(runs)
     times = positions["chain"]["time"].values
-    count = min(integer(least=1)("frames", frames), times.size)
+    count = min(_count(chain) if frames is None else integer(least=1)("frames", frames), times.size)
     picked = np.unique(np.linspace(0, times.size - 1, count).round().astype(int))
     curves: list[tuple[np.ndarray, np.ndarray]] = []
     for key, position in positions.items():
@@ -206,16 +223,20 @@ def animate(
         low, high = (getattr(np, f)([getattr(c[which], f)() for c in curves]) for f in ("min", "max"))
         margin = 0.05 * (high - low) or 0.5
         getattr(ax, f"set_{axis}lim")(low - margin, high + margin)
-    clock = ax.text(0.02, 0.97, "", transform=ax.transAxes, va="top", family="monospace")
     _style.finish(ax)
 
     def show(i: int) -> None:
         for line, (across, up) in zip(lines, curves, strict=True):
             line.set_data(across[i], up[i])
-        clock.set_text(f"t = {times[picked[i]]:.4g} s")
 
-    show(0)
     return Animation(ax, times[picked], show)
+
+
+def _count(run: xr.Dataset) -> int:
+    """Return the number of frames that shows the fastest driven motion of a run."""
+    times = run["time"].values
+    scale = float(run.attrs.get("shortest_time_scale", np.inf))
+    return int(np.clip(np.ceil(FRAMES_PER_CHANGE * (times[-1] - times[0]) / scale) + 1, LEAST_FRAMES, MOST_FRAMES))
 
 
 def _private_axes() -> Axes:

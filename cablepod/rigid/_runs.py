@@ -12,7 +12,7 @@ from cablepod.discretisation._chain import square
 from cablepod.errors import SceneError
 from cablepod.integrate._march import cut_step, not_converged
 from cablepod.integrate._means import Means, means, wants_means
-from cablepod.integrate._output import Extremes, trajectory_attributes
+from cablepod.integrate._output import Extremes, time_scale_attributes, trajectory_attributes
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.integrate._run import NewtonRun, Trajectory
 from cablepod.integrate._step_control import STEPS_PER_CHANGE
@@ -123,6 +123,7 @@ class RigidRun(NewtonRun):
             **trajectory_attributes("rigid chain", self.scheme, state.instants, formulation=self.formulation),
             **diagnostics,
             **self.initial_velocity_jump(),
+            **time_scale_attributes(self.chain.p),
             **self.chain.p.offsets(),
             **window_attributes(self.window),
         }

@@ -106,7 +106,7 @@ def main() -> None:
     options = command_line(__doc__, repeats=5, readme=True).parse_args()
     for number in (2, 3, 4):
         scene = shipped(f"example{number}")
-        truth = cp.chain.simulate(scene, times=TIMES)
+        truth = cp.chain.simulate(scene, times=TIMES, tolerance=1e-6, outputs=("position",))
         begin = time.perf_counter()
         snapshots = cp.chain.simulate(scene, step=0.9 * truth.attrs["step_limit"])
         modes = cp.pod.decompose(snapshots, rank=8)

@@ -45,7 +45,7 @@ SMALL = bool(os.environ.get("CABLEPOD_SMALL"))
 
 # %%
 scene = shipped.scene("example3")
-chain = cp.chain.simulate(scene)
+chain = cp.chain.simulate(scene, tolerance=1e-6, outputs=("position",))
 modes = cp.pod.decompose(chain, rank=6)
 modes
 
@@ -106,7 +106,7 @@ cp.plots.error_over_time({f"r = {rank}": projection(chain, modes, rank) for rank
 
 # %%
 names = ["example2", "example3"] if SMALL else ["example2", "example3", "example4"]
-runs = {name: cp.chain.simulate(shipped.scene(name)) for name in names}
+runs = {name: cp.chain.simulate(shipped.scene(name), tolerance=1e-6, outputs=("position",)) for name in names}
 _, ax = plt.subplots(figsize=(6.5, 4), layout="constrained")
 for name, colour, line, marker in zip(names, cp.plots.COLOURS, cp.plots.LINES, cp.plots.MARKERS, strict=False):
     basis = cp.pod.decompose(runs[name], rank=8)

@@ -37,7 +37,7 @@ SMALL = bool(os.environ.get("CABLEPOD_SMALL"))
 # %%
 scene = shipped.scene("example3")
 truth = cp.archive.read(shipped.truth_path("example3", "linear"))
-chain = cp.chain.simulate(scene)
+chain = cp.chain.simulate(scene, tolerance=1e-6, outputs=("position",))
 cp.plots.snapshots(chain, truth, times=[0.0, 14.0, 44.0, 90.0]);
 
 # %% [markdown]
@@ -126,7 +126,8 @@ def condensed_of(rank, order, step):
     return lambda: cp.condensed.simulate(scene, fine, times=truth.time.values, **options)
 
 # %%
-fine = cp.pod.decompose(cp.chain.simulate(scene.assign(chain_links=80)), rank=8, layout="normal")
+eighty = cp.chain.simulate(scene.assign(chain_links=80), tolerance=1e-6, outputs=("position",))
+fine = cp.pod.decompose(eighty, rank=8, layout="normal")
 chains = [(20, 0.05), (40, 0.02), (80, 0.01), (160, 0.005)]
 models = [(2, "leading", 0.05), (4, "leading", 0.05), (6, "leading", 0.05), (6, "exact", 0.02), (8, "inertial", 0.01)]
 jobs = [chain_of(*setting) for setting in chains[: 2 if SMALL else None]]
@@ -177,7 +178,7 @@ cp.plots.error_over_time({name: cp.compare.errors(run, chain) for name, run in r
 # Train on Example 2, which is taut and slow; predict Example 3, slacker and faster.
 
 # %%
-taut = cp.chain.simulate(shipped.scene("example2"))
+taut = cp.chain.simulate(shipped.scene("example2"), tolerance=1e-6, outputs=("position",))
 foreign = cp.pod.decompose(taut, rank=8, layout="normal")
 for rank in (1, 8) if SMALL else (1, 2, 4, 8):
     run = cp.condensed.simulate(scene, foreign, rank=rank, order="exact", tolerance=1e-4)

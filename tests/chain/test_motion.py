@@ -138,8 +138,8 @@ def test_second_order_in_the_number_of_links(soft):
 def test_planar_and_spatial_agree_bit_for_bit(soft, name):
     mapping = {**soft, **copy.deepcopy(TERMS[name])}
     outputs = ("position", "velocity", "tension", "tension_extremes")
-    flat = cp.chain.simulate(cp.make_scene(mapping), outputs=outputs)
-    deep = cp.chain.simulate(cp.make_scene(spatial(mapping)), outputs=outputs)
+    flat = cp.chain.simulate(cp.make_scene(mapping), outputs=outputs, step=1e-3)
+    deep = cp.chain.simulate(cp.make_scene(spatial(mapping)), outputs=outputs, step=1e-3)
     np.testing.assert_array_equal(deep.position[..., :2], flat.position)
     np.testing.assert_array_equal(deep.velocity[..., :2], flat.velocity)
     for name in ("tension", "tension_minimum", "tension_maximum"):

@@ -93,7 +93,7 @@ def test_a_tolerance_is_met(soft):
     scene = scene_with(soft)
     exact = cp.chain.simulate(scene, step=1 / 64000)
     for tolerance in (1e-4, 1e-6):
-        run = cp.chain.simulate(scene, tolerance=tolerance)
+        run = cp.chain.simulate(scene, tolerance=tolerance, outputs=("position",))
         error = float(cp.compare.errors(run, exact).error_max)
         # the estimate is a bound after two runs, and right within a factor of two after more
         assert error < 2 * run.attrs["time_error_estimate"]
@@ -119,7 +119,7 @@ def test_a_broken_finite_run_is_stopped_at_the_first_sign(scenes):
     said = r"the run broke down: at 99 s the links hold .* J, .* explain \(velocity_verlet, step 0\.00025 s, limit 0\.0"
     with pytest.raises(cp.RunStopped, match=said) as stopped:
         cp.chain.simulate(scene, step=2.5e-4)
-    assert str(stopped.value).endswith("try a step half as long, or scheme energy_momentum")
+    assert str(stopped.value).endswith("try scheme energy_momentum, or a step half as long")
     assert stopped.value.partial.sizes["time"] == 99
     assert stopped.value.partial.attrs["incomplete"] == "stopped at 99 s of 124 s"
     sound = cp.chain.simulate(scene, step=2e-4)
@@ -135,7 +135,7 @@ def test_the_remedy_names_other_schemes_only(soft):
         None,
         "",
     )
-    assert ImplicitChainRun(*about, method="trapezoidal").remedy.endswith("or scheme energy_momentum")
+    assert ImplicitChainRun(*about, method="trapezoidal").remedy.startswith("scheme energy_momentum")
     assert ImplicitChainRun(*about, method="energy_momentum").remedy == "a step half as long"
     assert "energy_momentum" not in cable_runs.ExplicitCableRun(*about).remedy
 

@@ -279,3 +279,64 @@ def test_a_given_step_that_does_not_resolve_the_motion_is_warned_of(soft, model)
         match=r"step: given 1 s does not resolve motions and loads, with 3\.1 steps .* 3\.142 s;",
     ):
         simulate(scene, **options, scheme="trapezoidal", step=1.0, times=[0.0, 2.0])
+
+
+# --- tensions ---------------------------------------------------------------------------------------------------------
+
+
+def tension_runs(size, order, **options):
+    """Runs whose motion has converged, and whose tension, with a range of 1 N, has an error of `size` h^p, h = 1 at the start."""
+
+    def run(rate):
+        return rate
+
+    def tension(rate):
+        return np.array([[0.0], [1.0 + size * (100.0 / rate) ** order]])
+
+    noted = {}
+    runs = step_control.ComparableRuns(
+        run, lambda rate: np.zeros((1, 1, 1)), lambda rate: 1.0, 100.0, 1.0, 10, tension=tension,
+        note_tension=noted.__setitem__, **options,
+    )  # fmt: skip
+    return runs, noted
+
+
+@pytest.mark.parametrize("size", [1e-5, 1e-3, 1e-2])
+def test_tensions_are_refined_as_the_motion_is(size):
+    runs, noted = tension_runs(size, 2.0)
+    fine, _, estimate = step_control.refine_step(runs, 1e-4)
+    assert estimate == 0.0
+    error = size * (100.0 / fine) ** 2
+    assert error <= 1e-4
+    assert noted[fine] <= 1e-4
+    assert noted[fine] == pytest.approx(error, rel=2.1 if size < 1e-4 else 0.05)
+
+
+def test_tensions_that_do_not_converge_are_said_to_be_the_only_ones(monkeypatch):
+    monkeypatch.setattr(step_control, "MAX_TENSION_WORK", 1.0)
+    runs, noted = tension_runs(0.3, 1.0)
+    with pytest.warns(
+        cp.NotConvergedWarning, match=r"tension not converged .* of 0 of the motion, .* 0\.0001; .* ramp"
+    ):
+        fine, rate, _ = step_control.refine_step(runs, 1e-4)
+    assert rate <= step_control.MAX_TENSION_GROWTH * 100.0
+    assert noted[fine] > 1e-4
+
+
+def test_rounding_errors_of_the_tension_do_not_count():
+    runs, _ = tension_runs(0.3, 0.0)
+    same = step_control.tension_distance(np.array([[0.0], [1.0]]), np.array([[1e-3], [1.0]]), 1e-3)
+    assert same == 0.0
+    assert step_control.refine_step(runs, 1e-4)[1] == 200.0
+
+
+def test_a_chain_keeps_the_tolerance_in_its_tensions(soft):
+    scene = cp.make_scene(soft)
+    exact = cp.chain.simulate(scene, step=1e-5)
+    run = cp.chain.simulate(scene)
+    span = float((exact.tension.max("time") - exact.tension.min("time")).max())
+    error = float(np.sqrt(((run.tension - exact.tension) ** 2).mean("link")).max()) / span
+    assert error < 1e-4
+    assert error < 2.0 * run.attrs["tension_time_error_estimate"]
+    # by its motion alone the run would be coarser
+    assert cp.chain.simulate(scene, outputs=("position",)).attrs["step"] > run.attrs["step"]

@@ -44,7 +44,7 @@ def test_frames_are_the_instants():
         movie.show_frame(i)
         for line, run in zip(lines_of(movie), (chain, reduced), strict=True):
             np.testing.assert_array_equal(line.get_xydata(), run.position.values[i])
-        assert movie.ax.texts[0].get_text() == f"t = {TIME[i]:g} s"
+        assert movie.ax.texts[0].get_text() == f"t = {TIME[i]:g} s, 1.5 x real time"
     np.testing.assert_array_equal(movie.ax.lines[0].get_xydata(), chain.position.values[0])
     assert (movie.ax.get_xlabel(), movie.ax.get_ylabel()) == ("x [m]", "y [m]")
 
@@ -54,9 +54,18 @@ def test_frames_are_as_many_as_wanted_and_hold_all_of_the_motion():
     run["position"].values[77, 1, 1] = -50.0  # in no frame but one
     movie = plots.animate(run, frames=5)
     assert movie.times.tolist() == [0.0, 2.5, 5.0, 7.5, 10.0]
-    assert movie.show_frame(3).texts[0].get_text() == "t = 7.5 s"
+    assert movie.show_frame(3).texts[0].get_text() == "t = 7.5 s, 38 x real time"
     assert plots.animate(run, frames=5).ax.get_ylim()[0] > -50.0
     assert plots.animate(run, frames=500).ax.get_ylim()[0] < -50.0
+
+
+def test_frames_follow_the_fastest_driven_motion():
+    run = trajectory(times=np.linspace(0.0, 10.0, 1001))
+    assert plots.animate(run).times.size == 60
+    assert plots.animate(run.assign_attrs(shortest_time_scale=1.0)).times.size == 121
+    assert plots.animate(run.assign_attrs(shortest_time_scale=0.01)).times.size == 600
+    movie = plots.animate(run.assign_attrs(shortest_time_scale=1.0))
+    assert movie.show_frame(0).texts[0].get_text().endswith(f"{15 * 10.0 / 120:.2g} x real time")
 
 
 def test_deflections_are_those_of_shapes():

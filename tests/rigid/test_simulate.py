@@ -43,12 +43,12 @@ def test_a_single_link_is_a_pendulum(formulation):
     # let go at a right angle: sin(theta/2) = k sn(K - omega t), k = sin(45 deg); T = m (g cos + l omega^2) = 3 m g cos theta
     length, times = 2.0, np.linspace(0.0, 10.0, 41)
     run = cp.rigid.simulate(
-        pendulum(length, [length, 0.0]), links=1, times=times, formulation=formulation, outputs=ALL[:3]
+        pendulum(length, [length, 0.0]), links=1, times=times, formulation=formulation, tolerance=1e-6, outputs=ALL[:3]
     )
     k2 = 0.5
     theta = 2 * np.arcsin(np.sqrt(k2) * ellipj(ellipk(k2) - np.sqrt(9.81 / length) * times, k2)[0])
     exact = length * np.stack([np.sin(theta), -np.cos(theta)], axis=-1)
-    # the tolerance of the default step, 1e-6 of the motion
+    # the tolerance, 1e-6 of the motion
     assert np.abs(run.position[:, 1] - exact).max() < 2e-6 * length
     # the free end has half a link's mass
     np.testing.assert_allclose(run.tension[:, 0], 3 * 9.81 * (1.0 * length / 2) * np.cos(theta), atol=1e-4)
@@ -78,10 +78,10 @@ def test_two_links_are_the_double_pendulum_of_lagrange(formulation):
         chain={"link_lengths": shares.tolist()},
         initial={"points": [[0.0, 0.0], *points.tolist()]},
     )
-    run = cp.rigid.simulate(scene, times=times, formulation=formulation)
+    run = cp.rigid.simulate(scene, times=times, formulation=formulation, tolerance=1e-6, outputs=("position",))
     first = l1 * np.stack([np.sin(exact[0]), -np.cos(exact[0])], axis=-1)
     second = first + l2 * np.stack([np.sin(exact[1]), -np.cos(exact[1])], axis=-1)
-    # the tolerance of the default step, 1e-6 of the motion of 2 m
+    # the tolerance, 1e-6 of the motion of 2 m
     np.testing.assert_allclose(run.position[:, 1], first, rtol=0, atol=4e-6)
     np.testing.assert_allclose(run.position[:, 2], second, rtol=0, atol=4e-6)
 
@@ -133,12 +133,11 @@ def test_the_elastic_chain_tends_to_the_rigid_one_as_one_over_the_stiffness(soft
     times = np.linspace(0.0, 2.0, 9)
     mapping = {**soft, "cable": {**RIGID_CABLE, "density": 1000.0}}
     rigid = cp.rigid.simulate(cp.make_scene(mapping), times=times, formulation="index1", tolerance=1e-9)
+    only = {"scheme": "velocity_verlet", "tolerance": 1e-6, "outputs": ("position",)}
     distance = []
     for modulus in (1e9, 4e9, 16e9):
         cable = {**RIGID_CABLE, "youngs_modulus": modulus}
-        elastic = cp.chain.simulate(
-            cp.make_scene({**mapping, "cable": cable}), times=times, scheme="velocity_verlet", tolerance=1e-6
-        )
+        elastic = cp.chain.simulate(cp.make_scene({**mapping, "cable": cable}), times=times, **only)
         distance.append(np.abs(elastic.position - rigid.position).max().item())
     np.testing.assert_allclose(np.log(np.divide(distance[:-1], distance[1:])) / np.log(4.0), 1.0, atol=0.1)
 
@@ -362,8 +361,10 @@ def test_the_default_step_meets_the_tolerance(soft, name, formulation):
     scene, times = rigid_scene(soft, **TERMS[name]), np.linspace(0.0, 2.0, 9)
     run = cp.rigid.simulate(scene, times=times, formulation=formulation)
     truth = cp.rigid.simulate(scene, times=times, formulation="index1", step=1 / 2000)
-    assert float(cp.compare.errors(run, truth).error_max) < 1e-6
-    assert run.attrs["time_error_estimate"] < 1e-6
+    assert float(cp.compare.errors(run, truth).error_max) < 1e-4
+    assert run.attrs["time_error_estimate"] < 1e-4
+    span = (truth.tension.max("time") - truth.tension.min("time")).max()
+    assert float(np.sqrt(((run.tension - truth.tension) ** 2).mean("link")).max() / span) < 1e-4
 
 
 @pytest.mark.parametrize(
@@ -371,7 +372,7 @@ def test_the_default_step_meets_the_tolerance(soft, name, formulation):
 )
 def test_both_formulations_agree_on_the_shipped_scenes(scenes, name):
     scene = cp.read_scene(scenes / f"{name}.toml")
-    runs = [cp.rigid.simulate(scene, formulation=item, outputs=("position", "tension")) for item in FORMULATIONS]
+    runs = [cp.rigid.simulate(scene, formulation=item, tolerance=1e-6) for item in FORMULATIONS]
     # each within 1e-6 of the motion
     assert float(cp.compare.errors(*runs).error_max) < 2e-6
     scale = float(np.abs(runs[1].tension).max())
