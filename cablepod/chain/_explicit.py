@@ -158,7 +158,7 @@ class ExplicitChainRun(ChainRun):
                     f"{step:.6g} s (velocity Verlet, law {chain.law}); try a shorter step"
                 )
                 if incomplete is None:
-                    raise RunStopped(why, self.dataset(state))
+                    raise RunStopped(why, self.dataset(state.only(self.times)))
                 self.stop(state, incomplete / steps_per_second, why)
 
     @cached_property

@@ -34,6 +34,8 @@ from cablepod.integrate._peaks import PeakSearch, Watch, peak_times
 from cablepod.integrate._step_control import ComparableRuns, motion_scale, preferred_steps_per_second
 from cablepod.integrate._window import ExtremesWindow, window_attributes
 
+#: Instants of a run at which runs are compared where the output times leave gaps.
+JUDGED_INSTANTS = 64
 #: Rounding error of a link's stretch over its coordinates in links.
 ROUNDING = 16.0 * float(np.finfo(float).eps)
 
@@ -49,6 +51,22 @@ class Trajectory:
     diagnostics: dict[str, Any] = field(default_factory=dict)  #: attributes of the result from the run itself
     peak_times: tuple[float, float] | None = None  #: of the smallest and the largest tension [s]; None if not requested
     means: Means = None  #: time mean and root mean square of the tensions (n,) [N]
+
+    def only(self, times: np.ndarray) -> Trajectory:
+        """Return the trajectory at some of its instants [s]."""
+        rows = np.isin(self.instants.times, times)
+        if rows.all():
+            return self
+        diagnostics = dict(self.diagnostics)
+        if "tension" in diagnostics:  # of rigid links
+            diagnostics["tension"] = diagnostics["tension"][rows]
+        return replace(
+            self,
+            instants=OutputTimes.of(self.instants.times[rows], self.instants.steps_per_second),
+            position=self.position[rows],
+            velocity=None if self.velocity is None else self.velocity[rows],
+            diagnostics=diagnostics,
+        )
 
 
 def note_tension_error(state: Trajectory, error: float) -> None:
@@ -68,6 +86,8 @@ class ChainRun:
     title: str  #: of the scene
     #: Part of the run over which extremes and means are taken [s]; None for all
     window: tuple[float, float] | None = field(default=None, kw_only=True)
+    #: Further instants at which runs are compared, see :meth:`judged_instants` [s]; None without
+    judged: np.ndarray | None = field(default=None, kw_only=True)
 
     @property
     def scheme(self) -> str:
@@ -95,7 +115,8 @@ class ChainRun:
 
     def instants(self, steps_per_second: float) -> OutputTimes:
         """Place the output times on the steps."""
-        instants = OutputTimes.of(self.times, steps_per_second)
+        times = self.times if self.judged is None else np.union1d(self.times, self.judged)
+        instants = OutputTimes.of(times, steps_per_second)
         links, dims = self.chain.links, self.chain.p.dims
         if instants.needs_interpolation:  # positions, velocities and accelerations at both neighbours are kept
             check_memory(instants.times.size, links, dims, key="times between two steps", variables=12)
@@ -215,16 +236,38 @@ class ChainRun:
 
     def comparable(self, first_step: float) -> ComparableRuns:
         """Describe runs with any step for the step control, the first of them with a step of `first_step` [s] at most."""
+        steps_per_second = preferred_steps_per_second(1.0 / first_step)
+        run = replace(self, judged=self.judged_instants(steps_per_second))
         return ComparableRuns(
-            self,
+            run,
             lambda state: self.compared(state.position),
             self.motion,
-            preferred_steps_per_second(1.0 / first_step),
+            steps_per_second,
             float(self.times[-1]),
             self.chain.links,
             self.slackens,
+            finish=lambda state: state.only(self.times),
             **self.compared_tensions(),
         )
+
+    def judged_instants(self, steps_per_second: float) -> np.ndarray | None:
+        """Return instants in the gaps of the output times [s], at which two runs are compared too; None without such gaps.
+
+        At a few instants two runs may agree by luck.  The instants are round multiples of the step, so that all runs step on them
+        and nothing is interpolated.
+        """
+        end_time = float(self.times[-1])
+        unit = 100.0 / 10.0 ** math.floor(math.log10(steps_per_second))
+        if end_time < JUDGED_INSTANTS * unit:
+            unit = 1.0 / steps_per_second
+        gap = end_time / JUDGED_INSTANTS
+        own = np.unique(np.rint(np.arange(1, JUDGED_INSTANTS) * gap / unit)) * unit
+        asked = np.concatenate([[0.0], self.times])
+        right = np.searchsorted(asked, own)
+        own = own[(right > 0) & (right < asked.size)]
+        right = np.searchsorted(asked, own)
+        own = own[np.minimum(own - asked[right - 1], asked[right] - own) > 0.5 * gap]
+        return own if own.size else None
 
     def compared_tensions(self) -> dict[str, Any]:
         """Return how tensions are compared, where they are among the outputs."""
@@ -263,6 +306,7 @@ class ChainRun:
             limit = f", limit {state.diagnostics['step_limit']:.4g} s for taut links"
         if first:
             partial = self.dataset(replace(state, extremes=None, means=None)).isel(time=slice(first))
+            partial = self._at_output_times(partial)
         stop(
             partial,
             time,
@@ -273,7 +317,15 @@ class ChainRun:
 
     def stop(self, computed: Trajectory | None, time: float, why: str) -> NoReturn:
         """Raise :class:`cablepod.errors.RunStopped` with the trajectory before `time` [s]."""
-        stop(None if computed is None else self.dataset(computed), time, float(self.times[-1]), why)
+        partial = None if computed is None else self._at_output_times(self.dataset(computed))
+        stop(partial, time, float(self.times[-1]), why)
+
+    def _at_output_times(self, partial: xr.Dataset) -> xr.Dataset | None:
+        """Return the part of a result at the output times; None if it has none."""
+        if self.judged is None:
+            return partial
+        rows = np.isin(partial["time"].values, self.times)
+        return partial.isel(time=rows) if rows.any() else None
 
     def dataset(self, state: Trajectory) -> xr.Dataset:
         """Make the result of a run: variables with units, attributes."""

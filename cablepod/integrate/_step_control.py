@@ -52,6 +52,11 @@ def _without_kinks(run: Any) -> bool:
     return False
 
 
+def _unchanged(run: Any) -> Any:
+    """Default of :attr:`ComparableRuns.finish`."""
+    return run
+
+
 def _no_note(run: Any, error: float) -> None:
     """Default of :attr:`ComparableRuns.note_tension`."""
 
@@ -80,6 +85,9 @@ class ComparableRuns:
     #: Tensions of a run (rows, link) [N], where they are to converge as the motion does
     tension: Callable[[Any], np.ndarray] | None = None
     tension_rounding: float = 0.0  #: rounding error of tensions [N], which does not count
+    finish: Callable[[Any], Any] = (
+        _unchanged  #: makes the result of the run that is taken, without instants of the comparison
+    )
     note_tension: Callable[[Any, float], None] = _no_note  #: takes a run and the estimated error of its tensions
 
     def distances(self, fine: Any, coarse: Any) -> tuple[float, float]:
@@ -269,7 +277,7 @@ def _refine(
         )
         runs.note_tension(fine, of_tension)
         if estimate <= limit and of_tension <= limit:
-            return fine, rate, estimate
+            return runs.finish(fine), rate, estimate
         needed, of_waves = (
             (aim * distance / (factor**order - 1.0) / tolerance) ** (1.0 / order)
             for distance, order in zip(distances, (orders[0], max(orders[1], MIN_ORDER)), strict=True)
@@ -285,7 +293,7 @@ def _refine(
         factor = min(MAX_FACTOR, max_rate / rate, max(least, needed, of_waves))
     assert not callable(tolerance)
     _warn_not_converged(estimate, of_tension, limit, tolerance, rate)
-    return fine, rate, estimate
+    return runs.finish(fine), rate, estimate
 
 
 def _order(distance: float, last: float, last_factor: float, factor: float, highest: float) -> float:
@@ -295,18 +303,19 @@ def _order(distance: float, last: float, last_factor: float, factor: float, high
 
 def _warn_not_converged(estimate: float, of_tension: float, limit: float, tolerance: float, rate: float) -> None:
     """Warn of motion, or of tension alone, that has not converged within the tolerance."""
-    what = f"not converged in time: an error of {estimate:.2g} of the motion is left at step {1 / rate:.3g} s"
-    cause = "the motion is chaotic (judge it by statistics) or too abrupt for this scheme; give a shorter step, or"
     if estimate <= limit:
-        what = (
+        warnings.warn(
             f"tension not converged in time: an error of {of_tension:.2g} of its range is left at step {1 / rate:.3g} s, and of "
-            f"{estimate:.2g} of the motion"
+            f"{estimate:.2g} of the motion, more than the tolerance {tolerance:.2g}; axial waves or snaps are not resolved; give a "
+            "ramp to motions that start with a jump, a shorter step, or a larger tolerance",
+            NotConvergedWarning,
+            stacklevel=user_stacklevel(),
         )
-        cause = (
-            "axial waves or snaps are not resolved; give a ramp to motions that start with a jump, a shorter step, or"
-        )
+        return
     warnings.warn(
-        f"{what}, more than the tolerance {tolerance:.2g}; {cause} a larger tolerance",
+        f"not converged in time: an error of {estimate:.2g} of the motion is left at step {1 / rate:.3g} s, more than the "
+        f"tolerance {tolerance:.2g}; the motion is chaotic (judge it by statistics) or too abrupt for this scheme; give a "
+        "shorter step, or a larger tolerance",
         NotConvergedWarning,
         stacklevel=user_stacklevel(),
     )
@@ -336,7 +345,7 @@ def halve_step_while_cheaper(
             motion, tension = runs.distances(fine, coarse)
             if max(motion, tension) <= tolerance / HALVING_MARGIN:
                 runs.note_tension(fine, tension)
-                return fine, steps_per_second, motion
+                return runs.finish(fine), steps_per_second, motion
         coarse = fine
     return None
 

@@ -60,7 +60,7 @@ def test_the_error_estimate_tells_the_error_against_the_chain(soft, dims, layout
                 "angular_frequency": 2.0,
             }
         scene = cp.make_scene(mapping)
-        chain = cp.chain.simulate(scene, **options)
+        chain = cp.chain.simulate(scene, outputs=("position",), **options)
         modes = cp.pod.decompose(chain, layout=layout) if modes is None else modes
         for rank in (1, 2, 4):
             run = cp.galerkin.simulate(scene, modes, rank=rank, **options)
@@ -74,7 +74,7 @@ def test_the_error_estimate_tells_the_error_against_the_chain(soft, dims, layout
 
 def test_of_all_modes_nothing_is_left_but_waves_along_the_cable(soft):
     scene = cp.make_scene(scene_of(soft, omega=0.3, amplitude=0.01))
-    chain = cp.chain.simulate(scene, times=TIMES)
+    chain = cp.chain.simulate(scene, times=TIMES, outputs=("position",))
     run = cp.galerkin.simulate(scene, cp.pod.decompose(chain), times=TIMES, law="linear")
     assert run.attrs["error_estimate"] < 1e-3
 
@@ -82,7 +82,7 @@ def test_of_all_modes_nothing_is_left_but_waves_along_the_cable(soft):
 @pytest.mark.parametrize(("ratio", "known"), [(1.05, True), (1.5, False)])
 def test_a_cable_of_much_sag_has_an_estimate_until_it_runs_back_along_its_chord(soft, ratio, known):
     scene = slack(soft, ratio)
-    chain = cp.chain.simulate(scene, times=TIMES, tolerance=1e-5)
+    chain = cp.chain.simulate(scene, times=TIMES, tolerance=1e-5, outputs=("position",))
     run = cp.galerkin.simulate(scene, cp.pod.decompose(chain), rank=3, times=TIMES, law="linear", tolerance=1e-5)
     error, told = float(cp.compare.errors(run, chain).error_max), run.attrs["error_estimate"]
     assert np.isnan(told) != known
@@ -91,7 +91,7 @@ def test_a_cable_of_much_sag_has_an_estimate_until_it_runs_back_along_its_chord(
 
 def test_no_motion_has_no_error_and_what_is_not_asked_for_is_left_out(soft):
     scene = cp.make_scene(scene_of(soft))
-    modes = cp.pod.decompose(cp.chain.simulate(scene, times=TIMES, tolerance=1e-4))
+    modes = cp.pod.decompose(cp.chain.simulate(scene, times=TIMES, tolerance=1e-4, outputs=("position",)))
     assert cp.galerkin.simulate(scene, modes, times=[0.0], step=1e-3).attrs["error_estimate"] == 0.0
     run = cp.galerkin.simulate(scene, modes, times=TIMES, step=1e-3, outputs=())
     assert "error_estimate" not in run.attrs
@@ -102,7 +102,7 @@ def test_no_motion_has_no_error_and_what_is_not_asked_for_is_left_out(soft):
 
 def test_members_have_an_estimate_each(soft):
     scene = cp.make_scene(scene_of(soft))
-    modes = cp.pod.decompose(cp.chain.simulate(scene, times=TIMES, tolerance=1e-4))
+    modes = cp.pod.decompose(cp.chain.simulate(scene, times=TIMES, tolerance=1e-4, outputs=("position",)))
     many = scene.assign(cable_top_tension=("member", [250.0, 400.0], scene["cable_top_tension"].attrs))
     found = cp.galerkin.simulate(many, modes, rank=2, times=TIMES, step=1e-3)
     for i in range(2):
@@ -113,7 +113,7 @@ def test_members_have_an_estimate_each(soft):
 @pytest.fixture
 def modes(soft):
     scene = cp.make_scene(scene_of(dict(soft), tension=150.0))
-    return cp.pod.decompose(cp.chain.simulate(scene, times=TIMES, tolerance=1e-4))
+    return cp.pod.decompose(cp.chain.simulate(scene, times=TIMES, tolerance=1e-4, outputs=("position",)))
 
 
 def test_it_warns_where_links_are_compressed(soft, modes):
@@ -129,7 +129,7 @@ def test_it_warns_of_fast_ends_in_scenes_unlike_those_of_the_snapshots(soft, mod
         cp.OutOfRangeWarning, match=r"times the first axial frequency, .* modes of slower motion lack waves"
     ):
         cp.galerkin.simulate(fast, modes, **options)
-    own = cp.pod.decompose(cp.chain.simulate(fast, times=TIMES, tolerance=1e-4))
+    own = cp.pod.decompose(cp.chain.simulate(fast, times=TIMES, tolerance=1e-4, outputs=("position",)))
     assert (
         cp.galerkin.simulate(fast, own, **options).attrs["forcing_over_axial_frequency"] > 0.2
     )  # and no warning, an error here
@@ -155,7 +155,9 @@ def test_it_warns_where_a_given_step_makes_energy(soft, modes):
 
 def test_a_mode_that_nothing_pulls_back_at_the_start_does_not_divide_by_zero(soft):
     scene = cp.make_scene(windy(scene_of(soft, tension=150.0)))
-    modes = cp.pod.decompose(cp.chain.simulate(scene, times=TIMES, tolerance=1e-4), layout="vector")
+    modes = cp.pod.decompose(
+        cp.chain.simulate(scene, times=TIMES, tolerance=1e-4, outputs=("position",)), layout="vector"
+    )
     model = model_of(parameters(scene), modes, rank=1, law="linear")
     assert model.vibrations(model.initial, model.displacements(np.zeros(1))[0])[0][-1] <= 0.0
     with pytest.warns(cp.OutOfRangeWarning):

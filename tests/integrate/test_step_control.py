@@ -9,8 +9,10 @@ import pytest
 
 import cablepod as cp
 from cablepod.cable import _runs as cable_runs
+from cablepod.chain import _scheme as chain_scheme
 from cablepod.integrate import _output_times as output_times
 from cablepod.integrate import _step_control as step_control
+from cablepod.parameters._from_scene import parameters
 from cablepod.rigid import _runs as rigid_runs
 
 
@@ -340,3 +342,30 @@ def test_a_chain_keeps_the_tolerance_in_its_tensions(soft):
     assert error < 2.0 * run.attrs["tension_time_error_estimate"]
     # by its motion alone the run would be coarser
     assert cp.chain.simulate(scene, outputs=("position",)).attrs["step"] > run.attrs["step"]
+
+
+# --- instants of comparison -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", ["velocity_verlet", "trapezoidal"])
+def test_one_instant_is_as_good_as_many(soft, scheme):
+    scene, options = cp.make_scene(soft), {"scheme": scheme, "tolerance": 1e-3, "outputs": ("position",)}
+    one = cp.chain.simulate(scene, times=[4.0], **options)
+    many = cp.chain.simulate(scene, times=np.linspace(0.0, 4.0, 65), **options)
+    assert one.attrs["step"] == many.attrs["step"]
+    assert one.attrs["time_error_estimate"] == pytest.approx(many.attrs["time_error_estimate"], rel=0.4)
+    assert one.time.values.tolist() == [4.0]
+    np.testing.assert_array_equal(one.position[-1], many.position[-1])
+
+
+def test_instants_of_comparison_lie_in_the_gaps(soft):
+    def own(times):
+        p = chain_scheme.ChainRequest.of(times=times)
+        return chain_scheme.prepare(parameters(cp.make_scene(soft)), p, "").run.judged_instants(125.0)
+
+    assert own(np.linspace(0.0, 4.0, 65)) is None
+    assert own([0.0]) is None
+    assert own([4.0]).size == 63
+    late = own([2.0, 4.0, *np.linspace(4.1, 8.0, 40)])
+    assert late.max() < 4.0
+    assert np.abs(late - 2.0).min() > 0.05
