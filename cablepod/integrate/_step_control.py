@@ -306,8 +306,8 @@ def _warn_not_converged(estimate: float, of_tension: float, limit: float, tolera
     if estimate <= limit:
         warnings.warn(
             f"tension not converged in time: an error of {of_tension:.2g} of its range is left at step {1 / rate:.3g} s, and of "
-            f"{estimate:.2g} of the motion, more than the tolerance {tolerance:.2g}; axial waves or snaps are not resolved; give a "
-            "ramp to motions that start with a jump, a shorter step, or a larger tolerance",
+            f"{estimate:.2g} of the motion, more than the tolerance {tolerance:.2g}; axial waves or snaps are not resolved; give "
+            "a ramp to motions that start with a jump, a shorter step, or a larger tolerance",
             NotConvergedWarning,
             stacklevel=user_stacklevel(),
         )
