@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cablepod.integrate._march import cut_step, not_converged
+from cablepod.integrate._newton_run import NewtonRun
 from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.integrate._run import NewtonRun, Trajectory
+from cablepod.integrate._run import Trajectory
 
 if TYPE_CHECKING:
     from cablepod.chain._lanes import ImplicitLanes

@@ -12,9 +12,10 @@ from cablepod.discretisation._chain import square
 from cablepod.errors import SceneError
 from cablepod.integrate._march import cut_step, not_converged
 from cablepod.integrate._means import Means, means, wants_means
+from cablepod.integrate._newton_run import NewtonRun
 from cablepod.integrate._output import Extremes, time_scale_attributes, trajectory_attributes
 from cablepod.integrate._output_times import OutputTimes
-from cablepod.integrate._run import NewtonRun, Trajectory
+from cablepod.integrate._run import Trajectory
 from cablepod.integrate._step_control import STEPS_PER_CHANGE
 from cablepod.integrate._window import window_attributes
 from cablepod.rigid import _kernels_layout as layout
