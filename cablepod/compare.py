@@ -6,8 +6,9 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._inputs import ROUNDING, TRAJECTORY, floats, taken
 from cablepod.conventions import label
-from cablepod.errors import SceneError, check_dataset, scene_error
+from cablepod.errors import SceneError, scene_error
 from cablepod.integrate._step_control import motion_scale
 from cablepod.pod._snapshots import relative_arc_length
 
@@ -48,8 +49,7 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     >>> round(100 * float(error.error_max), 1)  # per cent
     0.1
     """
-    for name, dataset in (("run", run), ("truth", truth)):
-        check_dataset(name, dataset, ("position", "arc_length", "time"), "a trajectory")
+    run, truth = taken("run", run, TRAJECTORY), taken("truth", truth, TRAJECTORY)
     if "member" in run.dims or "member" in truth.dims:
         return _member_errors(run, truth)
     _check_instants(run["time"].values, truth["time"].values)
@@ -58,7 +58,7 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
             "run", list(run["coordinate"].values), f"the coordinates of the truth, {list(truth['coordinate'].values)}"
         )
     order = ("time", "particle", "coordinate")
-    position, reference = (dataset["position"].transpose(*order).values for dataset in (run, truth))
+    position, reference = (floats(dataset["position"].transpose(*order).values) for dataset in (run, truth))
     for name, values in (("run", position), ("truth", reference)):
         if not np.isfinite(values).all():
             raise SceneError(f"{name}: position is not finite everywhere; allowed: finite numbers")
@@ -96,7 +96,7 @@ def _check_instants(times: np.ndarray, reference: np.ndarray) -> None:
 
 def _interpolate(sigma: np.ndarray, known_sigma: np.ndarray, position: np.ndarray) -> np.ndarray:
     """Interpolate positions (time, particle, coordinate) [m] from particles at `known_sigma` to `sigma`."""
-    if sigma.shape == known_sigma.shape and np.abs(sigma - known_sigma).max() <= 1e-9:
+    if sigma.shape == known_sigma.shape and np.abs(sigma - known_sigma).max() <= ROUNDING:
         return position
     from scipy.interpolate import CubicSpline  # costly to import, not needed for equal particles
 

@@ -17,6 +17,22 @@ if TYPE_CHECKING:
 
 COORDINATES = ("x", "y", "z")
 ENDS = ("lower", "upper")
+#: Similarity numbers, at rest or maxima over time; T is the mean tension of the ends at rest, L the unstretched length:
+#: "irvine_parameter": (q_n L / T)^2 K / T, q_n the load per length normal to the chord: softening of the cable by its sag;
+#: "pull_along": q_t L / T, tension increase along the cable by the load along the chord;
+#: "end_motion": change of the distance of the ends over the elastic stretch T L / K;
+#: "end_acceleration": mu L a / T, a the largest acceleration of either end normal to the chord;
+#: "frequency": 2 pi over the shortest time scale of ends and loads, over the first transverse frequency pi / L sqrt(T / mu);
+#: "other_loads": point loads and change of the uniform load, over T.
+FEATURES = ("irvine_parameter", "pull_along", "end_motion", "end_acceleration", "frequency", "other_loads")
+#: Labels of dimensions in their order; those of modes (None) are whole numbers and rise.
+LABELS: dict[Any, list[str] | None] = {
+    "coordinate": list(COORDINATES),
+    "end": list(ENDS),
+    "bound": ["least", "largest"],
+    "feature": list(FEATURES),
+    "mode": None,
+}
 OUTPUTS = ("position", "velocity", "tension", "tension_extremes", "tension_peaks", "tension_mean", "tension_rms")
 #: Name -> (units, long name) of results; :mod:`cablepod.parameters._keys` has the parameters of scenes.
 VARIABLES: dict[str, tuple[str, str]] = {

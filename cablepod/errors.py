@@ -19,29 +19,6 @@ def scene_error(key: str, given: Any, allowed: str) -> SceneError:
     return SceneError(f"{key}: given {shown(given)}; allowed: {allowed}")
 
 
-def check_dataset(key: str, given: Any, variables: tuple[str, ...], allowed: str) -> None:
-    """Refuse an argument that is no Dataset, or one without these variables."""
-    if not isinstance(given, xr.Dataset):
-        raise SceneError(f"{key}: given {_article(type(given).__name__)}; allowed: {allowed}")
-    missing = [name for name in variables if name not in given.variables]
-    if missing:
-        stage = f" of stage {shown(given.attrs['stage'])}" if "stage" in given.attrs else ""
-        raise SceneError(f"{key}: given a Dataset{stage} without {' and '.join(missing)}; allowed: {allowed}")
-
-
-def datasets_of(key: str, given: Any, variables: tuple[str, ...], allowed: str) -> list[xr.Dataset]:
-    """Return one Dataset, or those of a list or tuple, as a list; each is checked by :func:`check_dataset`."""
-    found = list(given) if isinstance(given, list | tuple) else [given]
-    for dataset in found:
-        check_dataset(key, dataset, variables, f"{allowed}, or several in a list")
-    return found
-
-
-def _article(name: str) -> str:
-    """Return the name of a type with its article."""
-    return f"an {name}" if name[:1].lower() in "aeiou" else f"a {name}"
-
-
 def shown(given: Any) -> str:
     """Return a value as text of at most 120 characters."""
     try:

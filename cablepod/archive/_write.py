@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import ANY, taken
 from cablepod.archive._atomic import atomic_file
 from cablepod.archive._attributes import with_file_attributes
 from cablepod.archive._checksums import chunk_shape
@@ -18,7 +19,7 @@ from cablepod.archive._folder import path_of
 from cablepod.archive._read import LIBRARY_ERRORS, netcdf_lock
 from cablepod.archive._seal import add_seal
 from cablepod.batch._sigint import defer_sigint_during_dask
-from cablepod.errors import ArchiveError, check_dataset
+from cablepod.errors import ArchiveError
 
 if TYPE_CHECKING:
     from collections.abc import Hashable
@@ -73,7 +74,7 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
     >>> cp.archive.read(path).equals(cp.catenary.rest(scene))
     True
     """
-    check_dataset("dataset", dataset, (), "a Dataset of this package")
+    taken("dataset", dataset, ANY)
     path = path_of(path)
     check_target(path, overwrite=overwrite)
     _check_content(dataset)

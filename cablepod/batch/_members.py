@@ -19,6 +19,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._inputs import SCENE, taken
 from cablepod._resources import cores
 from cablepod.batch._pool import map_threads
 from cablepod.batch._stack import MemberResults, Variables, arrays_of, labelled_like
@@ -233,7 +234,8 @@ def over_members_by(
 
         @functools.wraps(function)
         def wrapper(scene: xr.Dataset, *args: Any, **options: Any) -> xr.Dataset:
-            if not isinstance(scene, xr.Dataset) or "member" not in scene.dims:
+            scene = taken("scene", scene, SCENE)
+            if "member" not in scene.dims:
                 return function(scene, *args, **options)
             if has_times:
                 check_common_times(scene, options.get("times"))

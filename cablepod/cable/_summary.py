@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._inputs import SCENE, taken
 from cablepod.cable._frequencies import converged_vibrations
 from cablepod.catenary._statics import load_plane
 from cablepod.conventions import label
@@ -93,6 +94,7 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
     >>> round(float(numbers.stress) / 1e6), numbers.frequency_in_plane.values.round(2).tolist(), str(numbers.note.values)
     (120, [1.0, 1.98, 2.98], '')
     """
+    scene = taken("scene", scene, SCENE)
     members = list(Members(scene))
     rows = [_numbers_of_member(p) for p in members]
     single = "member" not in scene.dims

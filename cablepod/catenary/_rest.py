@@ -9,6 +9,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from cablepod import provenance
+from cablepod._inputs import SCENE, taken
 from cablepod.catenary._statics import check_solved, load_plane, solve_catenaries, solve_statics
 from cablepod.conventions import COORDINATES, label
 from cablepod.errors import SceneError, user_stacklevel
@@ -65,6 +66,7 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     from cablepod.catenary import _kernels_solve as kernel  # numba is imported only to compute
 
     integer(least=2)("points", points)
+    scene = taken("scene", scene, SCENE)
     members = list(Members(scene))
     if any(p.point_loads for p in members):
         warnings.warn(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import floats
 from cablepod.condensed._coefficients import ORDERS
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._rescale import ModeStructure, rescaled_model, unit_model
@@ -118,7 +119,7 @@ def _trained_test_functions(
             quadrature,
             f"{trained_points}, for which the test functions were trained; or modes without them",
         )
-    return tuple(modes[f"{TEST}{suffix}"].transpose("mode", "particle").values[: len(shape)] for suffix, shape in sets)
+    return tuple(floats(modes.variables[f"{TEST}{suffix}"].values)[: len(shape)] for suffix, shape in sets)
 
 
 def _check_quadrature(model: CondensedModel, *, trained: bool) -> None:

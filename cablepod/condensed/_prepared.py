@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import NORMAL_MODES, PREPARED, SCENE, taken
 from cablepod.condensed._assembly import TEST, model_of
 from cablepod.condensed._host import with_moving_end
 from cablepod.condensed._model import CondensedModel
@@ -79,6 +80,7 @@ def prepare(
     >>> fast.amplitude.shape
     (125, 2)
     """
+    scene, modes = taken("scene", scene, SCENE), taken("modes", modes, NORMAL_MODES)
     model, limit = _checked_model(scene, modes, rank, order)
     warn_of_unusual(parameters_of(scene))
     if step is None:
@@ -94,7 +96,7 @@ def _checked_model(scene: xr.Dataset, modes: xr.Dataset, rank: int | None, order
     choice(*ORDERS)("order", order)
     p = parameters_of(scene)
     _check_scene(p)
-    if isinstance(modes, xr.Dataset) and TEST in modes:
+    if TEST in modes:
         raise SceneError("modes: given trained test functions; allowed: modes without them; try: condensed.simulate")
     model = model_of(with_moving_end(p), modes, rank=rank, order=order, law="linear")
     q, v = model.initial()
@@ -144,9 +146,11 @@ def resume(dataset: xr.Dataset) -> PreparedModel:
 
 def _resumed(dataset: xr.Dataset) -> PreparedModel:
     """Return the prepared model of a Dataset, see :func:`resume`."""
+    dataset = taken("dataset", dataset, PREPARED)
     stored = stored_model(dataset)
-    model, limit = _checked_model(stored.scene, stored.modes, stored.rank, stored.order)
-    prepared = PreparedModel(stored.scene, stored.modes, model, check_step(stored.step, limit, "as at `prepare`"))
+    scene, modes = taken("scene", stored.scene, SCENE), taken("modes", stored.modes, NORMAL_MODES)
+    model, limit = _checked_model(scene, modes, stored.rank, stored.order)
+    prepared = PreparedModel(scene, modes, model, check_step(stored.step, limit, "as at `prepare`"))
     check_coefficients(stored.coefficients, prepared.coefficients)
     # the modes give these coefficients again, but on another machine not always to the last bit
     prepared._coefficients = stored.coefficients

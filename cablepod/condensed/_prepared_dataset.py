@@ -10,11 +10,13 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._inputs import floats
 from cablepod.condensed._host import vector
 from cablepod.condensed._kernels_host_layout import HostCoefficients
 from cablepod.condensed._model import CondensedModel
-from cablepod.conventions import COORDINATES, label
+from cablepod.conventions import COORDINATES, VARIABLES, label
 from cablepod.errors import scene_error
+from cablepod.parameters._key_paths import key_of_variable
 
 if TYPE_CHECKING:
     from cablepod.condensed._prepared_model import PreparedModel
@@ -73,7 +75,10 @@ def dataset_of(prepared: PreparedModel, scene: xr.Dataset, modes: xr.Dataset, mo
     }
     for key, variable in result.variables.items():
         if str(key).startswith(PREFIXES) and "units" not in variable.attrs:
-            extra[str(key)] = ("1", str(key))
+            name = str(key).removeprefix(PREFIXES[0]).removeprefix(PREFIXES[1])
+            of_scene = key_of_variable(name) if str(key).startswith(PREFIXES[0]) else None
+            units = VARIABLES.get(name, ("1",))[0] if of_scene is None else of_scene.units or "1"
+            extra[str(key)] = (units, str(key))
     attrs = {
         "title": f"{scene.attrs.get('title', 'scene')}: prepared condensed model, r = {rank}, order {model.order}",
         "stage": STAGE,
@@ -108,9 +113,6 @@ def stored_model(dataset: xr.Dataset) -> StoredModel:
     SceneError
         For another Dataset.
     """
-    stage = dataset.attrs.get("stage") if isinstance(dataset, xr.Dataset) else dataset
-    if not isinstance(dataset, xr.Dataset) or not isinstance(stage, str) or stage != STAGE:
-        raise scene_error("dataset", stage, "a prepared model, as PreparedModel.dataset() gives it")
     fields = [f"coefficient_{name}" for name in HostCoefficients._fields]
     for key in (*DERIVED, "state", *fields):
         if key not in dataset.variables:
@@ -120,8 +122,19 @@ def stored_model(dataset: xr.Dataset) -> StoredModel:
         rank, order, step = int(dataset.attrs["rank"]), str(dataset.attrs["order"]), float(dataset.attrs["step"])
     except (KeyError, ValueError) as error:
         raise scene_error("dataset", f"attributes with {error!r}", UNCHANGED) from None
-    arrays = (np.ascontiguousarray(dataset[key].values) for key in fields)
-    return StoredModel(scene, modes, rank, order, step, HostCoefficients(*arrays), dataset["state"].values)
+    arrays = (_array(dataset, key) for key in fields)
+    return StoredModel(scene, modes, rank, order, step, HostCoefficients(*arrays), _array(dataset, "state"))
+
+
+def _array(dataset: xr.Dataset, key: str) -> np.ndarray:
+    """Return a variable with its dimensions in the order in which :func:`dataset_of` makes them."""
+    variable = dataset.variables[key]
+    known = {"state_row": 0, "state_column": 1, "normal": 0, "coordinate": 1, "mode": 1}
+    order = sorted(variable.dims, key=lambda dim: known.get(str(dim), str(dim).rpartition("_")[2]))
+    values = variable.transpose(*order).values
+    return (
+        floats(values) if values.dtype.kind == "f" else np.require(values, requirements=("C", "ALIGNED", "WRITEABLE"))
+    )
 
 
 def checked_state(state: Any, shape: tuple[int, ...]) -> np.ndarray:
@@ -154,7 +167,7 @@ def check_contents(dataset: xr.Dataset, prepared: PreparedModel) -> None:
     amplitudes = _amplitudes(prepared)
     values = np.array(prepared.time), prepared.end_position, prepared.force, amplitudes
     for key, value in zip(DERIVED, values, strict=True):
-        stored = dataset[key].values
+        stored = _array(dataset, key)
         if stored.shape != value.shape or not np.allclose(stored, value, rtol=ROUNDING, atol=ROUNDING):
             raise scene_error(key, "numbers that differ from those of the state", UNCHANGED)
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import NORMAL_MODES, SCENE, taken
 from cablepod.batch._members import check_common_times, values_of_members
 from cablepod.condensed._assembly import model_of, unit_of
 from cablepod.condensed._batch import run
@@ -131,6 +132,7 @@ def simulate(
     >>> round(100 * model.attrs["error_estimate"], 2)  # per cent, without a reference solution
     0.02
     """
+    scene, modes = taken("scene", scene, SCENE), taken("modes", modes, NORMAL_MODES)
     request = CondensedRequest.of(
         times=times,
         scheme=scheme,

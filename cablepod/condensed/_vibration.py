@@ -8,12 +8,13 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._inputs import SCENE, taken
 from cablepod.chain._start import rest_shape
-from cablepod.conventions import COORDINATES, label
+from cablepod.conventions import COORDINATES, FEATURES, label
 from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._laws import LAWS, check_law
-from cablepod.discretisation._similarity import FEATURES, features
+from cablepod.discretisation._similarity import features
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
@@ -86,6 +87,7 @@ def vibration_modes(
     >>> model = cp.condensed.simulate(scene, modes)
     """
     check_law(law)
+    scene = taken("scene", scene, SCENE)
     p = parameters(scene)
     if p.free_end is not None:
         raise scene_error("ends.free", p.free_end, "two held ends, which define the chord")

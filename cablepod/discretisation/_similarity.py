@@ -14,16 +14,9 @@ import numpy as np
 import xarray as xr
 
 from cablepod.catenary._statics import solve_statics
+from cablepod.conventions import FEATURES
 from cablepod.parameters._parameters import Parameters
 
-#: Similarity numbers, at rest or maxima over time; T is the mean tension of the ends at rest, L the unstretched length:
-#: "irvine_parameter": (q_n L / T)^2 K / T, q_n the load per length normal to the chord: softening of the cable by its sag;
-#: "pull_along": q_t L / T, tension increase along the cable by the load along the chord;
-#: "end_motion": change of the distance of the ends over the elastic stretch T L / K;
-#: "end_acceleration": mu L a / T, a the largest acceleration of either end normal to the chord;
-#: "frequency": 2 pi over the shortest time scale of ends and loads, over the first transverse frequency pi / L sqrt(T / mu);
-#: "other_loads": point loads and change of the uniform load, over T.
-FEATURES = ("irvine_parameter", "pull_along", "end_motion", "end_acceleration", "frequency", "other_loads")
 #: Number of instants at which motions and loads are sampled.
 INSTANTS = 201
 

@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._inputs import SCENE, taken
 from cablepod.conventions import COORDINATES, VARIABLES
 from cablepod.errors import SceneError, did_you_mean, scene_error, shown
 from cablepod.parameters._from_scene import parameters
@@ -64,7 +65,8 @@ def design(
         For unknown key paths, reversed ranges, bounds that give no valid scene, ranges with a count beside others without, a
         missing number of members, or one that does not fit the grid.
     """
-    if not isinstance(scene, xr.Dataset) or "ends_lower" not in scene or "member" in scene.dims:
+    scene = taken("scene", scene, SCENE)
+    if "member" in scene.dims:
         raise SceneError("scene: given no Dataset of one scene; allowed: a result of make_scene or read_scene")
     options: dict[str, Any] = {"members": members, "sampling": sampling, "seed": seed}
     prefix = "ranges"
@@ -84,7 +86,7 @@ def design(
         raise SceneError(f"members: missing; allowed: a whole number of at least 1, or {counts}")
     checked = _check_ranges(scene, ranges, prefix, options)
     points = _sample(checked, **options)
-    scenes = _vary(scene, dict(zip(checked, points.T, strict=True)))
+    scenes = _vary(scene, dict(zip(checked, np.ascontiguousarray(points.T), strict=True)))
     scenes.attrs = {
         name: value for name, value in scene.attrs.items() if name not in ("values_sha256", "ensemble_json")
     }

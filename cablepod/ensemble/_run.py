@@ -20,6 +20,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._inputs import SCENE, taken
 from cablepod.archive._attributes import with_own_id
 from cablepod.archive._manifest import MODES, SCENES
 from cablepod.archive._open_ensemble import open_ensemble
@@ -227,7 +228,8 @@ def _prepare(
     scenes: Any, model: Any, modes: Any, options: dict[str, Any], batch: Any
 ) -> tuple[dict[str, Any], dict[str, xr.Dataset]]:
     """Check all arguments; return plan and inputs (file name -> Dataset)."""
-    if not isinstance(scenes, xr.Dataset) or "member" not in scenes.dims or "ends_lower" not in scenes:
+    scenes = taken("scenes", scenes, SCENE)
+    if "member" not in scenes.dims:
         raise SceneError("scenes: given no Dataset of scenes with member; allowed: a result of ensemble.design")
     if not scenes.sizes["member"]:
         raise SceneError("scenes: given no members; allowed: at least one")

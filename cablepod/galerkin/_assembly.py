@@ -14,7 +14,7 @@ from cablepod.discretisation._laws import check_law
 from cablepod.errors import SceneError, scene_error
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.parameters._parameters import Parameters
-from cablepod.pod._project import mode_fields
+from cablepod.pod._project import mean_of, mode_fields
 from cablepod.pod._snapshots import relative_arc_length
 
 #: Number of models kept between calls.
@@ -58,7 +58,7 @@ def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) ->
     fields = mode_fields(modes, rank)
     if fields.shape[2] != p.dims:
         raise SceneError(f"modes: given {fields.shape[2]} coordinates; allowed: the {p.dims} coordinates of the scene")
-    mean = modes.variables["mean"].transpose("particle", "coordinate").values
+    mean = mean_of(modes)
     arrays = tuple(np.array(array) for array in (relative_arc_length(modes), mean, fields))
     content = tuple(array.tobytes() for array in arrays)
     return _kept_model(p, _Modes(arrays, content, modes.attrs["layout"], law))

@@ -9,6 +9,7 @@ from typing import Any
 
 import xarray as xr
 
+from cablepod._inputs import FIELD_MODES, taken
 from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import OUTPUTS
@@ -141,6 +142,7 @@ def simulate(
     >>> round(100 * float(cp.compare.errors(model, chain).error_max), 2)  # per cent
     0.04
     """
+    modes = taken("modes", modes, FIELD_MODES)
     request = Request.of(
         times=times,
         scheme=scheme,

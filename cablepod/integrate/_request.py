@@ -25,6 +25,9 @@ from cablepod.parameters._parameters import Parameters
 DEFAULT_TOLERANCE, REDUCED_TOLERANCE = 1e-4, 1e-6
 #: Maximum given step without a warning, as a fraction of the shortest time scale of motions and loads.
 MAX_STEP_RATIO = 0.25
+#: Maximum number of steps of a given length (weeks), and without a warning (some minutes of a chain of 40 links); number of steps
+#: in a minute of the fastest models.
+MAX_GIVEN_STEPS, MAX_SILENT_STEPS, STEPS_PER_MINUTE = 1e13, 1e9, 6e8
 
 
 def check_times(times: Any) -> np.ndarray:
@@ -109,6 +112,26 @@ def check_step(step: Any, limit: float, formula: str) -> float:
     if value >= limit:
         raise SceneError(f"step: given {value:.6g} s; allowed: below the stability limit, {limit:.6g} s, {formula}")
     return value
+
+
+def check_steps(step: float, end_time: float) -> None:
+    """Refuse a given step [s] with more steps than anybody waits for, and announce a long run before it begins.
+
+    Warns
+    -----
+    UserWarning
+        With the number of steps, and the least time that they may take.
+    """
+    steps = end_time / step
+    if steps > MAX_GIVEN_STEPS:
+        raise scene_error("step", step, f"at least {end_time / MAX_GIVEN_STEPS:.3g} s, for {end_time:g} s of time")
+    if steps > MAX_SILENT_STEPS:
+        warnings.warn(
+            f"step: given {step:.6g} s takes {steps:.3g} steps, {steps / STEPS_PER_MINUTE:.2g} minutes or longer; "
+            "try a longer step, or a tolerance instead",
+            UserWarning,
+            stacklevel=user_stacklevel(),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,6 +225,8 @@ class Request:
         """
         times = p.times() if self.times is None else self.times
         p.check_reach(float(times[-1]))
+        if self.step is not None:
+            check_steps(self.step, float(times[-1]))
         if self.window is not None and self.window[1] > float(times[-1]) * (1.0 + ROUNDING):
             raise scene_error("window", self.window, f"a part of the run, from 0 s to {times[-1]:g} s")
         return times

@@ -13,13 +13,14 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._inputs import NORMAL_MODES, ROUNDING, SCENE, TRAJECTORY, several, taken
 from cablepod._resources import cores
 from cablepod.batch._pool import map_threads
 from cablepod.condensed._assembly import TEST, model_of
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._runs import CondensedRequest, solve
-from cablepod.conventions import label
-from cablepod.errors import RunStopped, SceneError, check_dataset, datasets_of, scene_error
+from cablepod.conventions import VARIABLES, label
+from cablepod.errors import RunStopped, SceneError, scene_error
 from cablepod.integrate._request import check_positive, check_times
 from cablepod.integrate._step_control import motion_scale
 from cablepod.oblique._search import TestFunctionBasis, test_function_bases
@@ -40,7 +41,7 @@ FAILED_ERROR = 10.0
 #: Relative tolerances of the search: 1e-3 of the sum of fourth powers is 2.5e-4 of the error.
 STOP = {"xtol": 1e-4, "ftol": 1e-3, "gtol": 1e-12}
 #: Maximum distance of trajectory and modes in sigma, and of trajectory and scene at the ends over the chord.
-SIGMA_ATOL, END_RTOL = 1e-9, 1e-6
+SIGMA_ATOL, END_RTOL = ROUNDING, 1e-6
 
 
 @dataclass(frozen=True)
@@ -183,9 +184,8 @@ def train(
     True
     >>> later = cp.condensed.simulate(scene, trained)  # over all of its 124 s
     """
-    scene_list = datasets_of("scenes", scenes, (), "a scene")
-    references = datasets_of("trajectories", trajectories, ("position", "arc_length", "time"), "a trajectory")
-    check_dataset("modes", modes, ("mode_shape", "arc_length"), pod_normal.MODES)
+    scene_list, references = several("scenes", scenes, SCENE), several("trajectories", trajectories, TRAJECTORY)
+    modes = taken("modes", modes, NORMAL_MODES)
     _check_inputs(scene_list, references, tolerance, iterations)
     galerkin_modes = modes
     if TEST in modes:
@@ -240,7 +240,15 @@ def _labelled(
     for reference in references:
         training_range = union_of_ranges(training_range, range_of(reference))
     add_training_range(result, training_range)  # that of the test functions replaces that of the modes
-    label(result)
+    # variables that the caller added to the modes
+    label(
+        result,
+        **{
+            str(name): ("1", str(name))
+            for name, own in result.variables.items()
+            if str(name) not in VARIABLES and "units" not in own.attrs
+        },
+    )
     return result
 
 

@@ -13,6 +13,8 @@ from cablepod.errors import one_of, scene_error
 
 #: Minimum of positive numbers of a scene and maximum magnitude of all (squares and ratios stay finite).
 SMALLEST, LARGEST = 1e-30, 1e30
+#: What Python or numpy call a number, and is none here.
+NO_NUMBERS = (bool, np.bool_, np.timedelta64)
 Check = Callable[[str, Any], Any]
 
 
@@ -27,7 +29,7 @@ def number(*, above: float = -math.inf, least: float = -math.inf, most: float = 
 
     def check(key: str, value: Any) -> float:
         value = _scalar(value)
-        if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
+        if isinstance(value, NO_NUMBERS) or not isinstance(value, numbers.Real):
             raise scene_error(key, value, allowed)
         try:
             result = float(value)
@@ -52,7 +54,7 @@ def integer(*, least: int, most: int = 2**62) -> Check:
 
     def check(key: str, value: Any) -> int:
         value = _scalar(value)
-        if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Integral) or int(value) < least:
+        if isinstance(value, NO_NUMBERS) or not isinstance(value, numbers.Integral) or int(value) < least:
             raise scene_error(key, value, allowed)
         if int(value) > most:
             raise scene_error(key, value, f"{allowed} and at most {most}")

@@ -13,6 +13,7 @@ import xarray as xr
 
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import SceneError
+from cablepod.parameters._checks import choice
 from cablepod.parameters._key_paths import motion_path, point_load_path, table_at, variable_name
 from cablepod.parameters._keys import (
     CABLE,
@@ -41,7 +42,7 @@ def parameters(scene: xr.Dataset) -> Parameters:
     Raises
     ------
     SceneError
-        If `scene` is no scene, or has the dimension ``member``.
+        If `scene` has the dimension ``member``.
     """
     members = Members(scene)
     if "member" in scene.dims:
@@ -59,8 +60,7 @@ class SceneContent:
     @classmethod
     def of(cls, scene: xr.Dataset) -> SceneContent:
         """Take the content of a scene."""
-        several = not isinstance(scene, xr.Dataset) or "member" in scene.dims
-        return cls(None if several else digest(scene), scene)
+        return cls(None if "member" in scene.dims else digest(scene), scene)
 
     def parameters(self) -> Parameters:
         """Return the parameters of the scene, or of its first member: for the same values the same object.
@@ -76,18 +76,9 @@ def _kept_parameters(content: SceneContent) -> Parameters:
 
 
 class Members(Sequence[Parameters]):
-    """Sequence of the parameters of each member of a scene, each made on access; a scene of one member has length 1.
-
-    Raises
-    ------
-    SceneError
-        If `scene` is no scene.
-    """
+    """Sequence of the parameters of each member of a scene, each made on access; a scene of one member has length 1."""
 
     def __init__(self, scene: xr.Dataset) -> None:
-        needed = ("gravity", "cable_youngs_modulus", "cable_area", "ends_lower", "ends_upper")
-        if not isinstance(scene, xr.Dataset) or not all(name in scene for name in needed):
-            raise SceneError(f"scene: given no Dataset with {', '.join(needed)}; allowed: what make_scene gives")
         self.fixed: dict[str, Any] = {}  #: variable -> value of all members
         self.varied: dict[str, Any] = {}  #: variable -> values, a row for each member
         self.gapped: dict[str, Any] = {}  #: the same, nan for members that lack the variable
@@ -207,6 +198,13 @@ def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float
     )
 
 
+def _check_present(path: str, table: Mapping[str, Any], needed: tuple[str, ...]) -> None:
+    """Refuse the table of a scene whose variables somebody dropped."""
+    for name in needed:
+        if name not in table:
+            raise SceneError(f"{path}.{name}: missing; allowed: a number, as make_scene gives it")
+
+
 def _nonzero(table: Mapping[str, Any], name: str, number: Callable[[Any], Any]) -> Any:
     return number(table[name]) if name in table and np.any(table[name]) else None
 
@@ -215,8 +213,15 @@ def _time_function(values: Mapping[str, Any], path: str, *, keeps_start: bool = 
     """Make the time function of the table at a key path; None without `kind`."""
     if (variable := variable_name(f"{path}.kind")) not in values:
         return None
-    kind = str(values[variable])
-    table = table_at(values, path, RECORD if kind == "file" else time_function_keys("1")[kind])
+    kind = str(choice(*time_function_keys("1"))(f"{path}.kind", str(values[variable])))
+    keys = time_function_keys("1")[kind]
+    table = table_at(values, path, RECORD if kind == "file" else keys)
+    needed = (
+        RECORD[:2]
+        if kind == "file"
+        else tuple(name for name, key in keys.items() if key.required or key.default is not None)
+    )
+    _check_present(path, table, needed)
     return TimeFunction(kind, table, keeps_start)
 
 
@@ -224,6 +229,7 @@ def _point_loads(values: Mapping[str, Any]) -> list[PointLoad]:
     """Make all point loads, also those without force."""
     loads: list[PointLoad] = []
     while "force" in (table := table_at(values, path := point_load_path(len(loads) + 1), POINT_LOAD)):
+        _check_present(path, table, ("arc_length",))
         factor = _time_function(values, path, keeps_start=True)
         loads.append(PointLoad(path, float(table["arc_length"]), table["force"], factor))
     return loads

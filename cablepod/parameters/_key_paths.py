@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from itertools import chain
 from typing import Any
@@ -20,6 +21,7 @@ import xarray as xr
 
 from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError, named, shown
+from cablepod.parameters._checks import number, numbers_list, text
 from cablepod.parameters._keys import ENSEMBLE, POINT_LOAD, TABLES, TOP, Key, time_function_keys
 
 #: Maximum number of parts of a key path: ``motion.upper.x.amplitude`` has four, ``ensemble.ranges`` holds such paths.
@@ -199,6 +201,27 @@ def variable_of(scene: xr.Dataset, path: Any) -> tuple[str, int | None, Key] | N
         if component is not None and is_vector and component < scene[name].size:
             return name, component, key
     return None
+
+
+#: Variables of a record of a time function, whose values have the units of its amplitude.
+RECORD = {"time": Key(numbers_list(), "s", "instants of the record")}
+
+
+@lru_cache(maxsize=1024)
+def key_of_variable(name: str) -> Key | None:
+    """Return the key of a variable of a scene Dataset, of a component the number; None for other variables."""
+    *tables, last = dotted(name).split(".")
+    if not tables:
+        return TOP.get(last)
+    if len(tables) > 1 and last in COORDINATES and tables[0] != "motion":
+        key = key_of_variable("_".join(tables))
+        return None if key is None else replace(key, check=number())
+    keys = dict(TABLES.get(tables[0], {}) if tables[0] != "point_load" else POINT_LOAD)
+    if tables[0] in ("motion", "load", "point_load"):
+        units = "m" if tables[0] == "motion" else "1"
+        keys = dict(chain.from_iterable(of_kind.items() for of_kind in time_function_keys(units).values())) | keys
+        keys |= {"kind": Key(text, None, "kind"), **RECORD, "value": Key(numbers_list(), units, "values of the record")}
+    return keys.get(last)
 
 
 def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:

@@ -21,6 +21,11 @@ class Key:
     required: bool = False
     default: Any = None
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is a whole number."""
+        return self.check.__qualname__.startswith(f"{integer.__name__}.")
+
 
 def _force(long_name: str) -> Key:
     return Key(number(above=0.0), "N", long_name)

@@ -220,7 +220,9 @@ def animate(
     else:
         ax.set(xlabel="x [m]", ylabel="y [m]")
     for axis, which in (("x", 0), ("y", 1)):
-        low, high = (getattr(np, f)([getattr(c[which], f)() for c in curves]) for f in ("min", "max"))
+        drawn = np.concatenate([np.ravel(curve[which]) for curve in curves])
+        drawn = drawn[np.isfinite(drawn)]  # a stopped run ends with nan
+        low, high = (drawn.min(), drawn.max()) if drawn.size else (0.0, 0.0)
         margin = 0.05 * (high - low) or 0.5
         getattr(ax, f"set_{axis}lim")(low - margin, high + margin)
     _style.finish(ax)

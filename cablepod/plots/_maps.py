@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import MAPPED, taken
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._key_paths import variable_name
 from cablepod.plots import _style
@@ -77,6 +78,7 @@ def parameter_map(
         varies over a grid: their dots would hide each other.
     """
     x, y = (variable_name(name) if isinstance(name, str) else name for name in (x, y))
+    result = taken("result", result, MAPPED)
     across, up, values = _flat_columns(result, variable, x, y)
     _check_pairs(result, across, up, x, y)
     ax = _style.axes(ax)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import WITH_PLACES, drawn_kind, taken
 from cablepod.errors import SceneError, scene_error
 from cablepod.pod._snapshots import relative_arc_length
 
@@ -88,9 +89,7 @@ def take(key: str, dataset: Any, name: str, dims: tuple[str, ...], allowed: str,
 
     A dimension lost by the selection of a single time or mode is restored.
     """
-    if not isinstance(dataset, xr.Dataset) or name not in dataset:
-        raise SceneError(f"{key}: given a {type(dataset).__name__} without {name}; allowed: {allowed}")
-    array = dataset[name]
+    array = taken(key, dataset, drawn_kind(name, dims, allowed))[name]
     if "member" in array.dims:
         raise scene_error(key, f"{array.sizes['member']} members", "one; pick it with .isel(member=0)")
     lost = [dim for dim in ("time", "mode") if dim in dims and dim in array.coords and dim not in array.dims]
@@ -112,9 +111,7 @@ def positions(runs: dict[str, xr.Dataset]) -> dict[str, xr.DataArray]:
 
 def sigma(key: str, dataset: xr.Dataset) -> np.ndarray:
     """Return S / L0 [1] of the particles."""
-    if "arc_length" not in dataset.variables:
-        raise SceneError(f"{key}: given a Dataset without arc_length; allowed: one with arc_length (particle)")
-    return relative_arc_length(dataset)
+    return relative_arc_length(taken(key, dataset, WITH_PLACES))
 
 
 def instants(key: str, times: np.ndarray, wanted: np.ndarray) -> np.ndarray:

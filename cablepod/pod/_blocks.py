@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import floats
 from cablepod.batch._sigint import check_sigint, defer_sigint, wait_for_any
 from cablepod.pod import _normal as pod_normal
 
@@ -35,7 +36,7 @@ def read_blocks(position: xr.DataArray) -> Iterator[np.ndarray]:
     position = position.transpose(..., "time", "particle", "coordinate")
     shape = position.shape[-2:]
     if not is_lazy(position):
-        yield position.values.reshape(-1, *shape)
+        yield floats(position.values.reshape(-1, *shape))
         return
     readers, ahead = _readers(position.data.rechunk({position.ndim - 2: -1, position.ndim - 1: -1}))
     with ThreadPoolExecutor(1, thread_name_prefix="cablepod-read") as executor:
@@ -49,7 +50,7 @@ def read_blocks(position: xr.DataArray) -> Iterator[np.ndarray]:
                 more = ahead and number + 1 < len(readers)
                 future = executor.submit(readers[number + 1]) if more else None
             while chunks:  # pop: a chunk is freed after use
-                yield np.asarray(chunks.pop(0)).reshape(-1, *shape)
+                yield floats(chunks.pop(0)).reshape(-1, *shape)
 
 
 def _readers(data: Any) -> tuple[list[Callable[[], list[np.ndarray]]], bool]:

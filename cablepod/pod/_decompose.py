@@ -11,11 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import SNAPSHOTS, several
 from cablepod._resources import check_bytes
-from cablepod.errors import datasets_of, scene_error
+from cablepod.batch._sigint import defer_sigint_during_dask
+from cablepod.errors import scene_error
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod import _svd_methods as svd_methods
-from cablepod.pod._blocks import count_snapshots, is_lazy
+from cablepod.pod._blocks import BLOCK_BYTES, count_snapshots, is_lazy
 from cablepod.pod._graded_svd import COMPLETE
 from cablepod.pod._label import check_options, labelled
 from cablepod.pod._snapshots import (
@@ -96,8 +98,9 @@ def decompose(
     (('coordinate', 'mode'), [7.05, 0.03])
     """
     check_options(layout, method, weights, rank, energy)
-    parts = datasets_of("snapshots", snapshots, ("position", "arc_length"), "a trajectory")
+    parts = several("snapshots", snapshots, SNAPSHOTS)
     check_same_particles(parts)
+    parts = [_in_memory(part) for part in parts]
     if len(parts) > 1 and method != "svd":
         raise scene_error("method", method, "'svd' for several trajectories")
     if len(parts) > 1 or (method == "svd" and _use_stream(position_of(parts[0]), layout, rank)):
@@ -106,6 +109,15 @@ def decompose(
             stream.update(part)
         return stream.modes(rank=rank, energy=energy, function="pod.decompose")
     return _decompose_matrix(parts[0], (rank, energy), layout, method, weights, center and layout != "normal")
+
+
+def _in_memory(snapshots: xr.Dataset) -> xr.Dataset:
+    """Return snapshots that are lazy and few in memory, where no bit of the modes depends on their chunks."""
+    position = position_of(snapshots)
+    if not is_lazy(position) or position.nbytes > BLOCK_BYTES:
+        return snapshots
+    with defer_sigint_during_dask(snapshots):
+        return snapshots.assign(position=position.compute())
 
 
 def _decompose_matrix(

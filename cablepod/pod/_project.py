@@ -7,11 +7,12 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from cablepod import provenance
+from cablepod._inputs import AMPLITUDES, FIELD_MODES, MODES, ROUNDING, TIMED, TRAJECTORY, floats, taken
 from cablepod.conventions import label
-from cablepod.errors import SceneError, check_dataset, scene_error
-from cablepod.parameters._checks import integer
+from cablepod.errors import SceneError, scene_error
+from cablepod.parameters._checks import choice, integer
 from cablepod.pod import _normal as pod_normal
-from cablepod.pod._label import LAYOUTS, amplitude_dataset
+from cablepod.pod._label import amplitude_dataset
 from cablepod.pod._snapshots import lift, positions, relative_arc_length, tributary_weights
 
 
@@ -21,13 +22,8 @@ def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
     Raises
     ------
     SceneError
-        If `modes` have another layout or fewer modes than `rank`.
+        If `modes` have fewer modes than `rank`.
     """
-    allowed = f"modes of pod.decompose with one of the layouts {LAYOUTS[:2]}"
-    check_dataset("modes", modes, ("mode_shape", "arc_length"), allowed)
-    if modes.attrs.get("layout") not in LAYOUTS[:2]:
-        raise scene_error("modes", f"layout {modes.attrs.get('layout')!r}", allowed)
-    check_dataset("modes", modes, ("mean",), allowed)
     most = modes.sizes["mode"]
     if rank is not None:
         integer(least=1)("rank", rank)
@@ -35,22 +31,13 @@ def mode_fields(modes: xr.Dataset, rank: int | None = None) -> np.ndarray:
             raise scene_error("rank", rank, f"at most {most}, the number of modes")
         most = int(rank)
     if modes.attrs["layout"] == "vector":
-        return modes.variables["mode_shape"].transpose("mode", "particle", "coordinate").values[:most]
-    shape = modes.variables["mode_shape"].transpose("coordinate", "mode", "particle").values[:, :most]
+        return floats(modes.variables["mode_shape"].values)[:most]
+    shape = modes.variables["mode_shape"].values[:, :most]
     dims, _, particles = shape.shape
     fields = np.zeros((dims, most, particles, dims))
     for c in range(dims):
         fields[c, :, :, c] = shape[c]
     return fields.reshape(dims * most, particles, dims)
-
-
-def check_modes(modes: xr.Dataset) -> None:
-    """Refuse what is no Dataset of modes of a known layout."""
-    check_dataset("modes", modes, ("mode_shape", "arc_length"), "modes of pod.decompose")
-    if modes.attrs.get("layout") not in LAYOUTS:
-        raise scene_error(
-            "modes", f"layout {modes.attrs.get('layout')!r}", f"modes of pod.decompose, one of the layouts {LAYOUTS}"
-        )
 
 
 def _split_amplitude(amplitude: np.ndarray, modes: xr.Dataset) -> tuple[tuple[str, ...], np.ndarray]:
@@ -81,7 +68,7 @@ def at_times(trajectory: xr.Dataset, *, times: ArrayLike) -> xr.Dataset:
     SceneError
         If the trajectory does not contain an instant.
     """
-    check_dataset("trajectory", trajectory, ("time",), "a Dataset with instants, from a simulate")
+    trajectory = taken("trajectory", trajectory, TIMED)
     try:
         available, wanted = trajectory["time"].values, np.atleast_1d(np.asarray(times, dtype=float))
     except (TypeError, ValueError, OverflowError):
@@ -118,30 +105,32 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     SceneError
         If the particles differ, or positions are missing or not finite.
     """
-    check_modes(modes)
-    check_dataset("snapshots", snapshots, ("position", "arc_length", "time"), "a trajectory")
+    snapshots, modes = taken("snapshots", snapshots, TRAJECTORY), taken("modes", modes, MODES)
     sigma, snapshot_sigma = relative_arc_length(modes), relative_arc_length(snapshots)
-    if sigma.shape != snapshot_sigma.shape or np.abs(sigma - snapshot_sigma).max() > 1e-9:
+    if sigma.shape != snapshot_sigma.shape or np.abs(sigma - snapshot_sigma).max() > ROUNDING:
         raise SceneError(
             f"snapshots: given {snapshot_sigma.size} particles; allowed: the {sigma.size} particles of the modes, at the same "
             "S / L0"
         )
-    weight = np.ones(sigma.size) if modes.attrs["weights"] == "None" else tributary_weights(sigma)
+    weights = str(choice("None", "length", "mass")("modes.weights", modes.attrs.get("weights")))
+    weight = np.ones(sigma.size) if weights == "None" else tributary_weights(sigma)
     if modes.attrs["layout"] == "normal":
         position = positions(snapshots)
         variables, ends = pod_normal.project(position, modes, weight), position[:, (0, -1)]
     else:
         lifted, ends = lift(snapshots)
-        amplitude = np.einsum("tpc,mpc->tm", (lifted - _mean(modes)) * weight[:, None], mode_fields(modes))
+        amplitude = np.einsum("tpc,mpc->tm", (lifted - mean_of(modes)) * weight[:, None], mode_fields(modes))
         variables = {"amplitude": _split_amplitude(amplitude, modes)}
     result = amplitude_dataset(variables, ends, snapshots["time"].values, modes)
     result.attrs.update(title=f"{snapshots.attrs.get('title', 'snapshots')}: amplitudes", stage="amplitudes")
     return provenance.record(result, function="pod.project", parameters={}, inputs=[snapshots, modes])
 
 
-def _mean(modes: xr.Dataset) -> np.ndarray:
+def mean_of(modes: xr.Dataset) -> np.ndarray:
     """Return the mean of the lifted position (particle, coordinate) [m]."""
-    return modes["mean"].transpose("particle", "coordinate").values
+    if "mean" not in modes.variables:
+        raise scene_error("modes", "a Dataset without mean", FIELD_MODES.allowed)
+    return floats(modes.variables["mean"].values)
 
 
 def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
@@ -171,10 +160,7 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     >>> float(cp.compare.errors(again, chain).error_max) < 1e-3  # truncation to two modes
     True
     """
-    check_modes(modes)
-    check_dataset(
-        "amplitudes", amplitudes, ("amplitude", "end_position", "time"), "amplitudes of pod.project or a reduced model"
-    )
+    amplitudes, modes = taken("amplitudes", amplitudes, AMPLITUDES), taken("modes", modes, MODES)
     dims = {"separate": {"time", "coordinate", "mode"}}.get(modes.attrs["layout"], {"time", "mode"})
     if set(amplitudes["amplitude"].dims) != dims:
         raise scene_error(
@@ -184,10 +170,9 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
         position = pod_normal.reconstruct(amplitudes, modes, relative_arc_length(modes))
     else:
         fields = mode_fields(modes, amplitudes.sizes["mode"])
-        order = ("time", "coordinate", "mode") if modes.attrs["layout"] == "separate" else ("time", "mode")
-        amplitude = amplitudes["amplitude"].transpose(*order).values.reshape(amplitudes.sizes["time"], -1)
-        ends = amplitudes["end_position"].transpose("time", "end", "coordinate").values
-        position = compose(amplitude, ends, fields, _mean(modes), relative_arc_length(modes))
+        amplitude = floats(amplitudes["amplitude"].values).reshape(amplitudes.sizes["time"], -1)
+        ends = floats(amplitudes["end_position"].values)
+        position = compose(amplitude, ends, fields, mean_of(modes), relative_arc_length(modes))
     result = xr.Dataset(
         {"position": (("time", "particle", "coordinate"), position)},
         coords={

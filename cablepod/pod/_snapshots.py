@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import ROUNDING, floats
 from cablepod.errors import SceneError
 from cablepod.pod._blocks import read_blocks
 
@@ -14,7 +15,9 @@ from cablepod.pod._blocks import read_blocks
 def arc_length_of(snapshots: xr.Dataset) -> np.ndarray:
     """Return the arc length (particle) [m], of the first member if there are several."""
     s = snapshots.variables["arc_length"]  # ten times as fast as a DataArray
-    return s.values if s.ndim == 1 else s.transpose("particle", ...).values.reshape(s.sizes["particle"], -1)[:, 0]
+    return floats(
+        s.values if s.ndim == 1 else s.transpose("particle", ...).values.reshape(s.sizes["particle"], -1)[:, 0]
+    )
 
 
 def relative_arc_length(dataset: xr.Dataset) -> np.ndarray:
@@ -36,13 +39,8 @@ def weight_roots(sigma: np.ndarray, weights: str | None) -> np.ndarray:
 
 
 def position_of(snapshots: xr.Dataset) -> xr.DataArray:
-    """Return the positions, possibly lazy, after checks of their dimensions and particles."""
-    if "position" not in snapshots or "arc_length" not in snapshots.variables:
-        raise SceneError("snapshots: given a Dataset without position or arc_length; allowed: a trajectory")
+    """Return the positions, possibly lazy, after checks of their particles."""
     position = snapshots["position"]
-    for name in ("time", "particle", "coordinate"):
-        if name not in position.dims:
-            raise SceneError(f"snapshots: position lacks the dimension {name}; allowed: (time, particle, coordinate)")
     if position.sizes["particle"] < 3:
         raise SceneError(
             f"snapshots: given {position.sizes['particle']} particles; allowed: at least 3, because modes vanish at both ends"
@@ -64,7 +62,7 @@ def _check_members(lengths: xr.DataArray) -> None:
         kinds = [f"{number} particles in {_first_names(names[counts == number])}" for number in np.unique(counts)]
         raise SceneError(f"snapshots: given members with {', '.join(kinds)}; allowed: the same particles in all")
     sigma = s / s[:, -1:]
-    differs = np.abs(sigma - sigma[0]).max(axis=1) > 1e-9
+    differs = np.abs(sigma - sigma[0]).max(axis=1) > ROUNDING
     if differs.any():
         raise SceneError(
             f"snapshots: given members with particles at different S / L0, the members {_first_names(names[differs])} differ "
@@ -89,7 +87,7 @@ def check_same_particles(parts: Sequence[xr.Dataset]) -> None:
     different = [
         place
         for place, part in enumerate(parts)
-        if np.abs(relative_arc_length(part) - relative_arc_length(first)).max() > 1e-9
+        if np.abs(relative_arc_length(part) - relative_arc_length(first)).max() > ROUNDING
         or list(part["coordinate"].values) != list(first["coordinate"].values)
     ]
     if different:
@@ -125,7 +123,7 @@ def positions(snapshots: xr.Dataset) -> np.ndarray:
         If positions are missing or not finite.
     """
     position = position_of(snapshots).transpose(..., "time", "particle", "coordinate").values
-    position = position.reshape(-1, *position.shape[-2:]).astype(float)
+    position = floats(position.reshape(-1, *position.shape[-2:]))
     if not np.isfinite(position).all():
         where = broken_member(snapshots["position"])
         raise SceneError(f"snapshots: position is not finite everywhere{where}; allowed: finite numbers")

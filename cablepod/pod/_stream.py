@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import ROUNDING, SNAPSHOTS, taken
 from cablepod.batch._blas import one_blas_thread
 from cablepod.batch._pool import map_threads
 from cablepod.batch._sigint import defer_sigint_during_dask
@@ -65,6 +66,7 @@ class Stream:
 
     def _update(self, snapshots: xr.Dataset) -> Stream:
         """Add snapshots to copies of the sums, and keep these if there was no error."""
+        snapshots = taken("snapshots", snapshots, SNAPSHOTS)
         position = position_of(snapshots)
         sigma = relative_arc_length(snapshots)
         dims, width = position.sizes["coordinate"], sigma.size - 2
@@ -185,7 +187,7 @@ class Stream:
         """Refuse snapshots with other particles or coordinates than before."""
         assert self._like is not None
         sigma, new_sigma = relative_arc_length(self._like), relative_arc_length(snapshots)
-        same = sigma.shape == new_sigma.shape and np.abs(sigma - new_sigma).max() <= 1e-9
+        same = sigma.shape == new_sigma.shape and np.abs(sigma - new_sigma).max() <= ROUNDING
         coordinates = snapshots["coordinate"].values.tolist()
         if not same or coordinates != self._like["coordinate"].values.tolist():
             members = f" in members {np.ravel(snapshots['member'])[:5].tolist()}" if "member" in snapshots else ""

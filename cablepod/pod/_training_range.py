@@ -7,7 +7,8 @@ from functools import lru_cache
 import numpy as np
 import xarray as xr
 
-from cablepod.discretisation._similarity import FEATURES, feature_index
+from cablepod.conventions import FEATURES
+from cablepod.discretisation._similarity import feature_index
 
 
 @lru_cache

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.discretisation._similarity import FEATURES, features
+from cablepod.conventions import FEATURES
+from cablepod.discretisation._similarity import features
 from cablepod.parameters._parameters import Parameters
 
 #: Maximum distance by rounding: the training scenes themselves are inside.
@@ -29,7 +30,7 @@ def distance_outside_training(
         features above 1, and features far below 1 count as zero.  ``outside_training_feature``: name of that feature, "none"
         inside.  Lists for stacked members.  Empty where the modes have no training range.
     """
-    if modes is None or "training_range" not in modes:
+    if modes is None or "training_range" not in modes or modes.variables["feature"].values.tolist() != list(FEATURES):
         return {}
     low, high = np.log1p(modes.variables["training_range"].values)
     numbers = features if np.ndim(length) else _kept_features  # stacked members are not hashed

@@ -14,7 +14,7 @@ from cablepod import provenance
 from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members, over_members_by
 from cablepod.discretisation._chain import LumpedChain, chain_of
-from cablepod.errors import NotConvergedWarning, RunStopped, one_of, scene_error, user_stacklevel
+from cablepod.errors import NotConvergedWarning, RunStopped, scene_error, user_stacklevel
 from cablepod.integrate._output import chain_coordinates, rest_dataset
 from cablepod.integrate._request import Request
 from cablepod.integrate._run import Trajectory
@@ -162,8 +162,7 @@ def simulate(
     link lengths to a relative 1e-9, or a polyline.  On a polyline towards a free end, links are placed one after the other;
     between held ends particles are placed by unstretched length, and the smallest corrections then give the links their lengths.
     """
-    if formulation not in FORMULATIONS:
-        raise scene_error("formulation", formulation, one_of(FORMULATIONS, formulation))
+    choice(*FORMULATIONS)("formulation", formulation)
     request = Request.of(times=times, step=step, tolerance=tolerance, window=window, outputs=outputs, progress=progress)
     baumgarte_rate = _check_baumgarte(baumgarte, formulation)
     p = parameters(scene)

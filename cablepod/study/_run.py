@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import archive, catenary, chain, compare, pod
+from cablepod._inputs import SCENE, taken
 from cablepod.archive._folder import prepare_folder
 from cablepod.cable._summary import summary
 from cablepod.discretisation._chain import chain_of
@@ -110,6 +111,7 @@ def run(
     [0.0146, 0.0004]
     >>> axes = cp.plots.modes(study["modes"].to_dataset())
     """
+    scene = taken("scene", scene, SCENE)
     p = parameters(scene)
     snapshots_at = p.times()  # refuses a scene without [time]
     available = min(MAX_MODES, chain_of(p).links - 1, snapshots_at.size - 1)

@@ -416,7 +416,7 @@ def test_other_options_than_the_trained_ones_are_refused(example, trained):
         ({"rank": 9}, "rank: given 9"),
         ({"order": "slow"}, "order: given"),
         ({"scenes": []}, "trajectories: given 1"),
-        ({"scenes": ["a"]}, "scenes: given a str; allowed: a scene"),
+        ({"scenes": ["a"]}, r"scenes\[0\]: given a str; allowed: what make_scene gives"),
         ({"trajectories": "other ends"}, "trajectories: given .ends"),
         ({"trajectories": "other particles"}, "trajectories: given .6 particles"),
     ],

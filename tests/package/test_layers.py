@@ -22,6 +22,7 @@ PACKAGE = Path(cablepod.__file__).parent
 LAYERS = (
     ("conventions", "errors", "provenance", "_jit"),
     ("parameters", "_resources"),
+    ("_inputs",),
     ("catenary", "batch"),
     ("scene", "discretisation", "archive"),
     ("integrate", "pod", "reduced", "examples"),

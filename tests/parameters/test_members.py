@@ -58,10 +58,13 @@ def test_a_scene_without_members_is_a_list_of_one(soft):
 
 @pytest.mark.parametrize("lacking", ["gravity", "cable_area", "ends_upper"])
 def test_a_dataset_that_is_no_scene(soft, lacking):
-    with pytest.raises(cp.SceneError, match=r"scene: given no Dataset with gravity, .*allowed: what make_scene gives"):
-        parameters(cp.make_scene(soft).drop_vars(lacking))
-    with pytest.raises(cp.SceneError, match=r"allowed: what make_scene gives"):
-        parameters({"gravity": 9.81})
+    scene = cp.make_scene(soft).drop_vars(lacking)
+    with pytest.raises(
+        cp.SceneError, match=f"scene: given a Dataset of .* without {lacking}; allowed: what make_scene gives"
+    ):
+        cp.chain.rest(scene)
+    with pytest.raises(cp.SceneError, match=r"scene: given a dict; allowed: what make_scene gives"):
+        cp.chain.rest({"gravity": 9.81})
 
 
 def test_a_scene_that_lost_its_length_or_weight(soft):

@@ -279,10 +279,10 @@ def test_new_axes_show_all_of_their_legend(name):
     ("draw", "message"),
     [
         (lambda: plots.shapes(modes_of()), "chain: given a Dataset without position; allowed: a trajectory"),
-        (lambda: plots.shapes(trajectory(), {"position": 1}), "reduced: given a dict without position"),
+        (lambda: plots.shapes(trajectory(), {"position": 1}), "reduced: given a dict; allowed: a trajectory"),
         (lambda: plots.shapes(trajectory().isel(time=0, drop=True)), "chain: given position .* allowed: .*'time'"),
-        (lambda: plots.shapes(trajectory().isel(time=[])), "chain: given position"),
-        (lambda: plots.shapes(trajectory().isel(coordinate=0)), "chain: given position .*'coordinate'"),
+        (lambda: plots.shapes(trajectory().isel(time=[])), r"chain: time: given \[\]"),
+        (lambda: plots.shapes(trajectory().isel(coordinate=0)), "chain: position: given the dimensions .*'coordinate'"),
         (lambda: plots.shapes(trajectory().expand_dims(member=2)), r"2 members.*allowed: one; pick it with \.isel"),
         (lambda: plots.shapes(trajectory(), times=[0.15]), "times: given 0.15; allowed: instants of the chain"),
         (

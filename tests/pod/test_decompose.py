@@ -126,7 +126,7 @@ def test_snapshots_that_cannot_be():
     snapshots = made_up()
     with pytest.raises(cp.SceneError, match="a Dataset without arc_length; allowed: a trajectory"):
         cp.pod.decompose(snapshots.drop_vars("arc_length"))
-    with pytest.raises(cp.SceneError, match="lacks the dimension time"):
+    with pytest.raises(cp.SceneError, match=r"position: given the dimensions .*allowed: .*'time'"):
         cp.pod.decompose(snapshots.isel(time=0))
     with pytest.raises(cp.SceneError, match="one instant"):
         cp.pod.decompose(snapshots.isel(time=[0]))

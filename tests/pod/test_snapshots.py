@@ -83,7 +83,10 @@ def test_mixed_shapes_are_refused_by_name():
     for parts, match in (
         ([long, short, long, short], r"15 particles in \[1, 3\], 22 particles in \[0, 2\]"),
         ([snapshots, shifted], r"different S / L0.*\[1\] differ"),
-        ([snapshots, snapshots, snapshots.isel(coordinate=[0])], r"with other coordinates.*\[2\] differ"),
+        (
+            [snapshots, snapshots, snapshots.isel(coordinate=[0])],
+            r"snapshots\[2\]: coordinate: given .'x'.; allowed: x and y",
+        ),
         ([], "given no trajectory"),
     ):
         with pytest.raises(cp.SceneError, match=match):

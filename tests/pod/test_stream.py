@@ -24,7 +24,7 @@ def test_streams_of_deflections_keep_the_first_chord_s_axis():
     assert ChordFrame.of(late.position.values[:1, -1] - late.position.values[:1, 0]).reference == 1
     pieces = cp.pod.Stream(layout="normal").update(steep.isel(time=slice(0, 1400))).update(late).modes(rank=6)
     np.testing.assert_allclose(pieces.singular_value, stream.modes(rank=6).singular_value, rtol=1e-9)
-    with pytest.raises(cp.SceneError, match="coordinate: given 1"):
+    with pytest.raises(cp.SceneError, match=r"coordinate: given \['x'\]"):
         cp.pod.decompose(other.isel(coordinate=[0]).chunk(), layout="normal")
     ends = other.where((other.time < 0.5) | (other.arc_length < 10.0))
     with pytest.raises(cp.SceneError, match="not finite"):
@@ -56,7 +56,7 @@ def test_a_fault_leaves_a_stream_as_it_was():
         (broken, "not finite"),
         (broken.chunk({"time": 300}), "not finite"),
         (snapshots.isel(particle=slice(0, 9)), "given 9 particles"),
-        (snapshots.isel(coordinate=[0]), r"coordinates \[.*'x'.*\]"),
+        (snapshots.isel(coordinate=[0]), r"coordinate: given \['x'\]"),
         (snapshots.drop_vars("position"), "without position"),
     ):
         with pytest.raises(cp.SceneError, match=match):

@@ -1,0 +1,431 @@
+"""Datasets at the border of the package: read by their labels, in the order and the units of the package, or refused.
+
+Every public function passes the Datasets that it is given through :func:`taken`.  Behind it variables, labels and particles have
+one order and one kind of memory, so that no function depends on the order in which they were given.  Values of scenes and modes
+are checked here; those of snapshots, which may be many and on a disk, in the pass that uses them.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.conventions import ATTRIBUTES, LABELS, VARIABLES
+from cablepod.errors import SceneError, scene_error, shown
+from cablepod.parameters._checks import LARGEST, point, points
+from cablepod.parameters._key_paths import key_of_variable
+
+Dims = tuple[str, ...]
+FLOAT = np.dtype(float)
+#: Rounding of a number of single precision, which arc lengths and instants may have.
+ROUNDING = 1e-6
+#: Numbers of each mode, and of each coordinate in layout "separate".
+TABLES_OF_MODES = (
+    "singular_value", "singular_value_uncertainty", "mode_uncertainty", "proper_orthogonal_value", "energy_share",
+    "singular_value_share",
+)  # fmt: skip
+#: Dimensions of variables, in their order in the package; a variable may lack some.
+DIMS: dict[str, Dims] = {
+    **dict.fromkeys(("position", "velocity"), ("time", "particle", "coordinate")),
+    "tension": ("time", "link", "particle"),
+    "arc_length": ("particle",),
+    "link_arc_length": ("link",),
+    "time": ("time",),
+    "end_position": ("time", "end", "coordinate"),
+    "scene_feature": ("feature",),
+    "mean": ("particle", "coordinate"),
+    "training_range": ("bound", "feature"),
+    "unstretched_length": (),
+    **{
+        f"{name}{suffix}": dims
+        for suffix in ("", "_out_of_plane")
+        for name, dims in {
+            "amplitude": ("time", "coordinate", "mode"),
+            "mode_shape": ("mode", "particle", "coordinate"),
+            "test_function": ("mode", "particle"),
+            "angular_frequency": ("mode",),
+            **dict.fromkeys(TABLES_OF_MODES, ("coordinate", "mode")),
+            "truncation_error": ("coordinate",),
+        }.items()
+    },
+}
+#: The same in modes of layout "separate".
+SEPARATE: dict[str, Dims] = {"mode_shape": ("coordinate", "mode", "particle")}
+#: Variables that are checked and made floats also of large Datasets.
+PLACES = ("time", "arc_length", "link_arc_length")
+#: Names of units in full, as pint writes them.
+UNITS_IN_FULL = {
+    "meter": "m", "metre": "m", "second": "s", "newton": "N", "pascal": "Pa", "radian": "rad", "kilogram": "kg", "joule": "J",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Kind:
+    """What an argument may be."""
+
+    allowed: str  #: in the words of messages
+    needs: tuple[tuple[str, Dims], ...] = ()  #: variables that must be there, with dimensions that they must have
+    stages: tuple[str, ...] = ()  #: that the attribute ``stage`` may name, where it is there
+    layouts: tuple[str, ...] = ()  #: of modes
+    further: Dims | None = ()  #: dimensions that variables may have beside those of the package, None for any
+    is_scene: bool = False
+    is_small: bool = True  #: values are checked and copied here, not where they are used
+
+
+SCENE = Kind(
+    "what make_scene gives",
+    tuple((name, ()) for name in ("gravity", "cable_youngs_modulus", "cable_area"))
+    + tuple((name, ("coordinate",)) for name in ("ends_lower", "ends_upper")),
+    stages=("scene", "scenes"),
+    further=("member",),
+    is_scene=True,
+)
+_PLACES: tuple[tuple[str, Dims], ...] = (
+    ("position", ("time", "particle", "coordinate")),
+    ("arc_length", ("particle",)),
+)
+SNAPSHOTS = Kind("a trajectory", _PLACES, ("trajectory", "rest"), further=None, is_small=False)
+TRAJECTORY = Kind("a trajectory", (*_PLACES, ("time", ("time",))), ("trajectory", "rest"), further=None, is_small=False)
+TIMED = Kind("a Dataset with instants, from a simulate", (("time", ("time",)),), further=None, is_small=False)
+AMPLITUDES = Kind(
+    "amplitudes of pod.project or a reduced model",
+    (("amplitude", ("time", "mode")), ("end_position", ("time", "end", "coordinate")), ("time", ("time",))),
+    ("amplitudes", "trajectory"),
+)
+_SHAPES: tuple[tuple[str, Dims], ...] = (
+    ("mode_shape", ("mode", "particle")),
+    ("arc_length", ("particle",)),
+    ("coordinate", ("coordinate",)),
+)
+MODES = Kind("modes of pod.decompose", _SHAPES, ("modes",), ("separate", "vector", "normal"))
+FIELD_MODES = Kind(
+    "modes of pod.decompose with one of the layouts ('separate', 'vector')", _SHAPES, ("modes",), ("separate", "vector")
+)
+NORMAL_MODES = Kind(
+    'modes of the deflection normal to the chord, pod.decompose(snapshots, layout="normal")',
+    _SHAPES,
+    ("modes",),
+    ("normal",),
+)
+PREPARED = Kind("a prepared model, as PreparedModel.dataset() gives it", stages=("prepared model",), further=None)
+WITH_PLACES = Kind("one with arc_length (particle)", (("arc_length", ("particle",)),), further=None, is_small=False)
+MAPPED = Kind("results with the variable and both parameters", further=None, is_small=False)
+ANY = Kind("a Dataset of this package", further=None, is_small=False)
+
+
+@lru_cache
+def drawn_kind(name: str, dims: Dims, allowed: str) -> Kind:
+    """Return the kind of a Dataset of which one variable is drawn; an instant or a mode may have been picked."""
+    needed = tuple(dim for dim in dims if dim not in ("time", "mode"))
+    return Kind(allowed, ((name, needed),), further=None, is_small=False)
+
+
+def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
+    """Return a Dataset that a public function is given, in the order of the package.
+
+    Parameters
+    ----------
+    key
+        Name of the argument.
+    given
+        The argument.
+    kind
+        What it may be.
+
+    Returns
+    -------
+    xarray.Dataset
+        The Dataset itself where nothing is to be done, otherwise a copy.
+
+    Raises
+    ------
+    SceneError
+        For something else than a Dataset, for missing variables and dimensions, labels that are repeated or not the package's,
+        instants that do not rise, particles without their arc length, other units, and values that are no finite numbers.
+    """
+    if not isinstance(given, xr.Dataset):
+        name = type(given).__name__
+        raise SceneError(f"{key}: given {'an' if name[:1].lower() in 'aeiou' else 'a'} {name}; allowed: {kind.allowed}")
+    variables, layout = given._variables, _layout(key, given, kind)
+    tidy = True
+    for name, variable in variables.items():
+        data, attrs = variable._data, variable._attrs
+        units = attrs.get("units") if attrs else None
+        if units is not None and type(units) is not str:
+            units = shown(units)
+        verdict = _verdict(kind, layout, name, variable._dims, units, data.dtype)
+        if verdict is None:
+            continue
+        if verdict.__class__ is tuple:
+            raise SceneError(f"{key}: {name}: given {verdict[0]}; allowed: {verdict[1]}")
+        if verdict is not True or type(data) is not np.ndarray or (kind.is_scene and not data.flags.carray):
+            tidy = False
+        elif data.dtype is FLOAT and not math.isfinite(np.vdot(data, data)):
+            _check_finite(key, name, data, kind)
+    orders = {} if kind is ANY else _orders(key, variables)
+    return given if tidy and not orders else _tidied(key, given, kind, layout, orders)
+
+
+def several(key: str, given: Any, kind: Kind) -> list[xr.Dataset]:
+    """Return one Dataset, or those of a list or tuple, as a list, each through :func:`taken`."""
+    if not isinstance(given, list | tuple):
+        return [taken(key, given, kind)]
+    return [taken(f"{key}[{number}]", dataset, kind) for number, dataset in enumerate(given)]
+
+
+def floats(array: Any) -> np.ndarray:
+    """Return numbers as floats of this machine in the memory order of C, which decides on the last bits of sums."""
+    return np.require(array, float, ("C", "ALIGNED", "WRITEABLE"))
+
+
+# --- variables ------------------------------------------------------------------------------------------------------------
+
+
+def _layout(key: str, given: xr.Dataset, kind: Kind) -> str | None:
+    """Return the layout of modes; refuse other stages and layouts, and a Dataset that lacks variables."""
+    stage = given.attrs.get("stage")
+    missing = [name for name, _ in kind.needs if name not in given._variables]
+    if missing:
+        of_stage = "" if stage is None else f" of stage {shown(stage)}"
+        raise SceneError(f"{key}: given a Dataset{of_stage} without {' and '.join(missing)}; allowed: {kind.allowed}")
+    history = given.attrs.get("history_json", "[]")
+    if kind is not ANY and not (isinstance(history, str) and _is_history(history)):
+        raise scene_error(
+            f"{key}: history_json", history, "the stages of the Dataset as the package writes them, or none"
+        )
+    for name in ("id", "values_sha256"):
+        if kind is not ANY and not isinstance(given.attrs.get(name, ""), str):
+            raise scene_error(f"{key}: {name}", given.attrs[name], "a text as the package writes it, or none")
+    if kind.stages and stage is not None and not (isinstance(stage, str) and stage in kind.stages):
+        raise SceneError(f"{key}: given a Dataset of stage {shown(stage)}; allowed: {kind.allowed}")
+    if not kind.layouts:
+        return None
+    layout = given.attrs.get("layout")
+    if not isinstance(layout, str) or layout not in kind.layouts:
+        raise SceneError(f"{key}: given layout {shown(layout)}; allowed: {kind.allowed}")
+    return layout
+
+
+@lru_cache(256)
+def _is_history(text: str) -> bool:
+    """Tell whether a text is a list of stages."""
+    try:
+        stages = json.loads(text)
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(stages, list) and all(
+        isinstance(stage, dict) and isinstance(stage.get("id"), str) and isinstance(stage.get("function"), str)
+        for stage in stages
+    )
+
+
+@lru_cache(4096)
+def _verdict(kind: Kind, layout: str | None, name: str, dims: Dims, units: str | None, dtype: np.dtype) -> Any:
+    """Tell of a variable whether it is as in the package; None if it does not matter, (given, allowed) if it is not legal."""
+    found = _known(kind, layout, name)
+    if found is None:
+        return None
+    own_units, own_dims, is_number = found
+    if units is not None and own_units is not None and units != own_units and _powers(units) != _powers(own_units):
+        return f"units {units!r}", f"{own_units}, the units of the package"
+    if own_dims is None or not _matters(kind, name):
+        return None
+    must, may = _dims_allowed(kind, layout, name, own_dims)
+    if not set(must) <= set(dims) or (may is not None and not set(dims) <= set(may)):
+        return f"the dimensions {dims}", f"{must or own_dims}, {kind.allowed}"
+    if is_number and (dtype.kind not in "fiu" or (dtype.kind == "f" and dtype.itemsize < 4)):
+        return f"values of type {dtype}", "finite numbers of at least single precision"
+    if name in PLACES:
+        return None if dtype is FLOAT else False
+    if name in LABELS or not kind.is_small:
+        return None
+    order = (*(dim for dim in dims if dim not in own_dims), *(dim for dim in own_dims if dim in dims))
+    return order == dims and (not is_number or dtype is FLOAT)
+
+
+@lru_cache(4096)
+def _known(kind: Kind, layout: str | None, name: str) -> tuple[str | None, Dims | None, bool] | None:
+    """Return units, dimensions and whether it holds numbers of a variable of the package; None for others."""
+    if kind.is_scene:
+        key = key_of_variable(name)
+        if key is None:
+            return None
+        vector = {point: ("coordinate",), points: (f"{name}_point", "coordinate")}
+        return key.units, vector.get(key.check, ()), key.units is not None and not key.is_whole
+    units = VARIABLES.get(name, ATTRIBUTES.get(name, (None,)))[0]
+    dims = SEPARATE.get(name) if layout == "separate" else None
+    dims = DIMS.get(name, dict(kind.needs).get(name)) if dims is None else dims
+    return None if units is None else (units, dims, dims is not None and name not in LABELS)
+
+
+def _matters(kind: Kind, name: str) -> bool:
+    """Tell whether functions that take this kind use a variable: all of scenes and modes, otherwise those that they need."""
+    if kind.is_scene or kind.layouts or name == "scene_feature":
+        return kind is not ANY
+    return name.removesuffix("_out_of_plane") in dict(kind.needs)
+
+
+def _dims_allowed(kind: Kind, layout: str | None, name: str, own: Dims) -> tuple[Dims, Dims | None]:
+    """Return the dimensions that a variable must have, and those that it may have (None for any)."""
+    needed = own if name == "scene_feature" else dict(kind.needs).get(name, ())
+    if kind.is_scene:
+        return own, (*own, "member", *((f"{name}_item", name.rpartition("_")[0] + "_sample") if not own else ()))
+    if not kind.layouts:
+        return needed, None if kind.further is None else (*own, *kind.further)
+    if name.startswith(("mode_shape", "test_function")) and layout != "separate":
+        own = own if layout == "vector" else ("mode", "particle")
+    elif name.startswith((*TABLES_OF_MODES, "truncation_error")) and layout != "separate":
+        own = tuple(dim for dim in own if dim != "coordinate")
+    return own, own
+
+
+@lru_cache(256)
+def _powers(units: str) -> dict[str, int] | None:
+    """Return the powers of the units in a text such as "m s-1", "m/s" or "meter / second"; None for any other text."""
+    powers: dict[str, int] = {}
+    for place, part in enumerate(units.replace("**", "").replace("^", "").replace("*", " ").split("/")):
+        for token in part.split():
+            found = re.fullmatch(r"([A-Za-z]+|1)(-?\d+)?", token)
+            if not found:
+                return None
+            name = UNITS_IN_FULL.get(found[1], found[1])
+            if name not in ("1", "dimensionless"):
+                powers[name] = powers.get(name, 0) + int(found[2] or 1) * (-1 if place else 1)
+    return {name: power for name, power in powers.items() if power} if units.strip() else None
+
+
+def _check_finite(key: str, name: str, data: np.ndarray, kind: Kind) -> None:
+    """Refuse values that are no finite numbers; in scenes rows of nan stand for a variable that a member lacks."""
+    missing = np.isnan(data)
+    if kind.is_scene and missing.any():
+        rows = missing.reshape(-1, data.shape[-1] if data.ndim else 1)
+        missing = rows.any(axis=1) & ~rows.all(axis=1)
+    largest = np.abs(data[np.isfinite(data)]).max(initial=0.0)
+    if missing.any() or np.isinf(data).any() or largest > LARGEST:
+        raise scene_error(f"{key}: {name}", "values that are not finite", f"finite numbers of at most {LARGEST:g}")
+
+
+# --- labels ---------------------------------------------------------------------------------------------------------------
+
+
+def _orders(key: str, variables: Any) -> dict[str, Any]:
+    """Return the indices that bring labels and particles into their order, by dimension; refuse labels that have none."""
+    orders: dict[str, Any] = {}
+    for dim in LABELS:
+        if (variable := variables.get(dim)) is not None and variable._dims:
+            order = _label_order(key, dim, variable)
+            if order is not None:
+                orders[dim] = order
+    if (time := variables.get("time")) is not None and time._dims:
+        _check_times(key, time)
+    for name, dim in (("arc_length", "particle"), ("link_arc_length", "link")):
+        if (variable := variables.get(name)) is not None:
+            order = _place_order(key, name, dim, variable, variables.get("unstretched_length"))
+            if order is not None:
+                orders[dim] = order
+    return orders
+
+
+def _label_order(key: str, dim: str, variable: xr.Variable) -> np.ndarray | None:
+    """Return the indices that bring the labels of a dimension into their order, None where they are in it."""
+    labels = variable._data.array.tolist() if isinstance(variable, xr.IndexVariable) else variable.values.tolist()
+    own = LABELS[dim]
+    if own is None:  # modes
+        if set(map(type, labels)) != {int} or len(set(labels)) < len(labels):
+            raise scene_error(f"{key}: {dim}", labels, "different whole numbers")
+        return None if labels == sorted(labels) else np.argsort(labels)
+    if labels == own[: len(labels)] and len(labels) > 1:
+        return None
+    if dim == "feature" and set(labels) != set(own):
+        return None  # of another version; whoever reads them looks at their names
+    if len(labels) < 2 or sorted(map(str, labels)) != sorted(own[: len(labels)]):
+        raise scene_error(f"{key}: {dim}", labels, f"{' and '.join(own[: max(2, len(labels))])}, each once")
+    return np.array([labels.index(label) for label in own[: len(labels)]])
+
+
+def _check_times(key: str, variable: xr.Variable) -> None:
+    """Refuse instants that are not finite or do not rise."""
+    index = variable._data.array if isinstance(variable, xr.IndexVariable) else variable.to_index()
+    if (
+        index.dtype.kind not in "fiu"
+        or not index.size
+        or not (index.is_monotonic_increasing and index.is_unique)
+        or not math.isfinite(index[0])
+        or not math.isfinite(index[-1])
+    ):
+        raise scene_error(f"{key}: time", index.tolist(), "finite, rising instants [s], each once")
+
+
+def _place_order(key: str, name: str, dim: str, variable: xr.Variable, length: xr.Variable | None) -> np.ndarray | None:
+    """Return the indices that bring particles or links into the order of their arc length, None where they are in it."""
+    arc = np.asarray(variable._data) if isinstance(variable._data, np.ndarray) else variable.values
+    if dim not in variable._dims or arc.dtype.kind not in "fiu":
+        raise scene_error(f"{key}: {name}", f"{variable._dims} of type {arc.dtype}", f"numbers over {dim} [m]")
+    if arc.ndim > 1:
+        return _common_order(
+            np.moveaxis(arc, variable._dims.index(dim), -1).reshape(-1, arc.shape[variable._dims.index(dim)])
+        )
+    order = None
+    if not (arc[1:] > arc[:-1]).all():
+        order = np.argsort(arc)
+        arc = arc[order]
+    allowed = f"those of the {dim}s, rising from the lower end"
+    if arc.size < 2 or not (arc[1:] > arc[:-1]).all() or not math.isfinite(arc[0]) or not math.isfinite(arc[-1]):
+        raise scene_error(f"{key}: {name}", variable.values.tolist(), f"{allowed}, each once")
+    if dim == "particle":
+        last = float(arc[-1])
+        end = float(length.values) if length is not None and not length._dims and length.dtype.kind in "fiu" else last
+        if not (abs(arc[0]) <= ROUNDING * last and abs(last - end) <= ROUNDING * last):
+            given = f"{arc[0]:g} ... {last:g} m of {end:g} m"
+            raise scene_error(f"{key}: {name}", given, f"{allowed}, 0, to the unstretched length")
+    return order
+
+
+def _common_order(rows: np.ndarray) -> np.ndarray | None:
+    """Return the indices that bring all rows into rising order, None where they are in it or have no common one."""
+    if not len(rows) or not (rows[:, 1:] < rows[:, :-1]).any():
+        return None
+    order = np.argsort(rows[0])
+    return order if not (np.diff(rows[:, order], axis=1) < 0).any() else None
+
+
+# --- a Dataset in order -----------------------------------------------------------------------------------------------------
+
+
+def _tidied(key: str, given: xr.Dataset, kind: Kind, layout: str | None, orders: dict[str, Any]) -> xr.Dataset:
+    """Return a copy with labels, particles, dimensions and arrays as in the package."""
+    result = given.isel(orders) if orders else given.copy()
+    variables: dict[str, xr.Variable] = {}
+    for name, variable in result.variables.items():
+        own = LABELS.get(name)
+        if name in LABELS and variable.dims == (name,):
+            if own is not None and variable.dtype.kind == "O":
+                variables[name] = xr.Variable(variable.dims, np.array(variable.values, str), variable.attrs)
+            continue
+        if name in PLACES:
+            variables[name] = xr.Variable(variable.dims, floats(variable.values), variable.attrs)
+            continue
+        known = _known(kind, layout, str(name)) if kind.is_small and _matters(kind, str(name)) else None
+        if known is None or known[1] is None:
+            continue
+        order = (
+            *(dim for dim in variable.dims if dim not in known[1]),
+            *(dim for dim in known[1] if dim in variable.dims),
+        )
+        values = variable.transpose(*order).values
+        if known[2]:
+            values = floats(values)
+            if not math.isfinite(np.vdot(values, values)):
+                _check_finite(key, str(name), values, kind)
+        variables[name] = xr.Variable(order, values, variable.attrs)
+    coords = {name: variable for name, variable in variables.items() if name in result.coords}
+    return result.assign({name: variable for name, variable in variables.items() if name not in coords}).assign_coords(
+        coords
+    )

@@ -1,0 +1,132 @@
+"""Altered Datasets in every public function: what is legal gives the same bits, and all else one clear message."""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+import xarray as xr
+from altered import ALTERATIONS, VARIANTS, Attempt, altered, attempts, contents, fault
+from odd_options import SIMULATE, calls
+from odd_options import fault as fault_of_options
+from public_calls import CALLS, datasets
+
+mpl.use("Agg")
+
+import cablepod as cp
+
+#: Altered calls of a quick test and of all, odd options of each function in both.
+QUICK, ALL, QUICK_OPTIONS, ALL_OPTIONS = 250, 3500, 60, 800
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def faults(count: int, seed: int) -> list[str]:
+    """Altered calls that do not end as they should, one a line."""
+    found = ((attempt, fault(attempt)) for attempt in attempts(count, seed))
+    return [f"{attempt}: {text:.300}" for attempt, text in found if text is not None]
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_sample_of_altered_calls():
+    found = faults(QUICK, seed=21)
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("seed", range(7))
+def test_all_altered_calls(seed):
+    found = faults(ALL // 7, seed=2100 + seed)
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", SIMULATE)
+def test_a_sample_of_odd_options(name):
+    found = [f"{call}: {text:.300}" for call in calls(name, QUICK_OPTIONS, seed=9) if (text := fault_of_options(call))]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", SIMULATE)
+def test_all_odd_options(name):
+    found = [f"{call}: {text:.300}" for call in calls(name, ALL_OPTIONS, seed=10) if (text := fault_of_options(call))]
+    assert not found, "\n".join(found)
+
+
+def test_every_function_is_altered_and_every_alteration_applies():
+    left_out = {"plots.error_against_run_time", "plots.stability", "study.run"}
+    assert {name.partition("/")[0] for name in VARIANTS} == set(CALLS) - left_out
+    applies = set()
+    for name, (stages, _) in VARIANTS.items():
+        for place in range(len(stages)):
+            for kind in set(ALTERATIONS) - applies:
+                tries = [Attempt(name, spatial, place, kind, 1) for spatial in (False, True)]
+                applies |= {kind} if any(altered(attempt) is not None for attempt in tries) else set()
+    assert applies == set(ALTERATIONS)
+
+
+def test_a_reordered_run_is_projected_by_its_labels():
+    run, modes = datasets()["chain"], datasets()["modes"]
+    expected = contents(cp.pod.project(run, modes))
+    assert contents(cp.pod.project(run.isel(coordinate=[1, 0]), modes)) == expected
+    assert contents(cp.pod.project(run.isel(particle=slice(None, None, -1)), modes)) == expected
+    assert contents(cp.pod.project(run, modes.isel(coordinate=[1, 0], mode=[2, 0, 1]))) == expected
+
+
+def test_units_may_be_written_otherwise_but_are_the_same():
+    run = datasets()["chain"].copy()
+    expected = contents(cp.pod.decompose(run))
+    for units in ("meter", "m1", "m"):
+        run["position"].attrs["units"] = units
+        assert contents(cp.pod.decompose(run)) == expected
+    run["position"].attrs["units"] = "km"
+    with pytest.raises(
+        cp.SceneError, match=r"^snapshots: position: given units 'km'; allowed: m, the units of the package$"
+    ):
+        cp.pod.decompose(run)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda run: run.isel(time=[0, 2, 1]), r"run: time: given \[0.0, 1.0, 0.5\]; allowed: finite, rising instants"),
+        (lambda run: run.isel(time=[0, 0, 1]), "run: time: given .* each once"),
+        (lambda run: run.assign_coords(coordinate=["x", "x"]), r"run: coordinate: given \['x', 'x'\]; allowed: x and y, each"),
+        (lambda run: run.drop_vars("arc_length"), "run: given a Dataset of stage 'trajectory' without arc_length"),
+        (lambda run: run.isel(particle=slice(1, None)), r"run: arc_length: given '1.25.* \.\.\. .* allowed: those of"),
+        (lambda run: run.assign_coords(arc_length=run.arc_length / 1000.0), "run: arc_length: given .*0 ... 0.01"),
+        (lambda run: run.assign_attrs(stage="comparison"), "run: given a Dataset of stage 'comparison'; allowed"),
+        (lambda run: run.assign(position=run.position.astype(str)), "run: position: given values of type <U"),
+        (lambda run: run.assign_attrs(history_json="?"), r"run: history_json: given '\?'; allowed: the stages"),
+    ],
+)  # fmt: skip
+def test_what_is_not_legal_is_named(change, message):
+    run = datasets()["chain"]
+    with pytest.raises(cp.SceneError, match=message):
+        cp.compare.errors(change(run), run)
+
+
+def test_lazy_snapshots_in_any_chunks_have_the_modes_of_those_in_memory():
+    run = datasets()["chain"]
+    expected = contents(cp.pod.decompose(run))
+    for chunks in ({"time": 1}, {"time": 4, "particle": 3}, {"coordinate": 1}):
+        lazy = run.chunk(chunks)
+        assert contents(cp.pod.decompose(lazy)) == expected
+        assert lazy["position"].chunks is not None  # the Dataset of the caller stays lazy
+
+
+def test_a_dataset_in_order_is_not_copied():
+    from cablepod._inputs import FIELD_MODES, SCENE, TRAJECTORY, taken
+
+    for stage, kind in (("scene", SCENE), ("members", SCENE), ("chain", TRAJECTORY), ("modes", FIELD_MODES)):
+        for spatial in (False, True):
+            assert taken("it", datasets(spatial)[stage], kind) is datasets(spatial)[stage]
+    other = xr.Dataset(datasets()["modes"]).isel(mode=slice(0, 2))
+    assert taken("it", other, FIELD_MODES) is other
+    assert not np.shares_memory(taken("it", other.isel(coordinate=[1, 0]), FIELD_MODES).mode_shape, other.mode_shape)

@@ -1,0 +1,105 @@
+"""Every public function that takes Datasets, with Datasets of every stage of a small scene."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import xarray as xr
+from scenes import SOFT
+
+import cablepod as cp
+
+#: The soft scene in space, swaying out of its plane.
+SPATIAL: dict[str, Any] = SOFT | {
+    "title": "soft, in space",
+    "ends": {"lower": [0.0, 0.0, 0.0], "upper": [7.0, 6.0, 3.0]},
+    "motion": {
+        "upper": {
+            "x": {"kind": "one_minus_cosine", "amplitude": -0.05, "angular_frequency": 2.0},
+            "z": {"kind": "harmonic", "amplitude": 0.04, "angular_frequency": 1.6, "phase": 1.0},
+        }
+    },
+    "load": {"uniform": [1.0, -2.0, 3.0]},
+}
+#: Key paths that the ensemble of these scenes varies.
+RANGES = {"cable.top_tension": [150.0, 200.0], "ends.upper.x": [7.5, 8.0]}
+
+
+@cache
+def datasets(spatial: bool = False) -> dict[str, xr.Dataset]:
+    """A Dataset of every stage of one small scene."""
+    scene = cp.make_scene(SPATIAL if spatial else SOFT)
+    members = cp.ensemble.design(scene, RANGES, members=2, seed=1)
+    chain = cp.chain.simulate(scene, tolerance=1e-3, outputs=("position", "velocity", "tension"))
+    modes, normal = cp.pod.decompose(chain, rank=3), cp.pod.decompose(chain, rank=3, layout="normal")
+    condensed = cp.condensed.simulate(scene, normal, rank=2)
+    return {
+        "scene": scene,
+        "members": members,
+        "rest": cp.chain.rest(scene),
+        "catenary": cp.catenary.rest(scene),
+        "catenaries": cp.catenary.rest(members),
+        "chain": chain,
+        "modes": modes,
+        "vector modes": cp.pod.decompose(chain, rank=3, layout="vector"),
+        "normal modes": normal,
+        "condensed": condensed,
+        "amplitudes": cp.pod.project(chain, modes),
+        "comparison": cp.compare.errors(condensed, chain),
+        "frequencies": cp.cable.frequencies(scene, count=2),
+        "prepared": cp.condensed.prepare(scene, normal).dataset(),
+    }
+
+
+#: Calls: function -> stages of its Datasets, and other arguments that it needs.
+CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
+    "archive.describe": (("chain",), {}),
+    "archive.write": (("chain",), {"path": "new.nc"}),
+    "cable.frequencies": (("scene",), {}),
+    "cable.rest": (("scene",), {}),
+    "cable.simulate": (("scene",), {"step": 1e-2}),
+    "cable.summary": (("scene",), {}),
+    "catenary.rest": (("scene",), {}),
+    "chain.rest": (("scene",), {}),
+    "chain.simulate": (("scene",), {"step": 1e-3}),
+    "compare.errors": (("condensed", "chain"), {}),
+    "condensed.prepare": (("scene", "normal modes"), {}),
+    "condensed.resume": (("chain",), {}),
+    "condensed.simulate": (("scene", "normal modes"), {}),
+    "condensed.vibration_modes": (("scene",), {"rank": 2}),
+    "ensemble.design": (("scene",), {"ranges": {"cable.top_tension": [150.0, 200.0]}, "members": 2}),
+    "ensemble.batches": (("members",), {}),
+    "ensemble.run": (("members",), {"path": "folder"}),
+    "galerkin.simulate": (("scene", "modes"), {}),
+    "oblique.train": (("scene", "chain", "normal modes"), {"iterations": 1}),
+    "plots.amplitudes": (("condensed",), {}),
+    "plots.animate": (("chain", "condensed"), {}),
+    "plots.error_against_run_time": (("comparison",), {}),
+    "plots.error_over_time": (("comparison",), {}),
+    "plots.modes": (("modes",), {}),
+    "plots.parameter_map": (("comparison",), {"variable": "error", "x": "a", "y": "b"}),
+    "plots.phase_portraits": (("chain",), {}),
+    "plots.rest": (("catenary", "rest"), {}),
+    "plots.shapes": (("chain", "condensed"), {}),
+    "plots.singular_values": (("modes",), {}),
+    "plots.snapshots": (("chain", "chain"), {}),
+    "plots.stability": (("comparison",), {}),
+    "plots.tension": (("chain",), {}),
+    "pod.at_times": (("chain",), {"times": [0.0, 1.0]}),
+    "pod.decompose": (("chain",), {}),
+    "pod.project": (("chain", "modes"), {}),
+    "pod.reconstruct": (("amplitudes", "modes"), {}),
+    "rigid.rest": (("scene",), {}),
+    "rigid.simulate": (("scene",), {"step": 1e-3}),
+    "study.run": (("scene",), {}),
+    "summary": (("scene",), {}),
+}
+
+
+def function_of(name: str) -> Any:
+    """The public function of a dotted name."""
+    found: Any = cp
+    for part in name.split("."):
+        found = getattr(found, part)
+    return found
