@@ -240,15 +240,8 @@ def _labelled(
     for reference in references:
         training_range = union_of_ranges(training_range, range_of(reference))
     add_training_range(result, training_range)  # that of the test functions replaces that of the modes
-    # variables that the caller added to the modes
-    label(
-        result,
-        **{
-            str(name): ("1", str(name))
-            for name, own in result.variables.items()
-            if str(name) not in VARIABLES and "units" not in own.attrs
-        },
-    )
+    own = [str(name) for name, variable in result.variables.items() if "units" not in variable.attrs]
+    label(result, **{name: ("1", name) for name in own if name not in VARIABLES})  # added to the modes by the caller
     return result
 
 

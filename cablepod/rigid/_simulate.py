@@ -24,7 +24,7 @@ from cablepod.integrate._step_control import (
     refine_step,
 )
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
-from cablepod.parameters._checks import number
+from cablepod.parameters._checks import choice, number
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.rigid._ends import check_ends
