@@ -153,7 +153,8 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
     if not isinstance(given, xr.Dataset):
         name = type(given).__name__
         raise SceneError(f"{key}: given {'an' if name[:1].lower() in 'aeiou' else 'a'} {name}; allowed: {kind.allowed}")
-    variables, layout = given._variables, _layout(key, given, kind)
+    variables: dict[Any, Any] = given._variables
+    layout = _layout(key, given, kind)
     tidy = True
     for name, variable in variables.items():
         data, attrs = variable._data, variable._attrs
@@ -257,7 +258,7 @@ def _known(kind: Kind, layout: str | None, name: str) -> tuple[str | None, Dims 
         key = key_of_variable(name)
         if key is None:
             return None
-        vector = {point: ("coordinate",), points: (f"{name}_point", "coordinate")}
+        vector: dict[Any, Dims] = {point: ("coordinate",), points: (f"{name}_point", "coordinate")}
         return key.units, vector.get(key.check, ()), key.units is not None and not key.is_whole
     units = VARIABLES.get(name, ATTRIBUTES.get(name, (None,)))[0]
     dims = SEPARATE.get(name) if layout == "separate" else None
@@ -402,7 +403,7 @@ def _common_order(rows: np.ndarray) -> np.ndarray | None:
 def _tidied(key: str, given: xr.Dataset, kind: Kind, layout: str | None, orders: dict[str, Any]) -> xr.Dataset:
     """Return a copy with labels, particles, dimensions and arrays as in the package."""
     result = given.isel(orders) if orders else given.copy()
-    variables: dict[str, xr.Variable] = {}
+    variables: dict[Any, xr.Variable] = {}
     for name, variable in result.variables.items():
         own = LABELS.get(name)
         if name in LABELS and variable.dims == (name,):

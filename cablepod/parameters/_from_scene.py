@@ -216,12 +216,8 @@ def _time_function(values: Mapping[str, Any], path: str, *, keeps_start: bool = 
     kind = str(choice(*time_function_keys("1"))(f"{path}.kind", str(values[variable])))
     keys = time_function_keys("1")[kind]
     table = table_at(values, path, RECORD if kind == "file" else keys)
-    needed = (
-        RECORD[:2]
-        if kind == "file"
-        else tuple(name for name, key in keys.items() if key.required or key.default is not None)
-    )
-    _check_present(path, table, needed)
+    needed = tuple(name for name, key in keys.items() if key.required or key.default is not None)
+    _check_present(path, table, RECORD[:2] if kind == "file" else needed)
     return TimeFunction(kind, table, keeps_start)
 
 

@@ -156,8 +156,6 @@ def stability_height(result: xr.Dataset) -> float:
 
 def _flat_columns(result: xr.Dataset, variable: str, x: str, y: str) -> tuple[np.ndarray, ...]:
     """Return two parameters and a quantity as flat arrays of equal length."""
-    if not isinstance(result, xr.Dataset):
-        raise scene_error("result", type(result).__name__, "a Dataset")
     numbers = [str(name) for name, column in result.variables.items() if column.dtype.kind in "iuf"]
     for key, name in (("variable", variable), ("x", x), ("y", y)):
         if name not in numbers:
