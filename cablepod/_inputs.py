@@ -169,7 +169,7 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
         if verdict is not True or type(data) is not np.ndarray or (kind.is_scene and not data.flags.carray):
             tidy = False
         elif data.dtype is FLOAT and not math.isfinite(np.vdot(data, data)):
-            _check_finite(key, name, data, kind)
+            _check_finite(key, name, variable, kind)
     orders = {} if kind is ANY else _orders(key, variables)
     return given if tidy and not orders else _tidied(key, given, kind, layout, orders)
 
@@ -302,11 +302,12 @@ def _powers(units: str) -> dict[str, int] | None:
     return {name: power for name, power in powers.items() if power} if units.strip() else None
 
 
-def _check_finite(key: str, name: str, data: np.ndarray, kind: Kind) -> None:
+def _check_finite(key: str, name: str, variable: xr.Variable, kind: Kind) -> None:
     """Refuse values that are no finite numbers; in scenes rows of nan stand for a variable that a member lacks."""
+    data = variable.values
     missing = np.isnan(data)
     if kind.is_scene and missing.any():
-        rows = missing.reshape(-1, data.shape[-1] if data.ndim else 1)
+        rows = missing.reshape(-1, 1 if variable.dims[-1:] in ((), ("member",)) else data.shape[-1])
         missing = rows.any(axis=1) & ~rows.all(axis=1)
     largest = np.abs(data[np.isfinite(data)]).max(initial=0.0)
     if missing.any() or np.isinf(data).any() or largest > LARGEST:
@@ -424,7 +425,7 @@ def _tidied(key: str, given: xr.Dataset, kind: Kind, layout: str | None, orders:
         if known[2]:
             values = floats(values)
             if not math.isfinite(np.vdot(values, values)):
-                _check_finite(key, str(name), values, kind)
+                _check_finite(key, str(name), xr.Variable(order, values), kind)
         variables[name] = xr.Variable(order, values, variable.attrs)
     coords = {name: variable for name, variable in variables.items() if name in result.coords}
     return result.assign({name: variable for name, variable in variables.items() if name not in coords}).assign_coords(

@@ -17,7 +17,7 @@ from cablepod.batch._sigint import defer_sigint_during_dask
 from cablepod.errors import scene_error
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod import _svd_methods as svd_methods
-from cablepod.pod._blocks import BLOCK_BYTES, count_snapshots, is_lazy
+from cablepod.pod._blocks import count_snapshots, is_lazy
 from cablepod.pod._graded_svd import COMPLETE
 from cablepod.pod._label import check_options, labelled
 from cablepod.pod._snapshots import (
@@ -30,6 +30,9 @@ from cablepod.pod._snapshots import (
 )
 from cablepod.pod._stream import Stream
 from cablepod.pod._training_range import range_of
+
+#: Maximum bytes of lazy snapshots that are read at once instead of in blocks.
+MAX_LOADED_BYTES = 1 << 17
 
 
 def decompose(
@@ -114,7 +117,7 @@ def decompose(
 def _in_memory(snapshots: xr.Dataset) -> xr.Dataset:
     """Return snapshots that are lazy and few in memory, where no bit of the modes depends on their chunks."""
     position = position_of(snapshots)
-    if not is_lazy(position) or position.nbytes > BLOCK_BYTES:
+    if not is_lazy(position) or position.nbytes > MAX_LOADED_BYTES:
         return snapshots
     with defer_sigint_during_dask(snapshots):
         return snapshots.assign(position=position.compute())

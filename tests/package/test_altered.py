@@ -5,7 +5,6 @@ from __future__ import annotations
 import matplotlib as mpl
 import numpy as np
 import pytest
-import xarray as xr
 from altered import ALTERATIONS, VARIANTS, Attempt, altered, attempts, contents, fault
 from odd_options import SIMULATE, calls
 from odd_options import fault as fault_of_options
@@ -127,6 +126,6 @@ def test_a_dataset_in_order_is_not_copied():
     for stage, kind in (("scene", SCENE), ("members", SCENE), ("chain", TRAJECTORY), ("modes", FIELD_MODES)):
         for spatial in (False, True):
             assert taken("it", datasets(spatial)[stage], kind) is datasets(spatial)[stage]
-    other = xr.Dataset(datasets()["modes"]).isel(mode=slice(0, 2))
+    other = datasets()["modes"].isel(mode=slice(0, 2))
     assert taken("it", other, FIELD_MODES) is other
     assert not np.shares_memory(taken("it", other.isel(coordinate=[1, 0]), FIELD_MODES).mode_shape, other.mode_shape)
