@@ -261,7 +261,9 @@ def _output_arc_lengths(p: Parameters, points: Any, total: float) -> np.ndarray 
             fraction = np.concatenate([[0.0], np.cumsum(p.link_lengths)])
             return total * (fraction / fraction[-1])
         points = DEFAULT_PARTICLES if p.links is None else p.links + 1
-    if isinstance(points, Sequence | np.ndarray) and not isinstance(points, str) and np.ndim(points) > 0:
+    if (isinstance(points, Sequence) and not isinstance(points, str)) or (
+        isinstance(points, np.ndarray) and points.ndim
+    ):
         fraction = np.array(numbers_list(least_length=2)("points", points))
         if fraction[0] != 0.0 or fraction[-1] != 1.0 or (np.diff(fraction) <= 0.0).any():
             raise scene_error("points", points, "rising fractions of the unstretched length, from 0 to 1")
