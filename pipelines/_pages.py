@@ -74,7 +74,12 @@ def render(name: str, folder: Path, *, execute: bool, small: bool = False) -> st
     if execute:
         work = folder / "files"
         work.mkdir(exist_ok=True)
-        with mock.patch.dict(os.environ, {"CABLEPOD_SMALL": "1" if small else ""}):
+        # figures go to the page, whatever the backend outside is
+        environment = {
+            "CABLEPOD_SMALL": "1" if small else "",
+            "MPLBACKEND": "module://matplotlib_inline.backend_inline",
+        }
+        with mock.patch.dict(os.environ, environment):
             runner = ExecutePreprocessor(timeout=CELL, kernel_name="python3")
             runner.preprocess(notebook, {"metadata": {"path": str(work)}})
     page, _ = HTMLExporter(exclude_input_prompt=True, exclude_output_prompt=True).from_notebook_node(
