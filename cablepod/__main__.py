@@ -1,5 +1,6 @@
 """``python -m cablepod`` and the command ``cablepod``: a process that ends on a signal with one line, at every instant."""
 
+import _signal  # built into Python; the module signal takes milliseconds to import
 import gc
 import os
 import sys
@@ -7,6 +8,8 @@ import sys
 
 def main() -> None:
     """Run the command with the arguments of the process, and end the process."""
+    if hasattr(_signal, "pthread_sigmask"):  # until the handlers are there
+        _signal.pthread_sigmask(_signal.SIG_BLOCK, {_signal.SIGINT, _signal.SIGTERM})
     gc.set_threshold(50_000)  # the imports leave no garbage, but many objects to search
     try:
         from cablepod.cli import _process, main

@@ -54,10 +54,11 @@ class _Ending:
         source, target = os.pipe()
         os.set_blocking(target, False)
         signal.set_wakeup_fd(target, warn_on_full_buffer=False)
-        _thread.start_new_thread(self.watch, (source,))
         for number in STATUS:
             if signal.getsignal(number) != signal.SIG_IGN:
                 signal.signal(number, self.handle)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, STATUS)  # the caller may have blocked them until here
+        _thread.start_new_thread(self.watch, (source,))
 
     def watch(self, source: int) -> None:
         """Wait for a signal, print the line, and end the process after :data:`GRACE`; imports and raises nothing."""
