@@ -25,9 +25,10 @@ import cablepod as cp
 from cablepod import cli
 from cablepod.cli import _process
 
-#: What an installed script does, after it told that it begins.
+#: What an installed script does.  It tells that the command begins where code of the package first can: before, for milliseconds,
+#: Python looks for the package, and a signal ends it in Python's own way.
 SCRIPT = (
-    "import os, sys; os.write({told}, b'.'); os.close({told}); from cablepod.__main__ import main; sys.exit(main())"
+    "import os, sys; from cablepod.__main__ import main; os.write({told}, b'.'); os.close({told}); sys.exit(main())"
 )
 #: Longest time from a signal to the end of the process [s], the grace and an idle second; times the load of the machine.
 LONGEST = 3.0
