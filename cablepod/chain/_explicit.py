@@ -224,9 +224,9 @@ class ExplicitStepper:
         self.work = count * (chain.links + 1)  #: of a step, in steps of one link
         self.is_finite = np.ones(count, dtype=bool)  #: False for runs that are no longer advanced (runs,)
         self.saved = np.empty((count, saves, p.dims, chain.links + 1))
-        self.half_velocities = (
-            np.empty((count, saves, 2, *self.saved.shape[2:])) if run.wants_velocity(self.instants) else None
-        )
+        half = saves if run.wants_velocity(self.instants) else 0
+        self._half_saved = np.empty((count, half, 2, *self.saved.shape[2:]))
+        self.half_velocities = self._half_saved if half else None
         self._position = self.states[:, layout.X : layout.X + p.dims, : chain.links + 1]
         rows = np.array([layout.X + COORDINATES.index(axis) for _, axis in p.motions], dtype=np.int64)
         self._places = rows, np.array([chain.links * ENDS.index(end) for end, _ in p.motions], dtype=np.int64)
@@ -259,7 +259,7 @@ class ExplicitStepper:
             self._tension_dampings, None, None, 0.0, 1, self._patterns,
             self._table("factors", start, steps) if self._functions["factors"] else None,
             *self._places, self._table("ends", start, steps), self._table("rates", start, steps) if damped else None,
-            self._extremes, steps, start, self.instants.steps, first, last, self.saved, self.half_velocities,
+            self._extremes, steps, start, self.instants.steps, first, last, self.saved, self._half_saved,
         )  # fmt: skip
         axes = (1, 2)
         with np.errstate(invalid="ignore"):

@@ -294,20 +294,20 @@ def _advance(
             s[rows[m], columns[m]] = ends[m, i + 1]
 
 
-@compiled
+@compiled(inline="always")
 def _verlet(
     s, links, spatial, green, step, damping_factor, viscosity, tension_damping, wind, drag, samples_per_second, hold, patterns,
     factors, rows, columns, ends, end_rates, extremes, steps, start, save_steps, saved, saved_half,
 ):  # fmt: skip
     """Advance one chain as :func:`verlet` does, with arrays without their first dimension."""
     dims = saved.shape[1]
-    save, i = 0, 0
+    save, i = 0, np.int64(0)  # a literal 0 would compile the loops twice
     while i < steps:
         target = steps
         saving = save < save_steps.size and save_steps[save] == start + i
         if saving:
             saved[save] = s[X : X + dims, : links + 1]
-            if saved_half is not None:
+            if save < saved_half.shape[0]:
                 saved_half[save, 0] = s[VX : VX + dims, : links + 1]
                 target = i + 1
         if target == steps and save + saving < save_steps.size:
@@ -318,7 +318,7 @@ def _verlet(
         )  # fmt: skip
         i = target
         if saving:
-            if saved_half is not None:
+            if save < saved_half.shape[0]:
                 saved_half[save, 1] = s[VX : VX + dims, : links + 1]
             save += 1
 
@@ -374,8 +374,8 @@ def verlet(
         Range of `save_steps` within these steps.
     saved : float array (chains, saves, dims, n + 1)
         Filled with positions.
-    saved_half : float array (chains, saves, 2, dims, n + 1) or None
-        Filled with the velocities half a step before and half a step after.
+    saved_half : float array (chains, saves or 0, 2, dims, n + 1)
+        Filled with the velocities half a step before and half a step after, unless it has no room for any.
     """
     for m in range(states.shape[0]):
         if is_active[m]:
@@ -392,7 +392,7 @@ def verlet(
                 rows, columns, ends[m],
                 None if end_rates is None else end_rates[m],
                 extremes, steps, start, save_steps[first:last], saved[m, first:last],
-                None if saved_half is None else saved_half[m, first:last],
+                saved_half[m, first:last],
             )  # fmt: skip
 
 
