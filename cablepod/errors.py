@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import xarray as xr
+
+#: C0 but newline and tab, DEL, C1, line separators, marks and overrides of direction, surrogates.
+UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 class SceneError(ValueError):
@@ -27,6 +31,16 @@ def shown(given: Any) -> str:
         text = f"something of type {type(given).__name__} that cannot be shown"
     text = " ".join(text.split())  # one line
     return text if len(text) <= 120 else text[:117] + "..."
+
+
+def printable(text: str) -> str:
+    """Return a text with escapes for characters that control a terminal or the direction of text, but newlines and tabs."""
+    return text if text.isascii() and text.isprintable() else UNPRINTABLE.sub(_escape, text)
+
+
+def _escape(found: re.Match[str]) -> str:
+    """Return a character as in the repr of a text."""
+    return found[0].encode("unicode_escape", "surrogatepass").decode()
 
 
 def named(name: Any) -> str:

@@ -10,13 +10,14 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
+from collections.abc import Callable
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     import xarray as xr
 
@@ -29,6 +30,8 @@ ATTRS_FIRST = (
 MAX_HISTORY_ITEMS = 64
 #: Maximum size of a non-uniform time array stored in a history (a run cannot be repeated without it).
 MAX_HISTORY_FLOATS = 4096
+#: Maximum depth of the parameters of a stage, and length of its texts.
+MAX_DEPTH, MAX_TEXT = 32, 4096
 #: Function of a stage that records a change of values outside the package.
 CHANGED = "changed by hand"
 #: In place of the time of a stage that no file holds yet; sorted after all times.
@@ -186,7 +189,7 @@ def _texts_of_stages(history: str) -> tuple[tuple[str, str, str], ...]:
     """Return id, JSON text and time of each stage of a history (kept, as many results share the history of their inputs)."""
     return tuple(
         (stage["id"], json.dumps(stage, sort_keys=True), str(stage.get("written", NOT_WRITTEN)))
-        for stage in json.loads(history)
+        for stage in checked_stages(history)
     )
 
 
@@ -252,4 +255,81 @@ def _with_dims(variable: xr.Variable) -> Any:
 
 def stages_of(dataset: xr.Dataset) -> list[dict[str, Any]]:
     """Return the stages of the history of `dataset`, oldest first; empty without a history."""
-    return json.loads(dataset.attrs.get("history_json", "[]"))
+    return checked_stages(dataset.attrs.get("history_json", "[]"))
+
+
+def checked_stages(history: Any) -> list[dict[str, Any]]:
+    """Return the stages of a history as text, after a check of their form.
+
+    A stage has texts ``id`` and ``function``, a table ``parameters`` nested at most :data:`MAX_DEPTH` deep, and a list
+    ``inputs`` of ids, of stages before it or of none.  ``chosen`` is a list of texts, ``wall_time_s`` a finite number, all else
+    is text.  What may be left out is filled in.
+
+    Raises
+    ------
+    ValueError
+        If it is anything else; the message says what.
+    """
+    try:
+        stages = json.loads(history)
+    except (ValueError, TypeError, RecursionError) as error:
+        raise ValueError("it is not JSON") from error
+    if not isinstance(stages, list):
+        raise ValueError("it is no list")
+    later = {stage.get("id") for stage in stages if isinstance(stage, dict) and isinstance(stage.get("id"), str)}
+    for number, stage in enumerate(stages, start=1):
+        if not isinstance(stage, dict):
+            raise ValueError(f"stage {number} is no table")
+        stage.setdefault("parameters", {})
+        stage.setdefault("inputs", [])
+        if "written" in stage:
+            stage.setdefault("program", "unknown")
+            stage.setdefault("version", "unknown")
+        for key, value in stage.items():
+            if not _FORMS.get(key, _is_text)(value):
+                raise ValueError(f"stage {number} has another {key} than a stage can have")
+        if not {"id", "function"} <= set(stage):
+            raise ValueError(f"stage {number} has no id or no function")
+        if stage["id"] not in later:
+            raise ValueError(f"stage {number} has the id of another one")
+        if later.intersection(stage["inputs"]):
+            raise ValueError(f"stage {number} has an input that is made after it")
+        later.discard(stage["id"])
+    return stages
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and len(value) <= MAX_TEXT
+
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str) and 0 < len(value) <= 200 and value.isprintable()
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, dict) and _depth(value) <= MAX_DEPTH
+
+
+def _is_list_of_names(value: Any) -> bool:
+    return isinstance(value, list) and all(map(_is_name, value))
+
+
+def _is_duration(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < 1e300
+
+
+#: Key of a stage -> its form; others are texts.
+_FORMS: dict[str, Callable[[Any], bool]] = {
+    "id": _is_name, "function": _is_name, "parameters": _is_table, "inputs": _is_list_of_names, "chosen": _is_list_of_names,
+    "wall_time_s": _is_duration,
+}  # fmt: skip
+
+
+def _depth(value: Any) -> int:
+    """Return how deep tables and lists are nested, counted to just above :data:`MAX_DEPTH`."""
+    level, depth = [value], 0
+    while level and depth <= MAX_DEPTH + 4:
+        depth += 1
+        nested = (entry for entry in level if isinstance(entry, dict | list))
+        level = [entry for inner in nested for entry in (inner.values() if isinstance(inner, dict) else inner)]
+    return depth

@@ -114,12 +114,11 @@ def root_attributes(dataset: xr.Dataset, sums: dict[str, BlockSums] | None = Non
 def checked_stages(dataset: xr.Dataset) -> list[dict[str, Any]]:
     """Return the stages of the history, after a check of their form."""
     try:
-        stages = provenance.stages_of(dataset)
-        if all(isinstance(stage["id"], str) and isinstance(stage["function"], str) for stage in stages):
-            return stages
-    except (ValueError, TypeError, KeyError):
-        pass
-    raise ArchiveError("attribute 'history_json' is not a list of stages, each with id and function; leave it out")
+        return provenance.stages_of(dataset)
+    except ValueError as error:
+        raise ArchiveError(
+            f"attribute 'history_json' is not a list of stages, each with id and function: {error}; leave it out"
+        ) from error
 
 
 def stage_of(stages: list[dict[str, Any]], identifier: str) -> dict[str, Any]:

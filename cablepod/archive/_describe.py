@@ -10,7 +10,7 @@ import xarray as xr
 from cablepod.archive._attributes import call_text, checked_stages, stage_of
 from cablepod.archive._folder import path_of
 from cablepod.archive._read import READ_ERRORS, damaged, netcdf_lock, open_file
-from cablepod.errors import ArchiveError
+from cablepod.errors import ArchiveError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -43,12 +43,12 @@ def describe(source: xr.Dataset | str | os.PathLike[str]) -> str:
     title     Example 2: slow end motion
     """
     if isinstance(source, xr.Dataset):
-        return "\n".join(_description(source))
+        return "\n".join(map(printable, _description(source)))
     path = path_of(source, key="source", allowed="a Dataset, or the path of a netCDF file")
     with netcdf_lock(), open_file(path, None) as opened:
         try:
             size = f"file      {path} ({path.stat().st_size / 1e6:.3g} MB, schema {opened.attrs['cablepod_schema']})"
-            return "\n".join([size, *_description(opened)])
+            return "\n".join(map(printable, [size, *_description(opened)]))
         except ArchiveError as error:
             raise ArchiveError(f"{path}: {error}") from error
         except READ_ERRORS as error:

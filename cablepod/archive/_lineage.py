@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import inspect
 import json
+import keyword
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -12,7 +14,8 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.errors import SceneError
+from cablepod.archive._attributes import checked_stages
+from cablepod.errors import SceneError, printable
 
 #: Function -> variable name in the script; by default a part of the function's name.
 NAMES = {
@@ -22,6 +25,10 @@ NAMES = {
     "ensemble.design": "scenes",
     "ensemble.run": "runs",
 }
+#: Sub-packages and modules whose functions a script may call; "" is the package itself.
+REPEATED = (
+    "", "cable", "catenary", "chain", "compare", "condensed", "ensemble", "galerkin", "oblique", "paper", "pod", "rigid",
+)  # fmt: skip
 #: Module of a stage in older histories -> its present name.
 MOVED = {"paper.statics": "paper.table1", "paper.starts": "paper.initial_shape"}
 
@@ -34,7 +41,7 @@ def ancestors(dataset: xr.Dataset) -> list[dict[str, Any]]:
     list of dict
         With ``id``, ``function``, ``parameters``, ``inputs`` and, of files, date and program.
     """
-    stages = {stage["id"]: stage for stage in provenance.stages_of(dataset)}
+    stages = {stage["id"]: stage for stage in checked_stages(dataset)}
     ordered: dict[str, dict[str, Any]] = {}
     pending = [(str(dataset.attrs.get("id")), False)]
     while pending:
@@ -58,8 +65,8 @@ def script(dataset: xr.Dataset) -> str:
     if not stages:
         return "# no history: nothing says where this comes from\n"
     names = _names(stages)
-    lines = [f"# {dataset.attrs.get('title', stages[-1]['function'])}", "#"]
-    lines += [f"# {line}" for line in _stage_lines(stages)]
+    lines = [_comment(dataset.attrs.get("title", stages[-1]["function"])), "#"]
+    lines += map(_comment, _stage_lines(stages))
     lines += ["", "import cablepod as cp", "import cablepod.lineage", ""]
     for stage in stages:
         lines += _statements(stage, names)
@@ -73,7 +80,9 @@ def _names(stages: list[dict[str, Any]]) -> dict[str, str]:
     names: dict[str, str] = {}
     for stage in stages:
         function = stage["function"]
-        base = NAMES.get(function, function.split(".")[0 if function.endswith(".simulate") else -1]).replace(" ", "_")
+        base = NAMES.get(function, function.split(".")[0 if function.endswith(".simulate") else -1])
+        if not base.isascii() or not base.isidentifier() or keyword.iskeyword(base) or base in ("cp", "cablepod"):
+            base = "result"
         count = sum(name.rstrip("_0123456789") == base for name in names.values())
         names[stage["id"]] = base if not count else f"{base}_{count + 1}"
     return names
@@ -87,8 +96,22 @@ def _stage_lines(stages: list[dict[str, Any]]) -> Iterator[str]:
         yield f"{stage['id']} {stage['function']}{inputs}{written}"
 
 
+def _comment(text: Any) -> str:
+    """Return a text as one line of comment."""
+    return "# " + printable(" ".join(str(text).split()))
+
+
 def _statements(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:
-    """Return the statements that reproduce the result of one stage."""
+    """Return the statements that reproduce the result of one stage, or one that says why they cannot."""
+    try:
+        return _reproduction(stage, names)
+    except (ValueError, TypeError, LookupError, AttributeError):
+        text = f"{stage['function']}, {stage['id']}: cannot be made again, its record has other parameters than the function"
+        return [f"raise SystemExit({text!r})", ""]
+
+
+def _reproduction(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:
+    """Return the statements that reproduce the result of one stage; they hold known functions and literal values only."""
     name, function, parameters = names[stage["id"]], stage["function"], stage["parameters"]
     missing = [parent for parent in stage["inputs"] if parent not in names]
     digested = list(_digests(parameters))
@@ -109,7 +132,7 @@ def _statements(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]
         half = len(inputs) // 2
         inputs = [f"[{', '.join(inputs[:half])}]", f"[{', '.join(inputs[half:-1])}]", inputs[-1]]
     if function == "ensemble.run":
-        return [*_ensemble(name, inputs, parameters), f'cablepod.lineage.check({name}, "{stage["id"]}")', ""]
+        return [*_ensemble(name, inputs, parameters), f"cablepod.lineage.check({name}, {_quoted(stage['id'])})", ""]
     if function == "make_scene":
         call = f"cp.make_scene({_text(parameters['scene'])})"
     elif function == provenance.CHANGED:
@@ -124,8 +147,13 @@ def _statements(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]
         call = f"cp.{_present_name(function)}({', '.join([*inputs, *options])})"
     lines = [f"{name} = {call}"]
     if function != provenance.CHANGED:  # the id of a changed scene appears only in later stages
-        lines.append(f'cablepod.lineage.check({name}, "{stage["id"]}")')
+        lines.append(f"cablepod.lineage.check({name}, {_quoted(stage['id'])})")
     return [*lines, ""]
+
+
+def _quoted(text: str) -> str:
+    """Return a text as Python text, in double quotes where it has none."""
+    return f'"{text}"' if text.isalnum() and text.isascii() else repr(text)
 
 
 def _ensemble(name: str, inputs: list[str], parameters: Mapping[str, Any]) -> Iterator[str]:
@@ -134,9 +162,13 @@ def _ensemble(name: str, inputs: list[str], parameters: Mapping[str, Any]) -> It
     options = {"model": parameters["model"], "batch": parameters["batch"], **parameters["options"]}
     arguments = [inputs[0], repr(folder), *(f"modes={modes}" for modes in inputs[1:])]
     arguments += [f"{key}={_text(value)}" for key, value in options.items() if value is not None]
+    if not {"model", "batch", *parameters["options"]} <= _options("ensemble.run") | _options(
+        f"{parameters['model']}.simulate"
+    ):
+        raise ValueError
     yield f"{name} = cp.ensemble.run({', '.join(arguments)})"
     if "number" in parameters:
-        yield f'{name} = cp.archive.read("{folder}/batch_{parameters["number"]:04d}.nc")'
+        yield f'{name} = cp.archive.read("{folder}/batch_{int(parameters["number"]):04d}.nc")'
 
 
 def _present_name(function: str) -> str:
@@ -147,16 +179,24 @@ def _present_name(function: str) -> str:
 
 def _callable(function: str) -> Any:
     """Return a public function by its name in a history, None if there is none."""
-    module, _, name = _present_name(function).rpartition(".")
+    present = _present_name(function)
+    module, _, name = present.rpartition(".")
+    package = module.split(".")[0]
+    if package not in REPEATED or not all(part.isidentifier() and part[:1] != "_" for part in present.split(".")):
+        return None
     try:
-        return getattr(importlib.import_module(f"cablepod.{module}" if module else "cablepod"), name, None)
+        found = getattr(importlib.import_module(f"cablepod.{module}" if module else "cablepod"), name, None)
     except ImportError:
         return None
+    return found if inspect.isfunction(found) and found.__module__.startswith("cablepod.") else None
 
 
 def _options(function: str) -> set[str]:
     """Return the names of the keyword arguments of a function."""
-    arguments = inspect.signature(_callable(function)).parameters
+    found = _callable(function)
+    if found is None:
+        raise ValueError(function)
+    arguments = inspect.signature(found).parameters
     return {name for name, arg in arguments.items() if arg.kind is arg.KEYWORD_ONLY or name == "ranges"}
 
 
@@ -178,6 +218,8 @@ def _text(value: Any) -> str:
         return "{" + ", ".join(f"{key!r}: {_text(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, list):
         return "[" + ", ".join(map(_text, value)) + "]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return f'float("{value}")'
     return repr(value)
 
 

@@ -16,7 +16,7 @@ import xarray as xr
 from cablepod.archive._checked import changed
 from cablepod.archive._read import READ_ERRORS, damaged, netcdf_lock, opened_file, restored, version
 from cablepod.archive._seal import SCHEMA, seal_of
-from cablepod.errors import ArchiveError
+from cablepod.errors import ArchiveError, printable
 
 MANIFEST, SCENES, MODES = "manifest.json", "scenes.nc", "modes.nc"
 KIND = "cablepod ensemble"
@@ -178,7 +178,7 @@ def describe_ensemble(path: str | os.PathLike[str]) -> str:
     ArchiveError
         If the folder holds no ensemble.
     """
-    return "\n".join(_description(Path(path)))
+    return "\n".join(map(printable, _description(Path(path))))
 
 
 def _description(folder: Path) -> Iterator[str]:

@@ -16,7 +16,7 @@ from cablepod.archive._folder import prepare_folder
 from cablepod.archive._manifest import MANIFEST, MODES, describe_ensemble
 from cablepod.archive._write import check_target
 from cablepod.cli import _arguments, _group, _report, _summary, _templates
-from cablepod.cli._group import Group
+from cablepod.cli._group import Group, say
 from cablepod.cli._progress import Bars, member_bar
 from cablepod.errors import SceneError
 from cablepod.examples import scene_path
@@ -72,7 +72,7 @@ def run_command(scene: str, out: str | None, ranks: str, as_json: bool, overwrit
         )
     with Bars() as bars, _arguments.as_options():
         result = study.run(dataset, folder, ranks=numbers, overwrite=overwrite, progress=bars)
-    print(_report.as_json(result) if as_json else _report.text(result, folder))
+    say(_report.as_json(result) if as_json else _report.text(result, folder))
 
 
 @commands.command("paper", **_templates.texts("paper"))
@@ -97,8 +97,8 @@ def paper_command(out: str, small: bool, overwrite: bool) -> None:
         size = sections.SMALL if small else sections.FULL
         _, rows = report.write(folder, size=size, progress=partial(bars, "the paper"))
     for quantity, _, ours, printed in rows:
-        print(f"{quantity}\n    ours   {ours}\n    paper  {printed}".replace("`", ""))
-    print(f"\n{folder / report.PAGE}, {report.DATASET} and {len(report.FIGURES)} figures beside it")
+        say(f"{quantity}\n    ours   {ours}\n    paper  {printed}".replace("`", ""))
+    say(f"\n{folder / report.PAGE}, {report.DATASET} and {len(report.FIGURES)} figures beside it")
 
 
 @commands.command("modes", **_templates.texts("modes"))
@@ -126,7 +126,7 @@ def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool)
         modes = make_modes(dataset, layout=layout, rank=rank, progress=partial(bars, "chain"))
     archive.write(modes, out, overwrite=overwrite)
     kind = "vibration" if layout == "vibration" else f"Karhunen-Loève, layout {layout}"
-    print(f"{out}: {modes.sizes['mode']} modes, {kind}")
+    say(f"{out}: {modes.sizes['mode']} modes, {kind}")
 
 
 @commands.command("ensemble", **_templates.texts("ensemble"))
@@ -177,7 +177,7 @@ def ensemble_command(
     if "ensemble_json" not in dataset.attrs:
         raise SceneError(f"ensemble: missing in {scene}; allowed: a table with members and ensemble.ranges")
     scenes = ensemble.design(dataset)
-    print(scenes.attrs["title"])
+    say(scenes.attrs["title"])
     modes_dataset = archive.read(modes) if modes else _modes_of_ensemble(dataset, folder, model, overwrite)
     with member_bar(model, scenes.sizes["member"]) as progress:
         ensemble.run(
@@ -192,7 +192,7 @@ def ensemble_command(
             progress=progress,
             **dict(_arguments.model_option(text) for text in options),
         )
-    print(describe_ensemble(folder))
+    say(describe_ensemble(folder))
 
 
 @commands.command("check", **_templates.texts("check"))
@@ -202,8 +202,8 @@ def check_command(scene: str) -> None:
     from cablepod.cable import summary  # its imports take a second
 
     dataset = read_scene(scene_path(scene))
-    print(dataset.attrs["title"])
-    print(_summary.table(summary(dataset)))
+    say(dataset.attrs["title"])
+    say(_summary.table(summary(dataset)))
 
 
 def _modes_of_ensemble(scene: xr.Dataset, folder: Path, model: str, overwrite: bool) -> xr.Dataset | None:
@@ -214,7 +214,7 @@ def _modes_of_ensemble(scene: xr.Dataset, folder: Path, model: str, overwrite: b
         return archive.read(folder / MODES)
     with Bars() as bars:
         modes = make_modes(scene, layout=LAYOUT_OF[model], progress=partial(bars, "chain, for the modes"))
-    print(f"modes: {modes.sizes['mode']} of layout {LAYOUT_OF[model]}, from a run of the scene itself")
+    say(f"modes: {modes.sizes['mode']} of layout {LAYOUT_OF[model]}, from a run of the scene itself")
     return modes
 
 
@@ -229,9 +229,9 @@ def _modes_of_ensemble(scene: xr.Dataset, folder: Path, model: str, overwrite: b
 def info_command(path: str, as_script: bool) -> None:
     """Describe a file or a folder, or print its lineage."""
     if as_script:
-        print(_script(Path(path)), end="")
+        say(_script(Path(path)), end="")
     else:
-        print(_description(Path(path)))
+        say(_description(Path(path)))
 
 
 def _script(path: Path) -> str:
@@ -261,7 +261,7 @@ def _description(path: Path) -> str:
 @click.argument("name", metavar="NAME.toml", shell_complete=_arguments.complete_file)
 def new_command(name: str) -> None:
     """Write a scene to start from."""
-    print(_templates.write_new(name))
+    say(_templates.write_new(name))
 
 
 @commands.command("examples", **_templates.texts("examples"))
@@ -275,8 +275,8 @@ def new_command(name: str) -> None:
 def examples_command(name: str | None, out: str | None) -> None:
     """List the shipped scenes, or copy one."""
     if name is not None:
-        print(_templates.copy_example(name, out))
+        say(_templates.copy_example(name, out))
         return
     if out is not None:
         raise SceneError(f"--out: given {out} without a scene; allowed: cablepod examples NAME --out FILE.toml")
-    print(_templates.list_examples())
+    say(_templates.list_examples())

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
 import warnings
-from typing import Any
+from typing import Any, TextIO
 
 import click
 
 from cablepod.cli import _process
-from cablepod.errors import ArchiveError, RunStopped, SceneError, closest
+from cablepod.errors import ArchiveError, RunStopped, SceneError, closest, printable
 
 
 class Group(click.Group):
@@ -57,6 +58,9 @@ class Group(click.Group):
 
     def status(self, arguments: list[str] | None) -> int:
         """Parse the arguments, by default those of the process, and run the command; return its exit status."""
+        for stream in (sys.stdout, sys.stderr):  # a terminal that is not UTF-8 gets escapes of what it cannot show
+            if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+                stream.reconfigure(errors="backslashreplace")
         try:
             return self.main(arguments, prog_name="cablepod", standalone_mode=False) or 0
         except click.UsageError as error:
@@ -65,9 +69,14 @@ class Group(click.Group):
             return interrupted(None)
 
 
+def say(text: str, *, end: str = "\n", file: TextIO | None = None) -> None:
+    """Print a text, on stdout by default; escape what would control the terminal."""
+    print(printable(text), end=end, file=file or sys.stdout)
+
+
 def fail(message: str, status: int = 2) -> int:
     """Print an error as one line; return its exit status."""
-    print("cablepod: " + " ".join(message.split()), file=sys.stderr)
+    say("cablepod: " + " ".join(message.split()), file=sys.stderr)
     return status
 
 
@@ -85,8 +94,8 @@ def interrupted(command: str | None) -> int:
 
 def note(message: Warning | str, *_: Any, **__: Any) -> None:
     """Print a warning as one line, without its location in the code."""
-    text = "cablepod: note: " + " ".join(str(message).split())
+    text = "cablepod: note: " + " ".join(printable(str(message)).split())
     if "tqdm" in sys.modules:  # a bar may be drawn: remove it, print, draw it again
         sys.modules["tqdm"].tqdm.write(text, file=sys.stderr)
     else:
-        print(text, file=sys.stderr)
+        say(text, file=sys.stderr)
