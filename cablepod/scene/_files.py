@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import stat
 from pathlib import Path
 
 import numpy as np
@@ -9,20 +11,27 @@ import numpy as np
 from cablepod.errors import SceneError, named, shown
 from cablepod.parameters._checks import LARGEST, SMALLEST
 
-#: Maximum size of a scene file or record [bytes].
+#: Maximum size of a record [bytes].
 LARGEST_FILE = 64 * 2**20
+#: Maximum size of a scene file [bytes]: a hundred thousand numbers, which are parsed in two seconds.
+LARGEST_SCENE = 4 * 2**20
 
 
-def read_text(path: Path, what: str) -> str:
-    """Read a text file; `what` names its kind in the message of a SceneError."""
+def read_text(path: Path, what: str, largest: int = LARGEST_FILE) -> str:
+    """Read a text file of at most `largest` bytes; `what` names its kind in the message of a SceneError."""
     name = named(str(path))
     try:
         if path.is_dir():
             raise SceneError(f"{name}: is a folder; allowed: a {what}")
+        if path.exists() and not path.is_file():
+            raise SceneError(f"{name}: is a pipe or a device; allowed: a {what}")
         with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise SceneError(f"{name}: larger than {LARGEST_FILE // 2**20} MiB; allowed: a {what}")
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):  # replaced meanwhile
+                raise SceneError(f"{name}: is a pipe or a device; allowed: a {what}")
+            size = os.fstat(file.fileno()).st_size
+            content = file.read(largest + 1) if size <= largest else b""
+        if max(size, len(content)) > largest:
+            raise SceneError(f"{name}: larger than {largest // 2**20} MiB; allowed: a {what}")
         return content.decode("utf-8-sig")
     except SceneError:
         raise

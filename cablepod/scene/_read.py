@@ -10,7 +10,7 @@ from pathlib import Path
 import xarray as xr
 
 from cablepod.errors import SceneError, named
-from cablepod.scene._files import read_text
+from cablepod.scene._files import LARGEST_SCENE, read_text
 from cablepod.scene._make import _make
 
 #: Key of 32 parts and more (a key of a scene has at most four; tomllib takes minutes for 20000).
@@ -43,7 +43,7 @@ def read_scene(path: str | os.PathLike[str]) -> xr.Dataset:
     ('Example 2: slow end motion', 15000.0, 'N')
     """
     path = Path(path)
-    content = read_text(path, "scene file")
+    content = read_text(path, "scene file", LARGEST_SCENE)
     if not content.strip():
         raise SceneError(f"{named(str(path))}: the scene file is empty; allowed: TOML with at least [cable] and [ends]")
     try:

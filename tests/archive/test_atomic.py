@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 import xarray as xr
-from children import python, run_python
-from results import make_scene, make_trajectory
+from children import finish, python, run_python
+from results import make_modes, make_scene, make_trajectory
 
-from cablepod.archive import ArchiveError, write
+from cablepod.archive import ArchiveError, _atomic, write
 from cablepod.archive import _write as archive
 
 
@@ -133,3 +133,44 @@ def test_no_space_is_a_clear_error(error, tmp_path, monkeypatch):
     with pytest.raises(ArchiveError, match=re.escape(f"nothing is left behind: {error}; is the disk full? ")):
         write(make_scene(), tmp_path / "it.nc")
     assert list(tmp_path.iterdir()) == []
+
+
+WRITER = """
+import sys, time
+from pathlib import Path
+from cablepod.archive._atomic import atomic_file
+
+with atomic_file(Path(sys.argv[1])) as part:
+    part.write_bytes(b"1" * 1000)
+    print("ready", flush=True)
+    time.sleep(600)
+"""
+
+
+def test_the_next_write_clears_what_killed_writers_left(tmp_path):
+    killed, alive = (python("-c", WRITER, tmp_path / f"{name}.nc") for name in ("killed", "alive"))
+    try:
+        for writer in (killed, alive):
+            assert writer.stdout.readline() == "ready\n"
+        killed.kill()
+        finish(killed, timeout=20.0)
+        others = [tmp_path / f".cablepod-{place}-1-5-{'0' * 12}.part" for place in ("0" * 12, "1" * 12)]
+        for other in others:  # of other machines
+            other.touch()
+        os.utime(others[0], (0.0, 0.0))
+        assert len(list(tmp_path.glob(".cablepod-*.part"))) == 4
+        write(make_modes(), tmp_path / "it.nc")
+        left = {path.name for path in tmp_path.iterdir()} - {"it.nc"}
+        assert left == {others[1].name, *(path.name for path in tmp_path.glob(f".cablepod-*-{alive.pid}-*.part"))}
+        assert len(left) == 2
+    finally:
+        for writer in (killed, alive):
+            writer.kill()
+            finish(writer, timeout=20.0)
+
+
+def test_a_later_process_with_the_same_number_is_another_writer(tmp_path):
+    part = tmp_path / f".cablepod-{_atomic._place()}-{os.getpid()}-1-{'0' * 12}.part"
+    part.touch()
+    _atomic.clear_abandoned(tmp_path)
+    assert not part.exists()
