@@ -54,6 +54,23 @@ class UserFolder(_PackageStamp, caching.UserWideCacheLocator):
     """Cache in the user's cache folder, where the source cannot be written beside."""
 
 
+class _CacheFile(caching.IndexDataCacheFile):
+    """Files of a kernel's cache; damaged ones count as missing, so that the kernel is compiled and they are written again."""
+
+    def load(self, key: Any) -> Any:
+        """Return what was kept for a signature, None without it."""
+        try:
+            return super().load(key)
+        except Exception:  # of pickle: any
+            return None
+
+    def _load_index(self) -> Any:
+        try:
+            return super()._load_index()
+        except Exception:  # of pickle: any
+            return {}
+
+
 class _Noalias(CompilerBase):
     """Compiler of kernels whose array arguments share no memory."""
 
@@ -89,6 +106,9 @@ def compiled(
     config: Any = numba.config
     given, config.CACHE_LOCATOR_CLASSES = config.CACHE_LOCATOR_CLASSES, _LOCATORS
     try:  # numba reads it where a function with a cache is made, here and nowhere later
-        return numba.njit(cache=True, error_model="numpy", nogil=True, **options)(function)
+        kernel = numba.njit(cache=True, error_model="numpy", nogil=True, **options)(function)
+        if isinstance(files := getattr(getattr(kernel, "_cache", None), "_cache_file", None), caching.IndexDataCacheFile):
+            files.__class__ = _CacheFile
+        return kernel
     finally:
         config.CACHE_LOCATOR_CLASSES = given

@@ -48,7 +48,7 @@ def with_file_attributes(dataset: xr.Dataset) -> xr.Dataset:
     """Return a copy of `dataset` without inherited encodings, with the attributes of a file."""
     stamped = fixed_width_texts(dataset.drop_encoding())
     for name, content in content_types(stamped):
-        stamped[name].attrs.setdefault("coverage_content_type", content)
+        stamped.variables[name].attrs.setdefault("coverage_content_type", content)
     sums: dict[str, BlockSums] = {}
     stamped.attrs = root_attributes(dataset, sums)
     stamped.attrs[CHECKSUMS] = as_text(stamped, sums)

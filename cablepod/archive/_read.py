@@ -114,8 +114,9 @@ def restored(opened: xr.Dataset) -> xr.Dataset:
     dataset = fixed_width_texts(opened.drop_encoding())
     dataset.attrs = provenance.abridged({name: value for name, value in dataset.attrs.items() if name != CHECKSUMS})
     for name, content in content_types(dataset):
-        if dataset[name].attrs.get("coverage_content_type") == content:
-            del dataset[name].attrs["coverage_content_type"]
+        attrs = dataset.variables[name].attrs  # a DataArray of each would take time with the square of their number
+        if attrs.get("coverage_content_type") == content:
+            del attrs["coverage_content_type"]
     return dataset
 
 

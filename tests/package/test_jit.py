@@ -54,6 +54,32 @@ def test_an_edit_in_another_file_is_seen(tmp_path, options):
     assert call(10.0) == (22.0, 0.0)  # without the stamp of all kernels the caller keeps the stale callee: 4.0
 
 
+@pytest.mark.parametrize("pattern", ["*.nbi", "*.nbc", "*.nb?"])
+@pytest.mark.parametrize("damage", ["truncated", "empty", "other bytes"])
+def test_a_damaged_cache_is_made_again(pattern, damage, tmp_path):
+    package = tmp_path / "cablepod"
+    (package / "inner").mkdir(parents=True)
+    for folder in (package, package / "inner"):
+        (folder / "__init__.py").touch()
+    shutil.copy(Path(_jit.__file__), package / "_jit.py")
+    (package / "inner" / "_kernels_inner.py").write_text(INNER.format(options="", added=1.0))
+
+    def call():
+        program = CALL.replace("outer", "inner")
+        done = run_python("-c", program, timeout=120, cwd=tmp_path, env={**environment(), "PYTHONPATH": ""})
+        assert done.returncode == 0, done.stderr
+        return tuple(map(float, done.stdout.split()))
+
+    assert call() == (2.0, 0.0)
+    files = list(package.rglob(pattern))
+    assert files
+    for path in files:
+        content = path.read_bytes()
+        path.write_bytes({"truncated": content[: len(content) // 2], "empty": b"", "other bytes": b"x" * 500}[damage])
+    assert call() == (2.0, 0.0)  # compiled again
+    assert call() == (2.0, 1.0)  # and kept
+
+
 def test_options_of_users_stay(monkeypatch):
     import numba
 
