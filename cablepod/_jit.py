@@ -107,7 +107,9 @@ def compiled(
     given, config.CACHE_LOCATOR_CLASSES = config.CACHE_LOCATOR_CLASSES, _LOCATORS
     try:  # numba reads it where a function with a cache is made, here and nowhere later
         kernel = numba.njit(cache=True, error_model="numpy", nogil=True, **options)(function)
-        if isinstance(files := getattr(getattr(kernel, "_cache", None), "_cache_file", None), caching.IndexDataCacheFile):
+        if isinstance(
+            files := getattr(getattr(kernel, "_cache", None), "_cache_file", None), caching.IndexDataCacheFile
+        ):
             files.__class__ = _CacheFile
         return kernel
     finally:

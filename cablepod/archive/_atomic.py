@@ -23,8 +23,8 @@ PATIENCE = 7 * 86400.0
 def atomic_file(path: Path, *, check: Callable[[], None] | None = None) -> Iterator[Path]:
     """Provide a temporary path that replaces `path` on exit, or is removed on an error.
 
-    Files that killed writers left in the folder are removed.  The file is flushed to the disk first.  `check` is called just before the renaming, because another process may have created
-    the file meanwhile.
+    Files that killed writers left in the folder are removed.  The file is flushed to the disk first.  `check` is called just
+    before the renaming, because another process may have created the file meanwhile.
     """
     clear_abandoned(path.parent)
     part = path.parent / f".cablepod-{_place()}-{os.getpid()}-{_start_of(os.getpid())}-{uuid.uuid4().hex[:12]}.part"

@@ -64,6 +64,7 @@ def commands() -> None:
 def run_command(scene: str, out: str | None, ranks: str, as_json: bool, overwrite: bool) -> None:
     """Run the study of one scene, print answers and the table of models."""
     path, numbers = scene_path(scene), _arguments.ranks(ranks)
+    _group.import_matplotlib()
     folder = Path("out", Path(path).stem) if out is None else _arguments.folder(out)
     dataset = read_scene(path)
     if "ensemble_json" in dataset.attrs:
@@ -85,6 +86,7 @@ def run_command(scene: str, out: str | None, ranks: str, as_json: bool, overwrit
 @click.option("--overwrite", is_flag=True, help="replace a report that is already in DIR")
 def paper_command(out: str, small: bool, overwrite: bool) -> None:
     """Write the report on the paper, print its summary."""
+    _group.import_matplotlib()
     import matplotlib as mpl
 
     mpl.use("Agg")

@@ -69,6 +69,16 @@ class Group(click.Group):
             return interrupted(None)
 
 
+def import_matplotlib() -> None:
+    """Import matplotlib without the backend of the environment: commands draw into files, and it may not exist here."""
+    given = os.environ.pop("MPLBACKEND", None)
+    try:
+        import matplotlib  # noqa: F401
+    finally:
+        if given is not None:
+            os.environ["MPLBACKEND"] = given
+
+
 def say(text: str, *, end: str = "\n", file: TextIO | None = None) -> None:
     """Print a text, on stdout by default; escape what would control the terminal."""
     print(printable(text), end=end, file=file or sys.stdout)

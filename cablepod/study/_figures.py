@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -11,11 +12,22 @@ import numpy as np
 import xarray as xr
 
 from cablepod.archive._atomic import atomic_file
+from cablepod.errors import scene_error
 
 #: Names of the figures, in the order in which they are written.
 FIGURES = ("deflection", "tension", "error_over_time", "modes", "singular_values", "shapes")
 #: Fractions of the duration at which shapes are drawn (without a common period, so that a periodic motion shows its phases).
 DRAWN_AT = (0.0, 0.12, 0.37, 0.58, 0.83)
+
+
+def check_backend() -> None:
+    """Refuse a name of a backend, in the environment, with which matplotlib cannot be imported."""
+    try:
+        import matplotlib  # noqa: F401
+    except ValueError as error:
+        raise scene_error(
+            "MPLBACKEND", os.environ.get("MPLBACKEND"), 'a backend of matplotlib, such as "Agg", or none'
+        ) from error
 
 
 def write_figures(

@@ -22,7 +22,7 @@ from cablepod.discretisation._chain import chain_of
 from cablepod.errors import RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.parameters._from_scene import parameters
 from cablepod.scene._notes import warn_once
-from cablepod.study._figures import write_figures
+from cablepod.study._figures import check_backend, write_figures
 from cablepod.study._models import MODELS, chains_of, coarser_chain, table_of, timed_twice, with_row
 from cablepod.study._timing import timed
 
@@ -118,6 +118,7 @@ def run(
     ranks = _checked_ranks(ranks, available)
     folder = None
     if out is not None:
+        check_backend()
         folder = Path(out)
         names = (*STAGES, *(f"{model}_r{r}" for model in MODELS for r in ranks))
         prepare_folder(folder, [f"{name}.nc" for name in names], overwrite=overwrite)

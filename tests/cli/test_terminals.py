@@ -1,0 +1,49 @@
+"""Terminals that cannot show all characters, backends of matplotlib that do not exist, inputs that never end."""
+
+import os
+
+import pytest
+from children import call, environment, run_python
+
+import cablepod as cp
+from cablepod.examples import scene_path
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8"])
+def test_what_a_terminal_cannot_show_is_escaped(encoding, tmp_path):
+    with open(scene_path("example2"), encoding="utf-8") as file:
+        lines = [line for line in file if not line.startswith("title")]
+    (tmp_path / "it.toml").write_text('title = "Segu\\u00ed \\u03c3 \\u001b[2J"\n' + "".join(lines), encoding="utf-8")
+    variables = {**environment(), "PYTHONIOENCODING": encoding}
+    done = call("check", tmp_path / "it.toml", env=variables, encoding=encoding)
+    assert done.returncode == 0, done.stderr
+    shown = "\\u03c3" if encoding != "utf-8" else "σ"
+    assert done.stdout.split("\n")[0].split() == ["Segu" + ("\\xed" if encoding == "ascii" else "í"), shown, "\\x1b[2J"]
+
+
+def test_an_unknown_backend_is_refused_before_the_run(tmp_path):
+    program = (
+        "import cablepod as cp\nfrom cablepod import examples, study\n"
+        f"study.run(examples.scene('example2'), {str(tmp_path / 'out')!r})"
+    )
+    done = run_python("-c", program, env={**environment(), "MPLBACKEND": "nonsense"}, timeout=120.0)
+    assert "SceneError: MPLBACKEND: given 'nonsense'; allowed: a backend of matplotlib" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_needs_no_backend():
+    program = "from cablepod.cli import _group; _group.import_matplotlib(); import os; print(os.environ['MPLBACKEND'])"
+    done = run_python("-c", program, env={**environment(), "MPLBACKEND": "nonsense"}, timeout=120.0)
+    assert done.stdout == "nonsense\n", done.stderr
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names on this system")
+def test_inputs_that_never_end_are_refused(tmp_path):
+    os.mkfifo(pipe := tmp_path / "pipe.toml")
+    for path in (pipe, "/dev/zero"):
+        with pytest.raises(cp.SceneError, match="is a pipe or a device; allowed: a scene file"):
+            cp.read_scene(path)
+    with (tmp_path / "large.toml").open("wb") as file:
+        file.truncate(5 * 2**20)
+    with pytest.raises(cp.SceneError, match=r"large\.toml: larger than 4 MiB; allowed: a scene file"):
+        cp.read_scene(tmp_path / "large.toml")
