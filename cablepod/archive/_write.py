@@ -145,7 +145,7 @@ def _check_content(dataset: xr.Dataset) -> None:
             _check_attribute(f"variable {name!r}", key, value)
         kind = variable.dtype.kind
         is_text = kind == "U" or (kind == "O" and all(isinstance(value, str) for value in variable.values.flat))
-        if not is_text and not (kind in "iuf" and variable.dtype.newbyteorder("=") in DTYPES):
+        if not is_text and kind != "b" and not (kind in "iuf" and variable.dtype.newbyteorder("=") in DTYPES):
             raise ArchiveError(f"variable {name!r}: {variable.dtype} cannot be written; make it numbers or strings")
 
 

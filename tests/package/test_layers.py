@@ -28,7 +28,7 @@ LAYERS = (
     ("integrate", "pod", "reduced", "examples"),
     ("chain", "compare", "fatigue", "plots"),
     ("cable", "rigid", "condensed"),
-    ("galerkin", "oblique"),
+    ("galerkin", "oblique", "periodic"),
     ("ensemble", "paper", "study"),
     ("cli",),
 )

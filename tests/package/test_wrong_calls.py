@@ -21,6 +21,78 @@ import cablepod as cp
 CLEAR = (cp.SceneError, cp.ArchiveError)
 
 
+<<<<<<< HEAD
+=======
+@cache
+def datasets() -> dict[str, xr.Dataset]:
+    """A Dataset of every stage of one small scene."""
+    scene = cp.make_scene(SOFT)
+    chain = cp.chain.simulate(scene, tolerance=1e-3, outputs=("position", "velocity", "tension"))
+    modes, normal = cp.pod.decompose(chain, rank=3), cp.pod.decompose(chain, rank=3, layout="normal")
+    condensed = cp.condensed.simulate(scene, normal, rank=2)
+    return {
+        "scene": scene,
+        "members": cp.ensemble.design(scene, {"cable.top_tension": [150.0, 200.0]}, members=2, seed=1),
+        "rest": cp.chain.rest(scene),
+        "catenary": cp.catenary.rest(scene),
+        "chain": chain,
+        "modes": modes,
+        "normal modes": normal,
+        "condensed": condensed,
+        "amplitudes": cp.pod.project(chain, modes),
+        "comparison": cp.compare.errors(condensed, chain),
+        "frequencies": cp.cable.frequencies(scene, count=2),
+    }
+
+
+#: Valid calls: function -> stages of its Datasets, and other arguments that it needs.
+CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
+    "archive.describe": (("chain",), {}),
+    "archive.write": (("chain",), {"path": "new.nc"}),
+    "cable.frequencies": (("scene",), {}),
+    "cable.rest": (("scene",), {}),
+    "cable.simulate": (("scene",), {"step": 1e-2}),
+    "cable.summary": (("scene",), {}),
+    "catenary.rest": (("scene",), {}),
+    "chain.rest": (("scene",), {}),
+    "chain.simulate": (("scene",), {"step": 1e-3}),
+    "compare.errors": (("condensed", "chain"), {}),
+    "condensed.prepare": (("scene", "normal modes"), {}),
+    "condensed.resume": (("chain",), {}),
+    "condensed.simulate": (("scene", "normal modes"), {}),
+    "condensed.vibration_modes": (("scene",), {"rank": 2}),
+    "ensemble.design": (("scene",), {"ranges": {"cable.top_tension": [150.0, 200.0]}, "members": 2}),
+    "ensemble.batches": (("members",), {}),
+    "ensemble.run": (("members",), {"path": "folder"}),
+    "galerkin.simulate": (("scene", "modes"), {}),
+    "oblique.train": (("scene", "chain", "normal modes"), {"iterations": 1}),
+    "periodic.backbone": (("scene", "normal modes"), {"amplitude": 0.1}),
+    "periodic.frequency_response": (("scene", "normal modes"), {"frequency": (1.0, 2.0), "points": 10}),
+    "periodic.orbit": (("scene", "normal modes"), {}),
+    "periodic.stability_map": (("scene", "normal modes"), {"frequency": [1.0], "amplitude": [0.05]}),
+    "plots.amplitudes": (("condensed",), {}),
+    "plots.animate": (("chain", "condensed"), {}),
+    "plots.error_against_run_time": (("comparison",), {}),
+    "plots.error_over_time": (("comparison",), {}),
+    "plots.modes": (("modes",), {}),
+    "plots.parameter_map": (("comparison",), {"variable": "error", "x": "a", "y": "b"}),
+    "plots.phase_portraits": (("chain",), {}),
+    "plots.rest": (("catenary", "rest"), {}),
+    "plots.shapes": (("chain", "condensed"), {}),
+    "plots.singular_values": (("modes",), {}),
+    "plots.snapshots": (("chain", "chain"), {}),
+    "plots.stability": (("comparison",), {}),
+    "plots.tension": (("chain",), {}),
+    "pod.at_times": (("chain",), {"times": [0.0, 1.0]}),
+    "pod.decompose": (("chain",), {}),
+    "pod.project": (("chain", "modes"), {}),
+    "pod.reconstruct": (("amplitudes", "modes"), {}),
+    "rigid.rest": (("scene",), {}),
+    "rigid.simulate": (("scene",), {"step": 1e-3}),
+    "study.run": (("scene",), {}),
+    "summary": (("scene",), {}),
+}
+>>>>>>> a3e4d34 (periodic: orbits, frequency responses, backbones, stability maps)
 #: Functions whose first argument is no Dataset.
 OTHERS = {
     "archive.open_ensemble", "archive.read", "catenary.solve", "fatigue.equivalent", "fatigue.ranges", "make_scene", "read_scene",

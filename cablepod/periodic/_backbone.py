@@ -1,0 +1,285 @@
+"""Public function: free vibrations over their amplitude."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.errors import RunStopped, scene_error
+from cablepod.parameters._checks import choice, integer, number
+from cablepod.parameters._from_scene import Members
+from cablepod.periodic import _fields as fields
+from cablepod.periodic import _output as output
+from cablepod.periodic._continuation import AMPLITUDE, SLACK
+from cablepod.periodic._forcing import Forcing, unforced
+from cablepod.periodic._members import each_member
+from cablepod.periodic._model import PeriodicModel
+from cablepod.periodic._solve import MAX_HARMONICS, MIN_HARMONICS, MORE_HARMONICS, TAIL_RTOL, Solver, State
+
+#: Kinds of free vibrations.
+MOTIONS = ("planar", "whirling")
+#: First amplitude without dimension, its growth from point to point, and its largest change.
+FIRST_AMPLITUDE, GROWTH, LARGEST_CHANGE = 0.02, 1.25, 0.1
+#: Amplitudes without dimension from which the coefficient of amplitude squared is extrapolated.
+SMALL = (0.02, 0.04)
+#: Largest number of points.
+MAX_POINTS = 5000
+#: Relative difference of frequencies in the plane and out of it below which whirling begins at rest.
+DEGENERATE = 1e-9
+
+
+def backbone(
+    scene: xr.Dataset,
+    modes: xr.Dataset,
+    *,
+    mode: int = 1,
+    amplitude: float,
+    rank: int | None = None,
+    motion: str = "planar",
+) -> xr.Dataset:
+    """Compute frequencies of free vibrations over their amplitude, without damping and forcing.
+
+    Parameters
+    ----------
+    scene, modes
+        As in :func:`orbit`; motions and factors of loads are those of time 0, damping is left out.
+    mode
+        Number of the vibration about rest in the plane, by rising frequency, from which the branch starts.
+    amplitude
+        Largest deflection from its mean over a period up to which the branch is followed [m].
+    rank
+        Number of modes of each deflection; all by default.
+    motion
+        "planar", or "whirling": the motion out of the plane a quarter of a period behind that in it.  It leaves the planar branch
+        at ``branch_off`` points; where both frequencies agree at rest it starts there, as a circle.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``angular_frequency (point)`` [rad/s], ``amplitude (point)`` [m], the largest deflection from its mean over a period,
+        ``amplitude_of_mode (point, mode)`` [m], ``smallest_chordwise_force (point)`` [N].  Attributes: ``hardening``
+        [rad^2/s^2/m^2], the coefficient of amplitude squared in the squared frequency at small amplitude; ``ended``: "amplitude",
+        "slack", "points" or "diverged"; ``branch_off_amplitude`` [m] and ``branch_off_angular_frequency`` [rad/s], where whirling
+        leaves the planar branch (nan where it does not).
+
+    Raises
+    ------
+    SceneError
+        For a scene, modes or options that it does not support; the key is named.
+    RunStopped
+        If no vibration is found at small amplitude.
+
+    Notes
+    -----
+    Free vibrations of the conservative model are symmetric in time: cosines in the plane, sines out of it.
+    """
+    choice(*MOTIONS)("motion", motion)
+    integer(least=1)("mode", mode)
+    number(above=0.0)("amplitude", amplitude)
+
+    def one(scene: xr.Dataset) -> xr.Dataset:
+        forcing = Forcing(unforced(Members(scene)[0]), 1.0, 0.0, "m")
+        model = PeriodicModel.of(forcing, modes, rank=rank, order="leading", out_of_plane=True)
+        if mode > model.n_in_plane:
+            raise scene_error("mode", mode, f"at most {model.n_in_plane}, the number of modes in the plane")
+        return _Backbone(model, int(mode), float(amplitude)).result(motion)
+
+    parameters = {"mode": int(mode), "amplitude": float(amplitude), "rank": rank, "motion": motion}
+    return output.record(each_member(scene, one), "periodic.backbone", scene, modes, parameters)
+
+
+class _Backbone:
+    """Free vibrations of one scene."""
+
+    def __init__(self, model: PeriodicModel, mode: int, amplitude: float) -> None:
+        self.model, self.mode, self.amplitude = model, mode, amplitude
+        self.solver = Solver(model)
+        n = model.n_in_plane
+        values, self.vectors = np.linalg.eigh(model.tangent_at_rest[:n, :n])
+        if values[mode - 1] <= 0.0:
+            raise RunStopped(
+                f"mode {mode} has no frequency at rest, where the cable is unstable; try static_modes=True in vibration_modes"
+            )
+        self.omega = float(np.sqrt(values[mode - 1])) / model.scales[0]
+        outside, self.lateral = np.linalg.eigh(model.tangent_at_rest[n:, n:])
+        self.gaps: np.ndarray = np.sqrt(np.abs(outside)) / model.scales[0] / self.omega - 1.0
+
+    def active(self, state: State) -> np.ndarray:
+        """Return the numbers of the unknowns of motion symmetric in time: cosines in the plane, sines out of it."""
+        mask = np.zeros((1 + 2 * state.harmonics, state.size), dtype=bool)
+        n = self.model.n_in_plane
+        mask[0, :n], mask[1::2, :n] = True, True
+        mask[2::2, n:] = True
+        return np.append(np.flatnonzero(mask.ravel()), state.z.size - 1)
+
+    def correct(self, state: State, direction: np.ndarray, target: float) -> tuple[State, np.ndarray, int]:
+        """Solve with a condition on all unknowns, with as many harmonics as are needed; directions have all unknowns too."""
+        while True:
+            active = self.active(state)
+            found, tangent, iterations = self.solver.correct(state, direction[active], target, active)
+            whole = np.zeros(state.z.size)
+            whole[active] = tangent
+            if iterations < 0 or found.tail <= TAIL_RTOL or found.harmonics >= MAX_HARMONICS:
+                return found, whole, iterations
+            more = found.harmonics + MORE_HARMONICS
+            direction, state = replace(state, z=direction).resized(more).z, found.resized(more)
+
+    def start(self, size: float, circular: bool) -> tuple[State, np.ndarray]:
+        """Return a vibration of small size without dimension, and the direction of its amplitude."""
+        model = self.model
+        n = model.n_in_plane
+        r = model.size if circular else n
+        coefficients = np.zeros((1 + 2 * MIN_HARMONICS, r))
+        coefficients[0, :n] = model.rest[:n] / model.scales[1]
+        grown = np.zeros_like(coefficients)
+        grown[1, :n] = self.vectors[:, self.mode - 1]
+        if circular:
+            grown[2, n:] = self.lateral[:, int(np.argmin(np.abs(self.gaps)))]
+            grown /= np.sqrt(2.0)
+        direction = np.append(grown.ravel(), 0.0)
+        state = State(np.append((coefficients + size * grown).ravel(), self.omega), not circular, r)
+        found, _, iterations = self.correct(state, direction, size + float(direction[:-1] @ coefficients.ravel()))
+        if iterations < 0:
+            raise RunStopped("no free vibration at small amplitude, as Newton's method fails; try another mode or rank")
+        return found, direction
+
+    def trace(self, state: State, direction: np.ndarray) -> tuple[list[tuple[State, float, float]], str]:
+        """Follow the branch until its largest deflection reaches the amplitude; state, amplitude and smallest force of each."""
+        rows = [self._row(state)]
+        step = FIRST_AMPLITUDE
+        for _ in range(MAX_POINTS):
+            guess = replace(state, z=state.z + step * direction)
+            found, tangent, iterations = self.correct(guess, direction, float(direction @ guess.z))
+            before = replace(state, z=direction).resized(found.harmonics).z
+            if iterations < 0 or before @ tangent < 0.95:
+                step *= 0.5
+                if step < 1e-8:
+                    return rows, "diverged"
+                continue
+            rows.append(self._row(found))
+            if rows[-1][2] < 0.0:
+                return rows, SLACK
+            if rows[-1][1] >= self.amplitude:
+                rows[-1] = self._at_amplitude(state, rows[-2][1], found, rows[-1])
+                return rows, AMPLITUDE
+            state, direction = found, tangent
+            step = min(GROWTH * step, LARGEST_CHANGE * max(1.0, float(np.linalg.norm(found.coefficients[1:]))))
+        return rows, "points"
+
+    def _at_amplitude(
+        self, before: State, size: float, after: State, last: tuple[State, float, float]
+    ) -> tuple[State, float, float]:
+        """Return the point of the last segment that has the amplitude."""
+        way = after.z - before.resized(after.harmonics).z
+        direction = way / np.linalg.norm(way)
+        low, high, small, large = 0.0, 1.0, size, last[1]
+        row = last
+        for _ in range(40):
+            share = low + (self.amplitude - small) / (large - small) * (high - low)
+            guess = replace(after, z=before.resized(after.harmonics).z + share * way)
+            found, _, iterations = self.correct(guess, direction, float(direction @ guess.z))
+            if iterations < 0 or found.harmonics != after.harmonics:
+                return last
+            row = self._row(found)
+            if abs(row[1] / self.amplitude - 1.0) < 1e-12:
+                break
+            if row[1] > self.amplitude:
+                high, large = share, row[1]
+            else:
+                low, small = share, row[1]
+        return row
+
+    def _row(self, state: State) -> tuple[State, float, float]:
+        q = fields.coordinates(self.model, state, 2 * fields.PHASES)
+        stability = self.solver.stability(state)
+        return state, fields.largest_deflection(self.model, q), stability.smallest_force
+
+    def hardening(self, circular: bool) -> float:
+        """Return the coefficient of amplitude squared in the squared frequency [rad^2/s^2/m^2], at small amplitude."""
+        slopes, squares = [], []
+        for size in SMALL:
+            state, largest, _ = self._row(self.start(size, circular)[0])
+            squares.append(largest**2)
+            slopes.append((state.omega**2 - self.omega**2) * self.model.scales[0] ** 2 / largest**2)
+        return float((squares[1] * slopes[0] - squares[0] * slopes[1]) / (squares[1] - squares[0]))
+
+    def branch_off(self, rows: list[tuple[State, float, float]]) -> tuple[State, np.ndarray] | None:
+        """Return the first point at which whirling leaves the planar branch, and its direction; None for none."""
+        n, model = self.model.n_in_plane, self.model
+        if model.size == n:
+            return None
+
+        def block(state: State) -> tuple[np.ndarray, np.ndarray, State]:
+            full = state.full(model)
+            mask = np.zeros((1 + 2 * full.harmonics, full.size), dtype=bool)
+            mask[2::2, n:] = True
+            rows = np.flatnonzero(mask.ravel())
+            return self.solver.jacobian(full)[np.ix_(rows, rows)], rows, full
+
+        signs = [np.linalg.slogdet(block(state)[0])[0] for state, *_ in rows]
+        change = [i for i in range(1, len(rows)) if signs[i] * signs[i - 1] < 0.0]
+        if not change:
+            return None
+        before, after = rows[change[0] - 1][0], rows[change[0]][0]
+        way = after.z - before.resized(after.harmonics).z
+        direction = way / np.linalg.norm(way)
+        low, high, found = 0.0, 1.0, after
+        for _ in range(50):
+            share = 0.5 * (low + high)
+            guess = replace(after, z=before.resized(after.harmonics).z + share * way)
+            found, _, iterations = self.correct(guess, direction, float(direction @ guess.z))
+            if iterations < 0:
+                return None
+            same = np.linalg.slogdet(block(found)[0])[0] * signs[change[0] - 1] > 0.0
+            low, high = (share, high) if same else (low, share)
+        matrix, numbers, full = block(found)
+        null = np.zeros(full.z.size)
+        null[numbers] = np.linalg.svd(matrix)[2][-1]
+        return full, null
+
+    def result(self, motion: str) -> xr.Dataset:
+        """Return the branch as a Dataset."""
+        circular = motion == "whirling"
+        degenerate = self.gaps.size > 0 and float(np.abs(self.gaps).min()) < DEGENERATE
+        state, direction = self.start(FIRST_AMPLITUDE, circular and degenerate)
+        rows, ended = self.trace(state, direction)
+        attrs: dict[str, Any] = {"hardening": self.hardening(circular and degenerate)}
+        leaving = None if degenerate else self.branch_off(rows)
+        attrs["branch_off_amplitude"] = 0.0 if degenerate else self._row(leaving[0])[1] if leaving else np.nan
+        attrs["branch_off_angular_frequency"] = (
+            self.omega if degenerate else leaving[0].omega if leaving else np.nan
+        ) * self.model.scales[0]
+        if circular and not degenerate:
+            if leaving is None:
+                raise scene_error(
+                    "motion", motion, f'"planar": whirling does not leave this branch below {self.amplitude:g} m'
+                )
+            rows, ended = self.trace(*leaving)
+        return self.labelled(rows, attrs | {"ended": ended})
+
+    def labelled(self, rows: list[tuple[State, float, float]], attrs: dict[str, Any]) -> xr.Dataset:
+        """Return points as a Dataset."""
+        model = self.model
+        ranges = []
+        for state, *_ in rows:
+            q = fields.coordinates(model, state, 2 * fields.PHASES)
+            ranges.append([fields.half_range(part) for part in fields.mode_amplitudes(model, q)])
+        parts = [np.array([entry[k] for entry in ranges]) for k in range(len(model.sets))]
+        variables = {
+            "angular_frequency": (("point",), np.array([state.omega for state, *_ in rows]) * model.scales[0]),
+            "amplitude": (("point",), np.array([size for _, size, _ in rows])),
+            "smallest_chordwise_force": (("point",), np.array([force for *_, force in rows])),
+            **output.per_set(model, "amplitude_of_mode", ("point",), parts),
+        }
+        names = {
+            "angular_frequency": ("rad s-1", "angular frequency of the free vibration"),
+            "amplitude": ("m", "largest deflection normal to the chord, from its mean over a period"),
+            "amplitude_of_mode": ("m", "half of the range of the amplitude of the mode over a period"),
+            "amplitude_of_mode_out_of_plane": ("m", "the same, out of the plane"),
+        }
+        result = output.dataset(model, variables, {"point": np.arange(1, len(rows) + 1)}, **names)
+        result.attrs.update(attrs)
+        return result

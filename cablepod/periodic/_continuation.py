@@ -1,0 +1,214 @@
+"""Pseudo-arclength continuation of periodic solutions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cablepod.periodic._solve import (
+    MAX_HARMONICS,
+    MIN_HARMONICS,
+    MORE_HARMONICS,
+    TAIL_RTOL,
+    Solver,
+    Stability,
+    State,
+)
+
+#: Arc length of the first, the smallest and, at small motion, the largest step, without dimension.
+FIRST_STEP, LEAST_STEP, LARGEST_STEP = 5e-3, 1e-7, 0.05
+#: The largest step is at least the first number, and otherwise this multiple of the damping: resonances are as wide as that.
+LEAST_LARGEST_STEP, STEPS_PER_WIDTH = 4e-3, 2.0
+#: Largest step over the size of the motion.
+STEP_OVER_MOTION = 0.1
+#: Least cosine between the directions of two successive points, and that above which the step may grow.
+MIN_COSINE, GOOD_COSINE = 0.9, 0.98
+#: Number of Newton iterations below which the step grows, and above which it shrinks.
+FEW_ITERATIONS, MANY_ITERATIONS = 4, 6
+#: Distance from the start of a branch, over the step, that counts as having come back.
+LOOP_RTOL = 0.3
+#: Number of points before which a branch cannot have come back.
+LOOP_POINTS = 10
+#: Largest share of the coordinates in each other's symmetric part before a crossing of the parent counts.
+RANGE, LOOP, POINTS, SLACK, DIVERGED, AMPLITUDE = "range", "loop", "points", "slack", "diverged", "amplitude"
+
+
+@dataclass(eq=False)
+class Point:
+    """A solution on a branch."""
+
+    state: State
+    direction: np.ndarray  #: of the branch, of unit norm
+    stability: Stability | None
+    stride: int  #: number of steps of the scheme for multipliers for each sample
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """Floquet multipliers (2 r,)."""
+        assert self.stability is not None
+        return self.stability.multipliers
+
+
+@dataclass(eq=False)
+class Branch:
+    """A branch of solutions."""
+
+    number: int
+    points: list[Point] = field(default_factory=list)
+    ended: str = ""
+    #: Coefficients that vanish on the parent branch, as a function of a state; None for main branches
+    asymmetric: Callable[[State], np.ndarray] | None = None
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where a branch ends."""
+
+    low: float  #: of the angular frequency, without dimension
+    high: float
+    points: int
+    #: Any other reason to end, from the last point; empty to go on
+    reason: Callable[[Point], str] = lambda point: ""
+
+
+def adapted(solver: Solver, state: State, direction: np.ndarray, target: float) -> tuple[State, np.ndarray, int]:
+    """Correct a state, and again with more harmonics until the last two hold no more than `TAIL_RTOL`."""
+    found, tangent, iterations = solver.correct(state, direction, target)
+    if iterations < 0:
+        return found, tangent, iterations
+    most = MAX_HARMONICS * state.periods
+    while found.tail > TAIL_RTOL and found.harmonics < most:
+        harmonics = min(found.harmonics + MORE_HARMONICS * state.periods, most)
+        direction = resized_direction(direction, found, harmonics)
+        found = found.resized(harmonics)
+        found, tangent, iterations = solver.correct(found, direction, target)
+        if iterations < 0:
+            break
+    return found, tangent, iterations
+
+
+def resized_direction(direction: np.ndarray, state: State, harmonics: int) -> np.ndarray:
+    """Return a direction for another number of harmonics than that of the state."""
+    return replace(state, z=direction).resized(harmonics).z
+
+
+def thinned(state: State, direction: np.ndarray) -> tuple[State, np.ndarray]:
+    """Leave out harmonics that are far smaller than needed."""
+    fewer = state.harmonics - MORE_HARMONICS * state.periods
+    if fewer < MIN_HARMONICS * state.periods:
+        return state, direction
+    shorter = state.resized(fewer)
+    if shorter.tail > 0.01 * TAIL_RTOL:
+        return state, direction
+    direction = resized_direction(direction, state, fewer)
+    return shorter, direction / np.linalg.norm(direction)
+
+
+def distance(first: State, second: State) -> np.ndarray:
+    """Return the difference of two states, with the harmonics of the one that has more."""
+    harmonics = max(first.harmonics, second.harmonics)
+    return second.resized(harmonics).z - first.resized(harmonics).z
+
+
+def trace(
+    solver: Solver,
+    branch: Branch,
+    start: State,
+    direction: np.ndarray,
+    limits: Limits,
+    on_point: Callable[[Branch], bool],
+    *,
+    stability: bool = True,
+) -> None:
+    """Append points to a branch from a solution on, until it ends; `ended` tells why.
+
+    Parameters
+    ----------
+    solver, branch
+        Solver of the model, and the branch, changed.
+    start, direction
+        A solution, and the direction in which to leave it.
+    limits
+        Where the branch ends.
+    on_point
+        Called after each point; false where the last one is to be taken back and the step halved, because events between the
+        last two cannot be told apart.
+    stability
+        Whether multipliers are computed.
+    """
+    width = STEPS_PER_WIDTH * solver.model.damping
+    largest = min(max(width, LEAST_LARGEST_STEP), LARGEST_STEP) if width else LARGEST_STEP
+    step = min(FIRST_STEP, largest)
+
+    def point_of(state: State, direction: np.ndarray) -> Point:
+        stride = solver.stride(state)
+        return Point(state, direction, solver.stability(state, stride) if stability else None, stride)
+
+    if not branch.points:
+        branch.points.append(point_of(start, direction))
+        on_point(branch)
+    state, direction = start, direction / np.linalg.norm(direction)
+    while not branch.ended:
+        guess = replace(state, z=state.z + step * direction)
+        target = float(direction @ guess.z)
+        found, tangent, iterations = adapted(solver, guess, direction, target)
+        good = iterations > 0
+        if good:
+            before = resized_direction(direction, state, found.harmonics)
+            cosine = float(before @ tangent) / float(np.linalg.norm(before))
+            good = cosine > MIN_COSINE
+        if good:
+            branch.points.append(point_of(found, tangent))
+            if not on_point(branch) and step > 100.0 * LEAST_STEP:
+                branch.points.pop()
+                good = False
+        if not good:
+            step *= 0.5
+            if step < LEAST_STEP:
+                branch.ended = DIVERGED
+            continue
+        branch.ended = _end(branch, limits, step)
+        motion = float(np.linalg.norm(found.coefficients[1:]))
+        if iterations <= FEW_ITERATIONS and cosine > GOOD_COSINE:
+            step = min(1.4 * step, max(largest, STEP_OVER_MOTION * motion))
+        elif iterations > MANY_ITERATIONS or cosine < GOOD_COSINE:
+            step *= 0.7
+        state, direction = thinned(found, tangent)
+
+
+def _end(branch: Branch, limits: Limits, step: float) -> str:
+    """Return why a branch ends at its last point; empty where it goes on."""
+    last, before = branch.points[-1], branch.points[-2].state
+    state = last.state
+    if not limits.low <= state.omega <= limits.high:
+        return RANGE
+    reason = limits.reason(last)
+    if reason:
+        return reason
+    if last.stability is not None and last.stability.smallest_force < 0.0:
+        return SLACK
+    if len(branch.points) > LOOP_POINTS:
+        if branch.asymmetric is not None and _opposite(branch.asymmetric(before), branch.asymmetric(state)):
+            return LOOP
+        if _passes(branch.points[0].state, before, state, step):
+            return LOOP
+    if limits.points <= len(branch.points):
+        return POINTS
+    return ""
+
+
+def _opposite(first: np.ndarray, second: np.ndarray) -> bool:
+    """Return whether two arrays, the shorter one padded by zeros, point in opposite directions."""
+    count = min(first.size, second.size)
+    return bool(first[:count] @ second[:count] < 0.0)
+
+
+def _passes(point: State, before: State, after: State, step: float) -> bool:
+    """Return whether the segment between two states passes near a point."""
+    harmonics = max(point.harmonics, before.harmonics, after.harmonics)
+    a, b, c = (state.resized(harmonics).z for state in (before, after, point))
+    segment = b - a
+    share = float((c - a) @ segment) / float(segment @ segment)
+    return -0.01 <= share <= 1.01 and float(np.linalg.norm(c - a - share * segment)) < LOOP_RTOL * step

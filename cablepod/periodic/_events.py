@@ -1,0 +1,228 @@
+"""Bifurcations between two points of a branch, located by their test functions, and the branches that leave there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from cablepod.periodic._continuation import Branch, Point, distance, resized_direction
+from cablepod.periodic._solve import IN_PLANE, NEUTRAL, OUT_OF_PLANE, Solver, State, sets_of
+
+FOLD, PITCHFORK, DOUBLING, TORUS = "fold", "pitchfork", "period_doubling", "torus"
+#: Relative width of the interval that locates a bifurcation, and number of evaluations.
+LOCATE_RTOL, MAX_EVALUATIONS = 1e-11, 60
+#: Largest distance of a multiplier from its value at the bifurcation, above which a change of sign is none.
+MAX_DISTANCE = 1e-3
+#: Step onto a branch that leaves, over that of the smallest, without dimension.
+SWITCH_STEPS = (1e-2, 3e-2, 3e-3, 0.1)
+
+
+@dataclass(eq=False)
+class Event:
+    """A bifurcation."""
+
+    kind: str
+    which: str  #: set of coordinates whose multiplier crosses the unit circle
+    state: State
+    branch: int
+    leads_to: int = 0  #: number of the branch that leaves; 0 for none
+
+
+class Signs(NamedTuple):
+    """Test functions at a point, set by set: each changes sign where multipliers cross the unit circle."""
+
+    at_one: np.ndarray  #: product of 1 - multiplier
+    at_minus_one: np.ndarray  #: product of 1 + multiplier
+    complex_outside: np.ndarray  #: number of complex pairs outside of the circle
+    real_outside: np.ndarray  #: numbers of real multipliers above 1 and below -1 (sets, 2)
+
+
+def signs(solver: Solver, point: Point) -> Signs:
+    """Return the test functions at a point."""
+    rows = []
+    for _, which in sets_of(solver.model, point.state):
+        mu = point.multipliers[which]
+        real = np.abs(mu.imag) < NEUTRAL
+        outside = (np.abs(mu) > 1.0 + NEUTRAL) & (mu.imag > NEUTRAL)
+        rows.append(
+            (
+                np.prod(1.0 - mu).real,
+                np.prod(1.0 + mu).real,
+                int(outside.sum()),
+                [int((real & (mu.real > 1.0)).sum()), int((real & (mu.real < -1.0)).sum())],
+            )
+        )
+    return Signs(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def can_be_told_apart(before: Signs, after: Signs) -> bool:
+    """Return whether no two multipliers of one set can have crossed the circle at the same place."""
+    return bool((np.abs(before.real_outside - after.real_outside) <= 1).all())
+
+
+def events_between(solver: Solver, branch: Branch, before: Signs, after: Signs) -> list[Event]:
+    """Locate the bifurcations between the last two points of a branch, in their order."""
+    first, second = branch.points[-2], branch.points[-1]
+    names = sets_of(solver.model, second.state)
+    found: list[tuple[float, Event]] = []
+
+    def locate(kind: str, name: str, test: Callable[[Point], float], check: Callable[[Point], bool]) -> None:
+        place = _locate(solver, first, second, test)
+        if place is not None and check(place[1]):
+            found.append((place[0], Event(kind, name, place[1].state, branch.number)))
+
+    folds = first.direction[-1] * second.direction[-1] < 0.0
+    if folds:
+        name = names[0][0]
+        locate(FOLD, name, lambda point: point.direction[-1], lambda point: True)
+    for k, (name, which) in enumerate(names):
+
+        def near(value: float, which: slice = which) -> Callable[[Point], bool]:
+            return lambda point: np.abs(point.multipliers[which] - value).min() < MAX_DISTANCE
+
+        if before.at_one[k] * after.at_one[k] < 0.0 and not (folds and k == 0):
+            locate(PITCHFORK, name, partial(_at_one, solver, k), near(1.0))
+        if before.at_minus_one[k] * after.at_minus_one[k] < 0.0:
+            locate(DOUBLING, name, partial(_at_minus_one, solver, k), near(-1.0))
+        if before.complex_outside[k] != after.complex_outside[k]:
+
+            def radius(point: Point, which: slice = which) -> float:
+                mu = point.multipliers[which]
+                return float(np.abs(mu[np.abs(mu.imag) > NEUTRAL]).max(initial=0.0)) - 1.0
+
+            if radius(first) * radius(second) < 0.0:
+                locate(TORUS, name, radius, near_circle(radius))
+    return [event for _, event in sorted(found, key=lambda pair: pair[0])]
+
+
+def _at_one(solver: Solver, k: int, point: Point) -> float:
+    """Return the product of 1 - mu of one set."""
+    return float(signs(solver, point).at_one[k])
+
+
+def _at_minus_one(solver: Solver, k: int, point: Point) -> float:
+    """Return the product of 1 + mu of one set."""
+    return float(signs(solver, point).at_minus_one[k])
+
+
+def near_circle(radius: Callable[[Point], float]) -> Callable[[Point], bool]:
+    """Return a test whether the distance from the unit circle is small."""
+    return lambda point: abs(radius(point)) < MAX_DISTANCE
+
+
+def _locate(solver: Solver, first: Point, second: Point, test: Callable[[Point], float]) -> tuple[float, Point] | None:
+    """Find the zero of a test function between two points by the Illinois method; return its share of the way."""
+    harmonics = max(first.state.harmonics, second.state.harmonics)
+    start = first.state.resized(harmonics)
+    way = distance(first.state, second.state)
+    length = float(np.linalg.norm(way))
+    direction = way / length
+    heading = resized_direction(first.direction, first.state, harmonics)
+    if heading @ direction < 0.0:
+        return None
+
+    def at(share: float) -> Point | None:
+        guess = replace(start, z=start.z + share * way)
+        state, tangent, iterations = solver.correct(guess, direction, float(direction @ guess.z))
+        if iterations < 0:
+            return None
+        return Point(state, tangent, solver.stability(state, stride), stride)
+
+    stride = max(first.stride, second.stride)
+    low, high, point = 0.0, 1.0, None
+    ends = at(0.0), at(1.0)
+    if ends[0] is None or ends[1] is None:
+        return None
+    value_low, value_high = test(ends[0]), test(ends[1])
+    if value_low * value_high > 0.0:
+        return None
+    side = 0
+    for evaluation in range(MAX_EVALUATIONS):
+        share = (low * value_high - high * value_low) / (value_high - value_low) if value_high != value_low else 0.5
+        if evaluation % 8 == 7 or not low < share < high:
+            share = 0.5 * (low + high)
+        point = at(share)
+        if point is None:
+            return None
+        value = test(point)
+        if value == 0.0 or high - low < LOCATE_RTOL * max(1.0, 1.0 / length):
+            break
+        if value * value_high > 0.0:
+            moved = abs(high - share)
+            high, value_high = share, value
+            value_low *= 0.5 if side == 1 else 1.0
+            side = 1
+        else:
+            moved = abs(share - low)
+            low, value_low = share, value
+            value_high *= 0.5 if side == -1 else 1.0
+            side = -1
+        if moved * length < LOCATE_RTOL:
+            break
+    return (share, point) if point is not None else None
+
+
+# --- branches that leave ------------------------------------------------------------------------------------------------
+
+
+def leaving(solver: Solver, event: Event) -> tuple[State, np.ndarray, Callable[[State], np.ndarray]] | None:
+    """Return the state at a pitchfork out of the plane or a period doubling as the branch that leaves sees it.
+
+    Returns
+    -------
+    tuple or None
+        The state with the periods and coordinates of that branch, the direction of the branch, and a function that gives the
+        coefficients that vanish at the bifurcation; None where no such branch is known.
+    """
+    state, n = event.state, solver.model.n_in_plane
+    doubles = event.kind == DOUBLING
+    if not doubles and not (event.kind == PITCHFORK and event.which == OUT_OF_PLANE):
+        return None
+    if doubles:
+        state = state.doubled()
+    spatial = not state.planar or event.which == OUT_OF_PLANE
+    if spatial:
+        state = state.full(solver.model)
+    mask = np.ones((1 + 2 * state.harmonics, state.size), dtype=bool)
+    if doubles:
+        mask[:] = False
+        mask[1::4], mask[2::4] = True, True  # odd harmonics
+    if event.which == OUT_OF_PLANE:
+        mask[:, :n] = False
+    elif event.which == IN_PLANE:
+        mask[:, n:] = False
+    rows = np.flatnonzero(mask.ravel())
+    jacobian = solver.jacobian(state)[np.ix_(rows, rows)]
+    null = np.linalg.svd(jacobian)[2][-1]
+    direction = np.zeros(state.z.size)
+    direction[rows] = null
+
+    def asymmetric(state: State) -> np.ndarray:
+        return _asymmetric_part(state, doubles, event.which == OUT_OF_PLANE, n)
+
+    return state, direction, asymmetric
+
+
+def _asymmetric_part(state: State, odd: bool, outside: bool, n: int) -> np.ndarray:
+    """Return the odd harmonics or all, of the coordinates out of the plane or all, low harmonics first."""
+    c = state.coefficients
+    if outside:
+        c = c[:, n:]
+    if odd:
+        harmonics = np.arange(1, state.harmonics + 1, 2)
+        c = c[np.ravel(np.stack([2 * harmonics - 1, 2 * harmonics], axis=1))]
+    return c.ravel()
+
+
+def first_point(solver: Solver, state: State, direction: np.ndarray) -> tuple[State, np.ndarray] | None:
+    """Step from a bifurcation onto the branch that leaves; None where no step succeeds."""
+    for step in SWITCH_STEPS:
+        guess = replace(state, z=state.z + step * direction)
+        found, tangent, iterations = solver.correct(guess, direction, float(direction @ guess.z))
+        if iterations > 0 and abs(found.omega - state.omega) < 10.0 * step:
+            return found, tangent
+    return None

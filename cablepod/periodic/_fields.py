@@ -1,0 +1,108 @@
+"""Deflections, positions and tensions of periodic solutions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cablepod.discretisation._chord_frame import ChordFrame
+from cablepod.periodic._model import PeriodicModel, harmonics_at
+from cablepod.periodic._solve import State
+
+#: Number of phases of a period of the forcing at which extremes are looked for; a parabola refines them.
+PHASES = 64
+
+
+def coordinates(model: PeriodicModel, state: State, phases: int) -> np.ndarray:
+    """Return all coordinates at equidistant phases of the motion (phases, r) [kg^1/2 m]."""
+    values = harmonics_at(phases, state.harmonics) @ state.full(model).coefficients
+    return values * model.scales[1]
+
+
+def sets(model: PeriodicModel, q: np.ndarray) -> list[np.ndarray]:
+    """Split coordinates (..., r) into those of each set."""
+    n = model.n_in_plane
+    return [q[..., :n], q[..., n:]][: len(model.sets)]
+
+
+def mode_amplitudes(model: PeriodicModel, q: np.ndarray) -> list[np.ndarray]:
+    """Return the amplitudes of the modes of each set (..., mode) [m]."""
+    return [part @ turn.T for part, turn in zip(sets(model, q), model.turns, strict=True)]
+
+
+def deflections(model: PeriodicModel, q: np.ndarray) -> np.ndarray:
+    """Return deflections normal to the chord (sets, phases, particle) [m]."""
+    return np.stack([part @ shapes for part, shapes in zip(sets(model, q), model.sets, strict=True)])
+
+
+def maximum(values: np.ndarray) -> np.ndarray:
+    """Return the largest values over a period (phases, ...), refined by a parabola through three phases."""
+    best = np.argmax(values, axis=0)[None]
+    count = len(values)
+    middle, before, after = (np.take_along_axis(values, (best + shift) % count, axis=0)[0] for shift in (0, -1, 1))
+    bend = 2.0 * middle - before - after
+    return middle + np.divide((after - before) ** 2, 8.0 * bend, out=np.zeros_like(middle), where=bend > 0.0)
+
+
+def half_range(values: np.ndarray) -> np.ndarray:
+    """Return half of the range of values over a period (phases, ...)."""
+    return 0.5 * (maximum(values) + maximum(-values))
+
+
+def largest_deflection(model: PeriodicModel, q: np.ndarray) -> float:
+    """Return the largest deflection from its mean over a period, of all particles [m]."""
+    deflection = deflections(model, q)
+    deflection = deflection - deflection.mean(axis=1, keepdims=True)
+    return float(np.sqrt(maximum((deflection**2).sum(axis=0)).max()))
+
+
+def boundary_data(model: PeriodicModel, omega: float, phase: np.ndarray) -> np.ndarray:
+    """Return the boundary data of the condensed model at phases [rad], for an angular frequency [rad/s]."""
+    parts = model.boundary_data(phase)
+    return parts[0] + omega * model.condensed.chain.p.damping * parts[1] + omega**2 * parts[2]
+
+
+def close_chord(
+    model: PeriodicModel, q: np.ndarray, omega: float, phase: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return chordwise stretch, chordwise force [N] and squared slopes (phases, n)."""
+    from cablepod.condensed import _kernels_closure, _kernels_fields  # numba is imported only to compute
+
+    condensed, chain = model.condensed, model.condensed.chain
+    data = boundary_data(model, omega, phase)
+    slopes = np.diff(deflections(model, q), axis=2) / chain.length
+    squared = (slopes**2).sum(axis=0)
+    tau = data[:, 1 : 1 + len(condensed.load_patterns)] @ condensed.chordwise_force_patterns
+    chord, tension, stretch = data[:, 0].copy(), np.empty(len(q)), np.empty_like(squared)
+    k = chain.p.stiffness
+    if condensed.order == "leading":
+        reduced = squared * condensed.slope_factor
+        _kernels_fields.close_leading(reduced, tau, chain.length, chord, k, tension, stretch)
+    else:
+        stretch[0], tension[0] = (
+            condensed.stretch_guess(data[0]),
+            condensed.tension_guess(data[0], q[0, : condensed.slope_norms_squared.size]),
+        )
+        _kernels_closure.close_all(squared, tau, chain.length, chord, k, False, tension, stretch)
+    return stretch, tension[:, None] + tau, squared
+
+
+def positions(model: PeriodicModel, q: np.ndarray, stretch: np.ndarray, phase: np.ndarray) -> np.ndarray:
+    """Return positions (phases, particle, coordinate) [m]; of a planar scene with three coordinates if it leaves the plane."""
+    condensed, chain = model.condensed, model.condensed.chain
+    ends = chain.p.end_positions(phase)
+    frame = ChordFrame.of(ends[:, 1] - ends[:, 0], condensed.reference)
+    along = np.zeros((len(q), chain.links + 1))
+    np.cumsum(stretch * chain.length, axis=1, out=along[:, 1:])
+    deflection = deflections(model, q)
+    result = frame.join(ends[:, 0], along, deflection[: chain.p.dims - 1])
+    result[:, -1] = ends[:, 1]
+    if chain.p.dims == 2 and len(deflection) > 1 and deflection[1].any():
+        result = np.concatenate([result, deflection[1][:, :, None]], axis=2)
+    return result
+
+
+def tensions(model: PeriodicModel, stretch: np.ndarray, force: np.ndarray, squared: np.ndarray) -> np.ndarray:
+    """Return tensions (phases, link) [N]."""
+    if model.condensed.order == "leading":
+        return force * np.sqrt(1.0 + squared)
+    return model.condensed.chain.p.stiffness * (np.sqrt(stretch**2 + squared) - 1.0)

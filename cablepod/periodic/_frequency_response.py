@@ -1,0 +1,382 @@
+"""Public function: branches of periodic responses over the frequency of the forcing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.errors import RunStopped, scene_error
+from cablepod.parameters._checks import integer, number
+from cablepod.periodic import _fields as fields
+from cablepod.periodic import _output as output
+from cablepod.periodic._continuation import POINTS, RANGE, Branch, Limits, Point, trace
+from cablepod.periodic._events import (
+    DOUBLING,
+    Event,
+    can_be_told_apart,
+    events_between,
+    first_point,
+    leaving,
+    signs,
+)
+from cablepod.periodic._members import given_names, model_of, one_member
+from cablepod.periodic._model import PeriodicModel
+from cablepod.periodic._solve import MAX_HARMONICS, MIN_HARMONICS, Solver, State
+from cablepod.periodic._start import grown_from_rest
+
+#: Outputs of a frequency response.
+OUTPUTS = ("multipliers", "tension_extremes", "harmonics")
+#: Branches that are followed from where they leave.
+FOLLOW = ("whirling", "period_doubling")
+#: Largest number of periods of the forcing in one of the motion, and of bifurcations between a main branch and another.
+MAX_PERIODS, MAX_DEPTH = 4, 3
+#: Relative distance in frequency within which a branch that comes back meets a known bifurcation.
+MEETING_RTOL = 5e-3
+#: End of a branch by Ctrl-C.
+INTERRUPTED = "interrupted"
+
+
+def frequency_response(
+    scene: xr.Dataset,
+    modes: xr.Dataset,
+    *,
+    frequency: tuple[float, float],
+    rank: int | None = None,
+    order: str = "leading",
+    harmonics: int | None = None,
+    follow: tuple[str, ...] = FOLLOW,
+    points: int = 5000,
+    out_of_plane: bool = True,
+    outputs: tuple[str, ...] = ("multipliers", "tension_extremes"),
+    progress: Callable[[float], None] | None = None,
+) -> xr.Dataset:
+    """Follow periodic responses over the frequency of the forcing, through folds, with their stability and bifurcations.
+
+    Parameters
+    ----------
+    scene, modes
+        As in :func:`orbit`.
+    frequency
+        Lowest and highest angular frequency of the forcing [rad/s], in place of the scene's.
+    rank
+        Number of modes of each deflection; all by default.
+    order
+        "leading".
+    harmonics
+        Least number of harmonics of a period of the forcing; more are taken where the last two hold more than 1e-6 of the motion.
+    follow
+        Branches that are followed: "whirling", which leave at pitchforks out of the plane, and "period_doubling".
+    points
+        Largest number of points of all branches.
+    out_of_plane
+        Whether disturbances out of the plane are judged in a planar scene.
+    outputs
+        Some of "multipliers", "tension_extremes" and "harmonics".
+    progress
+        Callback receiving the completed fraction, which never falls and ends at 1.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along ``point``, one branch after the other: ``angular_frequency`` [rad/s], ``branch``, ``amplitude (point, mode)`` [m],
+        half of the range over a period, ``deflection_maximum`` [m], from its mean over a period, ``stable``, ``periods``,
+        ``smallest_chordwise_force`` [N], and what `outputs` names: ``multiplier_real``, ``multiplier_imag (point, multiplier)``,
+        ``tension_minimum``, ``tension_maximum (point, link)`` [N], ``harmonic_cosine``, ``harmonic_sine`` [m].  Along
+        ``bifurcation``: ``bifurcation_kind`` ("fold", "pitchfork", "period_doubling", "torus"), ``bifurcation_set`` ("in_plane",
+        "out_of_plane", on whirling branches "coupled"), ``bifurcation_angular_frequency``, ``bifurcation_branch``, ``leads_to``.
+        Attributes ``branch_1_ended`` and so on: "range", "loop" (back at its start or at another bifurcation), "points", "slack",
+        "diverged".
+
+    Raises
+    ------
+    SceneError
+        For a scene, modes or options that it does not support; the key is named.
+    RunStopped
+        If no response is found at the ends of the range, and on Ctrl-C; `partial` has what was traced.
+
+    Warns
+    -----
+    OutOfRangeWarning
+        As :func:`orbit`.
+
+    Notes
+    -----
+    Pseudo-arclength continuation; bifurcations are zeros of the products of 1 - mu and 1 + mu over the multipliers mu of one set
+    of coordinates, found on the secant by the Illinois method.  Branches that leave start along the null vector.
+    """
+    wanted = given_names("outputs", outputs, OUTPUTS)
+    low, high = frequency_range("frequency", frequency)
+    integer(least=2)("points", points)
+    if harmonics is not None:
+        integer(least=2, most=MAX_HARMONICS)("harmonics", harmonics)
+    names = given_names("follow", follow, FOLLOW)
+    one_member(scene, "frequency_response")
+    model, _ = model_of(scene, modes, rank=rank, order=order, out_of_plane=out_of_plane)
+    study = _Study(Solver(model), (low, high), names, int(points), harmonics or MIN_HARMONICS, progress)
+    study.run()
+    result = labelled(study, wanted)
+    parameters = {
+        "frequency": [low, high], "rank": rank, "order": order, "harmonics": harmonics, "follow": list(names),
+        "points": int(points), "out_of_plane": bool(out_of_plane), "outputs": list(wanted),
+    }  # fmt: skip
+    result = output.record(result, "periodic.frequency_response", scene, modes, parameters)
+    if study.interrupted:
+        result.attrs["incomplete"] = 1
+        raise RunStopped(
+            f"periodic.frequency_response was interrupted after {result.sizes['point']} points; try `partial`, which has them",
+            result,
+        )
+    output.warn_of_result(result.attrs, model.damping)
+    return result
+
+
+def frequency_range(key: str, given: Any) -> tuple[float, float]:
+    """Check the ends of a range of angular frequencies [rad/s].
+
+    Raises
+    ------
+    SceneError
+        If they are no positive finite numbers, or not in order.
+    """
+    try:
+        first, second = given
+    except (TypeError, ValueError):
+        raise scene_error(key, given, "two angular frequencies [rad/s], the lower one first") from None
+    low, high = number(above=0.0)(f"{key}[0]", first), number(above=0.0)(f"{key}[1]", second)
+    if not low < high:
+        raise scene_error(key, (low, high), "two different angular frequencies [rad/s], the lower one first")
+    return low, high
+
+
+class _Study:
+    """Branches and bifurcations found so far."""
+
+    def __init__(
+        self,
+        solver: Solver,
+        frequency: tuple[float, float],
+        follow: tuple[str, ...],
+        points: int,
+        harmonics: int,
+        progress: Callable[[float], None] | None,
+    ) -> None:
+        self.solver, self.follow, self.points, self.harmonics = solver, follow, points, harmonics
+        scale = solver.model.scales[0]
+        self.low, self.high = frequency[0] / scale, frequency[1] / scale
+        self.progress = progress or (lambda share: None)
+        self.branches: list[Branch] = []
+        self.events: list[Event] = []
+        self.depth: dict[int, int] = {}
+        self.interrupted = False
+        self._told = 0.0
+
+    def run(self) -> None:
+        """Trace the main branches, then those that leave.
+
+        Raises
+        ------
+        RunStopped
+            If no response is found at either end of the range.
+        """
+        try:
+            self._main()
+            self._others()
+        except KeyboardInterrupt:
+            self.interrupted = True
+            for branch in self.branches:
+                branch.ended = branch.ended or INTERRUPTED
+        self.branches = [branch for branch in self.branches if branch.points]
+        if not self.interrupted:
+            self.progress(1.0)
+
+    def _main(self) -> None:
+        """Trace from the lowest frequency, and from the highest where the first branch does not reach it."""
+        found = False
+        for omega, sign in ((self.low, 1.0), (self.high, -1.0)):
+            if found and (self.branches[0].points[-1].state.omega >= self.high or self._count() >= self.points):
+                break
+            state = grown_from_rest(self.solver, omega, self.harmonics)
+            state, direction, iterations = self.solver.at_frequency(state)
+            if iterations < 0:
+                continue
+            if sign * direction[-1] < 0.0:
+                direction = -direction
+            found = True
+            self._trace(Branch(len(self.branches) + 1), state, direction)
+        if not found:
+            scale = self.solver.model.scales[0]
+            raise RunStopped(
+                f"no periodic response grows from rest at {self.low * scale:.6g} nor at {self.high * scale:.6g} rad/s; "
+                "try another range, or smaller amplitudes"
+            )
+
+    def _others(self) -> None:
+        """Trace the branches that leave at bifurcations, in the order in which these were found."""
+        for event in self.events:  # grows in the loop
+            wanted = "period_doubling" if event.kind == DOUBLING else "whirling"
+            if event.leads_to or wanted not in self.follow or self._count() >= self.points:
+                continue
+            depth = self.depth.get(event.branch, 0) + 1
+            if depth > MAX_DEPTH or (event.kind == DOUBLING and 2 * event.state.periods > MAX_PERIODS):
+                continue
+            start = leaving(self.solver, event)
+            found = None if start is None else first_point(self.solver, start[0], start[1])
+            if start is None or found is None:
+                continue
+            state, direction = found
+            if direction @ start[1] < 0.0:
+                direction = -direction
+            branch = Branch(len(self.branches) + 1, asymmetric=start[2])
+            event.leads_to = branch.number
+            self.depth[branch.number] = depth
+            self._trace(branch, state, direction)
+            self._join(branch, event)
+
+    def _join(self, branch: Branch, origin: Event) -> None:
+        """Where a branch comes back to another bifurcation, let that lead to it."""
+        if branch.ended != "loop":
+            return
+        omega = branch.points[-1].state.omega
+        near = [
+            event
+            for event in self.events
+            if event is not origin and event.branch == origin.branch and event.kind == origin.kind
+            and event.which == origin.which and not event.leads_to and abs(event.state.omega / omega - 1.0) < MEETING_RTOL
+        ]  # fmt: skip
+        if near:
+            min(near, key=lambda event: abs(event.state.omega - omega)).leads_to = branch.number
+
+    def _count(self) -> int:
+        return sum(len(branch.points) for branch in self.branches)
+
+    def _trace(self, branch: Branch, state: State, direction: np.ndarray) -> None:
+        """Trace one branch, with its bifurcations."""
+        self.branches.append(branch)
+        before = self._count()
+        tests = []
+
+        def on_point(branch: Branch) -> bool:
+            tests.append(signs(self.solver, branch.points[-1]))
+            self._tell(branch.points[-1])
+            if len(tests) == 1:
+                return True
+            if not can_be_told_apart(tests[-2], tests[-1]):
+                tests.pop()
+                return False
+            self.events += events_between(self.solver, branch, tests[-2], tests[-1])
+            return True
+
+        limits = Limits(self.low, self.high, self.points - before)
+        if limits.points < 2:
+            branch.ended = POINTS
+        trace(self.solver, branch, state, direction, limits, on_point)
+        if branch.ended == RANGE:
+            self._end_at_range(branch)
+
+    def _end_at_range(self, branch: Branch) -> None:
+        """Move the last point, which lies beyond the range, to its end."""
+        last = branch.points[-1]
+        omega = min(max(last.state.omega, self.low), self.high)
+        before = branch.points[-2].state.resized(last.state.harmonics)
+        share = (omega - before.omega) / (last.state.omega - before.omega) if last.state.omega != before.omega else 1.0
+        guess = replace(last.state, z=before.z + share * (last.state.z - before.z))
+        state, direction, iterations = self.solver.at_frequency(guess)
+        near = np.abs(state.z - guess.z).max() <= np.abs(last.state.z - before.z).max()
+        if iterations > 0 and near:
+            branch.points[-1] = Point(state, direction, self.solver.stability(state, last.stride), last.stride)
+        kept = self.low * (1.0 - 1e-12), self.high * (1.0 + 1e-12)
+        self.events = [event for event in self.events if kept[0] <= event.state.omega <= kept[1]]
+
+    def _tell(self, point: Point) -> None:
+        """Report progress: the share of the range that the main branch has passed, at most 0.9."""
+        share = 0.9 * min(max((point.state.omega - self.low) / (self.high - self.low), 0.0), 1.0)
+        if len(self.branches) == 1 and share > self._told:
+            self._told = share
+            self.progress(share)
+
+
+def labelled(study: _Study, wanted: tuple[str, ...]) -> xr.Dataset:
+    """Return branches and bifurcations as a Dataset."""
+    model = study.solver.model
+    scale = model.scales[0]
+    points = [(branch, point) for branch in study.branches for point in branch.points]
+    most = max(point.state.harmonics for _, point in points)
+    rows: dict[str, list[Any]] = {}
+    highest = 0.0
+    for _, point in points:
+        for name, value in _numbers(model, point, wanted, most).items():
+            rows.setdefault(name, []).append(value)
+        highest = max(highest, output.significant_harmonic(point.state) * point.state.omega * scale)
+    variables: dict[str, Any] = {
+        "branch": (("point",), np.array([branch.number for branch, _ in points])),
+    }
+    dims = {"tension_minimum": "link", "tension_maximum": "link", "multiplier_real": "multiplier",
+            "multiplier_imag": "multiplier"}  # fmt: skip
+    for name, values in rows.items():
+        array = np.array(values)
+        inner: tuple[str, ...] = (dims[name],) if name in dims else ("mode",) if array.ndim == 2 else ()
+        if name.startswith("harmonic_") and array.ndim == 3:
+            inner = ("harmonic", "mode")
+        variables[name] = (("point", *inner), array)
+    events = study.events
+    variables |= {
+        "bifurcation_kind": (("bifurcation",), np.array([event.kind for event in events], dtype="U15")),
+        "bifurcation_set": (("bifurcation",), np.array([event.which for event in events], dtype="U12")),
+        "bifurcation_angular_frequency": (("bifurcation",), np.array([event.state.omega * scale for event in events])),
+        "bifurcation_branch": (("bifurcation",), np.array([event.branch for event in events], dtype=int)),
+        "bifurcation_deflection_maximum": (
+            ("bifurcation",),
+            np.array([fields.largest_deflection(model, _samples(model, event.state)) for event in events]),
+        ),
+        "leads_to": (("bifurcation",), np.array([event.leads_to for event in events], dtype=int)),
+    }
+    coords: dict[str, Any] = {"point": np.arange(1, len(points) + 1), "bifurcation": np.arange(1, len(events) + 1)}
+    if "multipliers" in wanted:
+        coords["multiplier"] = np.arange(1, 2 * model.size + 1)
+    if "harmonics" in wanted:
+        coords["harmonic"] = np.arange(most + 1)
+    names = {"harmonic": ("1", "number of the harmonic of the motion, whose period is `periods` of the forcing")}
+    result = output.dataset(model, variables, coords, **names)
+    result.attrs.update(
+        {f"branch_{branch.number}_ended": branch.ended for branch in study.branches},
+        smallest_chordwise_force=float(np.min(result["smallest_chordwise_force"].values)),
+        **output.axial_attributes(model, highest),
+    )
+    return result
+
+
+def _samples(model: PeriodicModel, state: State) -> np.ndarray:
+    """Return the coordinates at the phases of a period at which extremes are looked for (phases, r)."""
+    return fields.coordinates(model, state, fields.PHASES * state.periods)
+
+
+def _numbers(model: PeriodicModel, point: Point, wanted: tuple[str, ...], most: int) -> dict[str, Any]:
+    """Return the numbers of one point by their names."""
+    state, stability = point.state, point.stability
+    assert stability is not None
+    omega = state.omega * model.scales[0]
+    q = _samples(model, state)
+    found: dict[str, Any] = {
+        "angular_frequency": omega,
+        "deflection_maximum": fields.largest_deflection(model, q),
+        "stable": stability.is_stable,
+        "periods": state.periods,
+        "harmonic_count": state.harmonics,
+        "smallest_chordwise_force": stability.smallest_force,
+    }
+    ranges = [fields.half_range(part) for part in fields.mode_amplitudes(model, q)]
+    found |= {name: value for name, (_, value) in output.per_set(model, "amplitude", (), ranges).items()}
+    if "multipliers" in wanted:
+        found |= {"multiplier_real": stability.multipliers.real, "multiplier_imag": stability.multipliers.imag}
+    if "tension_extremes" in wanted:
+        phase = 2.0 * np.pi / fields.PHASES * np.arange(len(q))
+        tension = fields.tensions(model, *fields.close_chord(model, q, omega, phase))
+        found |= {"tension_minimum": -fields.maximum(-tension), "tension_maximum": fields.maximum(tension)}
+    if "harmonics" in wanted:
+        for name, (_, value) in output.harmonic_variables(model, state).items():
+            found[name] = np.pad(value, ((0, most - state.harmonics), (0, 0)))
+    return found

@@ -1,0 +1,268 @@
+"""Compiled harmonic balance: residual, exact Jacobian, Newton's method with one linear condition.
+
+All numbers are without dimension.  Coordinates q(theta) are sums of harmonics with the coefficients X (1 + 2 H, n), in the order
+mean, cosine 1, sine 1, cosine 2, ...; the unknowns z are X, flat, and the angular frequency omega of the forcing.  The phase
+theta runs over `periods` periods of the forcing, so that harmonic k has the angular frequency k omega / periods.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cablepod._jit import REORDERED_FUSED, compiled
+
+#: Maximum number of Newton iterations.
+MAX_ITERATIONS = 12
+#: Newton correction over the largest unknown, or one, below which the next one would be rounding.
+NEWTON_RTOL = 1e-8
+
+
+@compiled
+def factorise(matrix, pivots):
+    """Replace a matrix (n, n) by its factors with partial pivoting; False where it is singular."""
+    n = matrix.shape[0]
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            if abs(matrix[i, k]) > abs(matrix[best, k]):
+                best = i
+        pivots[k] = best
+        if not abs(matrix[best, k]) > 0.0:
+            return False
+        if best != k:
+            for j in range(n):
+                matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
+        inverse = 1.0 / matrix[k, k]
+        upper = matrix[k, k + 1 :]
+        for i in range(k + 1, n):
+            factor = matrix[i, k] * inverse
+            matrix[i, k] = factor
+            if factor != 0.0:
+                row = matrix[i, k + 1 :]
+                for j in range(upper.size):
+                    row[j] -= factor * upper[j]
+    return True
+
+
+@compiled
+def substitute(matrix, pivots, x):
+    """Solve for the right-hand side x (n,) in place, with the factors of :func:`factorise`."""
+    n = x.size
+    for k in range(n):
+        best = pivots[k]
+        if best != k:
+            x[k], x[best] = x[best], x[k]
+    for i in range(1, n):
+        total = x[i]
+        for j in range(i):
+            total -= matrix[i, j] * x[j]
+        x[i] = total
+    for back in range(n):
+        i = n - 1 - back
+        total = x[i]
+        for j in range(i + 1, n):
+            total -= matrix[i, j] * x[j]
+        x[i] = total / matrix[i, i]
+
+
+@compiled(fastmath=REORDERED_FUSED)
+def leading_samples(z, basis, stiffness, load, kappa, sag, damping, stride, force, force_rate, tangent):
+    """Evaluate the forces of order "leading" at the samples of a period.
+
+    Parameters
+    ----------
+    z
+        Unknowns ((1 + 2 H) n + 1,).
+    basis
+        Values of the harmonics at the samples (N, columns), see :func:`cablepod.periodic._model.harmonics_at`.
+    stiffness, load
+        Linear stiffness S (3, M, n, n) and load p (3, M, n) at M = N stride phases: the sums of the three with the factors 1,
+        omega damping and omega^2 are those at omega.
+    kappa, sag
+        Squared slope norms (n,), and the factor of (kappa . q^2) kappa q.
+    damping
+        Mass-proportional damping.
+    stride
+        Number of phases of the tables for each sample.
+    force, force_rate, tangent
+        Filled: forces (N, n), their derivative by omega (N, n), their negative derivative by q (N, n, n).
+    """
+    samples, n = force.shape
+    omega = z[-1]
+    first, second = omega * damping, omega * omega
+    first_rate, second_rate = damping, 2.0 * omega
+    columns = (z.size - 1) // n
+    q = np.empty(n)
+    for j in range(samples):
+        k = j * stride
+        for a in range(n):
+            q[a] = 0.0
+        for c in range(columns):
+            for a in range(n):
+                q[a] += basis[j, c] * z[c * n + a]
+        square = 0.0
+        for a in range(n):
+            square += kappa[a] * q[a] * q[a]
+        for a in range(n):
+            total = load[0, k, a] + first * load[1, k, a] + second * load[2, k, a] - sag * square * kappa[a] * q[a]
+            rate = first_rate * load[1, k, a] + second_rate * load[2, k, a]
+            for b in range(n):
+                linear = stiffness[0, k, a, b] + first * stiffness[1, k, a, b] + second * stiffness[2, k, a, b]
+                total -= linear * q[b]
+                rate -= (first_rate * stiffness[1, k, a, b] + second_rate * stiffness[2, k, a, b]) * q[b]
+                tangent[j, a, b] = linear + 2.0 * sag * kappa[a] * q[a] * kappa[b] * q[b]
+            tangent[j, a, a] += sag * square * kappa[a]
+            force[j, a], force_rate[j, a] = total, rate
+
+
+@compiled(fastmath=REORDERED_FUSED)
+def balance(z, basis, damping, periods, force, force_rate, tangent, residual, rate, jacobian):
+    """Fill the residual of all harmonics, its derivatives by omega and by X, from forces at the samples.
+
+    Parameters
+    ----------
+    z, basis, damping, periods
+        As in :func:`leading_samples`; `periods` is the number of periods of the forcing in one of the motion.
+    force, force_rate, tangent
+        Filled by :func:`leading_samples`.
+    residual, rate, jacobian
+        Filled: acceleration and damping less the force, harmonic by harmonic ((1 + 2 H) n,), its derivative by omega, its
+        derivative by X.
+    """
+    samples, n = force.shape
+    columns = (z.size - 1) // n
+    harmonics = columns // 2
+    omega = z[-1]
+    mean = np.zeros((4 * harmonics + 1, n, n))  # Fourier sums of the tangent, over the number of samples
+    inverse = 1.0 / samples
+    for i in range(residual.size):
+        residual[i], rate[i] = 0.0, 0.0
+    for j in range(samples):
+        for c in range(columns):
+            weight = basis[j, c] * (inverse if c == 0 else 2.0 * inverse)
+            for a in range(n):
+                residual[c * n + a] -= weight * force[j, a]
+                rate[c * n + a] -= weight * force_rate[j, a]
+        for c in range(4 * harmonics + 1):
+            weight = basis[j, c] * inverse
+            for a in range(n):
+                for b in range(n):
+                    mean[c, a, b] += weight * tangent[j, a, b]
+    for i in range(harmonics + 1):
+        for j in range(harmonics + 1):
+            low, high = abs(i - j), i + j
+            sign = 1.0 if i > j else -1.0
+            ci, si, cj, sj = max(2 * i - 1, 0) * n, 2 * i * n, max(2 * j - 1, 0) * n, 2 * j * n
+            for a in range(n):
+                for b in range(n):
+                    cosine_low = mean[max(2 * low - 1, 0), a, b]
+                    cosine_high = mean[max(2 * high - 1, 0), a, b]
+                    sine_low = sign * mean[2 * low, a, b] if low > 0 else 0.0
+                    sine_high = mean[2 * high, a, b] if high > 0 else 0.0
+                    if i == 0:
+                        jacobian[ci + a, cj + b] = cosine_high
+                        if j > 0:
+                            jacobian[ci + a, sj + b] = sine_high
+                    else:
+                        if j == 0:
+                            jacobian[ci + a, cj + b] = 2.0 * cosine_high
+                            jacobian[si + a, cj + b] = 2.0 * sine_high
+                        else:
+                            jacobian[ci + a, cj + b] = cosine_low + cosine_high
+                            jacobian[si + a, sj + b] = cosine_low - cosine_high
+                            jacobian[si + a, cj + b] = sine_high + sine_low
+                            jacobian[ci + a, sj + b] = sine_high - sine_low
+    for i in range(1, harmonics + 1):
+        factor = i / periods
+        frequency = omega * factor
+        for a in range(n):
+            c, s = (2 * i - 1) * n + a, 2 * i * n + a
+            residual[c] += -frequency * frequency * z[c] + damping * frequency * z[s]
+            residual[s] += -frequency * frequency * z[s] - damping * frequency * z[c]
+            rate[c] += factor * (-2.0 * frequency * z[c] + damping * z[s])
+            rate[s] += factor * (-2.0 * frequency * z[s] - damping * z[c])
+            jacobian[c, c] -= frequency * frequency
+            jacobian[s, s] -= frequency * frequency
+            jacobian[c, s] += damping * frequency
+            jacobian[s, c] -= damping * frequency
+
+
+@compiled
+def correct(
+    z, active, direction, target, basis, stiffness, load, kappa, sag, damping, periods, stride, samples, tangent_vector
+):
+    """Solve the harmonic balance by Newton's method, with the condition direction . z[active] = target.
+
+    Parameters
+    ----------
+    z
+        First guess of the unknowns ((1 + 2 H) n + 1,); changed into the solution.
+    active
+        Numbers of the unknowns that change, omega the last of them; all others stay.
+    direction, target
+        The linear condition (active,), and its value.
+    basis, stiffness, load, kappa, sag, damping, periods, stride
+        As in :func:`leading_samples` and :func:`balance`.
+    samples
+        Number of samples N.
+    tangent_vector
+        Filled: direction of the branch (active,), of unit norm, turned like `direction`.
+
+    Returns
+    -------
+    int
+        Number of iterations; -1 where Newton's method fails.
+    """
+    n, unknowns = kappa.size, z.size - 1
+    force, force_rate, tangent = np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n))
+    residual, rate, jacobian = np.empty(unknowns), np.empty(unknowns), np.empty((unknowns, unknowns))
+    m = active.size
+    matrix, x, pivots = np.empty((m, m)), np.empty(m), np.empty(m, np.int64)
+    before = np.inf
+    for iteration in range(MAX_ITERATIONS):
+        leading_samples(z, basis, stiffness, load, kappa, sag, damping, stride, force, force_rate, tangent)
+        balance(z, basis, damping, periods, force, force_rate, tangent, residual, rate, jacobian)
+        largest, condition = 1.0, target
+        for i in range(m - 1):
+            row = active[i]
+            for j in range(m - 1):
+                matrix[i, j] = jacobian[row, active[j]]
+            matrix[i, m - 1] = rate[row]
+            x[i] = -residual[row]
+        for i in range(m):
+            matrix[m - 1, i] = direction[i]
+            condition -= direction[i] * z[active[i]]
+            largest = max(largest, abs(z[active[i]]))
+        x[m - 1] = condition
+        if not factorise(matrix, pivots):
+            return -1
+        substitute(matrix, pivots, x)
+        change = 0.0
+        for i in range(m):
+            z[active[i]] += x[i]
+            change = max(change, abs(x[i]))
+        if not change < 1e6 * largest or (iteration > 3 and change > before):
+            return -1
+        before = change
+        if change <= NEWTON_RTOL * largest:
+            for i in range(m):
+                tangent_vector[i] = 0.0
+            tangent_vector[m - 1] = 1.0
+            substitute(matrix, pivots, tangent_vector)
+            norm = 0.0
+            for i in range(m):
+                norm += tangent_vector[i] * tangent_vector[i]
+            norm = 1.0 / np.sqrt(norm)
+            for i in range(m):
+                tangent_vector[i] *= norm
+            return iteration + 1
+    return -1
+
+
+@compiled
+def jacobian_of(z, basis, stiffness, load, kappa, sag, damping, periods, stride, samples, jacobian):
+    """Fill the derivative of the residual by X ((1 + 2 H) n, the same) at a solution."""
+    n, unknowns = kappa.size, z.size - 1
+    force, force_rate, tangent = np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n))
+    leading_samples(z, basis, stiffness, load, kappa, sag, damping, stride, force, force_rate, tangent)
+    balance(z, basis, damping, periods, force, force_rate, tangent, np.empty(unknowns), np.empty(unknowns), jacobian)

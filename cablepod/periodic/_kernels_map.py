@@ -1,0 +1,254 @@
+"""Compiled map of stability: orbits grown from rest by amplitude, their growth rates, edges of the stable regions."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cablepod._jit import compiled
+from cablepod.periodic._kernels_balance import correct
+from cablepod.periodic._kernels_floquet import multipliers
+
+#: Kinds of the fastest growth of one set of coordinates.
+STABLE, ABOVE_ONE, BELOW_MINUS_ONE, COMPLEX, FAILED = 0, 1, 2, 3, 4
+#: Logarithm of the growth over a period that counts as none, and relative imaginary part of a real multiplier.
+NO_GROWTH, REAL = 1e-9, 1e-7
+#: Number of sizes of the last orbit, half larger each, from which the next one is looked for.
+LARGER = 4
+#: Maximum number of evaluations for one edge, and its relative tolerance in the angular frequency.
+MAX_EVALUATIONS, EDGE_RTOL = 40, 1e-10
+
+
+@compiled
+def growth_of(real, imag, duration):
+    """Return the largest growth rate of multipliers of one set, and its kind."""
+    best, kind = -1.0, STABLE
+    for i in range(real.size):
+        size = math.hypot(real[i], imag[i])
+        if not size < np.inf:
+            return np.nan, FAILED
+        if size > best:
+            best = size
+            kind = COMPLEX if abs(imag[i]) > REAL * size else (ABOVE_ONE if real[i] > 0.0 else BELOW_MINUS_ONE)
+    growth = math.log(best) if best > 0.0 else -np.inf
+    return growth / duration, kind if growth > NO_GROWTH else STABLE
+
+
+@compiled
+def _tail(z, n):
+    """Return the share of the last two harmonics in the motion."""
+    columns = (z.size - 1) // n
+    mean = motion = last = 0.0
+    for c in range(columns):
+        for a in range(n):
+            square = z[c * n + a] * z[c * n + a]
+            if c == 0:
+                mean += square
+            else:
+                motion += square
+            if c >= columns - 4:
+                last += square
+    return math.sqrt(last / max(motion, 1e-18 * (mean + motion), 1e-300))
+
+
+@compiled
+def _solve_at(z, omega, basis, stiffness, load, kappa, sag, damping, stride, samples, n, active, direction, tangent):
+    """Change z into the orbit at a frequency; False where Newton's method fails."""
+    z[-1] = omega
+    return (
+        correct(
+            z, active, direction, omega, basis, stiffness, load, kappa[:n], sag, damping, 1, stride, samples, tangent
+        ) > 0
+    )  # fmt: skip
+
+
+@compiled
+def _embed(z, n, r, full):
+    """Fill the unknowns of all r coordinates from those of the first n."""
+    columns = (z.size - 1) // n
+    full[:] = 0.0
+    for c in range(columns):
+        for a in range(n):
+            full[c * r + a] = z[c * n + a]
+    full[-1] = z[-1]
+
+
+@compiled
+def _largest_deflection(z, n, n_in_plane, basis, shapes):
+    """Return the largest deflection from its mean, of all phases (M, columns) and particles (n, particles)."""
+    columns = (z.size - 1) // n
+    q = np.empty(n)
+    largest = 0.0
+    for k in range(basis.shape[0]):
+        for a in range(n):
+            q[a] = 0.0
+            for c in range(1, columns):
+                q[a] += basis[k, c] * z[c * n + a]
+        for j in range(shapes.shape[1]):
+            x = y = 0.0
+            for a in range(n_in_plane):
+                x += q[a] * shapes[a, j]
+            for a in range(n_in_plane, n):
+                y += q[a] * shapes[a, j]
+            largest = max(largest, x * x + y * y)
+    return math.sqrt(largest)
+
+
+@compiled
+def map_columns(
+    begin, end, omega, rest, load_stiffness, stiffness, load, chord_tension, kappa, sag, damping, shapes, split, basis,
+    phases_basis, stride, samples, orbits, growth, kind, response, least, tail,
+):  # fmt: skip
+    """Follow orbits from rest over all amplitudes, at the frequencies `begin` ... `end` - 1.
+
+    Parameters
+    ----------
+    begin, end, omega
+        Columns, and the angular frequencies of all columns (columns,).
+    rest
+        Coefficients at rest ((1 + 2 H) n,).
+    load_stiffness
+        Linear stiffness of the n coordinates of the orbit, for each amplitude (amplitudes, 3, M, n, n).
+    stiffness, load, chord_tension, kappa, sag
+        Of all r coordinates, of those of the orbit, and of all, for each amplitude: (amplitudes, 3, M, r, r),
+        (amplitudes, 3, M, n), (amplitudes, 3, M, candidates), (amplitudes, r), (amplitudes,).
+    damping, shapes, split
+        Mass-proportional damping; shapes of the n coordinates (n, particles) [m]; number of coordinates of the first set.
+    basis, phases_basis, stride, samples
+        See :func:`cablepod.periodic._kernels_balance.leading_samples` and :func:`multipliers`.
+    orbits, growth, kind, response, least, tail
+        Filled: unknowns (amplitudes, columns, ...), growth rates and kinds of the sets (2, amplitudes, columns), largest
+        deflections [m], smallest chordwise forces, shares of the last two harmonics (amplitudes, columns).
+    """
+    n, r = load.shape[3], stiffness.shape[3]
+    unknowns = rest.size + 1
+    active, direction, tangent = np.arange(unknowns), np.zeros(unknowns), np.empty(unknowns)
+    direction[-1] = 1.0
+    z, last, full = np.empty(unknowns), np.empty(unknowns), np.empty((rest.size // n) * r + 1)
+    real, imag, smallest = np.empty(2 * r), np.empty(2 * r), np.empty(1)
+    for f in range(begin, end):
+        good, known = 0, False  # number of successive solutions; whether there is a last one
+        for a in range(sag.size):
+            solved = False
+            for attempt in range(2 + LARGER):  # along the last two orbits, from the last one made larger, from rest
+                if attempt == 0 and good > 1:
+                    z[:] = 2.0 * orbits[a - 1, f] - orbits[a - 2, f]
+                elif 0 < attempt <= LARGER and known:
+                    z[:] = last
+                    z[n:-1] *= 1.0 + 0.5 * (attempt - 1)  # of the size at first
+                elif attempt == 1 + LARGER:
+                    z[:-1] = rest
+                else:
+                    continue
+                solved = _solve_at(
+                    z, omega[f], basis, load_stiffness[a], load[a], kappa[a], sag[a], damping, stride, samples, n,
+                    active, direction, tangent,
+                )  # fmt: skip
+                if solved:
+                    break
+            if not solved:
+                good = 0
+                orbits[a, f] = np.nan
+                growth[0, a, f], growth[1, a, f], response[a, f] = np.nan, np.nan, np.nan
+                kind[0, a, f], kind[1, a, f] = FAILED, FAILED
+                least[a, f], tail[a, f] = np.nan, np.nan
+                continue
+            good, known = good + 1, True
+            orbits[a, f], last[:] = z, z
+            tail[a, f] = _tail(z, n)
+            _embed(z, n, r, full)
+            multipliers(
+                full, phases_basis, stiffness[a], chord_tension[a], kappa[a], sag[a], damping, 1, split, real, imag,
+                smallest,
+            )  # fmt: skip
+            duration = 2.0 * math.pi / omega[f]
+            growth[0, a, f], kind[0, a, f] = growth_of(real[: 2 * split], imag[: 2 * split], duration)
+            if r > split:
+                growth[1, a, f], kind[1, a, f] = growth_of(real[2 * split :], imag[2 * split :], duration)
+            least[a, f] = smallest[0]
+            response[a, f] = _largest_deflection(z, n, min(n, split), phases_basis, shapes)
+
+
+@compiled
+def _test(kind, real, imag, duration):
+    """Return a number of the multipliers of one set that changes sign at an edge of a kind."""
+    if kind == COMPLEX:
+        return growth_of(real, imag, duration)[0]
+    sign = -1.0 if kind == ABOVE_ONE else 1.0
+    x, y = 1.0, 0.0
+    for i in range(real.size):
+        u, v = 1.0 + sign * real[i], sign * imag[i]
+        x, y = x * u - y * v, x * v + y * u
+    return x
+
+
+@compiled
+def refine_edge(
+    kind, first, second, begin, end, load_stiffness, stiffness, load, chord_tension, kappa, sag, damping, split, basis,
+    phases_basis, stride, samples,
+):  # fmt: skip
+    """Return the angular frequency between two orbits at which multipliers of one set cross the unit circle; nan for none.
+
+    Parameters
+    ----------
+    kind
+        Kind of the growth on the unstable side.
+    first, second
+        Unknowns of the two orbits.
+    begin, end
+        Multipliers of the set.
+    load_stiffness, stiffness, load, chord_tension, kappa, sag, damping, split, basis, phases_basis, stride, samples
+        As in :func:`map_columns`, of one amplitude.
+    """
+    n, r = load.shape[2], stiffness.shape[2]
+    unknowns = first.size
+    active, direction, tangent = np.arange(unknowns), np.zeros(unknowns), np.empty(unknowns)
+    direction[-1] = 1.0
+    z, full = np.empty(unknowns), np.empty(((unknowns - 1) // n) * r + 1)
+    real, imag, smallest = np.empty(2 * r), np.empty(2 * r), np.empty(1)
+    low, high, value_low, value_high, side = 0.0, 1.0, 0.0, 0.0, 0
+    share = 0.0
+    for evaluation in range(MAX_EVALUATIONS):
+        if evaluation < 2:
+            share = float(evaluation)
+        else:
+            share = (low * value_high - high * value_low) / (value_high - value_low)
+            if evaluation % 6 == 5 or not low < share < high:
+                share = 0.5 * (low + high)
+        z[:] = first + share * (second - first)
+        omega = z[-1]
+        if not _solve_at(
+            z, omega, basis, load_stiffness, load, kappa, sag, damping, stride, samples, n, active, direction, tangent
+        ):
+            return np.nan
+        _embed(z, n, r, full)
+        multipliers(
+            full, phases_basis, stiffness, chord_tension, kappa, sag, damping, 1, split, real, imag, smallest
+        )  # fmt: skip
+        value = _test(kind, real[begin:end], imag[begin:end], 2.0 * math.pi / omega)
+        if evaluation == 0:
+            value_low = value
+            continue
+        if evaluation == 1:
+            value_high = value
+            if not value_low * value_high < 0.0:
+                return np.nan
+            continue
+        if value * value_high > 0.0:
+            moved = high - share
+            high, value_high = share, value
+            if side == 1:
+                value_low *= 0.5
+            side = 1
+        else:
+            moved = share - low
+            low, value_low = share, value
+            if side == -1:
+                value_high *= 0.5
+            side = -1
+        if value == 0.0 or (high - low) * abs(second[-1] - first[-1]) < EDGE_RTOL * omega:
+            break
+        if evaluation > 4 and moved * abs(second[-1] - first[-1]) < EDGE_RTOL * omega:
+            break
+    return first[-1] + share * (second[-1] - first[-1])

@@ -1,0 +1,143 @@
+"""Orbits and growth rates over frequencies and amplitudes, in threads; edges of the stable regions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from cablepod._resources import cores
+from cablepod.batch._pool import map_threads
+from cablepod.periodic._model import PeriodicModel, harmonics_at
+from cablepod.periodic._solve import MAX_HARMONICS, MAX_PHASE_STEP, MIN_STRIDE
+
+#: Number of harmonics of the first map, and share of the last two in the motion above which a column is computed with more.
+HARMONICS, TAIL_RTOL = 5, 1e-5
+#: Number of columns that a thread takes at once.
+COLUMNS = 4
+
+
+class MapResult(NamedTuple):
+    """Orbits of a map."""
+
+    growth: np.ndarray  #: of the sets (2, amplitudes, frequencies) [1/s]
+    kind: np.ndarray  #: of the sets, see ``_kernels_map`` (2, amplitudes, frequencies)
+    response: np.ndarray  #: largest deflections from the mean (amplitudes, frequencies) [m]
+    smallest_force: np.ndarray  #: (amplitudes, frequencies) [N]
+    tail: np.ndarray  #: share of the last two harmonics (amplitudes, frequencies)
+    edges: list[tuple[float, int, int, int]]  #: angular frequency [rad/s], amplitude, set and kind of each edge
+
+
+@dataclass(eq=False)
+class _Batch:
+    """Arrays of all amplitudes for some number of harmonics and steps."""
+
+    stiffness: np.ndarray
+    plane: np.ndarray
+    load: np.ndarray
+    chord_tension: np.ndarray
+
+    @classmethod
+    def of(cls, models: list[PeriodicModel], phases: int, n: int) -> _Batch:
+        tables = [model.tables(phases, 1) for model in models]
+        for model in models:
+            model._tables.clear()
+        stiffness = np.stack([table.stiffness for table in tables])
+        plane = stiffness if n == stiffness.shape[-1] else np.ascontiguousarray(stiffness[..., :n, :n])
+        load = np.ascontiguousarray(np.stack([table.load for table in tables])[..., :n])
+        return cls(stiffness, plane, load, np.stack([table.chord_tension for table in tables]))
+
+
+def compute_map(
+    base: PeriodicModel,
+    models: list[PeriodicModel],
+    omega: np.ndarray,
+    progress: Callable[[float], None] = lambda share: None,
+) -> MapResult:
+    """Compute a map for angular frequencies [rad/s] (frequencies,) and models of rising amplitude, with the scales of `base`."""
+    from cablepod.periodic import _kernels_map as kernel  # numba is imported only to compute
+
+    frequency_scale, length_scale, _ = base.scales
+    n = base.n_in_plane if base.is_planar else base.size
+    split = base.n_in_plane if base.is_planar else base.size
+    scaled = omega / frequency_scale
+    shape = (len(models), omega.size)
+    result = MapResult(
+        np.full((2, *shape), np.nan), np.zeros((2, *shape), dtype=np.int64), np.full(shape, np.nan),
+        np.full(shape, np.nan), np.full(shape, np.nan), [],
+    )  # fmt: skip
+    kappa = np.stack([model.kappa for model in models])
+    sag = np.array([model.sag for model in models])
+    shapes = np.concatenate(base.sets)[:n] * length_scale
+    todo, harmonics, edges = np.arange(omega.size), HARMONICS, {}
+    while todo.size:
+        samples = 4 * harmonics + 4
+        again = []
+        for stride in np.unique(_strides(scaled[todo], base.highest_frequency, samples)):
+            columns = todo[_strides(scaled[todo], base.highest_frequency, samples) == stride]
+            phases = samples * int(stride)
+            batch = _Batch.of(models, phases, n)
+            basis, phases_basis = harmonics_at(samples, 2 * harmonics), harmonics_at(phases, harmonics)
+            rest = np.zeros((1 + 2 * harmonics, n))
+            rest[0] = base.rest[:n] / length_scale
+            orbits = np.full((len(models), columns.size, rest.size + 1), np.nan)
+            parts = [
+                np.full((2, len(models), columns.size), np.nan),
+                np.zeros((2, len(models), columns.size), np.int64),
+            ]
+            more = [np.full((len(models), columns.size), np.nan) for _ in range(3)]
+
+            def do(
+                begin: int, columns: np.ndarray = columns, batch: _Batch = batch, rest: np.ndarray = rest,
+                basis: np.ndarray = basis, phases_basis: np.ndarray = phases_basis, stride: int = int(stride),
+                samples: int = samples, orbits: np.ndarray = orbits, parts: list = parts, more: list = more,
+            ) -> None:  # fmt: skip
+                kernel.map_columns(
+                    begin, min(begin + COLUMNS, columns.size), scaled[columns], rest.ravel(), batch.plane,
+                    batch.stiffness, batch.load, batch.chord_tension, kappa, sag, base.damping, shapes, split, basis,
+                    phases_basis, stride, samples, orbits, *parts, *more,
+                )  # fmt: skip
+
+            def told(count: int, before: int = omega.size - todo.size) -> None:
+                progress(min(1.0, (before + COLUMNS * count) / omega.size))
+
+            map_threads(do, range(0, columns.size, COLUMNS), cores(), done=told)
+            result.growth[:, :, columns], result.kind[:, :, columns] = parts[0] * frequency_scale, parts[1]
+            result.response[:, columns], result.smallest_force[:, columns] = more[0], more[1] * base.force_scale
+            result.tail[:, columns] = more[2]
+            for k, begin in _changes(parts[1], base.size > split):
+                for a, f in zip(*begin, strict=True):
+                    if columns[f + 1] != columns[f] + 1:
+                        continue
+                    kind = max(parts[1][k, a, f], parts[1][k, a, f + 1])
+                    found = kernel.refine_edge(
+                        kind, orbits[a, f], orbits[a, f + 1], *((0, 2 * split) if k == 0 else (2 * split, 2 * base.size)),
+                        batch.plane[a], batch.stiffness[a], batch.load[a], batch.chord_tension[a], kappa[a], sag[a],
+                        base.damping, split, basis, phases_basis, int(stride), samples,
+                    )  # fmt: skip
+                    if np.isfinite(found):
+                        edges[(k, int(a), int(columns[f]))] = (found * frequency_scale, int(a), k, int(kind))
+            if harmonics < MAX_HARMONICS:
+                again.append(columns[np.nanmax(more[2], axis=0, initial=0.0) > TAIL_RTOL])
+        todo = np.concatenate(again) if again else np.empty(0, dtype=int)
+        harmonics = min(2 * harmonics, MAX_HARMONICS)
+    result.edges.extend(edges[key] for key in sorted(edges))
+    return result
+
+
+def _changes(kind: np.ndarray, both: bool) -> list[tuple[int, tuple[np.ndarray, ...]]]:
+    """Return for each set the places (amplitudes, frequencies) after which stable and unstable orbits change."""
+    found = []
+    for k in range(1 + both):
+        unstable, failed = kind[k] > 0, kind[k] == 4
+        change = (unstable[:, 1:] != unstable[:, :-1]) & ~failed[:, 1:] & ~failed[:, :-1]
+        found.append((k, np.nonzero(change)))
+    return found
+
+
+def _strides(omega: np.ndarray, highest: float, samples: int) -> np.ndarray:
+    """Return the numbers of steps of the scheme for multipliers for each sample: powers of two (frequencies,)."""
+    steps = 2.0 * np.pi / omega * highest / MAX_PHASE_STEP
+    return np.maximum(MIN_STRIDE, 2 ** np.ceil(np.log2(np.maximum(steps / samples, 1.0)))).astype(int)

@@ -1,0 +1,282 @@
+"""The condensed model in numbers without dimension, with its forcing at the phases of a period."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from cablepod.chain._start import rest_shape
+from cablepod.condensed._assembly import unit_of
+from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._rescale import rescaled_model
+from cablepod.condensed._vibration import RestTangent, vibrations
+from cablepod.discretisation._chain import LumpedChain
+from cablepod.errors import SceneError, scene_error
+from cablepod.parameters._checks import choice
+from cablepod.periodic._forcing import Forcing, scaled
+
+#: Orders of the condensed model that have periodic responses.
+ORDERS = ("leading",)
+#: Share of the linear stiffness that the stretching by a coordinate of one has.
+REFERENCE_STRETCHING = 0.1
+#: Loads out of the plane over those in it, below which they are rounding.
+PLANAR_RTOL = 1e-12
+
+
+class Tables(NamedTuple):
+    """Forcing at M equidistant phases, as three terms with the factors 1, omega times damping and omega squared."""
+
+    stiffness: np.ndarray  #: linear stiffness (3, M, r, r)
+    load: np.ndarray  #: (3, M, r)
+    chord_tension: np.ndarray  #: chordwise force without deflection where it may be least (3, M, candidates)
+
+
+def harmonics_at(phases: int, harmonics: int) -> np.ndarray:
+    """Return mean, cosine 1, sine 1, cosine 2, ... at equidistant phases of a period (phases, 1 + 2 harmonics)."""
+    angle = 2.0 * np.pi / phases * (np.outer(np.arange(phases), np.arange(1, harmonics + 1)) % phases)
+    result = np.ones((phases, 1 + 2 * harmonics))
+    result[:, 1::2], result[:, 2::2] = np.cos(angle), np.sin(angle)
+    return result
+
+
+@dataclass(eq=False)
+class PeriodicModel:
+    """Condensed model under periodic forcing, without dimension.
+
+    Coordinates are those of the condensed model over `length_scale`, in the plane first; frequencies are over `frequency_scale`,
+    the lowest one about rest in the plane.  A coordinate of one has a stretching stiffness of `REFERENCE_STRETCHING`.
+    """
+
+    condensed: CondensedModel  #: of the scene at unit angular frequency
+    unit: CondensedModel  #: of a cable of unit mass and length
+    out_of_plane: bool  #: whether a planar scene has coordinates out of the plane
+    forcing: Forcing
+    _tables: dict[tuple[int, int], Tables] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        forcing: Forcing,
+        modes: xr.Dataset,
+        *,
+        rank: int | None,
+        order: str,
+        out_of_plane: bool,
+        amplitude: float = 1.0,
+    ) -> PeriodicModel:
+        """Assemble the model of a scene on modes.
+
+        Raises
+        ------
+        SceneError
+            For a scene, modes or options that it does not support.
+        """
+        choice(*ORDERS)("order", order)
+        p = scaled(forcing.parameters, amplitude)
+        unit = unit_of(p, modes, rank=rank, order=order, law="linear")
+        if unit.raw_test_functions is not None:
+            raise SceneError("modes: given trained test functions; allowed: modes without, as pod.decompose gives them")
+        return cls(rescaled_model(unit, p), unit, out_of_plane, forcing)
+
+    def with_amplitude(self, factor: float) -> PeriodicModel:
+        """Return the model for other amplitudes of the forcing, with the same scales."""
+        p = scaled(self.forcing.parameters, factor)
+        other = PeriodicModel(rescaled_model(self.unit, p), self.unit, self.out_of_plane, self.forcing)
+        other.__dict__["scales"] = self.scales
+        return other
+
+    # --- coordinates ----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def sets(self) -> list[np.ndarray]:
+        """Shapes of the coordinates in the plane and out of it (r, particle) [kg^-1/2]; one set only without the latter."""
+        model = self.condensed
+        found = [model.shapes[which] for which in model.sets]
+        if len(found) == 1 and self.out_of_plane:
+            found.append(self._lateral[0])
+        return found
+
+    @cached_property
+    def _lateral(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Shapes out of the plane of a planar scene (r, particle) [kg^-1/2], squared slope norms (r,), vibrations to them."""
+        from scipy.linalg import eigh  # costly to import
+
+        model = self.condensed
+        chain = model.chain
+        psi = lateral_shapes(chain, model.n_in_plane)
+        slopes = np.diff(psi, axis=1) / chain.length
+        values, vectors = eigh((slopes * self._slope_weights) @ slopes.T, (psi * model.mass) @ psi.T)
+        return vectors.T @ psi, values, vectors
+
+    @cached_property
+    def turns(self) -> list[np.ndarray]:
+        """Matrices from modes to coordinates, set by set."""
+        found = list(self.condensed.spectral_basis[0])
+        return [*found, self._lateral[2]] if len(self.sets) > len(found) else found
+
+    @property
+    def _slope_weights(self) -> np.ndarray:
+        """Weights of products of slopes along the cable (n,) [m]."""
+        model = self.condensed
+        return model.chain.length if model.reference_state is None else model.chain.length * model.slope_factor
+
+    @cached_property
+    def n_in_plane(self) -> int:
+        """Number of coordinates in the plane."""
+        return self.condensed.n_in_plane
+
+    @cached_property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return sum(len(shapes) for shapes in self.sets)
+
+    @cached_property
+    def kappa_si(self) -> np.ndarray:
+        """Squared slope norms of the coordinates (r,) [1/(kg m)]."""
+        kappa = self.condensed.slope_norms_squared
+        return np.concatenate([kappa, self._lateral[1]]) if self.size > kappa.size else kappa
+
+    @cached_property
+    def geometric_stiffness(self) -> np.ndarray:
+        """Geometric stiffness of each unit chordwise force pattern (patterns, r, r) [1/kg], point loads [1/(kg m)]."""
+        model, r = self.condensed, self.size
+        known = model.geometric_stiffness
+        result = np.zeros((len(known), r, r))
+        result[:, : known.shape[1], : known.shape[1]] = known
+        if r > known.shape[1]:
+            slopes = np.diff(self.sets[1], axis=1) / model.chain.length
+            result[:, self.n_in_plane :, self.n_in_plane :] = np.einsum(
+                "an,n,in,jn->aij", model.chordwise_force_patterns, self._slope_weights, slopes, slopes
+            )
+        return result
+
+    @cached_property
+    def load_projection(self) -> np.ndarray:
+        """Projection of unit normal loads onto the coordinates (normals times patterns, r)."""
+        known = self.condensed.load_projection
+        return np.pad(known, ((0, 0), (0, self.size - known.shape[1])))
+
+    # --- scales ---------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def rest(self) -> np.ndarray:
+        """Coordinates at rest (r,) [kg^1/2 m]."""
+        q = self.condensed.initial_state[0]
+        return np.concatenate([q, np.zeros(self.size - q.size)])
+
+    @cached_property
+    def scales(self) -> tuple[float, float, float]:
+        """Scales of frequency [rad/s], coordinates [kg^1/2 m] and squared slope norms [1/(kg m)]."""
+        chain = self.condensed.chain
+        squared = np.linalg.eigvalsh(self.tangent_at_rest[: self.n_in_plane, : self.n_in_plane])
+        positive = squared[squared > 1e-9 * np.abs(squared).max()]
+        if not positive.size:
+            raise scene_error("scene", "a cable without stiffness at rest", "a cable in tension")
+        kappa = float(self.kappa_si[: self.n_in_plane].min())
+        stretching = 0.5 * chain.p.stiffness / chain.total_length * kappa**2
+        return float(np.sqrt(positive[0])), float(np.sqrt(REFERENCE_STRETCHING * positive[0] / stretching)), kappa
+
+    @cached_property
+    def tangent_at_rest(self) -> np.ndarray:
+        """Stiffness at rest (r, r) [1/s^2], to leading order."""
+        chain, data = self.condensed.chain, self.condensed.static_boundary_data
+        h, g, _ = self._split(data[None])
+        q, kappa, stretching = self.rest, self.kappa_si, 0.5 * chain.p.stiffness / chain.total_length
+        stiffness = np.diag((h[0] + stretching * (kappa @ q**2)) * kappa)
+        stiffness = stiffness + np.einsum("a,aij->ij", g[0], self.geometric_stiffness)
+        return stiffness + 2.0 * stretching * np.outer(kappa * q, kappa * q)
+
+    @cached_property
+    def kappa(self) -> np.ndarray:
+        """Squared slope norms without dimension (r,)."""
+        return self.kappa_si / self.scales[2]
+
+    @cached_property
+    def sag(self) -> float:
+        """Factor of (kappa . q^2) kappa q."""
+        omega, length, kappa = self.scales
+        chain = self.condensed.chain
+        return 0.5 * chain.p.stiffness / chain.total_length * (kappa * length / omega) ** 2
+
+    @cached_property
+    def force_scale(self) -> float:
+        """Chordwise force of a coordinate of one [N]."""
+        chain = self.condensed.chain
+        return 0.5 * chain.p.stiffness / chain.total_length * self.scales[2] * self.scales[1] ** 2
+
+    @cached_property
+    def damping(self) -> float:
+        """Mass-proportional damping without dimension."""
+        return float(self.condensed.chain.p.damping) / self.scales[0]
+
+    @cached_property
+    def highest_frequency(self) -> float:
+        """Highest frequency about rest, without dimension."""
+        return float(np.sqrt(np.abs(np.linalg.eigvalsh(self.tangent_at_rest)).max())) / self.scales[0]
+
+    @cached_property
+    def is_planar(self) -> bool:
+        """Whether the forcing stays in the plane, so that motion out of it is a matter of stability."""
+        if self.size == self.n_in_plane:
+            return True
+        load = np.abs(self.tables(64, 1).load)
+        inside, outside = load[..., : self.n_in_plane].max(), load[..., self.n_in_plane :].max()
+        return bool(outside <= PLANAR_RTOL * max(inside, 1e-300)) or not outside
+
+    # --- forcing --------------------------------------------------------------------------------------------------------
+
+    def _split(self, data: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Split boundary data (times, columns) into H without deflection [N], loads along the chord, loads normal to it."""
+        chain, patterns = self.condensed.chain, len(self.condensed.load_patterns)
+        g = data[:, 1 : 1 + patterns]
+        h = chain.p.stiffness * (data[:, 0] / chain.total_length - 1.0) - g @ self.condensed.mean_chordwise_forces
+        return h, g, data[:, 1 + patterns :]
+
+    def boundary_data(self, phase: np.ndarray) -> np.ndarray:
+        """Return boundary data (3, phases, columns) as terms with the factors 1, omega times damping, omega squared."""
+        p = self.condensed.chain.p
+        ends = np.ascontiguousarray(p.end_positions(phase).reshape(-1, 2 * p.dims).T)
+        still = np.zeros((2 * p.dims, phase.size if p.motions else 0))
+        parts = [self.condensed._project_loads(ends, still, phase, 0, 0.0)]
+        for derivative in (1, 2):
+            if not p.motions:
+                parts.append(np.zeros_like(parts[0]))
+                continue
+            rates = np.ascontiguousarray(p.end_positions(phase, derivative).reshape(-1, 2 * p.dims).T)
+            parts.append(self.condensed._project_loads(ends, rates, phase, 0, 0.0) - parts[0])
+        return np.stack(parts)
+
+    def tables(self, phases: int, periods: int) -> Tables:
+        """Return the forcing at equidistant phases of `periods` periods of it."""
+        key = (phases, periods)
+        if key not in self._tables:
+            omega, length, _ = self.scales
+            data = self.boundary_data(2.0 * np.pi * periods / phases * np.arange(phases))
+            stiffness, load, tension = [], [], []
+            for k, part in enumerate(data):
+                h, g, normal = self._split(part)
+                if k:  # the distance of the ends belongs to the first term only
+                    h = -g @ self.condensed.mean_chordwise_forces
+                matrix = h[:, None, None] * np.diag(self.kappa_si) + np.einsum(
+                    "ma,aij->mij", g, self.geometric_stiffness
+                )
+                unit = omega**-2 if k == 0 else 1.0  # the other terms are multiplied by frequencies without dimension
+                stiffness.append(matrix * unit)
+                load.append(normal @ self.load_projection / length * unit)
+                along = h[:, None] + g @ self.condensed.chordwise_forces_at_candidates
+                tension.append(along * unit * omega**2 / self.force_scale)
+            self._tables[key] = Tables(*(np.ascontiguousarray(np.stack(part)) for part in (stiffness, load, tension)))
+        return self._tables[key]
+
+
+def lateral_shapes(chain: LumpedChain, count: int) -> np.ndarray:
+    """Return the first shapes of vibrations out of the plane about rest (mode, particle) of a planar scene."""
+    position, tension = rest_shape(chain)
+    stiffness = tension / chain.stretch(position)
+    still = np.zeros_like(chain.arc_length)
+    tangent = RestTangent(still, stiffness, np.zeros(chain.links), 1.0)
+    return vibrations(chain, tangent)[1][:count]

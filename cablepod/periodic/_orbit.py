@@ -1,0 +1,260 @@
+"""Public function: one periodic response."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.batch._members import values_of_members
+from cablepod.errors import RunStopped, scene_error
+from cablepod.parameters._checks import integer
+from cablepod.periodic import _fields as fields
+from cablepod.periodic import _output as output
+from cablepod.periodic._continuation import adapted
+from cablepod.periodic._members import each_member, given_names, model_of
+from cablepod.periodic._model import PeriodicModel
+from cablepod.periodic._solve import MAX_HARMONICS, MIN_HARMONICS, Solver, State
+from cablepod.periodic._start import grown_from_rest
+from cablepod.pod._normal import SETS
+
+#: Outputs of an orbit.
+OUTPUTS = ("position", "tension", "tension_extremes", "harmonics")
+#: Number of instants of a period of the forcing in the result.
+INSTANTS = 128
+
+
+def orbit(
+    scene: xr.Dataset,
+    modes: xr.Dataset,
+    *,
+    rank: int | None = None,
+    order: str = "leading",
+    periods: int = 1,
+    harmonics: int | None = None,
+    start: xr.Dataset | None = None,
+    out_of_plane: bool = True,
+    outputs: tuple[str, ...] = ("position", "tension_extremes"),
+) -> xr.Dataset:
+    """Compute a periodic response of the condensed model and its Floquet multipliers.
+
+    Parameters
+    ----------
+    scene
+        Scene with both ends held, with motions of the ends or load factors of kind "harmonic" or "one_minus_cosine" and of one
+        angular frequency.  Scenes with ``member`` are computed one by one.
+    modes
+        Modes of layout "normal", of :func:`cablepod.pod.decompose` or :func:`cablepod.condensed.vibration_modes`.
+    rank
+        Number of modes of each deflection; all by default.
+    order
+        "leading" or "exact", see :func:`cablepod.condensed.simulate`.
+    periods
+        Number of periods of the forcing after which the motion repeats.
+    harmonics
+        Number of harmonics of a period of the motion; by default so many that the last two hold less than 1e-6 of it.
+    start
+        First guess: an orbit, a point of :func:`frequency_response` with output "harmonics", or a run of
+        :func:`cablepod.condensed.simulate` on the same modes, whose last periods are taken.  By default the response grows from
+        rest with the amplitude of the forcing; where that folds back, it is followed from a lower or higher frequency.
+    out_of_plane
+        Whether disturbances out of the plane are judged in a planar scene.  Its modes out of the plane are vibrations about rest.
+    outputs
+        Some of "position" (at 128 instants of each period of the forcing), "tension", "tension_extremes" and "harmonics".
+
+    Returns
+    -------
+    xarray.Dataset
+        ``time`` [s] over one period of the motion, ``amplitude (time, mode)`` [m], ``angular_frequency`` [rad/s],
+        ``multiplier_real``, ``multiplier_imag``, ``multiplier_set (multiplier)``, ``deflection_maximum`` [m], ``stable``,
+        ``growth`` [1/s], and what `outputs` names.  Attributes: number of harmonics, ``smallest_chordwise_force`` [N],
+        ``forcing_over_axial_frequency`` of the highest harmonic with 1 % of the motion.
+
+    Raises
+    ------
+    SceneError
+        For a scene, modes or options that it does not support; the key is named.
+    RunStopped
+        If no periodic response is found near the start.
+
+    Warns
+    -----
+    OutOfRangeWarning
+        For a slack cable, harmonics near the first axial frequency, and without damping.
+
+    Notes
+    -----
+    Harmonic balance with forces sampled in time (Cameron and Griffin 1989), Newton's method with the exact Jacobian.  Multipliers
+    follow by Numerov's scheme from the linearised equations without damping, which factors out.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import examples
+    >>> scene = examples.scene("example4")
+    >>> modes = cp.condensed.vibration_modes(scene, rank=2)
+    >>> response = cp.periodic.orbit(scene, modes)  # doctest: +SKIP
+    """
+    wanted = given_names("outputs", outputs, OUTPUTS)
+    integer(least=1, most=8)("periods", periods)
+    if harmonics is not None:
+        integer(least=2, most=MAX_HARMONICS * periods)("harmonics", harmonics)
+
+    def one(scene: xr.Dataset) -> xr.Dataset:
+        model, omega = model_of(scene, modes, rank=rank, order=order, out_of_plane=out_of_plane)
+        solver = Solver(model)
+        state = find(solver, omega / model.scales[0], periods, harmonics, start)
+        result = labelled(solver, state, wanted)
+        output.warn_of_result(result.attrs, model.damping)
+        return result
+
+    result = each_member(scene, one)
+    parameters = {
+        "rank": rank, "order": order, "periods": int(periods), "harmonics": harmonics, "out_of_plane": bool(out_of_plane),
+        "outputs": list(wanted), **(values_of_members(scene) if "member" in scene.dims else {}),
+    }  # fmt: skip
+    inputs = () if start is None else (start,)
+    return output.record(result, "periodic.orbit", scene, modes, parameters, inputs)
+
+
+def find(solver: Solver, omega: float, periods: int, harmonics: int | None, start: xr.Dataset | None) -> State:
+    """Find a periodic response at an angular frequency without dimension.
+
+    Raises
+    ------
+    RunStopped
+        If there is none near the start.
+    """
+    model = solver.model
+    count = MIN_HARMONICS * periods if harmonics is None else harmonics
+    state = (
+        grown_from_rest(solver, omega, count, periods)
+        if start is None
+        else state_of(model, start, omega, periods, count)
+    )
+    direction = np.zeros(state.z.size)
+    direction[-1] = 1.0
+    found, _, iterations = (
+        solver.at_frequency(state) if harmonics is not None else adapted(solver, state, direction, omega)
+    )
+    if iterations < 0:
+        raise RunStopped(
+            f"no periodic response at {omega * model.scales[0]:.6g} rad/s: Newton's method fails from "
+            f"{'this start' if start is not None else 'rest'}; give start=, a run of condensed.simulate that has settled"
+        )
+    return found
+
+
+def state_of(model: PeriodicModel, start: Any, omega: float, periods: int, harmonics: int) -> State:
+    """Make a first guess from a Dataset.
+
+    Raises
+    ------
+    SceneError
+        If it has no amplitudes of these modes.
+    """
+    allowed = (
+        "an orbit, a point of frequency_response with output harmonics, or a run of condensed.simulate on these modes"
+    )
+    if not isinstance(start, xr.Dataset):
+        raise scene_error("start", type(start).__name__, allowed)
+    name = "harmonic_cosine" if "harmonic_cosine" in start else "amplitude"
+    base = "harmonic" if name == "harmonic_cosine" else "time"
+    if name not in start or start[name].dims != (base, "mode") or start.sizes["mode"] < model.n_in_plane:
+        raise scene_error("start", f"a Dataset with {', '.join(map(str, start.data_vars))}", allowed)
+    parts = []
+    for suffix, turn in zip(SETS, model.turns, strict=False):
+        if f"{name}{suffix}" not in start:
+            parts.append(np.zeros((1 + 2 * harmonics, len(turn))))
+            continue
+        if base == "harmonic":
+            cosine, sine = (np.nan_to_num(start[f"harmonic_{kind}{suffix}"].values) for kind in ("cosine", "sine"))
+            given = int(start.attrs.get("periods", start.get("periods", 1)))
+            values = np.zeros((1 + 2 * harmonics, turn.shape[0]))
+            for k in range(len(cosine)):
+                new = k * periods // given
+                if k * periods % given or new > harmonics:
+                    continue
+                values[max(2 * new - 1, 0)] = cosine[k, : len(turn)]
+                if new:
+                    values[2 * new] = sine[k, : len(turn)]
+        else:
+            values = _fitted(start[f"{name}{suffix}"], omega * model.scales[0], periods, harmonics)[:, : len(turn)]
+        parts.append(np.linalg.solve(turn, values.T).T)
+    coefficients = np.concatenate(parts, axis=1) / model.scales[1]
+    outside = np.abs(coefficients[:, model.n_in_plane :]).max(initial=0.0)
+    planar = model.is_planar and outside <= 1e-9 * np.abs(coefficients).max()
+    if planar:
+        coefficients = coefficients[:, : model.n_in_plane]
+    return State(np.append(coefficients.ravel(), omega), planar, coefficients.shape[1], periods)
+
+
+def _fitted(amplitude: xr.DataArray, omega: float, periods: int, harmonics: int) -> np.ndarray:
+    """Fit harmonics to the last periods of amplitudes (time, mode), the mean first (1 + 2 harmonics, mode)."""
+    time = amplitude["time"].values
+    duration = 2.0 * np.pi * periods / omega
+    last = time > time[-1] - duration * (1.0 - 1e-9)
+    most = max(min(harmonics, (int(last.sum()) - 1) // 3), 1)
+    phase = np.outer(time[last], np.arange(1, most + 1)) * omega / periods
+    basis = np.ones((phase.shape[0], 1 + 2 * most))
+    basis[:, 1::2], basis[:, 2::2] = np.cos(phase), np.sin(phase)
+    result = np.zeros((1 + 2 * harmonics, amplitude.sizes["mode"]))
+    result[: 1 + 2 * most] = np.linalg.lstsq(basis, np.nan_to_num(amplitude.values[last]), rcond=None)[0]
+    return result
+
+
+def labelled(solver: Solver, state: State, wanted: Sequence[str]) -> xr.Dataset:
+    """Return a solution with its multipliers as a Dataset."""
+    model = solver.model
+    stability = solver.stability(state)
+    omega = state.omega * model.scales[0]
+    phases = INSTANTS * state.periods
+    q = fields.coordinates(model, state, phases)
+    closed = np.concatenate([q, q[:1]])
+    phase = 2.0 * np.pi / INSTANTS * np.arange(phases + 1)
+    mu = stability.multipliers
+    duration = 2.0 * np.pi * state.periods / omega
+    variables: dict[str, Any] = {
+        "angular_frequency": ((), omega),
+        **output.per_set(model, "amplitude", ("time",), fields.mode_amplitudes(model, closed)),
+        "deflection_maximum": ((), fields.largest_deflection(model, q)),
+        "stable": ((), stability.is_stable),
+        "growth": ((), float(np.log(np.abs(mu).max())) / duration),
+        "multiplier_real": (("multiplier",), mu.real),
+        "multiplier_imag": (("multiplier",), mu.imag),
+        "multiplier_set": (("multiplier",), output.set_names(model, state)),
+    }
+    if {"position", "tension", "tension_extremes"} & set(wanted):
+        stretch, force, squared = fields.close_chord(model, closed, omega, phase)
+        if "position" in wanted:
+            variables["position"] = (
+                ("time", "particle", "coordinate"),
+                fields.positions(model, closed, stretch, phase),
+            )
+        tension = fields.tensions(model, stretch, force, squared)
+        if "tension" in wanted:
+            variables["tension"] = (("time", "link"), tension)
+        if "tension_extremes" in wanted:
+            variables["tension_minimum"] = (("link",), -fields.maximum(-tension[:-1]))
+            variables["tension_maximum"] = (("link",), fields.maximum(tension[:-1]))
+    coords: dict[str, Any] = {"time": phase / omega, "multiplier": np.arange(1, mu.size + 1)}
+    if "harmonics" in wanted:
+        variables |= output.harmonic_variables(model, state)
+        coords["harmonic"] = np.arange(state.harmonics + 1) / state.periods
+    names = {
+        "amplitude": ("m", "amplitude of the mode"),
+        "amplitude_out_of_plane": ("m", "amplitude of the mode out of the plane"),
+        "time": ("s", "time since an instant at which the phase of the forcing is that of the scene at its start"),
+        "harmonic": ("1", "angular frequency of the harmonic over that of the forcing"),
+    }
+    result = output.dataset(model, variables, coords, **names)
+    result.attrs.update(
+        periods=state.periods,
+        harmonics=state.harmonics,
+        order=model.condensed.order,
+        smallest_chordwise_force=stability.smallest_force,
+        **output.axial_attributes(model, output.significant_harmonic(state) * omega),
+    )
+    return result

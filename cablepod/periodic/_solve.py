@@ -1,0 +1,211 @@
+"""Periodic solutions of the model: one state, its correction by Newton's method, its multipliers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from cablepod.periodic._model import PeriodicModel, harmonics_at
+
+#: Least and largest number of harmonics of one period of the forcing where it is adapted, and its change.
+MIN_HARMONICS, MAX_HARMONICS, MORE_HARMONICS = 6, 48, 4
+#: Share of the last two harmonics in the motion, above which more are taken.
+TAIL_RTOL = 1e-6
+#: Share of the motion in the mean deflection below which a motion counts as none.
+NO_MOTION = 1e-9
+#: Largest product of highest frequency and step of the scheme for multipliers (its phases err by the fourth power over 480).
+MAX_PHASE_STEP = 0.2
+#: Least number of its steps for each sample of the harmonic balance.
+MIN_STRIDE = 4
+#: Distance from the unit circle that counts as on it.
+NEUTRAL = 1e-7
+#: Sets of coordinates whose disturbances do not couple with those of others, and the set of all.
+IN_PLANE, OUT_OF_PLANE, COUPLED = "in_plane", "out_of_plane", "coupled"
+
+
+class Stability(NamedTuple):
+    """Floquet multipliers of a solution, and the smallest chordwise force."""
+
+    multipliers: np.ndarray  #: complex (2 r,), of the coordinates in the plane first
+    smallest_force: float  #: over phases and length [N]
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether no multiplier lies outside of the unit circle."""
+        return bool(np.abs(self.multipliers).max(initial=0.0) <= 1.0 + NEUTRAL)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Coefficients of the harmonics, without dimension, and the angular frequency of the forcing."""
+
+    z: np.ndarray  #: ((1 + 2 harmonics) coordinates + 1,), see :mod:`cablepod.periodic._kernels_balance`
+    planar: bool  #: whether the coordinates are those in the plane only
+    size: int  #: number of coordinates
+    periods: int = 1  #: of the forcing in one of the motion
+
+    @property
+    def omega(self) -> float:
+        """Angular frequency of the forcing."""
+        return float(self.z[-1])
+
+    @cached_property
+    def harmonics(self) -> int:
+        """Number of harmonics."""
+        return ((self.z.size - 1) // self.size - 1) // 2
+
+    @property
+    def coefficients(self) -> np.ndarray:
+        """Coefficients (1 + 2 harmonics, coordinates)."""
+        return self.z[:-1].reshape(-1, self.size)
+
+    def changed(self, coefficients: np.ndarray, omega: float | None = None) -> State:
+        """Return the state with other coefficients (1 + 2 harmonics, coordinates)."""
+        z = np.append(coefficients.ravel(), self.omega if omega is None else omega)
+        return State(z, self.planar, coefficients.shape[1], self.periods)
+
+    def resized(self, harmonics: int) -> State:
+        """Return the state with another number of harmonics."""
+        old = self.coefficients
+        new = np.zeros((1 + 2 * harmonics, self.size))
+        new[: min(len(old), len(new))] = old[: len(new)]
+        return self.changed(new)
+
+    def full(self, model: PeriodicModel) -> State:
+        """Return the state with all coordinates."""
+        if self.size == model.size:
+            return replace(self, planar=False)
+        coefficients = np.zeros((1 + 2 * self.harmonics, model.size))
+        coefficients[:, : self.size] = self.coefficients
+        return replace(self.changed(coefficients), planar=False)
+
+    def doubled(self) -> State:
+        """Return the state over twice as many periods."""
+        old = self.coefficients
+        new = np.zeros((1 + 4 * self.harmonics, self.size))
+        new[0], new[3::4], new[4::4] = old[0], old[1::2], old[2::2]
+        return replace(self.changed(new), periods=2 * self.periods)
+
+    @property
+    def tail(self) -> float:
+        """Share of the last two harmonics in the motion."""
+        c = self.coefficients
+        motion = np.sqrt((c[1:] ** 2).sum())
+        last = np.sqrt((c[-4:] ** 2).sum())
+        return float(last / max(motion, NO_MOTION * np.sqrt((c**2).sum()), 1e-300))
+
+
+def sets_of(model: PeriodicModel, state: State) -> list[tuple[str, slice]]:
+    """Return name and multipliers of each set of coordinates that does not couple with another."""
+    n, r = model.n_in_plane, model.size
+    if not state.planar:
+        return [(COUPLED if r > n else IN_PLANE, slice(0, 2 * r))]
+    return [(IN_PLANE, slice(0, 2 * n)), (OUT_OF_PLANE, slice(2 * n, 2 * r))][: 1 + (r > n)]
+
+
+def bases(state: State, stride: int) -> tuple[int, np.ndarray, np.ndarray]:
+    """Return the number of samples, harmonics at the samples (N, 1 + 4 H) and at all phases (N stride, 1 + 2 H)."""
+    samples = 4 * state.harmonics + 4
+    return samples, _basis(samples, 2 * state.harmonics), _basis(samples * stride, state.harmonics)
+
+
+_BASES: dict[tuple[int, int], np.ndarray] = {}
+
+
+def _basis(phases: int, harmonics: int) -> np.ndarray:
+    """Do :func:`harmonics_at`, once."""
+    key = (phases, harmonics)
+    if key not in _BASES:
+        _BASES[key] = harmonics_at(*key)
+    return _BASES[key]
+
+
+class Solver:
+    """Newton's method and multipliers for one model."""
+
+    def __init__(self, model: PeriodicModel) -> None:
+        from cablepod.periodic import _kernels_balance, _kernels_floquet  # numba is imported only to compute
+
+        self.model = model
+        self.balance, self.floquet = _kernels_balance, _kernels_floquet
+        self._planar: dict[tuple[int, int], tuple[np.ndarray, ...]] = {}
+
+    def arguments(self, state: State, stride: int) -> tuple:
+        """Return the arguments of kernels from the linear stiffness to the damping."""
+        model, n = self.model, state.size
+        key = ((4 * state.harmonics + 4) * stride, state.periods)
+        tables = model.tables(*key)
+        if n == model.size:
+            return tables.stiffness, tables.load, model.kappa, model.sag, model.damping
+        if key not in self._planar:
+            parts = (tables.stiffness[:, :, :n, :n], tables.load[:, :, :n])
+            self._planar[key] = tuple(np.ascontiguousarray(part) for part in parts)
+        return (*self._planar[key], np.ascontiguousarray(model.kappa[:n]), model.sag, model.damping)
+
+    def correct(
+        self, state: State, direction: np.ndarray, target: float, active: np.ndarray | None = None
+    ) -> tuple[State, np.ndarray, int]:
+        """Solve with the condition direction . z[active] = target.
+
+        Returns
+        -------
+        tuple
+            The solution, the direction of the branch there, and the number of iterations, -1 where there is none.
+        """
+        stride = self.stride(state)
+        z, tangent = state.z.copy(), np.empty_like(direction)
+        samples, basis, _ = bases(state, stride)
+        iterations = self.balance.correct(
+            z, np.arange(z.size) if active is None else active, direction, target, basis,
+            *self.arguments(state, stride), state.periods, stride, samples, tangent,
+        )  # fmt: skip
+        return replace(state, z=z), tangent, iterations
+
+    def at_frequency(self, state: State) -> tuple[State, np.ndarray, int]:
+        """Solve at the frequency of the state."""
+        direction = np.zeros(state.z.size)
+        direction[-1] = 1.0
+        return self.correct(state, direction, state.omega)
+
+    def jacobian(self, state: State) -> np.ndarray:
+        """Return the derivative of the balance by the coefficients, all coordinates in each harmonic together."""
+        stride = self.stride(state)
+        samples, basis, _ = bases(state, stride)
+        result = np.empty((state.z.size - 1, state.z.size - 1))
+        self.balance.jacobian_of(state.z, basis, *self.arguments(state, stride), state.periods, stride, samples, result)
+        return result
+
+    def stride(self, state: State) -> int:
+        """Return the number of steps of the scheme for multipliers for each sample: a power of two."""
+        duration = 2.0 * np.pi * state.periods / max(abs(state.omega), 1e-3)
+        steps = duration * self.model.highest_frequency / MAX_PHASE_STEP
+        stride, samples = MIN_STRIDE, 4 * state.harmonics + 4
+        while stride * samples < steps and stride < 4096:
+            stride *= 2
+        return stride
+
+    def stability(self, state: State, stride: int | None = None) -> Stability:
+        """Compute the multipliers of a solution over its period."""
+        model = self.model
+        stride = stride or self.stride(state)
+        full = state.full(model)
+        tables = model.tables((4 * state.harmonics + 4) * stride, state.periods)
+        parts, least = np.empty((2, 2 * model.size)), np.empty(1)
+        split = model.n_in_plane if state.planar else model.size
+        good = self.floquet.multipliers(
+            full.z, bases(state, stride)[2], tables.stiffness, tables.chord_tension, model.kappa, model.sag,
+            model.damping, state.periods, split, parts[0], parts[1], least,
+        )  # fmt: skip
+        values = parts[0] + 1j * parts[1] if good else np.full(2 * model.size, np.nan + 0j)
+        return Stability(values, float(least[0]) * model.force_scale)
+
+    def rest(self, omega: float, harmonics: int) -> State:
+        """Return the state of rest of all coordinates that the forcing moves."""
+        model = self.model
+        size = model.n_in_plane if model.is_planar else model.size
+        coefficients = np.zeros((1 + 2 * harmonics, size))
+        coefficients[0] = model.rest[:size] / model.scales[1]
+        return State(np.append(coefficients.ravel(), omega), model.is_planar, size)

@@ -1,0 +1,153 @@
+"""Public function: stability over frequency and amplitude of the forcing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.batch._members import values_of_members
+from cablepod.errors import scene_error
+from cablepod.parameters._checks import numbers_list
+from cablepod.periodic import _output as output
+from cablepod.periodic._map import MapResult, compute_map
+from cablepod.periodic._members import each_member, model_of
+from cablepod.periodic._model import PeriodicModel
+from cablepod.periodic._solve import IN_PLANE, OUT_OF_PLANE
+
+#: Names of the kinds of growth, by their numbers in ``_kernels_map``; those above one by the set of coordinates.
+KINDS = (
+    ("stable", "fold", "period_doubling", "torus", "none"),
+    ("stable", "pitchfork", "period_doubling", "torus", "none"),
+)
+NO_ORBIT = "no orbit found from rest at this amplitude"
+
+
+def stability_map(
+    scene: xr.Dataset,
+    modes: xr.Dataset,
+    *,
+    frequency: Any,
+    amplitude: Any,
+    rank: int | None = None,
+    out_of_plane: bool = True,
+    progress: Callable[[float], None] | None = None,
+) -> xr.Dataset:
+    """Map the stability of periodic responses over frequency and amplitude of the forcing.
+
+    Parameters
+    ----------
+    scene, modes
+        As in :func:`orbit`.
+    frequency
+        Angular frequencies of the forcing [rad/s], increasing, in place of the scene's.
+    amplitude
+        Amplitudes of the forcing, increasing: of the largest motion [m], in place of the scene's.  All other motions and factors
+        keep their ratio to it.  Without motions: of the largest factor of a load.
+    rank
+        Number of modes of each deflection; all by default.
+    out_of_plane
+        Whether disturbances out of the plane are judged in a planar scene.
+    progress
+        Callback receiving the completed fraction, which never falls and ends at 1.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``growth_in_plane``, ``growth_out_of_plane (amplitude, angular_frequency)`` [1/s]: rates of the fastest disturbances
+        of the response that grows from rest with the amplitude; ``response`` [m], its largest deflection from the mean; ``kind``
+        ("stable", "fold", "pitchfork", "period_doubling", "torus", "none"), what the fastest disturbance does; ``failure``, why a
+        point has no response, else empty; ``smallest_chordwise_force`` [N].  Along ``edge``: ``edge_angular_frequency`` [rad/s],
+        ``edge_amplitude``, ``edge_set`` and ``edge_kind`` of the changes of stability between neighbouring frequencies.  With
+        ``member`` edges of all members lie along one dimension each, filled with nan.
+
+    Raises
+    ------
+    SceneError
+        For a scene, modes or options that it does not support; the key is named.
+
+    Notes
+    -----
+    Where the response folds back, a larger amplitude is tried from the last response made larger, then from rest.
+    """
+    omegas, amplitudes = _grid("frequency", frequency), _grid("amplitude", amplitude)
+
+    def one(scene: xr.Dataset) -> xr.Dataset:
+        model, _ = model_of(scene, modes, rank=rank, order="leading", out_of_plane=out_of_plane)
+        if not model.forcing.amplitude:
+            raise scene_error("amplitude", 0.0, "a scene with an amplitude other than 0, which is scaled")
+        factors = amplitudes / model.forcing.amplitude
+        models = [model.with_amplitude(float(factor)) for factor in factors]
+        found = compute_map(model, models, omegas, progress or (lambda share: None))
+        result = labelled(model, found, omegas, amplitudes)
+        output.warn_of_result(result.attrs, model.damping)
+        return result
+
+    result = each_member(scene, one)
+    if progress is not None:
+        progress(1.0)
+    parameters = {
+        "frequency": omegas, "amplitude": amplitudes, "rank": rank, "out_of_plane": bool(out_of_plane),
+        **(values_of_members(scene) if "member" in scene.dims else {}),
+    }  # fmt: skip
+    return output.record(result, "periodic.stability_map", scene, modes, parameters)
+
+
+def _grid(key: str, given: Any) -> np.ndarray:
+    """Check increasing positive numbers."""
+    values = given.values if isinstance(given, xr.DataArray) else given
+    array = np.array(numbers_list(above=0.0)(key, values))
+    if (np.diff(array) <= 0.0).any():
+        raise scene_error(key, given, "increasing numbers")
+    return array
+
+
+def labelled(model: PeriodicModel, found: MapResult, omegas: np.ndarray, amplitudes: np.ndarray) -> xr.Dataset:
+    """Return a map as a Dataset."""
+    grid = ("amplitude", "angular_frequency")
+    sets = 2 if model.is_planar and model.size > model.n_in_plane else 1
+    words = np.array(KINDS)
+    fastest = np.zeros(found.response.shape, dtype=int)
+    if sets == 2:
+        growth = np.where(np.isnan(found.growth), -np.inf, found.growth)
+        fastest = np.where(growth[1] > growth[0], 1, 0)
+    number = np.take_along_axis(found.kind, fastest[None], axis=0)[0]
+    edges = found.edges
+    variables: dict[str, Any] = {"growth_in_plane": (grid, found.growth[0])}
+    if sets == 2:
+        variables["growth_out_of_plane"] = (grid, found.growth[1])
+    variables |= {
+        "response": (grid, found.response),
+        "kind": (grid, words[fastest, number]),
+        "failure": (grid, np.where(np.isnan(found.response), NO_ORBIT, "")),
+        "smallest_chordwise_force": (grid, found.smallest_force),
+        "edge_angular_frequency": (("edge",), np.array([edge[0] for edge in edges])),
+        "edge_amplitude": (("edge",), np.array([amplitudes[edge[1]] for edge in edges])),
+        "edge_set": (("edge",), np.array([(IN_PLANE, OUT_OF_PLANE)[edge[2]] for edge in edges], dtype="U12")),
+        "edge_kind": (("edge",), np.array([KINDS[edge[2]][edge[3]] for edge in edges], dtype="U15")),
+    }
+    units = model.forcing.units
+    text = "amplitude of the largest motion" if units == "m" else "amplitude of the largest factor of a load"
+    names = {
+        "amplitude": (units, text),
+        "growth_in_plane": ("s-1", "growth rate of the fastest disturbance in the plane"),
+        "growth_out_of_plane": ("s-1", "growth rate of the fastest disturbance out of the plane"),
+        "response": ("m", "largest deflection normal to the chord, from its mean over a period"),
+        "kind": ("1", "what the fastest disturbance does"),
+        "failure": ("1", "why the point has no response"),
+        "edge": ("1", "number of the edge, from 1"),
+        "edge_angular_frequency": ("rad s-1", "angular frequency of the forcing at the edge of a stable region"),
+        "edge_amplitude": (units, f"{text} at the edge"),
+        "edge_set": ("1", "coordinates of the disturbance"),
+        "edge_kind": ("1", "what the disturbance does"),
+    }
+    coords = {"amplitude": amplitudes, "angular_frequency": omegas, "edge": np.arange(1, len(edges) + 1)}
+    result = output.dataset(model, variables, coords, **names)
+    least = found.smallest_force[np.isfinite(found.smallest_force)]
+    result.attrs.update(
+        smallest_chordwise_force=float(least.min(initial=np.inf)),
+        **output.axial_attributes(model, float(omegas[-1])),
+    )
+    return result

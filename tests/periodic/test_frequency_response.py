@@ -1,0 +1,112 @@
+"""Branches over frequency: their points, bifurcations, ends and what is kept of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from periodic_scenes import guy, loaded, multipliers
+
+import cablepod as cp
+
+KINDS = {"fold", "pitchfork", "period_doubling", "torus"}
+
+
+@pytest.fixture(scope="module")
+def whirling():
+    """A string near resonance, on which whirling leaves and comes back."""
+    scene = loaded(0.6, 7.0, 0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    return (
+        scene,
+        modes,
+        cp.periodic.frequency_response(scene, modes, frequency=(6.5, 11.0), outputs=("multipliers", "harmonics")),
+    )
+
+
+def test_folds_are_where_the_branch_turns_back(whirling):
+    *_, response = whirling
+    main = response.isel(point=response.branch.values == 1)
+    omega = main.angular_frequency.values
+    turns = np.flatnonzero(np.diff(omega)[1:] * np.diff(omega)[:-1] < 0.0) + 1
+    folds = response.bifurcation_angular_frequency.values[
+        (response.bifurcation_kind.values == "fold") & (response.bifurcation_branch.values == 1)
+    ]
+    assert turns.size == folds.size == 2
+    # a parabola through the points about the turn, whose distance is some hundredths
+    for k, fold in zip(turns, folds, strict=True):
+        assert fold == pytest.approx(omega[k], abs=np.abs(np.diff(omega[k - 1 : k + 2])).max())
+        assert (fold - omega[k]) * (omega[k] - omega[k - 1]) >= -1e-12
+
+
+def test_a_multiplier_is_one_or_minus_one_at_located_bifurcations(whirling):
+    scene, modes, response = whirling
+    for k in range(response.sizes["bifurcation"]):
+        if response.bifurcation_branch[k] != 1:
+            continue
+        omega = float(response.bifurcation_angular_frequency[k])
+        near = int(
+            np.argmin(
+                np.abs(response.angular_frequency.values - omega)
+                + 10.0 * (response.branch.values != 1)
+                + np.abs(response.deflection_maximum.values - float(response.bifurcation_deflection_maximum[k]))
+            )
+        )
+        if str(response.bifurcation_kind[k].values) == "fold":
+            continue  # Newton's method at the frequency of a fold has no solution on one side
+        moved = scene.assign(load_angular_frequency=omega)
+        orbit = cp.periodic.orbit(moved, modes, start=response.isel(point=near), outputs=())
+        goal = -1.0 if str(response.bifurcation_kind[k].values) == "period_doubling" else 1.0
+        # located to 1e-11 of the frequency, and multipliers move by some hundreds of radians a unit
+        assert np.abs(multipliers(orbit) - goal).min() < 1e-6
+
+
+def test_whirling_leaves_at_one_pitchfork_and_comes_back_at_another(whirling):
+    *_, response = whirling
+    lead = response.leads_to.values[
+        (response.bifurcation_kind.values == "pitchfork") & (response.bifurcation_branch.values == 1)
+    ]
+    assert 2 in lead
+    points = response.isel(point=response.branch.values == 2)
+    assert float(np.nanmax(points.amplitude_out_of_plane)) > 0.01
+    assert response.attrs["branch_2_ended"] in ("loop", "range")
+    main = response.isel(point=response.branch.values == 1)
+    assert np.array_equal(main.amplitude_out_of_plane.values, np.zeros_like(main.amplitude_out_of_plane))
+    assert set(response.bifurcation_kind.values) <= KINDS
+
+
+def test_points_end_a_branch_and_are_the_limit_of_all():
+    scene = loaded(0.6, 7.0, 0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    response = cp.periodic.frequency_response(scene, modes, frequency=(6.5, 11.0), points=20)
+    assert response.sizes["point"] <= 20
+    assert response.attrs["branch_1_ended"] == "points"
+
+
+def test_a_slack_cable_ends_a_branch():
+    scene = guy(amplitude=0.3)
+    modes = cp.condensed.vibration_modes(scene, rank=1)
+    with pytest.warns(cp.OutOfRangeWarning, match="slack"):
+        response = cp.periodic.frequency_response(scene, modes, frequency=(3.0, 9.0), out_of_plane=False)
+    assert "slack" in [response.attrs[name] for name in response.attrs if name.endswith("_ended")]
+
+
+def test_what_was_traced_is_kept_after_an_interrupt():
+    scene = loaded(0.6, 7.0, 0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+
+    def stop(share):
+        if share > 0.3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(cp.RunStopped, match="interrupted") as caught:
+        cp.periodic.frequency_response(scene, modes, frequency=(6.5, 11.0), progress=stop)
+    assert caught.value.partial.sizes["point"] > 2
+    assert caught.value.partial.attrs["incomplete"] == 1
+
+
+def test_a_response_survives_the_archive(whirling, tmp_path):
+    *_, response = whirling
+    cp.archive.write(response, tmp_path / "response.nc")
+    again = cp.archive.read(tmp_path / "response.nc")
+    assert again.drop_attrs().equals(response.drop_attrs())
+    assert again.attrs["id"] == response.attrs["id"]

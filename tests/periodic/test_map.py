@@ -1,0 +1,75 @@
+"""Stability over frequency and amplitude: Mathieu's tongues, orbits at single points, the answer in all threads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from periodic_scenes import guy, loaded, mathieu
+from scipy.optimize import brentq
+from scipy.special import mathieu_a, mathieu_b
+
+import cablepod as cp
+
+STIFFER = 1e3
+
+
+@pytest.mark.filterwarnings("ignore:damping is zero")
+@pytest.mark.parametrize("tongue", [1, 2])
+def test_tongues_have_the_edges_of_mathieu(tongue):
+    scene = mathieu(0.1, stiffer=STIFFER)
+    modes = cp.condensed.vibration_modes(scene, rank=1)
+    omega = float(modes.angular_frequency[0])
+    epsilon = np.array([0.05, 0.2, 0.4])
+    amplitude = epsilon / 0.1 * float(scene.motion_upper_x_amplitude)
+    centre = 2.0 * omega / tongue
+    frequency = centre * np.linspace(0.85, 1.1, 60 if tongue == 1 else 400)
+    found = cp.periodic.stability_map(scene, modes, frequency=frequency, amplitude=amplitude, out_of_plane=False)
+    for k, eps in enumerate(epsilon):
+        edges = found.edge_angular_frequency.values[np.isclose(found.edge_amplitude.values, amplitude[k])]
+        exact = sorted(
+            brentq(lambda x, f=f, e=eps: f(tongue, 0.5 * e * (2.0 * omega / x) ** 2) - (2.0 * omega / x) ** 2,
+                   0.8 * centre, 1.2 * centre, xtol=1e-13)
+            for f in (mathieu_a, mathieu_b)
+        )  # fmt: skip
+        if exact[1] - exact[0] < 2.0 * (frequency[1] - frequency[0]):
+            continue  # between two frequencies of the map
+        # inertia along the string is 1e-6 of epsilon
+        assert edges == pytest.approx(exact, rel=1e-6)
+    kinds = {1: "period_doubling", 2: "fold"}
+    assert set(found.edge_kind.values) == {kinds[tongue]}
+
+
+def test_a_map_has_the_growth_of_single_orbits():
+    scene = guy(damping=0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    frequency, amplitude = np.array([5.0, 6.25, 12.3, 12.47]), np.array([0.001, 0.004, 0.006])
+    found = cp.periodic.stability_map(scene, modes, frequency=frequency, amplitude=amplitude)
+    for i, omega in enumerate(frequency):
+        for j, a in enumerate(amplitude):
+            orbit = cp.periodic.orbit(guy(damping=0.05, angular_frequency=omega, amplitude=a), modes, outputs=())
+            point = found.isel(amplitude=j, angular_frequency=i)
+            largest = max(float(point.growth_in_plane), float(point.growth_out_of_plane))
+            # the map takes harmonics until the last two hold 1e-5
+            assert largest == pytest.approx(float(orbit.growth), abs=1e-5)
+            assert (point.kind == "stable") == bool(orbit.stable)
+            assert float(point.response) == pytest.approx(float(orbit.deflection_maximum), rel=1e-3)
+
+
+def test_a_map_depends_neither_on_threads_nor_on_its_extent(monkeypatch):
+    scene = guy(damping=0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    frequency, amplitude = np.linspace(12.0, 13.0, 9), np.array([0.002, 0.004])
+    one = cp.periodic.stability_map(scene, modes, frequency=frequency, amplitude=amplitude)
+    monkeypatch.setattr("cablepod.periodic._map.cores", lambda: 1)
+    again = cp.periodic.stability_map(scene, modes, frequency=frequency, amplitude=amplitude)
+    for name in one.data_vars:
+        assert np.array_equal(one[name].values, again[name].values, equal_nan=one[name].dtype.kind == "f"), name
+
+
+def test_loads_alone_are_scaled_by_their_factor():
+    scene = loaded(0.4, 7.0, 0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=1)
+    found = cp.periodic.stability_map(scene, modes, frequency=[5.0, 6.0], amplitude=[0.5, 1.0])
+    orbit = cp.periodic.orbit(loaded(0.4, 6.0, 0.05), modes, outputs=())
+    assert float(found.response[1, 1]) == pytest.approx(float(orbit.deflection_maximum), rel=1e-3)
+    assert found.amplitude.attrs["units"] == "1"

@@ -1,0 +1,154 @@
+"""Refusals name the key, what was given and what is allowed, before anything runs."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+from periodic_scenes import GUY
+
+import cablepod as cp
+from cablepod.errors import SceneError
+
+
+@pytest.fixture(scope="module")
+def modes():
+    """Two modes of the guy."""
+    return cp.condensed.vibration_modes(cp.make_scene(GUY), rank=2)
+
+
+def scene(change=lambda mapping: None):
+    mapping = copy.deepcopy(GUY)
+    change(mapping)
+    return cp.make_scene(mapping)
+
+
+def without(*path):
+    def change(mapping):
+        for key in path[:-1]:
+            mapping = mapping[key]
+        del mapping[path[-1]]
+
+    return change
+
+
+def with_motion(**values):
+    def change(mapping):
+        mapping["motion"]["upper"]["x"] = values
+
+    return change
+
+
+def second(mapping):
+    mapping["motion"]["upper"]["y"] = {"kind": "harmonic", "amplitude": 0.001, "angular_frequency": 5.0}
+
+
+SCENES = [
+    (without("motion"), "motion: given"),
+    (with_motion(kind="ramp", amplitude=0.1, duration=1.0), r"motion\.upper\.x\.kind"),
+    (with_motion(kind="polynomial", coefficients=[0.1]), r"motion\.upper\.x\.kind"),
+    (with_motion(kind="harmonic", amplitude=0.1, angular_frequency=1.0, ramp=2.0), r"motion\.upper\.x\.ramp"),
+    (second, r"angular_frequency.*one frequency"),
+    (
+        lambda mapping: (
+            mapping["ends"].update(
+                free="upper",
+            )
+            or mapping.pop("motion")
+        ),
+        "motion: given|ends.free",
+    ),
+    (lambda mapping: mapping["damping"].update(link_viscosity=1e-4), r"damping\.link_viscosity"),
+]
+
+
+@pytest.mark.parametrize(("change", "key"), SCENES)
+def test_scenes_without_one_periodic_forcing_are_refused(change, key, modes):
+    with pytest.raises(SceneError, match=key):
+        cp.periodic.orbit(scene(change), modes)
+
+
+@pytest.mark.parametrize(
+    ("options", "key"),
+    [
+        ({"order": "inertial"}, "order"),
+        ({"rank": 0}, "rank"),
+        ({"rank": 3}, "rank"),
+        ({"harmonics": 1}, "harmonics"),
+        ({"harmonics": 1000}, "harmonics"),
+        ({"harmonics": 2.5}, "harmonics"),
+        ({"periods": 0}, "periods"),
+        ({"outputs": ("positions",)}, "outputs"),
+        ({"start": 3}, "start"),
+        ({"start": "scene"}, "start"),
+        ({"out_of_plane": 1}, "out_of_plane"),
+    ],
+)
+def test_options_of_an_orbit_are_checked(options, key, modes):
+    if options.get("start") == "scene":
+        options = {"start": scene()}
+    with pytest.raises(SceneError, match=f"^{key}: given .*; allowed: "):
+        cp.periodic.orbit(scene(), modes, **options)
+
+
+@pytest.mark.parametrize(
+    "frequency",
+    [(8.0, 4.0), (0.0, 4.0), (-1.0, 4.0), (np.nan, 4.0), (4.0, np.inf), (4.0, 4.0), 4.0, (1.0, 2.0, 3.0), None],
+)
+def test_a_range_of_frequencies_is_checked(frequency, modes):
+    with pytest.raises(SceneError, match=r"^frequency.*: given .*; allowed: "):
+        cp.periodic.frequency_response(scene(), modes, frequency=frequency)
+
+
+@pytest.mark.parametrize(
+    ("options", "key"),
+    [
+        ({"points": 1}, "points"),
+        ({"follow": ("torus",)}, "follow"),
+        ({"order": "exact"}, "order"),
+        ({"outputs": "tensions"}, "outputs"),
+    ],
+)
+def test_options_of_a_frequency_response_are_checked(options, key, modes):
+    with pytest.raises(SceneError, match=f"^{key}: given .*; allowed: "):
+        cp.periodic.frequency_response(scene(), modes, frequency=(4.0, 8.0), **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "key"),
+    [
+        ({"frequency": [2.0, 1.0]}, "frequency"), ({"amplitude": [0.0, 1.0]}, "amplitude"),
+        ({"amplitude": []}, "amplitude"), ({"frequency": [1.0, np.nan]}, "frequency"), ({"rank": 9}, "rank"),
+    ],
+)  # fmt: skip
+def test_the_grid_of_a_map_is_checked(options, key, modes):
+    given = {"frequency": [1.0, 2.0], "amplitude": [1e-3]} | options
+    with pytest.raises(SceneError, match=f"^{key}.*: given .*; allowed: "):
+        cp.periodic.stability_map(scene(), modes, **given)
+
+
+@pytest.mark.parametrize(
+    ("options", "key"),
+    [({"amplitude": 0.0}, "amplitude"), ({"mode": 3}, "mode"), ({"mode": 0}, "mode"), ({"motion": "round"}, "motion")],
+)
+def test_options_of_a_backbone_are_checked(options, key, modes):
+    with pytest.raises(SceneError, match=f"^{key}: given .*; allowed: "):
+        cp.periodic.backbone(scene(), modes, **({"amplitude": 0.1} | options))
+
+
+def test_members_are_refused_where_branches_are_followed(modes):
+    members = cp.ensemble.design(scene(), {"cable.top_tension": [8e3, 15e3]}, members=2, sampling="grid")
+    with pytest.raises(SceneError, match=r"^scene: given 2 members"):
+        cp.periodic.frequency_response(members, modes, frequency=(4.0, 8.0))
+
+
+def test_zero_damping_is_told(modes):
+    with pytest.warns(cp.OutOfRangeWarning, match="neutral"):
+        cp.periodic.orbit(scene(lambda mapping: mapping.pop("damping")), modes, outputs=())
+
+
+def test_harmonics_near_the_first_axial_frequency_are_told(modes):
+    fast = scene(with_motion(kind="harmonic", amplitude=1e-5, angular_frequency=80.0))
+    with pytest.warns(cp.OutOfRangeWarning, match="axial"):
+        cp.periodic.orbit(fast, modes, outputs=())

@@ -1,0 +1,227 @@
+"""One periodic response: closed forms, identities, and the same model integrated in time."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+from periodic_scenes import GUY, STIFFNESS, TENSION, guy, loaded, mathieu, multipliers
+
+import cablepod as cp
+from cablepod.periodic import _fields as fields
+from cablepod.periodic._members import model_of
+from cablepod.periodic._orbit import find
+from cablepod.periodic._solve import Solver
+
+pytestmark = pytest.mark.filterwarnings("ignore:damping is zero")
+
+
+def modes_of(scene, rank=2):
+    return cp.condensed.vibration_modes(scene, rank=rank)
+
+
+# --- multipliers ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.02])
+@pytest.mark.parametrize("omega", [6.1, 12.5])
+def test_the_product_of_all_multipliers_is_that_of_liouville(omega, damping):
+    scene = guy(angular_frequency=omega, damping=damping)
+    orbit = cp.periodic.orbit(scene, modes_of(scene, 3), outputs=())
+    mu = multipliers(orbit)
+    # six coordinates; rounding of the scheme over some hundred steps
+    assert np.prod(mu).real == pytest.approx(np.exp(-damping * 2.0 * np.pi / omega * 6), rel=1e-9)
+    assert list(orbit.multiplier_set.values) == ["in_plane"] * 6 + ["out_of_plane"] * 6
+
+
+@pytest.mark.parametrize("omega", [6.1, 12.5])
+def test_without_damping_multipliers_come_in_reciprocal_pairs(omega):
+    scene = guy(angular_frequency=omega, damping=0.0)
+    mu = multipliers(cp.periodic.orbit(scene, modes_of(scene, 3), outputs=()))
+    assert np.abs(mu[:, None] * mu - 1.0).min(axis=1).max() < 1e-8
+
+
+@pytest.mark.parametrize(("ratio", "grows"), [(1.0 + 1e-4, True), (1.0 - 1e-4, False)])
+def test_the_parametric_threshold_is_four_times_the_damping_ratio(ratio, grows):
+    zeta = 1e-3
+    omega = float(modes_of(mathieu(0.1, stiffer=1e3)).angular_frequency[0])
+    scene = mathieu(4.0 * zeta * ratio, 2.0 * omega, 2.0 * zeta * omega, stiffer=1e3)
+    orbit = cp.periodic.orbit(scene, modes_of(scene, 1), outputs=())
+    assert bool(orbit.growth > 0.0) == grows
+    # the centre of the tongue moves by the square of epsilon
+    centre = np.exp(np.pi * zeta * (ratio - 1.0))
+    assert np.abs(multipliers(orbit)).max() == pytest.approx(centre, abs=1e-8)
+
+
+# --- orbits -----------------------------------------------------------------------------------------------------------
+
+
+def settled(scene, modes, omega, step):
+    """Amplitudes of a run of the same model, after its transients, at 64 instants of a period (time, mode)."""
+    damping = float(scene.damping_mass_proportional)
+    first = round(np.ceil(2.0 * np.log(1e7) / damping / (2.0 * np.pi / omega)))
+    times = 2.0 * np.pi / omega * (first + np.arange(64) / 64)
+    run = cp.condensed.simulate(scene, modes, times=times, step=step, outputs=("tension",), scheme="numerov")
+    return run.amplitude.values, run.tension.values
+
+
+@pytest.mark.parametrize("omega", [6.2, 3.1, 11.0])
+def test_a_stable_orbit_is_where_the_model_settles(omega):
+    scene = guy(angular_frequency=omega, damping=0.3, amplitude=0.02)
+    modes = modes_of(scene, 2)
+    orbit = cp.periodic.orbit(scene, modes, outputs=("tension",))
+    assert orbit.stable
+    # the modes have constants of a reference state over the duration of the scene, here a period
+    run = settled(scene.assign(time_duration=2.0 * np.pi / omega), modes, omega, 2.0 * np.pi / omega / 512)
+    amplitude = orbit.amplitude.values[:-1:2]
+    scale = np.ptp(amplitude, axis=0).max()
+    # the scheme is of fourth order, 512 steps a period; transients have fallen to 1e-7
+    assert np.abs(amplitude - run[0]).max() < 1e-4 * scale
+    assert np.abs(orbit.tension.values[:-1:2] - run[1]).max() < 1e-4 * np.ptp(run[1], axis=0).max()
+
+
+@pytest.mark.parametrize(("omega", "amplitude"), [(6.1, 0.003), (12.6, 0.002)])
+def test_the_work_of_ends_and_loads_is_dissipated(omega, amplitude):
+    scene = guy(angular_frequency=omega, amplitude=amplitude)
+    model, given = model_of(scene, modes_of(scene, 3), rank=None, order="leading", out_of_plane=True)
+    solver = Solver(model)
+    state = find(solver, given / model.scales[0], 1, 24, None)
+    count = 4096
+    tables = model.tables(count, 1)
+    z, a = state.omega, model.damping
+    stiffness, load = (part[0] + z * a * part[1] + z * z * part[2] for part in tables[:2])
+    q = fields.coordinates(model, state, count) / model.scales[1]
+
+    def rate(values):
+        spectrum = np.fft.rfft(values, axis=0)
+        number = np.arange(len(spectrum)).reshape(-1, *[1] * (values.ndim - 1))
+        return np.fft.irfft(1j * number * spectrum, count, axis=0)
+
+    velocity = z * rate(q)
+    work = 0.5 * np.einsum("ti,tij,tj->t", q, rate(stiffness), q) - (rate(load) * q).sum(axis=1)
+    dissipated = a / z * (velocity**2).sum(axis=1)
+    assert work.mean() == pytest.approx(dissipated.mean(), rel=1e-6)
+
+
+def test_the_amplitude_of_the_parametric_response():
+    zeta, epsilon = 2e-3, 0.02
+    omega = float(modes_of(mathieu(0.1)).angular_frequency[0])
+    forcing = 2.0 * omega * (1.0 + 0.25 * epsilon)
+    scene = mathieu(epsilon, forcing, 2.0 * zeta * omega)
+    modes = modes_of(scene, 1)
+    low, high = forcing * 0.97, forcing
+    response = cp.periodic.frequency_response(scene, modes, frequency=(low, high), out_of_plane=False)
+    last = response.isel(point=int(np.flatnonzero(response.branch == 2)[-1]))
+    assert float(last.angular_frequency) == pytest.approx(forcing)
+    delta = (forcing / (2.0 * omega)) ** 2 - 1.0
+    square = delta + 0.5 * np.sqrt(epsilon**2 - 16.0 * zeta**2 * (forcing / (2.0 * omega)) ** 2)
+    # (3/4) beta a^2 with beta a^2 = (EA/T0) (pi a / l)^2 / 4, times the factor of the slopes L0 / chord
+    stretch = 1.0 + TENSION / STIFFNESS
+    beta = 0.25 * STIFFNESS / TENSION * (np.pi / 60.0) ** 2 / stretch**-2 / stretch
+    beta *= 60.0 / np.pi * np.sqrt(2.0) * 0.0 + 1.0
+    a = float(last.deflection_maximum)
+    # one harmonic: the next holds a share of the square of the detuning, 1e-4; links of (pi / 40)^2 / 24
+    assert a == pytest.approx(np.sqrt(square / 0.75 / beta), rel=1e-3)
+
+
+def test_the_pitchfork_to_whirling():
+    zeta = 1e-3
+    omega = float(modes_of(mathieu(0.1)).angular_frequency[0])
+    scene = loaded(0.4, 7.0, 2.0 * zeta * omega)
+    response = cp.periodic.frequency_response(
+        scene, modes_of(scene, 1), frequency=(0.98 * omega, 1.1 * omega), follow=()
+    )
+    found = response.isel(bifurcation=response.bifurcation_kind.values == "pitchfork")
+    assert found.sizes["bifurcation"] >= 1
+    stretch = 1.0 + TENSION / STIFFNESS
+    for k in range(found.sizes["bifurcation"]):
+        ratio = float(found.bifurcation_angular_frequency[k]) / omega
+        a = float(found.bifurcation_deflection_maximum[k])
+        g = 0.25 * STIFFNESS / TENSION * (np.pi * a / 60.0) ** 2 * stretch
+        # (d + 3g/4)(d + g/4) + (2 zeta ratio)^2 = 0 for the smaller amplitude of the two at which it can be
+        d = -0.5 * g - np.sqrt(0.0625 * g**2 - (2.0 * zeta * ratio) ** 2) * np.array([1.0, -1.0])
+        assert np.abs(np.sqrt(1.0 - d) / ratio - 1.0).min() < 2e-4
+
+
+# --- the same physics, described otherwise ----------------------------------------------------------------------------
+
+
+def changed(**kinds):
+    """The guy, mirrored, turned about the vertical, or rescaled."""
+    mapping = copy.deepcopy(GUY)
+    mapping["motion"]["upper"]["x"] |= {"angular_frequency": 12.5, "amplitude": 0.005}
+    if "mirrored" in kinds:
+        mapping["ends"]["upper"][0] *= -1.0
+        mapping["motion"]["upper"]["x"]["amplitude"] *= -1.0
+    if "spatial" in kinds:
+        for end in ("lower", "upper"):
+            mapping["ends"][end].append(0.0)
+    if "turned" in kinds:
+        angle = 0.7
+        x, y = mapping["ends"]["upper"]
+        mapping["ends"] = {"lower": [0.0, 0.0, 0.0], "upper": [x * np.cos(angle), y, x * np.sin(angle)]}
+        along = mapping["motion"]["upper"]["x"]
+        mapping["motion"]["upper"] = {
+            axis: along | {"amplitude": along["amplitude"] * part}
+            for axis, part in (("x", np.cos(angle)), ("z", np.sin(angle)))
+        }
+    if "rescaled" in kinds:  # all lengths times four, all times times two: weight and stiffness per length stay
+        factor = 4.0
+        mapping["ends"]["upper"] = [factor * value for value in mapping["ends"]["upper"]]
+        mapping["cable"]["top_tension"] *= factor
+        mapping["cable"]["youngs_modulus"] *= factor
+        mapping["motion"]["upper"]["x"]["amplitude"] *= factor
+        mapping["motion"]["upper"]["x"]["angular_frequency"] /= 2.0
+        mapping["damping"]["mass_proportional"] /= 2.0
+    return cp.make_scene(mapping)
+
+
+@pytest.mark.parametrize("kind", ["mirrored", "spatial", "turned", "rescaled"])
+def test_mirrored_turned_and_rescaled_scenes_have_the_same_orbit(kind):
+    first, second = changed(), changed(**{kind: True})
+    a, b = (cp.periodic.orbit(scene, modes_of(scene, 3), outputs=()) for scene in (first, second))
+    factor = 4.0 if kind == "rescaled" else 1.0
+    assert float(b.deflection_maximum) == pytest.approx(factor * float(a.deflection_maximum), rel=1e-9)
+    for which in ("in_plane", "out_of_plane"):
+        mu, other = (np.sort_complex(multipliers(x)[x.multiplier_set.values == which]) for x in (a, b))
+        assert np.abs(mu - other).max() < 1e-9
+
+
+# --- starts, members, outputs ------------------------------------------------------------------------------------------
+
+
+def test_an_orbit_is_found_again_from_itself_and_from_a_run():
+    scene = guy(angular_frequency=6.2, damping=0.3, amplitude=0.02)
+    modes = modes_of(scene, 2)
+    orbit = cp.periodic.orbit(scene, modes, outputs=("harmonics",))
+    run = cp.condensed.simulate(scene, modes, times=np.linspace(0.0, 60.0, 2401), step=0.005, outputs=())
+    for start in (orbit, orbit.drop_vars(["harmonic_cosine", "harmonic_sine"]), run):
+        again = cp.periodic.orbit(scene, modes, start=start, outputs=())
+        assert float(again.deflection_maximum) == pytest.approx(float(orbit.deflection_maximum), rel=1e-7)
+
+
+def test_members_are_computed_one_by_one_and_say_why_they_fail():
+    scene = guy(angular_frequency=6.0)
+    tensions = [8000.0, 15000.0]
+    members = cp.ensemble.design(scene, {"cable.top_tension": tensions}, members=2, sampling="grid")
+    modes = modes_of(scene, 2)
+    result = cp.periodic.orbit(members, modes, outputs=())
+    assert result.sizes["member"] == 2
+    assert list(result.failure.values) == ["", ""]
+    for k in range(2):
+        alone = cp.periodic.orbit(members.isel(member=k), modes, outputs=())
+        assert float(result.growth[k]) == float(alone.growth)
+
+
+def test_positions_are_those_of_the_run():
+    scene = guy(angular_frequency=6.2, damping=0.3, amplitude=0.02)
+    modes = modes_of(scene, 2)
+    orbit = cp.periodic.orbit(scene, modes)
+    omega = 6.2
+    first = round(np.ceil(2.0 * np.log(1e7) / 0.3 / (2.0 * np.pi / omega)))
+    times = 2.0 * np.pi / omega * (first + np.arange(8) / 8)
+    scene = scene.assign(time_duration=2.0 * np.pi / omega)  # see above
+    run = cp.condensed.simulate(scene, modes, times=times, step=0.002, outputs=("position",), scheme="numerov")
+    difference = np.abs(run.position.values - orbit.position.values[:-1:16]).max()
+    assert difference < 1e-4 * float(orbit.deflection_maximum)
