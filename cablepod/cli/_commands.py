@@ -15,7 +15,7 @@ from cablepod.archive import _lineage
 from cablepod.archive._folder import prepare_folder
 from cablepod.archive._manifest import MANIFEST, MODES, describe_ensemble
 from cablepod.archive._write import check_target
-from cablepod.cli import _arguments, _group, _report, _summary, _templates
+from cablepod.cli import _arguments, _group, _periodic, _report, _summary, _templates
 from cablepod.cli._group import Group, say
 from cablepod.cli._progress import Bars, member_bar
 from cablepod.errors import SceneError
@@ -195,6 +195,65 @@ def ensemble_command(
             **dict(_arguments.model_option(text) for text in options),
         )
     say(describe_ensemble(folder))
+
+
+FREQUENCY = click.option(
+    "--frequency",
+    required=True,
+    nargs=2,
+    type=float,
+    metavar="LOW HIGH",
+    help="angular frequencies of the forcing [rad/s]",
+)
+HERTZ = click.option("--hertz", is_flag=True, help="frequencies are given and printed in Hz")
+VIBRATIONS = click.option(
+    "--rank",
+    type=int,
+    default=_periodic.RANK,
+    metavar="R",
+    help=f"number of vibration modes (default {_periodic.RANK})",
+)
+MODES_FILE = click.option(
+    "--modes",
+    metavar="FILE",
+    shell_complete=_arguments.complete_file,
+    help="netCDF file of modes, layout normal (default: vibrations about rest)",
+)
+REPLACE = click.option("--overwrite", is_flag=True, help="replace results that are already in DIR")
+
+
+@commands.command("respond", **_templates.texts("respond"))
+@SCENE
+@out_option("folder for netCDF files and figures; made if missing")
+@FREQUENCY
+@MODES_FILE
+@VIBRATIONS
+@HERTZ
+@REPLACE
+def respond_command(**options: Any) -> int:
+    """Follow periodic responses over frequency."""
+    return _periodic.respond(**options)
+
+
+@commands.command("tongues", **_templates.texts("tongues"))
+@SCENE
+@out_option("folder for netCDF files and figures; made if missing")
+@FREQUENCY
+@click.option(
+    "--amplitude",
+    required=True,
+    type=float,
+    metavar="MOST",
+    help="largest amplitude, in the units of the scene's motion [m]",
+)
+@click.option("--points", type=int, default=200, metavar="N", help="frequencies and amplitudes (default 200 of each)")
+@MODES_FILE
+@VIBRATIONS
+@HERTZ
+@REPLACE
+def tongues_command(**options: Any) -> int:
+    """Map the stability over frequency and amplitude."""
+    return _periodic.tongues(**options)
 
 
 @commands.command("check", **_templates.texts("check"))

@@ -64,6 +64,25 @@ TEXTS = {
             "cablepod ensemble study.toml --out out/study --option step=2.5e-4 --scheduler processes",
         ),
     ),
+    "respond": Texts(
+        "periodic responses over the frequency of the forcing, their stability and bifurcations",
+        "Branches of periodic responses of the condensed model under the harmonic forcing of the scene: netCDF, figures and "
+        "a table of bifurcations.",
+        "SCENE.toml: scene file with harmonic motions or loads of one frequency, or a shipped scene",
+        (
+            "cablepod respond guy.toml --out out/response --frequency 4 8",
+            "cablepod respond guy.toml --out out/response --frequency 0.8 1.2 --hertz --rank 4",
+        ),
+    ),
+    "tongues": Texts(
+        "regions of unstable periodic responses over frequency and amplitude of the forcing",
+        "A map of growth rates of disturbances in and out of the plane, and its edges: netCDF, figures and one table.",
+        "SCENE.toml: scene file with harmonic motions or loads of one frequency, or a shipped scene",
+        (
+            "cablepod tongues guy.toml --out out/tongues --frequency 4 16 --amplitude 0.01",
+            "cablepod tongues guy.toml --out out/tongues --frequency 4 16 --amplitude 0.01 --points 100",
+        ),
+    ),
     "info": Texts(
         "what a file holds and how it was made",
         "What each netCDF file or an ensemble holds, its units, and how it was made.",

@@ -14,8 +14,9 @@ from cablepod.periodic._kernels_floquet import multipliers
 STABLE, ABOVE_ONE, BELOW_MINUS_ONE, COMPLEX, FAILED = 0, 1, 2, 3, 4
 #: Logarithm of the growth over a period that counts as none, and relative imaginary part of a real multiplier.
 NO_GROWTH, REAL = 1e-9, 1e-7
-#: Number of sizes of the last orbit, half larger each, from which the next one is looked for.
-LARGER = 4
+#: Number of sizes of the last orbit, each twice the one before, and of parts of a period by which it is moved, from which another
+#: orbit is looked for where the response folds back.
+SIZES, TURNS = 3, 6
 #: Maximum number of evaluations for one edge, and its relative tolerance in the angular frequency.
 MAX_EVALUATIONS, EDGE_RTOL = 40, 1e-10
 
@@ -61,6 +62,20 @@ def _solve_at(z, omega, basis, stiffness, load, kappa, sag, damping, stride, sam
             z, active, direction, omega, basis, stiffness, load, kappa[:n], sag, damping, 1, stride, samples, tangent
         ) > 0
     )  # fmt: skip
+
+
+@compiled
+def _moved(last, n, size, share, z):
+    """Fill z with an orbit of other size that runs later by a share of the period."""
+    columns = (z.size - 1) // n
+    for a in range(n):
+        z[a] = last[a]
+    for k in range(1, columns // 2 + 1):
+        cosine, sine = math.cos(2.0 * math.pi * k * share), math.sin(2.0 * math.pi * k * share)
+        for a in range(n):
+            c, s = last[(2 * k - 1) * n + a], last[2 * k * n + a]
+            z[(2 * k - 1) * n + a] = size * (c * cosine - s * sine)
+            z[2 * k * n + a] = size * (c * sine + s * cosine)
 
 
 @compiled
@@ -131,14 +146,17 @@ def map_columns(
         good, known = 0, False  # number of successive solutions; whether there is a last one
         for a in range(sag.size):
             solved = False
-            for attempt in range(2 + LARGER):  # along the last two orbits, from the last one made larger, from rest
+            for attempt in range(
+                3 + SIZES * TURNS
+            ):  # along the last two orbits, from the last one, from rest, from others
                 if attempt == 0 and good > 1:
                     z[:] = 2.0 * orbits[a - 1, f] - orbits[a - 2, f]
-                elif 0 < attempt <= LARGER and known:
+                elif attempt == 1 and known:
                     z[:] = last
-                    z[n:-1] *= 1.0 + 0.5 * (attempt - 1)  # of the size at first
-                elif attempt == 1 + LARGER:
+                elif attempt == 2:
                     z[:-1] = rest
+                elif attempt > 2 and known:
+                    _moved(last, n, 2.0 ** ((attempt - 3) % SIZES), (attempt - 3) // SIZES / TURNS, z)
                 else:
                     continue
                 solved = _solve_at(

@@ -107,20 +107,30 @@ def compute_map(
             result.growth[:, :, columns], result.kind[:, :, columns] = parts[0] * frequency_scale, parts[1]
             result.response[:, columns], result.smallest_force[:, columns] = more[0], more[1] * base.force_scale
             result.tail[:, columns] = more[2]
-            for k, begin in _changes(parts[1], base.size > split):
-                for a, f in zip(*begin, strict=True):
-                    if columns[f + 1] != columns[f] + 1:
-                        continue
-                    kind = max(parts[1][k, a, f], parts[1][k, a, f + 1])
-                    found = kernel.refine_edge(
-                        kind, orbits[a, f], orbits[a, f + 1], *((0, 2 * split) if k == 0 else (2 * split, 2 * base.size)),
-                        batch.plane[a], batch.stiffness[a], batch.load[a], batch.chord_tension[a], kappa[a], sag[a],
-                        base.damping, split, basis, phases_basis, int(stride), samples,
-                    )  # fmt: skip
-                    if np.isfinite(found):
-                        edges[(k, int(a), int(columns[f]))] = (found * frequency_scale, int(a), k, int(kind))
-            if harmonics < MAX_HARMONICS:
-                again.append(columns[np.nanmax(more[2], axis=0, initial=0.0) > TAIL_RTOL])
+            flagged = (np.nanmax(more[2], axis=0, initial=0.0) > TAIL_RTOL) & (harmonics < MAX_HARMONICS)
+            again.append(columns[flagged])
+            places = [
+                (k, a, f, int(max(parts[1][k, a, f], parts[1][k, a, f + 1])))
+                for k, found in _changes(parts[1], base.size > split)
+                for a, f in zip(*(index.tolist() for index in found), strict=True)
+                if columns[f + 1] == columns[f] + 1 and not (flagged[f] and flagged[f + 1])
+            ]
+
+            def refine(
+                place: tuple[int, int, int, int], orbits: np.ndarray = orbits, batch: _Batch = batch,
+                basis: np.ndarray = basis, phases_basis: np.ndarray = phases_basis, stride: int = int(stride),
+                samples: int = samples,
+            ) -> float:  # fmt: skip
+                k, a, f, kind = place
+                return kernel.refine_edge(
+                    kind, orbits[a, f], orbits[a, f + 1], *((0, 2 * split) if k == 0 else (2 * split, 2 * base.size)),
+                    batch.plane[a], batch.stiffness[a], batch.load[a], batch.chord_tension[a], kappa[a], sag[a],
+                    base.damping, split, basis, phases_basis, stride, samples,
+                )  # fmt: skip
+
+            for (k, a, f, kind), value in zip(places, map_threads(refine, places, cores()), strict=True):
+                if np.isfinite(value):
+                    edges[(k, a, int(columns[f]))] = (value * frequency_scale, a, k, kind)
         todo = np.concatenate(again) if again else np.empty(0, dtype=int)
         harmonics = min(2 * harmonics, MAX_HARMONICS)
     result.edges.extend(edges[key] for key in sorted(edges))

@@ -14,7 +14,6 @@ from cablepod.condensed._assembly import unit_of
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._rescale import rescaled_model
 from cablepod.condensed._vibration import RestTangent, vibrations
-from cablepod.discretisation._chain import LumpedChain
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import choice
 from cablepod.periodic._forcing import Forcing, scaled
@@ -87,6 +86,8 @@ class PeriodicModel:
         p = scaled(self.forcing.parameters, factor)
         other = PeriodicModel(rescaled_model(self.unit, p), self.unit, self.out_of_plane, self.forcing)
         other.__dict__["scales"] = self.scales
+        if len(self.sets) > len(self.condensed.sets):
+            other.__dict__["lateral_shapes"] = self.lateral_shapes
         return other
 
     # --- coordinates ----------------------------------------------------------------------------------------------------
@@ -101,13 +102,22 @@ class PeriodicModel:
         return found
 
     @cached_property
+    def lateral_shapes(self) -> np.ndarray:
+        """Shapes of vibrations out of the plane about rest (mode, particle) of a planar scene, for any amplitude."""
+        chain = self.condensed.chain
+        position, tension = rest_shape(chain)
+        still = np.zeros_like(chain.arc_length)
+        tangent = RestTangent(still, tension / chain.stretch(position), np.zeros(chain.links), 1.0)
+        return vibrations(chain, tangent)[1][: self.n_in_plane]
+
+    @cached_property
     def _lateral(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Shapes out of the plane of a planar scene (r, particle) [kg^-1/2], squared slope norms (r,), vibrations to them."""
         from scipy.linalg import eigh  # costly to import
 
         model = self.condensed
         chain = model.chain
-        psi = lateral_shapes(chain, model.n_in_plane)
+        psi = self.lateral_shapes
         slopes = np.diff(psi, axis=1) / chain.length
         values, vectors = eigh((slopes * self._slope_weights) @ slopes.T, (psi * model.mass) @ psi.T)
         return vectors.T @ psi, values, vectors
@@ -271,12 +281,3 @@ class PeriodicModel:
                 tension.append(along * unit * omega**2 / self.force_scale)
             self._tables[key] = Tables(*(np.ascontiguousarray(np.stack(part)) for part in (stiffness, load, tension)))
         return self._tables[key]
-
-
-def lateral_shapes(chain: LumpedChain, count: int) -> np.ndarray:
-    """Return the first shapes of vibrations out of the plane about rest (mode, particle) of a planar scene."""
-    position, tension = rest_shape(chain)
-    stiffness = tension / chain.stretch(position)
-    still = np.zeros_like(chain.arc_length)
-    tangent = RestTangent(still, stiffness, np.zeros(chain.links), 1.0)
-    return vibrations(chain, tangent)[1][:count]

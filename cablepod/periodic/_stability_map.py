@@ -22,7 +22,7 @@ KINDS = (
     ("stable", "fold", "period_doubling", "torus", "none"),
     ("stable", "pitchfork", "period_doubling", "torus", "none"),
 )
-NO_ORBIT = "no orbit found from rest at this amplitude"
+NO_ORBIT = "no periodic response found from rest or from smaller amplitudes"
 
 
 def stability_map(
@@ -70,7 +70,8 @@ def stability_map(
 
     Notes
     -----
-    Where the response folds back, a larger amplitude is tried from the last response made larger, then from rest.
+    Where the response folds back, another one is looked for from rest, and from the last one made larger and moved by
+    parts of a period.
     """
     omegas, amplitudes = _grid("frequency", frequency), _grid("amplitude", amplitude)
 

@@ -7,6 +7,7 @@ from cablepod.plots._animation import Animation, animate
 from cablepod.plots._cables import phase_portraits, rest, shapes, snapshots, tension
 from cablepod.plots._maps import parameter_map, stability
 from cablepod.plots._modes import amplitudes, modes, singular_values
+from cablepod.plots._periodic import backbone, frequency_response, multipliers, orbit, stability_map
 from cablepod.plots._reports import error_against_run_time, error_over_time
 from cablepod.plots._style import COLOURS, LINES, MARKERS, SIGMA
 
@@ -18,9 +19,13 @@ __all__ = [
     "Animation",
     "amplitudes",
     "animate",
+    "backbone",
     "error_against_run_time",
     "error_over_time",
+    "frequency_response",
     "modes",
+    "multipliers",
+    "orbit",
     "parameter_map",
     "phase_portraits",
     "rest",
@@ -28,5 +33,6 @@ __all__ = [
     "singular_values",
     "snapshots",
     "stability",
+    "stability_map",
     "tension",
 ]

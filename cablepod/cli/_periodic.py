@@ -1,0 +1,167 @@
+"""Define the commands of periodic responses: frequency responses and tongues of instability."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import archive
+from cablepod.archive._folder import prepare_folder
+from cablepod.cli import _arguments, _group
+from cablepod.cli._progress import Bars
+from cablepod.errors import RunStopped, SceneError
+from cablepod.examples import scene_path
+from cablepod.scene._read import read_scene
+
+#: Files of both commands.
+RESPONSE, BACKBONE, MODES, MAP = "frequency_response.nc", "backbone.nc", "modes.nc", "stability_map.nc"
+RESPONSE_FIGURES = ("frequency_response.png", "multipliers.png")
+MAP_FIGURES = ("growth.png", "response.png")
+#: Number of vibration modes without a file of modes.
+RANK = 3
+
+
+def respond(
+    scene: str, out: str, frequency: tuple[float, float], modes: str | None, rank: int, hertz: bool, overwrite: bool
+) -> int:
+    """Follow periodic responses over frequency; write them, print the table of bifurcations."""
+    from cablepod import periodic
+
+    folder, dataset, chosen = _prepared(scene, out, modes, rank, (RESPONSE, MODES, *RESPONSE_FIGURES), overwrite)
+    low, high = (value * (2.0 * np.pi if hertz else 1.0) for value in frequency)
+    status = 0
+    try:
+        with Bars() as bars:
+            result = periodic.frequency_response(
+                dataset, chosen, frequency=(low, high), progress=partial(bars, "frequency response")
+            )
+    except RunStopped as error:
+        if error.partial is None:
+            raise
+        result, status = error.partial, _group.fail(str(error), status=_group.INTERRUPTED)
+    archive.write(result, folder / RESPONSE, overwrite=overwrite)
+    from cablepod import plots
+
+    _figures(
+        folder,
+        zip(RESPONSE_FIGURES, (plots.frequency_response, plots.multipliers), strict=True),
+        result,
+    )
+    print(_response_table(result, hertz))
+    print(f"\n{folder}: {RESPONSE}, {MODES}, {', '.join(RESPONSE_FIGURES)}")
+    return status
+
+
+def tongues(
+    scene: str, out: str, frequency: tuple[float, float], amplitude: float, modes: str | None, rank: int, points: int,
+    hertz: bool, overwrite: bool,
+) -> int:  # fmt: skip
+    """Map the stability over frequency and amplitude; write the map, print the widest tongues."""
+    from cablepod import periodic, plots
+
+    if not amplitude > 0.0 or points < 2:
+        key, given, allowed = (
+            ("--amplitude", amplitude, "a number above 0") if points > 1 else ("--points", points, "at least 2")
+        )
+        raise SceneError(f"{key}: given {given}; allowed: {allowed}")
+    folder, dataset, chosen = _prepared(scene, out, modes, rank, (MAP, MODES, *MAP_FIGURES), overwrite)
+    low, high = (value * (2.0 * np.pi if hertz else 1.0) for value in frequency)
+    if not low < high:
+        raise SceneError(f"--frequency: given {frequency[0]:g} {frequency[1]:g}; allowed: the lower one first")
+    with Bars() as bars:
+        result = periodic.stability_map(
+            dataset,
+            chosen,
+            frequency=np.linspace(low, high, points),
+            amplitude=amplitude * np.arange(1, points + 1) / points,
+            progress=partial(bars, "stability map"),
+        )
+    archive.write(result, folder / MAP, overwrite=overwrite)
+    drawings = zip(MAP_FIGURES, (plots.stability_map, partial(plots.stability_map, variable="response")), strict=True)
+    _figures(folder, drawings, result)
+    print(_map_table(result, hertz))
+    print(f"\n{folder}: {MAP}, {MODES}, {', '.join(MAP_FIGURES)}")
+    return 0
+
+
+def _prepared(
+    scene: str, out: str, modes: str | None, rank: int, files: tuple[str, ...], overwrite: bool
+) -> tuple[Path, xr.Dataset, xr.Dataset]:
+    """Return folder, scene and modes, which are written into the folder."""
+    from cablepod import condensed
+
+    folder = _arguments.folder(out)
+    dataset = read_scene(scene_path(scene))
+    chosen = archive.read(modes) if modes else condensed.vibration_modes(dataset, rank=rank)
+    with _arguments.as_options():
+        prepare_folder(folder, files, overwrite=overwrite)
+    archive.write(chosen, folder / MODES, overwrite=overwrite)
+    return folder, dataset, chosen
+
+
+def _figures(folder: Path, drawings: Any, result: xr.Dataset) -> None:
+    """Draw and save figures."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    for name, draw in drawings:
+        ax = draw(result)
+        ax.figure.savefig(folder / name, dpi=150)
+        plt.close(ax.figure)
+
+
+def _frequencies(values: np.ndarray, hertz: bool) -> np.ndarray:
+    return values / (2.0 * np.pi) if hertz else values
+
+
+def _response_table(result: xr.Dataset, hertz: bool) -> str:
+    """Return branches and bifurcations as text."""
+    unit = "Hz" if hertz else "rad/s"
+    omega = _frequencies(result["angular_frequency"].values, hertz)
+    lines = [str(result.attrs["title"]), "", f"{'branch':<8}{'points':>8}{'periods':>9}{f'from [{unit}]':>14}{f'to [{unit}]':>14}"
+             f"{'largest [m]':>14}{'stable':>9}  ended"]  # fmt: skip
+    for number in np.unique(result["branch"].values):
+        which = result["branch"].values == number
+        part, size = omega[which], result["deflection_maximum"].values[which]
+        share = 100.0 * result["stable"].values[which].mean()
+        lines.append(
+            f"{number:<8}{which.sum():>8}{result['periods'].values[which][0]:>9}{part.min():>14.6g}{part.max():>14.6g}"
+            f"{size.max():>14.4g}{share:>7.0f} %  {result.attrs[f'branch_{number}_ended']}"
+        )
+    if not result.sizes["bifurcation"]:
+        return "\n".join([*lines, "", "no bifurcation in this range"])
+    lines += ["", f"{'bifurcation':<18}{'set':<14}{f'at [{unit}]':>14}{'branch':>8}{'leads to':>10}"]
+    at = _frequencies(result["bifurcation_angular_frequency"].values, hertz)
+    for k in range(result.sizes["bifurcation"]):
+        kind, which_set = (str(result[f"bifurcation_{name}"].values[k]).replace("_", " ") for name in ("kind", "set"))
+        leads = int(result["leads_to"].values[k])
+        lines.append(
+            f"{kind:<18}{which_set:<14}{at[k]:>14.8g}{result['bifurcation_branch'].values[k]:>8}{leads or '-':>10}"
+        )
+    return "\n".join(lines)
+
+
+def _map_table(result: xr.Dataset, hertz: bool) -> str:
+    """Return shares of stable points and the least amplitude of each kind of instability as text."""
+    unit, metre = "Hz" if hertz else "rad/s", result["amplitude"].attrs["units"]
+    kinds = result["kind"].values
+    lines = [
+        str(result.attrs["title"]),
+        "",
+        f"{'kind':<18}{'share':>8}{f'least amplitude [{metre}]':>22}{f'at [{unit}]':>14}",
+    ]
+    omega = _frequencies(result["angular_frequency"].values, hertz)
+    for kind in np.unique(kinds):
+        rows, columns = np.nonzero(kinds == kind)
+        first = int(np.argmin(rows))
+        lines.append(
+            f"{str(kind).replace('_', ' '):<18}{100.0 * rows.size / kinds.size:>6.1f} %"
+            f"{result['amplitude'].values[rows[first]]:>22.4g}{omega[columns[first]]:>14.6g}"
+        )
+    return "\n".join([*lines, "", f"{result.sizes['edge']} edges of stable regions located"])

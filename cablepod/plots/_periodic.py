@@ -1,0 +1,302 @@
+"""Draw periodic responses: branches over frequency, backbones, maps of stability, multipliers, orbits."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.errors import SceneError
+from cablepod.plots import _style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: Kind of a bifurcation -> marker, colour.
+BIFURCATIONS = {
+    "fold": ("o", "#000000"),
+    "pitchfork": ("s", "#0072B2"),
+    "period_doubling": ("^", "#D55E00"),
+    "torus": ("D", "#CC79A7"),
+}
+RESPONSE = "what periodic.frequency_response gives"
+BACKBONE = "what periodic.backbone gives"
+MAP = "what periodic.stability_map gives"
+ORBIT = "what periodic.orbit gives"
+
+
+def frequency_response(
+    response: xr.Dataset,
+    backbone: xr.Dataset | None = None,
+    *,
+    variable: str = "deflection_maximum",
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw branches over the frequency of the forcing: stable parts solid, unstable ones dashed, bifurcations as markers.
+
+    Parameters
+    ----------
+    response
+        Result of :func:`cablepod.periodic.frequency_response`.
+    backbone
+        Result of :func:`cablepod.periodic.backbone`, drawn as a grey line.
+    variable
+        Name of a variable over ``point``; markers of bifurcations are drawn with "deflection_maximum" only.
+    ax
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones.
+
+    Raises
+    ------
+    SceneError
+        For another Dataset.
+    """
+    for name in ("angular_frequency", "branch", "stable", variable):
+        _style.take("response", response, name, ("point",), RESPONSE)
+    ax = _style.axes(ax)
+    if backbone is not None:
+        free, size = (
+            _style.take("backbone", backbone, name, ("point",), BACKBONE) for name in ("angular_frequency", "amplitude")
+        )
+        ax.plot(free.values, size.values, color="0.7", linewidth=3.0, label="free vibration", zorder=1)
+    omega, values = response["angular_frequency"].values, response[variable].values
+    stable = response["stable"].values.astype(bool)
+    for k, number in enumerate(np.unique(response["branch"].values)):
+        which = np.flatnonzero(response["branch"].values == number)
+        colour = _style.COLOURS[(0, 3, 1, 5, 6, 4, 2)[k % 7]]
+        for begin, end, solid in _runs(stable[which]):
+            part = which[begin : min(end + 1, which.size)]  # up to the first point of the next part
+            ax.plot(omega[part], values[part], "-" if solid else "--", color=colour, linewidth=1.3, zorder=2)
+        periods = int(response["periods"].values[which[0]]) if "periods" in response else 1
+        suffix = f", {periods} periods" if periods > 1 else ""
+        ax.plot([], [], "-", color=colour, label=f"branch {number}{suffix}")
+    if variable == "deflection_maximum" and "bifurcation_kind" in response:
+        _bifurcations(ax, response)
+    ax.plot([], [], "--", color="0.4", label="unstable")
+    ax.set(xlabel="angular frequency of the forcing [rad/s]", ylabel=_label(response[variable]))
+    return _style.finish(ax)
+
+
+def _bifurcations(ax: Axes, response: xr.Dataset) -> None:
+    """Draw bifurcations as markers."""
+    kinds = response["bifurcation_kind"].values
+    for kind, (marker, colour) in BIFURCATIONS.items():
+        which = kinds == kind
+        if which.any():
+            ax.plot(
+                response["bifurcation_angular_frequency"].values[which],
+                response["bifurcation_deflection_maximum"].values[which],
+                marker, color=colour, markerfacecolor="white", markersize=6, label=kind.replace("_", " "), zorder=3,
+            )  # fmt: skip
+
+
+def _runs(stable: np.ndarray) -> list[tuple[int, int, bool]]:
+    """Split truth values into runs of equal ones: first, last plus one, value."""
+    changes = [0, *(np.flatnonzero(np.diff(stable.astype(int))) + 1), stable.size]
+    return [(int(a), int(b), bool(stable[a])) for a, b in pairwise(changes) if b > a]
+
+
+def _label(array: xr.DataArray) -> str:
+    """Return long name and units of a variable."""
+    return f"{array.attrs.get('long_name', array.name)} [{array.attrs.get('units', '1')}]".replace(
+        "normal to the chord, ", ""
+    )
+
+
+def backbone(*backbones: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Draw frequencies of free vibrations over their amplitude.
+
+    Parameters
+    ----------
+    backbones
+        Results of :func:`cablepod.periodic.backbone`.
+    ax
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones.
+
+    Raises
+    ------
+    SceneError
+        For another Dataset, and for none.
+    """
+    if not backbones:
+        raise SceneError(f"backbones: given none; allowed: {BACKBONE}")
+    lines = [
+        [
+            _style.take("backbones", one, name, ("point",), BACKBONE).values
+            for name in ("angular_frequency", "amplitude")
+        ]
+        for one in backbones
+    ]
+    ax = _style.axes(ax)
+    for k, (omega, size) in enumerate(lines):
+        label = str(backbones[k].attrs.get("title", f"backbone {k + 1}"))
+        ax.plot(omega, size, label=label, **_style.style(k, k, omega.size))
+    ax.set(xlabel="angular frequency of the free vibration [rad/s]", ylabel="largest deflection from its mean [m]")
+    return _style.finish(ax)
+
+
+def stability_map(result: xr.Dataset, *, variable: str = "growth", ax: Axes | None = None) -> Axes:
+    """Draw a map of stability over frequency and amplitude of the forcing.
+
+    Parameters
+    ----------
+    result
+        Result of :func:`cablepod.periodic.stability_map`.
+    variable
+        "growth", the larger rate of both sets where it is positive, "growth_in_plane", "growth_out_of_plane" or "response".
+    ax
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones, with a colour bar; edges of stable regions as lines of dots, crosses where there is no response.
+
+    Raises
+    ------
+    SceneError
+        For another Dataset.
+    """
+    dims = ("amplitude", "angular_frequency")
+    first = _style.take("result", result, "growth_in_plane" if variable == "growth" else variable, dims, MAP)
+    values, label = first.values, _label(first)
+    if variable == "growth":
+        if "growth_out_of_plane" in result:
+            values = np.fmax(values, result["growth_out_of_plane"].values)
+        label = "growth rate of the fastest disturbance [1/s]"
+    ax = _style.axes(ax)
+    omega, size = result["angular_frequency"].values, result["amplitude"].values
+    drawn_values = values if variable == "response" else np.where(values > 0.0, values, np.nan)
+    drawn: Any = ax.pcolormesh(
+        omega, size, np.ma.masked_invalid(drawn_values), cmap="cividis_r", shading="nearest", rasterized=True
+    )
+    ax.figure.colorbar(drawn, ax=ax, label=label, pad=0.02)
+    if "edge_set" in result and variable != "response":
+        for name, colour in (("in_plane", _style.COLOURS[1]), ("out_of_plane", _style.COLOURS[0])):
+            which = result["edge_set"].values == name
+            if which.any() and variable in ("growth", f"growth_{name}"):
+                edge = [result[f"edge_{axis}"].values[which] for axis in dims[::-1]]
+                ax.plot(*edge, ".", color=colour, markersize=2, label=f"edge, {name.replace('_', ' ')}")
+    missing = np.argwhere(np.isnan(values))
+    if missing.size:
+        ax.plot(
+            omega[missing[:, 1]], size[missing[:, 0]], "x", color=_style.COLOURS[6], markersize=3, label="no response"
+        )
+    ax.set(xlabel="angular frequency of the forcing [rad/s]", ylabel=_label(result["amplitude"]))
+    if ax.get_legend_handles_labels()[1]:
+        ax.legend(loc="upper left", fontsize="small", markerscale=3)
+    return ax
+
+
+def multipliers(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
+    """Draw Floquet multipliers in the complex plane, with the unit circle.
+
+    Parameters
+    ----------
+    result
+        Result of :func:`cablepod.periodic.orbit`, or of :func:`cablepod.periodic.frequency_response`, of which all points are
+        drawn.
+    ax
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones.
+
+    Raises
+    ------
+    SceneError
+        For another Dataset.
+    """
+    real, imag = (
+        _style.take("result", result, f"multiplier_{part}", ("multiplier",), ORBIT, more=1).values.ravel()
+        for part in ("real", "imag")
+    )
+    ax = _style.axes(ax, size=(5.5, 4.2))
+    angle = np.linspace(0.0, 2.0 * np.pi, 361)
+    ax.plot(np.cos(angle), np.sin(angle), color="0.6", linewidth=1.0)
+    outside = np.hypot(real, imag) > 1.0 + 1e-7
+    size = 5 if real.size <= 64 else 2
+    ax.plot(real[~outside], imag[~outside], "o", color=_style.COLOURS[3], markersize=size, label="inside")
+    if outside.any():
+        ax.plot(real[outside], imag[outside], "s", color=_style.COLOURS[1], markersize=size, label="outside: unstable")
+    ax.set(xlabel="real part [1]", ylabel="imaginary part [1]")
+    ax.set_aspect("equal", adjustable="datalim")
+    return _style.finish(ax)
+
+
+def orbit(*orbits: xr.Dataset, sigma: float = 0.5, ax: Axes | None = None) -> Axes:
+    """Draw the path of one particle over a period: out of the plane over in the plane, or velocity over deflection.
+
+    Parameters
+    ----------
+    orbits
+        Results of :func:`cablepod.periodic.orbit` with output "position".
+    sigma
+        Relative arc length of the particle, the nearest one is drawn.
+    ax
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones.  If one orbit leaves the plane, the path is seen along the chord; else it is a phase portrait of the
+        deflection normal to the chord.
+
+    Raises
+    ------
+    SceneError
+        For another Dataset, and for none.
+    """
+    if not orbits:
+        raise SceneError(f"orbits: given none; allowed: {ORBIT}")
+    paths = []
+    for one in orbits:
+        position = _style.take(
+            "orbits", one, "position", ("time", *_style.PLACE), f"{ORBIT} with output position"
+        ).values
+        k = int(np.argmin(np.abs(_style.sigma("orbits", one) - sigma)))
+        paths.append((one["time"].values, *_path(position, k)))
+    spatial = any(np.abs(lateral).max() > 1e-12 * max(np.abs(normal).max(), 1e-300) for _, normal, lateral in paths)
+    ax = _style.axes(ax, size=(5.5, 4.2) if spatial else (7.5, 4.2))
+    for k, (time, normal, lateral) in enumerate(paths):
+        across, up = (lateral, normal) if spatial else (normal, np.gradient(normal, time))
+        label = (
+            f"{float(orbits[k]['angular_frequency']):.4g} rad/s"
+            if "angular_frequency" in orbits[k]
+            else f"orbit {k + 1}"
+        )
+        ax.plot(across, up, label=label, **_style.style(k, k, time.size))
+    if spatial:
+        ax.set(xlabel="deflection out of the plane [m]", ylabel="deflection in the plane [m]")
+        ax.set_aspect("equal", adjustable="datalim")
+    else:
+        ax.set(xlabel="deflection in the plane [m]", ylabel="its rate [m/s]")
+    return _style.finish(ax)
+
+
+def _path(position: np.ndarray, particle: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return deflections of one particle normal to the chord, in the plane of chord and vertical and out of it (time,) [m]."""
+    chord = position[:, -1] - position[:, 0]
+    along = chord / np.linalg.norm(chord, axis=1, keepdims=True)
+    place = position[:, particle] - position[:, 0]
+    vertical = np.zeros(position.shape[2])
+    vertical[1 if abs(along[0, 1]) < 0.999 else 0] = 1.0
+    normal = vertical - along * (along @ vertical)[:, None]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    inside = (place * normal).sum(axis=1)
+    if position.shape[2] == 2:
+        return inside, np.zeros_like(inside)
+    return inside, (place * np.cross(along, normal)).sum(axis=1)
