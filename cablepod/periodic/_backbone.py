@@ -17,7 +17,7 @@ from cablepod.periodic._continuation import AMPLITUDE, SLACK
 from cablepod.periodic._forcing import Forcing, unforced
 from cablepod.periodic._members import each_member
 from cablepod.periodic._model import PeriodicModel
-from cablepod.periodic._solve import MAX_HARMONICS, MIN_HARMONICS, MORE_HARMONICS, TAIL_RTOL, Solver, State
+from cablepod.periodic._solve import MIN_HARMONICS, MORE_HARMONICS, TAIL_RTOL, Solver, State
 
 #: Kinds of free vibrations.
 MOTIONS = ("planar", "whirling")
@@ -122,9 +122,9 @@ class _Backbone:
             found, tangent, iterations = self.solver.correct(state, direction[active], target, active)
             whole = np.zeros(state.z.size)
             whole[active] = tangent
-            if iterations < 0 or found.tail <= TAIL_RTOL or found.harmonics >= MAX_HARMONICS:
+            if iterations < 0 or found.tail <= TAIL_RTOL or found.harmonics >= found.most_harmonics:
                 return found, whole, iterations
-            more = found.harmonics + MORE_HARMONICS
+            more = min(found.harmonics + MORE_HARMONICS, found.most_harmonics)
             direction, state = replace(state, z=direction).resized(more).z, found.resized(more)
 
     def start(self, size: float, circular: bool) -> tuple[State, np.ndarray]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cablepod.periodic._solve import (
-    MAX_HARMONICS,
     MIN_HARMONICS,
     MORE_HARMONICS,
     TAIL_RTOL,
@@ -78,7 +77,7 @@ def adapted(solver: Solver, state: State, direction: np.ndarray, target: float) 
     found, tangent, iterations = solver.correct(state, direction, target)
     if iterations < 0:
         return found, tangent, iterations
-    most = MAX_HARMONICS * state.periods
+    most = state.most_harmonics
     while found.tail > TAIL_RTOL and found.harmonics < most:
         harmonics = min(found.harmonics + MORE_HARMONICS * state.periods, most)
         direction = resized_direction(direction, found, harmonics)
@@ -147,7 +146,8 @@ def trace(
         return Point(state, direction, solver.stability(state, stride) if stability else None, stride)
 
     if not branch.points:
-        branch.points.append(point_of(start, direction))
+        if not _append(branch, point_of(start, direction)):
+            return
         on_point(branch)
     state, direction = start, direction / np.linalg.norm(direction)
     while not branch.ended:
@@ -160,7 +160,8 @@ def trace(
             cosine = float(before @ tangent) / float(np.linalg.norm(before))
             good = cosine > MIN_COSINE
         if good:
-            branch.points.append(point_of(found, tangent))
+            if not _append(branch, point_of(found, tangent)):
+                return
             if not on_point(branch) and step > 100.0 * LEAST_STEP:
                 branch.points.pop()
                 good = False
@@ -171,11 +172,24 @@ def trace(
             continue
         branch.ended = _end(branch, limits, step)
         motion = float(np.linalg.norm(found.coefficients[1:]))
-        if iterations <= FEW_ITERATIONS and cosine > GOOD_COSINE:
-            step = min(1.4 * step, max(largest, STEP_OVER_MOTION * motion))
-        elif iterations > MANY_ITERATIONS or cosine < GOOD_COSINE:
-            step *= 0.7
+        step = _next_step(step, iterations, cosine, max(largest, STEP_OVER_MOTION * motion))
         state, direction = thinned(found, tangent)
+
+
+def _next_step(step: float, iterations: int, cosine: float, largest: float) -> float:
+    """Return the arc length of the next step after one with some Newton iterations and a turn of the branch."""
+    if iterations <= FEW_ITERATIONS and cosine > GOOD_COSINE:
+        return min(1.4 * step, largest)
+    return 0.7 * step if iterations > MANY_ITERATIONS or cosine < GOOD_COSINE else step
+
+
+def _append(branch: Branch, point: Point) -> bool:
+    """Append a point; where its multipliers are not finite, end the branch before it and return False."""
+    if point.stability is None or np.isfinite(point.multipliers).all():
+        branch.points.append(point)
+        return True
+    branch.ended = SLACK if point.stability.smallest_force < 0.0 else DIVERGED
+    return False
 
 
 def _end(branch: Branch, limits: Limits, step: float) -> str:

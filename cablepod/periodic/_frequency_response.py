@@ -84,6 +84,7 @@ def frequency_response(
     xarray.Dataset
         Along ``point``, one branch after the other: ``angular_frequency`` [rad/s], ``branch``, ``amplitude (point, mode)`` [m],
         half of the range over a period, ``deflection_maximum`` [m], from its mean over a period, ``stable``, ``periods``,
+        ``harmonic_count``, ``harmonic_tail``, the share of the last two harmonics in the motion,
         ``smallest_chordwise_force`` [N], and what `outputs` names: ``multiplier_real``, ``multiplier_imag (point, multiplier)``,
         ``tension_minimum``, ``tension_maximum (point, link)`` [N], ``harmonic_cosine``, ``harmonic_sine`` [m].  Along
         ``bifurcation``: ``bifurcation_kind`` ("fold", "pitchfork", "period_doubling", "torus"), ``bifurcation_set`` ("in_plane",
@@ -197,7 +198,8 @@ class _Study:
         """Trace from the lowest frequency, and from the highest where the first branch does not reach it."""
         found = False
         for omega, sign in ((self.low, 1.0), (self.high, -1.0)):
-            if found and (self.branches[0].points[-1].state.omega >= self.high or self._count() >= self.points):
+            first = self.branches[0].points if self.branches else []
+            if found and ((first and first[-1].state.omega >= self.high) or self._count() >= self.points):
                 break
             state = grown_from_rest(self.solver, omega, self.harmonics)
             state, direction, iterations = self.solver.at_frequency(state)
@@ -274,7 +276,7 @@ class _Study:
         if limits.points < 2:
             branch.ended = POINTS
         trace(self.solver, branch, state, direction, limits, on_point)
-        if branch.ended == RANGE:
+        if branch.ended == RANGE and len(branch.points) > 1:
             self._end_at_range(branch)
 
     def _end_at_range(self, branch: Branch) -> None:
@@ -366,6 +368,7 @@ def _numbers(model: PeriodicModel, point: Point, wanted: tuple[str, ...], most: 
         "stable": stability.is_stable,
         "periods": state.periods,
         "harmonic_count": state.harmonics,
+        "harmonic_tail": state.tail,
         "smallest_chordwise_force": stability.smallest_force,
     }
     ranges = [fields.half_range(part) for part in fields.mode_amplitudes(model, q)]

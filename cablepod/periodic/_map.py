@@ -11,10 +11,12 @@ import numpy as np
 from cablepod._resources import cores
 from cablepod.batch._pool import map_threads
 from cablepod.periodic._model import PeriodicModel, harmonics_at
-from cablepod.periodic._solve import MAX_HARMONICS, MAX_PHASE_STEP, MIN_STRIDE
+from cablepod.periodic._solve import MAX_HARMONICS, MAX_PHASE_STEP, MAX_PHASES, MIN_STRIDE
 
 #: Number of harmonics of the first map, and share of the last two in the motion above which a column is computed with more.
 HARMONICS, TAIL_RTOL = 5, 1e-5
+#: Largest size of the tables of all amplitudes [bytes].
+MAX_BYTES = 3e8
 #: Number of columns that a thread takes at once.
 COLUMNS = 4
 
@@ -71,12 +73,13 @@ def compute_map(
     kappa = np.stack([model.kappa for model in models])
     sag = np.array([model.sag for model in models])
     shapes = np.concatenate(base.sets)[:n] * length_scale
+    most = int(min(MAX_PHASES, MAX_BYTES / (24 * len(models) * base.size**2)))
     todo, harmonics, edges = np.arange(omega.size), HARMONICS, {}
     while todo.size:
         samples = 4 * harmonics + 4
         again = []
-        for stride in np.unique(_strides(scaled[todo], base.highest_frequency, samples)):
-            columns = todo[_strides(scaled[todo], base.highest_frequency, samples) == stride]
+        for stride in np.unique(_strides(scaled[todo], base.highest_frequency, samples, most)):
+            columns = todo[_strides(scaled[todo], base.highest_frequency, samples, most) == stride]
             phases = samples * int(stride)
             batch = _Batch.of(models, phases, n)
             basis, phases_basis = harmonics_at(samples, 2 * harmonics), harmonics_at(phases, harmonics)
@@ -147,7 +150,8 @@ def _changes(kind: np.ndarray, both: bool) -> list[tuple[int, tuple[np.ndarray, 
     return found
 
 
-def _strides(omega: np.ndarray, highest: float, samples: int) -> np.ndarray:
-    """Return the numbers of steps of the scheme for multipliers for each sample: powers of two (frequencies,)."""
+def _strides(omega: np.ndarray, highest: float, samples: int, most: int) -> np.ndarray:
+    """Return the numbers of steps of the scheme for multipliers for each sample, powers of two, at most `most` in all."""
     steps = 2.0 * np.pi / omega * highest / MAX_PHASE_STEP
-    return np.maximum(MIN_STRIDE, 2 ** np.ceil(np.log2(np.maximum(steps / samples, 1.0)))).astype(int)
+    strides = np.maximum(MIN_STRIDE, 2 ** np.ceil(np.log2(np.maximum(steps / samples, 1.0)))).astype(int)
+    return np.minimum(strides, max(MIN_STRIDE, most // samples))

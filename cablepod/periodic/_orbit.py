@@ -215,6 +215,11 @@ def labelled(solver: Solver, state: State, wanted: Sequence[str]) -> xr.Dataset:
     closed = np.concatenate([q, q[:1]])
     phase = 2.0 * np.pi / INSTANTS * np.arange(phases + 1)
     mu = stability.multipliers
+    if not np.isfinite(mu).all():
+        raise RunStopped(
+            f"the multipliers are not finite: disturbances grow without bound (smallest chordwise force "
+            f"{stability.smallest_force:.3g} N); try other amplitudes, or compare with chain.simulate"
+        )
     duration = 2.0 * np.pi * state.periods / omega
     variables: dict[str, Any] = {
         "angular_frequency": ((), omega),

@@ -37,6 +37,7 @@ NAMES: dict[str, tuple[str, str]] = {
     "multiplier_set": ("1", "coordinates of the disturbance"),
     "periods": ("1", "number of periods of the forcing in one of the motion"),
     "harmonic_count": ("1", "number of harmonics"),
+    "harmonic_tail": ("1", "share of the last two harmonics in the motion"),
     "harmonic": ("1", "number of the harmonic of the motion, 0 for the mean"),
     "harmonic_cosine": ("m", "cosine coefficient of the amplitude of the mode"),
     "harmonic_sine": ("m", "sine coefficient of the amplitude of the mode"),

@@ -11,13 +11,17 @@ import numpy as np
 from cablepod.periodic._model import PeriodicModel, harmonics_at
 
 #: Least and largest number of harmonics of one period of the forcing where it is adapted, and its change.
-MIN_HARMONICS, MAX_HARMONICS, MORE_HARMONICS = 6, 48, 4
+MIN_HARMONICS, MAX_HARMONICS, MORE_HARMONICS = 6, 32, 4
+#: Largest number of unknowns for which harmonics are added: their matrix is solved at every iteration.
+MAX_UNKNOWNS = 450
 #: Share of the last two harmonics in the motion, above which more are taken.
 TAIL_RTOL = 1e-6
 #: Share of the motion in the mean deflection below which a motion counts as none.
 NO_MOTION = 1e-9
 #: Largest product of highest frequency and step of the scheme for multipliers (its phases err by the fourth power over 480).
 MAX_PHASE_STEP = 0.2
+#: Largest number of its steps in a period, by memory.
+MAX_PHASES = 8192
 #: Least number of its steps for each sample of the harmonic balance.
 MIN_STRIDE = 4
 #: Distance from the unit circle that counts as on it.
@@ -88,6 +92,12 @@ class State:
         new = np.zeros((1 + 4 * self.harmonics, self.size))
         new[0], new[3::4], new[4::4] = old[0], old[1::2], old[2::2]
         return replace(self.changed(new), periods=2 * self.periods)
+
+    @property
+    def most_harmonics(self) -> int:
+        """Largest number of harmonics to which it is extended."""
+        fitting = MAX_UNKNOWNS // (2 * self.size)
+        return max(min(MAX_HARMONICS * self.periods, fitting), MIN_HARMONICS * self.periods)
 
     @property
     def tail(self) -> float:
@@ -183,7 +193,7 @@ class Solver:
         duration = 2.0 * np.pi * state.periods / max(abs(state.omega), 1e-3)
         steps = duration * self.model.highest_frequency / MAX_PHASE_STEP
         stride, samples = MIN_STRIDE, 4 * state.harmonics + 4
-        while stride * samples < steps and stride < 4096:
+        while stride * samples < min(steps, MAX_PHASES):
             stride *= 2
         return stride
 

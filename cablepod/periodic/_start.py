@@ -10,9 +10,9 @@ from cablepod.periodic._solve import Solver, State
 #: Share of the amplitude of the forcing by which it grows at first and at least.
 FIRST_SHARE, LEAST_SHARE = 1.0, 0.02
 #: Frequencies over the wanted one from which a response is followed where it does not grow from rest there.
-SIDES = (0.93, 0.8, 1.07, 1.2, 0.6, 1.5)
+SIDES = (0.93, 0.8, 1.07, 1.25)
 #: Largest number of points on the way.
-MAX_POINTS = 2000
+MAX_POINTS = 300
 
 
 def grown_from_rest(solver: Solver, omega: float, harmonics: int, periods: int = 1) -> State:
