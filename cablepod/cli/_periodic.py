@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import xarray as xr
 
 from cablepod import archive
 from cablepod.archive._folder import prepare_folder
-from cablepod.cli import _arguments, _group
+from cablepod.cli import _arguments, _group, _process
 from cablepod.cli._progress import Bars
 from cablepod.errors import RunStopped, SceneError
 from cablepod.examples import scene_path
@@ -42,7 +43,7 @@ def respond(
     except RunStopped as error:
         if error.partial is None:
             raise
-        result, status = error.partial, _group.fail(str(error), status=_group.INTERRUPTED)
+        result, status = error.partial, _group.fail(str(error), status=_process.STATUS[signal.SIGINT])
     archive.write(result, folder / RESPONSE, overwrite=overwrite)
     from cablepod import plots
 

@@ -36,6 +36,14 @@ def periodic_forcing(scene: xr.Dataset, p: Parameters) -> Forcing:
     wind = sorted(str(name) for name in scene.variables if str(name).startswith("wind_"))
     if wind:
         raise scene_error("wind", wind[0], "none: a periodic response needs forcing of one frequency")
+    if (
+        p.tension_damping is not None
+    ):  # does not factor out of the disturbances, and depends on the rates in the balance
+        raise scene_error(
+            "damping.tension_proportional",
+            p.tension_damping,
+            "none for periodic responses; try: damping.mass_proportional",
+        )
     functions = p.time_functions()
     if not functions:
         raise scene_error("motion", "none", f"at least one motion, or load with a factor, of kind {ALLOWED_KINDS}")
@@ -111,5 +119,5 @@ def unforced(p: Parameters) -> Parameters:
     )
     return replace(
         p, lower=lower, upper=upper, motions={}, load=load, load_factor=None, point_loads=points, mass_damping=None,
-        initial={}, duration=1.0,
+        tension_damping=None, initial={}, duration=1.0,
     )  # fmt: skip

@@ -60,6 +60,7 @@ SCENES = [
         "motion: given|ends.free",
     ),
     (lambda mapping: mapping["damping"].update(link_viscosity=1e-4), r"damping\.link_viscosity"),
+    (lambda mapping: mapping["damping"].update(tension_proportional=1e-4), r"damping\.tension_proportional"),
 ]
 
 
