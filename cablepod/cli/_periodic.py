@@ -13,6 +13,7 @@ import xarray as xr
 from cablepod import archive
 from cablepod.archive._folder import prepare_folder
 from cablepod.cli import _arguments, _group, _process
+from cablepod.cli._group import say
 from cablepod.cli._progress import Bars
 from cablepod.errors import RunStopped, SceneError
 from cablepod.examples import scene_path
@@ -32,6 +33,7 @@ def respond(
     """Follow periodic responses over frequency; write them, print the table of bifurcations."""
     from cablepod import periodic
 
+    _group.import_matplotlib()
     folder, dataset, chosen = _prepared(scene, out, modes, rank, (RESPONSE, MODES, *RESPONSE_FIGURES), overwrite)
     low, high = (value * (2.0 * np.pi if hertz else 1.0) for value in frequency)
     status = 0
@@ -52,8 +54,8 @@ def respond(
         zip(RESPONSE_FIGURES, (plots.frequency_response, plots.multipliers), strict=True),
         result,
     )
-    print(_response_table(result, hertz))
-    print(f"\n{folder}: {RESPONSE}, {MODES}, {', '.join(RESPONSE_FIGURES)}")
+    say(_response_table(result, hertz))
+    say(f"\n{folder}: {RESPONSE}, {MODES}, {', '.join(RESPONSE_FIGURES)}")
     return status
 
 
@@ -62,7 +64,10 @@ def tongues(
     hertz: bool, overwrite: bool,
 ) -> int:  # fmt: skip
     """Map the stability over frequency and amplitude; write the map, print the widest tongues."""
-    from cablepod import periodic, plots
+    from cablepod import periodic
+
+    _group.import_matplotlib()
+    from cablepod import plots
 
     if not amplitude > 0.0 or points < 2:
         key, given, allowed = (
@@ -84,8 +89,8 @@ def tongues(
     archive.write(result, folder / MAP, overwrite=overwrite)
     drawings = zip(MAP_FIGURES, (plots.stability_map, partial(plots.stability_map, variable="response")), strict=True)
     _figures(folder, drawings, result)
-    print(_map_table(result, hertz))
-    print(f"\n{folder}: {MAP}, {MODES}, {', '.join(MAP_FIGURES)}")
+    say(_map_table(result, hertz))
+    say(f"\n{folder}: {MAP}, {MODES}, {', '.join(MAP_FIGURES)}")
     return 0
 
 
