@@ -1,6 +1,6 @@
 """``python -m cablepod`` and the command ``cablepod``: a process that ends on a signal with one line, at every instant."""
 
-import _signal  # built into Python; the module signal takes milliseconds to import
+import _signal  # type: ignore[import-not-found]  # built in; the module signal takes milliseconds to import
 import gc
 import os
 import sys
