@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from children import call, finish, python
 from children import environment as environment_of_children
 from scenes import SOFT_TOML
@@ -19,7 +20,16 @@ from scenes import SOFT_TOML
 import cablepod as cp
 from cablepod import cli
 from cablepod import examples as shipped
+from cablepod.cli import _report
 from cablepod.study import _run as study
+
+
+def test_the_table_says_what_a_call_consists_of():
+    row = xr.Dataset({"call_time": 6e-3, "loop_time": 2e-3, "number_of_steps": 2480})
+    rival = xr.Dataset({"call_time": 20e-3, "number_of_steps": 1250})
+    assert _report._cost(row, rival) == (
+        "3 times one run of 2480 steps, 0.806 us each with output; that chain 1250 steps in its last run, 16 us each of its call"
+    )
 
 
 @pytest.fixture

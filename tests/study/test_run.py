@@ -88,6 +88,7 @@ def test_cheaper_chains_stand_beside_the_models(scene):
         outputs=("position",),
     )
     np.testing.assert_allclose(coarse.error, cp.compare.errors(run, reference).error, rtol=1e-3)
+    assert (float(coarse.step), int(coarse.number_of_steps)) == (run.attrs["step"], run.attrs["number_of_steps"])
     assert (chains.call_time > 0.0).all()
 
 
