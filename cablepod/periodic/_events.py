@@ -187,6 +187,8 @@ def leaving(solver: Solver, event: Event) -> tuple[State, np.ndarray, Callable[[
     spatial = not state.planar or event.which == OUT_OF_PLANE
     if spatial:
         state = state.full(solver.model)
+    if state.harmonics > state.most_harmonics:
+        state = state.resized(state.most_harmonics)
     mask = np.ones((1 + 2 * state.harmonics, state.size), dtype=bool)
     if doubles:
         mask[:] = False

@@ -18,6 +18,8 @@ MAX_UNKNOWNS = 450
 TAIL_RTOL = 1e-6
 #: Share of the motion in the mean deflection below which a motion counts as none.
 NO_MOTION = 1e-9
+#: Number of unknowns above which LAPACK solves for their corrections.
+LARGE = 120
 #: Largest product of highest frequency and step of the scheme for multipliers (its phases err by the fourth power over 480).
 MAX_PHASE_STEP = 0.2
 #: Largest number of its steps in a period, by memory.
@@ -166,6 +168,9 @@ class Solver:
             The solution, the direction of the branch there, and the number of iterations, -1 where there is none.
         """
         stride = self.stride(state)
+        if direction.size > LARGE:
+            numbers = np.arange(state.z.size) if active is None else active
+            return self._correct_large(state, direction, target, numbers, stride)
         z, tangent = state.z.copy(), np.empty_like(direction)
         samples, basis, _ = bases(state, stride)
         iterations = self.balance.correct(
@@ -173,6 +178,36 @@ class Solver:
             *self.arguments(state, stride), state.periods, stride, samples, tangent,
         )  # fmt: skip
         return replace(state, z=z), tangent, iterations
+
+    def _correct_large(
+        self, state: State, direction: np.ndarray, target: float, active: np.ndarray, stride: int
+    ) -> tuple[State, np.ndarray, int]:
+        """Do :meth:`correct` with the factors of LAPACK, which are faster than compiled loops for many unknowns."""
+        kernel, n, size = self.balance, state.size, state.z.size - 1
+        samples, basis, _ = bases(state, stride)
+        arguments = self.arguments(state, stride)
+        force, rates, tangents = np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n))
+        residual, rate, jacobian = np.empty(size), np.empty(size), np.empty((size, size))
+        z, before, right = state.z.copy(), np.inf, np.zeros((active.size, 2))
+        matrix, rows = np.empty((active.size, active.size)), active[:-1]
+        for iteration in range(kernel.MAX_ITERATIONS):
+            kernel.leading_samples(z, basis, *arguments, stride, force, rates, tangents)
+            kernel.balance(z, basis, arguments[-1], state.periods, force, rates, tangents, residual, rate, jacobian)
+            matrix[:-1, :-1], matrix[:-1, -1], matrix[-1] = jacobian[np.ix_(rows, rows)], rate[rows], direction
+            right[:-1, 0], right[-1] = -residual[rows], (target - direction @ z[active], 1.0)
+            largest = max(1.0, float(np.abs(z[active]).max()))
+            try:
+                change, tangent = np.linalg.solve(matrix, right).T
+            except np.linalg.LinAlgError:
+                break
+            z[active] += change
+            size_of_change = float(np.abs(change).max())
+            if not size_of_change < 1e6 * largest or (iteration > 3 and size_of_change > before):
+                break
+            before = size_of_change
+            if before <= kernel.NEWTON_RTOL * largest:
+                return replace(state, z=z), tangent / np.linalg.norm(tangent), iteration + 1
+        return replace(state, z=z), direction, -1
 
     def at_frequency(self, state: State) -> tuple[State, np.ndarray, int]:
         """Solve at the frequency of the state."""
