@@ -52,7 +52,9 @@ def test_it_gives_what_the_functions_give(scene):
     xr.testing.assert_identical(datasets["scene"], scene)
     xr.testing.assert_identical(datasets["catenary"], cp.catenary.rest(scene))
     xr.testing.assert_identical(datasets["chain_rest"], cp.chain.rest(scene))
-    chain = cp.chain.simulate(scene, times=datasets["chain"].time.values, tolerance=1e-6, outputs=study.OUTPUTS)
+    chain = cp.chain.simulate(
+        scene, times=datasets["chain"].time.values, tolerance=study.TRUTH_TOLERANCE, outputs=study.OUTPUTS
+    )
     assert datasets["chain"].attrs.pop("wall_time_s") > 0.0
     xr.testing.assert_identical(datasets["chain"], chain)
     modes = cp.pod.decompose(cp.pod.at_times(chain, times=np.linspace(0.0, 4.0, 9)), rank=7)
@@ -78,7 +80,9 @@ def test_it_gives_what_the_functions_give(scene):
 def test_cheaper_chains_stand_beside_the_models(scene):
     chains = cp.study.run(scene, ranks=[1])["chains"].to_dataset()
     assert set(chains.links.values) == {4, 8}
-    reference = cp.chain.simulate(scene, times=chains.time.values)
+    reference = cp.chain.simulate(
+        scene, times=chains.time.values, tolerance=study.TRUTH_TOLERANCE, outputs=study.OUTPUTS
+    )
     coarse = chains.isel(trial=int(chains.links.values.argmin()))
     run = cp.chain.simulate(
         scene,
