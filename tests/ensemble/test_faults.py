@@ -243,7 +243,7 @@ def test_another_ensemble_in_the_folder_is_refused_saying_what_differs(soft, tmp
         (
             scenes,
             {"step": 1e-3, "outputs": ("tension",)},
-            r"the option outputs was \['position'\] and is \['tension'\];",
+            r"the option outputs was \['position', 'tension', 'tension_extremes'\] and is \['tension'\];",
         ),
         (scenes, {"step": 1e-3, "model": "rigid"}, "the model was 'chain' and is 'rigid';"),
         (scenes, {"step": 1e-3, "batch": 2}, "the size of batches was 3 and is 2;"),
@@ -283,7 +283,8 @@ def test_damaged_files_are_named_and_computed_again_only_on_demand(soft, tmp_pat
     content = (folder / "batch_0001.nc").read_bytes()
     for damage, match in (
         (content[:2000], "is truncated or damaged"),
-        (content + b"\0", "its size differs from that in manifest"),
+        (content + b"\0", "is truncated or damaged"),
+        (content + bytes(4096), "its size differs from that in manifest"),
     ):
         (folder / "batch_0001.nc").write_bytes(damage)
         with pytest.raises(
