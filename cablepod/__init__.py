@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         pod,
         rigid,
         study,
+        wind,
     )
     from cablepod.cable import summary
     from cablepod.errors import (
@@ -68,6 +69,7 @@ __all__ = [
     "rigid",
     "study",
     "summary",
+    "wind",
 ]
 
 

@@ -34,8 +34,12 @@ def datasets(spatial: bool = False) -> dict[str, xr.Dataset]:
     chain = cp.chain.simulate(scene, tolerance=1e-3, outputs=("position", "velocity", "tension"))
     modes, normal = cp.pod.decompose(chain, rank=3), cp.pod.decompose(chain, rank=3, layout="normal")
     condensed = cp.condensed.simulate(scene, normal, rank=2)
+    wind = {"speed": 5.0, "direction": [1.0, 0.0, 0.0] if spatial else [1.0, 0.0], "ground": -99.0}
+    soft = SPATIAL if spatial else SOFT
+    windy = cp.make_scene({**soft, "cable": {**soft["cable"], "diameter": 0.01}, "wind": wind})
     return {
         "scene": scene,
+        "windy": windy,
         "members": members,
         "rest": cp.chain.rest(scene),
         "catenary": cp.catenary.rest(scene),
@@ -103,6 +107,7 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "rigid.simulate": (("scene",), {"step": 1e-3}),
     "study.run": (("scene",), {}),
     "summary": (("scene",), {}),
+    "wind.field": (("windy",), {}),
 }
 
 

@@ -25,6 +25,7 @@ from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._notes import warn_of_unusual
+from cablepod.wind._air import check_no_wind
 
 #: Default law, eq. (21) of the paper.
 LAW = LAWS[1]
@@ -233,6 +234,7 @@ def simulate(
     p = parameters(scene)
     warn_of_unusual(p)
     check_viscous_law(law, p.link_viscosity)
+    check_no_wind(p, "chain.simulate")
     if p.tension_damping is not None:
         raise scene_error(
             "damping.tension_proportional", p.tension_damping, "none; try: chain.simulate, or damping.mass_proportional"

@@ -115,6 +115,8 @@ def solve_statics(p: Parameters, key: str, value: float, *, prefix: str = "cable
     """
     from cablepod.catenary import _kernels_solve as kernel
 
+    if p.bare is not None and prefix == "cable" and key != "unstretched_length":
+        key, value = "unstretched_length", float(solve_statics(p.bare, key, value)[0])  # ice grows after tensioning
     plane = load_planes(p)
     solutions, status = solve_catenaries(plane[:4], np.array([p.stiffness]), key, np.array([value], dtype=float))
     if status[0] == kernel.SLACK_WEIGHTLESS and "points" in p.initial and prefix == "cable":

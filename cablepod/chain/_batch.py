@@ -82,7 +82,9 @@ class ChainBatch:
         """Prepare a member; None if it has no given step, or fails, which its own run reports."""
         try:
             ready = self._ready[i] = prepare(self.members[i], self.request, self.title)
-            alone = self.request.window is not None or "tension_peaks" in self.request.outputs
+            alone = (
+                ready.run.air is not None or self.request.window is not None or "tension_peaks" in self.request.outputs
+            )
             return (
                 None if alone or ready.steps_per_second is None else cast(Any, ready.run).begin(ready.steps_per_second)
             )

@@ -111,6 +111,8 @@ class ExplicitChainRun(ChainRun):
             state[layout.X + c, particles] = self.initial[:, c]
             state[layout.VX + c, free] = -half * force[free, c] / mass
             state[(layout.STEADY_X if varying else layout.LOAD_X) + c, particles] = per_mass * loads[:, c]
+            if self.air is not None:
+                state[layout.BASE_X + c, particles] = per_mass * loads[:, c]
             # with viscosity the predicted velocity, 1.5 v - 0.5 v_before, is then 0 at the start
             state[layout.BX + c] = 3.0 * state[layout.VX + c]
         state[layout.STIFFNESS, links], state[layout.LENGTH, links] = chain.k, chain.length
@@ -242,6 +244,11 @@ class ExplicitStepper:
         self._damping_factors = _stacked([member.damping_factor for member in prepared])
         self._viscosities = _stacked([member.run.chain.p.link_viscosity for member in prepared])
         self._tension_dampings = _stacked([member.run.chain.p.tension_damping for member in prepared])
+        self._wind: tuple[Any, ...] = None, None, 0.0, 1
+        if run.air is not None:  # such runs are alone
+            tension = float(chain.tensions_and_forces(run.initial)[0].max())
+            hold = run.air.hold(tension, 1.0 / self.instants.steps_per_second)
+            self._wind = run.air.velocity[None], np.array([run.air.drag]), run.air.samples_per_second, hold
         self._kind = chain.links, True if p.dims == 3 else None, True if chain.green else None
         self._extremes = True if "tension_extremes" in run.outputs else None
 
@@ -256,7 +263,7 @@ class ExplicitStepper:
         first, last = np.searchsorted(self.instants.steps, (start, start + steps))
         kernel.verlet(
             self.states, self.is_finite, *self._kind, step, self._damping_factors, self._viscosities,
-            self._tension_dampings, None, None, 0.0, 1, self._patterns,
+            self._tension_dampings, *self._wind, self._patterns,
             self._table("factors", start, steps) if self._functions["factors"] else None,
             *self._places, self._table("ends", start, steps), self._table("rates", start, steps) if damped else None,
             self._extremes, steps, start, self.instants.steps, first, last, self.saved, self._half_saved,

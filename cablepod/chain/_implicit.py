@@ -262,7 +262,7 @@ class ImplicitStepper:
                 self.x, self.v, *links, *loads, *end_tables, step, MIN_ROUNDING * rotation, ROUNDING * rotation, *last
             )
         else:
-            is_damped = p.link_viscosity is not None or p.tension_damping is not None
+            is_damped = p.link_viscosity is not None or p.tension_damping is not None or run.air is not None
             rates = p.end_positions(time, 1) if is_damped else None
             done, iterations = kernel_generalized_alpha.generalized_alpha(
                 self.x,
@@ -271,9 +271,9 @@ class ImplicitStepper:
                 self.force,
                 *links,
                 *loads,
-                None,
-                None,
-                None,
+                None if run.air is None else run.air.velocity,
+                None if run.air is None else time * run.air.samples_per_second,
+                None if run.air is None else run.air.drag,
                 *end_tables,
                 rates,
                 step,

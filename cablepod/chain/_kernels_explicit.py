@@ -39,6 +39,9 @@ from cablepod.chain._kernels_layout import (
     STEADY_Y,
     STEADY_Z,
     STIFFNESS,
+    TX,
+    TY,
+    TZ,
     UX,
     UY,
     UZ,
@@ -139,53 +142,66 @@ def _add_tension_damping(s, links, tension_damping, spatial):
 
 
 @compiled(inline="always")
-def _drag_of_particle(s, j, below, above, wind, sample, share, drag, step, target, is_first, spatial):
-    """Compute the velocity increment of a particle by drag half a step before, and write the increment that is applied.
-
-    The particles `below` and `above` give direction and length of the cable at particle j.  The increments of two evaluations are
-    extrapolated by 3/2 and -1/2 to the middle of the steps until the next one.
-    """
-    back = 0.5 * step
-    tx = s[X, above] - s[X, below] - back * (s[VX, above] - s[VX, below])
-    ty = s[Y, above] - s[Y, below] - back * (s[VY, above] - s[VY, below])
-    ux = wind[sample, 0, j] + share * (wind[sample + 1, 0, j] - wind[sample, 0, j]) - s[VX, j]
-    uy = wind[sample, 1, j] + share * (wind[sample + 1, 1, j] - wind[sample, 1, j]) - s[VY, j]
-    square, along = tx * tx + ty * ty, ux * tx + uy * ty
-    if spatial is not None:
-        tz = s[Z, above] - s[Z, below] - back * (s[VZ, above] - s[VZ, below])
-        uz = wind[sample, 2, j] + share * (wind[sample + 1, 2, j] - wind[sample, 2, j]) - s[VZ, j]
-        square += tz * tz
-        along += uz * tz
-    along /= square
-    ux -= along * tx
-    uy -= along * ty
-    speed_squared = ux * ux + uy * uy
-    if spatial is not None:
-        uz -= along * tz
-        speed_squared += uz * uz
-    factor = 0.5 * drag * s[PER_MASS, j] * math.sqrt(square * speed_squared)
-    before_x = factor * ux if is_first else s[DRAG_X, j]
-    before_y = factor * uy if is_first else s[DRAG_X + 1, j]
-    s[target, j] = s[BASE_X, j] + 1.5 * factor * ux - 0.5 * before_x
-    s[target + 1, j] = s[BASE_X + 1, j] + 1.5 * factor * uy - 0.5 * before_y
-    s[DRAG_X, j] = factor * ux
-    s[DRAG_X + 1, j] = factor * uy
-    if spatial is not None:
-        before_z = factor * uz if is_first else s[DRAG_X + 2, j]
-        s[target + 2, j] = s[BASE_X + 2, j] + 1.5 * factor * uz - 0.5 * before_z
-        s[DRAG_X + 2, j] = factor * uz
+def _tangents(s, links, back, spatial):
+    """Compute the vectors from the neighbour below to that above each particle, half a step before."""
+    for j in range(links - 1):
+        s[TX, j + 1] = s[X, j + 2] - s[X, j] - back * (s[VX, j + 2] - s[VX, j])
+        s[TY, j + 1] = s[Y, j + 2] - s[Y, j] - back * (s[VY, j + 2] - s[VY, j])
+        if spatial is not None:
+            s[TZ, j + 1] = s[Z, j + 2] - s[Z, j] - back * (s[VZ, j + 2] - s[VZ, j])
+    for end, below in ((0, 0), (links, links - 1)):
+        s[TX, end] = s[X, below + 1] - s[X, below] - back * (s[VX, below + 1] - s[VX, below])
+        s[TY, end] = s[Y, below + 1] - s[Y, below] - back * (s[VY, below + 1] - s[VY, below])
+        if spatial is not None:
+            s[TZ, end] = s[Z, below + 1] - s[Z, below] - back * (s[VZ, below + 1] - s[VZ, below])
 
 
-@compiled
+@compiled(inline="always")
+def _drag_increments(s, links, drag, spatial):
+    """Turn U from the relative velocity of the air into the velocity increments by drag: c |t| |u_n| u_n / 2 per mass."""
+    for j in range(links + 1):
+        tx, ty, ux, uy = s[TX, j], s[TY, j], s[UX, j], s[UY, j]
+        square, along = tx * tx + ty * ty, ux * tx + uy * ty
+        if spatial is not None:
+            tz, uz = s[TZ, j], s[UZ, j]
+            square += tz * tz
+            along += uz * tz
+        along /= square
+        ux -= along * tx
+        uy -= along * ty
+        speed_squared = ux * ux + uy * uy
+        if spatial is not None:
+            uz -= along * tz
+            speed_squared += uz * uz
+        factor = 0.5 * drag * s[PER_MASS, j] * math.sqrt(square * speed_squared)
+        s[UX, j] = factor * ux
+        s[UY, j] = factor * uy
+        if spatial is not None:
+            s[UZ, j] = factor * uz
+
+
+@compiled(inline="always")
 def _apply_drag(s, links, wind, place, drag, step, target, is_first, spatial):
-    """Compute the drag on all particles from the wind (samples, dims, n + 1) [m/s] at a place between its samples."""
+    """Compute the drag half a step before from the wind (samples, dims, n + 1) [m/s] at a place between its samples.
+
+    The increments of two evaluations are extrapolated by 3/2 and -1/2 to the middle of the steps until the next one.
+    """
     place = min(max(place, 0.0), wind.shape[0] - 1.0)
     sample = min(int(place), wind.shape[0] - 2)
     share = place - sample
-    for j in range(links - 1):
-        _drag_of_particle(s, j + 1, j, j + 2, wind, sample, share, drag, step, target, is_first, spatial)
-    _drag_of_particle(s, 0, 0, 1, wind, sample, share, drag, step, target, is_first, spatial)
-    _drag_of_particle(s, links, links - 1, links, wind, sample, share, drag, step, target, is_first, spatial)
+    for c in range(wind.shape[1]):
+        for j in range(links + 1):
+            s[UX + c, j] = wind[sample, c, j] + share * (wind[sample + 1, c, j] - wind[sample, c, j]) - s[VX + c, j]
+    _tangents(s, links, 0.5 * step, spatial)
+    _drag_increments(s, links, drag, spatial)
+    if is_first:
+        for c in range(wind.shape[1]):
+            for j in range(links + 1):
+                s[DRAG_X + c, j] = s[UX + c, j]
+    for c in range(wind.shape[1]):
+        for j in range(links + 1):
+            s[target + c, j] = s[BASE_X + c, j] + 1.5 * s[UX + c, j] - 0.5 * s[DRAG_X + c, j]
+            s[DRAG_X + c, j] = s[UX + c, j]
 
 
 @compiled(inline="always")
@@ -285,8 +301,10 @@ def _advance(
             _add_tension_damping(s, links, tension_damping, spatial)
         if wind is not None and (start + i) % hold == 0:
             place = (start + i - 0.5) * step * samples_per_second
-            target = LOAD_X if patterns is None else STEADY_X
-            _apply_drag(s, links, wind, place, drag, step, target, start + i == 0, spatial)
+            if patterns is None:
+                _apply_drag(s, links, wind, place, drag, step, LOAD_X, start + i == 0, spatial)
+            else:
+                _apply_drag(s, links, wind, place, drag, step, STEADY_X, start + i == 0, spatial)
         if patterns is not None:
             _load_increments(s, links, patterns, factors, i, spatial)
         _kick_and_drift(s, links, step, damping_factor, spatial)

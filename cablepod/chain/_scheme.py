@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ import numpy as np
 
 from cablepod._resources import check_memory
 from cablepod.chain import _implicit as implicit
+from cablepod.chain._air import ChainAir
 from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun
 from cablepod.chain._start import start
@@ -29,6 +31,7 @@ from cablepod.integrate._step_control import (
 )
 from cablepod.parameters._checks import number
 from cablepod.parameters._parameters import Parameters
+from cablepod.wind._air import air_of
 
 SCHEMES = ("velocity_verlet", *implicit.SCHEMES)
 
@@ -40,6 +43,7 @@ class ChainRequest(Request):
     links: int | None = None
     law: str = LAWS[0]
     radius: float = ImplicitChainRun.spectral_radius  #: spectral radius of generalized alpha
+    wind: Any = None  #: field of the wind, in place of that of the scene
 
     @classmethod
     def of(
@@ -76,13 +80,19 @@ def prepare(
     instants = request.instants(p)
     key = "links" if request.links is not None else "chain.links and times"
     check_memory(instants.size, chain.links, p.dims, key=key, variables=3)
-    initial = start(chain)
+    cable_air = air_of(p, float(instants[-1]), request.wind)
+    air = None if cable_air is None else ChainAir(chain, cable_air)
+    if air is not None and request.scheme == "energy_momentum":
+        raise scene_error("scheme", request.scheme, "another one with wind, which this one lacks")
+    initial = start(chain, air)
     arguments = (chain, instants, initial, request.outputs, progress, title)
-    explicit = ExplicitChainRun(*arguments, window=request.window)
+    explicit = ExplicitChainRun(*arguments, window=request.window, air=air)
     limit = explicit.step_limit
     run: ChainRun = explicit
     if request.scheme not in (None, explicit.scheme):
-        run = ImplicitChainRun(*arguments, method=request.scheme, spectral_radius=request.radius, window=request.window)
+        run = ImplicitChainRun(
+            *arguments, method=request.scheme, spectral_radius=request.radius, window=request.window, air=air
+        )
     explicit_limit = limit if run is explicit else None
     others = "; implicit schemes have none"
     steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, others)
@@ -127,7 +137,7 @@ def solve(ready: PreparedScene, request: ChainRequest, state: Trajectory | None 
         return Solution(run, *_refine_in_time(run, limit, request.tolerance))
     trapezoidal = ImplicitChainRun(
         explicit.chain, explicit.times, explicit.initial, explicit.outputs, explicit.progress, explicit.title,
-        window=explicit.window,
+        window=explicit.window, air=explicit.air,
     )  # fmt: skip
     return _choose_scheme(explicit, trapezoidal, limit, request.tolerance, asked=request.given_tolerance is not None)
 
@@ -170,7 +180,8 @@ def _refine_in_time(run: ChainRun, limit: float, tolerance: float) -> tuple[Traj
 
 def _first_step(run: ChainRun, limit: float) -> float:
     """Return the step of the first run [s]."""
-    return min(_unforced_step(run, limit), run.chain.p.shortest_time_scale / STEPS_PER_CHANGE)
+    of_wind = math.inf if run.air is None else 0.5 / run.air.samples_per_second
+    return min(_unforced_step(run, limit), run.chain.p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
 
 
 def _unforced_step(run: ChainRun, limit: float) -> float:

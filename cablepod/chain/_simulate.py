@@ -10,6 +10,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.batch._members import over_members, over_members_by
+from cablepod.chain._air import ChainAir
 from cablepod.chain._batch import plan
 from cablepod.chain._scheme import ChainRequest, prepare, solve
 from cablepod.chain._start import rest_shape
@@ -19,13 +20,14 @@ from cablepod.integrate._output import chain_coordinates, law_suffix, rest_datas
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._from_scene import parameters
 from cablepod.scene._notes import warn_of_unusual
+from cablepod.wind._air import mean_air_of
 
 # --- rest -----------------------------------------------------------------------------------------------------------
 
 
 @over_members
 def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> xr.Dataset:
-    """Compute the equilibrium of the chain under all loads of the scene at time 0.
+    """Compute the equilibrium of the chain under all loads of the scene at time 0, wind included.
 
     Parameters
     ----------
@@ -69,10 +71,13 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
     check_law(law)
     p = parameters(scene)
     chain = chain_of(p, links, law)
-    position, tension = rest_shape(chain)
+    cable_air = mean_air_of(p)
+    air = None if cable_air is None else ChainAir(chain, cable_air)
+    position, tension = rest_shape(chain, air)
     reach = np.diff(position, axis=0)
     force = (tension / np.sqrt(square(reach)))[:, None] * reach
-    unbalanced = force[1:] - force[:-1] + chain.loads(0.0)[1:-1]
+    loads = chain.loads(0.0) if air is None else chain.loads(0.0) + air.at_rest(position)
+    unbalanced = force[1:] - force[:-1] + loads[1:-1]
     scalars = {
         "unstretched_length": chain.total_length,
         "stretched_length": float(np.sum(np.sqrt(square(reach)))),
@@ -107,6 +112,7 @@ def simulate(
     tolerance: float | None = None,
     outputs: tuple[str, ...] = ("position", "tension"),
     window: tuple[float, float] | None = None,
+    wind: xr.Dataset | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Simulate the elastic chain of a scene.
@@ -144,6 +150,8 @@ def simulate(
         computed.
     window
         Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
+    wind
+        Field of :func:`cablepod.wind.field`, or a record with the same variables, in place of the wind of the scene.
     progress
         Callback receiving the completed fraction, which never falls and ends at 1.
 
@@ -212,6 +220,7 @@ def simulate(
         tolerance=tolerance,
         window=window,
         outputs=outputs,
+        wind=wind,
         progress=progress,
     )
     p = parameters(scene)
@@ -223,7 +232,7 @@ def simulate(
     return request.record(
         solution.dataset(),
         function="chain.simulate",
-        inputs=[scene],
+        inputs=[scene] if wind is None else [scene, wind],
         given={"links": links, "scheme": scheme, "spectral_radius": spectral_radius},
         links=run.chain.links,
         law=law,

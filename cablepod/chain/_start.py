@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,14 +11,35 @@ from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.errors import SceneError
 
+if TYPE_CHECKING:
+    from cablepod.chain._air import ChainAir
 
-def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions (n + 1, dims) [m] and tensions (n,) [N] of a chain at rest."""
+#: Relative tolerance of the shape at rest in wind, and maximum number of iterations of the drag on it.
+DRAG_RTOL, MAX_DRAG_ITERATIONS = 1e-13, 200
+
+
+def rest_shape(chain: LumpedChain, air: ChainAir | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions (n + 1, dims) [m] and tensions (n,) [N] of a chain at rest, in the wind of the start."""
+    position, tension = _rest_under(chain, None)
+    if air is None:
+        return position, tension
+    for _ in range(MAX_DRAG_ITERATIONS):
+        before = position
+        position, tension = _rest_under(chain, air.at_rest(position))
+        if np.abs(position - before).max() <= DRAG_RTOL * chain.total_length:
+            return position, tension
+    raise SceneError(
+        "wind: no rest found in this wind; allowed: a wind that the cable withstands, or wind.ramp above 0"
+    )
+
+
+def _rest_under(chain: LumpedChain, drag: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions and tensions of a chain at rest under its loads and a given drag (n + 1, dims) [N]."""
     from cablepod.chain import _kernels_explicit as kernel_explicit  # numba is imported only to compute
 
     p = chain.p
     ends = p.end_positions(np.zeros(1))[0]
-    forces, tension, gap = link_forces(chain, chain.statics, p.stiffness, 1e-6 * p.stiffness)
+    forces, tension, gap = link_forces(chain, chain.statics, p.stiffness, 1e-6 * p.stiffness, drag)
     scale = max(float(np.linalg.norm(ends[1] - ends[0])), chain.total_length)
     if not gap <= 1e-11 * scale or not tension.min() > 0.0:
         left = f" (a gap of {gap:.2g} m is left)" if np.isfinite(gap) else ""
@@ -34,7 +56,7 @@ def rest_shape(chain: LumpedChain) -> tuple[np.ndarray, np.ndarray]:
 
 
 def link_forces(
-    chain: LumpedChain, statics: np.ndarray, stiffness: float, least: float
+    chain: LumpedChain, statics: np.ndarray, stiffness: float, least: float, drag: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Solve for the force in the first link at rest, which determines all others.
 
@@ -48,6 +70,8 @@ def link_forces(
         Axial stiffness [N]; infinite for rigid links.
     least
         Least force of a guess along the chord [N], for a catenary without tension, as without weight.
+    drag
+        Further forces on the particles (n + 1, dims) [N].
 
     Returns
     -------
@@ -58,7 +82,7 @@ def link_forces(
 
     ends = chain.p.end_positions(np.zeros(1))[0]
     chord = ends[1] - ends[0]
-    loads = chain.loads(0.0)[1:-1]
+    loads = chain.loads(0.0)[1:-1] if drag is None else (chain.loads(0.0) + drag)[1:-1]
     _, _, _, q, across, against = load_plane(chain.p)
     force = statics[2] * across + (statics[3] - 0.5 * q * (chain.total_length - chain.length[0])) * against
     if not np.isfinite(force).all() or not force.any():
@@ -68,8 +92,8 @@ def link_forces(
     return forces, np.sqrt(square(forces)), gap
 
 
-def start(chain: LumpedChain) -> np.ndarray:
-    """Return the initial positions of a run (n + 1, dims) [m], by the scene's initial table or at rest."""
+def start(chain: LumpedChain, air: ChainAir | None = None) -> np.ndarray:
+    """Return the initial positions of a run (n + 1, dims) [m], by the scene's initial table or at rest in the wind."""
     p = chain.p
     if "points" in p.initial:
         return particles_on_line(chain, np.asarray(p.initial["points"], dtype=float))
@@ -77,8 +101,10 @@ def start(chain: LumpedChain) -> np.ndarray:
         if key in p.initial:
             length = solve_statics(p, key, p.initial[key], prefix="initial")[0]
             factor = length / chain.total_length
-            return rest_shape(replace(chain, length=factor * chain.length, arc_length=factor * chain.arc_length))[0]
-    return rest_shape(chain)[0]
+            return rest_shape(replace(chain, length=factor * chain.length, arc_length=factor * chain.arc_length), air)[
+                0
+            ]
+    return rest_shape(chain, air)[0]
 
 
 def particles_on_line(chain: LumpedChain, line: np.ndarray) -> np.ndarray:

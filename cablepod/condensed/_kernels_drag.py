@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from cablepod._jit import compiled
+from cablepod._jit import FAST_DIVISION, compiled
 
 
 @compiled(inline="always")
@@ -19,7 +19,7 @@ def _add_tension_damping(u, boundary_data, row, chord_tension, kappa, geometric_
             f[i] -= tension_damping * total
 
 
-@compiled(inline="always")
+@compiled(fastmath=FAST_DIVISION, forceinline=True)
 def _add_drag(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plane, f):
     """Add the drag to the accelerations f (r,): c |t| |u_n| u_n at points along the cable.
 
@@ -37,7 +37,7 @@ def _add_drag(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plan
         Place between the samples.
     drag : float array (points,)
         Quadrature weights [m] times c, half the density of the air times drag coefficient and diameter [kg/m2].
-    shapes, slopes, tests : float arrays (r, points)
+    shapes, slopes, tests : float arrays (points, r)
         Shapes of the coordinates, their slopes, and the test functions.
     n_in_plane : int
         Number of in-plane coordinates.
@@ -48,8 +48,8 @@ def _add_drag(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plan
     for g in range(drag.size):
         slope, rate = 0.0, 0.0
         for i in range(n_in_plane):
-            slope += slopes[i, g] * q[i]
-            rate += shapes[i, g] * u[i]
+            slope += slopes[g, i] * q[i]
+            rate += shapes[g, i] * u[i]
         along = wind[sample, 0, g] + share * (wind[sample + 1, 0, g] - wind[sample, 0, g])
         normal = wind[sample, 1, g] + share * (wind[sample + 1, 1, g] - wind[sample, 1, g]) - rate
         square, product = stretch * stretch + slope * slope, along * stretch + normal * slope
@@ -57,8 +57,8 @@ def _add_drag(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plan
         if q.size > n_in_plane:
             rate = 0.0
             for i in range(n_in_plane, q.size):
-                slope_out += slopes[i, g] * q[i]
-                rate += shapes[i, g] * u[i]
+                slope_out += slopes[g, i] * q[i]
+                rate += shapes[g, i] * u[i]
             binormal = wind[sample, 2, g] + share * (wind[sample + 1, 2, g] - wind[sample, 2, g]) - rate
             square += slope_out * slope_out
             product += binormal * slope_out
@@ -68,9 +68,9 @@ def _add_drag(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plan
         binormal -= product * slope_out
         factor = drag[g] * math.sqrt(square * (along * along + normal * normal + binormal * binormal))
         for i in range(n_in_plane):
-            f[i] += tests[i, g] * factor * normal
+            f[i] += tests[g, i] * factor * normal
         for i in range(n_in_plane, q.size):
-            f[i] += tests[i, g] * factor * binormal
+            f[i] += tests[g, i] * factor * binormal
 
 
 @compiled

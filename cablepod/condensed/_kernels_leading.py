@@ -225,7 +225,7 @@ def leading_verlet(
     tension_damping
         Damping by the tension [s]; None without.
     wind, samples_per_second, drag, drag_shapes
-        Wind with its sampling from the start of the run on [1/s], weights, and shapes, slopes and test functions (3, r, points)
+        Wind with its sampling from the start of the run on [1/s], weights, and shapes, slopes and test functions (3, points, r)
         of :func:`cablepod.condensed._kernels_drag._add_drag`; None without.
     boundary_data
         See :func:`cablepod.condensed._kernels_frame.frames`; one row for each step.

@@ -18,6 +18,7 @@ from cablepod.parameters._checks import choice
 from cablepod.parameters._from_scene import parameters as parameters_of
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._notes import warn_of_unusual
+from cablepod.wind._air import check_no_wind
 
 #: Orders of prepared models.
 ORDERS = ("leading", "exact")
@@ -110,6 +111,9 @@ def _check_scene(p: Parameters) -> None:
         raise scene_error(p.point_loads[0].key, "a point load", "uniform loads only; try: condensed.simulate")
     if p.load_factor is not None:
         raise scene_error("load.kind", p.load_factor.kind, "steady uniform loads only; try: condensed.simulate")
+    check_no_wind(p, "condensed.simulate")
+    if p.bare is not None:
+        raise scene_error("ice.thickness", 0.5 * (p.diameter - p.bare.diameter), "0 m; try: condensed.simulate")
     if p.tension_damping is not None:
         raise scene_error("damping.tension_proportional", p.tension_damping, "none; try: condensed.simulate")
     if p.initial:

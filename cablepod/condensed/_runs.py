@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, NoReturn
 
 import numpy as np
+import xarray as xr
 
 from cablepod._resources import check_memory
+from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._estimate import estimate, motion_of, sample_interval
 from cablepod.condensed._fields import CondensedTrajectory, positions
 from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE, UNSTABLE_STEP
@@ -32,7 +34,7 @@ from cablepod.integrate._step_control import (
     refine_step,
 )
 from cablepod.integrate._window import ExtremesWindow
-from cablepod.parameters._parameters import Parameters
+from cablepod.wind._air import air_of
 
 SCHEMES = ("velocity_verlet", "trapezoidal", FOURTH_ORDER)
 #: Schemes by order of the model.
@@ -67,6 +69,7 @@ class CondensedRequest(Request):
     """Checked options of a run of the condensed model."""
 
     links: np.ndarray | None = None  #: indices, from 0, of the links whose tensions are computed; None for all
+    wind: xr.Dataset | None = None  #: field of the wind, in place of that of the scene
 
 
 class CondensedResult(NamedTuple):
@@ -96,26 +99,23 @@ def solve(
     p = model.chain.p
     times = request.instants(p)
     check_memory(times.size, model.chain.links, p.dims, key="times", variables=3)
-    q0, v0 = model.initial()
-    acceleration, chord_tension, omega_squared = model.initial_forces
+    state_at_start, air = _start(model, float(times[-1]), request.wind)
+    omega_squared = model.omega_max_squared(state_at_start.q, model.initial_boundary_data, state_at_start.chord_tension)
     limit = 2.0 / math.sqrt(omega_squared)
     scheme, step = request.scheme, request.step
     fits = step is None and request.given_tolerance is None
     estimates = "error_estimate" in request.outputs
-    if has_velocity_terms(p):  # the equation of the error has no such terms
+    has_rates = p.tension_damping is not None or air is not None
+    if has_rates:  # the equation of the error has no such terms
         fits, estimates = False, False
-    if scheme is None:
-        scheme = _default_scheme(model, limit, step, fits)
-    elif scheme not in SCHEMES_OF[model.order]:
-        names = ", ".join(f'"{name}"' for name in SCHEMES_OF[model.order])
-        raise scene_error("scheme", scheme, f'one of {names} with order "{model.order}"')
-    elif has_velocity_terms(p) and scheme != SCHEMES[0]:
-        raise scene_error("scheme", scheme, f'"{SCHEMES[0]}" with damping.tension_proportional')
-    start, end_time = InitialState(q0, v0, acceleration, chord_tension), float(times[-1])
+    scheme = _scheme_of(model, scheme, limit, step, fits=fits, has_rates=has_rates)
+    start, end_time = state_at_start, float(times[-1])
     if step is None or estimates:
         omega_squared = max(omega_squared, model.omega_taut_squared(end_time, FIT_INTERVALS if fits else 1000))
     sampled = omega_squared if (estimates or fits) and end_time > 0.0 else 0.0
-    run = CondensedRun(model, times, start, request.outputs, request.links, progress, scheme, sampled, request.window)
+    run = CondensedRun(
+        model, times, start, request.outputs, request.links, progress, scheme, sampled, request.window, air
+    )
     if step is not None:
         if run.stable_phase < math.inf:
             longest = 0.5 * run.stable_phase * limit
@@ -127,12 +127,13 @@ def solve(
         return CondensedResult(
             run, state, 1.0 / step, limit, None, None, run.model_error(state) if estimates else np.nan
         )
-    first_step = min(_unforced_step(run, omega_squared), p.shortest_time_scale / STEPS_PER_CHANGE)
+    of_wind = math.inf if air is None else 0.5 / air.air.samples_per_second
+    first_step = min(_unforced_step(run, omega_squared), p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
     steps_per_second = preferred_steps_per_second(1.0 / first_step)
     if fits:
         return _fitted(run, whole_steps_per_second(steps_per_second), limit)
     chord = float(np.linalg.norm(p.upper - p.lower))
-    initial = positions(model, q0[None], np.zeros(1))[0]
+    initial = positions(model, start.q[None], np.zeros(1))[0]
 
     def position(state: CondensedTrajectory) -> np.ndarray:
         return positions(model, state.q, state.instants.times)
@@ -147,14 +148,34 @@ def solve(
     return CondensedResult(run, state, steps_per_second, limit, time_error, tolerance, error)
 
 
-def has_velocity_terms(p: Parameters) -> bool:
-    """Whether forces depend on the rates beyond the damping by mass, which velocity Verlet alone contains."""
-    return p.tension_damping is not None
+def _start(model: CondensedModel, end_time: float, wind: xr.Dataset | None) -> tuple[InitialState, CondensedAir | None]:
+    """Return the initial state, and the air along the cable until `end_time` [s]; None for still air."""
+    cable_air = air_of(model.chain.p, end_time, wind)
+    if cable_air is None:
+        acceleration, chord_tension, _ = model.initial_forces
+        return InitialState(*model.initial(), acceleration, chord_tension), None
+    air = CondensedAir(model, cable_air, end_time)
+    q, rates = air.initial()
+    acceleration, _, chord_tension = model.force(q, rates, model.initial_boundary_data)
+    return InitialState(q, rates, acceleration + air.acceleration(q, rates), chord_tension), air
 
 
-def _default_scheme(model: CondensedModel, limit: float, step: float | None, fits: bool) -> str:
-    """Return the scheme for a stability limit of explicit steps [s]; `fits` is whether the run chooses step and tolerance."""
-    if has_velocity_terms(model.chain.p):
+def _scheme_of(
+    model: CondensedModel, scheme: str | None, limit: float, step: float | None, *, fits: bool, has_rates: bool
+) -> str:
+    """Return the given scheme, or the default one for a stability limit of explicit steps [s].
+
+    `fits` is whether the run chooses step and tolerance; `has_rates`, whether forces depend on the rates beyond the damping by
+    mass, which velocity Verlet alone contains.
+    """
+    if scheme is not None:
+        if scheme not in SCHEMES_OF[model.order]:
+            names = ", ".join(f'"{name}"' for name in SCHEMES_OF[model.order])
+            raise scene_error("scheme", scheme, f'one of {names} with order "{model.order}"')
+        if has_rates and scheme != SCHEMES[0]:
+            raise scene_error("scheme", scheme, f'"{SCHEMES[0]}" with wind or damping.tension_proportional')
+        return scheme
+    if has_rates:
         return SCHEMES[0]
     _, chord_tension, omega_squared = model.initial_forces
     taut = max(abs(chord_tension) * model.slope_norms_squared.max(), 1e-300)
@@ -243,6 +264,8 @@ class CondensedRun:
     sampled_omega_squared: float = 0.0
     #: Part of the run over which extremes and means are taken [s]; None for all
     window: tuple[float, float] | None = None
+    #: Air along the cable; None for still air
+    air: CondensedAir | None = None
 
     @property
     def explicit(self) -> bool:

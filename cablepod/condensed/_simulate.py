@@ -38,6 +38,7 @@ def simulate(
     outputs: tuple[str, ...] = ("position", "error_estimate"),
     links: Any = None,
     window: tuple[float, float] | None = None,
+    wind: xr.Dataset | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Simulate a cable that is quasi-static along its chord, on modes of its deflection.
@@ -83,6 +84,9 @@ def simulate(
         Numbers, from 1 at the lower end, of the links whose tensions are computed; all by default.
     window
         Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
+    wind
+        Field of :func:`cablepod.wind.field`, or a record with the same variables, in place of the wind of the scene; order
+        "leading" only.
     progress
         Callback receiving the completed fraction, which never falls and ends at 1.
 
@@ -144,7 +148,10 @@ def simulate(
         allowed=(*OUTPUTS, "error_estimate"),
         progress=progress,
         links=None if links is None else check_links(links, modes),
+        wind=wind,
     )
+    if wind is not None and order != "leading":
+        raise scene_error("order", order, '"leading" with wind')
     if quadrature is not None and "tension_extremes" in request.outputs:
         raise scene_error("outputs", "tension_extremes", "none with quadrature, because they are computed on links")
     content = SceneContent.of(scene)
@@ -175,7 +182,7 @@ def simulate(
     return request.record(
         result,
         function="condensed.simulate",
-        inputs=[scene, modes],
+        inputs=[scene, modes] if wind is None else [scene, modes, wind],
         given={"rank": rank, "scheme": scheme},
         scene_digest=content.digest,
         rank=unit.rank,

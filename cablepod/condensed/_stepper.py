@@ -50,9 +50,9 @@ class CondensedStepper:
         damping = model.chain.p.tension_damping
         #: Rates one and a half steps before the start, damping by the tension, and wind; None for absent terms.
         self._velocity_terms: tuple[Any, ...] = (None,) * 6
-        if damping is not None:
+        if damping is not None or run.air is not None:
             before = 3.0 * self.v - 2.0 * run.start.rates  # the prediction at the start gives the rates there
-            self._velocity_terms = (before, damping, None, None, None, None)
+            self._velocity_terms = (before, damping, *((None,) * 4 if run.air is None else run.air.arguments))
         self.previous_acceleration = self.acceleration.copy()
         # the kernels compare frequencies of the modes, without the amplification by test functions
         limit = run.stable_phase**2 * steps_per_second**2 / model.frequency_amplification

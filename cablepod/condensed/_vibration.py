@@ -9,6 +9,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod._inputs import SCENE, taken
+from cablepod.chain._air import ChainAir
 from cablepod.chain._start import rest_shape
 from cablepod.conventions import COORDINATES, FEATURES, label
 from cablepod.discretisation._chain import LumpedChain, chain_of
@@ -23,6 +24,7 @@ from cablepod.pod import _normal as pod_normal
 from cablepod.pod._label import fix_sign
 from cablepod.pod._snapshots import tributary_weights
 from cablepod.pod._training_range import add_training_range
+from cablepod.wind._air import mean_air_of
 
 #: Similarity numbers that vanish at rest.
 MOTION_FEATURES = ("end_motion", "end_acceleration", "frequency")
@@ -40,7 +42,8 @@ def vibration_modes(
     Parameters
     ----------
     scene
-        A scene with both ends held and without ``member``.  Positions of the ends and loads are those at time 0.
+        A scene with both ends held and without ``member``.  Positions of the ends and loads are those at time 0, with the mean
+        wind of the start and with ice.
     rank
         Number of modes of each deflection, at most the number of inner particles.
     static_modes
@@ -157,7 +160,8 @@ class RestTangent(NamedTuple):
 
 def tangents_at_rest(chain: LumpedChain) -> list[RestTangent]:
     """Return the tangent of each deflection at rest."""
-    position, tension = rest_shape(chain)
+    air = mean_air_of(chain.p)
+    position, tension = rest_shape(chain, None if air is None else ChainAir(chain, air))
     stretch = chain.stretch(position)
     frame = ChordFrame.of((position[-1] - position[0])[None])
     direction = np.diff(position, axis=0) / (stretch * chain.length)[:, None]

@@ -16,6 +16,7 @@ from cablepod.galerkin._model import GalerkinModel
 from cablepod.parameters._parameters import Parameters
 from cablepod.pod._project import mean_of, mode_fields
 from cablepod.pod._snapshots import relative_arc_length
+from cablepod.wind._air import check_no_wind
 
 #: Number of models kept between calls.
 KEPT_MODELS = 32
@@ -49,6 +50,7 @@ def model_of(p: Parameters, modes: xr.Dataset, *, rank: int | None, law: str) ->
         raise scene_error(
             "damping.link_viscosity", p.link_viscosity, "none for a reduced model; use damping.mass_proportional"
         )
+    check_no_wind(p, "condensed.simulate or chain.simulate")
     if p.tension_damping is not None:
         raise scene_error(
             "damping.tension_proportional",

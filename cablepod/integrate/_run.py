@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Protocol
 
 import numpy as np
 import xarray as xr
@@ -15,7 +15,7 @@ from cablepod._resources import check_memory
 from cablepod.conventions import label
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._similarity import describe
-from cablepod.integrate._energy_check import check_energy, max_energy_of_run
+from cablepod.integrate._energy_check import ENERGY_STOP, check_energy, max_energy_of_run
 from cablepod.integrate._means import Means, means, wants_means, with_steps_of_means
 from cablepod.integrate._output import (
     Extremes,
@@ -37,6 +37,31 @@ from cablepod.integrate._window import ExtremesWindow, window_attributes
 JUDGED_INSTANTS = 64
 #: Rounding error of a link's stretch over its coordinates in links.
 ROUNDING = 16.0 * float(np.finfo(float).eps)
+
+
+class ParticleAir(Protocol):
+    """Drag of the wind on the particles of a chain."""
+
+    @property
+    def drag(self) -> float:
+        """Half the density of the air times drag coefficient and diameter [kg/m2]."""
+
+    @property
+    def samples_per_second(self) -> float:
+        """Samples of the velocity of the air per second."""
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Velocity of the air (samples, dims, n + 1) [m/s]."""
+
+    def hold(self, tension: float, step: float) -> int:
+        """Return the number of explicit steps [s] from one evaluation of the drag to the next, for a tension [N]."""
+
+    def force(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Return the drag on the particles (n + 1, dims) [N] at the start."""
+
+    def energy_bound(self, position: np.ndarray) -> float:
+        """Return the work of the largest drag over the reach of the cable [J]."""
 
 
 @dataclass
@@ -87,6 +112,8 @@ class ChainRun:
     window: tuple[float, float] | None = field(default=None, kw_only=True)
     #: Further instants at which runs are compared, see :meth:`judged_instants` [s]; None without
     judged: np.ndarray | None = field(default=None, kw_only=True)
+    #: Drag of the wind on the particles; None for still air
+    air: ParticleAir | None = field(default=None, kw_only=True)
 
     @property
     def scheme(self) -> str:
@@ -148,7 +175,8 @@ class ChainRun:
         rates = np.zeros_like(self.initial)
         rates[0], rates[-1] = p.end_positions(np.zeros(1), 1)[0]
         rates[free] = 0.0
-        return self.chain.forces(self.initial, rates) + self.chain.loads(0.0)
+        total = self.chain.forces(self.initial, rates) + self.chain.loads(0.0)
+        return total if self.air is None else total + self.air.force(self.initial, rates)
 
     def state(
         self,
@@ -289,9 +317,14 @@ class ChainRun:
 
     def check_energy(self, state: Trajectory) -> Trajectory:
         """Stop a run with excessive strain energy, see :mod:`cablepod.integrate._energy_check`."""
-        energy, excess, broken = check_energy(
-            self.chain, self.initial, self.energy_bound, state.instants.times, state.position
-        )
+        if self.air is None:
+            energy, excess, broken = check_energy(
+                self.chain, self.initial, self.energy_bound, state.instants.times, state.position
+            )
+        else:  # the work of the wind until an instant is not bounded
+            energy = self.chain.strain_energy(state.position)
+            excess = energy / (self.energy_bound + self.air.energy_bound(self.initial))
+            broken = np.where(excess > ENERGY_STOP, excess, 0.0)
         state.diagnostics["energy_excess"] = float(excess.max(initial=0.0))
         if broken.any():
             first = int(np.argmax(broken > 0.0))

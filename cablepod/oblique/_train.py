@@ -30,6 +30,7 @@ from cablepod.pod import _normal as pod_normal
 from cablepod.pod._snapshots import positions, relative_arc_length
 from cablepod.pod._training_range import add_training_range, range_of, union_of_ranges
 from cablepod.reduced._validity import MAX_LOG_GROWTH
+from cablepod.wind._air import check_no_wind
 
 #: Fractions of the runs that are fitted in turn.  Over the whole run at once a late phase error says little about its cause, and
 #: the search ends in one of many local minima.
@@ -252,6 +253,7 @@ def _training_case(
     if "member" in scene.dims:
         raise scene_error("scenes", f"members of scene {number}", "single scenes, isel(member=...)")
     p = parameters(scene)
+    check_no_wind(p, "condensed.simulate with modes that have no trained test functions")
     model = model_of(p, modes, **options)
     sigma, run_sigma = relative_arc_length(modes), relative_arc_length(run)
     if sigma.shape != run_sigma.shape or np.abs(sigma - run_sigma).max() > SIGMA_ATOL:

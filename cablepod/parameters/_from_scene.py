@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
 from typing import Any, overload
@@ -17,11 +17,14 @@ from cablepod.parameters._checks import choice
 from cablepod.parameters._key_paths import motion_path, point_load_path, table_at, variable_name
 from cablepod.parameters._keys import (
     CABLE,
+    ICE,
     INITIAL,
     LENGTH_KEYS,
     POINT_LOAD,
     TABLES,
+    TURBULENCE,
     WEIGHT_KEYS,
+    WIND,
     exactly_one,
     time_function_keys,
 )
@@ -122,6 +125,7 @@ class Members(Sequence[Parameters]):
             or "damping_link_viscosity" in self.varied
             or p.tension_damping is not None
             or "damping_tension_proportional" in self.varied
+            or any(name.startswith(("wind_", "ice_")) for name in names)
             or any(motion.kind not in SINES for motion in p.motions.values())
             or any(name.startswith("motion_") and name.endswith("_ramp") for name in names)
         )
@@ -171,7 +175,7 @@ def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float
         weight[..., 1], mass = -downward, downward / gravity
     motions = {key: _time_function(values, motion_path(*key)) for key in product(ENDS, COORDINATES[:dims])}
     time, chain, damping = (table_at(values, name, TABLES[name]) for name in ("time", "chain", "damping"))
-    return Parameters(
+    result = Parameters(
         stiffness=number(cable["youngs_modulus"]) * area,
         area=area,
         mass=mass,
@@ -195,7 +199,23 @@ def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float
         link_viscosity=_nonzero(damping, "link_viscosity", number),
         tension_damping=_nonzero(damping, "tension_proportional", number),
         breaking_strength=number(cable["breaking_strength"]) if "breaking_strength" in cable else None,
+        diameter=number(cable["diameter"]) if "diameter" in cable else None,
+        drag_coefficient=number(cable.get("drag_coefficient", 1.2)),
+        wind=table_at(values, "wind", WIND) or None,
+        turbulence=table_at(values, "wind.turbulence", TURBULENCE) or None,
     )
+    ice = table_at(values, "ice", ICE)
+    return _with_ice(result, number(ice["thickness"]), number(ice["density"]), gravity) if ice else result
+
+
+def _with_ice(p: Parameters, thickness: Any, density: Any, gravity: Any) -> Parameters:
+    """Return the cable with ice, which adds mass, weight and diameter, and neither stiffness nor length."""
+    if not np.any(thickness):
+        return p
+    mass = density * np.pi * thickness * (p.diameter + thickness)
+    weight = p.weight.copy()
+    weight[..., 1] -= mass * gravity
+    return replace(p, mass=p.mass + mass, weight=weight, diameter=p.diameter + 2.0 * thickness, bare=p)
 
 
 def _check_present(path: str, table: Mapping[str, Any], needed: tuple[str, ...]) -> None:

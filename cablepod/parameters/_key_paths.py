@@ -45,6 +45,9 @@ def _dotted(path: str) -> str:
     if motion:
         return f"motion.{motion[1]}.{motion[2]}.{motion[3]}"
     load = re.fullmatch(r"point_load_(\d+)_(\w+)", path)
+    gusts = re.fullmatch(r"wind_turbulence_(\w+)", path)
+    if gusts and gusts[1] in TABLES["wind.turbulence"]:
+        return f"wind.turbulence.{gusts[1]}"
     table, key = (f"point_load.{load[1]}", load[2]) if load else path.split("_", 1) if "_" in path else ("", "")
     known = POINT_LOAD if load else {**TABLES, "ensemble": ENSEMBLE}.get(table, {})
     factors = {"kind", *chain.from_iterable(time_function_keys("1").values())} if load or table == "load" else set()
@@ -234,6 +237,8 @@ def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:
         keys |= TABLES.get(tables[0], {})
     elif len(tables) == 2 and tables[0] == "point_load":
         keys |= POINT_LOAD
+    elif len(tables) == 2:
+        keys |= TABLES.get(".".join(tables), {})
     kind = variable_name(".".join([*tables, "kind"]))
     if tables[0] in ("motion", "load", "point_load") and kind in scene and not scene[kind].dims:
         keys |= time_function_keys("m" if tables[0] == "motion" else "1")[str(scene[kind].values)]

@@ -46,6 +46,8 @@ CABLE = {
     "unstretched_length": Key(number(above=0.0), "m", "unstretched length of the cable"),
     "strand": Key(text, None, "strand of the shipped table, which gives the keys that are missing"),
     "breaking_strength": _force("breaking strength of the cable"),
+    "diameter": Key(number(above=0.0), "m", "diameter of the cable, on which the wind acts"),
+    "drag_coefficient": Key(number(least=0.0), "1", "drag coefficient of the cable, 1.2 by default"),
 }
 LENGTH_KEYS = ("top_tension", "bottom_tension", "horizontal_force", "unstretched_length")
 WEIGHT_KEYS = ("specific_weight", "density")
@@ -82,6 +84,32 @@ ENSEMBLE = {
     "seed": Key(integer(least=0), "1", "seed of the sampling", default=0),
     "sampling": Key(choice("latin_hypercube", "list", "sobol", "grid"), None, "sampling", default="latin_hypercube"),
 }
+PROFILES = ("logarithmic", "power", "uniform")
+SPECTRA = ("kaimal", "von_karman", "davenport")
+WIND = {
+    "speed": Key(number(least=0.0), "m s-1", "mean wind speed at the reference height", required=True),
+    "direction": Key(point, "1", "direction into which the wind blows, horizontal", required=True),
+    "profile": Key(choice(*PROFILES), None, "profile of the mean wind speed", default=PROFILES[0]),
+    "exponent": Key(number(least=0.0, most=1.0), "1", "exponent of the power profile"),
+    "roughness_length": Key(number(above=0.0), "m", "roughness length of the ground", default=0.03),
+    "reference_height": Key(
+        number(above=0.0), "m", "height above the ground at which the speed is given", default=10.0
+    ),
+    "ground": Key(number(), "m", "height of the ground", default=0.0),
+    "air_density": Key(number(above=0.0), "kg m-3", "density of the air", default=1.25),
+    "ramp": Key(number(least=0.0), "s", "time from still air to the full wind", default=0.0),
+}
+TURBULENCE = {
+    "spectrum": Key(choice(*SPECTRA), None, "spectrum of the turbulence", required=True),
+    "intensity": Key(number(above=0.0, most=1.0), "1", "standard deviation over mean speed at the reference height"),
+    "length_scale": Key(number(above=0.0), "m", "length scale of the turbulence along the wind"),
+    "decay": Key(numbers_list(least_length=2, above=0.0), "1", "decay of the coherence, vertical and across the wind"),
+    "seed": Key(integer(least=0), "1", "seed of the turbulence", default=0),
+}
+ICE = {
+    "thickness": Key(number(least=0.0), "m", "thickness of the ice, grown after tensioning", required=True),
+    "density": Key(number(above=0.0), "kg m-3", "density of the ice", default=700.0),
+}
 TABLES: Mapping[str, Mapping[str, Key]] = {
     "cable": CABLE,
     "ends": ENDS,
@@ -90,6 +118,9 @@ TABLES: Mapping[str, Mapping[str, Key]] = {
     "chain": CHAIN,
     "initial": INITIAL,
     "damping": DAMPING,
+    "wind": WIND,
+    "wind.turbulence": TURBULENCE,
+    "ice": ICE,
 }
 OTHER_TABLES = ("motion", "point_load", "ensemble")
 

@@ -56,6 +56,13 @@ class Parameters:
     link_viscosity: float | None  #: [s]
     tension_damping: float | None  #: damping force per tension and rate of slope [s]
     breaking_strength: Any  #: [N]; None without
+    diameter: Any = None  #: of the cable with its ice [m]; None without
+    drag_coefficient: Any = 1.2
+    wind: Mapping[str, Any] | None = None  #: values of the table [wind]; None for still air
+    turbulence: Mapping[str, Any] | None = None  #: values of the table [wind.turbulence]; None for steady wind
+    bare: Parameters | None = (
+        None  #: the same cable without its ice, to which the given tension belongs; None without ice
+    )
 
     @cached_property
     def dims(self) -> int:

@@ -31,6 +31,7 @@ from cablepod.rigid._ends import check_ends
 from cablepod.rigid._runs import DRIFT_WARN, FORMULATIONS, ROTATION_WARN, RigidRun
 from cablepod.rigid._start import rest_shape, start
 from cablepod.scene._notes import warn_of_unusual
+from cablepod.wind._air import check_no_wind
 
 #: Maximum rotation of a link per step of the first run [rad].
 ROTATION_PER_STEP = 0.1
@@ -224,6 +225,7 @@ def _chain(p: Parameters, links: int | None) -> LumpedChain:
             p.link_viscosity,
             "none, as rigid links do not stretch; mass_proportional is possible",
         )
+    check_no_wind(p, "chain.simulate")
     if p.tension_damping is not None:
         raise scene_error(
             "damping.tension_proportional", p.tension_damping, "none; try: chain.simulate, or damping.mass_proportional"

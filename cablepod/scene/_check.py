@@ -32,6 +32,7 @@ from cablepod.scene._files import read_record
 from cablepod.scene._limits import LONGEST, SHORTEST
 from cablepod.scene._ranges import check_ranges, with_counts_expanded
 from cablepod.scene._strands import with_strand
+from cablepod.scene._wind import check_wind
 
 
 def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -42,6 +43,8 @@ def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     _check_names(mapping)
     tree = check_table("", {key: mapping[key] for key in mapping if key in TOP}, TOP)
     for name, keys in TABLES.items():
+        if name.startswith("wind"):
+            continue
         if name == "load" and name in mapping:
             tree[name] = _check_with_factor(name, mapping[name], keys, folder)
         elif name in mapping:
@@ -52,6 +55,10 @@ def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     _check_chain(tree)
     _check_initial(tree, dims)
     _check_time(tree)
+    if "wind" in mapping:
+        tree["wind"] = check_wind(mapping["wind"], tree["cable"], dims)
+    if "ice" in tree and "diameter" not in tree["cable"]:
+        raise SceneError("cable.diameter: missing; allowed: a diameter [m], on which the ice grows")
     if "load" in tree:
         _check_vector("load.uniform", tree["load"]["uniform"], dims)
     if "motion" in mapping:
@@ -64,7 +71,7 @@ def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _check_names(mapping: Mapping[str, Any]) -> None:
-    allowed = [*TOP, *TABLES, *OTHER_TABLES]
+    allowed = [*TOP, *(name for name in TABLES if "." not in name), *OTHER_TABLES]
     for name in mapping:
         if name not in allowed:
             raise SceneError(

@@ -128,7 +128,7 @@ def _to_dataset(tree: dict[str, Any]) -> xr.Dataset:
     """Make the variables of a checked scene."""
     variables = {"gravity": _variable("gravity", tree["gravity"], TOP["gravity"])}
     for table, keys in TABLES.items():
-        values = tree.get(table, {})
+        values = tree.get("wind", {}).get("turbulence", {}) if table == "wind.turbulence" else tree.get(table, {})
         variables |= _table_variables(table, values, {name: keys[name] for name in values if name in keys})
     variables |= _time_function_variables("load", tree.get("load", {}), "1", "factor of the uniform load")
     for end, axes in tree.get("motion", {}).items():

@@ -25,7 +25,7 @@ LAYERS = (
     ("_inputs",),
     ("catenary", "batch"),
     ("scene", "discretisation", "archive"),
-    ("integrate", "pod", "reduced", "examples"),
+    ("integrate", "pod", "reduced", "examples", "wind"),
     ("chain", "compare", "fatigue", "plots"),
     ("cable", "rigid", "condensed"),
     ("galerkin", "oblique", "periodic"),

@@ -28,7 +28,11 @@ MISTAKES = [
     ("ends.left", [0, 0], r"^ends\.left: unknown key; allowed: lower, upper, free$"),
     ("time.step", 1.0, r"^time\.step: unknown key; allowed: duration, interval$"),
     ("chain.elements", 5, r"^chain\.elements: unknown key; allowed: links, link_lengths$"),
-    ("damping.viscous", 5.0, r"^damping\.viscous: unknown key; allowed: mass_proportional, link_viscosity$"),
+    (
+        "damping.viscous",
+        5.0,
+        r"^damping\.viscous: unknown key; allowed: mass_proportional, link_viscosity, tension_proportional$",
+    ),
     ("motion.top", {}, r"^motion\.top: unknown key; allowed: lower, upper$"),
     ("motion.upper.z", RAMP, r"^motion\.upper\.z: unknown axis; allowed: x, y$"),
     (

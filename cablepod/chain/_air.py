@@ -1,0 +1,76 @@
+"""Drag of the wind on the particles of a chain: tables of the kernels, forces at the start, interval of its evaluation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cablepod.discretisation._chain import LumpedChain
+from cablepod.wind._air import CableAir, refined
+
+#: Maximum number of explicit steps from one evaluation of the drag to the next.
+MAX_HOLD = 8
+#: Maximum time of these steps over the shortest transverse period at the start (a fifth of it leaves room for a tension four
+#: times as large).
+HOLD_OVER_PERIOD = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class ChainAir:
+    """Velocity of the air at the particles of a chain."""
+
+    chain: LumpedChain
+    air: CableAir
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Velocity of the air (samples, dims, n + 1) [m/s]."""
+        return self._velocity
+
+    @cached_property
+    def _velocity(self) -> np.ndarray:
+        """Velocity of the air (samples, dims, n + 1) [m/s]."""
+        at_particles = self.air.at(self.chain.arc_length / self.chain.total_length)
+        return np.ascontiguousarray(np.moveaxis(refined(at_particles), 1, 2))
+
+    @property
+    def drag(self) -> float:
+        """Half the density of the air times drag coefficient and diameter [kg/m2]."""
+        return self.air.drag
+
+    @property
+    def samples_per_second(self) -> float:
+        """Samples of the velocity per second."""
+        return self.air.samples_per_second * self.air.refinement
+
+    def force(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Return the drag on all particles (n + 1, dims) [N] at the start; 0 at held ones."""
+        from cablepod.chain import _kernels_drag as kernel
+
+        free, force = self.chain.free_particles, np.empty(position.shape[::-1])
+        x, v = np.ascontiguousarray(position.T), np.ascontiguousarray(velocity.T)
+        kernel.drag_forces(x, v, self.velocity, 0.0, self.drag, free.start, free.stop, force, np.empty(len(position)))
+        return force.T
+
+    def at_rest(self, position: np.ndarray) -> np.ndarray:
+        """Return the drag of the mean wind on all particles at rest (n + 1, dims) [N]."""
+        return self._steady.force(position, np.zeros_like(position))
+
+    @cached_property
+    def _steady(self) -> ChainAir:
+        return ChainAir(self.chain, self.air.steady)
+
+    def energy_bound(self, position: np.ndarray) -> float:
+        """Return the work of the largest drag over the reach of the cable [J]."""
+        reach = self.chain.total_length + float(np.abs(position[-1] - position[0]).sum())
+        return self.drag * self.air.largest_speed**2 * self.chain.total_length * reach
+
+    def hold(self, tension: float, step: float) -> int:
+        """Return the number of explicit steps [s] from one evaluation to the next, for the largest tension at the start [N]."""
+        chain = self.chain
+        mass = chain.p.mass * chain.tributary_length[1:-1].min()
+        omega = 2.0 * math.sqrt(max(tension, 1e-300) / (chain.length.min() * mass))
+        return max(1, min(MAX_HOLD, int(HOLD_OVER_PERIOD * 2.0 * math.pi / (omega * step))))

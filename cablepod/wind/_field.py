@@ -1,0 +1,154 @@
+"""Public function: velocity of the air at points, over time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import provenance
+from cablepod.batch._members import over_members
+from cablepod.conventions import COORDINATES
+from cablepod.errors import SceneError, scene_error
+from cablepod.parameters._checks import integer, numbers_list, point
+from cablepod.parameters._from_scene import SceneContent
+from cablepod.wind._air import INTERVAL, _interpolated, instants_until, mean_velocity, rest_points, turbulence_at
+
+
+@over_members
+def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, points: Any = None) -> xr.Dataset:
+    """Compute the velocity of the air: mean wind and turbulence at points, over time.
+
+    Parameters
+    ----------
+    scene
+        A scene with the table ``[wind]``, with or without ``member``.
+    times
+        Instants [s], rising from 0 on; by default every 0.1 s until the duration of the scene.  The turbulence is made at
+        intervals of 0.1 s and is linear between them.
+    seed
+        Seed of the turbulence, instead of the scene's.
+    points
+        Positions (points, coordinates) [m]; by default 41 points along the cable at rest in still air, at equal intervals of
+        the unstretched arc length.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``wind (time, point, component)`` [m/s], the velocity of the air along each axis, ``mean_wind (point, component)`` [m/s],
+        ``position (point, component)`` [m] and, on the cable, ``relative_arc_length (point)``.  What models take as ``wind=``.
+
+    Raises
+    ------
+    SceneError
+        For a scene without wind, a cable below the ground, and points below it.
+
+    Notes
+    -----
+    A sum of harmonics with the amplitudes of the spectrum and random phases, coupled by Davenport's coherence; both components
+    are independent of each other.  The turbulence is carried along with the mean speed at the reference height (Taylor's
+    hypothesis).  It depends on seed, spectrum, points and duration, on nothing else.
+
+    M. Shinozuka and G. Deodatis, Simulation of stochastic processes by spectral representation, Appl. Mech. Rev. 44, 191 (1991).
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> scene = cp.make_scene(
+    ...     {
+    ...         "cable": {"strand": "EHS 1/2 in", "top_tension": 15000.0, "diameter": 0.0127},
+    ...         "ends": {"lower": [0.0, 0.0], "upper": [20.4, 57.7]},
+    ...         "wind": {"speed": 25.0, "direction": [1.0, 0.0], "turbulence": {"spectrum": "kaimal", "seed": 7}},
+    ...         "time": {"duration": 60.0, "interval": 1.0},
+    ...     }
+    ... )
+    >>> wind = cp.wind.field(scene)
+    >>> wind.wind.dims, wind.sizes["point"], round(float(wind.wind.isel(point=-1).std()), 1) > 1.0
+    (('time', 'point', 'component'), 41, True)
+    """
+    p: Any = SceneContent.of(scene).parameters()
+    if p.wind is None:
+        raise SceneError("wind: missing; allowed: a scene with the table wind, which gives speed and direction")
+    if seed is not None:
+        integer(least=0)("seed", seed)
+        p = _with_seed(p, int(seed))
+    if times is None:
+        if p.duration is None:
+            raise SceneError("times: missing; allowed: instants [s], or a scene with time.duration")
+        time = INTERVAL * np.arange(instants_until(p.duration))
+    else:
+        time = np.array(numbers_list()("times", np.asarray(times).tolist() if _is_array(times) else times))
+        if time[0] < 0.0 or (np.diff(time) <= 0.0).any():
+            raise scene_error("times", times, "finite, rising instants from 0 on [s]")
+    if points is None:
+        sigma, position = rest_points(p)
+    else:
+        given = np.asarray(points).tolist() if _is_array(points) else points
+        if not isinstance(given, list | tuple) or not given:
+            raise scene_error("points", points, "a list of positions [m]")
+        places = [point(f"points[{number}]", place) for number, place in enumerate(given)]
+        if {len(place) for place in places} != {p.dims}:
+            raise scene_error("points", places[0], f"{p.dims} numbers each, as many as ends.lower has")
+        sigma, position = None, np.array(places)
+        ground = float(p.wind["ground"])
+        if position[:, 1].min() < ground:
+            raise scene_error("points", float(position[:, 1].min()), f"points above wind.ground, {ground:g} m")
+    mean = mean_velocity(p, position)
+    velocity = np.repeat(mean[None], time.size, axis=0)
+    if p.turbulence is not None:
+        turbulence = turbulence_at(p, position, max(float(time[-1]), p.duration or 0.0))
+        velocity += _interpolated(time, INTERVAL * np.arange(len(turbulence)), turbulence)
+    result = _labelled(p.dims, time, position, mean, velocity, sigma)
+    result.attrs.update(
+        title=f"{scene.attrs.get('title', 'scene')}: wind", stage="wind", seed=_seed(p), spectrum=_spectrum(p)
+    )
+    options = {"times": None if times is None else time, "seed": seed, "points": None if points is None else position}
+    return provenance.record(
+        result,
+        function="wind.field",
+        parameters=options,
+        inputs=[scene],
+        chosen=provenance.defaulted_options(**options),
+    )
+
+
+def _is_array(points: Any) -> bool:
+    return isinstance(points, np.ndarray | xr.DataArray)
+
+
+def _with_seed(p: Any, seed: int) -> Any:
+    from dataclasses import replace
+
+    return p if p.turbulence is None else replace(p, turbulence={**p.turbulence, "seed": seed})
+
+
+def _seed(p: Any) -> int:
+    return -1 if p.turbulence is None else int(p.turbulence["seed"])
+
+
+def _spectrum(p: Any) -> str:
+    return "none" if p.turbulence is None else str(p.turbulence["spectrum"])
+
+
+def _labelled(
+    dims: int, time: np.ndarray, position: np.ndarray, mean: np.ndarray, velocity: np.ndarray, sigma: np.ndarray | None
+) -> xr.Dataset:
+    """Return the Dataset of a field with units and long names."""
+    numbers = np.arange(1, len(position) + 1)
+    coords: dict[str, Any] = {
+        "time": ("time", time, {"units": "s", "long_name": "time since the start of the run"}),
+        "point": ("point", numbers, {"units": "1", "long_name": "number of the point"}),
+        "component": ("component", list(COORDINATES[:dims]), {"units": "1", "long_name": "axis of the velocity"}),
+    }
+    if sigma is not None:
+        label = {"units": "1", "long_name": "unstretched arc length from the lower end over that of the cable"}
+        coords["relative_arc_length"] = ("point", sigma, label)
+    return xr.Dataset(
+        {
+            "wind": (("time", "point", "component"), velocity, {"units": "m s-1", "long_name": "velocity of the air"}),
+            "mean_wind": (("point", "component"), mean, {"units": "m s-1", "long_name": "mean velocity of the air"}),
+            "position": (("point", "component"), position, {"units": "m", "long_name": "position of the point"}),
+        },
+        coords=coords,
+    )

@@ -1,0 +1,133 @@
+"""Turbulence at points as a sum of harmonics, by FFT."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from cablepod.batch._blas import one_blas_thread
+from cablepod.wind._profile import MIN_HEIGHT, mean_speed, spectra
+
+#: Number of frequencies at which the coherence is factorised; between them factors are linear in the frequency.
+FACTORISED = 48
+#: Share of the variance without coherence, which keeps the factorisation from failing where points coincide.
+INCOHERENT = 1e-9
+
+
+def gusts(
+    wind: Mapping[str, Any], turbulence: Mapping[str, Any], position: np.ndarray, count: int, interval: float, seed: int,
+    *, across: bool,
+) -> np.ndarray:  # fmt: skip
+    """Return one component of the turbulence (points, count) [m/s].
+
+    The harmonics k / (count interval) of each point have the amplitude of the spectrum and phases that the coherence couples.
+
+    Parameters
+    ----------
+    wind, turbulence
+        Tables [wind] and [wind.turbulence].
+    position
+        Points (points, dims) [m].
+    count, interval
+        Number of instants and their interval [s]; the turbulence is periodic with their product.
+    seed
+        Seed of the phases.
+    across
+        Whether the component is that across the mean wind.
+    """
+    from scipy.fft import irfft
+
+    harmonics = (count - 1) // 2
+    frequency = np.arange(1, harmonics + 1) / (count * interval)
+    height = np.maximum(position[:, 1] - float(wind["ground"]), MIN_HEIGHT)
+    direction = direction_of(wind)
+    along = position @ direction
+    generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, int(across)])))
+    phase = _turns(generator.random((len(position), harmonics)))
+    with one_blas_thread():  # the same order of sums on any number of threads, and faster for small matrices
+        coupled = _coupled(phase, frequency, *_separations(wind, turbulence, position, height, direction, along))
+    size = np.sqrt(2.0 * spectra(wind, turbulence, height, frequency, across=across) / (count * interval))
+    # Taylor's hypothesis: the turbulence is carried along by one speed
+    speed = max(float(mean_speed(wind, np.array(float(wind["reference_height"])))), 1e-300)
+    if np.ptp(along) > 0.0:
+        coupled *= _turns((along / -speed)[:, None] * frequency)
+    size *= 0.5 * count
+    amplitude = np.zeros((len(position), count // 2 + 1), dtype=complex)
+    np.multiply(coupled, size, out=amplitude[:, 1 : harmonics + 1])
+    return irfft(amplitude, count, axis=1)
+
+
+def _turns(turns: np.ndarray) -> np.ndarray:
+    """Return exp(2 pi i turns), five times as fast as the exponential of complex numbers."""
+    angle = 2.0 * np.pi * (turns - np.floor(turns))
+    result = np.empty(turns.shape, dtype=complex)
+    np.cos(angle, out=result.real)
+    np.sin(angle, out=result.imag)
+    return result
+
+
+def direction_of(wind: Mapping[str, Any]) -> np.ndarray:
+    """Return the unit vector of the mean wind (dims,)."""
+    direction = np.asarray(wind["direction"], dtype=float)
+    return direction / np.sqrt((direction * direction).sum())
+
+
+def across_of(wind: Mapping[str, Any]) -> np.ndarray | None:
+    """Return the horizontal unit vector across the mean wind (dims,); None in the plane."""
+    direction = direction_of(wind)
+    return np.array([-direction[2], 0.0, direction[0]]) if direction.size == 3 else None
+
+
+def _separations(
+    wind: Mapping[str, Any],
+    turbulence: Mapping[str, Any],
+    position: np.ndarray,
+    height: np.ndarray,
+    direction: np.ndarray,
+    along: np.ndarray,
+) -> tuple[np.ndarray]:
+    """Return the decay times of Davenport's coherence between all points (points, points) [s]."""
+    vertical, horizontal = (float(decay) for decay in np.asarray(turbulence["decay"]))
+    speed = np.maximum(mean_speed(wind, height), 1e-6 * max(float(wind["speed"]), 1e-300))
+    level = position - along[:, None] * direction
+    distance = level[:, None] - level[None, :]
+    up = distance[..., 1]
+    aside = np.sqrt(np.maximum((distance * distance).sum(axis=-1) - up * up, 0.0))
+    return (np.sqrt((vertical * up) ** 2 + (horizontal * aside) ** 2) / (0.5 * (speed[:, None] + speed[None, :])),)
+
+
+def _coupled(phase: np.ndarray, frequency: np.ndarray, decay: np.ndarray) -> np.ndarray:
+    """Return phases (points, frequencies) whose coherence is exp(-frequency decay)."""
+    points, count = phase.shape
+    knots = (
+        np.unique(np.geomspace(1, count, min(FACTORISED, count)).round().astype(int)) if count > 1 else np.array([1])
+    )
+    coherence = (1.0 - INCOHERENT) * np.exp(-frequency[knots - 1, None, None] * decay)
+    coherence[:, np.arange(points), np.arange(points)] = 1.0
+    factors = _factors(coherence)
+    result = np.empty_like(phase)
+    result[:, :1] = factors[0] @ phase[:, :1]
+    for k in range(knots.size - 1):
+        first, last = knots[k], knots[k + 1]
+        share = (np.arange(first + 1, last + 1) - first) / (last - first)
+        lower, upper = factors[k], factors[k + 1]
+        own = np.ascontiguousarray(phase[:, first:last]).view(float)
+        part = (lower @ own).view(complex) * (1.0 - share) + (upper @ own).view(complex) * share
+        # rows of the interpolated factors have the norm of one again
+        product = (lower * upper).sum(axis=1)[:, None]
+        square = (1.0 - share) ** 2 + share**2 + 2.0 * share * (1.0 - share) * product
+        result[:, first:last] = part / np.sqrt(square)
+    return result
+
+
+def _factors(coherence: np.ndarray) -> np.ndarray:
+    """Return lower factors L L^T of matrices (matrices, points, points); a share without coherence is added where they fail."""
+    share, points = 0.0, coherence.shape[-1]
+    for _ in range(8):
+        try:
+            return np.linalg.cholesky((1.0 - share) * coherence + share * np.eye(points))
+        except np.linalg.LinAlgError:
+            share = max(10.0 * share, 1e-8)
+    return np.linalg.cholesky((1.0 - share) * coherence + share * np.eye(points))

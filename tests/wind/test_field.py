@@ -1,0 +1,219 @@
+"""Wind at points: mean profiles, spectra, coherence, reproducibility, speed."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from scipy.fft import next_fast_len
+
+import cablepod as cp
+
+GUY = {
+    "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "top_tension": 15000.0, "diameter": 0.016},
+    "ends": {"lower": [0.0, 0.0, 0.0], "upper": [20.4, 57.7, 0.0]},
+    "chain": {"links": 20},
+    "time": {"duration": 60.0, "interval": 0.1},
+}
+WIND = {"speed": 25.0, "direction": [1.0, 0.0, 0.0]}
+KAIMAL = {**WIND, "turbulence": {"spectrum": "kaimal", "seed": 7}}
+
+
+def scene(wind=None, **tables):
+    return cp.make_scene({**GUY, "wind": wind or KAIMAL, **tables})
+
+
+def test_mean_profiles():
+    points = [[0.0, 10.0, 0.0], [0.0, 40.0, 0.0], [0.0, 0.02, 0.0]]
+    logarithmic = cp.wind.field(scene(WIND), points=points).mean_wind.sel(component="x").values
+    assert logarithmic == pytest.approx([25.0, 25.0 * np.log(40.0 / 0.03) / np.log(10.0 / 0.03), 0.0])
+    power = cp.wind.field(scene({**WIND, "profile": "power", "exponent": 0.16}), points=points).mean_wind[:, 0].values
+    assert power == pytest.approx([25.0, 25.0 * 4.0**0.16, 25.0 * 0.002**0.16])
+    oblique = cp.wind.field(scene({**WIND, "direction": [3.0, 0.0, -4.0], "profile": "uniform"}), points=points)
+    assert oblique.mean_wind.values == pytest.approx(np.tile([15.0, 0.0, -20.0], (3, 1)))
+    assert np.ptp(oblique.wind.values, axis=0).max() == 0.0
+    raised = cp.wind.field(scene({**WIND, "ground": -30.0}), points=points).mean_wind[0, 0]
+    assert float(raised) == pytest.approx(25.0 * np.log(40.0 / 0.03) / np.log(10.0 / 0.03))
+
+
+def kaimal(n, height, across):
+    """Spectra of Simiu and Scanlan, written out again [m2/s]."""
+    speed = 25.0 * np.log(height / 0.03) / np.log(10.0 / 0.03)
+    friction = 0.4 * 25.0 / np.log(10.0 / 0.03)
+    f = n * height / speed
+    shape = 15.0 * f / (1.0 + 9.5 * f) ** (5 / 3) if across else 200.0 * f / (1.0 + 50.0 * f) ** (5 / 3)
+    return friction**2 * shape / n
+
+
+def test_variances_and_covariances_of_kaimal_turbulence():
+    heights = np.array([10.0, 20.0, 40.0, 55.0])
+    points = np.column_stack([np.zeros(4), heights, np.zeros(4)])
+    windy = scene(time={"duration": 300.0, "interval": 1.0})
+    fields = [cp.wind.field(windy, seed=seed, points=points) for seed in range(200)]
+    parts = np.stack([(field.wind - field.mean_wind).values for field in fields])  # seed, time, point, component
+    assert np.abs(parts[..., 1]).max() == 0.0  # no vertical gusts
+    samples = parts.shape[1]
+    count = next_fast_len(int(np.ceil(300.0 / 0.1 * (1 - 1e-12))) + 2)
+    n = np.arange(1, (count - 1) // 2 + 1) / (0.1 * count)
+    assert samples == 3001
+    speed = 25.0 * np.log(heights / 0.03) / np.log(10.0 / 0.03)
+    for component, across in ((0, False), (2, True)):
+        spectra = np.array([kaimal(n, height, across) for height in heights])
+        expected = np.sqrt((spectra / (0.1 * count)).sum(axis=1))
+        covariance = np.einsum("stp,stq->pq", parts[..., component], parts[..., component]) / (200 * samples)
+        deviation = np.sqrt(np.diag(covariance))
+        assert deviation == pytest.approx(expected, rel=0.015)
+        for p in range(4):
+            for q in range(p):
+                decay = 10.0 * abs(heights[p] - heights[q]) / (0.5 * (speed[p] + speed[q]))
+                coupled = (np.sqrt(spectra[p] * spectra[q]) * np.exp(-n * decay) / (0.1 * count)).sum()
+                assert covariance[p, q] / expected[p] / expected[q] == pytest.approx(
+                    coupled / expected[p] / expected[q], abs=0.015
+                )
+    across_along = np.einsum("stp,stp->p", parts[..., 0], parts[..., 2]) / (200 * samples)
+    assert np.abs(across_along).max() < 0.015 * deviation.max() * expected.max()
+
+
+def test_von_karman_has_the_given_intensity():
+    turbulence = {"spectrum": "von_karman", "intensity": 0.2, "length_scale": 100.0}
+    windy = scene({**WIND, "turbulence": turbulence}, time={"duration": 1800.0, "interval": 1.0})
+    field = cp.wind.field(windy, points=[[0.0, 10.0, 0.0]])
+    # the harmonics from 1/1800 to 5 Hz hold 98 % of the variance
+    assert float(field.wind[:, 0, 0].std()) == pytest.approx(0.2 * 25.0, rel=0.02)
+    assert float(field.wind[:, 0, 2].std()) == pytest.approx(0.2 * 25.0, rel=0.02)
+
+
+def test_davenport_has_six_times_the_squared_friction_velocity():
+    windy = scene({**WIND, "turbulence": {"spectrum": "davenport"}}, time={"duration": 3600.0, "interval": 1.0})
+    field = cp.wind.field(windy, points=[[0.0, 30.0, 0.0]])
+    friction = 0.4 * 25.0 / np.log(10.0 / 0.03)
+    # the integral of 4 x / (1 + x^2)^(4/3) up to x is 6 (1 - (1 + x^2)^(-1/3)); 5 Hz are x = 240
+    assert float(field.wind[:, 0, 0].std()) == pytest.approx(
+        np.sqrt(6.0 * (1.0 - (1.0 + 240.0**2) ** (-1 / 3))) * friction, rel=0.01
+    )
+
+
+def test_turbulence_travels_with_the_wind():
+    windy = scene({**KAIMAL, "profile": "uniform"}, time={"duration": 300.0, "interval": 0.1})
+    field = cp.wind.field(windy, points=[[0.0, 20.0, 0.0], [25.0, 20.0, 0.0]])
+    first, second = field.wind[:, 0, 0].values, field.wind[:, 1, 0].values
+    lags = range(30)
+    products = [np.corrcoef(first[: first.size - lag], second[lag:])[0, 1] for lag in lags]
+    assert int(np.argmax(products)) == 10  # 25 m at 25 m/s
+    assert max(products) > 0.999
+
+
+def test_fields_depend_on_the_seed_alone():
+    windy = scene()
+    one, same, other = cp.wind.field(windy), cp.wind.field(scene()), cp.wind.field(windy, seed=8)
+    assert np.array_equal(one.wind, same.wind)
+    assert np.abs((one.wind - other.wind).values).max() > 1.0
+    assert np.array_equal(
+        other.wind, cp.wind.field(scene({**KAIMAL, "turbulence": {"spectrum": "kaimal", "seed": 8}})).wind
+    )
+    # the model's links and the instants asked for do not matter
+    assert np.array_equal(one.wind, cp.wind.field(scene(chain={"links": 40})).wind)
+    assert np.array_equal(one.wind[100], cp.wind.field(windy, times=[10.0]).wind[0])
+    half = cp.wind.field(windy, times=[10.05]).wind[0].values
+    assert half == pytest.approx(0.5 * (one.wind[100] + one.wind[101]).values)
+
+
+def test_fields_do_not_depend_on_threads():
+    from threadpoolctl import threadpool_limits
+
+    windy = scene()
+    with threadpool_limits(1):
+        one = cp.wind.field(windy)
+    with threadpool_limits(2):
+        two = cp.wind.field(windy)
+    assert np.array_equal(one.wind, two.wind)
+
+
+def test_first_values_of_a_seed_are_those_of_any_machine():
+    # the bits of the generator are fixed; sums of the FFT differ by rounding
+    field = cp.wind.field(scene(), points=[[0.0, 30.0, 0.0]], times=[0.0, 0.1, 0.2])
+    generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([7, 0])))
+    count = next_fast_len(int(np.ceil(60.0 / 0.1 * (1 - 1e-12))) + 2)
+    n = np.arange(1, (count - 1) // 2 + 1) / (0.1 * count)
+    phase, size = 2 * np.pi * generator.random(n.size), np.sqrt(2.0 * kaimal(n, 30.0, False) / (0.1 * count))
+    expected = [(size * np.cos(2 * np.pi * n * t + phase)).sum() for t in (0.0, 0.1, 0.2)]
+    assert (field.wind[:, 0, 0] - field.mean_wind[0, 0]).values == pytest.approx(expected, rel=1e-9)
+
+
+def test_interpolated_factors_keep_the_coherence():
+    from cablepod.wind import _turbulence
+
+    heights = np.linspace(2.0, 120.0, 20)
+    decay = 10.0 * np.abs(heights[:, None] - heights) / 25.0
+    n = np.arange(1, 3300) / 660.0
+    basis = np.eye(20, dtype=complex)
+    # the image of unit vectors at each frequency is the factor itself
+    columns = np.stack(
+        [_turbulence._coupled(np.repeat(basis[:, [k]], n.size, axis=1), n, decay) for k in range(20)], axis=2
+    )
+    found = np.einsum("pnk,qnk->npq", columns.real, columns.real)
+    assert np.abs(found - np.exp(-n[:, None, None] * decay)).max() < 3e-3
+
+
+def test_many_points_take_little_time():
+    from cablepod.parameters._from_scene import parameters
+    from cablepod.wind import _turbulence
+
+    p, position = parameters(scene()), np.column_stack([np.zeros(58), np.linspace(2.0, 120.0, 58), np.zeros(58)])
+
+    def plain():
+        """Factorise at every frequency."""
+        n = np.arange(1, 3300) / 660.0
+        height = position[:, 1]
+        speed = 25.0 * np.log(height / 0.03) / np.log(10.0 / 0.03)
+        decay = 10.0 * np.abs(height[:, None] - height) / (0.5 * (speed[:, None] + speed))
+        phase = np.exp(2j * np.pi * np.random.default_rng(0).random((58, n.size)))
+        amplitude = np.zeros((58, 3301), dtype=complex)
+        for k in range(n.size):
+            spectrum = kaimal(n[k], height, False)
+            cross = np.sqrt(np.outer(spectrum, spectrum)) * np.exp(-n[k] * decay)
+            amplitude[:, k + 1] = np.linalg.cholesky(cross + 1e-9 * np.diag(np.diag(cross))) @ phase[:, k]
+        return np.fft.irfft(amplitude, 6600, axis=1)
+
+    def fastest(call):
+        seconds = []
+        for _ in range(3):
+            begin = time.process_time()
+            call()
+            seconds.append(time.process_time() - begin)
+        return min(seconds)
+
+    own = fastest(lambda: _turbulence.gusts(p.wind, p.turbulence, position, 6600, 0.1, 1, across=False))
+    assert fastest(plain) / own > 4.0
+
+
+@pytest.mark.parametrize(
+    ("options", "key"),
+    [
+        ({"times": [1.0, 0.5]}, "times"),
+        ({"times": [-1.0]}, "times"),
+        ({"seed": -1}, "seed"),
+        ({"points": [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]}, "points"),
+        ({"points": [[0.0, 1.0], [0.0, 2.0]]}, "points"),
+        ({"points": "many"}, "points"),
+    ],
+)
+def test_wrong_options_are_refused(options, key):
+    with pytest.raises(cp.SceneError, match=rf"^{key}.*: given .*; allowed: "):
+        cp.wind.field(scene(), **options)
+
+
+def test_a_scene_without_wind_is_refused():
+    with pytest.raises(cp.SceneError, match=r"^wind: missing; allowed: "):
+        cp.wind.field(cp.make_scene(GUY))
+
+
+def test_members_vary_the_wind():
+    members = cp.ensemble.design(
+        scene(), {"wind.speed": [10.0, 20.0, 30.0], "wind.turbulence.seed": [1, 5, 9]}, members=3, sampling="list"
+    )
+    fields = cp.wind.field(members)
+    assert fields.wind.dims == ("member", "time", "point", "component")
+    alone = cp.wind.field(members.isel(member=1, drop=True))
+    assert np.array_equal(fields.wind.isel(member=1), alone.wind)

@@ -1,0 +1,296 @@
+"""Chain and condensed model in wind: aerodynamic damping, statics, gusts, order, given fields."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.integrate import solve_bvp
+from scipy.optimize import curve_fit
+from wind.test_field import GUY, WIND
+
+import cablepod as cp
+
+LENGTH, TENSION, MASS, STIFFNESS, DIAMETER = 50.0, 20000.0, 1.0, 2.0e7, 0.02
+AIR, DRAG = 1.25, 1.2
+
+
+def string(speed=20.0, *, links=40, stiffness=STIFFNESS, duration=2.0, turbulence=None, points=None):
+    """Make a taut string without weight along x in a uniform wind along z."""
+    wind = {"speed": speed, "direction": [0.0, 0.0, 1.0], "profile": "uniform", "ground": -50.0}
+    cable = {"youngs_modulus": stiffness, "area": 1.0, "density": MASS, "top_tension": TENSION, "diameter": DIAMETER}
+    tables = {
+        "gravity": 0.0,
+        "cable": cable,
+        "ends": {"lower": [0.0, 0.0, 0.0], "upper": [LENGTH, 0.0, 0.0]},
+        "chain": {"links": links},
+        "wind": {**wind, "turbulence": turbulence} if turbulence else wind,
+        "time": {"duration": duration, "interval": 0.01},
+    }
+    return cp.make_scene(tables | ({} if points is None else {"initial": {"points": points.tolist()}}))
+
+
+def plucked(mode, axis):
+    """Return the string at its rest in the wind, and plucked from there in a mode along an axis."""
+    rest = cp.chain.rest(string()).position.values
+    moved = rest.copy()
+    moved[:, axis] += 1e-4 / mode * np.sin(mode * np.pi * np.linspace(0.0, 1.0, len(rest)))
+    return string(points=rest), string(points=moved)
+
+
+def decay(still, run, mode, axis):
+    """Fit the rate of decay [1/s] to the amplitude of a mode."""
+    shape = np.sin(mode * np.pi * np.linspace(0.0, 1.0, run.sizes["particle"]))
+    amplitude = (run.position - still.position).values[:, :, axis] @ shape
+
+    def damped(t, rate, omega, c, s):
+        return np.exp(-rate * t) * (c * np.cos(omega * t) + s * np.sin(omega * t))
+
+    guess = mode * math.pi / LENGTH * math.sqrt(TENSION / MASS)
+    return curve_fit(damped, run.time.values, amplitude / amplitude[0], p0=(0.2, guess, 1.0, 0.0))[0][0]
+
+
+@pytest.mark.parametrize("mode", [1, 3])
+@pytest.mark.parametrize(("axis", "share"), [(2, 1.0), (1, 0.5)])
+@pytest.mark.parametrize("model", ["velocity_verlet", "trapezoidal", "generalized_alpha", "condensed"])
+def test_decay_of_a_taut_string_in_wind(model, axis, share, mode):
+    scenes = plucked(mode, axis)
+    if model == "condensed":
+        modes = cp.condensed.vibration_modes(scenes[0], rank=6)
+        runs = [cp.condensed.simulate(scene, modes, step=1e-3) for scene in scenes]
+    else:
+        step = 1.5e-4 if model == "velocity_verlet" else 1e-3
+        runs = [cp.chain.simulate(scene, scheme=model, step=step) for scene in scenes]
+    expected = share * AIR * DRAG * DIAMETER * 20.0 / (2.0 * MASS)
+    assert decay(*runs, mode, axis) == pytest.approx(expected, rel=0.01)
+
+
+def test_blow_back_of_a_level_cable():
+    tables = {
+        "cable": {
+            "youngs_modulus": 1.6e11,
+            "area": 1.25e-4,
+            "density": 8000.0,
+            "horizontal_force": 30000.0,
+            "diameter": 0.016,
+        },
+        "ends": {"lower": [0.0, 20.0, 0.0], "upper": [60.0, 20.0, 0.0]},
+        "chain": {"links": 80},
+        "wind": {"speed": 30.0, "direction": [0.0, 0.0, 1.0], "profile": "uniform"},
+        "time": {"duration": 1.0, "interval": 0.1},
+    }
+    scene = cp.make_scene(tables)
+    rest = cp.chain.rest(scene)
+    strain = float(rest.tension.mean()) / 2.0e7
+    drag, weight = 0.5 * AIR * DRAG * 0.016 * 30.0**2, 8000.0 * 1.25e-4 * 9.81
+    expected = math.degrees(math.atan(drag * (1.0 + strain) / weight))
+    modes = cp.condensed.vibration_modes(scene, rank=3, static_modes=True)
+    condensed = cp.condensed.simulate(scene, modes, step=5e-3, times=[0.0]).position.values[0]
+    for position in (rest.position.values, condensed):
+        _, y, z = position[40]
+        assert 20.0 - y < 60.0 / 200.0
+        assert math.degrees(math.atan2(z, 20.0 - y)) == pytest.approx(expected, abs=0.01)
+    assert float(rest.residual) < 1e-6
+
+
+def exact_guy(scene, direction, speed):
+    """Solve the boundary value problem of an elastic cable in a uniform wind; returns positions as a function of arc length."""
+    rest = cp.catenary.rest(scene, points=201)
+    length = float(rest.unstretched_length)
+    wind, weight = speed * np.array(direction)[:, None], np.array([0.0, -8000.0 * 1.25e-4 * 9.81, 0.0])[:, None]
+
+    def slope(_, state):
+        tension = np.sqrt((state[3:] ** 2).sum(axis=0))
+        tangent = state[3:] / tension
+        stretch = 1.0 + tension / 2.0e7
+        normal = wind - (wind * tangent).sum(axis=0) * tangent
+        load = 0.5 * AIR * DRAG * 0.016 * stretch * np.sqrt((normal**2).sum(axis=0)) * normal + weight
+        return np.vstack([tangent * stretch, -load])
+
+    def ends(first, last):
+        return np.concatenate([first[:3] - GUY["ends"]["lower"], last[:3] - GUY["ends"]["upper"]])
+
+    place = np.linspace(0.0, length, 401)
+    start = np.array([np.interp(place, rest.arc_length, rest.position[:, c]) for c in range(3)])
+    tangent = np.gradient(start, place, axis=1)
+    tangent *= np.interp(place, rest.arc_length, rest.tension) / np.sqrt((tangent**2).sum(axis=0))
+    found = solve_bvp(slope, ends, place, np.vstack([start, tangent]), tol=1e-9, max_nodes=20000)
+    assert found.success
+    return found.sol
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.0, 0.8)])
+def test_static_guys_in_wind(direction):
+    scene = cp.make_scene(
+        {**GUY, "wind": {"speed": 30.0, "direction": list(direction), "profile": "uniform"}, "chain": {"links": 80}}
+    )
+    rest = cp.chain.rest(scene)
+    exact = exact_guy(scene, direction, 30.0)(rest.arc_length.values)
+    change = np.abs(exact[:3].T - cp.catenary.rest(scene, points=81).position.values).max()
+    assert change > 0.2
+    assert np.abs(rest.position.values - exact[:3].T).max() < 2e-4 * change
+    modes = cp.condensed.vibration_modes(scene, rank=4, static_modes=True)
+    condensed = cp.condensed.simulate(scene, modes, step=5e-3, times=[0.0])
+    assert np.abs(condensed.position.values[0] - exact[:3].T).max() < 2e-3 * change
+    # and a run stays there
+    run = cp.chain.simulate(scene, step=1.2e-4, times=[0.0, 0.5])
+    assert np.abs(run.position[1] - run.position[0]).max() < 1e-7
+
+
+def test_a_string_in_coherent_turbulence_meets_the_spectral_integral():
+    stiffness, speed, duration = 4.0e5, 20.0, 3600.0
+    turbulence = {"spectrum": "von_karman", "intensity": 0.02, "length_scale": 100.0, "decay": [1e-6, 1e-6], "seed": 3}
+    scene = string(speed, stiffness=stiffness, duration=duration, turbulence=turbulence, links=60)
+    modes = cp.condensed.vibration_modes(scene, rank=7)
+    run = cp.condensed.simulate(scene, modes, step=0.01, times=np.arange(30.0, duration, 0.1), outputs=("position",))
+    found = float(run.position[:, 30, 2].std())
+    stretch = 1.0 + TENSION / stiffness
+    damping = AIR * DRAG * DIAMETER * speed * stretch / MASS  # force over velocity and mass, per unstretched length
+    n = np.arange(1, 18000) / duration
+    f = n * 100.0 / speed
+    spectrum = (0.02 * speed) ** 2 * 4.0 * f / (1.0 + 70.8 * f**2) ** (5 / 6) / n
+    omega, response = 2.0 * np.pi * n, 0.0
+    for mode in range(1, 14, 2):
+        own = mode * math.pi / LENGTH * math.sqrt(TENSION * stretch / MASS)
+        shape = 4.0 / (mode * math.pi) * (-1) ** (mode // 2)
+        response = response + shape * damping / (own**2 - omega**2 + 1j * omega * damping)
+    expected = math.sqrt((np.abs(response) ** 2 * spectrum / duration).sum())
+    assert found == pytest.approx(expected, rel=0.02)
+
+
+def gusty(**tables):
+    return cp.make_scene(
+        {
+            **GUY,
+            "ends": {"lower": [0.0, 0.0, 0.0], "upper": [60.0, 80.0, 0.0]},
+            "damping": {"mass_proportional": 0.02},
+            "chain": {"links": 40},
+            "wind": {"speed": 25.0, "direction": [0.6, 0.0, 0.8], "turbulence": {"spectrum": "kaimal", "seed": 7}},
+            "time": {"duration": 120.0, "interval": 0.05},
+            **tables,
+        }
+    )
+
+
+def test_a_gusty_guy_by_the_condensed_model_and_by_its_chain():
+    scene = gusty()
+    chain = cp.chain.simulate(scene, step=4e-4, outputs=("tension",)).tension.isel(link=-1)
+    modes = cp.condensed.vibration_modes(scene, rank=4)
+    reduced = cp.condensed.simulate(scene, modes, step=0.02, outputs=("tension",), links=[40]).tension.isel(link=0)
+    chain, reduced = (series.sel(time=slice(20.0, None)) for series in (chain, reduced))
+    assert float(chain.std()) > 500.0
+    for measure in (lambda t: t.std(), lambda t: t.max(), cp.fatigue.equivalent):
+        assert float(measure(reduced)) == pytest.approx(float(measure(chain)), rel=0.01)
+
+
+def test_explicit_and_implicit_chains_agree_in_gusts():
+    scene = gusty(time={"duration": 5.0, "interval": 0.05}, chain={"links": 20})
+    explicit = cp.chain.simulate(scene, step=2e-4).position
+    implicit = cp.chain.simulate(scene, scheme="trapezoidal", step=5e-4).position
+    moved = float(np.abs(explicit - explicit[0]).max())
+    assert moved > 0.05
+    assert float(np.abs(explicit - implicit).max()) < 2e-3 * moved
+
+
+@pytest.mark.parametrize("scheme", ["velocity_verlet", "trapezoidal", "generalized_alpha", "condensed"])
+def test_second_order_remains(scheme):
+    # smooth wind from a ramp, and an end that swings: relative velocities change all the time
+    motion = {"upper": {"z": {"kind": "one_minus_cosine", "amplitude": 0.05, "angular_frequency": 3.0}}}
+    scene = cp.make_scene(
+        {**GUY, "wind": {**WIND, "ramp": 0.5}, "motion": motion, "time": {"duration": 1.0, "interval": 0.1}}
+    )
+    if scheme == "condensed":
+        modes = cp.condensed.vibration_modes(scene, rank=3)
+        runs = [cp.condensed.simulate(scene, modes, step=h).position.values for h in (0.01, 0.005, 0.0025)]
+    else:
+        steps = (5e-4, 2.5e-4, 1.25e-4) if scheme == "velocity_verlet" else (2e-3, 1e-3, 5e-4)
+        runs = [cp.chain.simulate(scene, scheme=scheme, step=h).position.values for h in steps]
+    coarse, fine = (np.abs(a - b).max() for a, b in pairwise(runs))
+    assert 1.7 < math.log2(coarse / fine) < 2.4
+
+
+def test_a_given_field_stands_for_that_of_the_scene():
+    scene = gusty(time={"duration": 2.0, "interval": 0.1}, chain={"links": 10})
+    field = cp.wind.field(scene)
+    own, given = cp.chain.simulate(scene, step=1e-3), cp.chain.simulate(scene, step=1e-3, wind=field)
+    assert np.abs(own.position - given.position).max() < 1e-12
+    assert field.attrs["id"] in given.attrs["history_json"]
+    other = cp.chain.simulate(scene, step=1e-3, wind=cp.wind.field(scene, seed=8))
+    assert np.abs(own.position - other.position).max() > 1e-4
+    placed = field.drop_vars("relative_arc_length")  # a record with positions alone
+    assert np.abs(cp.chain.simulate(scene, step=1e-3, wind=placed).position - own.position).max() < 1e-3
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    runs = [cp.condensed.simulate(scene, modes, step=0.01, wind=wind).position for wind in (None, field)]
+    assert np.abs(runs[0] - runs[1]).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda field: field.isel(time=slice(0, 5)), "too short"),
+        (lambda field: field.isel(time=slice(0, 0)), "do not rise"),
+        (lambda field: field.isel(time=slice(None, None, -1)), "do not rise"),
+        (lambda field: field.assign(wind=field.wind.where(field.time != 1.0)), "not finite"),
+        (lambda field: field.assign(position=field.position + 500.0).drop_vars("relative_arc_length"), "no point near"),
+        (lambda field: field.drop_vars("wind"), "without wind"),
+        (lambda field: field.drop_vars(["position", "relative_arc_length"]), "without position"),
+        (lambda field: field.isel(component=slice(0, 2)), "components"),
+        (lambda field: "wind.nc", "given a str"),
+    ],
+)
+def test_wrong_fields_are_refused(change, text):
+    scene = gusty(time={"duration": 2.0, "interval": 0.1}, chain={"links": 10})
+    field = change(cp.wind.field(scene))
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    for call in (
+        lambda: cp.chain.simulate(scene, step=1e-3, wind=field),
+        lambda: cp.condensed.simulate(scene, modes, step=0.01, wind=field),
+    ):
+        with pytest.raises(cp.SceneError, match=rf"^wind: .*{text}.*allowed: "):
+            call()
+
+
+def test_other_schemes_refuse_wind():
+    scene = cp.make_scene({**GUY, "wind": WIND})
+    with pytest.raises(cp.SceneError, match=r"^scheme: given 'energy_momentum'"):
+        cp.chain.simulate(scene, scheme="energy_momentum", step=1e-3)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    for scheme in ("numerov", "trapezoidal"):
+        with pytest.raises(cp.SceneError, match=r"^scheme: given"):
+            cp.condensed.simulate(scene, modes, scheme=scheme)
+
+
+def test_members_in_wind_have_the_bits_of_single_runs():
+    scene = gusty(time={"duration": 1.0, "interval": 0.1}, chain={"links": 10})
+    members = cp.ensemble.design(scene, {"wind.speed": [10.0, 30.0]}, members=3, seed=2)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    for call in (
+        lambda scenes: cp.chain.simulate(scenes, step=1e-3, outputs=("position", "tension_extremes")),
+        lambda scenes: cp.condensed.simulate(scenes, modes, step=0.01, outputs=("position", "tension_extremes")),
+    ):
+        together, alone = call(members), call(members.isel(member=2, drop=True))
+        for name in ("position", "tension_maximum"):
+            assert np.array_equal(together[name].isel(member=2), alone[name])
+        assert float(np.ptp(together.tension_maximum.values[:, -1])) > 10.0
+
+
+def test_a_ramp_starts_in_still_air():
+    scene = cp.make_scene({**GUY, "wind": {**WIND, "ramp": 1.0}, "time": {"duration": 2.0, "interval": 0.5}})
+    run = cp.chain.simulate(scene, step=5e-4)
+    still = cp.chain.rest(cp.make_scene(GUY))
+    assert np.array_equal(run.position[0], still.position)
+    assert float(np.abs(run.position[-1] - still.position).max()) > 0.05
+
+
+def test_planar_and_spatial_scenes_agree():
+    planar = {**GUY, "ends": {"lower": [0.0, 0.0], "upper": [20.4, 57.7]}, "time": {"duration": 1.0, "interval": 0.1}}
+    wind = {"speed": 25.0, "turbulence": {"spectrum": "kaimal"}}
+    flat = cp.chain.simulate(cp.make_scene({**planar, "wind": {**wind, "direction": [1.0, 0.0]}}), step=5e-4).position
+    space = {**GUY, "time": planar["time"], "wind": {**wind, "direction": [1.0, 0.0, 0.0]}}
+    spatial = cp.wind.field(cp.make_scene(space))
+    only_along = spatial.assign(wind=spatial.wind * xr.DataArray([1.0, 1.0, 0.0], dims="component"))
+    run = cp.chain.simulate(cp.make_scene(space), step=5e-4, wind=only_along)
+    assert np.abs(run.position.values[..., :2] - flat.values).max() < 1e-9
