@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import NORMAL_MODES, SCENE, taken
 from cablepod.errors import RunStopped, scene_error
 from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._from_scene import Members
@@ -76,6 +77,7 @@ def backbone(
     -----
     Free vibrations of the conservative model are symmetric in time: cosines in the plane, sines out of it.
     """
+    scene, modes = taken("scene", scene, SCENE), taken("modes", modes, NORMAL_MODES)
     choice(*MOTIONS)("motion", motion)
     integer(least=1)("mode", mode)
     number(above=0.0)("amplitude", amplitude)

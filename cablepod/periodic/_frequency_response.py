@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import NORMAL_MODES, SCENE, taken
 from cablepod.errors import RunStopped, scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.periodic import _fields as fields
@@ -109,6 +110,7 @@ def frequency_response(
     Pseudo-arclength continuation; bifurcations are zeros of the products of 1 - mu and 1 + mu over the multipliers mu of one set
     of coordinates, found on the secant by the Illinois method.  Branches that leave start along the null vector.
     """
+    scene, modes = taken("scene", scene, SCENE), taken("modes", modes, NORMAL_MODES)
     wanted = given_names("outputs", outputs, OUTPUTS)
     low, high = frequency_range("frequency", frequency)
     integer(least=2)("points", points)

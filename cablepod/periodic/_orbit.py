@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import NORMAL_MODES, SCENE, taken
 from cablepod.batch._members import values_of_members
 from cablepod.errors import RunStopped, scene_error
 from cablepod.parameters._checks import integer
@@ -97,6 +98,7 @@ def orbit(
     >>> modes = cp.condensed.vibration_modes(scene, rank=2)
     >>> response = cp.periodic.orbit(scene, modes)  # doctest: +SKIP
     """
+    scene, modes = taken("scene", scene, SCENE), taken("modes", modes, NORMAL_MODES)
     wanted = given_names("outputs", outputs, OUTPUTS)
     integer(least=1, most=8)("periods", periods)
     if harmonics is not None:

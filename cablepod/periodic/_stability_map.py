@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs import NORMAL_MODES, SCENE, taken
 from cablepod.batch._members import values_of_members
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import numbers_list
@@ -73,6 +74,7 @@ def stability_map(
     Where the response folds back, another one is looked for from rest, and from the last one made larger and moved by
     parts of a period.
     """
+    scene, modes = taken("scene", scene, SCENE), taken("modes", modes, NORMAL_MODES)
     omegas, amplitudes = _grid("frequency", frequency), _grid("amplitude", amplitude)
 
     def one(scene: xr.Dataset) -> xr.Dataset:

@@ -264,6 +264,7 @@ def orbit(*orbits: xr.Dataset, sigma: float = 0.5, ax: Axes | None = None) -> Ax
         raise SceneError(f"orbits: given none; allowed: {ORBIT}")
     paths = []
     for one in orbits:
+        _style.take("orbits", one, "multiplier_real", ("multiplier",), ORBIT)  # not any trajectory: a period
         position = _style.take(
             "orbits", one, "position", ("time", *_style.PLACE), f"{ORBIT} with output position"
         ).values

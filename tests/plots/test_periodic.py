@@ -100,7 +100,7 @@ def test_backbones_and_orbits():
     place[:, 2, 0] = 2.0
     place[:, 1] = np.stack([np.ones(65), 0.1 * np.cos(2 * np.pi * time), 0.2 * np.sin(2 * np.pi * time)], axis=1)
     orbit = xr.Dataset(
-        {"position": (("time", "particle", "coordinate"), place)},
+        {"position": (("time", "particle", "coordinate"), place), "multiplier_real": ("multiplier", [0.5])},
         coords={"time": time, "coordinate": list("xyz"), "arc_length": ("particle", [0.0, 1.0, 2.0])},
     )
     line = plots.orbit(orbit).get_lines()[0]
@@ -121,7 +121,7 @@ def test_backbones_and_orbits():
         (lambda: plots.stability_map(response()), "result: given a Dataset without growth_in_plane"),
         (lambda: plots.backbone(), "backbones: given none"),
         (lambda: plots.orbit(), "orbits: given none"),
-        (lambda: plots.orbit(response()), "orbits: given a Dataset without position"),
+        (lambda: plots.orbit(response()), "^orbits: "),
         (lambda: plots.multipliers(stability()), "result: given a Dataset without multiplier_real"),
     ],
 )
