@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -82,7 +83,8 @@ def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> Solution:
 
 def _refine_in_time(run: CableRun, tolerance: float) -> tuple[Trajectory, float, float]:
     """Shorten the step until two runs agree; return trajectory, steps per second and time error."""
-    return refine_step(run.comparable(_first_step(run)), tolerance)
+    resolved = 1.0 / step_limit_of(run) if isinstance(run, ImplicitCableRun) else 0.0
+    return refine_step(replace(run.comparable(_first_step(run)), resolved=resolved), tolerance)
 
 
 def _first_step(run: CableRun) -> float:

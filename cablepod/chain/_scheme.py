@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -175,7 +175,8 @@ def _choose_scheme(
 
 def _refine_in_time(run: ChainRun, limit: float, tolerance: float) -> tuple[Trajectory, float, float]:
     """Shorten the step until two runs agree; returns the trajectory, its steps per second, the estimate of its error."""
-    return refine_step(run.comparable(_first_step(run, limit)), tolerance)
+    runs = run.comparable(_first_step(run, limit))
+    return refine_step(replace(runs, resolved=1.0 / limit if isinstance(run, ImplicitChainRun) else 0.0), tolerance)
 
 
 def _first_step(run: ChainRun, limit: float) -> float:

@@ -152,7 +152,7 @@ def _refine_in_time(run: GalerkinRun, limit: float, tolerance: float) -> tuple[G
         halved = halve_step_while_cheaper(runs, tolerance, maximum)
         if halved is not None:
             return halved
-        runs = replace(runs, steps_per_second=maximum)
+        runs = replace(runs, steps_per_second=maximum, resolved=1.0 / limit)
     return refine_step(runs, tolerance)
 
 

@@ -85,9 +85,9 @@ class ComparableRuns:
     #: Tensions of a run (rows, link) [N], where they are to converge as the motion does
     tension: Callable[[Any], np.ndarray] | None = None
     tension_rounding: float = 0.0  #: rounding error of tensions [N], which does not count
-    finish: Callable[[Any], Any] = (
-        _unchanged  #: makes the result of the run that is taken, without instants of the comparison
-    )
+    #: Steps per second from which a run resolves all frequencies, of implicit schemes; with fewer the estimate takes first order
+    resolved: float = 0.0
+    finish: Callable[[Any], Any] = _unchanged  #: makes the result of the run taken, without instants of the comparison
     note_tension: Callable[[Any, float], None] = _no_note  #: takes a run and the estimated error of its tensions
 
     def distances(self, fine: Any, coarse: Any) -> tuple[float, float]:
@@ -271,8 +271,10 @@ def _refine(
                 _order(distances[1], last[1], last_factor, factor, max_order),
             )
             divisor = 1.0
+        # vibrations that are not resolved differ as much at the next step, while the order is seen at the others
+        highest = FIRST_ORDER if rate < factor * runs.resolved else runs.order
         estimate, of_tension = (
-            distance / (divisor if last_factor == math.inf else factor**order - 1.0)
+            distance / (divisor if last_factor == math.inf else factor ** min(order, highest) - 1.0)
             for distance, order in zip(distances, orders, strict=True)
         )
         runs.note_tension(fine, of_tension)

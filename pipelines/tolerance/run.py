@@ -1,6 +1,6 @@
 """Compare the time error of chains of random scenes with the tolerance asked for.
 
-    python pipelines/tolerance/run.py [--scenes 250] [--seed 1]
+    python pipelines/tolerance/run.py [--scenes 250] [--seed 1] [--readme]
 
 Each scene runs by each scheme with each tolerance, with one output instant (the last) and with many.  The step that was chosen is
 then run at 401 instants and compared with a truth: velocity Verlet with a 64th of the stability limit and the same links,
@@ -10,19 +10,25 @@ Counted are errors of the motion above the tolerance and above three times the t
 
 from __future__ import annotations
 
-import argparse
 import itertools
+import sys
 import warnings
+from pathlib import Path
 from typing import Any
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 import xarray as xr
+from _study import command_line, markdown_table, show_table
 
 import cablepod as cp
 
 SCHEMES = (None, "velocity_verlet", "trapezoidal", "generalized_alpha", "energy_momentum")
-TOLERANCES = (1e-2, 1e-3, 1e-5)
+TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5)
 DURATION, INSTANTS = 4.0, 401
+HERE = Path(__file__).parent
 
 
 def random_scene(rng: np.random.Generator) -> xr.Dataset:
@@ -62,9 +68,18 @@ def error_of(run: xr.Dataset, truth: xr.Dataset) -> float:
     return float(cp.compare.errors(run, truth)["error_max"])
 
 
+def entry(found: list[tuple[float, bool]]) -> str:
+    """Write the runs above the tolerance, the largest error over it, both without a warning, and the runs that warned."""
+    silent = np.array([ratio for ratio, warned in found if not warned])
+    warned = sum(warned for _, warned in found)
+    return f"{int((silent > 1.0).sum())} of {silent.size}, {silent.max(initial=0.0):.2g}" + f" ({warned} warned)" * (
+        warned > 0
+    )
+
+
 def main() -> None:
     """Run the study and print its table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__, readme=True)
     parser.add_argument("--scenes", type=int, default=250)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
@@ -110,16 +125,18 @@ def main() -> None:
             found.setdefault((scheme, tolerance, many), []).append((ratio, warned))
             if ratio > 3.0 and not warned:
                 print(f"scene {number}: {scheme}, {tolerance:g}, {'many' if many else 'one'}: {ratio:.3g}", flush=True)
-    print(f"{used} of {options.scenes} scenes, seed {options.seed}\n")
-    print("| scheme | tolerance | instants | runs | above the tolerance | above 3 times | largest ratio | warned |")
-    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
-    for (scheme, tolerance, many), rows in found.items():
-        silent = np.array([ratio for ratio, warned in rows if not warned])
-        warned_count = sum(warned for _, warned in rows)
-        print(
-            f"| {scheme or 'chosen'} | {tolerance:g} | {'many' if many else 'one'} | {len(rows)} | {int((silent > 1).sum())} | "
-            f"{int((silent > 3).sum())} | {silent.max(initial=0.0):.2g} | {warned_count} |"
-        )
+    print(f"{used} of {options.scenes} scenes, seed {options.seed}")
+    head = ["scheme", "output instants", *(f"{tolerance:g}" for tolerance in TOLERANCES)]
+    rows = [
+        [
+            scheme or "chosen",
+            "many" if many else "one",
+            *(entry(found[scheme, tolerance, many]) for tolerance in TOLERANCES),
+        ]
+        for scheme in SCHEMES
+        for many in (False, True)
+    ]
+    show_table("errors", markdown_table(head, rows), HERE if options.readme else None)
 
 
 if __name__ == "__main__":

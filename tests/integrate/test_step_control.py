@@ -52,7 +52,7 @@ class ArtificialRuns:
 
     def runs(self, end_time=0.0, links=0, **options):
         def position(run):
-            return np.full((1, 1, 1), run[1])
+            return np.reshape(run[1], (1, 1, -1))
 
         return step_control.ComparableRuns(self, position, lambda run: 1.0, self.first, end_time, links, **options)
 
@@ -88,6 +88,30 @@ def test_first_order_at_most_is_assumed_for_forces_with_kinks(size):
     assert estimate == pytest.approx(distance / (last / before - 1.0), rel=1e-6)
     assert estimate <= 0.5e-6
     assert rate > ArtificialRuns(size, 2.0).refine(1e-6)[1] or size < 1e-6
+
+
+class UnresolvedRuns(ArtificialRuns):
+    """Runs with an error of second order, and one of a vibration that stays until steps resolve its frequency."""
+
+    frequency_rate, amplitude = 4e3, 2e-3
+
+    def __call__(self, rate):
+        _, slow = super().__call__(rate)
+        vibration = self.amplitude * min(1.0, (self.frequency_rate / rate) ** 2)
+        phase = np.log2(rate / self.first)  # which the step decides: the difference of two runs is about the error
+        return rate, np.array([slow, vibration * np.cos(phase), vibration * np.sin(phase)])
+
+
+@pytest.mark.parametrize("resolved", [0.0, UnresolvedRuns.frequency_rate])
+def test_first_order_at_most_is_assumed_until_all_frequencies_are_resolved(resolved):
+    # as of the trapezoidal rule, whose long steps resolve the motion but not the waves of a jump
+    runs = UnresolvedRuns(0.2, 2.0)
+    (_, error), rate, estimate = runs.refine(1e-3, resolved=resolved)
+    if resolved:
+        assert np.linalg.norm(error) <= estimate <= 0.5e-3
+    else:
+        assert np.linalg.norm(error) > 1.9e-3  # what the assumption cures
+    assert (rate > runs.frequency_rate) == (resolved > 0.0)
 
 
 def test_slow_convergence_ends_soon():
