@@ -15,7 +15,7 @@ from cablepod.parameters._from_scene import Members
 from cablepod.periodic import _fields as fields
 from cablepod.periodic import _output as output
 from cablepod.periodic._continuation import AMPLITUDE, SLACK
-from cablepod.periodic._forcing import Forcing, unforced
+from cablepod.periodic._forcing import Forcing, refuse_wind, unforced
 from cablepod.periodic._members import each_member
 from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._solve import MIN_HARMONICS, MORE_HARMONICS, TAIL_RTOL, Solver, State
@@ -83,7 +83,9 @@ def backbone(
     number(above=0.0)("amplitude", amplitude)
 
     def one(scene: xr.Dataset) -> xr.Dataset:
-        forcing = Forcing(unforced(Members(scene)[0]), 1.0, 0.0, "m")
+        p = Members(scene)[0]
+        refuse_wind(p)
+        forcing = Forcing(unforced(p), 1.0, 0.0, "m")
         model = PeriodicModel.of(forcing, modes, rank=rank, order="leading", out_of_plane=True)
         if mode > model.n_in_plane:
             raise scene_error("mode", mode, f"at most {model.n_in_plane}, the number of modes in the plane")

@@ -6,8 +6,6 @@ import math
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import xarray as xr
-
 from cablepod.errors import scene_error
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import SINES, TimeFunction
@@ -25,7 +23,7 @@ class Forcing(NamedTuple):
     units: str  #: of this amplitude
 
 
-def periodic_forcing(scene: xr.Dataset, p: Parameters) -> Forcing:
+def periodic_forcing(p: Parameters) -> Forcing:
     """Return the forcing of a scene.
 
     Raises
@@ -33,9 +31,7 @@ def periodic_forcing(scene: xr.Dataset, p: Parameters) -> Forcing:
     SceneError
         For a scene without forcing, and for forcing that is not of one angular frequency.
     """
-    wind = sorted(str(name) for name in scene.variables if str(name).startswith("wind_"))
-    if wind:
-        raise scene_error("wind", wind[0], "none: a periodic response needs forcing of one frequency")
+    refuse_wind(p)
     if (
         p.tension_damping is not None
     ):  # does not factor out of the disturbances, and depends on the rates in the balance
@@ -65,6 +61,16 @@ def periodic_forcing(scene: xr.Dataset, p: Parameters) -> Forcing:
     factors = [abs(float(function.values["amplitude"])) for function in functions.values()]
     largest = max(motions, default=0.0) or max(factors)
     return Forcing(scaled(p, 1.0), omega, largest, "m" if max(motions, default=0.0) else "1")
+
+
+def refuse_wind(p: Parameters) -> None:
+    """Refuse a scene with wind, whose drag neither orbits nor free vibrations have."""
+    if p.wind is not None:
+        raise scene_error(
+            "wind.speed",
+            float(p.wind["speed"]),
+            "no table [wind]: periodic responses and free vibrations are those in still air",
+        )
 
 
 def scaled(p: Parameters, factor: float) -> Parameters:

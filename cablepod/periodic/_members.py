@@ -43,7 +43,7 @@ def model_of(
 ) -> tuple[PeriodicModel, float]:
     """Return the model of a scene of one member, and the angular frequency of its forcing [rad/s]."""
     flag("out_of_plane", out_of_plane)
-    forcing = periodic_forcing(scene, Members(scene)[0])
+    forcing = periodic_forcing(Members(scene)[0])
     return PeriodicModel.of(forcing, modes, rank=rank, order=order, out_of_plane=out_of_plane), forcing.omega
 
 

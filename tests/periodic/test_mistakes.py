@@ -44,6 +44,7 @@ def second(mapping):
     mapping["motion"]["upper"]["y"] = {"kind": "harmonic", "amplitude": 0.001, "angular_frequency": 5.0}
 
 
+WIND = {"speed": 20.0, "direction": [1.0, 0.0]}
 SCENES = [
     (without("motion"), "motion: given"),
     (with_motion(kind="ramp", amplitude=0.1, duration=1.0), r"motion\.upper\.x\.kind"),
@@ -60,6 +61,7 @@ SCENES = [
         "motion: given|ends.free",
     ),
     (lambda mapping: mapping["damping"].update(link_viscosity=1e-4), r"damping\.link_viscosity"),
+    (lambda mapping: mapping.update(wind=WIND, cable=mapping["cable"] | {"diameter": 0.016}), r"wind\.speed"),
     (lambda mapping: mapping["damping"].update(tension_proportional=1e-4), r"damping\.tension_proportional"),
 ]
 
