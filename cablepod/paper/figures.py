@@ -62,7 +62,7 @@ def figure5() -> Figure:
         (axes[0, 1], "example2_tauter_start", "from the shape of a tauter cable, as in Table 2"),
     ):
         modes = study(name).modes
-        plots.modes(modes.sel(coordinate=["x"]), ax=ax)
+        plots.modes(modes.sel(coordinate="x", drop=True), ax=ax)
         ax.set_title(title)
     return figure
 

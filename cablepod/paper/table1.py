@@ -129,7 +129,7 @@ def table1() -> xr.Dataset:
             unstretched[i, j, 0], stretched[i, j, 0] = curve.unstretched_length(k), curve.length
             lower[i, j, 0] = curve.tension(0.0)
             exact = catenary.rest(
-                base.assign(cable_youngs_modulus=k / base["cable_area"], cable_top_tension=tension), points=2
+                base.assign(cable_youngs_modulus=k / float(base["cable_area"]), cable_top_tension=tension), points=2
             )
             unstretched[i, j, 1], stretched[i, j, 1] = exact["unstretched_length"], exact["stretched_length"]
             lower[i, j, 1] = exact["tension_lower"]

@@ -125,10 +125,11 @@ def maps(
 
 def _cell(base: xr.Dataset, tension: float, stiffness: float, ranks: Sequence[int]) -> dict[str, object]:
     """Return all errors of one cell."""
-    changed = base.assign(cable_top_tension=tension, cable_youngs_modulus=stiffness / base["cable_area"])
+    changed = base.assign(cable_top_tension=tension, cable_youngs_modulus=stiffness / float(base["cable_area"]))
     # the same scheme in all cells
     elastic, cable = (
-        chain.simulate(changed, tolerance=TOLERANCE, scheme="velocity_verlet", law=law) for law in ("linear", "green")
+        chain.simulate(changed, tolerance=TOLERANCE, scheme="velocity_verlet", law=law, outputs=("position",))
+        for law in ("linear", "green")
     )
     runs = [elastic, cable]
     model, basis = np.empty((2, 2, len(ranks)))
