@@ -53,7 +53,7 @@ def with_start(base: xr.Dataset, start: Mapping[str, Any]) -> xr.Dataset:
         result = result.assign(initial_top_tension=((), values["start_tension_N"], newton))
     if "start_sag" in values:
         line = _sagging_line(base, values["start_sag"])
-        result = result.assign(initial_points=(("point", "coordinate"), line, metre))
+        result = result.assign(initial_points=(("initial_points_point", "coordinate"), line, metre))
     if "mass_damping_per_s" in values:
         result = result.assign(damping_mass_proportional=((), values["mass_damping_per_s"], {"units": "s-1"}))
     return result

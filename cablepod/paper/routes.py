@@ -187,7 +187,7 @@ def weights(*, ratio: float = 9.0, links: int = 40, count: int = 3) -> xr.Datase
     """
     even = scene("example2")
     lengths = np.geomspace(1.0, ratio, links)
-    uneven = even.assign(chain_links=links, chain_link_lengths=("link", lengths, {"units": "1"}))
+    uneven = even.assign(chain_links=links, chain_link_lengths=("chain_link_lengths_item", lengths, {"units": "1"}))
     uniform, graded = (
         chain.simulate(each, scheme="velocity_verlet", tolerance=CHAIN_TOLERANCE, outputs=("position",))
         for each in (even.assign(chain_links=links), uneven)
