@@ -58,7 +58,10 @@ class MemberRuns:
 
 
 def motions_of(runs: MemberRuns) -> np.ndarray:
-    """Return the largest rms displacements of members from their initial shapes [m], see :func:`_estimate.motion_of`."""
+    """Return the largest rms displacements of members from their initial shapes [m].
+
+    See :func:`cablepod.condensed._estimate.motion_of`.
+    """
     batch, results = runs.batch, runs.results
     stride = -(-runs.samples.size // MOTION_SAMPLES)
     q = results.saved[:, runs.samples[::stride]]

@@ -7,17 +7,9 @@ import time
 import numpy as np
 import pytest
 from scipy.fft import next_fast_len
+from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
-
-GUY = {
-    "cable": {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "top_tension": 15000.0, "diameter": 0.016},
-    "ends": {"lower": [0.0, 0.0, 0.0], "upper": [20.4, 57.7, 0.0]},
-    "chain": {"links": 20},
-    "time": {"duration": 60.0, "interval": 0.1},
-}
-WIND = {"speed": 25.0, "direction": [1.0, 0.0, 0.0]}
-KAIMAL = {**WIND, "turbulence": {"spectrum": "kaimal", "seed": 7}}
 
 
 def scene(wind=None, **tables):

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from scipy.integrate import solve_bvp
 from scipy.optimize import curve_fit
-from wind.test_field import GUY, WIND
+from wind_scenes import GUY, WIND
 
 import cablepod as cp
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from wind.test_field import GUY, KAIMAL, WIND
+from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
 
