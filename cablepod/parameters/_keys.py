@@ -99,12 +99,18 @@ WIND = {
     "air_density": Key(number(above=0.0), "kg m-3", "density of the air", default=1.25),
     "ramp": Key(number(least=0.0), "s", "time from still air to the full wind", default=0.0),
 }
+#: Keys of turbulence from a file.
+WIND_RECORD = {
+    "record": Key(text, None, "netCDF file of the wind, with wind (time, point, component)"),
+    "record_sha256": Key(text, None, "SHA-256 of the content of the record"),
+}
 TURBULENCE = {
     "spectrum": Key(choice(*SPECTRA), None, "spectrum of the turbulence", required=True),
     "intensity": Key(number(above=0.0, most=1.0), "1", "standard deviation over mean speed at the reference height"),
     "length_scale": Key(number(above=0.0), "m", "length scale of the turbulence along the wind"),
     "decay": Key(numbers_list(least_length=2, above=0.0), "1", "decay of the coherence, vertical and across the wind"),
     "seed": Key(integer(least=0), "1", "seed of the turbulence", default=0),
+    **WIND_RECORD,
 }
 ICE = {
     "thickness": Key(number(least=0.0), "m", "thickness of the ice, grown after tensioning", required=True),

@@ -56,7 +56,7 @@ def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     _check_initial(tree, dims)
     _check_time(tree)
     if "wind" in mapping:
-        tree["wind"] = check_wind(mapping["wind"], tree["cable"], dims)
+        tree["wind"] = check_wind(mapping["wind"], tree["cable"], dims, folder)
     if "ice" in tree and "diameter" not in tree["cable"]:
         raise SceneError("cable.diameter: missing; allowed: a diameter [m], on which the ice grows")
     if "load" in tree:

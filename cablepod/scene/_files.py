@@ -1,4 +1,4 @@
-"""Read text files and the CSV files of records."""
+"""Read files of scenes and the CSV files of records."""
 
 from __future__ import annotations
 
@@ -19,6 +19,14 @@ LARGEST_SCENE = 4 * 2**20
 
 def read_text(path: Path, what: str, largest: int = LARGEST_FILE) -> str:
     """Read a text file of at most `largest` bytes; `what` names its kind in the message of a SceneError."""
+    try:
+        return read_bytes(path, what, largest).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise SceneError(f"{named(str(path))}: binary or not UTF-8; allowed: a {what} in text form") from None
+
+
+def read_bytes(path: Path, what: str, largest: int) -> bytes:
+    """Read a regular file of at most `largest` bytes; `what` names its kind in the message of a SceneError."""
     name = named(str(path))
     try:
         if path.is_dir():
@@ -32,11 +40,9 @@ def read_text(path: Path, what: str, largest: int = LARGEST_FILE) -> str:
             content = file.read(largest + 1) if size <= largest else b""
         if max(size, len(content)) > largest:
             raise SceneError(f"{name}: larger than {largest // 2**20} MiB; allowed: a {what}")
-        return content.decode("utf-8-sig")
+        return content
     except SceneError:
         raise
-    except UnicodeDecodeError:
-        raise SceneError(f"{name}: binary or not UTF-8; allowed: a {what} in text form") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise SceneError(f"{name}: cannot be read: {reason}; allowed: a {what}") from None

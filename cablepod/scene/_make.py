@@ -80,6 +80,10 @@ def check_numbers(p: Parameters) -> None:
     """
     p.check_reach(p.duration or 0.0)
     check_limits(p)
+    if p.turbulence is not None and "record" in p.turbulence:
+        from cablepod.scene._wind_field import check_wind_record
+
+        check_wind_record(p)
     instants = 1 if p.duration is None or p.interval is None else count_instants(p.duration, p.interval)
     check_memory(instants, p.links or 1, p.dims, key="chain.links and time.interval")
 

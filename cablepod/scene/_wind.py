@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from cablepod.errors import SceneError, scene_error
-from cablepod.parameters._keys import TURBULENCE, WIND, check_table
+from cablepod.parameters._keys import TURBULENCE, WIND, WIND_RECORD, check_table
 
 
-def check_wind(table: Any, cable: Mapping[str, Any], dims: int) -> dict[str, Any]:
+def check_wind(table: Any, cable: Mapping[str, Any], dims: int, folder: Path) -> dict[str, Any]:
     """Check the table [wind] of a scene with `dims` coordinates; return its values, defaults filled in.
+
+    The path of a record is relative to `folder`.
 
     Raises
     ------
@@ -42,12 +45,18 @@ def check_wind(table: Any, cable: Mapping[str, Any], dims: int) -> dict[str, Any
     if checked["roughness_length"] >= 10.0:
         raise scene_error("wind.roughness_length", checked["roughness_length"], "a length below 10 m, such as 0.03")
     if "turbulence" in table:
-        checked["turbulence"] = _check_turbulence(table["turbulence"])
+        checked["turbulence"] = _check_turbulence(table["turbulence"], folder)
     return checked
 
 
-def _check_turbulence(table: Any) -> dict[str, Any]:
-    """Check the table [wind.turbulence]."""
+def _check_turbulence(table: Any, folder: Path) -> dict[str, Any]:
+    """Check the table [wind.turbulence], and read its record."""
+    if isinstance(table, Mapping) and "record" in table:
+        return _check_record(table, folder)
+    if isinstance(table, Mapping) and "record_sha256" in table:
+        raise scene_error(
+            "wind.turbulence.record_sha256", table["record_sha256"], "none without wind.turbulence.record"
+        )
     checked = {"decay": [10.0, 16.0], **check_table("wind.turbulence", table, TURBULENCE)}
     if len(checked["decay"]) != 2:
         raise scene_error("wind.turbulence.decay", checked["decay"], "two numbers, vertical and across the wind")
@@ -60,3 +69,15 @@ def _check_turbulence(table: Any) -> dict[str, Any]:
             allowed = f'none with spectrum "{checked["spectrum"]}", whose size follows from wind.roughness_length'
             raise scene_error(key, checked[name], allowed)
     return checked
+
+
+def _check_record(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Check the table [wind.turbulence] with a record; return its path and content hash."""
+    from cablepod.scene._wind_field import read_wind_record  # needed by records only
+
+    for name in table:
+        if name in TURBULENCE and name not in WIND_RECORD:
+            allowed = "none with wind.turbulence.record, which holds mean wind and gusts"
+            raise scene_error(f"wind.turbulence.{name}", table[name], allowed)
+    checked = check_table("wind.turbulence", table, WIND_RECORD)
+    return dict(read_wind_record(folder / checked["record"], checked.get("record_sha256")))

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from cablepod.catenary._rest import _rest_of_member
-from cablepod.errors import SceneError, scene_error
+from cablepod.errors import SceneError, scene_error, user_stacklevel
 from cablepod.parameters._parameters import Parameters
+from cablepod.scene._wind_field import RECORD, checked_field, field_of_record, key_of_record
 from cablepod.wind._profile import mean_speed
 from cablepod.wind._turbulence import across_of, direction_of, gusts
 
@@ -22,8 +23,10 @@ INTERVAL, POINTS = 0.1, 41
 REFINEMENT, MIN_REFINED = 4, 7
 #: Number of samples of a ramp.
 RAMP_SAMPLES = 200
-#: Largest distance of a point of a given field from the cable at rest, over the chord.
-MAX_DISTANCE = 0.1
+#: Most samples of a resampled field over those given.
+MAX_RESAMPLING = 10.0
+#: Largest difference of the mean wind of a record from that of [wind] without a warning, over the speed.
+MAX_DIFFERENCE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,13 +119,22 @@ def mean_air_of(p: Parameters) -> CableAir | None:
     SceneError
         For a cable below the ground.
     """
-    return None if p.wind is None else _of_scene(replace(p, turbulence=None), 0.0).steady
+    if p.wind is None:
+        return None
+    return _of_scene(p if has_record(p) else replace(p, turbulence=None), 0.0).steady
+
+
+def has_record(p: Parameters) -> bool:
+    """Tell whether the wind of a scene is that of a file."""
+    return p.turbulence is not None and "record" in p.turbulence
 
 
 @lru_cache(16)
 def _of_scene(p: Parameters, end_time: float) -> CableAir:
     """Return the air of the tables [wind] and [wind.turbulence]."""
     assert p.wind is not None
+    if has_record(p):
+        return _of_record(p, end_time)
     sigma, position = rest_points(p)
     ramp = float(p.wind.get("ramp", 0.0))
     mean = mean_velocity(p, position)
@@ -196,44 +208,39 @@ def turbulence_at(p: Parameters, position: np.ndarray, end_time: float) -> np.nd
     return total
 
 
-def _of_field(p: Parameters, end_time: float, given: xr.Dataset) -> CableAir:
+def _of_field(p: Parameters, end_time: float, given: xr.Dataset, key: str = "wind") -> CableAir:
     """Return the air of a given field."""
-    _check_variables(given, ("wind", "time", "point", "component"), "a field, such as that of wind.field")
-    time = np.asarray(given["time"].values, dtype=float)
-    velocity = given["wind"].transpose("time", "point", "component").values.astype(float)
-    if list(given["component"].values) != list("xyz"[: p.dims]):
-        raise SceneError(
-            f"wind: given the components {', '.join(map(str, given['component'].values))}; allowed: {', '.join('xyz'[: p.dims])}"
-        )
-    if time.size < 2 or not (np.diff(time) > 0.0).all():
-        raise SceneError("wind: given instants that do not rise; allowed: at least two rising instants [s]")
-    if not np.isfinite(velocity).all():
-        raise SceneError("wind: given values that are not finite; allowed: finite velocities [m/s]")
-    if time[0] > 0.0 or time[-1] < end_time * (1.0 - 1e-12):
-        raise SceneError(
-            f"wind: the field is too short, from {time[0]:g} s to {time[-1]:g} s; allowed: one that covers the run, from 0 s to "
-            f"{end_time:g} s"
-        )
-    sigma, order = _places_of(p, given)
-    velocity = velocity[:, order]
+    time, sigma, velocity, mean = checked_field(p, end_time, given, key)
     rate = (time.size - 1) / (time[-1] - time[0])
-    if time[0] != 0.0 or np.abs(np.diff(time) * rate - 1.0).max() > 1e-6:  # resampled at its mean interval
+    if time[0] != 0.0 or np.abs(np.diff(time) * rate - 1.0).max() > 1e-6:
+        rate = min(1.0 / float(np.diff(time).min()), MAX_RESAMPLING * rate)  # resampled at its shortest interval
         samples = np.arange(math.ceil(time[-1] * rate) + 1) / rate
         velocity = _interpolated(samples, time, velocity)
     density = 1.25 if p.wind is None else float(p.wind["air_density"])
-    mean = velocity.mean(axis=0)
-    if "mean_wind" in given:
-        mean = given["mean_wind"].transpose("point", "component").values.astype(float)[order]
     return CableAir(velocity, sigma, rate, drag_of(p, density), mean)
 
 
-def _check_variables(given: Any, names: tuple[str, ...], allowed: str) -> None:
-    """Refuse a field that is no Dataset, or lacks variables."""
-    if not isinstance(given, xr.Dataset):
-        raise SceneError(f"wind: given a {type(given).__name__}; allowed: {allowed}")
-    missing = [name for name in names if name not in given.variables]
-    if missing:
-        raise SceneError(f"wind: given a Dataset without {' and '.join(missing)}; allowed: {allowed}")
+def _of_record(p: Parameters, end_time: float) -> CableAir:
+    """Return the air of wind.turbulence.record, with the ramp of the scene."""
+    assert p.wind is not None
+    assert p.turbulence is not None
+    sigma, position = rest_points(p)
+    air = _of_field(p, end_time, field_of_record(p.turbulence), key_of_record(p))
+    stated = mean_velocity(p, position)
+    difference = float(np.linalg.norm(air.steady.at(sigma)[0] - stated, axis=-1).mean())
+    speed = float(np.linalg.norm(stated, axis=-1).mean())
+    if difference > MAX_DIFFERENCE * speed:
+        warnings.warn(
+            f"wind.speed, wind.direction: the mean wind of {RECORD} differs by {difference:.3g} m/s from that of [wind], "
+            f"{speed:.3g} m/s along the cable; the record is used; change wind.speed and wind.direction to its mean",
+            UserWarning,
+            stacklevel=user_stacklevel(),
+        )
+    ramp = float(p.wind.get("ramp", 0.0))
+    if not ramp:
+        return air
+    step = smooth_step(np.arange(len(air.velocity)) / air.samples_per_second / ramp)
+    return replace(air, velocity=air.velocity * step[:, None, None], mean=0.0 * air.mean)
 
 
 def _interpolated(samples: np.ndarray, time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
@@ -241,31 +248,6 @@ def _interpolated(samples: np.ndarray, time: np.ndarray, velocity: np.ndarray) -
     right = np.clip(np.searchsorted(time, samples), 1, time.size - 1)
     share = np.clip((samples - time[right - 1]) / (time[right] - time[right - 1]), 0.0, 1.0)[:, None, None]
     return (1.0 - share) * velocity[right - 1] + share * velocity[right]
-
-
-def _places_of(p: Parameters, given: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Return the relative arc lengths of the points of a field near the cable, rising, and their numbers from 0."""
-    if "relative_arc_length" in given.variables:
-        sigma = np.asarray(given["relative_arc_length"].values, dtype=float)
-        near = np.ones(sigma.size, dtype=bool)
-    else:
-        _check_variables(
-            given, ("position",), "a field with relative_arc_length (point) or position (point, component)"
-        )
-        place = given["position"].transpose("point", ...).values.astype(float)
-        of_rest, rest = np.linspace(0.0, 1.0, 401), _rest_of_member(p, 401)[0]
-        distance = np.sqrt(((place[:, None] - rest[None]) ** 2).sum(axis=-1))
-        sigma = of_rest[distance.argmin(axis=1)]
-        chord = float(np.linalg.norm(rest[-1] - rest[0]))
-        near = distance.min(axis=1) <= MAX_DISTANCE * chord
-        if not near.any():
-            raise SceneError(
-                f"wind: given a field with no point near the cable (the nearest is {distance.min():.3g} m away); allowed: points "
-                f"within {MAX_DISTANCE * chord:.3g} m"
-            )
-    order = np.flatnonzero(near)[np.argsort(sigma[near], kind="stable")]
-    order = order[np.concatenate([[True], np.diff(sigma[order]) > 0.0])]
-    return sigma[order], order
 
 
 def check_no_wind(p: Parameters, where: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,16 @@ from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer, numbers_list, point
 from cablepod.parameters._from_scene import SceneContent
-from cablepod.wind._air import INTERVAL, _interpolated, instants_until, mean_velocity, rest_points, turbulence_at
+from cablepod.wind._air import (
+    INTERVAL,
+    _interpolated,
+    air_of,
+    has_record,
+    instants_until,
+    mean_velocity,
+    rest_points,
+    turbulence_at,
+)
 
 
 @over_members
@@ -42,7 +52,7 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
     Raises
     ------
     SceneError
-        For a scene without wind, a cable below the ground, and points below it.
+        For a scene without wind, a cable below the ground, points below it, and seed or points with a record.
 
     Notes
     -----
@@ -94,9 +104,12 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
         ground = float(p.wind["ground"])
         if position[:, 1].min() < ground:
             raise scene_error("points", float(position[:, 1].min()), f"points above wind.ground, {ground:g} m")
-    mean = mean_velocity(p, position)
-    velocity = np.repeat(mean[None], time.size, axis=0)
-    if p.turbulence is not None:
+    if has_record(p):
+        mean, velocity = _of_record(p, time, seed, points)
+    else:
+        mean = mean_velocity(p, position)
+        velocity = np.repeat(mean[None], time.size, axis=0)
+    if p.turbulence is not None and not has_record(p):
         turbulence = turbulence_at(p, position, max(float(time[-1]), p.duration or 0.0))
         velocity += _interpolated(time, INTERVAL * np.arange(len(turbulence)), turbulence)
     result = _labelled(p.dims, time, position, mean, velocity, sigma)
@@ -113,22 +126,32 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
     )
 
 
+def _of_record(p: Any, time: np.ndarray, seed: int | None, points: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean velocity (points, dims) and velocity (instants, points, dims) of a record along the cable [m/s]."""
+    for key, value in (("seed", seed), ("points", points)):
+        if value is not None:
+            raise scene_error(key, value, "none with wind.turbulence.record, which is a field along the cable")
+    p = replace(p, wind={**p.wind, "ramp": 0.0})
+    air: Any = air_of(p, float(time[-1]))
+    sigma = rest_points(p)[0]
+    instants = np.arange(len(air.velocity)) / air.samples_per_second
+    return air.steady.at(sigma)[0], _interpolated(time, instants, air.at(sigma))
+
+
 def _is_array(points: Any) -> bool:
     return isinstance(points, np.ndarray | xr.DataArray)
 
 
 def _with_seed(p: Any, seed: int) -> Any:
-    from dataclasses import replace
-
-    return p if p.turbulence is None else replace(p, turbulence={**p.turbulence, "seed": seed})
+    return p if p.turbulence is None or has_record(p) else replace(p, turbulence={**p.turbulence, "seed": seed})
 
 
 def _seed(p: Any) -> int:
-    return -1 if p.turbulence is None else int(p.turbulence["seed"])
+    return -1 if p.turbulence is None or has_record(p) else int(p.turbulence["seed"])
 
 
 def _spectrum(p: Any) -> str:
-    return "none" if p.turbulence is None else str(p.turbulence["spectrum"])
+    return "none" if p.turbulence is None else "record" if has_record(p) else str(p.turbulence["spectrum"])
 
 
 def _labelled(

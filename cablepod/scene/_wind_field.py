@@ -1,0 +1,215 @@
+"""Fields of wind: those given to a model, and the record of a scene, a netCDF file."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod._inputs import _powers
+from cablepod.catenary._rest import _rest_of_member
+from cablepod.errors import SceneError, named, scene_error
+from cablepod.parameters._parameters import Parameters
+from cablepod.scene._files import read_bytes
+
+#: Key of the record.
+RECORD = "wind.turbulence.record"
+#: Maximum size of a record [bytes].
+LARGEST_FIELD = 2**30
+#: Largest distance of a point of a field from the cable at rest, over the chord.
+MAX_DISTANCE = 0.1
+#: Largest interval of a field over the median one.
+MAX_GAP = 10.0
+WHAT = "record, a netCDF file with wind (time, point, component)"
+
+
+def read_wind_record(path: Path, expected: str | None) -> dict[str, str]:
+    """Read the record of the wind; return its absolute path and the SHA-256 of its content.
+
+    Raises
+    ------
+    SceneError
+        For a file that is no field of wind, and one whose content is not as `expected`.
+    """
+    path = path.absolute()
+    digest = hashlib.sha256(_content(path)).hexdigest()
+    if expected is not None and expected != digest:
+        raise scene_error("wind.turbulence.record_sha256", expected, f"that of {named(str(path))}, {digest}")
+    _field(str(path), digest)
+    return {"record": str(path), "record_sha256": digest}
+
+
+def field_of_record(turbulence: Mapping[str, Any]) -> xr.Dataset:
+    """Return the field of a record by path and content hash.
+
+    Raises
+    ------
+    SceneError
+        If the file has gone, or is not as it was when the scene was made.
+    """
+    return _field(str(turbulence["record"]), str(turbulence["record_sha256"]))
+
+
+def check_wind_record(p: Parameters) -> None:
+    """Refuse a record that does not belong to the cable, or does not cover the duration.
+
+    Raises
+    ------
+    SceneError
+        As :func:`checked_field`.
+    """
+    if p.turbulence is not None and "record" in p.turbulence:
+        checked_field(p, p.duration or 0.0, field_of_record(p.turbulence), key_of_record(p))
+
+
+def key_of_record(p: Parameters) -> str:
+    """Return key and name of the record, for messages."""
+    assert p.turbulence is not None
+    return f"{RECORD}: {named(str(p.turbulence['record']))}"
+
+
+def checked_field(
+    p: Parameters, end_time: float, given: xr.Dataset, key: str = "wind"
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Check a field; return its instants [s], and of the points near the cable the relative arc lengths, velocities, mean.
+
+    Velocities (samples, points, dims) and their mean (points, dims) are in m/s.
+
+    Raises
+    ------
+    SceneError
+        For a field without points near the cable, one that does not cover the run until `end_time` [s], instants that do not
+        rise, components other than the axes of the scene, and values that are not finite; the message begins with `key`.
+    """
+    _check_variables(key, given, ("wind", "time", "point", "component"), "a field, such as that of wind.field")
+    for name, dims in (("time", ("time",)), ("wind", ("time", "point", "component")), ("component", ("component",))):
+        if set(given[name].dims) != set(dims) or (name != "component" and given[name].dtype.kind not in "iuf"):
+            raise SceneError(
+                f"{key}: given {name} {dict(given[name].sizes)} of type {given[name].dtype}; allowed: numbers over {dims}"
+            )
+    time = np.asarray(given["time"].values, dtype=float)
+    velocity = given["wind"].transpose("time", "point", "component").values.astype(float)
+    if list(given["component"].values) != list("xyz"[: p.dims]):
+        raise SceneError(
+            f"{key}: given the components {', '.join(map(str, given['component'].values))}; allowed: {', '.join('xyz'[: p.dims])}"
+        )
+    if time.size < 2 or not velocity.shape[1] or not (np.diff(time) > 0.0).all() or not np.isfinite(time).all():
+        raise SceneError(
+            f"{key}: given instants that do not rise, or none ({time.size} instants, {velocity.shape[1]} points); "
+            "allowed: at least two rising instants [s] and a point"
+        )
+    if not np.isfinite(velocity).all():
+        raise SceneError(f"{key}: given values that are not finite; allowed: finite velocities [m/s]")
+    spacing = np.diff(time)
+    if spacing.max() > MAX_GAP * np.median(spacing):
+        raise SceneError(
+            f"{key}: given a gap of {spacing.max():g} s after {time[spacing.argmax()]:g} s; allowed: at most ten times the "
+            f"median spacing, {np.median(spacing):g} s"
+        )
+    if time[0] > 0.0 or time[-1] < end_time * (1.0 - 1e-12):
+        raise SceneError(
+            f"{key}: the field is too short, from {time[0]:g} s to {time[-1]:g} s; allowed: one that covers the run, from 0 s to "
+            f"{end_time:g} s"
+        )
+    sigma, order = _places_of(p, given, key)
+    velocity = velocity[:, order]
+    mean = velocity.mean(axis=0)
+    if "mean_wind" in given:
+        mean = given["mean_wind"].transpose("point", "component").values.astype(float)[order]
+        if not np.isfinite(mean).all():
+            raise SceneError(f"{key}: given a mean_wind that is not finite; allowed: finite velocities [m/s]")
+    return time, sigma, velocity, mean
+
+
+def _check_variables(key: str, given: Any, names: tuple[str, ...], allowed: str) -> None:
+    """Refuse a field that is no Dataset, or lacks variables."""
+    if not isinstance(given, xr.Dataset):
+        raise SceneError(f"{key}: given a {type(given).__name__}; allowed: {allowed}")
+    missing = [name for name in names if name not in given.variables and not (name == "point" and name in given.dims)]
+    if missing:
+        raise SceneError(f"{key}: given a Dataset without {' and '.join(missing)}; allowed: {allowed}")
+
+
+def _places_of(p: Parameters, given: xr.Dataset, key: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the relative arc lengths of the points of a field near the cable, rising, and their numbers from 0."""
+    if "relative_arc_length" in given.variables:
+        sigma = np.asarray(given["relative_arc_length"].values, dtype=float)
+        if sigma.shape != (given.sizes["point"],) or not ((sigma >= 0.0) & (sigma <= 1.0)).all():
+            raise SceneError(
+                f"{key}: given relative_arc_length outside of the cable; allowed: a number from 0 to 1 a point"
+            )
+        near = np.ones(sigma.size, dtype=bool)
+    else:
+        _check_variables(
+            key, given, ("position",), "a field with relative_arc_length (point) or position (point, component)"
+        )
+        if set(given["position"].dims) != {"point", "component"}:
+            raise SceneError(f"{key}: given position over {given['position'].dims}; allowed: over point and component")
+        place = given["position"].transpose("point", "component").values.astype(float)
+        of_rest, rest = np.linspace(0.0, 1.0, 401), _rest_of_member(p, 401)[0]
+        distance = np.sqrt(((place[:, None] - rest[None]) ** 2).sum(axis=-1))
+        sigma = of_rest[distance.argmin(axis=1)]
+        chord = float(np.linalg.norm(rest[-1] - rest[0]))
+        near = distance.min(axis=1) <= MAX_DISTANCE * chord
+        if not near.any():
+            raise SceneError(
+                f"{key}: given a field with no point near the cable (the nearest is {distance.min():.3g} m away); "
+                f"allowed: points within {MAX_DISTANCE * chord:.3g} m"
+            )
+    order = np.flatnonzero(near)[np.argsort(sigma[near], kind="stable")]
+    order = order[np.concatenate([[True], np.diff(sigma[order]) > 0.0])]
+    return sigma[order], order
+
+
+# --- file -----------------------------------------------------------------------------------------------------------------
+
+
+def _content(path: Path, key: str = RECORD) -> bytes:
+    """Read a record; the error names the key."""
+    try:
+        content = read_bytes(path, WHAT, LARGEST_FIELD)
+    except SceneError as error:
+        raise SceneError(f"{key}: {error}") from None
+    if not content:
+        raise SceneError(f"{RECORD}: {named(str(path))} is empty; allowed: a {WHAT}")
+    return content
+
+
+@lru_cache(4)
+def _field(path: str, sha256: str) -> xr.Dataset:
+    """Read the field of a file: what is hashed is what is read."""
+    content = _content(Path(path))
+    if hashlib.sha256(content).hexdigest() != sha256:
+        raise SceneError(
+            f"{RECORD}: {named(path)} has changed since the scene was made; allowed: the file with the SHA-256 {sha256}; "
+            "try: make the scene again"
+        )
+    from netCDF4 import Dataset
+    from xarray.backends import NetCDF4DataStore
+
+    try:
+        with Dataset("record", memory=content) as file:
+            store: Any = NetCDF4DataStore(file)
+            field = xr.open_dataset(store, decode_times=False, decode_timedelta=False).load()
+    except Exception as error:  # of the library, by the kind of damage
+        raise SceneError(
+            f"{RECORD}: {named(path)} is no netCDF file, or damaged ({error}); allowed: a {WHAT}"
+        ) from None
+    _check_units(path, field, "time", "s")
+    for name, units in (("wind", "m s-1"), ("mean_wind", "m s-1"), ("position", "m")):
+        _check_units(path, field, name, units)
+    return field
+
+
+def _check_units(path: str, field: xr.Dataset, name: str, units: str) -> None:
+    """Refuse a variable in other units than SI; one without units is taken as it is."""
+    if name not in field.variables or "units" not in field[name].attrs:
+        return
+    given = str(field[name].attrs["units"]).partition(" since ")[0].replace("seconds", "s")
+    if _powers(given) != _powers(units):
+        raise SceneError(f"{RECORD}: {named(path)}: {name}: given units {given!r}; allowed: {units}")
