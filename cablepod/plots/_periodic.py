@@ -29,8 +29,8 @@ ORBIT = "what periodic.orbit gives"
 
 def frequency_response(
     response: xr.Dataset,
-    backbone: xr.Dataset | None = None,
     *,
+    backbone: xr.Dataset | None = None,
     variable: str = "deflection_maximum",
     ax: Axes | None = None,
 ) -> Axes:

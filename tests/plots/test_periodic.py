@@ -94,7 +94,7 @@ def test_backbones_and_orbits():
     )
     ax = plots.backbone(free)
     assert list(ax.get_lines()[0].get_xdata()) == [1.0, 1.1]
-    assert list(plots.frequency_response(response(), free).get_lines()[0].get_ydata()) == [0.1, 0.2]
+    assert list(plots.frequency_response(response(), backbone=free).get_lines()[0].get_ydata()) == [0.1, 0.2]
     time = np.linspace(0.0, 1.0, 65)
     place = np.zeros((65, 3, 3))
     place[:, 2, 0] = 2.0
