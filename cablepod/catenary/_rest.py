@@ -20,7 +20,7 @@ from cablepod.parameters._parameters import Parameters
 
 
 def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
-    """Compute the equilibrium of a continuous cable by the exact elastic catenary.
+    """Compute the equilibrium of a continuous cable in still air by the exact elastic catenary.
 
     Weight and uniform load act, and the linear law T = K (xi - 1) holds.  If two lengths have the given tension, the
     shorter one is returned.  Loads and positions of the ends are those at time 0.
@@ -37,7 +37,8 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     xarray.Dataset
         ``position (particle, coordinate)`` [m], ``tension (particle)`` [N] with ``arc_length (particle)`` [m], and the
         scalars ``unstretched_length``, ``stretched_length`` [m], ``horizontal_force``, ``tension_lower``,
-        ``tension_upper`` [N].  ``horizontal_force`` is the component across the total load, which is constant.
+        ``tension_upper`` [N].  ``horizontal_force`` is the component across the total load, which is constant.  For a scene
+        with wind the attribute ``air`` is "still": :func:`cablepod.chain.rest` is the cable in the mean wind.
 
     Raises
     ------
@@ -96,6 +97,8 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
         result = result.assign_coords({name: variable.copy() for name, variable in swept.items()})
     label(result)
     result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: continuous cable at rest", stage="rest")
+    if any(p.wind is not None for p in members):
+        result.attrs.update(title=f"{result.attrs['title']} in still air", air="still")
     options = {"points": points} | ({} if single else {"unstretched_lengths": scalars[..., 0]})
     return provenance.record(result, function="catenary.rest", parameters=options, inputs=[scene])
 

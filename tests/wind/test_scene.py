@@ -164,3 +164,11 @@ def test_a_study_leaves_out_the_model_that_refuses_wind():
     study = cp.study.run(scene, ranks=[1])
     assert "condensed_r1" in study.children
     assert "galerkin_r1" not in study.children
+
+
+def test_the_catenary_is_in_still_air_and_says_so():
+    still, windy = (cp.catenary.rest(cp.make_scene({**GUY, **wind})) for wind in ({}, {"wind": WIND}))
+    assert np.array_equal(still.position, windy.position)
+    assert windy.attrs["air"] == "still"
+    assert windy.attrs["title"].endswith("continuous cable at rest in still air")
+    assert "air" not in still.attrs
