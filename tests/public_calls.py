@@ -40,6 +40,7 @@ def datasets(spatial: bool = False) -> dict[str, xr.Dataset]:
     return {
         "scene": scene,
         "windy": windy,
+        "gusts": cp.wind.field(windy, times=[0.0, 1.0]),
         "members": members,
         "rest": cp.chain.rest(scene),
         "catenary": cp.catenary.rest(scene),
@@ -99,6 +100,7 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "plots.stability": (("comparison",), {}),
     "plots.stability_map": (("comparison",), {}),
     "plots.tension": (("chain",), {}),
+    "plots.wind_field": (("gusts",), {}),
     "pod.at_times": (("chain",), {"times": [0.0, 1.0]}),
     "pod.decompose": (("chain",), {}),
     "pod.project": (("chain", "modes"), {}),

@@ -10,6 +10,7 @@ from cablepod.plots._modes import amplitudes, modes, singular_values
 from cablepod.plots._periodic import backbone, frequency_response, multipliers, orbit, stability_map
 from cablepod.plots._reports import error_against_run_time, error_over_time
 from cablepod.plots._style import COLOURS, LINES, MARKERS, SIGMA
+from cablepod.plots._wind import spectra, tension_cycles, wind_field
 
 __all__ = [
     "COLOURS",
@@ -32,7 +33,10 @@ __all__ = [
     "shapes",
     "singular_values",
     "snapshots",
+    "spectra",
     "stability",
     "stability_map",
     "tension",
+    "tension_cycles",
+    "wind_field",
 ]
