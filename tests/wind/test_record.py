@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 import xarray as xr
-from wind.test_field import GUY, KAIMAL, WIND
+from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
 
