@@ -18,7 +18,7 @@ from cablepod import examples
 
 NOTEBOOKS = Path(__file__).parent / "notebooks"
 #: In the order in which they are to be read.
-NAMES = ("first_look", "modes", "reduced_models", "parametric_study", "the_paper")
+NAMES = ("first_look", "modes", "reduced_models", "parametric_study", "wind", "the_paper")
 #: Time limit of a cell [s].
 CELL = 600
 PICTURE = "guy.gif"
