@@ -49,7 +49,7 @@ def wind_field(wind: xr.Dataset, *, component: str | None = None, ax: Axes | Non
     SceneError
         For another Dataset, a single instant or point, and a missing component.
     """
-    array = _style.take("wind", wind, "wind", ("time", "point", "component"), FIELD)
+    array = _numbers(wind, "wind", ("time", "point", "component"))
     names = [str(name) for name in array["component"].values]
     if min(array.shape[:2]) < 2:
         raise scene_error("wind", str(dict(array.sizes)), "two instants and two points at least")
@@ -75,15 +75,24 @@ def wind_field(wind: xr.Dataset, *, component: str | None = None, ax: Axes | Non
 def _heights(wind: xr.Dataset) -> tuple[np.ndarray, str]:
     """Return rising or falling places of the points, and their label."""
     if "position" in wind.variables and "y" in wind["component"].values:
-        height = wind["position"].transpose("point", "component").sel(component="y").values
+        height = _numbers(wind, "position", ("point", "component")).sel(component="y").values
         change = np.diff(height)
         if (change > 0.0).all() or (change < 0.0).all():
             return height, "height y [m]"
     if "relative_arc_length" in wind.variables:
-        return wind["relative_arc_length"].values, _style.SIGMA
+        return _numbers(wind, "relative_arc_length", ("point",)).values, _style.SIGMA
     raise SceneError(
         "wind: given points whose heights do not rise; allowed: points one above the other, or along a cable"
     )
+
+
+def _numbers(wind: xr.Dataset, name: str, dims: tuple[str, ...]) -> xr.DataArray:
+    """Return a variable of a field, checked to hold numbers."""
+    array = _style.take("wind", wind, name, dims, FIELD)
+    for part in (array, *(array[dim] for dim in ("time",) if dim in dims)):
+        if part.dtype.kind not in "iuf":
+            raise SceneError(f"wind: given {part.name} of type {part.dtype}; allowed: {FIELD}")
+    return array
 
 
 def spectra(response: xr.DataArray, forcing: xr.DataArray, *, segments: int = 8, ax: Axes | None = None) -> Axes:

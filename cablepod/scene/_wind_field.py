@@ -87,11 +87,10 @@ def checked_field(
         rise, components other than the axes of the scene, and values that are not finite; the message begins with `key`.
     """
     _check_variables(key, given, ("wind", "time", "point", "component"), "a field, such as that of wind.field")
-    for name, dims in (("time", ("time",)), ("wind", ("time", "point", "component")), ("component", ("component",))):
-        if set(given[name].dims) != set(dims) or (name != "component" and given[name].dtype.kind not in "iuf"):
-            raise SceneError(
-                f"{key}: given {name} {dict(given[name].sizes)} of type {given[name].dtype}; allowed: numbers over {dims}"
-            )
+    _check_numbers(key, given, "time", ("time",))
+    _check_numbers(key, given, "wind", ("time", "point", "component"))
+    if given["component"].dims != ("component",):
+        raise SceneError(f"{key}: given component over {given['component'].dims}; allowed: the axes over component")
     time = np.asarray(given["time"].values, dtype=float)
     velocity = given["wind"].transpose("time", "point", "component").values.astype(float)
     if list(given["component"].values) != list("xyz"[: p.dims]):
@@ -120,6 +119,7 @@ def checked_field(
     velocity = velocity[:, order]
     mean = velocity.mean(axis=0)
     if "mean_wind" in given:
+        _check_numbers(key, given, "mean_wind", ("point", "component"))
         mean = given["mean_wind"].transpose("point", "component").values.astype(float)[order]
         if not np.isfinite(mean).all():
             raise SceneError(f"{key}: given a mean_wind that is not finite; allowed: finite velocities [m/s]")
@@ -135,11 +135,19 @@ def _check_variables(key: str, given: Any, names: tuple[str, ...], allowed: str)
         raise SceneError(f"{key}: given a Dataset without {' and '.join(missing)}; allowed: {allowed}")
 
 
+def _check_numbers(key: str, given: xr.Dataset, name: str, dims: tuple[str, ...]) -> None:
+    """Refuse a variable of a field that holds no numbers, or has other dimensions."""
+    array = given[name]
+    if set(array.dims) != set(dims) or array.dtype.kind not in "iuf":
+        raise SceneError(f"{key}: given {name} over {array.dims} of type {array.dtype}; allowed: numbers over {dims}")
+
+
 def _places_of(p: Parameters, given: xr.Dataset, key: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the relative arc lengths of the points of a field near the cable, rising, and their numbers from 0."""
     if "relative_arc_length" in given.variables:
+        _check_numbers(key, given, "relative_arc_length", ("point",))
         sigma = np.asarray(given["relative_arc_length"].values, dtype=float)
-        if sigma.shape != (given.sizes["point"],) or not ((sigma >= 0.0) & (sigma <= 1.0)).all():
+        if not ((sigma >= 0.0) & (sigma <= 1.0)).all():
             raise SceneError(
                 f"{key}: given relative_arc_length outside of the cable; allowed: a number from 0 to 1 a point"
             )
@@ -148,8 +156,7 @@ def _places_of(p: Parameters, given: xr.Dataset, key: str) -> tuple[np.ndarray, 
         _check_variables(
             key, given, ("position",), "a field with relative_arc_length (point) or position (point, component)"
         )
-        if set(given["position"].dims) != {"point", "component"}:
-            raise SceneError(f"{key}: given position over {given['position'].dims}; allowed: over point and component")
+        _check_numbers(key, given, "position", ("point", "component"))
         place = given["position"].transpose("point", "component").values.astype(float)
         of_rest, rest = np.linspace(0.0, 1.0, 401), _rest_of_member(p, 401)[0]
         distance = np.sqrt(((place[:, None] - rest[None]) ** 2).sum(axis=-1))
