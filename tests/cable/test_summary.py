@@ -150,7 +150,7 @@ def test_degenerate_scenes(changes):
 
 
 def test_what_is_no_scene_is_refused():
-    with pytest.raises(cp.SceneError, match=r"^scene: given no Dataset"):
+    with pytest.raises(cp.SceneError, match=r"^scene: given an int; allowed: what make_scene gives$"):
         cp.summary(5)
 
 

@@ -91,7 +91,7 @@ def test_every_term_at_once(free_upper):
         mapping["motion"] = {"lower": SCENE["motion"]["lower"]}
     scene = cp.make_scene(mapping)
     times = np.linspace(0, 3, 7)
-    run = cp.chain.simulate(scene, times=times)
+    run = cp.chain.simulate(scene, times=times, outputs=("position",))
     start = run.position.values[0, 1 : 6 if free_upper else 5]
     solved = solve_ivp(
         lambda t, y: rates(t, y, free_upper=free_upper),

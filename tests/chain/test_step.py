@@ -165,7 +165,7 @@ def test_a_chaotic_scene_is_warned_of(scenes):
     scene = cp.read_scene(scenes / "example2.toml")
     wild = scene.assign(
         motion_upper_x_amplitude=scene.motion_upper_x_amplitude * 2,
-        motion_upper_x_angular_frequency=scene.gravity * 0 + 2.0,
+        motion_upper_x_angular_frequency=scene.motion_upper_x_angular_frequency * 0 + 2.0,
     )
     with pytest.warns(cp.NotConvergedWarning, match="not converged in time: an error of"):
         cp.chain.simulate(wild, links=10, times=[45.0])

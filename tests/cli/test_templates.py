@@ -32,7 +32,7 @@ def test_what_new_writes_runs(here, capsys):
 def test_each_block_of_the_new_scene_can_be_uncommented():
     text = (shipped.data_folder() / "new.toml").read_text()
     blocks = [block for block in text.split("\n\n") if block.startswith("# [")]
-    assert len(blocks) == 5
+    assert len(blocks) == 7
     plain = cp.make_scene(tomllib.loads(text))
     for block in blocks:
         bare = "\n".join(line.removeprefix("# ") for line in block.splitlines())
