@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod._sigint import defer_sigint, defer_sigint_during_dask
 from cablepod.conventions import ATTRIBUTES, LABELS, VARIABLES
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._checks import LARGEST, point, points
@@ -153,6 +154,8 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
     if not isinstance(given, xr.Dataset):
         name = type(given).__name__
         raise SceneError(f"{key}: given {'an' if name[:1].lower() in 'aeiou' else 'a'} {name}; allowed: {kind.allowed}")
+    if not kind.is_small:
+        given = _loaded(given)
     variables: dict[Any, Any] = given._variables
     layout = _layout(key, given, kind)
     tidy = True
@@ -184,6 +187,25 @@ def several(key: str, given: Any, kind: Kind) -> list[xr.Dataset]:
 def floats(array: Any) -> np.ndarray:
     """Return numbers as floats of this machine in the memory order of C, which decides on the last bits of sums."""
     return np.require(array, float, ("C", "ALIGNED", "WRITEABLE"))
+
+
+def _loaded(given: xr.Dataset) -> xr.Dataset:
+    """Return a Dataset whose lazy variables without instants, such as the places of particles, are in memory."""
+    variables: dict[Any, xr.Variable] = given._variables
+    small = [
+        name
+        for name, variable in variables.items()
+        if type(variable._data) is not np.ndarray
+        and type(variable) is not xr.IndexVariable
+        and "time" not in variable.dims
+    ]
+    if not small:
+        return given
+    with defer_sigint(), defer_sigint_during_dask(given):  # dask and the files of xarray hold locks meanwhile
+        loaded = given[small].compute()
+    coords, others = [name for name in small if name in given.coords], [name for name in small if name in given]
+    given = given.assign_coords({name: loaded[name].variable for name in coords})
+    return given.assign({name: loaded[name].variable for name in others if name not in coords})
 
 
 # --- variables ------------------------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ SPATIAL: dict[str, Any] = SOFT | {
     "motion": {
         "upper": {
             "x": {"kind": "one_minus_cosine", "amplitude": -0.05, "angular_frequency": 2.0},
-            "z": {"kind": "harmonic", "amplitude": 0.04, "angular_frequency": 1.6, "phase": 1.0},
+            "z": {"kind": "harmonic", "amplitude": 0.04, "angular_frequency": 2.0, "phase": 1.0},
         }
     },
     "load": {"uniform": [1.0, -2.0, 3.0]},
@@ -54,6 +54,10 @@ def datasets(spatial: bool = False) -> dict[str, xr.Dataset]:
         "comparison": cp.compare.errors(condensed, chain),
         "frequencies": cp.cable.frequencies(scene, count=2),
         "prepared": cp.condensed.prepare(scene, normal).dataset(),
+        "orbit": cp.periodic.orbit(scene, normal, rank=1),
+        "response": cp.periodic.frequency_response(scene, normal, rank=1, frequency=(1.9, 2.1), points=5),
+        "free": cp.periodic.backbone(scene, normal, rank=1, amplitude=0.02),
+        "map": cp.periodic.stability_map(scene, normal, rank=1, frequency=[2.0, 2.1], amplitude=[0.01, 0.02]),
     }
 
 
@@ -84,13 +88,13 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "periodic.stability_map": (("scene", "normal modes"), {"frequency": [1.0], "amplitude": [0.05]}),
     "plots.amplitudes": (("condensed",), {}),
     "plots.animate": (("chain", "condensed"), {}),
-    "plots.backbone": (("comparison",), {}),
+    "plots.backbone": (("free",), {}),
     "plots.error_against_run_time": (("comparison",), {}),
     "plots.error_over_time": (("comparison",), {}),
-    "plots.frequency_response": (("comparison",), {}),
+    "plots.frequency_response": (("response",), {}),
     "plots.modes": (("modes",), {}),
-    "plots.multipliers": (("comparison",), {}),
-    "plots.orbit": (("comparison",), {}),
+    "plots.multipliers": (("response",), {}),
+    "plots.orbit": (("orbit",), {}),
     "plots.parameter_map": (("comparison",), {"variable": "error", "x": "a", "y": "b"}),
     "plots.phase_portraits": (("chain",), {}),
     "plots.rest": (("catenary", "rest"), {}),
@@ -98,7 +102,7 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "plots.singular_values": (("modes",), {}),
     "plots.snapshots": (("chain", "chain"), {}),
     "plots.stability": (("comparison",), {}),
-    "plots.stability_map": (("comparison",), {}),
+    "plots.stability_map": (("map",), {}),
     "plots.tension": (("chain",), {}),
     "plots.wind_field": (("gusts",), {}),
     "pod.at_times": (("chain",), {"times": [0.0, 1.0]}),

@@ -15,12 +15,12 @@ import numpy as np
 import xarray as xr
 
 from cablepod import conventions, provenance
+from cablepod._sigint import defer_sigint
 from cablepod.archive._checked import CheckedFile, changed, check_bytes
 from cablepod.archive._checksums import CHECKSUMS
 from cablepod.archive._content_hash import content_hash
 from cablepod.archive._folder import path_of
 from cablepod.archive._seal import SCHEMA
-from cablepod.batch._sigint import defer_sigint
 from cablepod.errors import ArchiveError
 
 _LIBRARY = threading.RLock()

@@ -12,13 +12,13 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import ANY, taken
+from cablepod._sigint import defer_sigint_during_dask
 from cablepod.archive._atomic import atomic_file
 from cablepod.archive._attributes import with_file_attributes
 from cablepod.archive._checksums import chunk_shape
 from cablepod.archive._folder import path_of
 from cablepod.archive._read import LIBRARY_ERRORS, netcdf_lock
 from cablepod.archive._seal import add_seal
-from cablepod.batch._sigint import defer_sigint_during_dask
 from cablepod.errors import ArchiveError
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import archive, provenance
+from cablepod._sigint import check_sigint
 from cablepod.archive._atomic import atomic_file
 from cablepod.archive._attributes import root_attributes
 from cablepod.archive._folder import path_of
@@ -32,7 +33,6 @@ from cablepod.archive._manifest import (
 from cablepod.archive._read import version
 from cablepod.archive._seal import SCHEMA
 from cablepod.archive._write import check_target, reason
-from cablepod.batch._sigint import check_sigint
 from cablepod.errors import ArchiveError, shown
 
 LOCK = ".cablepod-lock"

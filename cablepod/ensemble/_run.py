@@ -21,11 +21,11 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod._inputs import SCENE, taken
+from cablepod._sigint import defer_sigint
 from cablepod.archive._attributes import with_own_id
 from cablepod.archive._manifest import MODES, SCENES
 from cablepod.archive._open_ensemble import open_ensemble
 from cablepod.batch._members import stop_when, thread_limit
-from cablepod.batch._sigint import defer_sigint
 from cablepod.ensemble import _resume as resume
 from cablepod.ensemble._collect_warnings import Note, collect_warnings, emit_warnings
 from cablepod.ensemble._job import check_access, compute, run_batch, synchronous_dask

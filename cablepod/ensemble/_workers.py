@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from cablepod._resources import cores
-from cablepod.batch._sigint import block_sigint, defer_sigint, wait_for_any
+from cablepod._sigint import block_sigint, defer_sigint, wait_for_any
 from cablepod.errors import RunStopped, scene_error, shown
 from cablepod.parameters._checks import integer
 

@@ -112,6 +112,8 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
             f"snapshots: given {snapshot_sigma.size} particles; allowed: the {sigma.size} particles of the modes, at the same "
             "S / L0"
         )
+    if set(snapshots["position"].dims) != {"time", "particle", "coordinate"}:
+        raise scene_error("snapshots.position", snapshots["position"].dims, "('time', 'particle', 'coordinate')")
     weights = str(choice("None", "length", "mass")("modes.weights", modes.attrs.get("weights")))
     weight = np.ones(sigma.size) if weights == "None" else tributary_weights(sigma)
     if modes.attrs["layout"] == "normal":

@@ -10,9 +10,9 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import ROUNDING, SNAPSHOTS, taken
+from cablepod._sigint import defer_sigint_during_dask
 from cablepod.batch._blas import one_blas_thread
 from cablepod.batch._pool import map_threads
-from cablepod.batch._sigint import defer_sigint_during_dask
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import SceneError, scene_error
 from cablepod.pod import _svd_methods as svd_methods

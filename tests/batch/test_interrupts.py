@@ -12,8 +12,8 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from children import run_python
 
+from cablepod import _sigint as sigint
 from cablepod.batch import _pool as batch_pool
-from cablepod.batch import _sigint as sigint
 
 
 def press():

@@ -14,9 +14,9 @@ from scenes import spatial
 from suite import slow
 
 import cablepod as cp
+from cablepod import _sigint as sigint
 from cablepod import errors
 from cablepod.batch import _members as members
-from cablepod.batch import _sigint as sigint
 from cablepod.chain import _batch as chain_many
 from cablepod.chain import _explicit as chain_explicit
 from cablepod.chain import _lanes as lanes

@@ -20,7 +20,7 @@ PACKAGE = Path(cablepod.__file__).parent
 
 #: Sub-packages and modules by level.  Each may import from lower levels, and within itself.
 LAYERS = (
-    ("conventions", "errors", "provenance", "_jit"),
+    ("conventions", "errors", "provenance", "_jit", "_sigint"),
     ("parameters", "_resources"),
     ("_inputs",),
     ("catenary", "batch"),
