@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod._sigint import defer_sigint, defer_sigint_during_dask
+from cablepod._resources import defer_sigint, defer_sigint_during_dask
 from cablepod.conventions import ATTRIBUTES, LABELS, VARIABLES
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._checks import LARGEST, point, points
@@ -192,13 +192,8 @@ def floats(array: Any) -> np.ndarray:
 def _loaded(given: xr.Dataset) -> xr.Dataset:
     """Return a Dataset whose lazy variables without instants, such as the places of particles, are in memory."""
     variables: dict[Any, xr.Variable] = given._variables
-    small = [
-        name
-        for name, variable in variables.items()
-        if type(variable._data) is not np.ndarray
-        and type(variable) is not xr.IndexVariable
-        and "time" not in variable.dims
-    ]
+    lazy = {name for name, variable in variables.items() if type(variable._data) is not np.ndarray}
+    small = [name for name in lazy - set(given._indexes) if "time" not in variables[name].dims]
     if not small:
         return given
     with defer_sigint(), defer_sigint_during_dask(given):  # dask and the files of xarray hold locks meanwhile

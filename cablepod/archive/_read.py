@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import conventions, provenance
-from cablepod._sigint import defer_sigint
+from cablepod._resources import defer_sigint
 from cablepod.archive._checked import CheckedFile, changed, check_bytes
 from cablepod.archive._checksums import CHECKSUMS
 from cablepod.archive._content_hash import content_hash

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import ANY, taken
-from cablepod._sigint import defer_sigint_during_dask
+from cablepod._resources import defer_sigint_during_dask
 from cablepod.archive._atomic import atomic_file
 from cablepod.archive._attributes import with_file_attributes
 from cablepod.archive._checksums import chunk_shape

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor
 from typing import Any
 
-from cablepod._sigint import LOOK_EVERY, check_sigint, defer_sigint
+from cablepod._resources import LOOK_EVERY, check_sigint, defer_sigint
 
 
 def map_threads(

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import archive, provenance
-from cablepod._sigint import check_sigint
+from cablepod._resources import check_sigint
 from cablepod.archive._atomic import atomic_file
 from cablepod.archive._attributes import root_attributes
 from cablepod.archive._folder import path_of

@@ -21,7 +21,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod._inputs import SCENE, taken
-from cablepod._sigint import defer_sigint
+from cablepod._resources import defer_sigint
 from cablepod.archive._attributes import with_own_id
 from cablepod.archive._manifest import MODES, SCENES
 from cablepod.archive._open_ensemble import open_ensemble

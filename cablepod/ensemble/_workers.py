@@ -14,8 +14,7 @@ from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecu
 from dataclasses import dataclass
 from typing import Any
 
-from cablepod._resources import cores
-from cablepod._sigint import block_sigint, defer_sigint, wait_for_any
+from cablepod._resources import block_sigint, cores, defer_sigint, wait_for_any
 from cablepod.errors import RunStopped, scene_error, shown
 from cablepod.parameters._checks import integer
 

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import floats
-from cablepod._sigint import check_sigint, defer_sigint, wait_for_any
+from cablepod._resources import check_sigint, defer_sigint, wait_for_any
 from cablepod.pod import _normal as pod_normal
 
 #: Maximum bytes of chunks read in one call, and of a chunk read ahead while the previous one is in use.

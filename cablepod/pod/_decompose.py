@@ -12,8 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import SNAPSHOTS, several
-from cablepod._resources import check_bytes
-from cablepod._sigint import defer_sigint_during_dask
+from cablepod._resources import check_bytes, defer_sigint_during_dask
 from cablepod.errors import scene_error
 from cablepod.pod import _normal as pod_normal
 from cablepod.pod import _svd_methods as svd_methods

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import ROUNDING, SNAPSHOTS, taken
-from cablepod._sigint import defer_sigint_during_dask
+from cablepod._resources import defer_sigint_during_dask
 from cablepod.batch._blas import one_blas_thread
 from cablepod.batch._pool import map_threads
 from cablepod.discretisation._chord_frame import ChordFrame

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from children import run_python
 
-from cablepod import _sigint as sigint
+from cablepod import _resources as sigint
 from cablepod.batch import _pool as batch_pool
 
 

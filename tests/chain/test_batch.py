@@ -14,7 +14,7 @@ from scenes import spatial
 from suite import slow
 
 import cablepod as cp
-from cablepod import _sigint as sigint
+from cablepod import _resources as sigint
 from cablepod import errors
 from cablepod.batch import _members as members
 from cablepod.chain import _batch as chain_many

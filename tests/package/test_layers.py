@@ -20,7 +20,7 @@ PACKAGE = Path(cablepod.__file__).parent
 
 #: Sub-packages and modules by level.  Each may import from lower levels, and within itself.
 LAYERS = (
-    ("conventions", "errors", "provenance", "_jit", "_sigint"),
+    ("conventions", "errors", "provenance", "_jit"),
     ("parameters", "_resources"),
     ("_inputs",),
     ("catenary", "batch"),
