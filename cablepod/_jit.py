@@ -1,8 +1,9 @@
-"""Compilation of kernels by numba, with a cache on disk that sees edits in every kernel file."""
+"""Compilation of kernels by numba, with a cache on disk that sees edits of a kernel and of all that it may call."""
 
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -23,23 +24,36 @@ FAST_DIVISION = {"contract", "reassoc", "arcp", "nsz"}
 #: Locators of numba's cache in the order tried: a folder given by the user, beside the source, the user's cache folder.
 _LOCATORS = "cablepod._jit.GivenFolder, cablepod._jit.BesideSource, cablepod._jit.UserFolder"
 
+#: How files of kernels import one another; tests/package/test_jit.py holds that there is no other way.
+_IMPORTED_KERNELS = re.compile(r"^from cablepod\.(\w+)\.(_kernels\w*) import ", re.MULTILINE)
+
 
 @cache
-def source_stamp() -> str:
-    """Hash the sources of all kernels: a kernel is compiled anew when one that it calls in another file changes."""
-    root = Path(__file__).parent
+def source_stamp(path: Path) -> str:
+    """Hash the source of a file of kernels with those that it imports: kernels compile anew when one that they call changes."""
     digest = hashlib.sha256()
-    for path in sorted([*root.glob("*/_kernels*.py"), Path(__file__)]):
-        digest.update(path.name.encode() + path.read_bytes())
+    for file in [*sorted(_with_imported(path)), Path(__file__)]:
+        digest.update(file.name.encode() + file.read_bytes())
     return digest.hexdigest()
 
 
+@cache
+def _with_imported(path: Path) -> frozenset[Path]:
+    """Return a file of kernels and all files of kernels that it imports, directly or not."""
+    root = Path(__file__).parent
+    names = _IMPORTED_KERNELS.findall(path.read_text(encoding="utf-8"))
+    files = (root / folder / f"{name}.py" for folder, name in names)
+    return frozenset({path}).union(*(_with_imported(file) for file in files if file.exists()))
+
+
 class _PackageStamp:
-    """Source stamp of a cached function: that of all kernels instead of its own file."""
+    """Source stamp of a cached function: that of all files whose kernels it may call instead of its own alone."""
+
+    _py_file: str
 
     def get_source_stamp(self) -> str:
         """Return the stamp that an entry of the cache must have."""
-        return source_stamp()
+        return source_stamp(Path(self._py_file))
 
 
 class GivenFolder(_PackageStamp, caching.UserProvidedCacheLocator):

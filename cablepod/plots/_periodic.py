@@ -89,10 +89,12 @@ def _bifurcations(ax: Axes, response: xr.Dataset) -> None:
     for kind, (marker, colour) in BIFURCATIONS.items():
         which = kinds == kind
         if which.any():
+            place = [
+                _style.take("response", response, f"bifurcation_{axis}", ("bifurcation",), RESPONSE).values[which]
+                for axis in ("angular_frequency", "deflection_maximum")
+            ]
             ax.plot(
-                response["bifurcation_angular_frequency"].values[which],
-                response["bifurcation_deflection_maximum"].values[which],
-                marker, color=colour, markerfacecolor="white", markersize=6, label=kind.replace("_", " "), zorder=3,
+                *place, marker, color=colour, markerfacecolor="white", markersize=6, label=kind.replace("_", " "), zorder=3,
             )  # fmt: skip
 
 
@@ -173,7 +175,7 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", ax: Axes | No
     values, label = first.values, _label(first)
     if variable == "growth":
         if "growth_out_of_plane" in result:
-            values = np.fmax(values, result["growth_out_of_plane"].values)
+            values = np.fmax(values, _style.take("result", result, "growth_out_of_plane", dims, MAP).values)
         label = "growth rate of the fastest disturbance [1/s]"
     ax = _style.axes(ax)
     omega, size = result["angular_frequency"].values, result["amplitude"].values
@@ -186,7 +188,9 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", ax: Axes | No
         for name, colour in (("in_plane", _style.COLOURS[1]), ("out_of_plane", _style.COLOURS[0])):
             which = result["edge_set"].values == name
             if which.any() and variable in ("growth", f"growth_{name}"):
-                edge = [result[f"edge_{axis}"].values[which] for axis in dims[::-1]]
+                edge = [
+                    _style.take("result", result, f"edge_{axis}", ("edge",), MAP).values[which] for axis in dims[::-1]
+                ]
                 ax.plot(*edge, ".", color=colour, markersize=2, label=f"edge, {name.replace('_', ' ')}")
     missing = np.argwhere(np.isnan(values))
     if missing.size:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import shutil
 from pathlib import Path
 
@@ -51,7 +52,21 @@ def test_an_edit_in_another_file_is_seen(tmp_path, options):
 
     assert call(1.0) == (4.0, 0.0)
     assert call(1.0) == (4.0, 1.0)  # nothing changed: from the cache
-    assert call(10.0) == (22.0, 0.0)  # without the stamp of all kernels the caller keeps the stale callee: 4.0
+    assert call(10.0) == (22.0, 0.0)  # without the stamp of imported kernels the caller keeps the stale callee: 4.0
+    (package / "inner" / "_kernels_other.py").write_text("no = 1\n")
+    assert call(10.0) == (22.0, 1.0)  # a file that is not imported does not count
+
+
+def test_stamps_cover_every_import():
+    """The stamp finds imports by their text; here they are found in the syntax tree."""
+    root = Path(_jit.__file__).parent
+    for path in sorted(root.glob("*/_kernels*.py")):
+        tree = ast.parse(path.read_text())
+        modules = [node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+        modules += [name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names]
+        imported = {name.split(".", 1)[1] for name in modules if name and "._kernels" in name}
+        found = {f"{file.parent.name}.{file.stem}" for file in _jit._with_imported(path)}
+        assert imported <= found, path
 
 
 @pytest.mark.parametrize("pattern", ["*.nbi", "*.nbc", "*.nb?"])
