@@ -98,6 +98,11 @@ def show_table(name: str, table: str, page: Path | None = None) -> None:
         update_tables(page / "README.md", {name: table})
 
 
+def short(value: float) -> str:
+    """Return a number with two digits, or its integer."""
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"
+
+
 def update_tables(page: Path, tables: Mapping[str, str]) -> None:
     """Replace tables of a page by name; name those without a place in the page."""
     text = old = page.read_text(encoding="utf-8") if page.exists() else ""

@@ -10,7 +10,7 @@ mpl.use("Agg")
 
 import numpy as np
 import xarray as xr
-from _study import markdown_table, percent
+from _study import markdown_table, percent, short
 from matplotlib import pyplot as plt
 
 import cablepod as cp
@@ -103,9 +103,4 @@ def markdown_trained(rows: list[dict[str, Any]]) -> str:
 
 def _setting_and_times(of: xr.Dataset) -> list[str]:
     name = f"{of['name'].values!s}, {float(of['step']):.3g} s"
-    return [name, f"{_milliseconds(of['kernel_time'])}, {_milliseconds(of['call_time'])} ms"]
-
-
-def _milliseconds(value: Any) -> str:
-    number = 1e3 * float(value)
-    return f"{number:.0f}" if number >= 10.0 else f"{number:.2g}"
+    return [name, f"{short(1e3 * float(of['kernel_time']))}, {short(1e3 * float(of['call_time']))} ms"]

@@ -18,7 +18,7 @@ from pathlib import Path
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from _study import ONE_THREAD, command_line, in_turns, markdown_table, medians, percent, publish, timed
+from _study import ONE_THREAD, command_line, in_turns, markdown_table, medians, percent, publish, short, timed
 
 os.environ.update(ONE_THREAD)
 
@@ -183,14 +183,14 @@ def table(result: xr.Dataset) -> str:
                 if of is None:
                     cells += ["none", ""]
                 else:
-                    times = ", ".join(f"{1e3 * float(of[key]):.2g}" for key in ("call_time", "kernel_time"))
+                    times = ", ".join(short(1e3 * float(of[key])) for key in ("call_time", "kernel_time"))
                     cells += [
                         f"{of['name'].values!s}: {of['scheme'].values!s}, {float(of['step']):.3g} s",
                         f"{times} ms",
                     ]
             full, small = pair
             for key in ("call_time", "kernel_time"):
-                cells.append("" if full is None or small is None else f"{float(full[key] / small[key]):.2g}")
+                cells.append("" if full is None or small is None else short(float(full[key] / small[key])))
             lines.append(cells)
     return markdown_table(head, lines)
 
