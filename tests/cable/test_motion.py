@@ -80,7 +80,7 @@ def test_order_in_space(law, order, numbers, smooth):
 
 
 @pytest.mark.parametrize(("law", "term"), LAW_AND_TERM)
-@pytest.mark.parametrize(("scheme", "step"), [("velocity_verlet", 4e-4), ("trapezoidal", 1e-2)])
+@pytest.mark.parametrize(("scheme", "step"), [("velocity_verlet", 4e-4), slow("trapezoidal", 1e-2)])
 def test_second_order_in_time(law, term, scheme, step, smooth):
     scene = scene_with(smooth, **TERMS[term])
     options = {"elements": 4, "order": 4, "law": law, "outputs": ALL}
@@ -162,7 +162,7 @@ def test_the_shape_of_another_length(soft):
 
 
 @pytest.mark.parametrize(("law", "term"), LAW_AND_TERM)
-@pytest.mark.parametrize(("scheme", "step"), [("velocity_verlet", 2e-4), ("trapezoidal", 1e-2)])
+@pytest.mark.parametrize(("scheme", "step"), [("velocity_verlet", 2e-4), slow("trapezoidal", 1e-2)])
 def test_planar_is_spatial_bit_for_bit(law, term, scheme, step, smooth):
     mapping = {**smooth, **TERMS[term]}
     options = {

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scenes import spatial
-from suite import slow
+from suite import slow, slow_but
 
 import cablepod as cp
 from cablepod import _resources as sigint
@@ -75,10 +75,10 @@ IN_LANES = [
     slow("green", "trapezoidal", 2),
     slow("free end", "trapezoidal", 2),
     slow("loads and damping", "trapezoidal", 3),
-    ("viscous", "generalized_alpha", 2),
+    slow("viscous", "generalized_alpha", 2),
     slow("between steps", "generalized_alpha", 2),
     slow("green", "generalized_alpha", 3),
-    ("loads and damping", "energy_momentum", 2),
+    slow("loads and damping", "energy_momentum", 2),
     slow("viscous", "energy_momentum", 2),
     slow("green", "energy_momentum", 2),
     slow("a motion", "energy_momentum", 3),
@@ -133,7 +133,9 @@ def assert_same_bits(run, scenes, options):
             assert own == value, name
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", slow_but(CASES, "tension", "all outputs", "between steps", "other links", "loads and damping")
+)
 def test_batched_members_equal_single_runs(soft, monkeypatch, case):
     tables, varied, options = CASES[case]
     scenes = scenes_of(soft, tables, varied)
@@ -180,6 +182,7 @@ def test_members_in_lanes_equal_single_runs(soft, monkeypatch, case, scheme, dim
     assert_equal_members(run, scenes, options)
 
 
+@pytest.mark.slow
 def test_steps_that_do_not_converge_are_cut_in_their_lanes_alone(soft, monkeypatch):
     # links of the third member slacken and snap taut
     motion = {"upper": {"y": {**HARMONIC, "angular_frequency": 15.0}}}
@@ -194,7 +197,7 @@ def test_steps_that_do_not_converge_are_cut_in_their_lanes_alone(soft, monkeypat
     assert_equal_members(run.isel(member=[2]), scenes.isel(member=[2]), options, 1e-9)
 
 
-@pytest.mark.parametrize("scheme", ["trapezoidal", "energy_momentum"])
+@pytest.mark.parametrize("scheme", ["trapezoidal", slow("energy_momentum")])
 def test_a_lane_that_fails_is_stepped_alone_from_where_it_was(soft, monkeypatch, scheme):
     scenes = scenes_of(soft, ONE, {"cable_top_tension": np.linspace(200.0, 300.0, 6)})
     options = {"scheme": scheme, "step": 5e-3, "outputs": ALL}

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from suite import slow
 
 import cablepod as cp
 
@@ -71,14 +72,15 @@ def test_modes_of_a_taut_string_decay_as_rayleigh_says(mode):
     assert rate == pytest.approx(expected(omega), rel=5e-3)
 
 
-@pytest.mark.parametrize("scheme", ["trapezoidal", "generalized_alpha", "energy_momentum"])
-@pytest.mark.parametrize("spatial", [False, True])
+@pytest.mark.parametrize("scheme", ["trapezoidal", slow("generalized_alpha"), slow("energy_momentum")])
+@pytest.mark.parametrize("spatial", [False, slow(True)])
 def test_implicit_schemes_damp_alike(scheme, spatial):
     scene, omega = string(4, spatial=spatial)
     rate, _ = decay(cp.chain.simulate(scene, scheme=scheme, step=5e-4), 4)
     assert rate == pytest.approx(expected(omega), rel=5e-3)
 
 
+@pytest.mark.slow
 def test_law_21_damps_alike():
     scene, _ = string(3)
     rate, found = decay(cp.chain.simulate(scene, law="green", step=1.5e-4), 3)

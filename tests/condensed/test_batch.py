@@ -27,7 +27,7 @@ TIMES = np.arange(0.0, 2.01, 0.04)  # two blocks of steps, the second not full
 OPTIONS = {"rank": 3, "order": "leading", "step": STEP, "times": TIMES, "outputs": ("tension", "tension_extremes")}
 
 
-@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("dims", [2, slow(3)])
 @pytest.mark.parametrize("case", with_slow(CASES, "still"))
 def test_compiled_blocks_equal_single_runs(soft, monkeypatch, case, dims):
     scenes, modes = scenes_of(soft, *CASES[case], dims), full_modes(dims=dims)
@@ -52,7 +52,7 @@ def test_all_links_positions_and_no_outputs(soft, monkeypatch, outputs, dims):
     assert ("position" in run) == ("position" in outputs)
 
 
-@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("dims", [2, slow(3)])
 @pytest.mark.parametrize("case", with_slow(CASES, "still"))
 def test_members_equal_runs_of_their_scenes_alone_to_rounding(soft, case, dims):
     # own coefficients, own start, another kernel: differences are rounding, some 1e-14 of motion and tension

@@ -54,7 +54,7 @@ def assert_equal_to_runs_alone(run, scenes, modes, **options):
                 assert float(given) == pytest.approx(value, rel=tolerance, abs=1e-13), (name, i)
 
 
-@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("dims", [2, slow(3)])
 @pytest.mark.parametrize("case", with_slow(CASES, "still"))
 def test_members_in_lanes_equal_runs_of_their_scenes_alone(soft, alone, case, dims):
     scenes, modes = scenes_of(soft, *CASES[case], dims), full_modes(dims=dims)
@@ -66,7 +66,9 @@ def test_members_in_lanes_equal_runs_of_their_scenes_alone(soft, alone, case, di
 
 
 @pytest.mark.parametrize("dims", [2, slow(3)])
-@pytest.mark.parametrize("outputs", [(), ("position", "error_estimate"), ("tension",), ("tension_extremes",)])
+@pytest.mark.parametrize(
+    "outputs", [("position", "error_estimate"), slow(()), slow(("tension",)), slow(("tension_extremes",))]
+)
 def test_lanes_give_the_variables_and_attributes_of_single_runs(soft, monkeypatch, outputs, dims):
     scenes, modes = scenes_of(soft, *CASES["damping"], dims), full_modes(dims=dims)
     truth = single_runs(monkeypatch, scenes, modes, rank=2, outputs=outputs)

@@ -11,6 +11,7 @@ from references.condensed_ode import Reference
 from scenes import LENGTHS, everything, full_modes
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
+from suite import slow
 
 import cablepod as cp
 from cablepod import examples as shipped
@@ -85,7 +86,7 @@ class Oblique(Reference):
 PAIRS = [(order, scheme) for order, schemes in SCHEMES_OF.items() for scheme in schemes]
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", [ORDERS[0], *map(slow, ORDERS[1:])])
 def test_projected_link_equations(soft, order):
     scene = cp.make_scene({**everything(soft), "chain": {"links": len(LENGTHS)}})
     modes, times = full_modes(), np.array([0.4, 0.8])
@@ -107,8 +108,8 @@ def test_projected_link_equations(soft, order):
     assert np.abs(pod_normal.deflections(galerkin.position.values)[0][:, 1:-1] - reference).max() > 1e-4
 
 
-@pytest.mark.parametrize(("order", "scheme"), PAIRS)
-@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize(("order", "scheme"), [PAIRS[0], *(slow(*pair) for pair in PAIRS[1:])])
+@pytest.mark.parametrize("dims", [2, slow(3)])
 def test_modes_as_test_functions_are_the_galerkin_model(soft, order, scheme, dims):
     scene = cp.make_scene({**everything(soft, dims), "chain": {"links": len(LENGTHS)}})
     modes = full_modes(dims=dims).isel(mode=slice(0, 3))
@@ -128,6 +129,7 @@ def test_modes_as_test_functions_are_the_galerkin_model(soft, order, scheme, dim
         np.testing.assert_allclose(other[name], one[name], rtol=0, atol=1e-9 if name != "velocity" else 1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("dims", [2, 3])
 def test_explicit_and_implicit_steps_agree(soft, order, dims):

@@ -34,6 +34,8 @@ def test_front_keeps_what_nothing_beats(pipeline):
     np.testing.assert_array_equal(near(1e-3 * np.array([1.0, 2.5]), np.array([1e-3, 1e-3])), [1, 0])
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("error_vs_runtime")
 def test_truth_is_that_on_file(result):
     """The truth of a quick study has 4 elements, and errs by less than 1e-3 over the first seconds of Example 2."""
     assert (result["truth_difference"].sel(scene="example2").values < 1e-3).all()
@@ -42,6 +44,8 @@ def test_truth_is_that_on_file(result):
     assert (result["truth_difference"].sel(scene="example2").values > 0.0).all()
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("error_vs_runtime")
 def test_fronts_of_a_study(result, pipeline):
     for name in result["scene"].values:
         of = result.sel(scene=name)
@@ -58,6 +62,8 @@ def test_fronts_of_a_study(result, pipeline):
                 assert front["kernel_time"].values[kept].min() <= seconds
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("error_vs_runtime")
 def test_study_measures_what_it_says(result):
     assert set(result["family"].values) == {"full", "reduced", "quasi-static", "trained"}
     assert set(result["model"].values) == {"chain", "cable", "Galerkin", "condensed", "catenary", "trained"}
@@ -80,6 +86,8 @@ def test_study_measures_what_it_says(result):
     assert result["error_max"].sel(scene="example2").values.min() < 1e-3
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("error_vs_runtime")
 def test_ratio_is_that_of_the_fastest_settings(result, pipeline):
     row = next(row for row in pipeline["study"].rows_of(result) if row["scene"] == "example2" and row["level"] == 1e-2)
     full, reduced = (row["best"][family] for family in ("full", "reduced"))
@@ -96,6 +104,8 @@ def test_ratio_is_that_of_the_fastest_settings(result, pipeline):
     assert row["call_ratio"] == np.nanmin(calls[0]) / np.nanmin(calls[1])
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("error_vs_runtime")
 def test_table_figure_and_file(result, pipeline, tmp_path):
     text = pipeline["figure"].markdown(pipeline["study"].rows_of(result))
     assert len(text.splitlines()) == 2 + 3 * 2
@@ -136,6 +146,7 @@ def test_kernel_is_recorded_whole_and_once(pipeline):
         np.testing.assert_array_equal(again[names.index(kernel)][1][0], before)
 
 
+@pytest.mark.slow
 def test_whole_default_calls(tmp_path):
     result = whole_calls.study(["example2"], quick=True, repeats=1, folder=tmp_path)
     assert set(result["model"].values) == set(whole_calls.STYLES) - {"cable"}

@@ -28,6 +28,7 @@ def state(system):
     return np.random.default_rng(1).normal(scale=0.03, size=4 * system.particles)
 
 
+@pytest.mark.slow
 def test_right_side_is_the_chains_forces(system, state):
     time, out = 0.7, np.empty(state.size)
     peer_system.rates_of(system)(time, state, out)
@@ -43,6 +44,7 @@ def test_right_side_is_the_chains_forces(system, state):
     np.testing.assert_allclose(position[[0, -1]], ends, rtol=1e-15)
 
 
+@pytest.mark.slow
 def test_jacobian_is_the_slope_of_the_right_side(system, state):
     rates, jacobian, size, time, h = (
         peer_system.rates_of(system),
@@ -71,6 +73,7 @@ def test_jacobian_is_the_slope_of_the_right_side(system, state):
     assert np.count_nonzero(packed) == np.count_nonzero(full)
 
 
+@pytest.mark.slow
 def test_check_agrees_with_the_chain(system):
     times = np.array([0.0, 0.5, 1.0])
     ours = cp.chain.simulate(cp.make_scene(SOFT), times=times, scheme="velocity_verlet", step=1e-5)["position"].values

@@ -103,6 +103,7 @@ def small(pipeline):
         patch.undo()
 
 
+@pytest.mark.slow
 def test_report_in_small(pipeline, small, tmp_path, capsys):
     error = small["error"].sel(order="inertial")
     assert (error.sel(rank=6) < error.sel(rank=2)).sel(training_set="itself").all()
@@ -132,6 +133,7 @@ def test_report_in_small(pipeline, small, tmp_path, capsys):
     assert "| designed | inertial | 6 | 2 |" in shown
 
 
+@pytest.mark.slow
 def test_model_with_switches_is_the_package_where_both_do_the_same(pipeline):
     scene, times = shipped.scene("example3"), np.arange(51) * 0.1
     chain = cp.chain.simulate(scene, links=40, times=times, step=2.5e-4)
@@ -153,6 +155,7 @@ def test_model_with_switches_is_the_package_where_both_do_the_same(pipeline):
     np.testing.assert_allclose(hidden @ shape.T, plain @ shape.T, rtol=0.0, atol=1e-6 * np.abs(plain).max())
 
 
+@pytest.mark.slow
 def test_budget_in_small(pipeline, tmp_path):
     result = pipeline["budget"].report(examples=("example2",), ranks=(2,), duration=4.0)
     error = result["error"].sel(example="example2", rank=2)

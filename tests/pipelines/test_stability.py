@@ -53,6 +53,8 @@ def outcomes(pipeline, result, case):
     return [pipeline["judge"].CLASSES[int(value)] for value in result["outcome"].sel(case=case).values]
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("stability")
 def test_no_cell_is_broken_and_every_number_is_there(pipeline, small):
     classes = pipeline["judge"].CLASSES
     assert not (small["outcome"] == classes.index("broken")).any()
@@ -64,6 +66,8 @@ def test_no_cell_is_broken_and_every_number_is_there(pipeline, small):
     assert (small["kept"].values[ran.values] == 1.0).all()
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("stability")
 def test_classes_of_the_small_cases(pipeline, small):
     # soft, stiff, uneven and coarse chains are smooth motions, which two hundred steps in a period resolve to a hundredth
     for case in ("K = 1e10 N", "rubber, K = 2e4 N", "2 links", "links 1 : 1000 in turn", "plucked, none"):
@@ -86,6 +90,8 @@ def test_classes_of_the_small_cases(pipeline, small):
     assert list(small["case"].values[small["chaotic"].values == 1]) == ["let fall from a wide arc"]
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("stability")
 def test_truths_are_confirmed_by_the_other_scheme(small):
     # both are of second order, so two ways of resolving the same motion agree far below what counts as accurate
     single = small["statistical"].values == 0
@@ -95,6 +101,8 @@ def test_truths_are_confirmed_by_the_other_scheme(small):
     assert small["truth_check"].values[there].max() < 2e-4  # the check has longer steps
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("stability")
 def test_energy_is_kept_as_each_scheme_promises(small):
     drift = small["energy_drift"].sel(case="plucked, none")
     # 1440 steps, each exact but for the end of Newton's method, 1e-13 of a link, and rounding of like size
@@ -104,6 +112,8 @@ def test_energy_is_kept_as_each_scheme_promises(small):
     assert small["energy_drift"].sel(case="let fall from a wide arc", scheme="energy_momentum") < 1e-10
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("stability")
 def test_tolerances_are_met(pipeline, small):
     states = pipeline["judge"].STATES
     rough = ("let go at zero tension", "let fall from a wide arc", SMALL[6], SMALL[9])
@@ -115,6 +125,8 @@ def test_tolerances_are_met(pipeline, small):
             assert float(one["tolerance_error"]) <= wanted
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("stability")
 def test_the_limit_of_taut_links_is_found_and_that_of_snapping_ones_is_lower(small):
     ratio = small["limit_found"] / small["limit_predicted"]
     # the prediction is that of the straight chain, the highest of any shape: sag raises the limit a little, with two links most
@@ -123,6 +135,8 @@ def test_the_limit_of_taut_links_is_found_and_that_of_snapping_ones_is_lower(sma
     assert float(ratio.sel(limit_case="let fall from a wide arc")) < 0.9
 
 
+@pytest.mark.slow
+@pytest.mark.xdist_group("stability")
 def test_the_matrix_is_drawn(pipeline, small):
     from matplotlib import pyplot as plt
 

@@ -199,6 +199,7 @@ def test_lengths_are_kept_to_rounding(soft, name, formulation):
     assert run.attrs["length_error"] < 1e-13
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TERMS)
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_planar_and_spatial_agree_bit_for_bit(soft, name, formulation):
@@ -213,6 +214,7 @@ def test_planar_and_spatial_agree_bit_for_bit(soft, name, formulation):
     assert not deep.position[..., 2].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_a_turned_scene_moves_likewise(soft, formulation):
     # spatial scenes have no preferred horizontal axis: turn about y by 40 degrees, with a load across
