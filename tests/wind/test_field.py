@@ -1,8 +1,6 @@
-"""Wind at points: mean profiles, spectra, coherence, reproducibility, speed."""
+"""Wind at points: mean profiles, spectra, coherence, reproducibility."""
 
 from __future__ import annotations
-
-import time
 
 import numpy as np
 import pytest
@@ -146,38 +144,6 @@ def test_interpolated_factors_keep_the_coherence():
     )
     found = np.einsum("pnk,qnk->npq", columns.real, columns.real)
     assert np.abs(found - np.exp(-n[:, None, None] * decay)).max() < 3e-3
-
-
-def test_many_points_take_little_time():
-    from cablepod.parameters._from_scene import parameters
-    from cablepod.wind import _turbulence
-
-    p, position = parameters(scene()), np.column_stack([np.zeros(58), np.linspace(2.0, 120.0, 58), np.zeros(58)])
-
-    def plain():
-        """Factorise at every frequency."""
-        n = np.arange(1, 3300) / 660.0
-        height = position[:, 1]
-        speed = 25.0 * np.log(height / 0.03) / np.log(10.0 / 0.03)
-        decay = 10.0 * np.abs(height[:, None] - height) / (0.5 * (speed[:, None] + speed))
-        phase = np.exp(2j * np.pi * np.random.default_rng(0).random((58, n.size)))
-        amplitude = np.zeros((58, 3301), dtype=complex)
-        for k in range(n.size):
-            spectrum = kaimal(n[k], height, False)
-            cross = np.sqrt(np.outer(spectrum, spectrum)) * np.exp(-n[k] * decay)
-            amplitude[:, k + 1] = np.linalg.cholesky(cross + 1e-9 * np.diag(np.diag(cross))) @ phase[:, k]
-        return np.fft.irfft(amplitude, 6600, axis=1)
-
-    def fastest(call):
-        seconds = []
-        for _ in range(3):
-            begin = time.process_time()
-            call()
-            seconds.append(time.process_time() - begin)
-        return min(seconds)
-
-    own = fastest(lambda: _turbulence.gusts(p.wind, p.turbulence, position, 6600, 0.1, 1, across=False))
-    assert fastest(plain) / own > 4.0
 
 
 @pytest.mark.parametrize(
