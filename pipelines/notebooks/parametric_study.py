@@ -51,7 +51,7 @@ ranges = {
     "motion.upper.x.angular_frequency": [0.25, 4.0, counts[0]],
     "motion.upper.x.amplitude": [0.005, 0.04, counts[1]],
 }
-scenes = cp.ensemble.design(base, ranges, sampling="grid")
+scenes = cp.ensemble.design(base, ranges)
 scenes
 
 # %% [markdown]
