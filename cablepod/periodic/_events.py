@@ -60,8 +60,13 @@ def signs(solver: Solver, point: Point) -> Signs:
 
 
 def can_be_told_apart(before: Signs, after: Signs) -> bool:
-    """Return whether no two multipliers of one set can have crossed the circle at the same place."""
-    return bool((np.abs(before.real_outside - after.real_outside) <= 1).all())
+    """Return whether no two multipliers of one set can have crossed the circle at the same place.
+
+    A complex pair outside of the circle may become two real multipliers there, and the other way round, without crossing it.
+    """
+    real = after.real_outside - before.real_outside
+    pairs = 2 * (after.complex_outside - before.complex_outside)[:, None]
+    return bool(((np.abs(real) <= 1) | (real == -pairs)).all())
 
 
 def events_between(solver: Solver, branch: Branch, before: Signs, after: Signs) -> list[Event]:

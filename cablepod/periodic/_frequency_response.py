@@ -18,6 +18,7 @@ from cablepod.periodic._continuation import POINTS, RANGE, Branch, Limits, Point
 from cablepod.periodic._events import (
     DOUBLING,
     Event,
+    Signs,
     can_be_told_apart,
     events_between,
     first_point,
@@ -261,15 +262,15 @@ class _Study:
         """Trace one branch, with its bifurcations."""
         self.branches.append(branch)
         before = self._count()
-        tests = []
+        tests: list[Signs] = []
 
         def on_point(branch: Branch) -> bool:
+            del tests[len(branch.points) - 1 :]  # of a point that was taken back
             tests.append(signs(self.solver, branch.points[-1]))
             self._tell(branch.points[-1])
             if len(tests) == 1:
                 return True
             if not can_be_told_apart(tests[-2], tests[-1]):
-                tests.pop()
                 return False
             self.events += events_between(self.solver, branch, tests[-2], tests[-1])
             return True

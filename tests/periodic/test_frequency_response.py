@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
-from periodic_scenes import guy, loaded, multipliers
+from periodic_scenes import GUY, guy, loaded, multipliers
 
 import cablepod as cp
+from cablepod.periodic._events import Signs, can_be_told_apart
 
 KINDS = {"fold", "pitchfork", "period_doubling", "torus"}
 
@@ -110,3 +113,27 @@ def test_a_response_survives_the_archive(whirling, tmp_path):
     again = cp.archive.read(tmp_path / "response.nc")
     assert again.drop_attrs().equals(response.drop_attrs())
     assert again.attrs["id"] == response.attrs["id"]
+
+
+def test_a_complex_pair_that_becomes_real_outside_of_the_circle_is_no_crossing():
+    def outside(above, below, pairs):
+        return Signs(np.ones(1), np.ones(1), np.array([pairs]), np.array([[above, below]]))
+
+    pair = outside(0, 0, 1)
+    assert can_be_told_apart(pair, outside(2, 0, 0))
+    assert can_be_told_apart(outside(0, 2, 0), pair)
+    assert can_be_told_apart(pair, outside(1, 0, 1))
+    assert not can_be_told_apart(pair, outside(2, 0, 1))  # two real ones crossed
+    assert not can_be_told_apart(pair, outside(0, 0, 1)._replace(real_outside=np.array([[0, 2]])))
+
+
+@pytest.mark.slow  # 1.5 s
+def test_a_pair_that_becomes_real_does_not_halt_a_branch():
+    mapping = copy.deepcopy(GUY)
+    mapping["cable"]["top_tension"] = 4050.0
+    mapping["damping"]["mass_proportional"] = 0.1
+    mapping["motion"]["upper"]["x"]["amplitude"] = 0.01
+    scene = cp.make_scene(mapping)
+    modes = cp.condensed.vibration_modes(scene, rank=4)
+    response = cp.periodic.frequency_response(scene, modes, frequency=(3.0, 9.0), follow=(), points=1000)
+    assert response.attrs["branch_1_ended"] == "range"
