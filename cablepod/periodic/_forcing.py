@@ -32,14 +32,6 @@ def periodic_forcing(p: Parameters) -> Forcing:
         For a scene without forcing, and for forcing that is not of one angular frequency.
     """
     refuse_wind(p)
-    if (
-        p.tension_damping is not None
-    ):  # does not factor out of the disturbances, and depends on the rates in the balance
-        raise scene_error(
-            "damping.tension_proportional",
-            p.tension_damping,
-            "none for periodic responses; try: damping.mass_proportional",
-        )
     functions = p.time_functions()
     if not functions:
         raise scene_error("motion", "none", f"at least one motion, or load with a factor, of kind {ALLOWED_KINDS}")
@@ -70,6 +62,16 @@ def refuse_wind(p: Parameters) -> None:
             "wind.speed",
             float(p.wind["speed"]),
             "no table [wind]: periodic responses and free vibrations are those in still air",
+        )
+
+
+def refuse_tension_damping(p: Parameters) -> None:
+    """Refuse damping by the tension, which the compiled kernels of a map do not have."""
+    if p.tension_damping is not None:
+        raise scene_error(
+            "damping.tension_proportional",
+            p.tension_damping,
+            "none for maps; try: damping.mass_proportional, or periodic.orbit",
         )
 
 

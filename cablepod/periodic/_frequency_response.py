@@ -25,6 +25,7 @@ from cablepod.periodic._events import (
     leaving,
     signs,
 )
+from cablepod.periodic._general import solver_of
 from cablepod.periodic._members import given_names, model_of, one_member
 from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._solve import MAX_HARMONICS, MIN_HARMONICS, Solver, State
@@ -67,7 +68,7 @@ def frequency_response(
     rank
         Number of modes of each deflection; all by default.
     order
-        "leading".
+        "leading" or "exact", see :func:`cablepod.condensed.simulate`; "exact" takes some ten times as long.
     harmonics
         Least number of harmonics of a period of the forcing; more are taken where the last two hold more than 1e-6 of the motion.
     follow
@@ -120,7 +121,7 @@ def frequency_response(
     names = given_names("follow", follow, FOLLOW)
     one_member(scene, "frequency_response")
     model, _ = model_of(scene, modes, rank=rank, order=order, out_of_plane=out_of_plane)
-    study = _Study(Solver(model), (low, high), names, int(points), harmonics or MIN_HARMONICS, progress)
+    study = _Study(solver_of(model), (low, high), names, int(points), harmonics or MIN_HARMONICS, progress)
     study.run()
     result = labelled(study, wanted)
     parameters = {
@@ -134,7 +135,7 @@ def frequency_response(
             f"periodic.frequency_response was interrupted after {result.sizes['point']} points; try `partial`, which has them",
             result,
         )
-    output.warn_of_result(result.attrs, model.damping)
+    output.warn_of_result(result.attrs, model.damping + model.tension_damping)
     return result
 
 

@@ -19,7 +19,7 @@ from cablepod.parameters._checks import choice
 from cablepod.periodic._forcing import Forcing, scaled
 
 #: Orders of the condensed model that have periodic responses.
-ORDERS = ("leading",)
+ORDERS = ("leading", "exact")
 #: Share of the linear stiffness that the stretching by a coordinate of one has.
 REFERENCE_STRETCHING = 0.1
 #: Loads out of the plane over those in it, below which they are rounding.
@@ -222,6 +222,11 @@ class PeriodicModel:
     def damping(self) -> float:
         """Mass-proportional damping without dimension."""
         return float(self.condensed.chain.p.damping) / self.scales[0]
+
+    @cached_property
+    def tension_damping(self) -> float:
+        """Damping by the tension without dimension."""
+        return float(self.condensed.chain.p.tension_damping or 0.0) * self.scales[0]
 
     @cached_property
     def highest_frequency(self) -> float:

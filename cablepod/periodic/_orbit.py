@@ -15,6 +15,7 @@ from cablepod.parameters._checks import integer
 from cablepod.periodic import _fields as fields
 from cablepod.periodic import _output as output
 from cablepod.periodic._continuation import adapted
+from cablepod.periodic._general import solver_of
 from cablepod.periodic._members import each_member, given_names, model_of
 from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._solve import MAX_HARMONICS, MIN_HARMONICS, Solver, State
@@ -106,10 +107,10 @@ def orbit(
 
     def one(scene: xr.Dataset) -> xr.Dataset:
         model, omega = model_of(scene, modes, rank=rank, order=order, out_of_plane=out_of_plane)
-        solver = Solver(model)
+        solver = solver_of(model)
         state = find(solver, omega / model.scales[0], periods, harmonics, start)
         result = labelled(solver, state, wanted)
-        output.warn_of_result(result.attrs, model.damping)
+        output.warn_of_result(result.attrs, model.damping + model.tension_damping)
         return result
 
     result = each_member(scene, one)

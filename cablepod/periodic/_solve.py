@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -188,11 +189,25 @@ class Solver:
         arguments = self.arguments(state, stride)
         force, rates, tangents = np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n))
         residual, rate, jacobian = np.empty(size), np.empty(size), np.empty((size, size))
-        z, before, right = state.z.copy(), np.inf, np.zeros((active.size, 2))
+
+        def balance(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            kernel.leading_samples(state.z, basis, *arguments, stride, force, rates, tangents)
+            kernel.balance(
+                state.z, basis, arguments[-1], state.periods, force, rates, tangents, residual, rate, jacobian
+            )
+            return residual, rate, jacobian
+
+        return self._newton(state, direction, target, active, balance)
+
+    def _newton(
+        self, state: State, direction: np.ndarray, target: float, active: np.ndarray, balance: Callable[[State], Any]
+    ) -> tuple[State, np.ndarray, int]:
+        """Solve by Newton's method, with the residual and its derivatives that `balance` gives."""
+        kernel, z, before = self.balance, state.z.copy(), np.inf
         matrix, rows = np.empty((active.size, active.size)), active[:-1]
+        right = np.zeros((active.size, 2))
         for iteration in range(kernel.MAX_ITERATIONS):
-            kernel.leading_samples(z, basis, *arguments, stride, force, rates, tangents)
-            kernel.balance(z, basis, arguments[-1], state.periods, force, rates, tangents, residual, rate, jacobian)
+            residual, rate, jacobian = balance(replace(state, z=z))
             matrix[:-1, :-1], matrix[:-1, -1], matrix[-1] = jacobian[np.ix_(rows, rows)], rate[rows], direction
             right[:-1, 0], right[-1] = -residual[rows], (target - direction @ z[active], 1.0)
             largest = max(1.0, float(np.abs(z[active]).max()))

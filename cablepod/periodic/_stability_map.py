@@ -12,7 +12,9 @@ from cablepod._inputs import NORMAL_MODES, SCENE, taken
 from cablepod.batch._members import values_of_members
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import numbers_list
+from cablepod.parameters._from_scene import Members
 from cablepod.periodic import _output as output
+from cablepod.periodic._forcing import refuse_tension_damping
 from cablepod.periodic._map import MapResult, compute_map
 from cablepod.periodic._members import each_member, model_of
 from cablepod.periodic._model import PeriodicModel
@@ -78,6 +80,7 @@ def stability_map(
     omegas, amplitudes = _grid("frequency", frequency), _grid("amplitude", amplitude)
 
     def one(scene: xr.Dataset) -> xr.Dataset:
+        refuse_tension_damping(Members(scene)[0])
         model, _ = model_of(scene, modes, rank=rank, order="leading", out_of_plane=out_of_plane)
         if not model.forcing.amplitude:
             raise scene_error("amplitude", 0.0, "a scene with an amplitude other than 0, which is scaled")

@@ -34,7 +34,7 @@ def _grown(solver: Solver, omega: float, harmonics: int, periods: int) -> tuple[
     share, step = 0.0, FIRST_SHARE
     while share < 1.0 and step >= LEAST_SHARE:
         reached = min(share + step, 1.0)
-        other = solver if reached == 1.0 else Solver(solver.model.with_amplitude(reached))
+        other = solver if reached == 1.0 else type(solver)(solver.model.with_amplitude(reached))
         found, _, iterations = other.at_frequency(state)
         if iterations > 0:
             state, share = found, reached

@@ -1,0 +1,260 @@
+"""Newton's method and multipliers where forces are not cubic, or depend on rates: order "exact", damping by the tension.
+
+The forces of all samples are evaluated together by array expressions.  Without damping by the tension, multipliers follow by
+Numerov's scheme.  With it the disturbances obey v'' + D(t) v' + A(t) v = 0, where D depends on time and does not factor out, and
+A is not symmetric: a Magnus scheme of fourth order integrates the system of first order, with the determinant exp(-int tr D dt).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cablepod.periodic._model import PeriodicModel, harmonics_at
+from cablepod.periodic._solve import Solver, Stability, State
+
+#: Norm of the matrix in an exponential above which it is halved, and number of terms of the series (rounding at this norm).
+MAX_EXPONENT, TERMS = 0.5, 14
+
+
+class Forces(NamedTuple):
+    """Forces of coordinates without dimension at M phases, and their derivatives."""
+
+    force: np.ndarray  #: (M, n)
+    rate: np.ndarray  #: derivative by the angular frequency, at constant coordinates and rates (M, n)
+    stiffness: np.ndarray  #: negative derivative by the coordinates (M, n, n)
+    damping: (
+        np.ndarray | None
+    )  #: negative derivative by the rates (M, n, n), mass-proportional damping left out; None for none
+    least: float  #: smallest chordwise force, without dimension
+
+
+def solver_of(model: PeriodicModel) -> Solver:
+    """Return the solver of a model: the compiled one where it covers the forces."""
+    return GeneralSolver(model) if model.condensed.order != "leading" or model.tension_damping else Solver(model)
+
+
+def rates_at(phases: int, harmonics: int) -> np.ndarray:
+    """Return the derivatives of :func:`harmonics_at` by the phase (phases, 1 + 2 harmonics)."""
+    values = harmonics_at(phases, harmonics)
+    k = np.arange(1, harmonics + 1)
+    result = np.zeros_like(values)
+    result[:, 1::2], result[:, 2::2] = -k * values[:, 2::2], k * values[:, 1::2]
+    return result
+
+
+class GeneralSolver(Solver):
+    """Newton's method and multipliers of a model by array expressions."""
+
+    def __init__(self, model: PeriodicModel) -> None:
+        super().__init__(model)
+        self._boundary_data: dict[tuple[int, int], np.ndarray] = {}
+
+    # --- forces -----------------------------------------------------------------------------------------------------
+
+    def _forces(self, state: State, phases: int) -> Forces:
+        """Evaluate the forces at equidistant phases of the motion, for the coordinates of the state."""
+        c = state.coefficients
+        q = harmonics_at(phases, state.harmonics) @ c
+        if self.model.condensed.order == "leading":
+            rates = state.omega / state.periods * (rates_at(phases, state.harmonics) @ c)
+            return self._leading(q, rates, state.omega, state.periods)
+        return self._exact(q, state.omega, state.periods)
+
+    def _leading(self, q: np.ndarray, v: np.ndarray, omega: float, periods: int) -> Forces:
+        """Evaluate the forces of order "leading", with damping by the tension."""
+        model, n = self.model, q.shape[1]
+        tables = model.tables(len(q), periods)
+        terms, rates = (1.0, omega * model.damping, omega**2), (0.0, model.damping, 2.0 * omega)
+        stiffness, load = tables.stiffness[:, :, :n, :n], tables.load[:, :, :n]
+        linear, change = (np.tensordot(factor, stiffness, 1) for factor in (terms, rates))
+        kappa, beta = model.kappa[:n], model.tension_damping
+        sag = model.sag * (q**2 @ kappa)
+        slopes = kappa * q
+        geometric = linear + np.einsum("m,ij->mij", sag, np.diag(kappa))
+        force = np.tensordot(terms, load, 1) - np.einsum("mij,mj->mi", geometric, q + beta * v)
+        rate = np.tensordot(rates, load, 1) - np.einsum("mij,mj->mi", change, q + beta * v)
+        # the tension depends on the coordinates in the stiffness and, with the rates, in the damping
+        tangent = geometric + 2.0 * model.sag * np.einsum("mi,mj->mij", slopes + beta * kappa * v, slopes)
+        along = np.tensordot(terms, tables.chord_tension, 1) + (q**2 @ kappa)[:, None]
+        return Forces(force, rate, tangent, beta * geometric if beta else None, float(along.min()))
+
+    def _exact(self, q: np.ndarray, omega: float, periods: int) -> Forces:
+        """Evaluate the forces of order "exact": the chordwise stretch of each link by the closure."""
+        from cablepod.condensed import _kernels_closure  # numba is imported only to compute
+
+        model, condensed, chain = self.model, self.model.condensed, self.model.condensed.chain
+        frequency, length, _ = model.scales
+        key, n, k = (len(q), periods), q.shape[1], chain.p.stiffness
+        if key not in self._boundary_data:
+            phase = 2.0 * np.pi * periods / len(q) * np.arange(len(q))
+            self._boundary_data[key] = model.boundary_data(phase)
+        parts, si, damping = self._boundary_data[key], omega * frequency, float(chain.p.damping)
+        data = parts[0] + si * damping * parts[1] + si**2 * parts[2]
+        change = (damping * parts[1] + 2.0 * si * parts[2]) * frequency
+        patterns = len(condensed.load_patterns)
+        tau, tau_rate = (part[:, 1 : 1 + patterns] @ condensed.chordwise_force_patterns for part in (data, change))
+        slopes = [np.diff(shapes, axis=1) / chain.length for shapes in model.sets]
+        begin = np.cumsum([0, *(len(part) for part in slopes)])
+        used = [(part, slice(i, i + len(part))) for part, i in zip(slopes, begin[:-1], strict=True) if i < n]
+        slope = [length * (q[:, which] @ part) for part, which in used]
+        squared = sum(part**2 for part in slope)
+        tension, stretch = np.empty(len(q)), np.empty_like(tau)
+        known = condensed.slope_norms_squared.size
+        tension[0] = condensed.tension_guess(data[0], length * q[0, :known])
+        stretch[0] = condensed.stretch_guess(data[0])
+        _kernels_closure.close_all(squared, tau, chain.length, data[:, 0].copy(), k, False, tension, stretch)
+        chordwise = tension[:, None] + tau
+        xi = np.sqrt(stretch**2 + squared)
+        # derivatives of the stretch: by the chordwise force, and by a slope, divided by minus that slope
+        compliance = 1.0 / (k * (1.0 - squared / xi**3))
+        coupling = k * compliance * stretch / xi**3
+        weights, total = chain.length, (compliance @ chain.length)[:, None]
+        secant = chordwise / stretch
+        lateral = condensed.load_projection
+        lateral = np.pad(lateral, ((0, 0), (0, max(0, n - lateral.shape[1]))))[:, :n]
+        force, rate = data[:, 1 + patterns :] @ lateral, change[:, 1 + patterns :] @ lateral
+        pull = np.empty((len(q), n))  # derivative of the chord tension by the coordinates, times the total compliance
+        tangent = np.empty((len(q), n, n))
+        tension_rate = -((compliance * tau_rate) @ weights)[:, None] / total
+        for (part, which), w in zip(used, slope, strict=True):
+            force[:, which] -= (weights * secant * w) @ part.T
+            rate[:, which] -= (weights * coupling * w * (tension_rate + tau_rate)) @ part.T
+            pull[:, which] = (weights * coupling * w) @ part.T
+            for (other, columns), u in zip(used, slope, strict=True):
+                inner = weights * secant * coupling * w * u / stretch
+                if columns == which:
+                    inner = inner + weights * secant
+                tangent[:, which, columns] = np.einsum("mk,ik,jk->mij", inner, part, other, optimize=True)
+        tangent += pull[:, :, None] * pull[:, None] / total[:, None]
+        unit = 1.0 / (length * frequency**2)
+        return Forces(
+            force * unit, rate * unit, tangent / frequency**2, None, float(chordwise.min()) / model.force_scale
+        )
+
+    # --- Newton's method --------------------------------------------------------------------------------------------
+
+    def _balance(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the residual of all harmonics, its derivative by the angular frequency, and that by the coefficients."""
+        samples, harmonics, c = 4 * state.harmonics + 4, state.harmonics, state.coefficients
+        n, columns, factor = state.size, 1 + 2 * harmonics, state.omega / state.periods
+        basis, turned = harmonics_at(samples, harmonics), rates_at(samples, harmonics)
+        forces = self._forces(state, samples)
+        project = 2.0 / samples * basis.T
+        project[0] *= 0.5
+        effect = basis[:, :, None, None] * forces.stiffness[:, None]
+        rate = -project @ forces.rate
+        if forces.damping is not None:
+            effect = effect + factor * turned[:, :, None, None] * forces.damping[:, None]
+            rate += project @ np.einsum("mij,mj->mi", forces.damping, turned @ c / state.periods)
+        jacobian = (project @ effect.reshape(samples, -1)).reshape(columns, columns, n, n)
+        residual, alpha = -project @ forces.force, self.model.damping
+        k = np.arange(1, harmonics + 1)[:, None] / state.periods
+        frequency = state.omega * k
+        residual[1::2] += -(frequency**2) * c[1::2] + alpha * frequency * c[2::2]
+        residual[2::2] += -(frequency**2) * c[2::2] - alpha * frequency * c[1::2]
+        rate[1::2] += k * (-2.0 * frequency * c[1::2] + alpha * c[2::2])
+        rate[2::2] += k * (-2.0 * frequency * c[2::2] - alpha * c[1::2])
+        one = np.eye(n)
+        for i in range(1, harmonics + 1):
+            w = float(frequency[i - 1, 0])
+            jacobian[2 * i - 1, 2 * i - 1] -= w * w * one
+            jacobian[2 * i, 2 * i] -= w * w * one
+            jacobian[2 * i - 1, 2 * i] += alpha * w * one
+            jacobian[2 * i, 2 * i - 1] -= alpha * w * one
+        size = columns * n
+        return residual.ravel(), rate.ravel(), jacobian.transpose(0, 2, 1, 3).reshape(size, size)
+
+    def correct(
+        self, state: State, direction: np.ndarray, target: float, active: np.ndarray | None = None
+    ) -> tuple[State, np.ndarray, int]:
+        """Solve with the condition direction . z[active] = target, see :meth:`Solver.correct`."""
+        numbers = np.arange(state.z.size) if active is None else active
+        return self._newton(state, direction, target, numbers, self._balance)
+
+    def jacobian(self, state: State) -> np.ndarray:
+        """Return the derivative of the balance by the coefficients, all coordinates in each harmonic together."""
+        return self._balance(state)[2]
+
+    # --- multipliers ------------------------------------------------------------------------------------------------
+
+    def stability(self, state: State, stride: int | None = None) -> Stability:
+        """Compute the multipliers of a solution over its period."""
+        model = self.model
+        full = state.full(model)
+        phases = (4 * state.harmonics + 4) * (stride or self.stride(state))
+        forces = self._forces(full, phases)
+        duration = 2.0 * np.pi * state.periods / state.omega
+        values = np.full(2 * model.size, np.nan + 0j)
+        split = model.n_in_plane if state.planar else model.size
+        parts = [part for part in (slice(0, split), slice(split, model.size)) if part.stop > part.start]
+        if np.isfinite(forces.stiffness).all():
+            for part in parts:
+                values[2 * part.start : 2 * part.stop] = self._multipliers(forces, part, duration)
+        return Stability(values, forces.least * model.force_scale)
+
+    def _multipliers(self, forces: Forces, part: slice, duration: float) -> np.ndarray:
+        """Return the multipliers of the coordinates of one set."""
+        alpha, phases = self.model.damping, len(forces.stiffness)
+        if forces.damping is None:
+            size = 2 * (part.stop - part.start)
+            matrix = np.empty((size, size))
+            step = duration / phases
+            self.floquet.monodromy(forces.stiffness, part.start, part.stop, alpha, step, matrix)
+            if not np.isfinite(matrix).all():
+                return np.full(size, np.nan + 0j)
+            return np.linalg.eigvals(matrix) * np.exp(-0.5 * alpha * duration)
+        stiffness, damping = forces.stiffness[:, part, part], forces.damping[:, part, part]
+        damping = damping + alpha * np.eye(damping.shape[1])
+        matrix = magnus(stiffness, damping, 2.0 * duration / phases, self.model.highest_frequency)
+        if not np.isfinite(matrix).all():
+            return np.full(len(matrix), np.nan + 0j)
+        return np.linalg.eigvals(matrix)
+
+
+def magnus(stiffness: np.ndarray, damping: np.ndarray, step: float, frequency: float) -> np.ndarray:
+    """Integrate v'' + D v' + A v = 0 over a period by the Magnus scheme of fourth order with Simpson's rule.
+
+    Parameters
+    ----------
+    stiffness, damping
+        A and D at an even number of equidistant phases of the period (M, r, r).
+    step
+        Duration of two intervals.
+    frequency
+        Unit of the rates beside the coordinates, near the highest frequency: the norm of the matrices is then about that.
+
+    Returns
+    -------
+    float array (2 r, 2 r)
+        Matrix from v times `frequency` and v' at the start to those after the period.
+    """
+    phases, r = stiffness.shape[:2]
+    system = np.zeros((phases, 2 * r, 2 * r))
+    system[:, :r, r:] = frequency * np.eye(r)
+    system[:, r:, :r], system[:, r:, r:] = -stiffness / frequency, -damping
+    first, middle = system[0::2], system[1::2]
+    last = np.roll(first, -1, axis=0)
+    exponent = step / 6.0 * (first + 4.0 * middle + last) - step**2 / 12.0 * (first @ last - last @ first)
+    parts = exponentials(exponent)
+    while len(parts) > 1:
+        odd = parts[-1:] if len(parts) % 2 else parts[:0]
+        parts = np.concatenate([parts[1::2] @ parts[: len(parts) - len(odd) : 2], odd])
+    return np.asarray(parts[0])
+
+
+def exponentials(matrices: np.ndarray) -> np.ndarray:
+    """Return the exponentials of matrices (..., n, n), by a series after halving, and by squaring."""
+    norm = float(np.abs(matrices).sum(axis=-1).max(initial=0.0))
+    if not np.isfinite(norm):
+        return np.full_like(matrices, np.nan)
+    halvings = max(0, int(np.ceil(np.log2(max(norm, 1e-300) / MAX_EXPONENT))))
+    scaled = matrices / 2.0**halvings
+    one = np.eye(matrices.shape[-1])
+    result = one + scaled / TERMS
+    for k in range(TERMS - 1, 0, -1):
+        result = one + scaled @ result / k
+    for _ in range(halvings):
+        result = result @ result
+    return result
