@@ -1,0 +1,1 @@
+"""Periodic responses of the condensed model beside those of the full chain."""
