@@ -144,22 +144,6 @@ def test_the_pitchfork_to_whirling():
         assert np.abs(np.sqrt(1.0 - d) / ratio - 1.0).min() < 2e-4
 
 
-@pytest.mark.filterwarnings("ignore::cablepod.NotConvergedWarning")  # tension after the start of the ends with a speed
-@pytest.mark.filterwarnings("ignore::cablepod.VelocityJumpWarning")
-@pytest.mark.parametrize(("omega", "amplitude", "damping"), [(3.1, 0.02, 0.3), (12.4, 0.003, 0.3)])
-def test_the_chain_settles_on_the_orbit_of_three_modes(omega, amplitude, damping):
-    scene = guy(angular_frequency=omega, amplitude=amplitude, damping=damping)
-    first = round(np.ceil(2.0 * np.log(1e4) / damping / (2.0 * np.pi / omega)))
-    times = 2.0 * np.pi / omega * (first + np.arange(32) / 32)
-    chain = cp.chain.simulate(scene, times=times, tolerance=1e-3).position.values
-    orbit = cp.periodic.orbit(scene, modes_of(scene, 3)).position.values[:-1:4]
-    # vibration modes do not hold the sag: the motion about the mean is compared
-    motion, error = chain - chain.mean(axis=0), chain - orbit
-    error -= error.mean(axis=0)
-    size = [np.sqrt((field**2).sum(axis=2).mean(axis=1)).max() for field in (motion, error)]
-    assert size[1] < 0.02 * size[0]  # a superharmonic and a direct resonance; found 0.5 and 0.8 %
-
-
 # --- the same physics, described otherwise ----------------------------------------------------------------------------
 
 
