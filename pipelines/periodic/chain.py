@@ -26,8 +26,17 @@ from periodic import _kernels as kernel
 
 #: Relative Newton correction below which the next one is rounding, and maximum number of iterations.
 NEWTON_RTOL, MAX_ITERATIONS = 1e-9, 14
-#: Largest refinements of the equilibrium of the chain by Newton's method.
 NO_MULTIPLIERS = np.empty(0, dtype=complex)
+
+
+@dataclass(frozen=True, eq=False)
+class ChainState(State):
+    """State of a chain, which keeps its number of harmonics."""
+
+    @property
+    def most_harmonics(self) -> int:
+        """Largest number of harmonics to which it is extended."""
+        return self.harmonics
 
 
 @dataclass(eq=False)
@@ -133,11 +142,13 @@ class ChainSolver:
         found = np.zeros((1 + 2 * self.harmonics, model.size))
         found[: 1 + 2 * kept] = 2.0 / phases * harmonics_at(phases, kept).T @ moved.reshape(phases, -1)
         found[0] *= 0.5
-        return State(np.append(found.ravel(), omega), False, model.size)
+        return ChainState(np.append(found.ravel(), omega), False, model.size)
 
     def _evaluate(self, state: State) -> tuple[np.ndarray, float]:
         """Fill forces and tangents of the links; return the displacements (n - 1, columns, d) and the smallest tension [N]."""
         model = self.model
+        if state.harmonics != self.harmonics:
+            raise ValueError(f"given {state.harmonics} harmonics; allowed: the {self.harmonics} of the solver")
         x = state.coefficients.reshape(-1, model.chain.links - 1, model.coordinates).transpose(1, 0, 2)
         x = np.ascontiguousarray(x)
         position = x * (model.scales[1] / np.sqrt(model.mass))[:, None, None]

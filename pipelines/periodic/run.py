@@ -39,9 +39,10 @@ from matplotlib import pyplot as plt
 import cablepod as cp
 from cablepod.periodic._continuation import Branch, Limits, trace
 from cablepod.periodic._events import DOUBLING, FOLD, PITCHFORK
+from cablepod.periodic._general import solver_of
 from cablepod.periodic._members import model_of
 from cablepod.periodic._model import PeriodicModel
-from cablepod.periodic._solve import IN_PLANE, OUT_OF_PLANE, Solver, State
+from cablepod.periodic._solve import IN_PLANE, OUT_OF_PLANE, State
 from periodic.chain import ChainModel, ChainSolver, main_branch
 
 HERE = Path(__file__).resolve().parent
@@ -146,10 +147,10 @@ def times_of(
     return orbit, orbit + spent(lambda: [multipliers(state) for state in some]) / len(some)
 
 
-def reduced(case: Case, modes: xr.Dataset, rank: int) -> tuple[dict[Name, float], float, float]:
+def reduced(case: Case, modes: xr.Dataset, rank: int, order: str = "leading") -> tuple[dict[Name, float], float, float]:
     """Return the bifurcations of the condensed model, and its times of a point [s]."""
     found = cp.periodic.frequency_response(
-        case.scene(), modes, frequency=case.frequency, rank=rank, follow=(), outputs=()
+        case.scene(), modes, frequency=case.frequency, rank=rank, order=order, follow=(), outputs=()
     )
     found = found.isel(bifurcation=found["bifurcation_branch"].values == 1)
     events = numbered(
@@ -159,8 +160,8 @@ def reduced(case: Case, modes: xr.Dataset, rank: int) -> tuple[dict[Name, float]
             found["bifurcation_angular_frequency"].values, strict=True,
         )
     )  # fmt: skip
-    model, _ = model_of(case.scene(), modes, rank=rank, order="leading", out_of_plane=True)
-    solver = Solver(model)
+    model, _ = model_of(case.scene(), modes, rank=rank, order=order, out_of_plane=True)
+    solver = solver_of(model)
     start = solver.rest(case.frequency[0] / model.scales[0], HARMONICS)
     return events, *times_of(solver, start, case.frequency, solver.stability)
 
@@ -193,6 +194,8 @@ def study(
         rows.append(("chain", count, full(case, scales, count)))
     for rank in case.ranks:
         rows.append(("vibration modes", rank, reduced(case, vibrations, rank)))
+    for rank in case.ranks[:3]:
+        rows.append(("order exact", rank, reduced(case, vibrations, rank, "exact")))
     if case.pod_ranks:
         progress(f"{case.title}: snapshots")
         pod = cp.pod.decompose(snapshots(case, links[-1]), layout="normal", rank=max(case.pod_ranks))
@@ -231,7 +234,10 @@ def study(
 
 # --- figure and tables ------------------------------------------------------------------------------------------------
 
-STYLES = {"chain": ("s-", "0.35"), "vibration modes": ("o-", "#0072B2"), "POD modes": ("D-", "#D55E00")}
+STYLES = {
+    "chain": ("s-", "0.35"), "vibration modes": ("o-", "#0072B2"), "order exact": ("^-", "#009E73"),
+    "POD modes": ("D-", "#D55E00"),
+}  # fmt: skip
 
 
 def draw(results: dict[str, xr.Dataset], path: Path) -> None:
@@ -302,11 +308,8 @@ def rows_of(result: xr.Dataset) -> list[xr.Dataset]:
 def table_of_frequencies(result: xr.Dataset) -> str:
     """Write the extrapolated frequencies, and the relative errors of all settings."""
     head = ["bifurcation", "frequency, rad/s"]
-    head += [
-        f"{'n' if str(row['family'].values) == 'chain' else 'POD r' if str(row['family'].values)[:3] == 'POD' else 'r'}"
-        f" = {int(row['size'])}"
-        for row in rows_of(result)
-    ]
+    letters = {"chain": "n", "vibration modes": "r", "order exact": "exact r", "POD modes": "POD r"}
+    head += [f"{letters[str(row['family'].values)]} = {int(row['size'])}" for row in rows_of(result)]
     lines = []
     for i, name in enumerate(result["bifurcation"].values):
         part = result.isel(bifurcation=i)
