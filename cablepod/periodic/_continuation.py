@@ -22,6 +22,8 @@ FIRST_STEP, LEAST_STEP, LARGEST_STEP = 5e-3, 1e-7, 0.05
 LEAST_LARGEST_STEP, STEPS_PER_WIDTH = 4e-3, 2.0
 #: Largest step over the size of the motion.
 STEP_OVER_MOTION = 0.1
+#: Frequency over the highest one of the model above which nothing resonates, and largest step there over the frequency.
+FAR, STEP_OVER_FREQUENCY = 4.0, 0.02
 #: Least cosine between the directions of two successive points, and that above which the step may grow.
 MIN_COSINE, GOOD_COSINE = 0.9, 0.98
 #: Number of Newton iterations below which the step grows, and above which it shrinks.
@@ -172,7 +174,9 @@ def trace(
             continue
         branch.ended = _end(branch, limits, step)
         motion = float(np.linalg.norm(found.coefficients[1:]))
-        step = _next_step(step, iterations, cosine, max(largest, STEP_OVER_MOTION * motion))
+        far = found.omega > FAR * solver.model.highest_frequency
+        along = STEP_OVER_FREQUENCY * found.omega if far else 0.0
+        step = _next_step(step, iterations, cosine, max(largest, STEP_OVER_MOTION * motion, along))
         state, direction = thinned(found, tangent)
 
 

@@ -65,6 +65,7 @@ def compute_map(
     n = base.n_in_plane if base.is_planar else base.size
     split = base.n_in_plane if base.is_planar else base.size
     scaled = omega / frequency_scale
+    base.check_period(2.0 * np.pi / scaled[0])
     shape = (len(models), omega.size)
     result = MapResult(
         np.full((2, *shape), np.nan), np.zeros((2, *shape), dtype=np.int64), np.full(shape, np.nan),
@@ -78,8 +79,8 @@ def compute_map(
     while todo.size:
         samples = 4 * harmonics + 4
         again = []
-        for stride in np.unique(_strides(scaled[todo], base.highest_frequency, samples, most)):
-            columns = todo[_strides(scaled[todo], base.highest_frequency, samples, most) == stride]
+        for stride in np.unique(_strides(scaled[todo], base.fastest_rate, samples, most)):
+            columns = todo[_strides(scaled[todo], base.fastest_rate, samples, most) == stride]
             phases = samples * int(stride)
             batch = _Batch.of(models, phases, n)
             basis, phases_basis = harmonics_at(samples, 2 * harmonics), harmonics_at(phases, harmonics)

@@ -145,7 +145,7 @@ def find(solver: Solver, omega: float, periods: int, harmonics: int | None, star
     if iterations < 0:
         raise RunStopped(
             f"no periodic response at {omega * model.scales[0]:.6g} rad/s: Newton's method fails from "
-            f"{'this start' if start is not None else 'rest'}; give start=, a run of condensed.simulate that has settled"
+            f"{'this start' if start is not None else 'rest'}; try start=, a run of condensed.simulate that has settled"
         )
     return found
 

@@ -239,9 +239,16 @@ class Solver:
         return result
 
     def stride(self, state: State) -> int:
-        """Return the number of steps of the scheme for multipliers for each sample: a power of two."""
-        duration = 2.0 * np.pi * state.periods / max(abs(state.omega), 1e-3)
-        steps = duration * self.model.highest_frequency / MAX_PHASE_STEP
+        """Return the number of steps of the scheme for multipliers for each sample: a power of two.
+
+        Raises
+        ------
+        RunStopped
+            For a period too long for multipliers.
+        """
+        duration = 2.0 * np.pi * state.periods / max(abs(state.omega), 1e-12)
+        self.model.check_period(duration)
+        steps = duration * self.model.fastest_rate / MAX_PHASE_STEP
         stride, samples = MIN_STRIDE, 4 * state.harmonics + 4
         while stride * samples < min(steps, MAX_PHASES):
             stride *= 2

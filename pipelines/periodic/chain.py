@@ -38,6 +38,15 @@ class ChainState(State):
         """Largest number of harmonics to which it is extended."""
         return self.harmonics
 
+    def changed(self, coefficients: np.ndarray, omega: float | None = None) -> ChainState:
+        """Return the state with other coefficients (1 + 2 harmonics, coordinates)."""
+        z = np.append(coefficients.ravel(), self.omega if omega is None else omega)
+        return replace(self, z=z)
+
+    def resized(self, harmonics: int) -> ChainState:
+        """Return the state as it is."""
+        return self
+
 
 @dataclass(eq=False)
 class ChainModel:
@@ -62,6 +71,11 @@ class ChainModel:
     def size(self) -> int:
         """Number of coordinates."""
         return (self.chain.links - 1) * self.coordinates
+
+    @property
+    def highest_frequency(self) -> float:
+        """Bound of the frequencies, without dimension."""
+        return self.chain.highest_frequency() / self.scales[0]
 
     @cached_property
     def damping(self) -> float:

@@ -42,7 +42,7 @@ from cablepod.periodic._events import DOUBLING, FOLD, PITCHFORK
 from cablepod.periodic._general import solver_of
 from cablepod.periodic._members import model_of
 from cablepod.periodic._model import PeriodicModel
-from cablepod.periodic._solve import IN_PLANE, OUT_OF_PLANE, State
+from cablepod.periodic._solve import IN_PLANE, MIN_HARMONICS, OUT_OF_PLANE, State
 from periodic.chain import ChainModel, ChainSolver, main_branch
 
 HERE = Path(__file__).resolve().parent
@@ -50,8 +50,6 @@ HERE = Path(__file__).resolve().parent
 Name = tuple[str, str, int]
 #: Number of links on which vibration modes are computed, so that their error is not that of links.
 MODE_LINKS = 320
-#: Number of harmonics of the chain; the condensed model takes as many as it needs, at most ten here.
-HARMONICS = 8
 #: Number of points of a branch that are timed, and of repetitions.
 TIMED_POINTS, REPEATS = 20, 5
 
@@ -65,6 +63,7 @@ class Case:
     damping: float  #: mass-proportional [1/s]
     amplitude: float  #: of the top, horizontally [m]
     frequency: tuple[float, float]  #: [rad/s]
+    harmonics: int  #: of the chain, with which the last two hold 1e-5 of the motion; the condensed model adapts them
     names: tuple[Name, ...]
     ranks: tuple[int, ...]
     pod_ranks: tuple[int, ...]
@@ -91,13 +90,13 @@ class Case:
 
 CASES = {
     "guy": Case(
-        "Example 2's guy, top moved by 3 mm", 15000.0, 0.05, 0.003, (12.0, 14.0),
+        "Example 2's guy, top moved by 3 mm", 15000.0, 0.05, 0.003, (12.0, 14.0), 8,
         ((PITCHFORK, OUT_OF_PLANE, 1), (PITCHFORK, OUT_OF_PLANE, 2), (DOUBLING, OUT_OF_PLANE, 1),
          (DOUBLING, IN_PLANE, 1), (FOLD, IN_PLANE, 1), (FOLD, IN_PLANE, 2)),
         (2, 3, 4, 6), (2, 3, 4),
     ),
     "sagging": Case(
-        "sagging guy", 4050.0, 0.15, 0.003, (4.0, 7.0),
+        "sagging guy", 4050.0, 0.15, 0.003, (4.0, 7.0), 16,
         ((FOLD, IN_PLANE, 1), (FOLD, IN_PLANE, 2), (PITCHFORK, OUT_OF_PLANE, 1), (PITCHFORK, OUT_OF_PLANE, 2),
          (FOLD, IN_PLANE, 3), (DOUBLING, OUT_OF_PLANE, 1)),
         (2, 4, 6, 8), (2, 4, 6),
@@ -162,13 +161,13 @@ def reduced(case: Case, modes: xr.Dataset, rank: int, order: str = "leading") ->
     )  # fmt: skip
     model, _ = model_of(case.scene(), modes, rank=rank, order=order, out_of_plane=True)
     solver = solver_of(model)
-    start = solver.rest(case.frequency[0] / model.scales[0], HARMONICS)
+    start = solver.rest(case.frequency[0] / model.scales[0], MIN_HARMONICS)
     return events, *times_of(solver, start, case.frequency, solver.stability)
 
 
 def full(case: Case, scales: PeriodicModel, links: int) -> tuple[dict[Name, float], float, float]:
     """Return the bifurcations of a chain, and its times of a point [s]."""
-    solver = ChainSolver(ChainModel.of(case.scene(), scales, links), HARMONICS)
+    solver = ChainSolver(ChainModel.of(case.scene(), scales, links), case.harmonics)
     _, events = main_branch(solver, case.frequency)
     found = numbered((event.kind, event.which, event.state.omega * scales.scales[0]) for event in events)
     start = solver.rest(case.frequency[0] / scales.scales[0])
@@ -228,7 +227,7 @@ def study(
     }
     for name, (units, text) in names.items():
         result[name].attrs.update(units=units, long_name=text)
-    result.attrs.update(title=case.title, stage="comparison", harmonics=HARMONICS, mode_links=MODE_LINKS)
+    result.attrs.update(title=case.title, stage="comparison", harmonics=case.harmonics, mode_links=MODE_LINKS)
     return result
 
 

@@ -111,9 +111,9 @@ def is_real(value: Any) -> bool:
 
 
 @st.composite
-def mutated(draw: st.DrawFn) -> dict[str, Any]:
+def mutated(draw: st.DrawFn, bases: tuple[dict[str, Any], ...] = BASES) -> dict[str, Any]:
     """Draw a valid scene with one to three changes that a user, a program or an accident could make."""
-    scene = copy.deepcopy(draw(st.sampled_from(BASES)))
+    scene = copy.deepcopy(draw(st.sampled_from(bases)))
     if draw(st.integers(0, 19)) == 19:
         scene = spatial(scene)
     for _ in range(draw(st.sampled_from([1, 1, 2, 3]))):
