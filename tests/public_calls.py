@@ -94,6 +94,7 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "plots.frequency_response": (("response",), {}),
     "plots.modes": (("modes",), {}),
     "plots.multipliers": (("response",), {}),
+    "plots.animate_orbit": (("orbit",), {}),
     "plots.orbit": (("orbit",), {}),
     "plots.parameter_map": (("comparison",), {"variable": "error", "x": "a", "y": "b"}),
     "plots.phase_portraits": (("chain",), {}),

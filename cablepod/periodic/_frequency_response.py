@@ -39,6 +39,8 @@ FOLLOW = ("whirling", "period_doubling")
 MAX_PERIODS, MAX_DEPTH = 4, 3
 #: Relative distance in frequency within which a branch that comes back meets a known bifurcation.
 MEETING_RTOL = 5e-3
+#: Work of a study, in unknowns cubed of all linear systems, after which no more points are traced: some seconds.
+MAX_WORK = 5e10
 #: End of a branch by Ctrl-C.
 INTERRUPTED = "interrupted"
 
@@ -74,7 +76,7 @@ def frequency_response(
     follow
         Branches that are followed: "whirling", which leave at pitchforks out of the plane, and "period_doubling".
     points
-        Largest number of points of all branches.
+        Largest number of points of all branches; fewer where they need so many harmonics that the study would take long.
     out_of_plane
         Whether disturbances out of the plane are judged in a planar scene.
     outputs
@@ -203,7 +205,7 @@ class _Study:
         found = False
         for omega, sign in ((self.low, 1.0), (self.high, -1.0)):
             first = self.branches[0].points if self.branches else []
-            if found and ((first and first[-1].state.omega >= self.high) or self._count() >= self.points):
+            if found and ((first and first[-1].state.omega >= self.high) or self._is_over()):
                 break
             state = grown_from_rest(self.solver, omega, self.harmonics)
             state, direction, iterations = self.solver.at_frequency(state)
@@ -224,7 +226,7 @@ class _Study:
         """Trace the branches that leave at bifurcations, in the order in which these were found."""
         for event in self.events:  # grows in the loop
             wanted = "period_doubling" if event.kind == DOUBLING else "whirling"
-            if event.leads_to or wanted not in self.follow or self._count() >= self.points:
+            if event.leads_to or wanted not in self.follow or self._is_over():
                 continue
             depth = self.depth.get(event.branch, 0) + 1
             if depth > MAX_DEPTH or (event.kind == DOUBLING and 2 * event.state.periods > MAX_PERIODS):
@@ -259,6 +261,10 @@ class _Study:
     def _count(self) -> int:
         return sum(len(branch.points) for branch in self.branches)
 
+    def _is_over(self) -> bool:
+        """Return whether no more points are traced."""
+        return self._count() >= self.points or self.solver.work > MAX_WORK
+
     def _trace(self, branch: Branch, state: State, direction: np.ndarray) -> None:
         """Trace one branch, with its bifurcations."""
         self.branches.append(branch)
@@ -276,7 +282,9 @@ class _Study:
             self.events += events_between(self.solver, branch, tests[-2], tests[-1])
             return True
 
-        limits = Limits(self.low, self.high, self.points - before)
+        limits = Limits(
+            self.low, self.high, self.points - before, lambda point: POINTS if self.solver.work > MAX_WORK else ""
+        )
         if limits.points < 2:
             branch.ended = POINTS
         trace(self.solver, branch, state, direction, limits, on_point)

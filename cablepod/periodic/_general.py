@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cablepod.periodic._model import PeriodicModel, harmonics_at
-from cablepod.periodic._solve import Solver, Stability, State
+from cablepod.periodic._model import PeriodicModel
+from cablepod.periodic._solve import Solver, Stability, State, basis_at
 
 #: Norm of the matrix in an exponential above which it is halved, and number of terms of the series (rounding at this norm).
 MAX_EXPONENT, TERMS = 0.5, 14
@@ -36,8 +36,8 @@ def solver_of(model: PeriodicModel) -> Solver:
 
 
 def rates_at(phases: int, harmonics: int) -> np.ndarray:
-    """Return the derivatives of :func:`harmonics_at` by the phase (phases, 1 + 2 harmonics)."""
-    values = harmonics_at(phases, harmonics)
+    """Return the derivatives of :func:`basis_at` by the phase (phases, 1 + 2 harmonics)."""
+    values = basis_at(phases, harmonics)
     k = np.arange(1, harmonics + 1)
     result = np.zeros_like(values)
     result[:, 1::2], result[:, 2::2] = -k * values[:, 2::2], k * values[:, 1::2]
@@ -46,6 +46,8 @@ def rates_at(phases: int, harmonics: int) -> np.ndarray:
 
 class GeneralSolver(Solver):
     """Newton's method and multipliers of a model by array expressions."""
+
+    overhead = 2e7
 
     def __init__(self, model: PeriodicModel) -> None:
         super().__init__(model)
@@ -56,7 +58,7 @@ class GeneralSolver(Solver):
     def _forces(self, state: State, phases: int) -> Forces:
         """Evaluate the forces at equidistant phases of the motion, for the coordinates of the state."""
         c = state.coefficients
-        q = harmonics_at(phases, state.harmonics) @ c
+        q = basis_at(phases, state.harmonics) @ c
         if self.model.condensed.order == "leading":
             rates = state.omega / state.periods * (rates_at(phases, state.harmonics) @ c)
             return self._leading(q, rates, state.omega, state.periods)
@@ -101,8 +103,9 @@ class GeneralSolver(Solver):
         slope = [length * (q[:, which] @ part) for part, which in used]
         squared = sum(part**2 for part in slope)
         tension, stretch = np.empty(len(q)), np.empty_like(tau)
-        known = condensed.slope_norms_squared.size
-        tension[0] = condensed.tension_guess(data[0], length * q[0, :known])
+        first = np.zeros(max(n, condensed.slope_norms_squared.size))
+        first[:n] = length * q[0]
+        tension[0] = condensed.tension_guess(data[0], first[: condensed.slope_norms_squared.size])
         stretch[0] = condensed.stretch_guess(data[0])
         _kernels_closure.close_all(squared, tau, chain.length, data[:, 0].copy(), k, False, tension, stretch)
         chordwise = tension[:, None] + tau
@@ -139,7 +142,7 @@ class GeneralSolver(Solver):
         """Return the residual of all harmonics, its derivative by the angular frequency, and that by the coefficients."""
         samples, harmonics, c = 4 * state.harmonics + 4, state.harmonics, state.coefficients
         n, columns, factor = state.size, 1 + 2 * harmonics, state.omega / state.periods
-        basis, turned = harmonics_at(samples, harmonics), rates_at(samples, harmonics)
+        basis, turned = basis_at(samples, harmonics), rates_at(samples, harmonics)
         forces = self._forces(state, samples)
         project = 2.0 / samples * basis.T
         project[0] *= 0.5
@@ -182,6 +185,7 @@ class GeneralSolver(Solver):
     def stability(self, state: State, stride: int | None = None) -> Stability:
         """Compute the multipliers of a solution over its period."""
         model = self.model
+        self.work += self.overhead
         full = state.full(model)
         phases = (4 * state.harmonics + 4) * (stride or self.stride(state))
         forces = self._forces(full, phases)

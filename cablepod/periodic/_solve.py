@@ -122,13 +122,13 @@ def sets_of(model: PeriodicModel, state: State) -> list[tuple[str, slice]]:
 def bases(state: State, stride: int) -> tuple[int, np.ndarray, np.ndarray]:
     """Return the number of samples, harmonics at the samples (N, 1 + 4 H) and at all phases (N stride, 1 + 2 H)."""
     samples = 4 * state.harmonics + 4
-    return samples, _basis(samples, 2 * state.harmonics), _basis(samples * stride, state.harmonics)
+    return samples, basis_at(samples, 2 * state.harmonics), basis_at(samples * stride, state.harmonics)
 
 
 _BASES: dict[tuple[int, int], np.ndarray] = {}
 
 
-def _basis(phases: int, harmonics: int) -> np.ndarray:
+def basis_at(phases: int, harmonics: int) -> np.ndarray:
     """Do :func:`harmonics_at`, once."""
     key = (phases, harmonics)
     if key not in _BASES:
@@ -139,10 +139,15 @@ def _basis(phases: int, harmonics: int) -> np.ndarray:
 class Solver:
     """Newton's method and multipliers for one model."""
 
+    #: Work of a call beside that of its linear systems, in units of those: unknowns cubed.
+    overhead = 2e6
+
     def __init__(self, model: PeriodicModel) -> None:
         from cablepod.periodic import _kernels_balance, _kernels_floquet  # numba is imported only to compute
 
         self.model = model
+        #: Unknowns cubed of all linear systems so far, with the overhead of calls
+        self.work = 0.0
         self.balance, self.floquet = _kernels_balance, _kernels_floquet
         self._planar: dict[tuple[int, int], tuple[np.ndarray, ...]] = {}
 
@@ -178,6 +183,7 @@ class Solver:
             z, np.arange(z.size) if active is None else active, direction, target, basis,
             *self.arguments(state, stride), state.periods, stride, samples, tangent,
         )  # fmt: skip
+        self.work += self.overhead + abs(iterations) * direction.size**3
         return replace(state, z=z), tangent, iterations
 
     def _correct_large(
@@ -206,7 +212,9 @@ class Solver:
         kernel, z, before = self.balance, state.z.copy(), np.inf
         matrix, rows = np.empty((active.size, active.size)), active[:-1]
         right = np.zeros((active.size, 2))
+        self.work += self.overhead
         for iteration in range(kernel.MAX_ITERATIONS):
+            self.work += active.size**3
             residual, rate, jacobian = balance(replace(state, z=z))
             matrix[:-1, :-1], matrix[:-1, -1], matrix[-1] = jacobian[np.ix_(rows, rows)], rate[rows], direction
             right[:-1, 0], right[-1] = -residual[rows], (target - direction @ z[active], 1.0)
@@ -257,6 +265,7 @@ class Solver:
     def stability(self, state: State, stride: int | None = None) -> Stability:
         """Compute the multipliers of a solution over its period."""
         model = self.model
+        self.work += self.overhead
         stride = stride or self.stride(state)
         full = state.full(model)
         tables = model.tables((4 * state.harmonics + 4) * stride, state.periods)

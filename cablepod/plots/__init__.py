@@ -7,7 +7,7 @@ from cablepod.plots._animation import Animation, animate
 from cablepod.plots._cables import phase_portraits, rest, shapes, snapshots, tension
 from cablepod.plots._maps import parameter_map, stability
 from cablepod.plots._modes import amplitudes, modes, singular_values
-from cablepod.plots._periodic import backbone, frequency_response, multipliers, orbit, stability_map
+from cablepod.plots._periodic import animate_orbit, backbone, frequency_response, multipliers, orbit, stability_map
 from cablepod.plots._reports import error_against_run_time, error_over_time
 from cablepod.plots._style import COLOURS, LINES, MARKERS, SIGMA
 from cablepod.plots._wind import spectra, tension_cycles, wind_field
@@ -20,6 +20,7 @@ __all__ = [
     "Animation",
     "amplitudes",
     "animate",
+    "animate_orbit",
     "backbone",
     "error_against_run_time",
     "error_over_time",

@@ -200,7 +200,7 @@ def animate(
             curves.append((np.broadcast_to(_style.sigma(key, runs[key]), up.shape), up))
         else:
             curves.append((values[rows, :, 0], values[rows, :, 1]))
-    ax = _private_axes() if ax is None else ax
+    ax = private_axes() if ax is None else ax
     ax.plot(curves[0][0][0], curves[0][1][0], color="0.6", linewidth=0.8, zorder=0, label=f"at {times[picked[0]]:g} s")
     lines = []
     for key, (across, up) in zip(runs, curves, strict=True):
@@ -241,7 +241,7 @@ def _count(run: xr.Dataset) -> int:
     return int(np.clip(np.ceil(FRAMES_PER_CHANGE * (times[-1] - times[0]) / scale) + 1, LEAST_FRAMES, MOST_FRAMES))
 
 
-def _private_axes() -> Axes:
+def private_axes() -> Axes:
     """Make axes of a figure unknown to pyplot, so that a notebook does not show it twice."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -9,7 +9,10 @@ import numpy as np
 import xarray as xr
 
 from cablepod.errors import SceneError
+from cablepod.parameters._checks import integer
 from cablepod.plots import _style
+from cablepod.plots._animation import Animation, private_axes
+from cablepod.plots._style import MAX_DOTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +24,8 @@ BIFURCATIONS = {
     "period_doubling": ("^", "#D55E00"),
     "torus": ("D", "#CC79A7"),
 }
+#: Number of paths in an animation of an orbit.
+PATHS = 12
 RESPONSE = "what periodic.frequency_response gives"
 BACKBONE = "what periodic.backbone gives"
 MAP = "what periodic.stability_map gives"
@@ -290,6 +295,62 @@ def orbit(*orbits: xr.Dataset, sigma: float = 0.5, ax: Axes | None = None) -> Ax
     else:
         ax.set(xlabel="deflection in the plane [m]", ylabel="its rate [m/s]")
     return _style.finish(ax)
+
+
+def animate_orbit(orbit: xr.Dataset, *, frames: int = 48, ax: Axes | None = None) -> Animation:
+    """Animate an orbit seen along the chord: the cable as a line with dots, the paths of some particles.
+
+    Parameters
+    ----------
+    orbit
+        Result of :func:`cablepod.periodic.orbit` with output "position".
+    frames
+        Number of frames of the period, at most one for each instant of the orbit.
+    ax
+        Axes to draw on; their figure is redrawn for each frame.
+
+    Returns
+    -------
+    Animation
+        Shown as a GIF by a notebook, which repeats without a jump; ``animate_orbit(...).save("whirling.gif")`` writes it.
+
+    Raises
+    ------
+    SceneError
+        For another Dataset, and fewer than two frames.
+
+    Notes
+    -----
+    Both axes show the deflection normal to the chord of the moment, with the same scale.
+    """
+    _style.take("orbit", orbit, "multiplier_real", ("multiplier",), ORBIT)
+    position = _style.take("orbit", orbit, "position", ("time", *_style.PLACE), f"{ORBIT} with output position").values
+    time = orbit["time"].values[:-1]
+    count = min(integer(least=2)("frames", frames), time.size)
+    picked = np.unique(np.linspace(0, time.size, count, endpoint=False).astype(int))
+    paths = [_path(position, k) for k in range(position.shape[1])]
+    inside, lateral = (np.stack([path[k] for path in paths], axis=1) for k in (0, 1))
+    ax = private_axes() if ax is None else ax
+    size = 1.1 * max(float(np.ptp(inside)), float(np.ptp(lateral)), 1e-300) / 2.0
+    every = max(1, len(paths) // MAX_DOTS)
+    for k in range(0, len(paths), max(1, len(paths) // PATHS)):
+        ax.plot(
+            lateral[:, k], inside[:, k], color="0.8", linewidth=0.8, zorder=0, label="" if k else "paths of particles"
+        )
+    (line,) = ax.plot(
+        lateral[0], inside[0], color=_style.COLOURS[0], marker=_style.MARKERS[0], markersize=4, markevery=every, linewidth=1.0,
+        label="cable, seen along the chord",
+    )  # fmt: skip
+    middles = [0.5 * float(part.max() + part.min()) for part in (lateral, inside)]
+    ax.set(xlabel="deflection out of the plane [m]", ylabel="deflection in the plane [m]")
+    ax.set(xlim=(middles[0] - size, middles[0] + size), ylim=(middles[1] - size, middles[1] + size))
+    ax.set_aspect("equal", adjustable="box")
+    _style.finish(ax)
+
+    def show(i: int) -> None:
+        line.set_data(lateral[picked[i]], inside[picked[i]])
+
+    return Animation(ax, time[picked], show)
 
 
 def _path(position: np.ndarray, particle: int) -> tuple[np.ndarray, np.ndarray]:

@@ -106,6 +106,11 @@ def test_backbones_and_orbits():
     line = plots.orbit(orbit).get_lines()[0]
     assert np.abs(line.get_xdata()).max() == pytest.approx(0.2)
     assert np.abs(line.get_ydata()).max() == pytest.approx(0.1)
+    moving = plots.animate_orbit(orbit, frames=16)
+    assert moving.times.size == 16
+    drawn = moving.show_frame(4).get_lines()[-1]  # a quarter of the period
+    assert drawn.get_xdata() == pytest.approx([0.0, 0.2, 0.0], abs=1e-12)
+    assert drawn.get_ydata() == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
     plane = orbit.isel(coordinate=[0, 1])
     line = plots.orbit(plane).get_lines()[0]
     assert np.abs(line.get_ydata()).max() == pytest.approx(0.2 * np.pi, rel=1e-2)  # differences over 64 instants
@@ -122,6 +127,7 @@ def test_backbones_and_orbits():
         (lambda: plots.backbone(), "backbones: given none"),
         (lambda: plots.orbit(), "orbits: given none"),
         (lambda: plots.orbit(response()), "^orbits: "),
+        (lambda: plots.animate_orbit(response()), "^orbit: "),
         (lambda: plots.multipliers(stability()), "result: given a Dataset without multiplier_real"),
     ],
 )
