@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cablepod._jit import compiled
+from cablepod.cable._kernels_air import drag_forces
 from cablepod.cable._kernels_forces import _extremes, _nodal_forces
 
 
@@ -27,10 +28,38 @@ def _update_position(x, v, step):
 
 
 @compiled
+def _move_back(x, v, first, end_rates, i, step, half_x, u):
+    """Fill positions and velocities (dims, N) of all nodes half a step before step `i` of the tables."""
+    dims, m = v.shape
+    last = x.shape[1] - 1
+    for c in range(dims):
+        u[c, 0], u[c, last] = end_rates[i, 0, c], end_rates[i, 1, c]
+        for j in range(m):
+            u[c, first + j] = v[c, j]
+        for j in range(last + 1):
+            half_x[c, j] = x[c, j] - 0.5 * step * u[c, j]
+
+
+@compiled
+def _hold_drag(force, first, per_mass, load_increment, is_first, before, increments):
+    """Fill the velocity increments by loads and drag until the next evaluation (dims, m), from the last two evaluations.
+
+    These are half a step before, and extrapolated by 3/2 and -1/2 to the middle of the steps until the next one.
+    """
+    for c in range(increments.shape[0]):
+        for j in range(increments.shape[1]):
+            now = per_mass[j] * force[c, first + j]
+            if is_first:
+                before[c, j] = now
+            increments[c, j] = load_increment[c, j] + 1.5 * now - 0.5 * before[c, j]
+            before[c, j] = now
+
+
+@compiled
 def verlet(
     x, v, first, d, weight, scale, unrolled, stiffness, green, per_mass, load_increment, step, damping_factor, rows, columns,
-    ends, patterns, factors, viscosity, v_before, end_rates, steps, start, save_steps, saved, saved_half, link_element, link_rows,
-    low, high, slack,
+    ends, patterns, factors, viscosity, tension_damping, v_before, wind, drag, samples_per_second, hold, drag_before,
+    drag_increment, end_rates, steps, start, save_steps, saved, saved_half, link_element, link_rows, low, high, slack,
 ):  # fmt: skip
     """Advance a cable by `steps` steps of velocity Verlet in leapfrog form.
 
@@ -72,10 +101,18 @@ def verlet(
         Patterns of time-dependent loads [N] and their factors at the steps.
     viscosity : float or None
         Viscosity over stiffness [s]; only with the linear law.
+    tension_damping : float or None
+        Damping by the tension [s], see :func:`cablepod.cable._kernels_forces._add_tension_damping`.
     v_before : float array (dims, m) or None
-        Velocities one step before those in `v`; only with viscosity.
+        Velocities one step before those in `v`; only with these dampings.
+    wind, drag, samples_per_second : float array (samples, dims, N), float, float, or None
+        See :func:`cablepod.cable._kernels_air._nodal_drag`; samples of the wind per second, from the start of the run on.
+    hold : int
+        Number of steps from one evaluation of the drag to the next.
+    drag_before, drag_increment : float arrays (dims, m) or None
+        Velocity increments by the last drag, and by loads and drag until the next evaluation [m/s]; advanced in place.
     end_rates : float array (steps + 1, 2, dims) or None
-        Velocities of the ends [m/s]; only with viscosity.
+        Velocities of the ends [m/s]; only where a force depends on velocities.
     steps, start : int
         Number of steps, and number of the first.
     save_steps : int array (saves,)
@@ -99,17 +136,25 @@ def verlet(
     square, stretching, s, nodal = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape)
     d_transposed = np.ascontiguousarray(d.T)
     u = np.zeros(x.shape)
+    half_x, half_u = np.empty(x.shape), np.empty(x.shape)
+    air_force, air_damping = np.empty(x.shape), np.empty(last + 1)
+    increments = load_increment if wind is None else drag_increment
     save = 0
     for i in range(steps):
-        if viscosity is not None:
+        if wind is not None and (start + i) % hold == 0:
+            place = (start + i - 0.5) * step * samples_per_second
+            _move_back(x, v, first, end_rates, i, step, half_x, half_u)
+            drag_forces(half_x, half_u, wind, place, drag, d, weight, scale, unrolled, nodal, g, air_force, air_damping)
+            _hold_drag(air_force, first, per_mass, load_increment, start + i == 0, drag_before, drag_increment)
+        if v_before is not None:
             for c in range(dims):
                 u[c, 0], u[c, last] = end_rates[i, 0, c], end_rates[i, 1, c]
                 for j in range(m):
                     u[c, first + j] = 1.5 * v[c, j] - 0.5 * v_before[c, j]
                     v_before[c, j] = v[c, j]
         _nodal_forces(
-            x, u, d, d_transposed, weight, scale, unrolled, stiffness, green, viscosity, f, g, g_dot, square, stretching, s,
-            nodal, start + i, slack,
+            x, u, d, d_transposed, weight, scale, unrolled, stiffness, green, viscosity, tension_damping, f, g, g_dot, square,
+            stretching, s, nodal, start + i, slack,
         )  # fmt: skip
         if low.size > 0:
             _extremes(x, u, weight.size - 1, link_element, link_rows, stiffness, green, viscosity, low, high)
@@ -119,7 +164,7 @@ def verlet(
             if saved_half.shape[0] > 0:
                 saved_half[save, 0] = v
         for c in range(dims):
-            _update_velocity(v[c], f[c, first : first + m], per_mass, load_increment[c], damping_factor)
+            _update_velocity(v[c], f[c, first : first + m], per_mass, increments[c], damping_factor)
             for load in range(patterns.shape[0]):
                 _add_load(v[c], patterns[load, c], factors[i, load], per_mass)
             _update_position(x[c, first : first + m], v[c], step)

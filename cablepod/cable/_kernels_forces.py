@@ -80,6 +80,15 @@ def _law(square, stretching, weight, stiffness, green, viscosity, s):
 
 
 @compiled
+def _add_tension_damping(g, g_dot, s, tension_damping):
+    """Add the damping by the tension to g (points, elements): tension_damping times its rate, 0 where the cable is slack."""
+    for q in range(g.shape[0]):
+        for e in range(g.shape[1]):
+            if s[q, e] > 0.0:
+                g[q, e] += tension_damping * g_dot[q, e]
+
+
+@compiled
 def _products(first, second, result):
     """Fill the scalar products of the vectors `first` and `second` (dims, points, elements)."""
     for q in range(result.shape[0]):
@@ -107,10 +116,10 @@ def _record_slack(square, step, slack):
 
 @compiled
 def _nodal_forces(
-    x, u, d, d_transposed, weight, scale, unrolled, stiffness, green, viscosity, f, g, g_dot, square, stretching, s, nodal, step,
-    slack,
+    x, u, d, d_transposed, weight, scale, unrolled, stiffness, green, viscosity, tension_damping, f, g, g_dot, square, stretching,
+    s, nodal, step, slack,
 ):  # fmt: skip
-    """Fill the internal nodal forces f (dims, N) [N] at positions x; velocities u are used with viscosity only."""
+    """Fill the internal nodal forces f (dims, N) [N] at positions x; velocities u are used with these dampings only."""
     dims = x.shape[0]
     for c in range(dims):
         _gradient(x[c], d, scale, unrolled, nodal, g[c])
@@ -121,19 +130,23 @@ def _nodal_forces(
         _products(g, g_dot, stretching)
     if _law(square, stretching, weight, stiffness, green, viscosity, s):
         _record_slack(square, step, slack)
+    if tension_damping is not None:
+        for c in range(dims):
+            _gradient(u[c], d, scale, unrolled, nodal, g_dot[c])
+            _add_tension_damping(g[c], g_dot[c], s, tension_damping)
     for c in range(dims):
         _assemble(g[c], s, d_transposed, unrolled, nodal, f[c])
 
 
 @compiled
-def forces(x, u, d, weight, scale, stiffness, green, viscosity):
-    """Compute the internal nodal forces (dims, N) [N]; parameters as in ``verlet``, u is used with viscosity only."""
+def forces(x, u, d, weight, scale, stiffness, green, viscosity, tension_damping):
+    """Compute the internal nodal forces (dims, N) [N]; parameters as in ``verlet``, u is used with these dampings only."""
     shape = (weight.size, scale.size)
     f = np.empty_like(x)
     g, g_dot = np.empty((x.shape[0], *shape)), np.empty((x.shape[0], *shape))
     _nodal_forces(
-        x, u, d, np.ascontiguousarray(d.T), weight, scale, None, stiffness, green, viscosity, f, g, g_dot, np.empty(shape),
-        np.empty(shape), np.empty(shape), np.empty(shape), 0, np.array([-1.0, 0.0, 0.0, 0.0, 1.0]),
+        x, u, d, np.ascontiguousarray(d.T), weight, scale, None, stiffness, green, viscosity, tension_damping, f, g, g_dot,
+        np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape), 0, np.array([-1.0, 0.0, 0.0, 0.0, 1.0]),
     )  # fmt: skip
     return f
 

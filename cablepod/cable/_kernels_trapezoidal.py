@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from cablepod._jit import compiled
-from cablepod.cable._kernels_forces import _assemble, _extremes, _gradient, _law, _products, _record_slack, forces
+from cablepod.cable._kernels_air import _nodal_drag
+from cablepod.cable._kernels_forces import _add_tension_damping, _assemble, _extremes, _gradient, _law, _products, _record_slack, forces
 from cablepod.chain._kernels_generalized_alpha import _is_inside
 
 #: Maximum number of Newton iterations.
@@ -166,7 +167,7 @@ def equilibrium(x, first, free, d, weight, scale, stiffness, green, loads, toler
     right = np.empty(free * dims)
     norm, before = np.inf, np.inf
     for _ in range(MAX_ITERATIONS):
-        f = forces(x, x, d, weight, scale, stiffness, green, None)
+        f = forces(x, x, d, weight, scale, stiffness, green, None, None)
         band = tangent(x, first, free, d, weight, scale, stiffness, green)
         for n in range(free):
             for c in range(dims):
@@ -190,7 +191,7 @@ def equilibrium(x, first, free, d, weight, scale, stiffness, green, loads, toler
 @compiled
 def trapezoidal(
     x, v, a, first, d, weight, scale, unrolled, stiffness, green, mass, damping, loads, patterns, factors, viscosity,
-    rows, columns, ends, end_rates, step, tolerance, bound, start, steps, save_steps, saved, link_element, link_rows, low, high,
+    tension_damping, wind, wind_places, drag, rows, columns, ends, end_rates, step, tolerance, bound, start, steps, save_steps, saved, link_element, link_rows, low, high,
     slack,
 ):  # fmt: skip
     """Advance a cable by `steps` steps of the trapezoidal rule (average acceleration), each solved by Newton's method.
@@ -205,6 +206,8 @@ def trapezoidal(
         Mass [kg]; damping per mass [1/s], 0 without.
     loads : float array (dims, m)
         Constant loads [N].
+    wind_places : float array (steps + 1,) or None
+        Places of the steps between the samples of the wind.
     tolerance : float
         Tolerance of the last Newton correction [m].
     bound : float
@@ -232,6 +235,9 @@ def trapezoidal(
     band, right = np.zeros((dims * m, dims * weight.size)), np.zeros(dims * m)
     increment, trial, u = np.zeros((dims, m)), x.copy(), np.zeros(x.shape)
     inertia, velocity_factor = 4.0 / (step * step), 2.0 / step
+    air_force, air_damping, s_tangent = np.zeros(x.shape), np.zeros(last + 1), s
+    if tension_damping is not None:
+        s_tangent = np.zeros(shape)
     iterations, save = 0, 0
     for i in range(steps):
         if save < save_steps.size and save_steps[save] == start + i:
@@ -257,21 +263,32 @@ def trapezoidal(
             for c in range(dims):
                 _gradient(trial[c], d, scale, unrolled, nodal, g[c])
             _products(g, g, square)
-            if viscosity is not None:
+            if end_rates is not None:
                 for c in range(dims):
                     u[c, 0], u[c, last] = end_rates[i + 1, 0, c], end_rates[i + 1, 1, c]
                     for j in range(m):
                         u[c, first + j] = 2.0 * increment[c, j] / step - v[c, j]
                     _gradient(u[c], d, scale, unrolled, nodal, g_dot[c])
                 _products(g, g_dot, stretching)
+            if wind is not None:
+                _nodal_drag(u, g, wind, wind_places[i + 1], drag, weight, scale, air_force, air_damping)
             below = _law(square, stretching, weight, stiffness, green, viscosity, s)
             _axial_tangent(square, weight, stiffness, green, viscosity, velocity_factor, s, b)
             band[:] = 0.0
-            _tangent(g, s, b, pairs, scale, unrolled, first, line, coefficient, band)
+            if tension_damping is not None:
+                for q in range(weight.size):
+                    for e in range(scale.size):
+                        s_tangent[q, e] = s[q, e] + max(s[q, e], 0.0) * tension_damping * velocity_factor
+            _tangent(g, s_tangent, b, pairs, scale, unrolled, first, line, coefficient, band)
             for c in range(dims):
+                if tension_damping is not None:
+                    _add_tension_damping(g[c], g_dot[c], s, tension_damping)
                 _assemble(g[c], s, d_transposed, unrolled, nodal, f[c])
                 for j in range(m):
                     total = f[c, first + j] + loads[c, j]
+                    if wind is not None:  # the tangent by the velocity, without the direction of the wind
+                        total += air_force[c, first + j]
+                        band[dims * j + c, 0] += velocity_factor * air_damping[first + j]
                     for load in range(patterns.shape[0]):
                         total += factors[i + 1, load] * patterns[load, c, j]
                     new = inertia * (increment[c, j] - step * v[c, j]) - a[c, j]

@@ -103,10 +103,10 @@ class SpectralMesh(LumpedChain):
         """Compute the internal nodal forces (nodes, dims) [N]."""
         from cablepod.cable import _kernels_forces as kernel  # numba is imported only to compute
 
-        viscosity = self.p.link_viscosity if velocity is not None else None
+        dampings = (None, None) if velocity is None else (self.p.link_viscosity, self.p.tension_damping)
         x = np.ascontiguousarray(position.T)
         u = x if velocity is None else np.ascontiguousarray(velocity.T)
-        return kernel.forces(x, u, *self.law_arguments, viscosity).T
+        return kernel.forces(x, u, *self.law_arguments, *dampings).T
 
     @cached_property
     def law_arguments(self) -> tuple[Any, ...]:

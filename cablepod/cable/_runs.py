@@ -125,8 +125,14 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
         half_step = 0.5 * step if p.mass_damping is None else damped_growth(p.mass_damping, step) / p.mass_damping
         v = np.ascontiguousarray((-half_step * self.first_force()[free] / mass[:, None]).T)
         # so that the predicted velocity 1.5 v - 0.5 v_before is zero at the start
-        v_before = None if p.link_viscosity is None else 3.0 * v
+        v_before = 3.0 * v if p.link_viscosity is not None or p.tension_damping is not None else None
+        needs_rates = v_before is not None or self.air is not None
         load_increment = np.ascontiguousarray((per_mass[:, None] * mesh.loads()[free]).T)
+        wind: tuple[Any, ...] = None, None, 0.0, 1, None, None
+        if self.air is not None:
+            hold = self.air.hold(float(mesh.tensions_and_forces(self.initial)[0].max()), step)
+            air = self.air.velocity, self.air.drag, self.air.samples_per_second
+            wind = *air, hold, np.zeros_like(v), np.zeros_like(v)
         varying = mesh.time_dependent_loads()
         patterns = np.array([pattern[free].T for pattern, _ in varying]).reshape(len(varying), *v.shape)
         saved = np.empty((instants.steps.size, p.dims, mesh.links + 1))
@@ -143,13 +149,13 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
             kernel.verlet(
                 x, v, free.start, d, weight, scale, mesh.unrolled, stiffness, green, per_mass, load_increment, step,
                 damping_factor, *end_places, p.end_coordinates_at_steps(start, steps, steps_per_second), patterns,
-                _factors(varying, time), p.link_viscosity, v_before,
-                p.end_positions(time, 1) if v_before is not None else None, steps, start, instants.steps[first:last],
+                _factors(varying, time), p.link_viscosity, p.tension_damping, v_before, *wind,
+                p.end_positions(time, 1) if needs_rates else None, steps, start, instants.steps[first:last],
                 saved[first:last], half_step_rates[first:last], element, rows, low, high, slack,
             )  # fmt: skip
             return bool(np.isfinite(x).all() and np.abs(x).max() < bound)
 
-        state = (x, v, slack, *(() if v_before is None else (v_before,)))
+        state = (x, v, slack, *(() if v_before is None else (v_before,)), *(() if self.air is None else wind[4:]))
         watch = None if extremes is None else self.watch_of(steps_per_second, total, low, high)
         failed_step = advance_in_blocks(advance, state, total, self.progress, watch)
         if failed_step is not None:
@@ -228,12 +234,15 @@ class _CableStepper(ImplicitStepper):
         free = mesh.free_particles
         v, a, loads = (np.ascontiguousarray(nodal[:, free]) for nodal in (self.v, self.a, self.loads))
         patterns = np.zeros((0, *self.x.shape)) if self.patterns is None else self.patterns
+        air, wind = run.air, (None, None, None)
+        if air is not None:
+            wind = air.velocity, time * air.samples_per_second, air.drag
+        needs_rates = p.link_viscosity is not None or p.tension_damping is not None or air is not None
         done, iterations = kernel.trapezoidal(
             self.x, v, a, free.start, d, weight, scale, mesh.unrolled, stiffness, green,
             self.mass[free], p.mass_damping or 0.0, loads, np.ascontiguousarray(patterns[..., free]),
-            _factors(self.varying, time), p.link_viscosity, rows, columns, end_table.reshape(rows.size, time.size),
-            p.end_positions(time, 1) if p.link_viscosity is not None else None,
-            step, max(NEWTON_RTOL * mesh.total_length / mesh.links, rounding), run.divergence_bound, start, steps, save,
+            _factors(self.varying, time), p.link_viscosity, p.tension_damping, *wind, rows, columns,
+            end_table.reshape(rows.size, time.size), p.end_positions(time, 1) if needs_rates else None, step, max(NEWTON_RTOL * mesh.total_length / mesh.links, rounding), run.divergence_bound, start, steps, save,
             saved, self.element, self.rows, low, high, self.slack,
         )  # fmt: skip
         self.v[:, free], self.a[:, free] = v, a

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -89,7 +90,8 @@ def _refine_in_time(run: CableRun, tolerance: float) -> tuple[Trajectory, float,
 
 def _first_step(run: CableRun) -> float:
     """Step of the first run [s]."""
-    return min(unforced_step(run), run.chain.p.shortest_time_scale / STEPS_PER_CHANGE)
+    of_wind = math.inf if run.air is None else 0.5 / run.air.samples_per_second
+    return min(unforced_step(run), run.chain.p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
 
 
 def unforced_step(run: CableRun) -> float:

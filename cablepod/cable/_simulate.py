@@ -6,17 +6,20 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from cablepod import provenance
 from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members, over_members_by
+from cablepod.cable._air import MeshAir
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of, part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun, output_coordinates
 from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_space, solve, step_limit_of
-from cablepod.cable._start import equilibrium_with_error, start
+from cablepod.cable._start import equilibrium_in_wind, equilibrium_with_error, start
+from cablepod.discretisation._chain import square
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law, law_tension
-from cablepod.errors import NotConvergedWarning, scene_error, user_stacklevel
+from cablepod.errors import NotConvergedWarning, user_stacklevel
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._output import law_suffix, rest_dataset
 from cablepod.integrate._request import Request
@@ -25,7 +28,7 @@ from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._notes import warn_of_unusual
-from cablepod.wind._air import check_no_wind
+from cablepod.wind._air import CableAir, air_of, mean_air_of
 
 #: Default law, eq. (21) of the paper.
 LAW = LAWS[1]
@@ -40,7 +43,7 @@ EQUILIBRIUM_RTOL = 1e-10
 def rest(
     scene: xr.Dataset, *, elements: int | None = None, order: int | None = None, law: str = LAW, points: Any = None
 ) -> xr.Dataset:
-    """Compute the equilibrium of the continuous cable under all loads at time 0.
+    """Compute the equilibrium of the continuous cable under all loads of the scene at time 0, wind included.
 
     Parameters
     ----------
@@ -62,7 +65,8 @@ def rest(
         ``position (particle, coordinate)`` [m], ``tension (link)`` [N] midway between particles,
         ``arc_length (particle)``, ``link_arc_length (link)`` [m] and the scalars ``unstretched_length``, ``stretched_length``
         [m], ``tension_lower``, ``tension_upper``, ``residual`` [N].  The attribute ``space_error_estimate`` is the largest
-        distance from the continuous cable, at nodes and midway between them, over the length.
+        distance from the continuous cable, at nodes and midway between them, over the length; in wind, that of the nodes from
+        those of twice as many elements.
 
     Raises
     ------
@@ -78,9 +82,12 @@ def rest(
     check_law(law)
     p = parameters(scene)
     least = element_count(elements, p)
+    air = mean_air_of(p)
     for count in element_counts(least) if elements is None else [least]:
         mesh = mesh_of(p, count, order, law, points)
-        position, distance = equilibrium_with_error(mesh)
+        position, distance = (
+            equilibrium_with_error(mesh) if air is None else _in_wind(mesh, mesh_of(p, 2 * count, order, law, points), air)
+        )
         error = distance / mesh.total_length
         if error <= EQUILIBRIUM_RTOL:
             break
@@ -93,10 +100,11 @@ def rest(
         "tension_lower": tension[0],
         "tension_upper": tension[1],
     }
+    drag = 0.0 if air is None else MeshAir(mesh, air).at_rest(position)
     result = rest_dataset(
         mesh.interpolate(position),
         mesh.tensions_and_forces(position)[0],
-        (mesh.forces(position) + mesh.loads(0.0))[1:-1],
+        (mesh.forces(position) + mesh.loads(0.0) + drag)[1:-1],
         output_coordinates(mesh),
         scalars,
         title=f"{scene.attrs.get('title', 'scene')}: continuous cable at rest in {count} elements{law_suffix(mesh)}",
@@ -106,6 +114,12 @@ def rest(
         space_error_estimate=error,
     )
     return record(result, scene, mesh, "cable.rest", elements=elements, order=order, points=points)
+
+
+def _in_wind(mesh: SpectralMesh, finer: SpectralMesh, air: CableAir) -> tuple[np.ndarray, float]:
+    """Return the nodes (nodes, dims) at rest in the mean wind, and their distance from those of a finer mesh [m]."""
+    position, exact = (equilibrium_in_wind(of, MeshAir(of, air)) for of in (mesh, finer))
+    return position, float(np.sqrt(square(finer.interpolate(exact, mesh.arc_length) - position)).max())
 
 
 def record(
@@ -148,6 +162,7 @@ def simulate(
     points: Any = None,
     outputs: tuple[str, ...] = ("position", "tension"),
     window: tuple[float, float] | None = None,
+    wind: xr.Dataset | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Simulate the continuous cable of a scene by spectral elements.
@@ -184,6 +199,8 @@ def simulate(
         trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps).
     window
         Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
+    wind
+        Field of :func:`cablepod.wind.field`, or a record with the same variables, in place of the wind of the scene.
     progress
         Callback receiving the completed fraction, which never falls and ends at 1.
 
@@ -234,21 +251,18 @@ def simulate(
     p = parameters(scene)
     warn_of_unusual(p)
     check_viscous_law(law, p.link_viscosity)
-    check_no_wind(p, "chain.simulate")
-    if p.tension_damping is not None:
-        raise scene_error(
-            "damping.tension_proportional", p.tension_damping, "none; try: chain.simulate, or damping.mass_proportional"
-        )
     check_order(order)
     instants = request.instants(p)
     title = str(scene.attrs.get("title", "scene"))
+    cable_air = air_of(p, float(instants[-1]), wind)
 
     def runs(count: int) -> dict[str, CableRun]:
         mesh = mesh_of(p, count, order, law, points)
         check_memory(instants.size, max(mesh.links, mesh.particles.size), p.dims, key="elements and times", variables=3)
-        arguments = (mesh, instants, start(mesh), request.outputs, request.progress, title)
+        air = None if cable_air is None else MeshAir(mesh, cable_air)
+        arguments = (mesh, instants, start(mesh, air), request.outputs, request.progress, title)
         pair = zip(SCHEMES, (ExplicitCableRun, ImplicitCableRun), strict=True)
-        return {name: run(*arguments, window=request.window) for name, run in pair}
+        return {name: run(*arguments, window=request.window, air=air) for name, run in pair}
 
     first_runs = runs(element_count(elements, p))
     limit = step_limit_of(first_runs[SCHEMES[0]]) if step is not None and scheme in (None, SCHEMES[0]) else None
@@ -266,7 +280,7 @@ def simulate(
     return request.record(
         result,
         function="cable.simulate",
-        inputs=[scene],
+        inputs=[scene] if wind is None else [scene, wind],
         given={"elements": elements, "order": order, "scheme": scheme},
         elements=result.attrs["elements"],
         order=result.attrs["element_order"],

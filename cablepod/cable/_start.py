@@ -6,15 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cablepod.cable._air import MeshAir
 from cablepod.cable._mesh import SpectralMesh
 from cablepod.chain import _start as chain_start
+from cablepod.chain._air import ChainAir
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.errors import SceneError
+from cablepod.wind._air import CableAir
 
 #: Number of Gauss points between two nodes, for the integration of the equilibrium shape.
 GAUSS_POINTS = 8
 #: Numbers of intervals between two nodes, tried in turn (a cable that turns sharply at its lowest point needs more).
 REFINEMENTS = (1, 4)
+#: Relative tolerance of the shape at rest in wind.
+DRAG_RTOL = 1e-12
 
 
 @dataclass(frozen=True)
@@ -55,24 +60,32 @@ def catenary_chain(mesh: SpectralMesh, nodes: np.ndarray) -> CatenaryChain:
 # --- initial positions ------------------------------------------------------------------------------------------------
 
 
-def catenary_nodes(mesh: SpectralMesh, arc_length: np.ndarray | None = None) -> np.ndarray:
+def catenary_nodes(
+    mesh: SpectralMesh, arc_length: np.ndarray | None = None, air: CableAir | None = None
+) -> np.ndarray:
     """Integrate the shape of the continuous cable in equilibrium, or with the initial length of its scene.
 
-    Returns positions (nodes, dims) [m] at the nodes, or at given arc lengths [m], which must include the nodes.
+    Returns positions (nodes, dims) [m] at the nodes, or at given arc lengths [m], which must include the nodes.  In wind, given
+    by `air`, they are of second order in the distance of Gauss's points.
     """
     coarse = mesh.arc_length if arc_length is None else arc_length
     for intervals in REFINEMENTS:
         fine = np.interp(np.arange((coarse.size - 1) * intervals + 1) / intervals, np.arange(coarse.size), coarse)
         try:
-            return chain_start.start(catenary_chain(mesh, fine))[:: GAUSS_POINTS * intervals]
+            chain = catenary_chain(mesh, fine)
+            return chain_start.start(chain, None if air is None else ChainAir(chain, air))[:: GAUSS_POINTS * intervals]
         except SceneError as error:
             if intervals == REFINEMENTS[-1]:
                 raise SceneError(str(error).replace("chain:", "cable:").replace("links taut", "places taut")) from None
     raise AssertionError("the last try returns or raises")
 
 
-def solve_equilibrium(mesh: SpectralMesh, position: np.ndarray) -> tuple[np.ndarray, bool]:
+def solve_equilibrium(
+    mesh: SpectralMesh, position: np.ndarray, drag: np.ndarray | float = 0.0
+) -> tuple[np.ndarray, bool]:
     """Solve for the equilibrium of the nodes (nodes, dims) [m] by Newton's method, starting at `position`.
+
+    `drag` are further forces on the nodes (nodes, dims) [N].
 
     Also returns whether Newton's method converged.  It fails if elements are too long, or if strains are below the rounding error
     of positions (the inextensible limit); then `position` is returned unchanged.
@@ -80,12 +93,31 @@ def solve_equilibrium(mesh: SpectralMesh, position: np.ndarray) -> tuple[np.ndar
     from cablepod.cable import _kernels_trapezoidal as kernel  # numba is imported only to compute
 
     x = np.ascontiguousarray(position.T)
-    loads = np.ascontiguousarray(mesh.loads(0.0)[1:-1].T)
+    loads = np.ascontiguousarray((mesh.loads(0.0) + drag)[1:-1].T)
     scale = max(mesh.total_length, float(np.abs(position).max()))
     converged, correction = kernel.equilibrium(x, 1, mesh.links - 1, *mesh.law_arguments, loads, 1e-13 * scale)
     # rounding limits the corrections, at a higher level for a slack cable
     converged = converged or correction <= 1e-9 * scale
     return (np.ascontiguousarray(x.T) if converged else position), converged
+
+
+def equilibrium_in_wind(mesh: SpectralMesh, air: MeshAir) -> np.ndarray:
+    """Solve for the equilibrium of the nodes (nodes, dims) [m] in the mean wind of the start.
+
+    Raises
+    ------
+    SceneError
+        Where the drag and the shape do not settle.
+    """
+    position = catenary_nodes(mesh, air=air.air)
+    for _ in range(chain_start.MAX_DRAG_ITERATIONS):
+        before = position
+        position, converged = solve_equilibrium(mesh, position, air.at_rest(position))
+        if not converged:
+            break
+        if np.abs(position - before).max() <= DRAG_RTOL * mesh.total_length:
+            return position
+    raise chain_start.no_rest_in_wind()
 
 
 def equilibrium_with_error(mesh: SpectralMesh) -> tuple[np.ndarray, float]:
@@ -99,11 +131,13 @@ def equilibrium_with_error(mesh: SpectralMesh) -> tuple[np.ndarray, float]:
     return position, float(np.sqrt(square(mesh.interpolate(position, nodes_and_middles) - exact)).max())
 
 
-def start(mesh: SpectralMesh) -> np.ndarray:
+def start(mesh: SpectralMesh, air: MeshAir | None = None) -> np.ndarray:
     """Return the initial positions (nodes, dims) [m]: equilibrium, or the shape given in the scene's table ``initial``."""
     p = mesh.p
     if "points" not in p.initial:
-        shape = catenary_nodes(mesh)
+        if air is not None and not p.initial:
+            return equilibrium_in_wind(mesh, air)
+        shape = catenary_nodes(mesh, air=None if air is None else air.air)
         return shape if p.initial else solve_equilibrium(mesh, shape)[0]
     line = np.asarray(p.initial["points"], dtype=float)
     # one point for each particle of the chain: the cable runs through them

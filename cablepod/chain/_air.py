@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,6 +25,7 @@ class ChainAir:
 
     chain: LumpedChain
     air: CableAir
+    max_hold: ClassVar[int] = MAX_HOLD  #: maximum number of explicit steps from one evaluation of the drag to the next
 
     @property
     def velocity(self) -> np.ndarray:
@@ -46,13 +48,14 @@ class ChainAir:
         """Samples of the velocity per second."""
         return self.air.samples_per_second * self.air.refinement
 
-    def force(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Return the drag on all particles (n + 1, dims) [N] at the start; 0 at held ones."""
+    def force(self, position: np.ndarray, velocity: np.ndarray, time: float = 0.0) -> np.ndarray:
+        """Return the drag on all particles (n + 1, dims) [N] at an instant [s]; 0 at held ones."""
         from cablepod.chain import _kernels_drag as kernel
 
         free, force = self.chain.free_particles, np.empty(position.shape[::-1])
         x, v = np.ascontiguousarray(position.T), np.ascontiguousarray(velocity.T)
-        kernel.drag_forces(x, v, self.velocity, 0.0, self.drag, free.start, free.stop, force, np.empty(len(position)))
+        place = time * self.samples_per_second
+        kernel.drag_forces(x, v, self.velocity, place, self.drag, free.start, free.stop, force, np.empty(len(position)))
         return force.T
 
     def at_rest(self, position: np.ndarray) -> np.ndarray:
@@ -73,4 +76,4 @@ class ChainAir:
         chain = self.chain
         mass = chain.p.mass * chain.tributary_length[1:-1].min()
         omega = 2.0 * math.sqrt(max(tension, 1e-300) / (chain.length.min() * mass))
-        return max(1, min(MAX_HOLD, int(HOLD_OVER_PERIOD * 2.0 * math.pi / (omega * step))))
+        return max(1, min(self.max_hold, int(HOLD_OVER_PERIOD * 2.0 * math.pi / (omega * step))))

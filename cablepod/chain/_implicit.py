@@ -119,6 +119,9 @@ class ImplicitChainRun(NewtonRun):
         total = chain.forces(x, v) + chain.loads()
         for pattern, factor in chain.time_dependent_loads():
             total += factor(time)[:, None, None] * pattern
+        if self.air is not None:
+            for i, instant in enumerate(time):
+                total[i] += self.air.force(x[i], v[i], float(instant))
         a = np.zeros_like(x)
         a[:, chain.free_particles] = total[:, chain.free_particles] / stepper.mass[chain.free_particles, None]
         if chain.p.mass_damping is not None:
@@ -222,6 +225,11 @@ class ImplicitStepper:
         """Number of variables saved in a lane: positions, or also velocities and accelerations."""
         return 3 if self.run.wants_velocity(self.instants) else 1
 
+    def _wind(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return velocity of the air, places of instants [s] between its samples, and drag for the kernels."""
+        air: Any = self.run.air
+        return air.velocity, time * air.samples_per_second, air.drag
+
     def _kernel(
         self, time: np.ndarray, step: float, start: int, steps: int, save: np.ndarray, saved: np.ndarray
     ) -> int:
@@ -258,8 +266,9 @@ class ImplicitStepper:
         rotation = self.rotation_by_rounding(ends)
         last = (run.divergence_bound, start, steps, save, saved, low, high)
         if run.method == "energy_momentum":
+            wind = (None, None, None) if run.air is None else self._wind(0.5 * (time[1:] + time[:-1]))
             done, iterations = kernel_energy_momentum.energy_momentum(
-                self.x, self.v, *links, *loads, *end_tables, step, MIN_ROUNDING * rotation, ROUNDING * rotation, *last
+                self.x, self.v, *links, *loads, *wind, *end_tables, step, MIN_ROUNDING * rotation, ROUNDING * rotation, *last
             )
         else:
             is_damped = p.link_viscosity is not None or p.tension_damping is not None or run.air is not None
@@ -271,9 +280,7 @@ class ImplicitStepper:
                 self.force,
                 *links,
                 *loads,
-                None if run.air is None else run.air.velocity,
-                None if run.air is None else time * run.air.samples_per_second,
-                None if run.air is None else run.air.drag,
+                *((None, None, None) if run.air is None else self._wind(time)),
                 *end_tables,
                 rates,
                 step,

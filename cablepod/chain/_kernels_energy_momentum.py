@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cablepod._jit import compiled
+from cablepod.chain._kernels_drag import drag_forces
 from cablepod.chain._kernels_generalized_alpha import (
     MAX_ITERATIONS,
     _add_loads,
@@ -21,13 +22,14 @@ from cablepod.chain._kernels_links import link_forces_conserving
 @compiled
 def energy_momentum(
     x, v, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity,
-    tension_damping, lower, upper, step, rotation_tolerance, rounding, bound, start, steps, save_steps, saved, low, high,
+    tension_damping, wind, wind_places, drag, lower, upper, step, rotation_tolerance, rounding, bound, start, steps, save_steps, saved, low, high,
 ):  # fmt: skip
     """Advance a chain by `steps` steps of the energy-momentum method (Simo and Tarnow 1992).
 
     The forces of the links over a step are difference quotients of their energies.  With ends and loads at rest, the total energy
     is then conserved at any step, up to the residual of Newton's method.  Parameters and result as in ``generalized_alpha``;
-    time-dependent loads are means of both ends of the step.  The residual has a systematic sign and accumulates in the energy:
+    time-dependent loads are means of both ends of the step, and the drag is that of the mean position and velocity in the wind of
+    its middle, `wind_places` (steps,), which works on the displacement of the step alone.  The residual has a systematic sign and accumulates in the energy:
     iterations continue until a correction rotates the links by `rotation_tolerance`, or is below `rounding` and not decreasing.
     """
     dims, particles = x.shape
@@ -38,6 +40,8 @@ def energy_momentum(
     masses, per_length = _repeat(mass, dims), _repeat(np.append(1.0 / length, 0.0), dims)
     flat_x, flat_v, flat_trial, steady = x.reshape(-1), v.reshape(-1), trial.reshape(-1), loads.reshape(-1)
     diagonal = masses * (2.0 / (step * step) + (0.0 if damping is None else damping / step))
+    middle, rates = np.zeros_like(x), np.zeros_like(x)
+    air_force, air_damping, air_diagonal = np.zeros_like(x), np.zeros(particles), np.zeros(x.size)
     iterations, save = 0, 0
     for i in range(steps):
         if save < save_steps.size and save_steps[save] == start + i:
@@ -58,7 +62,21 @@ def energy_momentum(
         for _ in range(MAX_ITERATIONS):
             iterations += 1
             link_forces_conserving(x, trial, k, length, inverse_squares, viscosity, tension_damping, 1.0 / step, f, s)
-            rotation = _correction(f, s, fixed_force, diagonal, d, b, workspace, first, last, per_length)
+            if wind is not None:
+                for c in range(dims):
+                    for p in range(particles):
+                        middle[c, p] = 0.5 * (x[c, p] + trial[c, p])
+                        rates[c, p] = (trial[c, p] - x[c, p]) / step
+                drag_forces(middle, rates, wind, wind_places[i], drag, first, last, air_force, air_damping)
+                flat_air = air_force.reshape(-1)
+                for c in range(dims):
+                    for p in range(particles):  # the tangent by the velocity, without the direction of the wind
+                        q = c * particles + p
+                        air_diagonal[q] = diagonal[q] + air_damping[p] / step
+                        flat_air[q] += fixed_force[q] + air_damping[p] / step * d[q]
+                rotation = _correction(f, s, flat_air, air_diagonal, d, b, workspace, first, last, per_length)
+            else:
+                rotation = _correction(f, s, fixed_force, diagonal, d, b, workspace, first, last, per_length)
             _correct(d, b.reshape(-1), flat_x, flat_trial)
             _set_ends(trial, lower, upper, i + 1)
             if rotation <= rotation_tolerance or (rotation <= rounding and rotation > 0.5 * last_rotation):

@@ -82,8 +82,6 @@ def prepare(
     check_memory(instants.size, chain.links, p.dims, key=key, variables=3)
     cable_air = air_of(p, float(instants[-1]), request.wind)
     air = None if cable_air is None else ChainAir(chain, cable_air)
-    if air is not None and request.scheme == "energy_momentum":
-        raise scene_error("scheme", request.scheme, "another one with wind, which this one lacks")
     initial = start(chain, air)
     arguments = (chain, instants, initial, request.outputs, progress, title)
     explicit = ExplicitChainRun(*arguments, window=request.window, air=air)

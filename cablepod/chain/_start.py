@@ -28,7 +28,12 @@ def rest_shape(chain: LumpedChain, air: ChainAir | None = None) -> tuple[np.ndar
         position, tension = _rest_under(chain, air.at_rest(position))
         if np.abs(position - before).max() <= DRAG_RTOL * chain.total_length:
             return position, tension
-    raise SceneError(
+    raise no_rest_in_wind()
+
+
+def no_rest_in_wind() -> SceneError:
+    """Return the error of a wind in which drag and shape do not settle."""
+    return SceneError(
         "wind: no rest found in this wind; allowed: a wind that the cable withstands, or wind.ramp above 0"
     )
 

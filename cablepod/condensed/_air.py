@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from cablepod.chain._start import no_rest_in_wind
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chord_frame import ChordFrame
-from cablepod.errors import SceneError
 from cablepod.wind._air import CableAir, refined
 
 #: Number of Gauss points along the cable beyond that of the modes of each deflection.
@@ -24,7 +24,7 @@ DRAG_RTOL, MAX_DRAG_ITERATIONS, INCREMENTS = 1e-12, 100, 4
 
 @dataclass(frozen=True, eq=False)
 class CondensedAir:
-    """Air along the cable of a condensed model of order "leading" until `end_time` [s]."""
+    """Air along the cable of a condensed model until `end_time` [s]."""
 
     model: CondensedModel
     air: CableAir
@@ -109,10 +109,13 @@ class CondensedAir:
         from cablepod.condensed import _kernels_drag as kernel
 
         wind, _, drag, shapes = self.arguments
-        stretch = self.model.initial_boundary_data[0] / self.model.chain.total_length
-        f = np.empty_like(q)
-        kernel.drag_force(q, rates, stretch, wind, 0.0, drag, *shapes, self.model.n_in_plane, f)
-        return f
+        model, f, exact = self.model, np.empty_like(q), None
+        if model.order == "leading":
+            stretch = model.initial_boundary_data[0] / model.chain.total_length
+        else:
+            stretch, exact = 1.0 + model.force(q, rates, model.initial_boundary_data)[2] / model.chain.p.stiffness, True
+        kernel.drag_force(q, rates, stretch, exact, wind, 0.0, drag, *shapes, model.n_in_plane, f)
+        return model.accelerations(f, q, rates) if model.inertia.size else f
 
     def initial(self) -> tuple[np.ndarray, np.ndarray]:
         """Return initial coordinates and rates (r,), in equilibrium with the drag at the start unless a shape is given.
@@ -145,6 +148,4 @@ class CondensedAir:
                 break
         else:
             return q, rates
-        raise SceneError(
-            "wind: no rest found in this wind; allowed: a wind that the cable withstands, or wind.ramp above 0"
-        )
+        raise no_rest_in_wind()

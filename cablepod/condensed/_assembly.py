@@ -90,12 +90,6 @@ def _check_options(p: Parameters, order: str, law: str, quadrature: int | None) 
         raise scene_error(
             "damping.link_viscosity", p.link_viscosity, "none for a reduced model; try: damping.mass_proportional"
         )
-    if p.wind is not None and order != "leading":
-        raise SceneError(f'wind: given {p.wind["speed"]:g} m/s; allowed: none with this order; try: order "leading"')
-    if p.tension_damping is not None and order != "leading":
-        raise scene_error(
-            "damping.tension_proportional", p.tension_damping, 'none with this order; try: order "leading"'
-        )
 
 
 def _trained_test_functions(

@@ -20,7 +20,7 @@ def _add_tension_damping(u, boundary_data, row, chord_tension, kappa, geometric_
 
 
 @compiled(fastmath=FAST_DIVISION, forceinline=True)
-def _add_drag(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plane, f):
+def _add_drag(q, u, stretch, exact, wind, place, drag, shapes, slopes, tests, n_in_plane, f):
     """Add the drag to the accelerations f (r,): c |t| |u_n| u_n at points along the cable.
 
     At a point, t = (zeta', w') in the chord frame, and u_n is the part normal to t of wind less velocity.
@@ -30,7 +30,9 @@ def _add_drag(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plan
     q, u : float arrays (r,)
         Coordinates and their rates.
     stretch : float
-        Mean chordwise stretch zeta'.
+        Mean chordwise stretch zeta'; with `exact` that of the cable, from which zeta' at each point follows.
+    exact : True or None
+        Whether the model has the exact chordwise stretch.
     wind : float array (samples, 1 + normals, points)
         Velocity of the air less that of the line between the ends, along the chord and its normals [m/s]; linear between samples.
     place : float
@@ -52,7 +54,6 @@ def _add_drag(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plan
             rate += shapes[g, i] * u[i]
         along = wind[sample, 0, g] + share * (wind[sample + 1, 0, g] - wind[sample, 0, g])
         normal = wind[sample, 1, g] + share * (wind[sample + 1, 1, g] - wind[sample, 1, g]) - rate
-        square, product = stretch * stretch + slope * slope, along * stretch + normal * slope
         slope_out, binormal = 0.0, 0.0
         if q.size > n_in_plane:
             rate = 0.0
@@ -60,10 +61,13 @@ def _add_drag(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plan
                 slope_out += slopes[g, i] * q[i]
                 rate += shapes[g, i] * u[i]
             binormal = wind[sample, 2, g] + share * (wind[sample + 1, 2, g] - wind[sample, 2, g]) - rate
-            square += slope_out * slope_out
-            product += binormal * slope_out
-        product /= square
-        along -= product * stretch
+        square, chordwise = stretch * stretch, stretch
+        if exact is None:
+            square += slope * slope + slope_out * slope_out
+        else:
+            chordwise = math.sqrt(max(square - slope * slope - slope_out * slope_out, 0.0))
+        product = (along * chordwise + normal * slope + binormal * slope_out) / square
+        along -= product * chordwise
         normal -= product * slope
         binormal -= product * slope_out
         factor = drag[g] * math.sqrt(square * (along * along + normal * normal + binormal * binormal))
@@ -74,7 +78,7 @@ def _add_drag(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plan
 
 
 @compiled
-def drag_force(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plane, f):
+def drag_force(q, u, stretch, exact, wind, place, drag, shapes, slopes, tests, n_in_plane, f):
     """Fill f (r,) with the accelerations by the drag in one state, see :func:`_add_drag`."""
     f[:] = 0.0
-    _add_drag(q, u, stretch, wind, place, drag, shapes, slopes, tests, n_in_plane, f)
+    _add_drag(q, u, stretch, exact, wind, place, drag, shapes, slopes, tests, n_in_plane, f)

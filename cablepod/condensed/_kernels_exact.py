@@ -9,6 +9,7 @@ import numpy as np
 from cablepod._jit import REORDERED_FUSED, compiled
 from cablepod.condensed._kernels_closure import MAX_ITERATIONS, NEWTON_RTOL, _chordwise_momentum, _close
 from cablepod.condensed._kernels_dense import _solve
+from cablepod.condensed._kernels_drag import _add_drag
 from cablepod.condensed._kernels_layout import (
     CHORD_TENSION,
     CLOSURE_ROWS,
@@ -230,15 +231,38 @@ def _monitor_step(
 # --- steps ------------------------------------------------------------------------------------------------------------
 
 
+@compiled(inline="always")
+def _subtract_tension_damping(rates, slopes, test_slopes, n_in_plane, tension_damping, work, slope_rate, f):
+    """Subtract the damping by the tension, tension_damping N / zeta' times the rate of the slope, from the forces f (r,).
+
+    Row WEIGHTED_STIFFNESS of `work` holds weights times N / zeta'; `slope_rate` (2, m) is overwritten.
+    """
+    r, m = slopes.shape
+    for j in range(m):
+        slope_rate[0, j] = 0.0
+        slope_rate[1, j] = 0.0
+    for i in range(r):
+        k = 0 if i < n_in_plane else 1
+        for j in range(m):
+            slope_rate[k, j] += slopes[i, j] * rates[i]
+    for i in range(r):
+        k, total = 0 if i < n_in_plane else 1, 0.0
+        for j in range(m):
+            test = slopes[i, j] if test_slopes is None else test_slopes[i, j]
+            total += max(work[WEIGHTED_STIFFNESS, j], 0.0) * test * slope_rate[k, j]
+        f[i] -= tension_damping * total
+
+
 @compiled
 def exact_verlet(
-    q, v, acceleration, step, damping_factor, impulse, boundary_data, stiffness, length, kappa, load_projection,
+    q, v, acceleration, step, damping_factor, impulse, tension_damping, wind, samples_per_second, drag, drag_shapes,
+    boundary_data, stiffness, length, kappa, load_projection,
     geometric_stiffness_norms, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights, green, inertia,
     stretch, begin, output_steps, saved, half_step_rates, low, high, monitor,
 ):  # fmt: skip
     """Advance by velocity Verlet with the exact chordwise stretch, one step for each row of the boundary data.
 
-    Chordwise inertia takes the rates extrapolated from half a step before with `acceleration`, that of the last step (r,).  Row 0
+    Chordwise inertia, damping by the tension and drag take the rates extrapolated from half a step before with `acceleration`, that of the last step (r,).  Row 0
     of `stretch` (2, m) is the first guess for the next step, extrapolated from the last two, row 1 the stretch of the last step;
     the same holds for H in the monitor.  Other parameters as in ``leading_verlet`` and :func:`exact_force`.
     """
@@ -262,6 +286,13 @@ def exact_verlet(
             guess = monitor[CHORD_TENSION]
             for j in range(m):
                 predicted[j] = accepted[j]
+        if tension_damping is not None:
+            _subtract_tension_damping(rates, slopes, test_slopes, n_in_plane, tension_damping, work, slope_rate, f)
+        if wind is not None:
+            _add_drag(
+                q, rates, 1.0 + chord_tension / stiffness, True, wind, (begin + i) * step * samples_per_second, drag,
+                drag_shapes[0], drag_shapes[1], drag_shapes[2], n_in_plane, f,
+            )  # fmt: skip
         if inertia.size:
             _solve(mass, f)
         _monitor_step(

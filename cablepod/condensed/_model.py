@@ -212,6 +212,10 @@ class CondensedModel(Coefficients):
         f, tangent, mass, chord_tension = self._forces(q, v, boundary_data)
         return (np.linalg.solve(mass, f) if self.inertia.size else f), tangent, chord_tension
 
+    def accelerations(self, f: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the accelerations (r,) by forces f (r,) in a state at the start, with the chordwise inertia."""
+        return np.linalg.solve(self._forces(q, v, self.initial_boundary_data)[2], f)
+
     def _forces(
         self, q: np.ndarray, v: np.ndarray, boundary_data: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:

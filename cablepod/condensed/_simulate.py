@@ -85,8 +85,7 @@ def simulate(
     window
         Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
     wind
-        Field of :func:`cablepod.wind.field`, or a record with the same variables, in place of the wind of the scene; order
-        "leading" only.
+        Field of :func:`cablepod.wind.field`, or a record with the same variables, in place of the wind of the scene.
     progress
         Callback receiving the completed fraction, which never falls and ends at 1.
 
@@ -150,8 +149,6 @@ def simulate(
         links=None if links is None else check_links(links, modes),
         wind=wind,
     )
-    if wind is not None and order != "leading":
-        raise scene_error("order", order, '"leading" with wind')
     if quadrature is not None and "tension_extremes" in request.outputs:
         raise scene_error("outputs", "tension_extremes", "none with quadrature, because they are computed on links")
     content = SceneContent.of(scene)

@@ -159,7 +159,7 @@ class CondensedStepper:
         )  # fmt: skip
         state = (self.q, self.v, self.acceleration, self.step)
         if self.run.explicit:
-            kernel.exact_verlet(*state, *self._damping_factors, boundary_data, *rest)
+            kernel.exact_verlet(*state, *self._damping_factors, *self._velocity_terms[1:], boundary_data, *rest)
             return None
         return kernel.exact_implicit(*state, p.damping, boundary_data, *rest)
 

@@ -57,8 +57,8 @@ class ParticleAir(Protocol):
     def hold(self, tension: float, step: float) -> int:
         """Return the number of explicit steps [s] from one evaluation of the drag to the next, for a tension [N]."""
 
-    def force(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Return the drag on the particles (n + 1, dims) [N] at the start."""
+    def force(self, position: np.ndarray, velocity: np.ndarray, time: float = 0.0) -> np.ndarray:
+        """Return the drag on the particles (n + 1, dims) [N] at an instant [s]."""
 
     def energy_bound(self, position: np.ndarray) -> float:
         """Return the work of the largest drag over the reach of the cable [J]."""

@@ -1,0 +1,71 @@
+"""Compiled drag of the wind on the nodes of the spectral elements, with relative velocity."""
+
+from __future__ import annotations
+
+import math
+
+from cablepod._jit import compiled
+from cablepod.cable._kernels_forces import _gradient
+
+
+@compiled
+def _nodal_drag(u, g, wind, place, drag, weight, scale, force, damping):
+    """Fill the drag at the nodes: drag w |g| |u_n| u_n, u_n the part of wind less velocity normal to the cable.
+
+    Parameters
+    ----------
+    u : float array (dims, N)
+        Velocities of the nodes [m/s].
+    g : float array (dims, p + 1, elements)
+        Derivative of the position by arc length at the quadrature points, which are the nodes of the elements.
+    wind : float array (samples, dims, N)
+        Velocity of the air at the nodes [m/s], linear between the samples.
+    place, drag : float
+        Place between the samples; half the density of the air times drag coefficient and diameter [kg/m2].
+    weight, scale : float arrays (p + 1,), (elements,)
+        Quadrature weights, with sum 2; 2 over the unstretched lengths of the elements [1/m].
+    force, damping : float arrays (dims, N), (N,)
+        Filled: drag [N], and its size over that of u_n [kg/s].
+    """
+    dims, order, elements = u.shape[0], weight.size - 1, scale.size
+    place = min(max(place, 0.0), wind.shape[0] - 1.0)
+    sample = min(int(place), wind.shape[0] - 2)
+    share = place - sample
+    for j in range(u.shape[1]):
+        damping[j] = 0.0
+        for c in range(dims):
+            force[c, j] = 0.0
+    for e in range(elements):
+        length = 1.0 / scale[e]
+        for q in range(order + 1):
+            j = e * order + q
+            square, along, speed_squared = 0.0, 0.0, 0.0
+            for c in range(dims):
+                relative = wind[sample, c, j] + share * (wind[sample + 1, c, j] - wind[sample, c, j]) - u[c, j]
+                square += g[c, q, e] * g[c, q, e]
+                along += relative * g[c, q, e]
+                speed_squared += relative * relative
+            along /= square
+            speed_squared = max(speed_squared - along * along * square, 0.0)
+            factor = drag * weight[q] * length * math.sqrt(square * speed_squared)
+            damping[j] += factor
+            for c in range(dims):
+                relative = wind[sample, c, j] + share * (wind[sample + 1, c, j] - wind[sample, c, j]) - u[c, j]
+                force[c, j] += factor * (relative - along * g[c, q, e])
+
+
+@compiled
+def drag_forces(x, u, wind, place, drag, d, weight, scale, unrolled, nodal, g, force, damping):
+    """Fill the drag at the nodes for positions x and velocities u (dims, N); others as in :func:`_nodal_drag`.
+
+    Parameters
+    ----------
+    d, unrolled
+        As in :func:`cablepod.cable._kernels_explicit.verlet`.
+    nodal, g : float arrays (p + 1, elements), (dims, p + 1, elements)
+        Work arrays.
+    """
+    for c in range(x.shape[0]):
+        _gradient(x[c], d, scale, unrolled, nodal, g[c])
+    _nodal_drag(u, g, wind, place, drag, weight, scale, force, damping)
+
