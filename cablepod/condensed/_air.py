@@ -29,26 +29,31 @@ class CondensedAir:
     model: CondensedModel
     air: CableAir
     end_time: float
+    points: int | None = None  #: number of Gauss points; two more than the modes of a deflection by default
 
     @cached_property
-    def _rule(self) -> tuple[np.ndarray, np.ndarray]:
+    def rule(self) -> tuple[np.ndarray, np.ndarray]:
         """Relative arc lengths and weights [m] of the Gauss points."""
         model = self.model
         count = max(model.n_in_plane, len(model.shapes) - model.n_in_plane) + EXTRA_POINTS
-        nodes, weights = np.polynomial.legendre.leggauss(count)
+        nodes, weights = np.polynomial.legendre.leggauss(count if self.points is None else self.points)
         return 0.5 * (1.0 + nodes), 0.5 * model.chain.total_length * weights
 
-    @cached_property
-    def _shapes(self) -> np.ndarray:
-        """Shapes, their slopes and test functions at the points (3, points, r)."""
+    def at_points(self, values: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """Interpolate values (r, particle), or a derivative of them by arc length, at the Gauss points (points, r)."""
         from scipy.interpolate import CubicSpline
 
-        model, sigma = self.model, self._rule[0]
-        shapes, tests = (
-            CubicSpline(model.chain.arc_length, values, axis=1) for values in (model.shapes, model.test_functions)
-        )
-        place = sigma * model.chain.total_length
-        return np.ascontiguousarray(np.stack([shapes(place).T, shapes(place, 1).T, tests(place).T]))
+        spline = CubicSpline(self.model.chain.arc_length, values, axis=1)
+        return spline(self.rule[0] * self.model.chain.total_length, derivative).T
+
+    @cached_property
+    def shapes(self) -> np.ndarray:
+        """Shapes, their slopes and test functions at the points (3, points, r)."""
+        model = self.model
+        parts = (
+            self.at_points(model.shapes), self.at_points(model.shapes, 1), self.at_points(model.test_functions),
+        )  # fmt: skip
+        return np.ascontiguousarray(np.stack(parts))
 
     @cached_property
     def _projection(self) -> np.ndarray:
@@ -57,7 +62,7 @@ class CondensedAir:
         Integrals of the velocity times polynomials of a degree below the number of Gauss points are kept.  Single values would
         alias gusts that are shorter than the distance of these points.
         """
-        nodes, weights = self._rule
+        nodes, weights = self.rule
         places = np.unique(np.concatenate([[0.0, 1.0], np.clip(self.air.sigma, 0.0, 1.0)]))
         inner, inner_weights = np.polynomial.legendre.leggauss(nodes.size)  # exact on each interval between two points
         width = np.diff(places)
@@ -77,7 +82,7 @@ class CondensedAir:
 
         Along the chord and each normal: (samples, 1 + normals, points) [m/s].
         """
-        p, sigma, air = self.model.chain.p, self._rule[0], self.air
+        p, sigma, air = self.model.chain.p, self.rule[0], self.air
         velocity = refined(np.tensordot(air.velocity, self._projection, (1, 1)).transpose(0, 2, 1))
         rate = air.samples_per_second * air.refinement
         if p.motions:
@@ -99,10 +104,21 @@ class CondensedAir:
         axes = np.broadcast_to(axes, (len(velocity), *axes.shape[1:]))
         return np.ascontiguousarray(np.einsum("tgc,tkc->tkg", velocity, axes)), rate
 
+    def velocity_at(self, times: np.ndarray) -> np.ndarray:
+        """Return the velocity of the air less that of the line between the ends (times, 1 + normals, points) [m/s].
+
+        Along the chord and each normal, at instants [s].
+        """
+        velocity, rate = self._sampled
+        place = np.clip(times * rate, 0.0, len(velocity) - 1.0)
+        left = np.minimum(place.astype(int), len(velocity) - 2)
+        share = (place - left)[:, None, None]
+        return (1.0 - share) * velocity[left] + share * velocity[left + 1]
+
     @property
     def arguments(self) -> tuple[Any, ...]:
         """Arguments of the kernel: wind, samples per second, drag, shapes."""
-        return *self._sampled, self.air.drag * self._rule[1], self._shapes
+        return *self._sampled, self.air.drag * self.rule[1], self.shapes
 
     def acceleration(self, q: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return the accelerations of the coordinates (r,) by the drag at the start."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._coefficients import Coefficients
+from cablepod.condensed._estimate_air import EnrichedDrag
 from cablepod.condensed._fields import CondensedTrajectory
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chain import LumpedChain
@@ -140,6 +142,7 @@ class ErrorEquation:
     arguments: tuple[tuple[Any, ...], ...]  #: constants, points and coefficients of the kernels
     projection: np.ndarray  #: from deflections at the particles to enriched coordinates (R, particle) [kg^1/2]
     slopes: np.ndarray  #: slopes of the enriched shapes on the links (R, n)
+    shapes: np.ndarray  #: enriched shapes (R, particle) [kg^-1/2]
 
     @classmethod
     def of(
@@ -191,12 +194,27 @@ class ErrorEquation:
                 stiffness @ change, np.tile(load, p.dims - 1)[:, None] * shape * unit.load_projection,
             ),
         )  # fmt: skip
-        return cls(chain, arguments, projection, (shape / length) * unit.slopes)
+        return cls(chain, arguments, projection, (shape / length) * unit.slopes, shape * unit.shapes)
 
     @property
     def change(self) -> np.ndarray:
         """Matrix from the coordinates of the motion to the enriched ones (R, r)."""
         return self.arguments[2][0]
+
+    @property
+    def enriched_in_plane(self) -> int:
+        """Number of in-plane coordinates of the enriched model."""
+        return int(self.arguments[0][7])
+
+    def with_forces(self, damping: float = 0.0) -> ErrorEquation:
+        """Return the equation with further forces on the enriched coordinates and further damping of the error [1/s].
+
+        The forces (R) are further columns of the boundary data.
+        """
+        constants, points, coefficients = self.arguments
+        constants = (*constants[:2], constants[2] + damping, *constants[3:])
+        forces = np.concatenate([coefficients[-1], np.eye(len(self.change))])
+        return replace(self, arguments=(constants, points, (*coefficients[:-1], forces)))
 
     def coordinates(self, deflection: np.ndarray) -> np.ndarray:
         """Project deflections (normals, particle) [m] onto the enriched coordinates (R,)."""
@@ -292,13 +310,16 @@ def sample_interval(
 # --- condensed model --------------------------------------------------------------------------------------------------
 
 
-def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float) -> float:
+def estimate(
+    model: CondensedModel, state: CondensedTrajectory, scale: float, air: CondensedAir | None = None
+) -> float:
     """Estimate the largest error over time as a fraction of the motion.
 
     The motion of the model is put into the equations of an enriched one (more modes, exact chordwise stretch, chordwise inertia).
     Their residual at sampled instants drives the error, by the equation e'' + F(y) - F(y + e) = residual with the forces F to
     leading order, whose coefficients are those of the motion.  The estimate contains the truncated modes, their effect on the
-    retained ones over time, and the terms that the order neglects, but not the error of the step.
+    retained ones over time, and the terms that the order neglects, but not the error of the step.  In wind the residual contains
+    the drag on the enriched model, and the error is damped as a motion across the wind.
 
     Parameters
     ----------
@@ -308,28 +329,41 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float) ->
         Trajectory of the run with samples, see :attr:`CondensedTrajectory.sample_interval`.
     scale
         The motion, see :func:`motion_of` [m].
+    air
+        Air along the cable; None for still air.
     """
     rows, interval = state.samples, state.sample_interval
     rate = state.instants.steps_per_second / interval
     motion = state.saved[rows], state.saved_rates[rows], state.saved_accelerations[rows]
-    equation, error, error_rate = _error_at_start(model)
+    equation, error, error_rate = _error_at_start(model, air)
     boundary_data = state.sampled_boundary_data
     if boundary_data is None:
         boundary_data = model.boundary_data(0, len(motion[0]) - 1, rate)
+    if air is not None:
+        q, rates, accelerations = motion
+        forces, damping = EnrichedDrag.of(equation, air).forces(np.arange(len(q)) / rate, q, rates, boundary_data)
+        motion = q, rates, accelerations - damping * rates  # the kernel adds the damping of the error to the motion
+        equation, boundary_data = equation.with_forces(damping), np.concatenate([boundary_data, forces], axis=1)
     squares = equation.mean_squares(motion, boundary_data, 1.0 / rate, error, error_rate)
     return min(math.sqrt(squares.max()) / scale, MAX_ERROR)
 
 
 @lru_cache(KEPT_EQUATIONS)
-def _error_at_start(model: CondensedModel) -> tuple[ErrorEquation, np.ndarray, np.ndarray]:
+def _error_at_start(
+    model: CondensedModel, air: CondensedAir | None = None
+) -> tuple[ErrorEquation, np.ndarray, np.ndarray]:
     """Return the error equation of a model, the error at the start and its rate (R,); kept as long as the model is."""
     leading = model.order == "leading"
     equation = ErrorEquation.of(model.chain, model.modes, model.shapes, model.n_in_plane, leading=leading)
     q = model.initial_state[0]
     if model.chain.p.initial:
         error = equation.coordinates(model.start_deflection()[:, 0]) - equation.change @ q
-    else:
+    elif air is None:
         error = equation.error_at_rest(q, model.static_boundary_data)
+    else:
+        q, static = air.initial()[0], model.static_boundary_data
+        drag = EnrichedDrag.of(equation, air).at_rest(q, static)
+        error = equation.with_forces().error_at_rest(q, np.concatenate([static, drag]))
     error_rate = np.zeros_like(error)
     start_rates = model.start_deflection_rates
     if start_rates is not None:

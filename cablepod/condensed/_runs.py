@@ -12,7 +12,7 @@ import xarray as xr
 
 from cablepod._resources import check_memory
 from cablepod.condensed._air import CondensedAir
-from cablepod.condensed._estimate import estimate, motion_of, sample_interval
+from cablepod.condensed._estimate import MAX_SAMPLES, estimate, motion_of, sample_interval
 from cablepod.condensed._fields import CondensedTrajectory, positions
 from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE, UNSTABLE_STEP
 from cablepod.condensed._model import CondensedModel
@@ -106,7 +106,7 @@ def solve(
     fits = step is None and request.given_tolerance is None
     estimates = "error_estimate" in request.outputs
     has_rates = p.tension_damping is not None or air is not None
-    if has_rates:  # the equation of the error has no such terms
+    if p.tension_damping is not None:  # which the equation of the error lacks
         fits, estimates = False, False
     scheme = _scheme_of(model, scheme, limit, step, fits=fits, has_rates=has_rates)
     start, end_time = state_at_start, float(times[-1])
@@ -207,7 +207,7 @@ def _fitted(run: CondensedRun, steps_per_second: float, limit: float) -> Condens
         nonlocal error, scale
         if end_time > 0.0:
             scale = motion_of(model, state)
-            error = estimate(model, state, scale)
+            error = estimate(model, state, scale, run.air)
         return min(max(TIME_ERROR_SHARE * error, MIN_TOLERANCE), MAX_TOLERANCE)
 
     runs = ComparableRuns(
@@ -326,11 +326,15 @@ class CondensedRun:
         if not self.sampled_omega_squared:
             return 0
         end_time, modes = float(self.times[-1]), self.model.n_in_plane
-        return sample_interval(self.sampled_omega_squared, modes, steps_per_second, end_time)
+        interval = sample_interval(self.sampled_omega_squared, modes, steps_per_second, end_time)
+        if self.air is not None:  # samples as close as those of the gusts, unless these are too many
+            of_gusts = math.floor(steps_per_second / self.air.air.samples_per_second)
+            interval = max(min(interval, of_gusts), 1, math.ceil(end_time * steps_per_second / MAX_SAMPLES))
+        return interval
 
     def model_error(self, state: CondensedTrajectory) -> float:
         """Return the estimated error of the model as a fraction of the motion, from a trajectory with samples."""
-        return estimate(self.model, state, motion_of(self.model, state)) if state.sample_interval else 0.0
+        return estimate(self.model, state, motion_of(self.model, state), self.air) if state.sample_interval else 0.0
 
     def _stop_unstable(self, state: CondensedTrajectory, step_number: int, steps_per_second: float) -> NoReturn:
         limit = 2 / math.sqrt(self.model.frequency_amplification * state.monitor[MAX_OMEGA_SQUARED])
