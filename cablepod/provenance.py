@@ -132,6 +132,7 @@ def record(
     inputs: Sequence[xr.Dataset] = (),
     chosen: Sequence[str] = (),
     scene_digest: str | None = None,
+    identity: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
     """Append a stage to the history of `result` and set its ``id``, in place; return `result`.
 
@@ -150,6 +151,8 @@ def record(
         not part of the ``id``.
     scene_digest
         Result of :func:`digest` for the first input, where the caller knows it.
+    identity
+        What the ``id`` follows from in place of `parameters`, where these name files, whose content and not whose place counts.
 
     Returns
     -------
@@ -159,7 +162,8 @@ def record(
     resolved = {key: to_json(value) for key, value in parameters.items()}
     inputs = [with_manual_change(dataset, None if i else scene_digest) for i, dataset in enumerate(inputs)]
     parents = [str(dataset.attrs.get("id", "unknown")) for dataset in inputs]
-    key = json.dumps([function, resolved, parents], sort_keys=True, separators=(",", ":"))
+    identifying = resolved if identity is None else {key: to_json(value) for key, value in identity.items()}
+    key = json.dumps([function, identifying, parents], sort_keys=True, separators=(",", ":"))
     identifier = hashlib.sha256(key.encode()).hexdigest()[:20]
     stages = merged_stages(dataset.attrs.get("history_json", "[]") for dataset in inputs)
     stage = {"id": identifier, "function": function, "parameters": resolved, "inputs": parents}

@@ -29,8 +29,8 @@ class MeshAir(ChainAir):
         x, u, points = np.ascontiguousarray(position.T), np.ascontiguousarray(velocity.T), (weight.size, scale.size)
         force, damping = np.empty(shape), np.empty(shape[1])
         kernel.drag_forces(
-            x, u, self.velocity, time * self.samples_per_second, self.drag, d, weight, scale, None, np.empty(points), np.empty((shape[0], *points)), force,
-            damping,
+            x, u, self.velocity, time * self.samples_per_second, self.drag, d, weight, scale, None, np.empty(points),
+            np.empty((shape[0], *points)), force, damping,
         )  # fmt: skip
         result = np.zeros_like(position)
         result[mesh.free_particles] = force.T[mesh.free_particles]

@@ -68,4 +68,3 @@ def drag_forces(x, u, wind, place, drag, d, weight, scale, unrolled, nodal, g, f
     for c in range(x.shape[0]):
         _gradient(x[c], d, scale, unrolled, nodal, g[c])
     _nodal_drag(u, g, wind, place, drag, weight, scale, force, damping)
-

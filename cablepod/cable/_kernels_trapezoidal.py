@@ -8,7 +8,16 @@ import numpy as np
 
 from cablepod._jit import compiled
 from cablepod.cable._kernels_air import _nodal_drag
-from cablepod.cable._kernels_forces import _add_tension_damping, _assemble, _extremes, _gradient, _law, _products, _record_slack, forces
+from cablepod.cable._kernels_forces import (
+    _add_tension_damping,
+    _assemble,
+    _extremes,
+    _gradient,
+    _law,
+    _products,
+    _record_slack,
+    forces,
+)
 from cablepod.chain._kernels_generalized_alpha import _is_inside
 
 #: Maximum number of Newton iterations.
@@ -191,8 +200,8 @@ def equilibrium(x, first, free, d, weight, scale, stiffness, green, loads, toler
 @compiled
 def trapezoidal(
     x, v, a, first, d, weight, scale, unrolled, stiffness, green, mass, damping, loads, patterns, factors, viscosity,
-    tension_damping, wind, wind_places, drag, rows, columns, ends, end_rates, step, tolerance, bound, start, steps, save_steps, saved, link_element, link_rows, low, high,
-    slack,
+    tension_damping, wind, wind_places, drag, rows, columns, ends, end_rates, step, tolerance, bound, start, steps, save_steps,
+    saved, link_element, link_rows, low, high, slack,
 ):  # fmt: skip
     """Advance a cable by `steps` steps of the trapezoidal rule (average acceleration), each solved by Newton's method.
 

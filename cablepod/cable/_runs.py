@@ -234,7 +234,8 @@ class _CableStepper(ImplicitStepper):
         free = mesh.free_particles
         v, a, loads = (np.ascontiguousarray(nodal[:, free]) for nodal in (self.v, self.a, self.loads))
         patterns = np.zeros((0, *self.x.shape)) if self.patterns is None else self.patterns
-        air, wind = run.air, (None, None, None)
+        air = run.air
+        wind: tuple[Any, ...] = None, None, None
         if air is not None:
             wind = air.velocity, time * air.samples_per_second, air.drag
         needs_rates = p.link_viscosity is not None or p.tension_damping is not None or air is not None
@@ -242,8 +243,9 @@ class _CableStepper(ImplicitStepper):
             self.x, v, a, free.start, d, weight, scale, mesh.unrolled, stiffness, green,
             self.mass[free], p.mass_damping or 0.0, loads, np.ascontiguousarray(patterns[..., free]),
             _factors(self.varying, time), p.link_viscosity, p.tension_damping, *wind, rows, columns,
-            end_table.reshape(rows.size, time.size), p.end_positions(time, 1) if needs_rates else None, step, max(NEWTON_RTOL * mesh.total_length / mesh.links, rounding), run.divergence_bound, start, steps, save,
-            saved, self.element, self.rows, low, high, self.slack,
+            end_table.reshape(rows.size, time.size), p.end_positions(time, 1) if needs_rates else None, step,
+            max(NEWTON_RTOL * mesh.total_length / mesh.links, rounding), run.divergence_bound, start, steps, save, saved,
+            self.element, self.rows, low, high, self.slack,
         )  # fmt: skip
         self.v[:, free], self.a[:, free] = v, a
         self.iterations += iterations

@@ -86,7 +86,9 @@ def rest(
     for count in element_counts(least) if elements is None else [least]:
         mesh = mesh_of(p, count, order, law, points)
         position, distance = (
-            equilibrium_with_error(mesh) if air is None else _in_wind(mesh, mesh_of(p, 2 * count, order, law, points), air)
+            equilibrium_with_error(mesh)
+            if air is None
+            else _in_wind(mesh, mesh_of(p, 2 * count, order, law, points), air)
         )
         error = distance / mesh.total_length
         if error <= EQUILIBRIUM_RTOL:

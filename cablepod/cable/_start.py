@@ -60,9 +60,7 @@ def catenary_chain(mesh: SpectralMesh, nodes: np.ndarray) -> CatenaryChain:
 # --- initial positions ------------------------------------------------------------------------------------------------
 
 
-def catenary_nodes(
-    mesh: SpectralMesh, arc_length: np.ndarray | None = None, air: CableAir | None = None
-) -> np.ndarray:
+def catenary_nodes(mesh: SpectralMesh, arc_length: np.ndarray | None = None, air: CableAir | None = None) -> np.ndarray:
     """Integrate the shape of the continuous cable in equilibrium, or with the initial length of its scene.
 
     Returns positions (nodes, dims) [m] at the nodes, or at given arc lengths [m], which must include the nodes.  In wind, given

@@ -268,7 +268,16 @@ class ImplicitStepper:
         if run.method == "energy_momentum":
             wind = (None, None, None) if run.air is None else self._wind(0.5 * (time[1:] + time[:-1]))
             done, iterations = kernel_energy_momentum.energy_momentum(
-                self.x, self.v, *links, *loads, *wind, *end_tables, step, MIN_ROUNDING * rotation, ROUNDING * rotation, *last
+                self.x,
+                self.v,
+                *links,
+                *loads,
+                *wind,
+                *end_tables,
+                step,
+                MIN_ROUNDING * rotation,
+                ROUNDING * rotation,
+                *last,
             )
         else:
             is_damped = p.link_viscosity is not None or p.tension_damping is not None or run.air is not None

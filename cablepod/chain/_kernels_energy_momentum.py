@@ -22,15 +22,16 @@ from cablepod.chain._kernels_links import link_forces_conserving
 @compiled
 def energy_momentum(
     x, v, first, last, k, length, inverse_squares, mass, damping, loads, patterns, factors, viscosity,
-    tension_damping, wind, wind_places, drag, lower, upper, step, rotation_tolerance, rounding, bound, start, steps, save_steps, saved, low, high,
+    tension_damping, wind, wind_places, drag, lower, upper, step, rotation_tolerance, rounding, bound, start, steps, save_steps,
+    saved, low, high,
 ):  # fmt: skip
     """Advance a chain by `steps` steps of the energy-momentum method (Simo and Tarnow 1992).
 
     The forces of the links over a step are difference quotients of their energies.  With ends and loads at rest, the total energy
     is then conserved at any step, up to the residual of Newton's method.  Parameters and result as in ``generalized_alpha``;
-    time-dependent loads are means of both ends of the step, and the drag is that of the mean position and velocity in the wind of
-    its middle, `wind_places` (steps,), which works on the displacement of the step alone.  The residual has a systematic sign and accumulates in the energy:
-    iterations continue until a correction rotates the links by `rotation_tolerance`, or is below `rounding` and not decreasing.
+    time-dependent loads are means of both ends of the step.  The drag is that of the mean position and velocity, in the wind at
+    the middle of the step, `wind_places` (steps,).  The residual has a systematic sign and accumulates in the energy: iterations
+    continue until a correction rotates the links by `rotation_tolerance`, or is below `rounding` and not decreasing.
     """
     dims, particles = x.shape
     f, s = np.zeros(dims * particles + 1), np.zeros((3 if dims == 2 else 6, particles + 1))

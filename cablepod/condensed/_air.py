@@ -30,6 +30,7 @@ class CondensedAir:
     air: CableAir
     end_time: float
     points: int | None = None  #: number of Gauss points; two more than the modes of a deflection by default
+    longest_interval: float = math.inf  #: of the samples of the air in the chord frame, where the ends move [s]
 
     @cached_property
     def rule(self) -> tuple[np.ndarray, np.ndarray]:
@@ -77,16 +78,21 @@ class CondensedAir:
         return (lagrange * parts) @ hats.T / (weights[:, None] / length)
 
     @cached_property
+    def at_samples(self) -> tuple[np.ndarray, float]:
+        """Velocity of the air at the Gauss points (samples, points, dims) [m/s], and its samples per second."""
+        velocity = refined(np.tensordot(self.air.velocity, self._projection, (1, 1)).transpose(0, 2, 1))
+        return velocity, self.air.samples_per_second * self.air.refinement
+
+    @cached_property
     def _sampled(self) -> tuple[np.ndarray, float]:
         """Velocity of the air less that of the line between the ends, in the chord frame, and its samples per second.
 
         Along the chord and each normal: (samples, 1 + normals, points) [m/s].
         """
-        p, sigma, air = self.model.chain.p, self.rule[0], self.air
-        velocity = refined(np.tensordot(air.velocity, self._projection, (1, 1)).transpose(0, 2, 1))
-        rate = air.samples_per_second * air.refinement
+        p, sigma = self.model.chain.p, self.rule[0]
+        velocity, rate = self.at_samples
         if p.motions:
-            scale = p.shortest_time_scale / SAMPLES_PER_CHANGE
+            scale = min(p.shortest_time_scale / SAMPLES_PER_CHANGE, self.longest_interval)
             parts = max(1, math.ceil(1.0 / (rate * scale)))
             count = math.ceil(self.end_time * rate * parts) + 2
             place = np.minimum(np.arange(count) / parts, len(velocity) - 1.0)

@@ -310,9 +310,7 @@ def sample_interval(
 # --- condensed model --------------------------------------------------------------------------------------------------
 
 
-def estimate(
-    model: CondensedModel, state: CondensedTrajectory, scale: float, air: CondensedAir | None = None
-) -> float:
+def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, air: CondensedAir | None = None) -> float:
     """Estimate the largest error over time as a fraction of the motion.
 
     The motion of the model is put into the equations of an enriched one (more modes, exact chordwise stretch, chordwise inertia).

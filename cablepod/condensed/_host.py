@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import lru_cache
 from numbers import Real
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from cablepod.catenary._statics import LoadPlane, load_plane, solve_statics
 from cablepod.condensed import _kernels_host_layout as layout
-from cablepod.condensed._kernels_host_layout import HostCoefficients
+from cablepod.condensed._air import CondensedAir
+from cablepod.condensed._kernels_host_layout import HostAir, HostCoefficients
 from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MONITOR_ROWS, initial_monitor
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR
@@ -19,6 +22,7 @@ from cablepod.discretisation._chord_frame import ALIGNED
 from cablepod.errors import RunStopped, SceneError, scene_error
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import TimeFunction
+from cablepod.wind._air import air_of
 
 #: Minimum and maximum chord over the unstretched length.  Below, the sag is so deep that the deflection normal to the chord no
 #: longer describes the cable; above, the strain exceeds the limit of scenes.
@@ -54,8 +58,11 @@ def with_moving_end(p: Parameters) -> Parameters:
     return p if p.motions else replace(p, motions={("upper", "y"): AT_REST})
 
 
-def host_coefficients(model: CondensedModel) -> HostCoefficients:
-    """Collect the coefficients of a model for the kernels, as :class:`HostCoefficients` describes them."""
+def host_coefficients(model: CondensedModel, air: CondensedAir | None = None) -> HostCoefficients:
+    """Collect the coefficients of a model for the kernels, as :class:`HostCoefficients` describes them.
+
+    `air` is that along the cable; None for still air.
+    """
     chain, p, r = model.chain, model.chain.p, len(model.shapes)
     patterns, length, total = model.chordwise_force_patterns, chain.length, chain.total_length
     arms = total - chain.tributary_length[0] - patterns[0]
@@ -87,11 +94,43 @@ def host_coefficients(model: CondensedModel) -> HostCoefficients:
         np.vstack([model.slope_norms_squared, moments, slope_moments, model.load_projection]),
         np.vstack([*by_pattern, model.chordwise_forces_at_candidates.T]),
         by_point,
+        None if air is None else _host_air(air),
     )
 
 
-def initial_state(model: CondensedModel, coefficients: HostCoefficients) -> np.ndarray:
-    """Return the state (rows, columns) of a cable at rest between the ends of the scene.
+def air_of_host(model: CondensedModel, wind: xr.Dataset | None) -> CondensedAir | None:
+    """Return the air along the cable until the end of the scene, or of a given field; None for still air.
+
+    Raises
+    ------
+    SceneError
+        As :func:`cablepod.wind._air.air_of`, and for turbulence without a duration.
+    """
+    p = model.chain.p
+    if wind is None and p.turbulence is not None and p.duration is None:
+        raise SceneError("time.duration: missing; allowed: a duration [s], over which the turbulence is made")
+    end_time = (p.duration or 0.0) if wind is None else 0.0
+    air = air_of(p, end_time, wind)
+    return None if air is None else CondensedAir(model, air, end_time)
+
+
+def end_of_wind(air: CondensedAir) -> float:
+    """Return the last instant of the wind [s]; infinite for a wind that is steady, from its ramp on."""
+    velocity = air.air.velocity
+    if np.array_equal(velocity[-1], velocity[-2]):
+        return math.inf
+    return (len(velocity) - 1) / air.air.samples_per_second * (1.0 + 1e-9)
+
+
+def _host_air(air: CondensedAir) -> HostAir:
+    """Collect the air along a cable for the kernels."""
+    velocity, rate = air.at_samples
+    sigma, weights = air.rule
+    return HostAir(np.ascontiguousarray(velocity.transpose(0, 2, 1)), rate, air.air.drag * weights, sigma, air.shapes)
+
+
+def initial_state(model: CondensedModel, coefficients: HostCoefficients, air: CondensedAir | None = None) -> np.ndarray:
+    """Return the state (rows, columns) of a cable at rest between the ends of the scene, in the mean wind of the start.
 
     Raises
     ------
@@ -100,8 +139,12 @@ def initial_state(model: CondensedModel, coefficients: HostCoefficients) -> np.n
     """
     p, r = model.chain.p, len(model.shapes)
     columns = max(MONITOR_ROWS, 1 + layout.PATTERNS * p.dims, r, coefficients.by_point.shape[1])
-    state = np.zeros((layout.LEADING_ROWS if model.order == "leading" else layout.EXACT_ROWS, columns))
-    q, _ = model.initial()
+    rows = layout.LEADING_ROWS if model.order == "leading" else layout.EXACT_ROWS
+    if coefficients.air is not None:
+        columns = max(columns, coefficients.air.sigma.size)
+        rows += layout.AIR_VELOCITY + 2 * p.dims
+    state = np.zeros((rows, columns))
+    q, _ = model.initial() if air is None else air.initial()
     upper = np.ascontiguousarray(p.end_positions(np.zeros(1))[0, 1])
     state[layout.Q, :r], state[layout.END, : p.dims] = q, upper
     static = model.static_boundary_data

@@ -20,7 +20,7 @@ def _add_tension_damping(u, boundary_data, row, chord_tension, kappa, geometric_
 
 
 @compiled(fastmath=FAST_DIVISION, forceinline=True)
-def _add_drag(q, u, stretch, exact, wind, place, drag, shapes, slopes, tests, n_in_plane, f):
+def _add_drag(q, u, stretch, exact, wind, place, drag, shapes, slopes, tests, n_in_plane, sigma, moments, f):
     """Add the drag to the accelerations f (r,): c |t| |u_n| u_n at points along the cable.
 
     At a point, t = (zeta', w') in the chord frame, and u_n is the part normal to t of wind less velocity.
@@ -43,7 +43,11 @@ def _add_drag(q, u, stretch, exact, wind, place, drag, shapes, slopes, tests, n_
         Shapes of the coordinates, their slopes, and the test functions.
     n_in_plane : int
         Number of in-plane coordinates.
+    sigma, moments : float arrays (points,), (2,), or None
+        Relative arc lengths of the points; filled: moments of the drag about the lower end, over the length, by normal [N].
     """
+    if moments is not None:
+        moments[0], moments[1] = 0.0, 0.0
     place = min(max(place, 0.0), wind.shape[0] - 1.0)
     sample = min(int(place), wind.shape[0] - 2)
     share = place - sample
@@ -71,6 +75,9 @@ def _add_drag(q, u, stretch, exact, wind, place, drag, shapes, slopes, tests, n_
         normal -= product * slope
         binormal -= product * slope_out
         factor = drag[g] * math.sqrt(square * (along * along + normal * normal + binormal * binormal))
+        if moments is not None:
+            moments[0] += sigma[g] * factor * normal
+            moments[1] += sigma[g] * factor * binormal
         for i in range(n_in_plane):
             f[i] += tests[g, i] * factor * normal
         for i in range(n_in_plane, q.size):
@@ -81,4 +88,4 @@ def _add_drag(q, u, stretch, exact, wind, place, drag, shapes, slopes, tests, n_
 def drag_force(q, u, stretch, exact, wind, place, drag, shapes, slopes, tests, n_in_plane, f):
     """Fill f (r,) with the accelerations by the drag in one state, see :func:`_add_drag`."""
     f[:] = 0.0
-    _add_drag(q, u, stretch, exact, wind, place, drag, shapes, slopes, tests, n_in_plane, f)
+    _add_drag(q, u, stretch, exact, wind, place, drag, shapes, slopes, tests, n_in_plane, None, None, f)

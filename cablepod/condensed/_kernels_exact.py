@@ -262,9 +262,10 @@ def exact_verlet(
 ):  # fmt: skip
     """Advance by velocity Verlet with the exact chordwise stretch, one step for each row of the boundary data.
 
-    Chordwise inertia, damping by the tension and drag take the rates extrapolated from half a step before with `acceleration`, that of the last step (r,).  Row 0
-    of `stretch` (2, m) is the first guess for the next step, extrapolated from the last two, row 1 the stretch of the last step;
-    the same holds for H in the monitor.  Other parameters as in ``leading_verlet`` and :func:`exact_force`.
+    Chordwise inertia, damping by the tension and drag take the rates extrapolated from half a step before with `acceleration`,
+    that of the last step (r,).  Row 0 of `stretch` (2, m) is the first guess for the next step, extrapolated from the last two,
+    row 1 the stretch of the last step; the same holds for H in the monitor.  Other parameters as in ``leading_verlet`` and
+    :func:`exact_force`.
     """
     r, m = slopes.shape
     f, rates, mass, no_array = np.empty(r), np.empty(r), np.empty((r, r)), np.empty((0, 0))
@@ -291,7 +292,7 @@ def exact_verlet(
         if wind is not None:
             _add_drag(
                 q, rates, 1.0 + chord_tension / stiffness, True, wind, (begin + i) * step * samples_per_second, drag,
-                drag_shapes[0], drag_shapes[1], drag_shapes[2], n_in_plane, f,
+                drag_shapes[0], drag_shapes[1], drag_shapes[2], n_in_plane, None, None, f,
             )  # fmt: skip
         if inertia.size:
             _solve(mass, f)

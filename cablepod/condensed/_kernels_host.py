@@ -16,11 +16,15 @@ import math
 import numpy as np
 
 from cablepod._jit import compiled
+from cablepod.condensed._kernels_drag import _add_drag
 from cablepod.condensed._kernels_end_force import _end_force, _leading_end_force
 from cablepod.condensed._kernels_exact import _monitor_step as _monitor_exact
 from cablepod.condensed._kernels_exact import exact_force
 from cablepod.condensed._kernels_frame import _complete_axes
 from cablepod.condensed._kernels_host_layout import (
+    AIR_MOMENTS,
+    AIR_RATES,
+    AIR_VELOCITY,
     ALONG_AXIS,
     ARMS,
     AT_CANDIDATES,
@@ -41,6 +45,7 @@ from cablepod.condensed._kernels_host_layout import (
     END,
     END_FORCE,
     END_MASS,
+    EXACT_ROWS,
     FACTOR,
     FORCES,
     IMPULSE,
@@ -49,6 +54,7 @@ from cablepod.condensed._kernels_host_layout import (
     INVALID_STEP,
     KAPPA,
     LAST_STRETCH,
+    LEADING_ROWS,
     LENGTH,
     LONGEST,
     LOWER,
@@ -222,6 +228,50 @@ def _finish(coefficients, trial, chord_tension, end_velocity, end_acceleration, 
 
 
 @compiled(forceinline=True, counted=False)
+def _add_air(air, coefficients, accepted, trial, first_row, end_velocity, step, q, stretch, exact, f):
+    """Add the drag to the accelerations f (r,), and fill its moments in row `first_row` + AIR_MOMENTS; nothing in still air.
+
+    The rates at the end of a step are extrapolated from the middles of this step and the last one.
+    """
+    if air is None:
+        return
+    dims, r = coefficients.sizes[DIMS], coefficients.sizes[RANK]
+    rates, between, points = trial[first_row + AIR_RATES], trial[CLOCK, BETWEEN], air.drag.size
+    weight = 0.5 * step / between if between > 0.0 else 0.0
+    for i in range(r):
+        rates[i] = trial[RATES, i] + weight * (trial[RATES, i] - accepted[RATES, i])
+    samples = air.velocity.shape[0]
+    place = min(max(trial[CLOCK, TIME] * air.samples_per_second, 0.0), samples - 1.0)
+    sample = min(int(place), samples - 2)
+    share, first = place - sample, first_row + AIR_VELOCITY
+    for g in range(points):
+        for k in range(dims):
+            total = 0.0
+            for d in range(dims):
+                before, after = air.velocity[sample, d, g], air.velocity[sample + 1, d, g]
+                relative = before + share * (after - before) - air.sigma[g] * end_velocity[d]
+                total += relative * trial[AXES + k, d]
+            trial[first + k, g] = -total if k == 0 else total  # axis 0 points to the lower end
+            trial[first + dims + k, g] = trial[first + k, g]
+    wind = trial[first : first + 2 * dims].reshape(2, dims, trial.shape[1])
+    _add_drag(
+        q, rates, stretch, exact, wind, 0.0, air.drag, air.shapes[0], air.shapes[1], air.shapes[2], coefficients.sizes[IN_PLANE],
+        air.sigma, trial[first_row + AIR_MOMENTS], f,
+    )  # fmt: skip
+
+
+@compiled(forceinline=True, counted=False)
+def _add_moments(air, coefficients, trial, first_row):
+    """Add the reaction to the moments of the drag to the force on the end; nothing in still air."""
+    if air is None:
+        return
+    dims = coefficients.sizes[DIMS]
+    for k in range(dims - 1):
+        for d in range(dims):
+            trial[END_FORCE, d] += trial[first_row + AIR_MOMENTS, k] * trial[AXES + 1 + k, d]
+
+
+@compiled(forceinline=True, counted=False)
 def leading_trial(coefficients, accepted, trial, end_position, end_velocity, end_acceleration, step):
     """Fill the state after a step of the upper end, to leading order.
 
@@ -260,6 +310,10 @@ def leading_trial(coefficients, accepted, trial, end_position, end_velocity, end
         q, boundary_data, 0, chord_tension, kappa, coefficients.geometric_stiffness,
         coefficients.by_coordinate[PROJECTION:], f,
     )  # fmt: skip
+    _add_air(
+        coefficients.air, coefficients, accepted, trial, LEADING_ROWS, end_velocity, step, q, boundary_data[0, 0] / length, None,
+        f,
+    )  # fmt: skip
     _monitor_leading(
         trial[CLOCK, COUNT], q, boundary_data, 0, chord_tension, kappa, by_pattern[NORMS], by_pattern[AT_CANDIDATES:].T,
         stiffness, length, monitor,
@@ -267,6 +321,7 @@ def leading_trial(coefficients, accepted, trial, end_position, end_velocity, end
     monitor[CHORD_TENSION] = chord_tension
     monitor[PREDICTED_TENSION] = chord_tension
     _leading_end_force(coefficients, q, f, boundary_data, 0, chord_tension, trial[AXES:], trial[END_FORCE])
+    _add_moments(coefficients.air, coefficients, trial, LEADING_ROWS)
     return _finish(coefficients, trial, chord_tension, end_velocity, end_acceleration, along)
 
 
@@ -299,6 +354,10 @@ def exact_trial(coefficients, accepted, trial, end_position, end_velocity, end_a
         guess = accepted[MONITOR, CHORD_TENSION]
         for j in range(m):
             stretch[j] = accepted[LAST_STRETCH, j]
+    _add_air(
+        coefficients.air, coefficients, accepted, trial, EXACT_ROWS, end_velocity, step, q, 1.0 + chord_tension / stiffness, True,
+        f,
+    )  # fmt: skip
     _monitor_exact(
         trial[CLOCK, COUNT], q, boundary_data, 0, chord_tension, work[FORCE, :m], by_coordinate[KAPPA], by_pattern[NORMS],
         stiffness, length, monitor,
@@ -312,6 +371,7 @@ def exact_trial(coefficients, accepted, trial, end_position, end_velocity, end_a
         second += weight * work[FORCE, j] * slope[1, j]
         reach += weight * by_point[ARMS, j] * stretch[j]
     _end_force(coefficients, f, boundary_data, 0, along_force, first, second, reach, trial[AXES:], trial[END_FORCE])
+    _add_moments(coefficients.air, coefficients, trial, EXACT_ROWS)
     # first guess for the next step: linear extrapolation, but not from the start, which has one state only
     extrapolation = 1.0 if accepted[CLOCK, STEP] > 0.0 else 0.0
     monitor[CHORD_TENSION] = chord_tension

@@ -37,7 +37,22 @@ PREDICTED_STRETCH, LAST_STRETCH, AXES, LEADING_ROWS = 11, 12, 13, 16
 # them anew would take a quarter longer.
 WORK, SLOPE = LEADING_ROWS, LEADING_ROWS + CLOSURE_ROWS
 EXACT_ROWS = SLOPE + 2
+#: Rows that states in wind have beyond these: rates at the end of a step, moments of the drag, and the air in the chord frame,
+#: twice (dims rows each).
+AIR_RATES, AIR_MOMENTS, AIR_VELOCITY = 0, 1, 2
 TIME, STEP, COUNT, BETWEEN, FACTOR, IMPULSE = range(6)
+
+
+class HostAir(NamedTuple):
+    """Air along a cable, for the steps of a host."""
+
+    velocity: np.ndarray  #: of the air, from time 0 on, linear between the samples (samples, dims, points) [m/s]
+    samples_per_second: float  #: [1/s]
+    drag: (
+        np.ndarray
+    )  #: quadrature weights [m] times half the density of the air, drag coefficient and diameter (points,)
+    sigma: np.ndarray  #: relative arc lengths of the points (points,)
+    shapes: np.ndarray  #: shapes, slopes and test functions at the points (3, points, r)
 
 
 class HostCoefficients(NamedTuple):
@@ -49,3 +64,4 @@ class HostCoefficients(NamedTuple):
     by_coordinate: np.ndarray
     by_pattern: np.ndarray
     by_point: np.ndarray  #: (rows, m); without columns to leading order
+    air: HostAir | None = None  #: None for still air

@@ -266,7 +266,7 @@ def leading_verlet(
         if wind is not None:
             _add_drag(
                 q, u, boundary_data[i, 0] / length, None, wind, (begin + i) * step * samples_per_second, drag,
-                drag_shapes[0], drag_shapes[1], drag_shapes[2], n_in_plane, f,
+                drag_shapes[0], drag_shapes[1], drag_shapes[2], n_in_plane, None, None, f,
             )  # fmt: skip
         _monitor_step(
             begin + i, q, boundary_data, i, chord_tension, kappa, geometric_stiffness_norms,

@@ -7,9 +7,9 @@ import xarray as xr
 
 from cablepod._inputs import NORMAL_MODES, PREPARED, SCENE, taken
 from cablepod.condensed._assembly import TEST, model_of
-from cablepod.condensed._host import with_moving_end
+from cablepod.condensed._host import air_of_host, with_moving_end
 from cablepod.condensed._model import CondensedModel
-from cablepod.condensed._prepared_dataset import UNCHANGED, check_coefficients, check_contents, stored_model
+from cablepod.condensed._prepared_dataset import NO_ID, UNCHANGED, check_coefficients, check_contents, stored_model
 from cablepod.condensed._prepared_model import PreparedModel
 from cablepod.errors import SceneError, scene_error
 from cablepod.integrate._request import check_step
@@ -18,7 +18,6 @@ from cablepod.parameters._checks import choice
 from cablepod.parameters._from_scene import parameters as parameters_of
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._notes import warn_of_unusual
-from cablepod.wind._air import check_no_wind
 
 #: Orders of prepared models.
 ORDERS = ("leading", "exact")
@@ -33,6 +32,7 @@ def prepare(
     rank: int | None = None,
     order: str = "leading",
     step: float | None = None,
+    wind: xr.Dataset | None = None,
 ) -> PreparedModel:
     """Prepare a condensed model for repeated runs, or for a host program that moves its upper end.
 
@@ -49,17 +49,19 @@ def prepare(
     step
         Step of :meth:`PreparedModel.run` [s]; by default an eighth of the stability limit at rest, or less where the motions of
         the scene are faster.
+    wind
+        Field of :func:`cablepod.wind.field`, or a record with the same variables, in place of the wind of the scene.
 
     Returns
     -------
     PreparedModel
-        At rest at time 0.
+        At rest at time 0, in the mean wind.
 
     Raises
     ------
     SceneError
-        For point loads, load factors, a given initial shape, a free end, viscous links, members, trained test functions, and as
-        :func:`cablepod.condensed.simulate`.
+        For point loads, load factors, ice, a given initial shape, a free end, viscous links, damping by the tension, members,
+        trained test functions, and as :func:`cablepod.condensed.simulate`.
 
     Warns
     -----
@@ -83,13 +85,15 @@ def prepare(
     """
     scene, modes = taken("scene", scene, SCENE), taken("modes", modes, NORMAL_MODES)
     model, limit = _checked_model(scene, modes, rank, order)
+    air = air_of_host(model, wind)
     warn_of_unusual(parameters_of(scene))
     if step is None:
-        slowest = min(STEP_OVER_LIMIT * limit, model.chain.p.shortest_time_scale / STEPS_PER_CHANGE)
+        of_wind = np.inf if air is None else 0.5 / air.air.samples_per_second
+        slowest = min(STEP_OVER_LIMIT * limit, model.chain.p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
         step = 1.0 / preferred_steps_per_second(1.0 / slowest)
     else:
         step = check_step(step, limit, f"2 over the highest angular frequency, {2.0 / limit:.6g} rad/s")
-    return PreparedModel(scene, modes, model, step)
+    return PreparedModel(scene, modes, model, step, wind)
 
 
 def _checked_model(scene: xr.Dataset, modes: xr.Dataset, rank: int | None, order: str) -> tuple[CondensedModel, float]:
@@ -111,7 +115,6 @@ def _check_scene(p: Parameters) -> None:
         raise scene_error(p.point_loads[0].key, "a point load", "uniform loads only; try: condensed.simulate")
     if p.load_factor is not None:
         raise scene_error("load.kind", p.load_factor.kind, "steady uniform loads only; try: condensed.simulate")
-    check_no_wind(p, "condensed.simulate")
     if p.bare is not None:
         raise scene_error("ice.thickness", 0.5 * (p.diameter - p.bare.diameter), "0 m; try: condensed.simulate")
     if p.tension_damping is not None:
@@ -121,13 +124,15 @@ def _check_scene(p: Parameters) -> None:
         raise scene_error(key, "a start from another shape", "a start from equilibrium; try: condensed.simulate")
 
 
-def resume(dataset: xr.Dataset) -> PreparedModel:
+def resume(dataset: xr.Dataset, *, wind: xr.Dataset | None = None) -> PreparedModel:
     """Return the prepared model of a Dataset, which goes on from its state bit by bit.
 
     Parameters
     ----------
     dataset
         Result of :meth:`PreparedModel.dataset`, also read from a file.
+    wind
+        The field that was given to :func:`prepare`, which the Dataset does not contain.
 
     Returns
     -------
@@ -140,7 +145,7 @@ def resume(dataset: xr.Dataset) -> PreparedModel:
         For a Dataset that is no prepared model, or one whose variables were altered.
     """
     try:
-        return _resumed(dataset)
+        return _resumed(dataset, wind)
     except SceneError:
         raise
     except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
@@ -148,16 +153,21 @@ def resume(dataset: xr.Dataset) -> PreparedModel:
         raise scene_error("dataset", f"contents with {error!r}", UNCHANGED) from error
 
 
-def _resumed(dataset: xr.Dataset) -> PreparedModel:
+def _resumed(dataset: xr.Dataset, wind: xr.Dataset | None) -> PreparedModel:
     """Return the prepared model of a Dataset, see :func:`resume`."""
     dataset = taken("dataset", dataset, PREPARED)
     stored = stored_model(dataset)
     scene, modes = taken("scene", stored.scene, SCENE), taken("modes", stored.modes, NORMAL_MODES)
     model, limit = _checked_model(scene, modes, stored.rank, stored.order)
-    prepared = PreparedModel(scene, modes, model, check_step(stored.step, limit, "as at `prepare`"))
+    if (wind is None) != (stored.wind == ""):
+        given, allowed = ("missing", "that given") if wind is None else ("given", "none, as none was given")
+        raise SceneError(f"wind: {given}; allowed: {allowed} to `prepare`")
+    if wind is not None and wind.attrs.get("id", NO_ID) != stored.wind:
+        raise scene_error("wind", wind.attrs.get("id", NO_ID), f"the field with the id {stored.wind}")
+    prepared = PreparedModel(scene, modes, model, check_step(stored.step, limit, "as at `prepare`"), wind)
     check_coefficients(stored.coefficients, prepared.coefficients)
     # the modes give these coefficients again, but on another machine not always to the last bit
-    prepared._coefficients = stored.coefficients
+    prepared._coefficients = stored.coefficients._replace(air=prepared.coefficients.air)
     prepared.state = stored.state
     check_contents(dataset, prepared)
     return prepared

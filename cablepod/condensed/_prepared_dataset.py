@@ -28,6 +28,8 @@ FUNCTION = "condensed.PreparedModel.dataset"
 #: Variables that follow from the state, and what messages allow.
 DERIVED = ("time", "end_position", "end_force", "amplitude")
 UNCHANGED = "a prepared model, unchanged, as PreparedModel.dataset() gives it"
+#: What stands for the id of a field without one.
+NO_ID = "none"
 #: Relative difference of coefficients from machine to machine (rounding of their eigenproblem).
 ROUNDING = 1e-7
 
@@ -42,6 +44,7 @@ class StoredModel(NamedTuple):
     step: float  #: [s]
     coefficients: HostCoefficients
     state: np.ndarray
+    wind: str  #: id of the field that was given; empty without
 
 
 def dataset_of(prepared: PreparedModel, scene: xr.Dataset, modes: xr.Dataset, model: CondensedModel) -> xr.Dataset:
@@ -54,7 +57,9 @@ def dataset_of(prepared: PreparedModel, scene: xr.Dataset, modes: xr.Dataset, mo
         "end_force": (("coordinate",), prepared.force),
         "state": (("state_row", "state_column"), prepared.state),
     }
-    for name, array in prepared.coefficients._asdict().items():
+    for name, array in prepared.coefficients._replace(air=None)._asdict().items():
+        if array is None:  # the air follows from scene and field
+            continue
         dims = tuple(f"{name}_{axis}" for axis in range(array.ndim))
         variables[f"coefficient_{name}"] = (dims, array)
     result = xr.Dataset(variables, coords={"coordinate": coordinates, "mode": np.arange(1, rank + 1)})
@@ -86,6 +91,7 @@ def dataset_of(prepared: PreparedModel, scene: xr.Dataset, modes: xr.Dataset, mo
         "order": model.order,
         "rank": rank,
         "step": prepared.prepared_step,
+        **({} if prepared.wind is None else {"wind_id": prepared.wind.attrs.get("id", NO_ID)}),
         "scene_attributes_json": json.dumps(provenance.to_json(dict(scene.attrs)), sort_keys=True),
         "modes_attributes_json": json.dumps(provenance.to_json(dict(modes.attrs)), sort_keys=True),
     }
@@ -101,7 +107,7 @@ def dataset_of(prepared: PreparedModel, scene: xr.Dataset, modes: xr.Dataset, mo
             "time": prepared.time,
             "state_sha256": _state_digest(prepared.state),
         },
-        inputs=[scene, modes],
+        inputs=[scene, modes] if prepared.wind is None else [scene, modes, prepared.wind],
     )
 
 
@@ -113,7 +119,7 @@ def stored_model(dataset: xr.Dataset) -> StoredModel:
     SceneError
         For another Dataset.
     """
-    fields = [f"coefficient_{name}" for name in HostCoefficients._fields]
+    fields = [f"coefficient_{name}" for name in HostCoefficients._fields if name != "air"]
     for key in (*DERIVED, "state", *fields):
         if key not in dataset.variables:
             raise scene_error("dataset", f"no variable {key}", UNCHANGED)
@@ -122,8 +128,9 @@ def stored_model(dataset: xr.Dataset) -> StoredModel:
         rank, order, step = int(dataset.attrs["rank"]), str(dataset.attrs["order"]), float(dataset.attrs["step"])
     except (KeyError, ValueError) as error:
         raise scene_error("dataset", f"attributes with {error!r}", UNCHANGED) from None
-    arrays = (_array(dataset, key) for key in fields)
-    return StoredModel(scene, modes, rank, order, step, HostCoefficients(*arrays), _array(dataset, "state"))
+    arrays: Any = (_array(dataset, key) for key in fields)
+    wind = str(dataset.attrs.get("wind_id", ""))
+    return StoredModel(scene, modes, rank, order, step, HostCoefficients(*arrays), _array(dataset, "state"), wind)
 
 
 def _array(dataset: xr.Dataset, key: str) -> np.ndarray:
@@ -151,7 +158,7 @@ def checked_state(state: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 def check_coefficients(stored: HostCoefficients, made: HostCoefficients) -> None:
     """Refuse stored coefficients that differ by more than rounding from those that scene and modes give."""
-    for name, old, new in zip(stored._fields, stored, made, strict=True):
+    for name, old, new in zip(stored._fields[:-1], stored[:-1], made[:-1], strict=True):
         if old.shape != new.shape or old.dtype != new.dtype:
             raise scene_error(f"coefficient_{name}", f"shape {old.shape}, {old.dtype}", UNCHANGED)
         for row, other in zip(old, new, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping
 from typing import Any
@@ -12,6 +13,8 @@ import xarray as xr
 from cablepod.condensed import _kernels_host_layout as layout
 from cablepod.condensed._fields import close_chord_of, link_tensions, positions_of
 from cablepod.condensed._host import (
+    air_of_host,
+    end_of_wind,
     host_coefficients,
     initial_state,
     refusal,
@@ -39,13 +42,24 @@ class PreparedModel:
     its own, or passes the acceleration of the end, which completes the force.
     """
 
-    def __init__(self, scene: xr.Dataset, modes: xr.Dataset, model: CondensedModel, prepared_step: float) -> None:
+    def __init__(
+        self,
+        scene: xr.Dataset,
+        modes: xr.Dataset,
+        model: CondensedModel,
+        prepared_step: float,
+        wind: xr.Dataset | None = None,
+    ) -> None:
         self._scene, self._modes, self._model = scene, modes, model
+        #: Field of the wind in place of that of the scene; None without.
+        self.wind = wind
+        air = air_of_host(model, wind)
+        self._end_of_wind = math.inf if air is None else end_of_wind(air)
         #: Step of :meth:`run` [s].
         self.prepared_step = prepared_step
-        self._coefficients = host_coefficients(model)
+        self._coefficients = host_coefficients(model, air)
         self._kernel = step_kernel(model.order)
-        self._accepted = initial_state(model, self._coefficients)
+        self._accepted = initial_state(model, self._coefficients, air)
         self._trial = self._accepted.copy()
         self._dims, self._has_trial, self._warned = model.chain.p.dims, False, False
         self._no_acceleration = np.empty(0)
@@ -123,6 +137,10 @@ class PreparedModel:
             error = self._shape_error(end_position, end_velocity, end_acceleration, step)
             raise error
         accepted, trial = self._accepted, self._trial
+        if accepted[layout.CLOCK, layout.TIME] + step > self._end_of_wind:
+            raise scene_error(
+                "step", step, f"steps until {self._end_of_wind:g} s, where the wind ends; try: time.duration"
+            )
         status = self._kernel(self._coefficients, accepted, trial, position, velocity, acceleration, step)
         if status:
             error = refusal(status, self._coefficients, accepted, position, velocity, acceleration, step)
@@ -303,7 +321,7 @@ class PreparedModel:
             Where the step does not resolve the motion of the ends.
         """
         if self._runner is None:
-            self._runner = PreparedRunner(self._scene, self._modes, self._model, self.prepared_step)
+            self._runner = PreparedRunner(self._scene, self._modes, self._model, self.prepared_step, self.wind)
         return self._runner.run(parameters, times, end_position, outputs, links)
 
     def dataset(self) -> xr.Dataset:

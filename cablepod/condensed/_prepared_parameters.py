@@ -30,10 +30,12 @@ from cablepod.parameters._keys import LENGTH_KEYS, WEIGHT_KEYS
 from cablepod.parameters._parameters import Parameters
 from cablepod.parameters._time_functions import Array, TimeFunction
 
+#: Largest distance of an instant on a step from it, over the step.
+ON_STEPS = 1e-6
 #: Properties of parameters that depend on their numbers, and are made anew.
 OF_MOTIONS = ("ends", "shortest_time_scale", "initial_ends", "initial_end_rates", "damping")
 #: Tables of the scene whose numbers a run may replace; numbers of other tables belong to the structure.
-TABLES = ("cable", "gravity", "ends", "load", "motion", "damping")
+TABLES = ("cable", "gravity", "ends", "load", "motion", "damping", "wind")
 #: Properties of a model that depend on motions and positions of the ends, and are made anew.
 OF_ENDS = (
     "initial_boundary_data", "static_boundary_data", "first_guess", "initial_state", "start_deflection_rates",
@@ -76,9 +78,12 @@ class TabulatedMotion(TimeFunction):
         super().__init__("table", {"step": step, "tables": (displacement, rate, second)})
 
     def __call__(self, time: Any, derivative: int = 0) -> Array:
-        """Return the value, or its first or second derivative, at instants on the steps [s]."""
-        places = np.rint(np.asarray(time, dtype=float) / self.values["step"]).astype(int)
-        return self.values["tables"][derivative][places]
+        """Return the value, or its first or second derivative, at instants [s]; linear between the steps, held after them."""
+        table, places = self.values["tables"][derivative], np.asarray(time, dtype=float) / self.values["step"]
+        nearest = np.clip(np.rint(places), 0, len(table) - 1).astype(int)
+        if np.abs(places - nearest).max(initial=0.0) < ON_STEPS:
+            return table[nearest]
+        return np.interp(places, np.arange(len(table)), table)
 
     def all_at_steps(
         self, start: int, steps: int, steps_per_second: float, derivatives: tuple[int, ...], origin: float = 0.0
@@ -191,6 +196,11 @@ class ChangedModel:
                     **values["motions"],
                     (end, axis): TimeFunction(motion.kind, {**motion.values, name: value}),
                 }
+            elif table == "wind":
+                name = path.removeprefix("wind.").removeprefix("turbulence.").split(".")[0]
+                key = "turbulence" if path.startswith("wind.turbulence.") else "wind"
+                new = value if component is None else _replaced(values[key][name], component, value)
+                values[key] = {**values[key], name: new}
             elif table == "damping":
                 values["mass_damping"] = value or None
             elif table == "load":
@@ -228,6 +238,7 @@ class ChangedModel:
         length_value = cable[self.p.length_key]
         stiffness = cable["youngs_modulus"] * area
         values.update(area=area, stiffness=stiffness, mass=mass, weight=weights, length_value=length_value)
+        values.update({name: cable[name] for name in ("diameter", "drag_coefficient") if name in cable})
 
     def _entry(self, path: Any) -> tuple[int | None, Check, str]:
         """Return component, check and table of a key path; refuse what would change the structure."""
@@ -305,7 +316,7 @@ class ChangedModel:
         base, model = self.base.chain, object.__new__(CondensedModel)
         length = total / base.total_length
         model.__dict__.update({key: value for key, value in self._without_loads.items() if key not in OF_LENGTH})
-        _, _, geometric_stiffness, by_coordinate, by_pattern, _ = coefficients
+        _, _, geometric_stiffness, by_coordinate, by_pattern, *_ = coefficients
         model.__dict__.update(
             chain=LumpedChain(p, base.length * length, base.arc_length * length, base.law),
             rest_tension=rest_tension,

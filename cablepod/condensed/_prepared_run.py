@@ -10,13 +10,15 @@ import numpy as np
 import xarray as xr
 
 from cablepod.condensed import _kernels_host_layout as layout
+from cablepod.condensed._air import CondensedAir
+from cablepod.condensed._air_motion import DragOfMotion
 from cablepod.condensed._fields import CondensedTrajectory, close_chord_of, positions, selected_tensions
 from cablepod.condensed._host import CHORD_RANGE, CHORD_TURN_TEXT, chord_range_text
 from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP, UNSTABLE_STEP, initial_monitor
 from cablepod.condensed._model import CondensedModel, end_tables
 from cablepod.condensed._output import padded
 from cablepod.condensed._prepared_parameters import ChangedModel, Variant
-from cablepod.condensed._runs import SCHEMES, CondensedRun, InitialState
+from cablepod.condensed._runs import SCHEMES, CondensedRun, initial_state
 from cablepod.condensed._simulate import check_links
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR
 from cablepod.conventions import COORDINATES, ENDS
@@ -28,8 +30,13 @@ from cablepod.integrate._request import check_outputs, check_resolved, check_ste
 from cablepod.integrate._step_control import damped_growth
 from cablepod.parameters._parameters import Parameters
 from cablepod.reduced._validity import CHECKS, check_forcing, forcing_attributes
+from cablepod.wind._air import CableAir, air_of
 
 OUTPUTS = ("position", "tension", "end_force")
+#: Parameters that fix the air along the cable beside the tables of the wind.
+FIXING_AIR = (
+    "stiffness", "weight", "mass", "load", "length_value", "lower", "upper", "initial_ends", "diameter", "drag_coefficient",
+)  # fmt: skip
 #: Minimum number of positions of a path: second differences at both ends.
 MIN_PATH = 4
 
@@ -55,10 +62,19 @@ class PreparedRunner:
         Scene, modes and model that were prepared.
     step
         Step of the runs [s].
+    wind
+        Field of the wind in place of that of the scene; None without.
     """
 
-    def __init__(self, scene: xr.Dataset, modes: xr.Dataset, model: CondensedModel, step: float) -> None:
-        self.modes, self.model, self.step = modes, model, step
+    def __init__(
+        self,
+        scene: xr.Dataset,
+        modes: xr.Dataset,
+        model: CondensedModel,
+        step: float,
+        wind: xr.Dataset | None = None,
+    ) -> None:
+        self.modes, self.model, self.step, self.wind = modes, model, step, wind
         self.steps_per_second = 1.0 / step
         self.changed = ChangedModel(scene, model)
         self._instants: OutputTimes | None = None
@@ -79,12 +95,28 @@ class PreparedRunner:
         if path is not None:
             self._check_chords(path, variant)
         instants = self._output_times(times, variant.p, path)
-        if self.model.order == "leading":
+        cable_air, force = self._cable_air(variant.p, float(instants.times[-1])), None
+        air = None if cable_air is None else self._air(variant.model, cable_air, instants, path)
+        if self.model.order == "leading" and air is None:
             state, force = self._leading(variant, instants, "end_force" in outputs)
         else:
-            state, force = self._other(variant.model, instants), None
+            state = self._other(variant.model, instants, air)
         self._warn(variant, state)
-        return self._result(variant, state, force, outputs, chosen)
+        return self._result(variant, state, force, outputs, chosen, air)
+
+    def _cable_air(self, p: Parameters, end_time: float) -> CableAir | None:
+        """Return the air along the cable; that of the prepared scene, which is kept, unless what fixes it has changed."""
+        base = self.model.chain.p
+        same = all(np.array_equal(getattr(p, name), getattr(base, name)) for name in FIXING_AIR)
+        is_kept = same and p.wind is base.wind and p.turbulence is base.turbulence
+        return air_of(base if is_kept else p, end_time, self.wind)
+
+    def _air(
+        self, model: CondensedModel, air: CableAir, instants: OutputTimes, path: np.ndarray | None
+    ) -> CondensedAir:
+        """Return the air along the cable; with a given path of the end it is sampled at every step."""
+        longest = math.inf if path is None else self.step
+        return CondensedAir(model, air, float(instants.times[-1]), longest_interval=longest)
 
     def _warn(self, variant: Variant, state: CondensedTrajectory) -> None:
         """Warn of a cable that goes slack, of motions that the step does not resolve, and of waves along the cable."""
@@ -184,13 +216,14 @@ class PreparedRunner:
             self._other(variant.model, instants)  # once more, step by step, to say when and to keep what was computed
         return CondensedTrajectory(instants, saved, half, None, monitor, SCHEMES[0]), force if with_force else None
 
-    def _other(self, model: CondensedModel, instants: OutputTimes) -> CondensedTrajectory:
+    def _other(
+        self, model: CondensedModel, instants: OutputTimes, air: CondensedAir | None = None
+    ) -> CondensedTrajectory:
         """Run as :func:`cablepod.condensed.simulate` does."""
-        q, v = model.initial()
-        acceleration, _, tension = model.force(q, v, model.initial_boundary_data)
-        self._check_step(model.omega_max_squared(q, model.initial_boundary_data, tension))
-        start = InitialState(q, v, acceleration, tension)
-        return CondensedRun(model, instants.times, start, (), None, None, SCHEMES[0])(self.steps_per_second)
+        start = initial_state(model, air)
+        self._check_step(model.omega_max_squared(start.q, model.initial_boundary_data, start.chord_tension))
+        run = CondensedRun(model, instants.times, start, (), None, None, SCHEMES[0], air=air)
+        return run(self.steps_per_second)
 
     def _check_step(self, omega_squared: float) -> None:
         """Refuse a step above the stability limit at the start of a run."""
@@ -205,6 +238,7 @@ class PreparedRunner:
         force: np.ndarray | None,
         outputs: tuple[str, ...],
         links: np.ndarray | None,
+        air: CondensedAir | None,
     ) -> PreparedRun:
         """Collect the arrays of a run."""
         instants, q, times = state.instants, state.q, state.instants.times
@@ -215,6 +249,8 @@ class PreparedRunner:
         position = tension = None
         if "end_force" in outputs and (force is None or instants.needs_interpolation):
             force = end_forces(variant, q, times)
+            if air is not None:
+                force += end_forces_by_drag(variant, air, times, q, state.rates)
         if "position" in outputs:
             position = positions(variant.model, q, times)
         if "tension" in outputs:
@@ -257,6 +293,18 @@ def end_forces(variant: Variant, q: np.ndarray, times: np.ndarray) -> np.ndarray
             ends, force,
         )  # fmt: skip
     return force
+
+
+def end_forces_by_drag(
+    variant: Variant, air: CondensedAir, times: np.ndarray, q: np.ndarray, rates: np.ndarray
+) -> np.ndarray:
+    """Return the part of the drag in the forces on the upper support (times, dims) [N], from its moments and accelerations."""
+    model, coefficients, ends = variant.model, variant.coefficients, variant.p.end_positions(times)
+    chord = ends[:, 1] - ends[:, 0]
+    drag = DragOfMotion.of(air, times, q, rates, np.sqrt(np.sum(chord**2, axis=1)) / model.chain.total_length)
+    accelerations = drag.on(air.shapes[2], model.n_in_plane) * coefficients.by_coordinate[layout.MOMENTS]
+    transverse = drag.moments - np.stack([accelerations[:, which].sum(axis=1) for which in model.sets], axis=1)
+    return np.einsum("tk,tkc->tc", transverse, ChordFrame.of(chord, model.reference).normals)
 
 
 def initial_rates(variant: Variant) -> np.ndarray:

@@ -99,7 +99,9 @@ def solve(
     p = model.chain.p
     times = request.instants(p)
     check_memory(times.size, model.chain.links, p.dims, key="times", variables=3)
-    state_at_start, air = _start(model, float(times[-1]), request.wind)
+    cable_air = air_of(p, float(times[-1]), request.wind)
+    air = None if cable_air is None else CondensedAir(model, cable_air, float(times[-1]))
+    state_at_start = initial_state(model, air)
     omega_squared = model.omega_max_squared(state_at_start.q, model.initial_boundary_data, state_at_start.chord_tension)
     limit = 2.0 / math.sqrt(omega_squared)
     scheme, step = request.scheme, request.step
@@ -148,16 +150,14 @@ def solve(
     return CondensedResult(run, state, steps_per_second, limit, time_error, tolerance, error)
 
 
-def _start(model: CondensedModel, end_time: float, wind: xr.Dataset | None) -> tuple[InitialState, CondensedAir | None]:
-    """Return the initial state, and the air along the cable until `end_time` [s]; None for still air."""
-    cable_air = air_of(model.chain.p, end_time, wind)
-    if cable_air is None:
+def initial_state(model: CondensedModel, air: CondensedAir | None) -> InitialState:
+    """Return the initial state, with the drag of the air along the cable; None for still air."""
+    if air is None:
         acceleration, chord_tension, _ = model.initial_forces
-        return InitialState(*model.initial(), acceleration, chord_tension), None
-    air = CondensedAir(model, cable_air, end_time)
+        return InitialState(*model.initial(), acceleration, chord_tension)
     q, rates = air.initial()
     acceleration, _, chord_tension = model.force(q, rates, model.initial_boundary_data)
-    return InitialState(q, rates, acceleration + air.acceleration(q, rates), chord_tension), air
+    return InitialState(q, rates, acceleration + air.acceleration(q, rates), chord_tension)
 
 
 def _scheme_of(

@@ -80,9 +80,10 @@ def check_numbers(p: Parameters) -> None:
     """
     p.check_reach(p.duration or 0.0)
     check_limits(p)
-    if p.turbulence is not None and "record" in p.turbulence:
-        from cablepod.scene._wind_field import check_wind_record
+    if p.wind is not None:
+        from cablepod.scene._wind_field import check_above_ground, check_wind_record  # needed by wind only
 
+        check_above_ground(p)
         check_wind_record(p)
     instants = 1 if p.duration is None or p.interval is None else count_instants(p.duration, p.interval)
     check_memory(instants, p.links or 1, p.dims, key="chain.links and time.interval")
@@ -96,7 +97,10 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     scene.attrs["stage"] = "scene"
     if "ensemble" in tree:
         scene.attrs["ensemble_json"] = provenance.Abridged(json.dumps(tree["ensemble"], sort_keys=True))
-    provenance.stamp_values(provenance.record(scene, function="make_scene", parameters={"scene": tree}))
+    identity = {"scene": _without_places(tree)}
+    provenance.stamp_values(
+        provenance.record(scene, function="make_scene", parameters={"scene": tree}, identity=identity)
+    )
     p = parameters(scene)
     try:
         check_numbers(p)
@@ -106,6 +110,15 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     if "ensemble" in tree:
         _check_bounds(nested(mapping), tree, folder)
     return scene
+
+
+def _without_places(tree: dict[str, Any]) -> dict[str, Any]:
+    """Return a checked scene without the place of its record of wind, which its content hash identifies."""
+    turbulence = tree.get("wind", {}).get("turbulence", {})
+    if "record" not in turbulence:
+        return tree
+    kept = {name: value for name, value in turbulence.items() if name != "record"}
+    return {**tree, "wind": {**tree["wind"], "turbulence": kept}}
 
 
 def _check_bounds(mapping: Mapping[str, Any], tree: Mapping[str, Any], folder: Path) -> None:

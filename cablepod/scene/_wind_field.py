@@ -23,6 +23,8 @@ RECORD = "wind.turbulence.record"
 LARGEST_FIELD = 2**30
 #: Largest distance of a point of a field from the cable at rest, over the chord.
 MAX_DISTANCE = 0.1
+#: Number of points at which the height of the cable above the ground is checked.
+GROUND_POINTS = 401
 #: Largest interval of a field over the median one.
 MAX_GAP = 10.0
 WHAT = "record, a netCDF file with wind (time, point, component)"
@@ -65,6 +67,17 @@ def check_wind_record(p: Parameters) -> None:
     """
     if p.turbulence is not None and "record" in p.turbulence:
         checked_field(p, p.duration or 0.0, field_of_record(p.turbulence), key_of_record(p))
+
+
+def check_above_ground(p: Parameters, position: np.ndarray | None = None) -> None:
+    """Refuse a scene with wind whose cable at rest in still air, at positions (points, dims) [m], lies below the ground."""
+    if p.wind is None:
+        return
+    if position is None:
+        position = _rest_of_member(p, GROUND_POINTS)[0]
+    ground, lowest = float(p.wind["ground"]), float(position[:, 1].min())
+    if lowest < ground - 1e-9 * float(np.abs(position).max()):
+        raise scene_error("wind.ground", ground, f"at most the lowest point of the cable at rest, {lowest:g} m")
 
 
 def key_of_record(p: Parameters) -> str:

@@ -41,7 +41,7 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
         Seed of the turbulence, instead of the scene's.
     points
         Positions (points, coordinates) [m]; by default 41 points along the cable at rest in still air, at equal intervals of
-        the unstretched arc length.
+        the unstretched arc length, and a few more where the profile of the mean wind bends.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
     ... )
     >>> wind = cp.wind.field(scene)
     >>> wind.wind.dims, wind.sizes["point"], round(float(wind.wind.isel(point=-1).std()), 1) > 1.0
-    (('time', 'point', 'component'), 41, True)
+    (('time', 'point', 'component'), 47, True)
     """
     p: Any = SceneContent.of(scene).parameters()
     if p.wind is None:

@@ -1,0 +1,81 @@
+"""The condensed model's default step and error estimate in wind."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import spearmanr
+
+import cablepod as cp
+
+SPECTRA = (
+    {"spectrum": "kaimal"},
+    {"spectrum": "davenport"},
+    {"spectrum": "von_karman", "intensity": 0.15, "length_scale": 80.0},
+    None,
+)
+
+
+def guy(number):
+    """Make a guy in gusts, or in a wind that rises while its upper end swings, by chance."""
+    rng = np.random.default_rng([7, number])
+    dims, gusts = 3 if number % 3 else 2, SPECTRA[number % 4]
+    angle = rng.uniform(0.0, math.pi)
+    wind = {
+        "speed": rng.uniform(8.0, 35.0),
+        "direction": [math.cos(angle), 0.0, math.sin(angle)] if dims == 3 else [1.0, 0.0],
+    }
+    tables = {
+        "cable": {
+            "youngs_modulus": 1.6e11,
+            "area": 1.25e-4,
+            "density": 8000.0,
+            "top_tension": 10.0 ** rng.uniform(3.75, 4.6),
+            "diameter": 0.016,
+        },
+        "ends": {"lower": [0.0] * dims, "upper": [rng.uniform(10.0, 80.0), rng.uniform(15.0, 90.0), 0.0][:dims]},
+        "chain": {"links": 40},
+        "time": {"duration": 40.0, "interval": 0.1},
+        "wind": {**wind, "turbulence": {**gusts, "seed": number}} if gusts else {**wind, "ramp": 2.0},
+    }
+    if number % 2:
+        tables["damping"] = {"mass_proportional": 0.05}
+    if not gusts:
+        swing = {"kind": "harmonic", "amplitude": 0.05, "angular_frequency": rng.uniform(1.0, 6.0), "ramp": 1.0}
+        tables["motion"] = {"upper": {"x": swing}}
+    return cp.make_scene(tables), 2 + number % 5
+
+
+def rms(position, other):
+    """Return the largest rms distance along the cable."""
+    weights = np.full(position.shape[1], 1.0 / 40.0)
+    weights[[0, -1]] /= 2.0
+    return math.sqrt((((position - other) ** 2).sum(axis=2) @ weights).max())
+
+
+def test_the_estimate_counts_the_gusts():
+    scene, rank = guy(4)
+    run = cp.condensed.simulate(scene, cp.condensed.vibration_modes(scene, rank=rank))
+    chain = cp.chain.simulate(scene, step=1.5e-4, outputs=("position",)).position.values
+    error = rms(run.position.values, chain) / rms(chain, chain[:1])
+    assert 0.4 * error < run.attrs["error_estimate"] < 2.5 * error
+    assert run.attrs["step"] <= 0.0125  # half of the interval at which the gusts are interpolated
+    assert run.attrs["time_error_estimate"] < 0.2 * run.attrs["error_estimate"]
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::cablepod.errors.OutOfRangeWarning")
+@pytest.mark.filterwarnings("ignore::cablepod.errors.UnusualSceneWarning")
+def test_estimates_of_many_guys_in_wind_against_their_chains():
+    estimates, errors = [], []
+    for number in range(32):
+        scene, rank = guy(number)
+        run = cp.condensed.simulate(scene, cp.condensed.vibration_modes(scene, rank=rank))
+        chain = cp.chain.simulate(scene, step=1.5e-4, outputs=("position",)).position.values
+        errors.append(rms(run.position.values, chain) / rms(chain, chain[:1]))
+        estimates.append(run.attrs["error_estimate"])
+    ratio = np.array(estimates) / np.array(errors)
+    assert spearmanr(estimates, errors)[0] > 0.95
+    assert ((ratio > 0.2) & (ratio < 5.0)).all()
