@@ -13,10 +13,9 @@ from cablepod.discretisation._chain import LumpedChain
 from cablepod.wind._air import CableAir, refined
 
 #: Maximum number of explicit steps from one evaluation of the drag to the next.
-MAX_HOLD = 8
-#: Maximum time of these steps over the shortest transverse period at the start (a fifth of it leaves room for a tension four
-#: times as large).
-HOLD_OVER_PERIOD = 0.1
+MAX_HOLD = 16
+#: Maximum time of these steps over the shortest transverse period at the start: a fifth of it for a tension twice as large.
+HOLD_OVER_PERIOD = 0.14
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,10 +18,14 @@ import numpy as np
 from cablepod._jit import compiled
 from cablepod.chain._kernels_layout import (
     BASE_X,
+    BASE_Y,
+    BASE_Z,
     BX,
     BY,
     BZ,
     DRAG_X,
+    DRAG_Y,
+    DRAG_Z,
     FX,
     FY,
     FZ,
@@ -33,6 +37,9 @@ from cablepod.chain._kernels_layout import (
     LOAD_Y,
     LOAD_Z,
     LOW,
+    OLD_DRAG_X,
+    OLD_DRAG_Y,
+    OLD_DRAG_Z,
     PER_MASS,
     ROWS,
     STEADY_X,
@@ -52,6 +59,9 @@ from cablepod.chain._kernels_layout import (
     Y,
     Z,
 )
+
+#: Weights of Adams and Bashforth for the last three evaluations of the drag.
+NOW, BEFORE, OLD = 23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0
 
 
 def new_states(chains, links):
@@ -181,27 +191,45 @@ def _drag_increments(s, links, drag, spatial):
 
 
 @compiled(inline="always")
+def _relative_velocity(s, u, v, links, before, after, share):
+    """Fill a row of relative velocities of the air from two samples of the wind (n + 1,) and the row of velocities."""
+    for j in range(links + 1):
+        s[u, j] = before[j] + share * (after[j] - before[j]) - s[v, j]
+
+
+@compiled(inline="always")
+def _extrapolate_drag(s, u, drag, old_drag, base, target, links, is_first):
+    """Fill a row of velocity increments by loads and drag until the next evaluation, and keep this evaluation in `drag`."""
+    if is_first:
+        for j in range(links + 1):
+            s[drag, j] = s[u, j]
+            s[old_drag, j] = s[u, j]
+    for j in range(links + 1):
+        now, before = s[u, j], s[drag, j]
+        s[target, j] = s[base, j] + NOW * now + BEFORE * before + OLD * s[old_drag, j]
+        s[drag, j] = now
+        s[old_drag, j] = before
+
+
+@compiled(inline="always")
 def _apply_drag(s, links, wind, place, drag, step, target, is_first, spatial):
     """Compute the drag half a step before from the wind (samples, dims, n + 1) [m/s] at a place between its samples.
 
-    The increments of two evaluations are extrapolated by 3/2 and -1/2 to the middle of the steps until the next one.
+    The increments of three evaluations are extrapolated to their mean over the steps until the next one.
     """
     place = min(max(place, 0.0), wind.shape[0] - 1.0)
     sample = min(int(place), wind.shape[0] - 2)
     share = place - sample
-    for c in range(wind.shape[1]):
-        for j in range(links + 1):
-            s[UX + c, j] = wind[sample, c, j] + share * (wind[sample + 1, c, j] - wind[sample, c, j]) - s[VX + c, j]
+    _relative_velocity(s, UX, VX, links, wind[sample, 0], wind[sample + 1, 0], share)
+    _relative_velocity(s, UY, VY, links, wind[sample, 1], wind[sample + 1, 1], share)
+    if spatial is not None:
+        _relative_velocity(s, UZ, VZ, links, wind[sample, 2], wind[sample + 1, 2], share)
     _tangents(s, links, 0.5 * step, spatial)
     _drag_increments(s, links, drag, spatial)
-    if is_first:
-        for c in range(wind.shape[1]):
-            for j in range(links + 1):
-                s[DRAG_X + c, j] = s[UX + c, j]
-    for c in range(wind.shape[1]):
-        for j in range(links + 1):
-            s[target + c, j] = s[BASE_X + c, j] + 1.5 * s[UX + c, j] - 0.5 * s[DRAG_X + c, j]
-            s[DRAG_X + c, j] = s[UX + c, j]
+    _extrapolate_drag(s, UX, DRAG_X, OLD_DRAG_X, BASE_X, target, links, is_first)
+    _extrapolate_drag(s, UY, DRAG_Y, OLD_DRAG_Y, BASE_Y, target + 1, links, is_first)
+    if spatial is not None:
+        _extrapolate_drag(s, UZ, DRAG_Z, OLD_DRAG_Z, BASE_Z, target + 2, links, is_first)
 
 
 @compiled(inline="always")
