@@ -494,7 +494,7 @@ def contents(result: Any) -> Any:
     if hasattr(result, "coefficients"):
         return [
             result.state.tobytes(),
-            *(array.tobytes() for array in result.coefficients),
+            *(array.tobytes() for array in result.coefficients if isinstance(array, np.ndarray)),
             result.run().amplitude.tobytes(),
         ]
     return result

@@ -115,7 +115,7 @@ def equilibrium_in_wind(mesh: SpectralMesh, air: MeshAir) -> np.ndarray:
             break
         if np.abs(position - before).max() <= DRAG_RTOL * mesh.total_length:
             return position
-    raise chain_start.no_rest_in_wind()
+    chain_start.refuse_rest_in_wind()
 
 
 def equilibrium_with_error(mesh: SpectralMesh) -> tuple[np.ndarray, float]:

@@ -5,6 +5,33 @@ from __future__ import annotations
 import math
 
 from cablepod._jit import compiled
+from cablepod.chain._kernels_layout import (
+    BASE_X,
+    BASE_Y,
+    BASE_Z,
+    DRAG_X,
+    DRAG_Y,
+    DRAG_Z,
+    OLD_DRAG_X,
+    OLD_DRAG_Y,
+    OLD_DRAG_Z,
+    PER_MASS,
+    TX,
+    TY,
+    TZ,
+    UX,
+    UY,
+    UZ,
+    VX,
+    VY,
+    VZ,
+    X,
+    Y,
+    Z,
+)
+
+#: Weights of Adams and Bashforth for the last three evaluations of the drag.
+NOW, BEFORE, OLD = 23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0
 
 
 @compiled
@@ -48,3 +75,87 @@ def drag_forces(x, v, wind, place, drag, first, last, force, damping):
         damping[p] = 0.5 * drag * math.sqrt(square * speed_squared)
         for c in range(dims):
             force[c, p] *= damping[p]
+
+
+# --- explicit steps -----------------------------------------------------------------------------------------------------
+
+
+@compiled(inline="always")
+def _tangents(s, links, back, spatial):
+    """Compute the vectors from the neighbour below to that above each particle, half a step before."""
+    for j in range(links - 1):
+        s[TX, j + 1] = s[X, j + 2] - s[X, j] - back * (s[VX, j + 2] - s[VX, j])
+        s[TY, j + 1] = s[Y, j + 2] - s[Y, j] - back * (s[VY, j + 2] - s[VY, j])
+        if spatial is not None:
+            s[TZ, j + 1] = s[Z, j + 2] - s[Z, j] - back * (s[VZ, j + 2] - s[VZ, j])
+    for end, below in ((0, 0), (links, links - 1)):
+        s[TX, end] = s[X, below + 1] - s[X, below] - back * (s[VX, below + 1] - s[VX, below])
+        s[TY, end] = s[Y, below + 1] - s[Y, below] - back * (s[VY, below + 1] - s[VY, below])
+        if spatial is not None:
+            s[TZ, end] = s[Z, below + 1] - s[Z, below] - back * (s[VZ, below + 1] - s[VZ, below])
+
+
+@compiled(inline="always")
+def _drag_increments(s, links, drag, spatial):
+    """Turn U from the relative velocity of the air into the velocity increments by drag: c |t| |u_n| u_n / 2 per mass."""
+    for j in range(links + 1):
+        tx, ty, ux, uy = s[TX, j], s[TY, j], s[UX, j], s[UY, j]
+        square, along = tx * tx + ty * ty, ux * tx + uy * ty
+        if spatial is not None:
+            tz, uz = s[TZ, j], s[UZ, j]
+            square += tz * tz
+            along += uz * tz
+        along /= square
+        ux -= along * tx
+        uy -= along * ty
+        speed_squared = ux * ux + uy * uy
+        if spatial is not None:
+            uz -= along * tz
+            speed_squared += uz * uz
+        factor = 0.5 * drag * s[PER_MASS, j] * math.sqrt(square * speed_squared)
+        s[UX, j] = factor * ux
+        s[UY, j] = factor * uy
+        if spatial is not None:
+            s[UZ, j] = factor * uz
+
+
+@compiled(inline="always")
+def _relative_velocity(s, u, v, links, before, after, share):
+    """Fill a row of relative velocities of the air from two samples of the wind (n + 1,) and the row of velocities."""
+    for j in range(links + 1):
+        s[u, j] = before[j] + share * (after[j] - before[j]) - s[v, j]
+
+
+@compiled(inline="always")
+def _extrapolate_drag(s, u, drag, old_drag, base, target, links, is_first):
+    """Fill a row of velocity increments by loads and drag until the next evaluation, and keep this evaluation in `drag`."""
+    if is_first:
+        for j in range(links + 1):
+            s[drag, j] = s[u, j]
+            s[old_drag, j] = s[u, j]
+    for j in range(links + 1):
+        now, before = s[u, j], s[drag, j]
+        s[target, j] = s[base, j] + NOW * now + BEFORE * before + OLD * s[old_drag, j]
+        s[drag, j] = now
+        s[old_drag, j] = before
+
+
+@compiled(inline="always")
+def _apply_drag(s, links, wind, place, drag, step, target, is_first, spatial):
+    """Compute the drag half a step before from the wind (samples, dims, n + 1) [m/s] at a place between its samples.
+
+    The increments of three evaluations are extrapolated to their mean over the steps until the next one.
+    """
+    place = min(max(place, 0.0), wind.shape[0] - 1.0)
+    sample = min(int(place), wind.shape[0] - 2)
+    share = place - sample
+    _relative_velocity(s, UX, VX, links, wind[sample, 0], wind[sample + 1, 0], share)
+    _relative_velocity(s, UY, VY, links, wind[sample, 1], wind[sample + 1, 1], share)
+    if spatial is not None:
+        _relative_velocity(s, UZ, VZ, links, wind[sample, 2], wind[sample + 1, 2], share)
+    _tangents(s, links, 0.5 * step, spatial)
+    _drag_increments(s, links, drag, spatial)
+    _extrapolate_drag(s, UX, DRAG_X, OLD_DRAG_X, BASE_X, target, links, is_first)
+    _extrapolate_drag(s, UY, DRAG_Y, OLD_DRAG_Y, BASE_Y, target + 1, links, is_first)
+    if spatial is not None:
+        _extrapolate_drag(s, UZ, DRAG_Z, OLD_DRAG_Z, BASE_Z, target + 2, links, is_first)

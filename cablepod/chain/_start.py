@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
@@ -28,12 +28,12 @@ def rest_shape(chain: LumpedChain, air: ChainAir | None = None) -> tuple[np.ndar
         position, tension = _rest_under(chain, air.at_rest(position))
         if np.abs(position - before).max() <= DRAG_RTOL * chain.total_length:
             return position, tension
-    raise no_rest_in_wind()
+    refuse_rest_in_wind()
 
 
-def no_rest_in_wind() -> SceneError:
-    """Return the error of a wind in which drag and shape do not settle."""
-    return SceneError(
+def refuse_rest_in_wind() -> NoReturn:
+    """Refuse a wind in which drag and shape do not settle."""
+    raise SceneError(
         "wind: no rest found in this wind; allowed: a wind that the cable withstands, or wind.ramp above 0"
     )
 

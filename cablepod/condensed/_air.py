@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.chain._start import no_rest_in_wind
+from cablepod.chain._start import refuse_rest_in_wind
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.wind._air import CableAir, refined
@@ -170,4 +170,4 @@ class CondensedAir:
                 break
         else:
             return q, rates
-        raise no_rest_in_wind()
+        refuse_rest_in_wind()
