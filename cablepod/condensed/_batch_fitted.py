@@ -31,7 +31,7 @@ from cablepod.condensed._runs import (
 )
 from cablepod.condensed._stepper import FOURTH_ORDER
 from cablepod.discretisation._chord_frame import MAX_COSINE
-from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._output_times import OutputTimes, judged_instants, with_judged
 from cablepod.integrate._step_control import FIRST_MARGIN, MAX_WORK, STEPS_PER_CHANGE
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._parameters import Parameters
@@ -106,12 +106,13 @@ class FittedBatch(MemberCoefficients):
         keys = np.stack([choice.steps_per_second, choice.sample_intervals], axis=1)
         for rate, interval in np.unique(keys[self.active & (choice.steps_per_second > 0.0)], axis=0).tolist():
             group = np.flatnonzero(self.active & (keys == (rate, interval)).all(axis=1))
-            fine = OutputTimes.of(self.plan.times, 2.0 * rate).with_multiples(int(interval))
+            compared = with_judged(self.plan.times, judged_instants(self.plan.times, rate))
+            fine = OutputTimes.of(compared, 2.0 * rate).with_multiples(int(interval))
             numbers = 8 * fine.steps.size * (3 * q.shape[1] + 1 + self.load_rows)
             most = max(VECTOR, MAX_SAVED // numbers // VECTOR * VECTOR)
             for begin in range(0, group.size, most):
                 part = group[begin : begin + most]
-                done = self._run_group(lanes, part, OutputTimes.of(self.plan.times, rate), fine, int(interval), targets)
+                done = self._run_group(lanes, part, OutputTimes.of(compared, rate), fine, int(interval), targets)
                 self._set_attributes(attributes, part, done, fine)
                 completed[part] = done.completed
         result["unstretched_length"] = (), self.total
@@ -187,6 +188,8 @@ class FittedBatch(MemberCoefficients):
         distance = np.sqrt((gap * gap).sum(axis=2).max(axis=1) / mass) / scale
         time_error = distance / (2.0**FOURTH_ORDER_AT_FIRST - 1.0) * FIRST_MARGIN
         tolerance = np.clip(TIME_ERROR_SHARE * error, MIN_TOLERANCE, MAX_TOLERANCE)
+        if q.shape[1] > self.plan.times.size:  # also compared between the output times
+            q = q[:, np.isin(fine.times, self.plan.times)]
         completed = stable & second.completed & (time_error <= tolerance)
         for name, which, bases in zip(pod_normal.SETS, unit.sets, self.scaled.bases, strict=False):
             turned = q[:, :, which] @ np.swapaxes(bases[part], 1, 2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -44,6 +44,14 @@ class CondensedTrajectory:
         if not self.instants.needs_interpolation:
             return self.saved[self.instants.left]
         return self.instants.at_times(self.saved, self.saved_rates, self.saved_accelerations)
+
+    def only(self, times: np.ndarray) -> CondensedTrajectory:
+        """Return the trajectory at some of its instants [s]."""
+        if times.size == self.instants.times.size:
+            return self
+        rows = np.isin(self.instants.times, times)
+        tension = None if self.tension is None else self.tension[rows]
+        return replace(self, instants=self.instants.only(times), tension=tension)
 
     @property
     def saved_rates(self) -> np.ndarray:

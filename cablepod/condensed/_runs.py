@@ -22,6 +22,7 @@ from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import scene_error
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import stop
+from cablepod.integrate._output_times import judged_instants
 from cablepod.integrate._peaks import PeakSearch, Watch, peak_times
 from cablepod.integrate._request import Request, check_resolved, check_step
 from cablepod.integrate._step_control import (
@@ -131,9 +132,11 @@ def solve(
         )
     of_wind = math.inf if air is None else 0.5 / air.air.samples_per_second
     first_step = min(_unforced_step(run, omega_squared), p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
-    steps_per_second = preferred_steps_per_second(1.0 / first_step)
+    steps_per_second = (whole_steps_per_second if fits else preferred_steps_per_second)(1.0 / first_step)
+    if (judged := judged_instants(times, steps_per_second)) is not None:
+        run = replace(run, judged=judged)
     if fits:
-        return _fitted(run, whole_steps_per_second(steps_per_second), limit)
+        return _fitted(run, steps_per_second, limit)
     chord = float(np.linalg.norm(p.upper - p.lower))
     initial = positions(model, start.q[None], np.zeros(1))[0]
 
@@ -143,7 +146,10 @@ def solve(
     def motion(state: CondensedTrajectory) -> float:
         return motion_scale(position(state), initial, chord)
 
-    runs = ComparableRuns(run, position, motion, steps_per_second, end_time, model.chain.links, order=run.order)
+    runs = ComparableRuns(
+        run, position, motion, steps_per_second, end_time, model.chain.links, order=run.order,
+        finish=lambda state: state.only(times),
+    )  # fmt: skip
     tolerance = request.tolerance if request.given_tolerance is not None else DEFAULT_TOLERANCE
     state, steps_per_second, time_error = refine_step(runs, tolerance)
     error = run.model_error(state) if estimates else np.nan
@@ -212,7 +218,7 @@ def _fitted(run: CondensedRun, steps_per_second: float, limit: float) -> Condens
 
     runs = ComparableRuns(
         integrate, lambda state: state.q[:, None] / root_mass, lambda _: scale, steps_per_second, end_time, model.chain.links,
-        order=run.order, first_order=FOURTH_ORDER_AT_FIRST,
+        order=run.order, first_order=FOURTH_ORDER_AT_FIRST, finish=lambda state: state.only(run.times),
     )  # fmt: skip
     state, steps_per_second, time_error, tolerance = fit_step(runs, tolerance_of, by_second=True)
     return CondensedResult(run, state, steps_per_second, limit, time_error, tolerance, error)
@@ -266,6 +272,8 @@ class CondensedRun:
     window: tuple[float, float] | None = None
     #: Air along the cable; None for still air
     air: CondensedAir | None = None
+    #: Further instants at which runs are compared [s]; None without
+    judged: np.ndarray | None = None
 
     @property
     def explicit(self) -> bool:
@@ -370,7 +378,7 @@ class CondensedRun:
 
     def _stop(self, state: CondensedTrajectory, time: float, why: str) -> NoReturn:
         """Raise :class:`cablepod.errors.RunStopped` with the result at the instants before `time` [s]."""
-        instants, partial = state.instants.before_time(time), None
+        instants, partial = state.only(self.times).instants.before_time(time), None
         if instants is not None:
             rows = np.searchsorted(state.instants.steps, instants.steps)
             saved, half_step_rates = state.saved[rows], state.half_step_rates[rows]

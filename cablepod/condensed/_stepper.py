@@ -10,7 +10,7 @@ import numpy as np
 from cablepod.condensed._fields import CondensedTrajectory
 from cablepod.condensed._kernels_layout import initial_monitor
 from cablepod.integrate._means import with_steps_of_means
-from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._output_times import OutputTimes, with_judged
 from cablepod.integrate._step_control import damped_growth
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class CondensedStepper:
     def __init__(self, run: CondensedRun, steps_per_second: float) -> None:
         model, self.run = run.model, run
         self.steps_per_second, self.step = steps_per_second, 1.0 / steps_per_second
-        self.instants = OutputTimes.of(run.times, steps_per_second)
+        self.instants = OutputTimes.of(with_judged(run.times, run.judged), steps_per_second)
         #: Steps to take; an explicit run takes one more, for the rates half a step after the last instant.
         self.total = int(self.instants.steps[-1]) + (1 if run.explicit else 0)
         self.sample_interval = run.sample_interval(steps_per_second)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,7 +23,7 @@ from cablepod.integrate._output import (
     trajectory_attributes,
     trajectory_variables,
 )
-from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._output_times import OutputTimes, with_judged
 from cablepod.integrate._step_control import motion_scale
 from cablepod.integrate._window import steps_within, window_attributes
 
@@ -108,6 +108,13 @@ class GalerkinTrajectory:
         """Largest violation of the energy balance at the saved steps, over the largest energy exchanged."""
         _, v, _, energy = self._saved
         return _energy_defect(v, energy, float(self.record.run.initial_energy))
+
+    def at_output_times(self) -> GalerkinTrajectory:
+        """Return the trajectory at the output times, without the instants at which runs are compared."""
+        run = self.record.run
+        if run.judged is None:
+            return self
+        return replace(self, instants=OutputTimes.of(run.times, self.instants.steps_per_second))
 
     @cached_property
     def samples(self) -> Samples | None:
@@ -230,10 +237,12 @@ class GalerkinRun:
     sampled: bool = False  #: whether runs have samples
     #: Part of the run over which extremes and means are taken [s]; None for all
     window: tuple[float, float] | None = None
+    #: Further instants at which runs are compared [s]; None without
+    judged: np.ndarray | None = None
 
     def __call__(self, steps_per_second: float, *, sampled: bool | None = None) -> GalerkinTrajectory:
         """Integrate the equations of motion with a given number of steps per second; `sampled` overrides the attribute."""
-        instants = OutputTimes.of(self.times, steps_per_second)
+        instants = OutputTimes.of(with_judged(self.times, self.judged), steps_per_second)
         sampled = self.sampled if sampled is None else sampled
         record = RunRecord(self, instants, self.sample_interval(steps_per_second) if sampled else 0)
         advance, state, total = self._stepper(record)
@@ -329,7 +338,8 @@ class GalerkinRun:
 
     def _stop(self, record: RunRecord, failed_step: int, diagnostics: dict[str, Any]) -> None:
         """Raise RunStopped with the output before the failed step."""
-        instants, steps_per_second = record.instants, record.instants.steps_per_second
+        instants = OutputTimes.of(self.times, record.instants.steps_per_second)
+        steps_per_second = instants.steps_per_second
         time, completed, partial = failed_step / steps_per_second, instants.before_step(failed_step), None
         # the state at the failed step is finite, but the second rate of an explicit step may not be
         if completed is not None:
@@ -375,7 +385,7 @@ class GalerkinRun:
             "velocity": lambda: model.velocities(trajectory.rates, time),
         }
         variables |= trajectory_variables(self.outputs, trajectory.extremes, values)
-        if wants_means(self.outputs) and trajectory.instants is trajectory.record.instants:
+        if wants_means(self.outputs) and trajectory.instants.times.size == self.times.size:
             variables |= mean_variables(self.outputs, trajectory.means)
         if trajectory.extremes is not None:
             (_, least), (_, largest) = trajectory.record.peaks

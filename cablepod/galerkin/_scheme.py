@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cablepod.errors import RunStopped
 from cablepod.galerkin._implicit import ImplicitGalerkinRun
 from cablepod.galerkin._runs import GalerkinRun, GalerkinTrajectory
+from cablepod.integrate._output_times import judged_instants
 from cablepod.integrate._request import REDUCED_TOLERANCE, Request
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
@@ -94,12 +95,13 @@ def _fit_to_model(
     The second run tells the error of the model, as the first may resolve the motion too badly.  The run that meets a tenth of it
     tells it again, and steps are shortened until that holds for its own estimate.
     """
+    compared: Any = _comparable_runs(run, limit)
     done: dict[float, GalerkinTrajectory] = {}
     errors: dict[float, float] = {}
 
     def kept(steps_per_second: float) -> GalerkinTrajectory:
         if steps_per_second not in done:
-            done[steps_per_second] = run(steps_per_second, sampled=bool(done))
+            done[steps_per_second] = compared.run(steps_per_second, sampled=bool(done))
         return done[steps_per_second]
 
     def tolerance(rate: float) -> float:
@@ -107,7 +109,7 @@ def _fit_to_model(
         # without an estimate any run will do, as it is not used
         return math.inf if math.isnan(errors[rate]) else max(TIME_ERROR_SHARE * errors[rate], REDUCED_TOLERANCE)
 
-    runs = replace(_comparable_runs(run, limit), run=kept)
+    runs = replace(compared, run=kept)
 
     def refined(rate: float, expected: float) -> tuple[GalerkinTrajectory, float, float, float]:
         return fit_step(replace(runs, steps_per_second=rate), lambda _: expected)
@@ -171,7 +173,7 @@ def _comparable_runs(run: GalerkinRun, limit: float) -> ComparableRuns:
         # only the linear law has a kink at stretch 1
         if model.law != "linear":
             return False
-        return bool((model.chain.stretch(model.positions(trajectory.q, run.times)) < 1.0).any())
+        return bool((model.chain.stretch(model.positions(trajectory.q, trajectory.instants.times)) < 1.0).any())
 
     step = 0.8 * limit
     if isinstance(run, ImplicitGalerkinRun):
@@ -182,4 +184,9 @@ def _comparable_runs(run: GalerkinRun, limit: float) -> ComparableRuns:
         lowest = math.sqrt(squared[squared > 0.0].min(initial=4.0 / limit**2))
         step = max(FIRST_PHASE / (lowest * math.sqrt(model.modes_per_coordinate)), step)
     steps_per_second = preferred_steps_per_second(1.0 / min(step, p.shortest_time_scale / STEPS_PER_CHANGE))
-    return ComparableRuns(run, positions, motion, steps_per_second, float(run.times[-1]), model.chain.links, slackened)
+    if (judged := judged_instants(run.times, steps_per_second)) is not None:
+        run = replace(run, judged=judged)
+    return ComparableRuns(
+        run, positions, motion, steps_per_second, float(run.times[-1]), model.chain.links, slackened,
+        finish=GalerkinTrajectory.at_output_times,
+    )  # fmt: skip

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +12,8 @@ from cablepod.errors import scene_error
 
 #: Maximum number of steps: doubles count them exactly up to here.
 MAX_STEPS = 2.0**53
+#: Instants of a run at which runs are compared where the output times leave gaps.
+JUDGED_INSTANTS = 64
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,11 @@ class OutputTimes:
         """Return the same output times with `steps`, those to save now among them, as the steps to save."""
         left = np.searchsorted(steps, self.steps)[self.left]
         return OutputTimes(self.times, self.steps_per_second, steps, left, self.fraction)
+
+    def only(self, times: np.ndarray) -> OutputTimes:
+        """Return some of the output times [s], with the same steps to save."""
+        rows = np.isin(self.times, times)
+        return replace(self, times=self.times[rows], left=self.left[rows], fraction=self.fraction[rows])
 
     def before_step(self, done: int) -> OutputTimes | None:
         """Return the output times up to step `done` - 1, None if there are none.
@@ -121,3 +129,30 @@ class OutputTimes:
             - s**2 * (1 - s) / self.steps_per_second * a[after]
         )
         return result
+
+
+def judged_instants(times: np.ndarray, steps_per_second: float) -> np.ndarray | None:
+    """Return instants in the gaps of output times [s], at which two runs are compared too; None without such gaps.
+
+    At a few instants two runs may agree by luck.  The instants are round multiples of the step, so that all runs step on them and
+    nothing is interpolated.
+    """
+    end_time = float(times[-1])
+    gap = end_time / JUDGED_INSTANTS
+    if times.size >= JUDGED_INSTANTS and times[0] <= gap and (times[1:] - times[:-1]).max() <= gap:
+        return None
+    unit = 100.0 / 10.0 ** math.floor(math.log10(steps_per_second))
+    if end_time < JUDGED_INSTANTS * unit:
+        unit = 1.0 / steps_per_second
+    own = np.unique(np.rint(np.arange(1, JUDGED_INSTANTS) * gap / unit)) * unit
+    asked = np.concatenate([[0.0], times])
+    right = np.searchsorted(asked, own)
+    own = own[(right > 0) & (right < asked.size)]
+    right = np.searchsorted(asked, own)
+    own = own[np.minimum(own - asked[right - 1], asked[right] - own) > 0.5 * gap]
+    return own if own.size else None
+
+
+def with_judged(times: np.ndarray, judged: np.ndarray | None) -> np.ndarray:
+    """Return output times with further instants at which runs are compared [s], rising."""
+    return times if judged is None else np.union1d(times, judged)

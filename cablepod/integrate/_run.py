@@ -28,13 +28,11 @@ from cablepod.integrate._output import (
     trajectory_attributes,
     trajectory_variables,
 )
-from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._output_times import OutputTimes, judged_instants, with_judged
 from cablepod.integrate._peaks import PeakSearch, Watch
 from cablepod.integrate._step_control import ComparableRuns, motion_scale, preferred_steps_per_second
 from cablepod.integrate._window import ExtremesWindow, window_attributes
 
-#: Instants of a run at which runs are compared where the output times leave gaps.
-JUDGED_INSTANTS = 64
 #: Rounding error of a link's stretch over its coordinates in links.
 ROUNDING = 16.0 * float(np.finfo(float).eps)
 
@@ -110,7 +108,7 @@ class ChainRun:
     title: str  #: of the scene
     #: Part of the run over which extremes and means are taken [s]; None for all
     window: tuple[float, float] | None = field(default=None, kw_only=True)
-    #: Further instants at which runs are compared, see :meth:`judged_instants` [s]; None without
+    #: Further instants at which runs are compared, see :func:`judged_instants` [s]; None without
     judged: np.ndarray | None = field(default=None, kw_only=True)
     #: Drag of the wind on the particles; None for still air
     air: ParticleAir | None = field(default=None, kw_only=True)
@@ -141,8 +139,7 @@ class ChainRun:
 
     def instants(self, steps_per_second: float) -> OutputTimes:
         """Place the output times on the steps."""
-        times = self.times if self.judged is None else np.union1d(self.times, self.judged)
-        instants = OutputTimes.of(times, steps_per_second)
+        instants = OutputTimes.of(with_judged(self.times, self.judged), steps_per_second)
         links, dims = self.chain.links, self.chain.p.dims
         if instants.needs_interpolation:  # positions, velocities and accelerations at both neighbours are kept
             check_memory(instants.times.size, links, dims, key="times between two steps", variables=12)
@@ -264,7 +261,7 @@ class ChainRun:
     def comparable(self, first_step: float) -> ComparableRuns:
         """Describe runs with any step for the step control, the first of them with a step of `first_step` [s] at most."""
         steps_per_second = preferred_steps_per_second(1.0 / first_step)
-        run = replace(self, judged=self.judged_instants(steps_per_second))
+        run = replace(self, judged=judged_instants(self.times, steps_per_second))
         return ComparableRuns(
             run,
             lambda state: self.compared(state.position),
@@ -276,25 +273,6 @@ class ChainRun:
             finish=lambda state: state.only(self.times),
             **self.compared_tensions(),
         )
-
-    def judged_instants(self, steps_per_second: float) -> np.ndarray | None:
-        """Return instants in the gaps of the output times [s], at which two runs are compared too; None without such gaps.
-
-        At a few instants two runs may agree by luck.  The instants are round multiples of the step, so that all runs step on them
-        and nothing is interpolated.
-        """
-        end_time = float(self.times[-1])
-        unit = 100.0 / 10.0 ** math.floor(math.log10(steps_per_second))
-        if end_time < JUDGED_INSTANTS * unit:
-            unit = 1.0 / steps_per_second
-        gap = end_time / JUDGED_INSTANTS
-        own = np.unique(np.rint(np.arange(1, JUDGED_INSTANTS) * gap / unit)) * unit
-        asked = np.concatenate([[0.0], self.times])
-        right = np.searchsorted(asked, own)
-        own = own[(right > 0) & (right < asked.size)]
-        right = np.searchsorted(asked, own)
-        own = own[np.minimum(own - asked[right - 1], asked[right] - own) > 0.5 * gap]
-        return own if own.size else None
 
     def compared_tensions(self) -> dict[str, Any]:
         """Return how tensions are compared, where they are among the outputs."""

@@ -65,6 +65,17 @@ def test_members_in_lanes_equal_runs_of_their_scenes_alone(soft, alone, case, di
     assert_equal_to_runs_alone(run, scenes, modes, **options)
 
 
+def test_members_with_one_output_instant_are_compared_at_others_too(soft, alone):
+    scenes, modes = scenes_of(soft, *CASES["tension"]), full_modes()
+    options = {"rank": 3, "outputs": OUTPUTS, "times": [2.0]}
+    run = cp.condensed.simulate(scenes, modes, **options)
+    assert not alone
+    assert run.position.sizes["time"] == 1
+    assert_equal_to_runs_alone(run, scenes, modes, **options)
+    many = cp.condensed.simulate(scenes, modes, **{**options, "times": np.linspace(0.0, 2.0, 65)})
+    np.testing.assert_allclose(run.time_error_estimate, many.time_error_estimate, rtol=0.1)
+
+
 @pytest.mark.parametrize("dims", [2, slow(3)])
 @pytest.mark.parametrize(
     "outputs", [("position", "error_estimate"), slow(()), slow(("tension",)), slow(("tension_extremes",))]

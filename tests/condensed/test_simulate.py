@@ -13,6 +13,7 @@ from scenes import LENGTHS, everything, full_modes, spatial
 
 import cablepod as cp
 from cablepod import examples as shipped
+from cablepod.condensed import _stepper as stepper
 from cablepod.condensed._coefficients import ORDERS
 from cablepod.condensed._runs import SCHEMES, SCHEMES_OF
 from cablepod.integrate import _march as march_module
@@ -178,6 +179,29 @@ def test_output_times_do_not_change_the_motion(soft, modes, order, scheme):
     np.testing.assert_array_equal(few.amplitude, every.amplitude[[500, 2000]])
     start = cp.condensed.simulate(scene, modes[2], times=[0.0], **options)
     np.testing.assert_array_equal(start.amplitude, every.amplitude[:1])
+
+
+@pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")
+@pytest.mark.parametrize("options", [{}, {"tolerance": 1e-3}, {"tolerance": 1e-4, "scheme": "trapezoidal"}], ids=str)
+def test_runs_are_compared_between_the_output_times_too(soft, modes, options):
+    # at one instant two runs may agree by luck
+    scene, options = cp.make_scene(soft), {"rank": 3, **options}
+    one = cp.condensed.simulate(scene, modes[2], times=[4.0], outputs=("position", "tension"), **options)
+    many = cp.condensed.simulate(scene, modes[2], times=np.linspace(0.0, 4.0, 65), outputs=("position",), **options)
+    assert one.attrs["step"] == many.attrs["step"]
+    assert one.attrs["time_error_estimate"] == pytest.approx(many.attrs["time_error_estimate"], rel=0.25)
+    assert one.time.values.tolist() == [4.0]
+    assert one.sizes["time"] == one.tension.sizes["time"] == 1
+    np.testing.assert_array_equal(one.position[-1], many.position[-1])
+
+
+@pytest.mark.parametrize("options", [{}, {"tolerance": 1e-2}], ids=str)
+def test_a_stopped_run_has_output_times_only(soft, modes, monkeypatch, options):
+    monkeypatch.setattr(stepper, "DIVERGENCE_FACTOR", 0.07)
+    scene = cp.make_scene({**soft, "motion": {"upper": {"x": {"kind": "ramp", "amplitude": -1.0, "duration": 4.0}}}})
+    with pytest.raises(cp.RunStopped) as stopped:
+        cp.condensed.simulate(scene, modes[2], times=[0.5, 4.0], rank=3, **options)
+    assert stopped.value.partial.time.values.tolist() == [0.5]
 
 
 def test_blocks_do_not_change_the_motion(soft, modes, monkeypatch):

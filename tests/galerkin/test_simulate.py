@@ -392,6 +392,19 @@ def test_a_tolerance_is_met(soft, scheme):
         assert run.attrs["choice_of_scheme"] == "given"
 
 
+@pytest.mark.parametrize("options", [{}, {"tolerance": 1e-3}, {"tolerance": 1e-3, "scheme": "trapezoidal"}], ids=str)
+def test_runs_are_compared_between_the_output_times_too(soft, options):
+    # at one instant two runs may agree by luck
+    scene, options = cp.make_scene(soft), {"rank": 3, "outputs": ("position", "error_estimate"), **options}
+    modes = cp.pod.decompose(cp.chain.simulate(scene, step=1e-3))
+    one = cp.galerkin.simulate(scene, modes, times=[4.0], **options)
+    many = cp.galerkin.simulate(scene, modes, times=np.linspace(0.0, 4.0, 65), **options)
+    assert one.attrs["step"] == many.attrs["step"]
+    assert one.attrs["time_error_estimate"] == pytest.approx(many.attrs["time_error_estimate"], rel=0.1)
+    assert one.time.values.tolist() == [4.0]
+    np.testing.assert_array_equal(one.position[-1], many.position[-1])
+
+
 def test_the_pick_follows_the_tolerance(scenes):
     scene = cp.read_scene(scenes / "example2.toml")
     modes = cp.pod.decompose(cp.chain.simulate(scene, times=np.arange(31.0)), rank=4)
