@@ -78,6 +78,7 @@ class Kind:
     further: Dims | None = ()  #: dimensions that variables may have beside those of the package, None for any
     is_scene: bool = False
     is_small: bool = True  #: values are checked and copied here, not where they are used
+    some: bool = False  #: coordinates that are not needed may be some of the package's, as after a selection
 
 
 SCENE = Kind(
@@ -88,10 +89,8 @@ SCENE = Kind(
     further=("member",),
     is_scene=True,
 )
-_PLACES: tuple[tuple[str, Dims], ...] = (
-    ("position", ("time", "particle", "coordinate")),
-    ("arc_length", ("particle",)),
-)
+_ARC: tuple[tuple[str, Dims], ...] = (("arc_length", ("particle",)),)
+_PLACES: tuple[tuple[str, Dims], ...] = (("position", ("time", "particle", "coordinate")), *_ARC)
 SNAPSHOTS = Kind("a trajectory", _PLACES, ("trajectory", "rest"), further=None, is_small=False)
 TRAJECTORY = Kind("a trajectory", (*_PLACES, ("time", ("time",))), ("trajectory", "rest"), further=None, is_small=False)
 TIMED = Kind("a Dataset with instants, from a simulate", (("time", ("time",)),), further=None, is_small=False)
@@ -100,11 +99,7 @@ AMPLITUDES = Kind(
     (("amplitude", ("time", "mode")), ("end_position", ("time", "end", "coordinate")), ("time", ("time",))),
     ("amplitudes", "trajectory"),
 )
-_SHAPES: tuple[tuple[str, Dims], ...] = (
-    ("mode_shape", ("mode", "particle")),
-    ("arc_length", ("particle",)),
-    ("coordinate", ("coordinate",)),
-)
+_SHAPES: tuple[tuple[str, Dims], ...] = (("mode_shape", ("mode", "particle")), *_ARC, ("coordinate", ("coordinate",)))
 MODES = Kind("modes of pod.decompose", _SHAPES, ("modes",), ("separate", "vector", "normal"))
 FIELD_MODES = Kind(
     "modes of pod.decompose with one of the layouts ('separate', 'vector')", _SHAPES, ("modes",), ("separate", "vector")
@@ -116,16 +111,16 @@ NORMAL_MODES = Kind(
     ("normal",),
 )
 PREPARED = Kind("a prepared model, as PreparedModel.dataset() gives it", stages=("prepared model",), further=None)
-WITH_PLACES = Kind("one with arc_length (particle)", (("arc_length", ("particle",)),), further=None, is_small=False)
+WITH_PLACES = Kind("one with arc_length (particle)", _ARC, further=None, is_small=False, some=True)
 MAPPED = Kind("results with the variable and both parameters", further=None, is_small=False)
 ANY = Kind("a Dataset of this package", further=None, is_small=False)
 
 
 @lru_cache
 def drawn_kind(name: str, dims: Dims, allowed: str) -> Kind:
-    """Return the kind of a Dataset of which one variable is drawn; an instant or a mode may have been picked."""
+    """Return the kind of a Dataset of which one variable is drawn; an instant, modes or coordinates may have been picked."""
     needed = tuple(dim for dim in dims if dim not in ("time", "mode"))
-    return Kind(allowed, ((name, needed),), further=None, is_small=False)
+    return Kind(allowed, ((name, needed),), further=None, is_small=False, some="coordinate" not in dims)
 
 
 def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
@@ -173,7 +168,7 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
             tidy = False
         elif data.dtype is FLOAT and not math.isfinite(np.vdot(data, data)):
             _check_finite(key, name, variable, kind)
-    orders = {} if kind is ANY else _orders(key, variables)
+    orders = {} if kind is ANY else _orders(key, variables, some=kind.some)
     return given if tidy and not orders else _tidied(key, given, kind, layout, orders)
 
 
@@ -334,12 +329,12 @@ def _check_finite(key: str, name: str, variable: xr.Variable, kind: Kind) -> Non
 # --- labels ---------------------------------------------------------------------------------------------------------------
 
 
-def _orders(key: str, variables: Any) -> dict[str, Any]:
+def _orders(key: str, variables: Any, *, some: bool) -> dict[str, Any]:
     """Return the indices that bring labels and particles into their order, by dimension; refuse labels that have none."""
     orders: dict[str, Any] = {}
     for dim in LABELS:
         if (variable := variables.get(dim)) is not None and variable._dims:
-            order = _label_order(key, dim, variable)
+            order = _label_order(key, dim, variable, some=some)
             if order is not None:
                 orders[dim] = order
     if (time := variables.get("time")) is not None and time._dims:
@@ -352,7 +347,7 @@ def _orders(key: str, variables: Any) -> dict[str, Any]:
     return orders
 
 
-def _label_order(key: str, dim: str, variable: xr.Variable) -> np.ndarray | None:
+def _label_order(key: str, dim: str, variable: xr.Variable, *, some: bool) -> np.ndarray | None:
     """Return the indices that bring the labels of a dimension into their order, None where they are in it."""
     labels = variable._data.array.tolist() if isinstance(variable, xr.IndexVariable) else variable.values.tolist()
     own = LABELS[dim]
@@ -364,6 +359,9 @@ def _label_order(key: str, dim: str, variable: xr.Variable) -> np.ndarray | None
         return None
     if dim == "feature" and set(labels) != set(own):
         return None  # of another version; whoever reads them looks at their names
+    if some and dim == "coordinate" and labels and len(set(labels)) == len(labels) and set(labels) <= set(own):
+        own = [label for label in own if label in labels]
+        return None if labels == own else np.array([labels.index(label) for label in own])
     if len(labels) < 2 or sorted(map(str, labels)) != sorted(own[: len(labels)]):
         raise scene_error(f"{key}: {dim}", labels, f"{' and '.join(own[: max(2, len(labels))])}, each once")
     return np.array([labels.index(label) for label in own[: len(labels)]])

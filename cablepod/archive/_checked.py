@@ -33,7 +33,7 @@ def changed(path: Path, names: list[str]) -> ArchiveError:
     more = f" and {len(names) - 8} more" if len(names) > 8 else ""
     return ArchiveError(
         f"{path}: changed since it was written: {', '.join(names[:8])}{more}; take it from a backup or make it again, or "
-        "take it as it is with verify=False"
+        "take it as it is with verify=False (command: --no-verify)"
     )
 
 

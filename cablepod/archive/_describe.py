@@ -16,13 +16,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 
-def describe(source: xr.Dataset | str | os.PathLike[str]) -> str:
+def describe(source: xr.Dataset | str | os.PathLike[str], *, verify: bool = True) -> str:
     """Describe contents and history of a file or dataset.
 
     Parameters
     ----------
     source
         A dataset, or the path of a file of :func:`cablepod.archive.write`; large arrays of a file are not read.
+    verify
+        Whether a file must be as written, as for :func:`cablepod.archive.read`.
 
     Returns
     -------
@@ -45,7 +47,7 @@ def describe(source: xr.Dataset | str | os.PathLike[str]) -> str:
     if isinstance(source, xr.Dataset):
         return "\n".join(map(printable, _description(source)))
     path = path_of(source, key="source", allowed="a Dataset, or the path of a netCDF file")
-    with netcdf_lock(), open_file(path, None) as opened:
+    with netcdf_lock(), open_file(path, None, verify=verify) as opened:
         try:
             size = f"file      {path} ({path.stat().st_size / 1e6:.3g} MB, schema {opened.attrs['cablepod_schema']})"
             return "\n".join(map(printable, [size, *_description(opened)]))

@@ -119,7 +119,7 @@ def check_batch(folder: Path, manifest: Mapping[str, Any], number: int, *, verif
     if verify and entry is not None and path.stat().st_size != entry["bytes"]:
         raise ArchiveError(
             f"{path}: is damaged or edited, its size differs from that in {MANIFEST}; take it from a backup, remove it, or "
-            "take it as it is with verify=False"
+            "take it as it is with verify=False (command: --no-verify)"
         )
 
 
@@ -160,13 +160,15 @@ def entry_of(batch: xr.Dataset, path: Path) -> dict[str, Any]:
     }
 
 
-def describe_ensemble(path: str | os.PathLike[str]) -> str:
+def describe_ensemble(path: str | os.PathLike[str], *, verify: bool = True) -> str:
     """Describe an ensemble and its progress.
 
     Parameters
     ----------
     path
         The folder of the ensemble.
+    verify
+        Whether its manifest must be as written.
 
     Returns
     -------
@@ -178,12 +180,12 @@ def describe_ensemble(path: str | os.PathLike[str]) -> str:
     ArchiveError
         If the folder holds no ensemble.
     """
-    return "\n".join(map(printable, _description(Path(path))))
+    return "\n".join(map(printable, _description(Path(path), verify=verify)))
 
 
-def _description(folder: Path) -> Iterator[str]:
+def _description(folder: Path, *, verify: bool) -> Iterator[str]:
     """Yield the lines of the description."""
-    manifest = read_manifest(folder)
+    manifest = read_manifest(folder, verify=verify)
     sizes = sizes_of(manifest)
     files = {number: folder / file_of(number) for number in range(len(sizes))}
     existing = [number for number, file in files.items() if file.exists()]

@@ -32,6 +32,15 @@ def out_option(text: str) -> Callable[[F], F]:
     return click.option("--out", required=True, metavar="DIR", shell_complete=_arguments.complete_folder, help=text)
 
 
+NO_VERIFY = click.option(
+    "--no-verify",
+    "verify",
+    flag_value=False,
+    default=True,
+    help="take files as they are that were changed since they were written",
+)
+
+
 @click.group(
     "cablepod",
     cls=Group,
@@ -160,6 +169,7 @@ def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool)
 @click.option("--workers", type=int, metavar="N", help="threads or processes (default: as many as cores)")
 @click.option("--batch", type=int, default=64, metavar="COUNT", help="members in a file (default 64)")
 @click.option("--overwrite", is_flag=True, help="replace another ensemble in DIR, and damaged files")
+@NO_VERIFY
 def ensemble_command(
     scene: str,
     out: str,
@@ -170,6 +180,7 @@ def ensemble_command(
     workers: int | None,
     batch: int,
     overwrite: bool,
+    verify: bool,
 ) -> None:
     """Simulate all members of a scene."""
     from cablepod import ensemble  # slow to import
@@ -180,7 +191,9 @@ def ensemble_command(
         raise SceneError(f"ensemble: missing in {scene}; allowed: a table with members and ensemble.ranges")
     scenes = ensemble.design(dataset)
     say(scenes.attrs["title"])
-    modes_dataset = archive.read(modes) if modes else _modes_of_ensemble(dataset, folder, model, overwrite)
+    modes_dataset = (
+        archive.read(modes, verify=verify) if modes else _modes_of_ensemble(dataset, folder, model, overwrite)
+    )
     with member_bar(model, scenes.sizes["member"]) as progress:
         ensemble.run(
             scenes,
@@ -230,6 +243,7 @@ REPLACE = click.option("--overwrite", is_flag=True, help="replace results that a
 @VIBRATIONS
 @HERTZ
 @REPLACE
+@NO_VERIFY
 def respond_command(**options: Any) -> int:
     """Follow periodic responses over frequency."""
     return _periodic.respond(**options)
@@ -251,6 +265,7 @@ def respond_command(**options: Any) -> int:
 @VIBRATIONS
 @HERTZ
 @REPLACE
+@NO_VERIFY
 def tongues_command(**options: Any) -> int:
     """Map the stability over frequency and amplitude."""
     return _periodic.tongues(**options)
@@ -287,35 +302,36 @@ def _modes_of_ensemble(scene: xr.Dataset, folder: Path, model: str, overwrite: b
     is_flag=True,
     help="list all that a file comes from, as a Python file that makes it again from its scenes",
 )
-def info_command(path: str, as_script: bool) -> None:
+@NO_VERIFY
+def info_command(path: str, as_script: bool, verify: bool) -> None:
     """Describe a file or a folder, or print its lineage."""
     if as_script:
-        say(_script(Path(path)), end="")
+        say(_script(Path(path), verify=verify), end="")
     else:
-        say(_description(Path(path)))
+        say(_description(Path(path), verify=verify))
 
 
-def _script(path: Path) -> str:
+def _script(path: Path, *, verify: bool) -> str:
     """Return the script that makes a file or an ensemble again."""
     if (path / MANIFEST).exists():
-        return _lineage.script(archive.open_ensemble(path, incomplete=True))
+        return _lineage.script(archive.open_ensemble(path, incomplete=True, verify=verify))
     if path.is_dir():
         raise archive.ArchiveError(f"--lineage: given {path}, a folder; allowed: one file")
-    return _lineage.script(archive.read(path, chunks={}))
+    return _lineage.script(archive.read(path, chunks={}, verify=verify))
 
 
-def _description(path: Path) -> str:
+def _description(path: Path, *, verify: bool) -> str:
     """Describe a file, an ensemble, or all files of a folder."""
     if not path.is_dir():
-        return archive.describe(path)
+        return archive.describe(path, verify=verify)
     if (path / MANIFEST).exists():
-        return describe_ensemble(path)
+        return describe_ensemble(path, verify=verify)
     files = sorted(path.glob("*.nc"))
     if not files:
         raise archive.ArchiveError(
             f"{path}: a folder without netCDF files; allowed: a file or a folder that cablepod wrote"
         )
-    return "\n\n".join(archive.describe(file) for file in files)
+    return "\n\n".join(archive.describe(file, verify=verify) for file in files)
 
 
 @commands.command("new", **_templates.texts("new"))

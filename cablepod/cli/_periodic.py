@@ -28,13 +28,15 @@ RANK = 3
 
 
 def respond(
-    scene: str, out: str, frequency: tuple[float, float], modes: str | None, rank: int, hertz: bool, overwrite: bool
-) -> int:
+    scene: str, out: str, frequency: tuple[float, float], modes: str | None, rank: int, hertz: bool, overwrite: bool,
+    verify: bool,
+) -> int:  # fmt: skip
     """Follow periodic responses over frequency; write them, print the table of bifurcations."""
     from cablepod import periodic
 
     _group.import_matplotlib()
-    folder, dataset, chosen = _prepared(scene, out, modes, rank, (RESPONSE, MODES, *RESPONSE_FIGURES), overwrite)
+    files = RESPONSE, MODES, *RESPONSE_FIGURES
+    folder, dataset, chosen = _prepared(scene, out, modes, rank, files, overwrite, verify)
     low, high = (value * (2.0 * np.pi if hertz else 1.0) for value in frequency)
     status = 0
     try:
@@ -61,7 +63,7 @@ def respond(
 
 def tongues(
     scene: str, out: str, frequency: tuple[float, float], amplitude: float, modes: str | None, rank: int, points: int,
-    hertz: bool, overwrite: bool,
+    hertz: bool, overwrite: bool, verify: bool,
 ) -> int:  # fmt: skip
     """Map the stability over frequency and amplitude; write the map, print the widest tongues."""
     from cablepod import periodic
@@ -74,7 +76,7 @@ def tongues(
             ("--amplitude", amplitude, "a number above 0") if points > 1 else ("--points", points, "at least 2")
         )
         raise SceneError(f"{key}: given {given}; allowed: {allowed}")
-    folder, dataset, chosen = _prepared(scene, out, modes, rank, (MAP, MODES, *MAP_FIGURES), overwrite)
+    folder, dataset, chosen = _prepared(scene, out, modes, rank, (MAP, MODES, *MAP_FIGURES), overwrite, verify)
     low, high = (value * (2.0 * np.pi if hertz else 1.0) for value in frequency)
     if not low < high:
         raise SceneError(f"--frequency: given {frequency[0]:g} {frequency[1]:g}; allowed: the lower one first")
@@ -95,14 +97,14 @@ def tongues(
 
 
 def _prepared(
-    scene: str, out: str, modes: str | None, rank: int, files: tuple[str, ...], overwrite: bool
+    scene: str, out: str, modes: str | None, rank: int, files: tuple[str, ...], overwrite: bool, verify: bool
 ) -> tuple[Path, xr.Dataset, xr.Dataset]:
     """Return folder, scene and modes, which are written into the folder."""
     from cablepod import condensed
 
     folder = _arguments.folder(out)
     dataset = read_scene(scene_path(scene))
-    chosen = archive.read(modes) if modes else condensed.vibration_modes(dataset, rank=rank)
+    chosen = archive.read(modes, verify=verify) if modes else condensed.vibration_modes(dataset, rank=rank)
     with _arguments.as_options():
         prepare_folder(folder, files, overwrite=overwrite)
     archive.write(chosen, folder / MODES, overwrite=overwrite)

@@ -168,6 +168,35 @@ def test_values_changed_after_reading_make_a_stage_and_an_id_of_their_own(tmp_pa
     lazy.close()
 
 
+def test_attributes_changed_after_reading_make_a_stage_and_an_id_of_their_own(tmp_path):
+    whole = read(write(make_trajectory(), tmp_path / "whole.nc"))
+    other = whole.copy()
+    other["tension"].attrs["filter"] = "low-pass"
+    ids = [whole.attrs["id"]]
+    for number, edit in enumerate((whole.assign_attrs(step=1.0), whole.assign_attrs(step=2.0), other)):
+        edited = read(write(edit, tmp_path / f"edited{number}.nc"))
+        stages = json.loads(edited.attrs["history_json"])
+        assert (stages[-1]["function"], stages[-1]["inputs"]) == ("changed by hand", ids[:1])
+        ids.append(edited.attrs["id"])
+        again = read(write(edited, tmp_path / f"again{number}.nc"))
+        assert again.attrs["history_json"] == edited.attrs["history_json"]
+        assert "cannot be made again" in lineage.script(edited)
+    assert len(set(ids)) == 4
+    texts = whole.assign_attrs(comment="for the report", creator_name="me")
+    texts["tension"].attrs["long_name"] = "Spannkraft"
+    assert read(write(texts, tmp_path / "texts.nc")).attrs["id"] == whole.attrs["id"]
+
+
+@pytest.mark.parametrize(
+    "values", [3, 3.0, [3], np.array([1, 2]), [1, 2.5], "x", ["x"], ["x", "y"], np.float32(0.1), ""]
+)
+def test_attributes_of_a_file_are_those_that_were_written(values, tmp_path):
+    dataset = make_trajectory().assign_attrs(mine=values)
+    dataset["tension"].attrs["mine"] = values
+    once = read(write(dataset, tmp_path / "once.nc"))
+    assert read(write(once, tmp_path / "twice.nc")).attrs["id"] == once.attrs["id"] == dataset.attrs["id"]
+
+
 def test_a_scene_changed_by_hand_has_the_id_that_its_results_name(tmp_path, soft):
     scene = cp.make_scene(soft)
     for before in (scene, read(write(scene, tmp_path / "scene.nc"))):

@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -103,6 +104,18 @@ def test_info_tells_what_a_file_is(scene_file, tmp_path, capsys):
     assert "make_scene" in said
     assert cli.main(["info", str(tmp_path)]) == 0
     assert capsys.readouterr().out == said
+
+
+@pytest.mark.parametrize("options", [[], ["--lineage"]])
+def test_info_takes_edited_files_on_demand(tmp_path, capsys, options):
+    path = cp.archive.write(cp.catenary.rest(shipped.scene("example2")), tmp_path / "rest.nc")
+    with netCDF4.Dataset(path, "r+") as file:
+        file.title = "Mine"
+    assert cli.main(["info", *options, str(path)]) == 2
+    assert "attribute title; " in (said := capsys.readouterr().err)
+    assert "--no-verify" in said
+    assert cli.main(["info", "--no-verify", *options, str(path)]) == 0
+    assert "Mine" in capsys.readouterr().out
 
 
 def test_results_are_not_overwritten_without_being_asked(scene_file, tmp_path, capsys):

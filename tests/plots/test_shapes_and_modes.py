@@ -176,6 +176,13 @@ def test_modes_without_coordinates_and_with_other_sets():
     assert "out of plane, mode 3" in drawn(plots.modes(modes_of("normal, spatial")))
 
 
+def test_modes_of_some_coordinates():
+    modes = modes_of()
+    assert list(drawn(plots.modes(modes.sel(coordinate=["y"]), count=1))) == ["y, mode 1"]
+    assert list(drawn(plots.modes(modes.sel(coordinate=["y", "x"]), count=1))) == ["x, mode 1", "y, mode 1"]
+    assert list(drawn(plots.singular_values(modes.sel(coordinate=["x"])))) == ["x"]
+
+
 def test_one_mode_and_more_wanted_than_there_are():
     assert len(plots.modes(modes_of(count=1)).lines) == 2
     assert len(plots.modes(modes_of(), count=50).lines) == 6
