@@ -1,0 +1,148 @@
+"""Compare the condensed model of a guy in gusts with the cheapest chain that is as good.
+
+    python pipelines/guy_in_wind/run.py [--rank 4] [--duration 600] [--readme]
+
+A guy of 100 m in Kaimal's turbulence.  The truth is the chain of 160 links.  Standard deviation, peak and equivalent range
+(exponent 4) of the top tension are compared from 20 s on.  Chains of 6 to 40 links run by velocity Verlet at nine tenths of the
+stability limit, and by the trapezoidal rule.  All runs give the top tension alone at 20 instants a second; those of the chain
+from positions, which are its only way.  Times are processor times on one thread, the least of several interleaved runs of
+whole calls with the given field of wind; the time that makes the field is a row of its own.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from _study import ONE_THREAD, command_line, markdown_table, percent, show_table
+
+os.environ.update(ONE_THREAD)
+
+import numpy as np
+import xarray as xr
+
+import cablepod as cp
+from cablepod.wind import _air
+
+HERE = Path(__file__).resolve().parent
+#: Links of the truth and of the chains, steps of the trapezoidal rule and of the condensed model [s], interval of the output [s].
+TRUTH_LINKS, LINKS = 160, (6, 8, 10, 12, 16, 20, 24, 32, 40)
+IMPLICIT_STEPS, CONDENSED_STEP, INTERVAL = (0.0025, 0.005, 0.01), 0.02, 0.05
+#: Start of the comparison [s], number of timed runs, part of the stability limit.
+START, REPEATS, OF_LIMIT = 20.0, 5, 0.9
+HEAD = ("model", "step [ms]", "standard deviation", "peak", "equivalent range", "time [ms]", "over the condensed model")
+
+
+class Candidate(NamedTuple):
+    """A model of the guy with its options; `call` runs it and returns the top tension."""
+
+    name: str
+    step: float  #: [s]
+    call: Callable[[], xr.DataArray]
+
+
+def scene(duration: float, links: int = 40) -> xr.Dataset:
+    """Return the guy in gusts."""
+    return cp.make_scene(
+        {
+            "title": "Guy in gusts",
+            "cable": {
+                "youngs_modulus": 1.6e11,
+                "area": 1.25e-4,
+                "density": 8000.0,
+                "top_tension": 15000.0,
+                "diameter": 0.016,
+            },
+            "ends": {"lower": [0.0, 0.0, 0.0], "upper": [60.0, 80.0, 0.0]},
+            "damping": {"mass_proportional": 0.02},
+            "wind": {"speed": 25.0, "direction": [0.6, 0.0, 0.8], "turbulence": {"spectrum": "kaimal", "seed": 7}},
+            "chain": {"links": links},
+            "time": {"duration": duration, "interval": INTERVAL},
+        }
+    )
+
+
+def chain(wind: xr.Dataset, duration: float, links: int, scheme: str, step: float | None) -> Candidate:
+    """Return a chain; velocity Verlet by the longest round step below the limit where none is given [s]."""
+    given = scene(duration, links)
+    if step is None:
+        limit = float(cp.chain.simulate(given, step=1e-5, times=[0.0]).attrs["step_limit"])
+        step = INTERVAL / np.ceil(INTERVAL / (OF_LIMIT * limit))
+
+    def call() -> xr.DataArray:
+        run = cp.chain.simulate(given, scheme=scheme, step=step, outputs=("tension",), wind=wind)
+        return run.tension.isel(link=-1)
+
+    return Candidate(f"chain of {links} links, {scheme}", float(step), call)
+
+
+def condensed(wind: xr.Dataset, duration: float, rank: int) -> Candidate:
+    """Return the condensed model on vibration modes."""
+    given = scene(duration)
+    modes = cp.condensed.vibration_modes(given, rank=rank)
+
+    def call() -> xr.DataArray:
+        run = cp.condensed.simulate(given, modes, step=CONDENSED_STEP, outputs=("tension",), links=[40], wind=wind)
+        return run.tension.isel(link=0)
+
+    return Candidate(f"condensed, r = {rank}", CONDENSED_STEP, call)
+
+
+def measures(tension: xr.DataArray) -> np.ndarray:
+    """Return standard deviation, peak and equivalent range of a tension [N]."""
+    series = tension.sel(time=slice(START, None))
+    return np.array([float(series.std()), float(series.max()), float(cp.fatigue.equivalent(series))])
+
+
+def seconds_of(call: Callable[[], Any]) -> float:
+    """Return the processor time of a call [s]."""
+    begin = time.process_time()
+    call()
+    return time.process_time() - begin
+
+
+def seconds_of_field(given: xr.Dataset) -> float:
+    """Return the processor time that makes the field of a scene [s]."""
+    _air._of_scene.cache_clear()
+    return seconds_of(lambda: cp.wind.field(given))
+
+
+def main() -> None:
+    """Compute and print."""
+    parser = command_line(__doc__, readme=True)
+    parser.add_argument("--rank", type=int, default=4)
+    parser.add_argument("--duration", type=float, default=600.0, help="[s]")
+    options = parser.parse_args()
+    duration = options.duration
+    wind = cp.wind.field(scene(duration))
+    truth = measures(chain(wind, duration, TRUTH_LINKS, "velocity_verlet", None).call())
+    model = condensed(wind, duration, options.rank)
+    error = np.abs(measures(model.call()) / truth - 1.0)
+    chains = [chain(wind, duration, links, "velocity_verlet", None) for links in LINKS]
+    chains += [chain(wind, duration, links, "trapezoidal", step) for links in LINKS for step in IMPLICIT_STEPS]
+    rows, good = [], []
+    for candidate in chains:
+        own = np.abs(measures(candidate.call()) / truth - 1.0)
+        if own.max() <= error.max():
+            good.append((candidate, own, seconds_of(candidate.call)))
+    good = sorted(good, key=lambda entry: entry[2])[:3]
+    timed = [model, *(entry[0] for entry in good)]
+    seconds = np.array([[seconds_of(candidate.call) for candidate in timed] for _ in range(REPEATS)]).min(axis=0)
+    field = min(seconds_of_field(scene(duration)) for _ in range(REPEATS))
+    for candidate, own, spent in zip(timed, [error, *(entry[1] for entry in good)], seconds, strict=True):
+        texts = [percent(value) for value in own]
+        ratio = f"{spent / seconds[0]:.1f}"
+        rows.append([candidate.name, f"{1e3 * candidate.step:.3g}", *texts, f"{1e3 * spent:.0f}", ratio])
+    rows.append(["making the wind", "", "", "", "", f"{1e3 * field:.0f}", ""])
+    show_table("gusts", markdown_table(HEAD, rows), HERE if options.readme else None)
+
+
+if __name__ == "__main__":
+    main()
