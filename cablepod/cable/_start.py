@@ -112,10 +112,12 @@ def equilibrium_in_wind(mesh: SpectralMesh, air: MeshAir) -> np.ndarray:
         before = position
         position, converged = solve_equilibrium(mesh, position, air.at_rest(position))
         if not converged:
-            break
+            chain_start.refuse_rest_in_wind()
         if np.abs(position - before).max() <= DRAG_RTOL * mesh.total_length:
-            return position
-    chain_start.refuse_rest_in_wind()
+            break
+    else:
+        chain_start.refuse_rest_in_wind()
+    return position
 
 
 def equilibrium_with_error(mesh: SpectralMesh) -> tuple[np.ndarray, float]:

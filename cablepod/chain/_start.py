@@ -27,8 +27,10 @@ def rest_shape(chain: LumpedChain, air: ChainAir | None = None) -> tuple[np.ndar
         before = position
         position, tension = _rest_under(chain, air.at_rest(position))
         if np.abs(position - before).max() <= DRAG_RTOL * chain.total_length:
-            return position, tension
-    refuse_rest_in_wind()
+            break
+    else:
+        refuse_rest_in_wind()
+    return position, tension
 
 
 def refuse_rest_in_wind() -> NoReturn:

@@ -107,8 +107,12 @@ class CondensedAir:
             chord = np.diff(p.initial_ends, axis=0)
         frame = ChordFrame.of(chord, self.model.reference)
         axes = np.concatenate([frame.along[:, None], frame.normals], axis=1)
-        axes = np.broadcast_to(axes, (len(velocity), *axes.shape[1:]))
-        return np.ascontiguousarray(np.einsum("tgc,tkc->tkg", velocity, axes)), rate
+        result = np.empty((len(velocity), p.dims, sigma.size))
+        for k in range(p.dims):  # three times as fast as one product of small matrices for each sample
+            np.multiply(velocity[:, :, 0], axes[:, k, :1], out=result[:, k])
+            for c in range(1, p.dims):
+                result[:, k] += velocity[:, :, c] * axes[:, k, c : c + 1]
+        return result, rate
 
     def velocity_at(self, times: np.ndarray) -> np.ndarray:
         """Return the velocity of the air less that of the line between the ends (times, 1 + normals, points) [m/s].
@@ -120,6 +124,13 @@ class CondensedAir:
         left = np.minimum(place.astype(int), len(velocity) - 2)
         share = (place - left)[:, None, None]
         return (1.0 - share) * velocity[left] + share * velocity[left + 1]
+
+    @cached_property
+    def in_mean_wind(self) -> CondensedAir:
+        """The same points in the mean wind of the start."""
+        result = replace(self, air=self.air.steady)
+        result.__dict__.update(rule=self.rule, shapes=self.shapes, _projection=self._projection)
+        return result
 
     @property
     def arguments(self) -> tuple[Any, ...]:
@@ -151,7 +162,7 @@ class CondensedAir:
         q, rates = model.initial()
         if model.chain.p.initial:
             return q, rates
-        static, still, mean = model.static_boundary_data, np.zeros_like(q), replace(self, air=self.air.steady)
+        static, still, mean = model.static_boundary_data, np.zeros_like(q), self.in_mean_wind
         for increment in range(1, INCREMENTS + 1):  # the deflection may change by more than itself, also in sign
             share, converged = increment / INCREMENTS, False
             for _ in range(MAX_DRAG_ITERATIONS):
@@ -167,7 +178,5 @@ class CondensedAir:
                     converged = True
                     break
             if not converged:
-                break
-        else:
-            return q, rates
-        refuse_rest_in_wind()
+                refuse_rest_in_wind()
+        return q, rates

@@ -52,7 +52,7 @@ class EnrichedDrag:
 
     def at_rest(self, q: np.ndarray, boundary_data: np.ndarray) -> np.ndarray:
         """Return the forces (R,) in the mean wind on coordinates (r,) at rest."""
-        steady = EnrichedDrag(self.equation, replace(self.air, air=self.air.air.steady))
+        steady = EnrichedDrag(self.equation, self.air.in_mean_wind)
         return steady.forces(np.zeros(1), q[None], np.zeros((1, q.size)), boundary_data[None])[0][0]
 
 

@@ -130,8 +130,9 @@ def checked_field(
         )
     sigma, order = _places_of(p, given, key)
     velocity = velocity[:, order]
-    mean = velocity.mean(axis=0)
-    if "mean_wind" in given:
+    if "mean_wind" not in given:
+        mean = velocity.mean(axis=0)
+    else:
         _check_numbers(key, given, "mean_wind", ("point", "component"))
         mean = given["mean_wind"].transpose("point", "component").values.astype(float)[order]
         if not np.isfinite(mean).all():

@@ -226,7 +226,8 @@ def turbulence_at(p: Parameters, position: np.ndarray, end_time: float) -> np.nd
     for vector, is_across in ((direction_of(p.wind), False), (across, True)):
         if vector is not None:
             part = gusts(p.wind, p.turbulence, position, count, INTERVAL, seed, across=is_across)
-            total += part.T[:, :, None] * vector
+            for c in np.flatnonzero(vector):
+                total[:, :, c] += vector[c] * part.T
     return total
 
 

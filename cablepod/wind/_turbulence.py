@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -52,7 +53,7 @@ def gusts(
     # Taylor's hypothesis: the turbulence is carried along by one speed
     speed = max(float(mean_speed(wind, np.array(float(wind["reference_height"])))), 1e-300)
     if np.ptp(along) > 0.0:
-        coupled *= _turns((along / -speed)[:, None] * frequency)
+        coupled *= _harmonic_turns(along / (-speed * count * interval), harmonics)
     size *= 0.5 * count
     amplitude = np.zeros((len(position), count // 2 + 1), dtype=complex)
     np.multiply(coupled, size, out=amplitude[:, 1 : harmonics + 1])
@@ -66,6 +67,14 @@ def _turns(turns: np.ndarray) -> np.ndarray:
     np.cos(angle, out=result.real)
     np.sin(angle, out=result.imag)
     return result
+
+
+def _harmonic_turns(turns: np.ndarray, harmonics: int) -> np.ndarray:
+    """Return exp(2 pi i k turns) for k = 1 ... harmonics (points, harmonics), as products of two short tables."""
+    inner = math.isqrt(harmonics) + 1
+    low = _turns(turns[:, None] * np.arange(1, inner + 1))
+    high = _turns(turns[:, None] * (inner * np.arange(-(-harmonics // inner))))
+    return (high[:, :, None] * low[:, None, :]).reshape(turns.size, -1)[:, :harmonics]
 
 
 def direction_of(wind: Mapping[str, Any]) -> np.ndarray:
