@@ -93,26 +93,29 @@ def _embed(z, n, r, full):
 def _largest_deflection(z, n, n_in_plane, basis, shapes):
     """Return the largest deflection from its mean, of all phases (M, columns) and particles (n, particles)."""
     columns = (z.size - 1) // n
-    q = np.empty(n)
+    particles = shapes.shape[1]
+    x, y = np.empty(particles), np.empty(particles)
     largest = 0.0
     for k in range(basis.shape[0]):
+        x[:], y[:] = 0.0, 0.0
         for a in range(n):
-            q[a] = 0.0
+            q = 0.0
             for c in range(1, columns):
-                q[a] += basis[k, c] * z[c * n + a]
-        for j in range(shapes.shape[1]):
-            x = y = 0.0
-            for a in range(n_in_plane):
-                x += q[a] * shapes[a, j]
-            for a in range(n_in_plane, n):
-                y += q[a] * shapes[a, j]
-            largest = max(largest, x * x + y * y)
+                q += basis[k, c] * z[c * n + a]
+            if a < n_in_plane:
+                for j in range(particles):
+                    x[j] += q * shapes[a, j]
+            else:
+                for j in range(particles):
+                    y[j] += q * shapes[a, j]
+        for j in range(particles):
+            largest = max(largest, x[j] * x[j] + y[j] * y[j])
     return math.sqrt(largest)
 
 
 @compiled
 def map_columns(
-    begin, end, omega, rest, load_stiffness, stiffness, load, chord_tension, kappa, sag, damping, shapes, split, basis,
+    begin, end, omega, equal, rest, load_stiffness, stiffness, load, chord_tension, kappa, sag, damping, shapes, split, basis,
     phases_basis, stride, samples, orbits, growth, kind, response, least, tail,
 ):  # fmt: skip
     """Follow orbits from rest over all amplitudes, at the frequencies `begin` ... `end` - 1.
@@ -121,6 +124,8 @@ def map_columns(
     ----------
     begin, end, omega
         Columns, and the angular frequencies of all columns (columns,).
+    equal
+        Whether the last four amplitudes differ by equal steps, from each amplitude on (amplitudes,).
     rest
         Coefficients at rest ((1 + 2 H) n,).
     load_stiffness
@@ -147,16 +152,18 @@ def map_columns(
         for a in range(sag.size):
             solved = False
             for attempt in range(
-                3 + SIZES * TURNS
-            ):  # along the last two orbits, from the last one, from rest, from others
-                if attempt == 0 and good > 1:
+                4 + SIZES * TURNS
+            ):  # along the last three or two orbits, from the last one, from rest, from others
+                if attempt == 0 and good > 2 and equal[a]:
+                    z[:] = 3.0 * (orbits[a - 1, f] - orbits[a - 2, f]) + orbits[a - 3, f]
+                elif attempt == 1 and good > 1:
                     z[:] = 2.0 * orbits[a - 1, f] - orbits[a - 2, f]
-                elif attempt == 1 and known:
+                elif attempt == 2 and known:
                     z[:] = last
-                elif attempt == 2:
+                elif attempt == 3:
                     z[:-1] = rest
-                elif attempt > 2 and known:
-                    _moved(last, n, 2.0 ** ((attempt - 3) % SIZES), (attempt - 3) // SIZES / TURNS, z)
+                elif attempt > 3 and known:
+                    _moved(last, n, 2.0 ** ((attempt - 4) % SIZES), (attempt - 4) // SIZES / TURNS, z)
                 else:
                     continue
                 solved = _solve_at(

@@ -56,9 +56,10 @@ def compute_map(
     base: PeriodicModel,
     models: list[PeriodicModel],
     omega: np.ndarray,
+    amplitudes: np.ndarray,
     progress: Callable[[float], None] = lambda share: None,
 ) -> MapResult:
-    """Compute a map for angular frequencies [rad/s] (frequencies,) and models of rising amplitude, with the scales of `base`."""
+    """Compute a map for angular frequencies [rad/s] (frequencies,) and models of rising amplitudes, with the scales of `base`."""
     from cablepod.periodic import _kernels_map as kernel  # numba is imported only to compute
 
     frequency_scale, length_scale, _ = base.scales
@@ -73,6 +74,7 @@ def compute_map(
     )  # fmt: skip
     kappa = np.stack([model.kappa for model in models])
     sag = np.array([model.sag for model in models])
+    equal = _equal_steps(amplitudes)
     shapes = np.concatenate(base.sets)[:n] * length_scale
     most = int(min(MAX_PHASES, MAX_BYTES / (24 * len(models) * base.size**2)))
     todo, harmonics, edges = np.arange(omega.size), HARMONICS, {}
@@ -99,7 +101,7 @@ def compute_map(
                 samples: int = samples, orbits: np.ndarray = orbits, parts: list = parts, more: list = more,
             ) -> None:  # fmt: skip
                 kernel.map_columns(
-                    begin, min(begin + COLUMNS, columns.size), scaled[columns], rest.ravel(), batch.plane,
+                    begin, min(begin + COLUMNS, columns.size), scaled[columns], equal, rest.ravel(), batch.plane,
                     batch.stiffness, batch.load, batch.chord_tension, kappa, sag, base.damping, shapes, split, basis,
                     phases_basis, stride, samples, orbits, *parts, *more,
                 )  # fmt: skip
@@ -138,6 +140,16 @@ def compute_map(
         todo = np.concatenate(again) if again else np.empty(0, dtype=int)
         harmonics = min(2 * harmonics, MAX_HARMONICS)
     result.edges.extend(edges[key] for key in sorted(edges))
+    return result
+
+
+def _equal_steps(amplitudes: np.ndarray) -> np.ndarray:
+    """Return whether the last four amplitudes differ by equal steps, up to a hundredth, at each of them."""
+    result = np.zeros(amplitudes.size, dtype=bool)
+    steps = np.diff(amplitudes)
+    for a in range(3, amplitudes.size):
+        last = steps[a - 3 : a]
+        result[a] = np.ptp(last) < 0.01 * last.max()
     return result
 
 

@@ -86,7 +86,7 @@ def stability_map(
             raise scene_error("amplitude", 0.0, "a scene with an amplitude other than 0, which is scaled")
         factors = amplitudes / model.forcing.amplitude
         models = [model.with_amplitude(float(factor)) for factor in factors]
-        found = compute_map(model, models, omegas, progress or (lambda share: None))
+        found = compute_map(model, models, omegas, amplitudes, progress or (lambda share: None))
         result = labelled(model, found, omegas, amplitudes)
         output.warn_of_result(result.attrs, model.damping)
         return result
