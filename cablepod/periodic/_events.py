@@ -30,12 +30,13 @@ class Event:
     state: State
     branch: int
     leads_to: int = 0  #: number of the branch that leaves; 0 for none
+    direction: np.ndarray | None = None  #: of the branch there
 
 
 class Signs(NamedTuple):
     """Test functions at a point, set by set: each changes sign where multipliers cross the unit circle."""
 
-    at_one: np.ndarray  #: product of 1 - multiplier
+    at_one: np.ndarray  #: product of 1 - multiplier, see :func:`_product`
     at_minus_one: np.ndarray  #: product of 1 + multiplier
     complex_outside: np.ndarray  #: number of complex pairs outside of the circle
     real_outside: np.ndarray  #: numbers of real multipliers above 1 and below -1 (sets, 2)
@@ -50,13 +51,18 @@ def signs(solver: Solver, point: Point) -> Signs:
         outside = (np.abs(mu) > 1.0 + NEUTRAL) & (mu.imag > NEUTRAL)
         rows.append(
             (
-                np.prod(1.0 - mu).real,
-                np.prod(1.0 + mu).real,
+                _product(1.0 - mu),
+                _product(1.0 + mu),
                 int(outside.sum()),
                 [int((real & (mu.real > 1.0)).sum()), int((real & (mu.real < -1.0)).sum())],
             )
         )
     return Signs(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def _product(factors: np.ndarray) -> float:
+    """Return the real part of a product, with large factors turned to size one, which changes no sign."""
+    return float(np.prod(factors / np.maximum(np.abs(factors), 1.0)).real)
 
 
 def can_be_told_apart(before: Signs, after: Signs) -> bool:
@@ -78,7 +84,7 @@ def events_between(solver: Solver, branch: Branch, before: Signs, after: Signs) 
     def locate(kind: str, name: str, test: Callable[[Point], float], check: Callable[[Point], bool]) -> None:
         place = _locate(solver, first, second, test)
         if place is not None and check(place[1]):
-            found.append((place[0], Event(kind, name, place[1].state, branch.number)))
+            found.append((place[0], Event(kind, name, place[1].state, branch.number, direction=place[1].direction)))
 
     folds = first.direction[-1] * second.direction[-1] < 0.0
     if folds:

@@ -12,6 +12,7 @@ import xarray as xr
 from cablepod._inputs import NORMAL_MODES, SCENE, taken
 from cablepod.errors import RunStopped, scene_error
 from cablepod.parameters._checks import integer, number
+from cablepod.periodic import _estimate as estimate
 from cablepod.periodic import _fields as fields
 from cablepod.periodic import _output as output
 from cablepod.periodic._continuation import POINTS, RANGE, Branch, Limits, Point, trace
@@ -32,7 +33,9 @@ from cablepod.periodic._solve import MAX_HARMONICS, MIN_HARMONICS, Solver, State
 from cablepod.periodic._start import grown_from_rest
 
 #: Outputs of a frequency response.
-OUTPUTS = ("multipliers", "tension_extremes", "harmonics")
+OUTPUTS = ("multipliers", "tension_extremes", "harmonics", "error_estimate")
+#: Units and name of the estimate.
+ERROR_LABEL = {"units": "1", "long_name": "estimated relative error of the angular frequency of the bifurcation"}
 #: Branches that are followed from where they leave.
 FOLLOW = ("whirling", "period_doubling")
 #: Largest number of periods of the forcing in one of the motion, and of bifurcations between a main branch and another.
@@ -80,7 +83,7 @@ def frequency_response(
     out_of_plane
         Whether disturbances out of the plane are judged in a planar scene.
     outputs
-        Some of "multipliers", "tension_extremes" and "harmonics".
+        Some of "multipliers", "tension_extremes", "harmonics" and "error_estimate", some tenths of a second for each bifurcation.
     progress
         Callback receiving the completed fraction, which never falls and ends at 1.
 
@@ -93,9 +96,10 @@ def frequency_response(
         ``smallest_chordwise_force`` [N], and what `outputs` names: ``multiplier_real``, ``multiplier_imag (point, multiplier)``,
         ``tension_minimum``, ``tension_maximum (point, link)`` [N], ``harmonic_cosine``, ``harmonic_sine`` [m].  Along
         ``bifurcation``: ``bifurcation_kind`` ("fold", "pitchfork", "period_doubling", "torus"), ``bifurcation_set`` ("in_plane",
-        "out_of_plane", on whirling branches "coupled"), ``bifurcation_angular_frequency``, ``bifurcation_branch``, ``leads_to``.
-        Attributes ``branch_1_ended`` and so on: "range", "loop" (back at its start or at another bifurcation), "points", "slack",
-        "diverged".
+        "out_of_plane", on whirling branches "coupled"), ``bifurcation_angular_frequency``, ``bifurcation_branch``, ``leads_to``,
+        and ``bifurcation_error_estimate``, the relative distance of the frequency from that of a richer model as in
+        :func:`orbit`, nan where that has no such bifurcation nearby.  Attributes ``branch_1_ended`` and so on: "range", "loop"
+        (back at its start or at another bifurcation), "points", "slack", "diverged".
 
     Raises
     ------
@@ -126,6 +130,11 @@ def frequency_response(
     study = _Study(solver_of(model), (low, high), names, int(points), harmonics or MIN_HARMONICS, progress)
     study.run()
     result = labelled(study, wanted)
+    if "error_estimate" in wanted and not study.interrupted:
+        rich, gained = estimate.richer_solver(scene, modes, rank, out_of_plane)
+        errors = estimate.bifurcation_errors(study.solver, study.events, rich)
+        result["bifurcation_error_estimate"] = (("bifurcation",), errors, ERROR_LABEL)
+        result.attrs["error_estimate_by"] = gained
     parameters = {
         "frequency": [low, high], "rank": rank, "order": order, "harmonics": harmonics, "follow": list(names),
         "points": int(points), "out_of_plane": bool(out_of_plane), "outputs": list(wanted),

@@ -12,6 +12,7 @@ from cablepod._inputs import NORMAL_MODES, SCENE, taken
 from cablepod.batch._members import values_of_members
 from cablepod.errors import RunStopped, scene_error
 from cablepod.parameters._checks import integer
+from cablepod.periodic import _estimate as estimate
 from cablepod.periodic import _fields as fields
 from cablepod.periodic import _output as output
 from cablepod.periodic._continuation import adapted
@@ -23,7 +24,9 @@ from cablepod.periodic._start import grown_from_rest
 from cablepod.pod._normal import SETS
 
 #: Outputs of an orbit.
-OUTPUTS = ("position", "tension", "tension_extremes", "harmonics")
+OUTPUTS = ("position", "tension", "tension_extremes", "harmonics", "error_estimate")
+#: Units and name of the estimate.
+ERROR_LABEL = {"units": "1", "long_name": "estimated rms error of the deflection, over the motion"}
 #: Number of instants of a period of the forcing in the result.
 INSTANTS = 128
 
@@ -64,14 +67,17 @@ def orbit(
     out_of_plane
         Whether disturbances out of the plane are judged in a planar scene.  Its modes out of the plane are vibrations about rest.
     outputs
-        Some of "position" (at 128 instants of each period of the forcing), "tension", "tension_extremes" and "harmonics".
+        Some of "position" (at 128 instants of each period of the forcing), "tension", "tension_extremes", "harmonics" and
+        "error_estimate", which takes some ten times as long as the orbit.
 
     Returns
     -------
     xarray.Dataset
         ``time`` [s] over one period of the motion, ``amplitude (time, mode)`` [m], ``angular_frequency`` [rad/s],
         ``multiplier_real``, ``multiplier_imag``, ``multiplier_set (multiplier)``, ``deflection_maximum`` [m], ``stable``,
-        ``growth`` [1/s], and what `outputs` names.  Attributes: number of harmonics, ``smallest_chordwise_force`` [N],
+        ``growth`` [1/s], and what `outputs` names.  ``error_estimate`` is the largest rms distance of the deflection from that of
+        a richer model over its motion, nan where that has no orbit nearby; the attribute ``error_estimate_by`` tells in what it
+        is richer: order "exact", two more modes.  Other attributes: number of harmonics, ``smallest_chordwise_force`` [N],
         ``forcing_over_axial_frequency`` of the highest harmonic with 1 % of the motion.
 
     Raises
@@ -110,6 +116,10 @@ def orbit(
         solver = solver_of(model)
         state = find(solver, omega / model.scales[0], periods, harmonics, start)
         result = labelled(solver, state, wanted)
+        if "error_estimate" in wanted:
+            rich, gained = estimate.richer_solver(scene, modes, rank, out_of_plane)
+            result["error_estimate"] = ((), estimate.orbit_error(solver, state, rich), ERROR_LABEL)
+            result.attrs["error_estimate_by"] = gained
         output.warn_of_result(result.attrs, model.damping + model.tension_damping)
         return result
 
