@@ -140,6 +140,7 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
     "smallest_stretch_time": ("s", "time of the smallest stretch"),
     "smallest_stretch_arc_length": ("m", "unstretched arc length of the smallest stretch"),
     "largest_stretch": ("1", "largest stretch"),
+    "tension_above_linear_law": ("1", "tension at the largest stretch over that of the linear law, less 1"),
     "first_slack_time": ("s", "first time with a stretch below 1"),
     "first_slack_arc_length": ("m", "unstretched arc length of the first stretch below 1"),
     "length_error": ("1", "largest relative error of a link length"),

@@ -16,6 +16,7 @@ from cablepod.condensed._estimate import (
     POINTS_PER_MODE,
     unit_coefficients,
 )
+from cablepod.condensed._waves import chord_direction, waves_of_start
 
 if TYPE_CHECKING:
     from cablepod.condensed._batch_fitted import FittedBatch
@@ -133,7 +134,17 @@ def errors_of(runs: MemberRuns, scale: np.ndarray) -> np.ndarray:
     at_largest = (change @ q[np.arange(count), samples][:, :, None])[:, :, 0]
     link_slopes = (shape / length) * unit.slopes
     share = _chordwise_shares(runs, error, at_largest, link_slopes, enriched_in_plane)
-    return np.minimum(np.sqrt(squares.max(axis=1) * (1.0 + share)) / scale, MAX_ERROR)
+    return np.minimum(np.sqrt(squares.max(axis=1) * (1.0 + share) + _waves(runs) ** 2) / scale, MAX_ERROR)
+
+
+def _waves(runs: MemberRuns) -> np.ndarray:
+    """Return the rms displacements of waves along the cables that their starts excite (members,) [m]."""
+    rates = np.stack([runs.ends.positions(np.zeros(1), derivative)[:, 0] for derivative in (1, 2)], axis=1)
+    if not rates.any():
+        return np.zeros(runs.part.size)
+    p, along = runs.batch.parameters, chord_direction(runs.ends.positions(np.zeros(1))[:, 0])
+    omega = math.pi / runs.total * np.sqrt(p.stiffness[runs.part] / runs.mass)
+    return waves_of_start(rates, along, omega, p.damping[runs.part])
 
 
 def _chordwise_shares(

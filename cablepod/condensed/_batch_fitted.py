@@ -30,12 +30,14 @@ from cablepod.condensed._runs import (
     whole_steps_per_second,
 )
 from cablepod.condensed._stepper import FOURTH_ORDER
+from cablepod.condensed._waves import INTEGRATED_RATIO
 from cablepod.discretisation._chord_frame import MAX_COSINE
 from cablepod.integrate._output_times import OutputTimes, judged_instants, with_judged
 from cablepod.integrate._step_control import FIRST_MARGIN, MAX_WORK, STEPS_PER_CHANGE
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._parameters import Parameters
 from cablepod.pod import _normal as pod_normal
+from cablepod.reduced._validity import forcing_attributes
 
 #: Outputs of these members.
 FITTED_OUTPUTS = {"position", "tension", "tension_extremes", "error_estimate"}
@@ -152,19 +154,27 @@ class FittedBatch(MemberCoefficients):
         longest = np.sqrt(((ends[:, :, 1] - ends[:, :, 0]) ** 2).sum(axis=2).max(axis=1))
         omega_squared = np.maximum(at_start, p.stiffness * np.maximum(longest / self.total - 1.0, 0.0) * kappa)
         suited = self.active & np.isfinite(omega_squared) & (omega_squared > 0.0)
+        suited &= self.forcing_ratio <= INTEGRATED_RATIO  # waves by the start alone
         if self.plan.chooses_scheme:
             taut = np.maximum(np.abs(chord_tension) * kappa, 1e-300)
             suited &= (limit >= FOURTH_ORDER_THRESHOLD * 2.0 / np.sqrt(taut)) & (0.25 * p.damping**2 <= at_start)
         free = FOURTH_ORDER_PHASE / np.sqrt(omega_squared + 0.25 * p.damping**2)
-        first = np.minimum(free, p.shortest_time_scale / STEPS_PER_CHANGE)
+        time_scales = np.broadcast_to(p.shortest_time_scale, free.shape)
+        first = np.minimum(free, time_scales / STEPS_PER_CHANGE)
         largest = MAX_WORK / (end_time * self.plan.unit.chain.links)
         rates, intervals, modes = np.zeros(limit.size), np.ones(limit.size), self.plan.unit.n_in_plane
         for m in np.flatnonzero(suited).tolist():
             rate = whole_steps_per_second(1.0 / float(first[m]))
             if rate <= largest and end_time * rate >= MIN_STEPS:
                 rates[m] = rate
-                intervals[m] = sample_interval(float(omega_squared[m]), modes, 2.0 * rate, end_time)
+                bound = float(omega_squared[m]), modes, 2.0 * rate, end_time
+                intervals[m] = sample_interval(*bound, time_scale=float(time_scales[m]))
         return _Choice(rates, intervals, limit)
+
+    @property
+    def forcing_ratio(self) -> np.ndarray:
+        """Forcing frequency over the first axial one (members,)."""
+        return forcing_attributes(self.parameters, self.total)["forcing_over_axial_frequency"]
 
     def _run_group(
         self,

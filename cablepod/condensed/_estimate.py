@@ -15,6 +15,7 @@ from cablepod.condensed._coefficients import Coefficients
 from cablepod.condensed._estimate_air import EnrichedDrag
 from cablepod.condensed._fields import CondensedTrajectory
 from cablepod.condensed._model import CondensedModel
+from cablepod.condensed._waves import waves
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.parameters._parameters import Parameters
@@ -28,6 +29,8 @@ POINTS, POINTS_PER_MODE = 4, 2
 CORRECTIONS_LEADING, CORRECTIONS = 1, 4
 #: Maximum interval of the residual samples times the angular frequency of the first truncated mode.
 SAMPLING_PHASE = 2.0
+#: Minimum number of samples in the shortest time scale of ends and loads.
+SAMPLES_PER_CHANGE = 4.0
 #: Maximum number of samples (longer runs are sampled at longer intervals).
 MAX_SAMPLES = 20_000
 #: Maximum estimate: above twice the motion it only says that nothing is right.
@@ -284,7 +287,12 @@ class ErrorEquation:
 
 
 def sample_interval(
-    omega_squared: float, modes: int, steps_per_second: float, end_time: float, phase: float = SAMPLING_PHASE
+    omega_squared: float,
+    modes: int,
+    steps_per_second: float,
+    end_time: float,
+    phase: float = SAMPLING_PHASE,
+    time_scale: float = math.inf,
 ) -> int:
     """Choose the number of steps between two samples of the residual.
 
@@ -298,11 +306,13 @@ def sample_interval(
         Steps per second of the run, and its end [s].
     phase
         Maximum interval of the samples times the angular frequency of the first truncated mode (one step may be longer).
+    time_scale
+        Shortest time scale of ends and loads [s].
     """
     omega_truncated = math.sqrt(omega_squared) * (modes + 1.0) / max(modes, 1)
     return max(
         1,
-        math.floor(phase / omega_truncated * steps_per_second),
+        math.floor(min(phase / omega_truncated, time_scale / SAMPLES_PER_CHANGE) * steps_per_second),
         math.ceil(end_time * steps_per_second / MAX_SAMPLES),
     )
 
@@ -316,8 +326,9 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
     The motion of the model is put into the equations of an enriched one (more modes, exact chordwise stretch, chordwise inertia).
     Their residual at sampled instants drives the error, by the equation e'' + F(y) - F(y + e) = residual with the forces F to
     leading order, whose coefficients are those of the motion.  The estimate contains the truncated modes, their effect on the
-    retained ones over time, and the terms that the order neglects, but not the error of the step.  In wind the residual contains
-    the drag on the enriched model, and the error is damped as a motion across the wind.
+    retained ones over time, and the terms that the order neglects, but not the error of the step.  The displacement of waves
+    along the cable is added, see :func:`cablepod.condensed._waves.waves`; how they act on the deflection is not contained.  In
+    wind the residual contains the drag on the enriched model, and the error is damped as a motion across the wind.
 
     Parameters
     ----------
@@ -343,7 +354,14 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
         motion = q, rates, accelerations - damping * rates  # the kernel adds the damping of the error to the motion
         equation, boundary_data = equation.with_forces(damping), np.concatenate([boundary_data, forces], axis=1)
     squares = equation.mean_squares(motion, boundary_data, 1.0 / rate, error, error_rate)
-    return min(math.sqrt(squares.max()) / scale, MAX_ERROR)
+    along = waves_of(model, float(state.instants.times[-1]))
+    return min(math.sqrt(squares.max() + along * along) / scale, MAX_ERROR)
+
+
+@lru_cache(KEPT_EQUATIONS)
+def waves_of(model: CondensedModel, end_time: float) -> float:
+    """Return the rms displacement of waves along the cable [m]; kept as long as the model is."""
+    return waves(model.chain.p, model.chain.total_length, end_time)
 
 
 @lru_cache(KEPT_EQUATIONS)

@@ -146,8 +146,11 @@ def solve(
     def motion(state: CondensedTrajectory) -> float:
         return motion_scale(position(state), initial, chord)
 
+    # where the third derivative of a motion or load jumps, the scheme of fourth order is of second order
+    has_kinks = any(function.has_kinks for function in p.time_functions().values())
     runs = ComparableRuns(
-        run, position, motion, steps_per_second, end_time, model.chain.links, order=run.order,
+        run, position, motion, steps_per_second, end_time, model.chain.links,
+        order=SECOND_ORDER if has_kinks else run.order, resolved=1.0 / limit if scheme == "trapezoidal" else 0.0,
         finish=lambda state: state.only(times),
     )  # fmt: skip
     tolerance = request.tolerance if request.given_tolerance is not None else DEFAULT_TOLERANCE
@@ -334,7 +337,8 @@ class CondensedRun:
         if not self.sampled_omega_squared:
             return 0
         end_time, modes = float(self.times[-1]), self.model.n_in_plane
-        interval = sample_interval(self.sampled_omega_squared, modes, steps_per_second, end_time)
+        time_scale = self.model.chain.p.shortest_time_scale
+        interval = sample_interval(self.sampled_omega_squared, modes, steps_per_second, end_time, time_scale=time_scale)
         if self.air is not None:  # samples as close as those of the gusts, unless these are too many
             of_gusts = math.floor(steps_per_second / self.air.air.samples_per_second)
             interval = max(min(interval, of_gusts), 1, math.ceil(end_time * steps_per_second / MAX_SAMPLES))

@@ -25,7 +25,7 @@ from cablepod.integrate._request import REDUCED_TOLERANCE, Request
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._from_scene import SceneContent
 from cablepod.reduced._training_distance import distance_outside_training
-from cablepod.reduced._validity import forcing_attributes, warn_galerkin_out_of_range
+from cablepod.reduced._validity import forcing_attributes, law_attributes, warn_galerkin_out_of_range
 from cablepod.scene._notes import warn_of_unusual
 
 #: Maximum energy defect of a given step without a warning, as a fraction of the exchanged energy.
@@ -95,7 +95,11 @@ def simulate(
         - ``smallest_stretch``, ``largest_stretch``: minimum and maximum stretch xi at the output instants,
         - ``forcing_over_axial_frequency``, ``outside_training``: see :mod:`cablepod.reduced`,
         - ``energy_share_kept``: fraction of the energy of the snapshots in these modes, minimum over the coordinates,
-        - ``error_estimate``: estimate of the largest error over time, as a fraction of the motion; nan if there is none,
+        - ``error_estimate``: estimate of the largest error over time, as a fraction of the motion; nan if there is none.  It is
+          that of the modes and of the step, against all modes of the same links with the same law,
+        - ``tension_above_linear_law`` (law "green"): tension at the largest stretch over that of the linear law, less 1.
+          ``error_estimate`` does not contain that positions differ from those of the linear law, the default of
+          :func:`cablepod.chain.simulate`, by 2 to 14 times this number as a fraction of the motion (80 % of random scenes),
         - ``time_error_estimate``: contribution of the step to that error,
         - ``energy_defect``: largest violation of the energy balance (kinetic and strain energy, work of loads and ends,
           dissipation) at the steps beside the output instants, over the largest of these terms.  It is 1e-15 to 1e-12 for
@@ -204,6 +208,7 @@ def _validity_attributes(model: GalerkinModel, modes: xr.Dataset, result: xr.Dat
     """Return the attributes that compare a run with the range of validity and the training range."""
     p, length = model.chain.p, model.chain.total_length
     attributes = {name: float(value) for name, value in forcing_attributes(p, length).items()}
+    attributes |= law_attributes(model.law, result.attrs["largest_stretch"])
     if "energy_share" in modes:
         share = modes.variables["energy_share"]
         kept = share.values.take(range(result.sizes["mode"]), share.dims.index("mode"))

@@ -176,6 +176,11 @@ class TimeFunction:
         return values if derivative or self.keeps_start else values - self._start
 
     @property
+    def has_kinks(self) -> bool:
+        """Whether its third derivative jumps, as at both ends of a ramp and between the samples of a record."""
+        return bool(self.ramp) or self.kind in ("ramp", "file")
+
+    @property
     def shortest_time_scale(self) -> Any:
         """Period, duration of a ramp, or twice the spacing of a record [s]; infinity for a polynomial without ramp."""
         return min(self._time_scale, self.ramp) if self.ramp else self._time_scale

@@ -118,6 +118,13 @@ def warn_condensed_members(attrs: Mapping[str, list[Any]]) -> None:
             check(worst, f"{int(exceeds.sum())} of {exceeds.size} members, of these number {i} the worst: ")
 
 
+def law_attributes(law: str, stretch: float) -> dict[str, float]:
+    """Return ``tension_above_linear_law``, that of law (21) over that of the linear law at a stretch, less 1; none for others."""
+    if law != "green":
+        return {}
+    return {"tension_above_linear_law": 0.5 * stretch * (stretch + 1.0) - 1.0}  # xi (xi^2 - 1) / 2 over xi - 1
+
+
 def warn_galerkin_out_of_range(attrs: Mapping[str, Any]) -> None:
     """Warn of diagnostics of a Galerkin run beyond their thresholds."""
     if attrs["smallest_stretch"] < 1.0:
@@ -127,14 +134,14 @@ def warn_galerkin_out_of_range(attrs: Mapping[str, Any]) -> None:
             OutOfRangeWarning,
             stacklevel=user_stacklevel(),
         )
-    stretch = attrs["largest_stretch"]
-    extra_tension = 0.5 * stretch * (stretch + 1.0) - 1.0  # xi (xi^2 - 1) / 2 over xi - 1
-    if attrs["law"] == "green" and extra_tension > MAX_EXTRA_TENSION:
+    extra_tension = attrs.get("tension_above_linear_law", 0.0)
+    if extra_tension > MAX_EXTRA_TENSION:
         warnings.warn(
-            f"links are stretched to {stretch:.4g} of their unstretched length (largest_stretch), where law (21) has "
-            f"{100.0 * extra_tension:.2g} % more tension than the linear law of the same stiffness (above "
-            f"{100.0 * MAX_EXTRA_TENSION:g} %), which error_estimate does not contain: the motion is that of another material "
-            'than in chain.simulate; give law="linear" unless eq. (21) is the law of the cable',
+            f"links are stretched to {attrs['largest_stretch']:.4g} of their unstretched length (largest_stretch), where law "
+            f"(21) has {100.0 * extra_tension:.2g} % more tension than the linear law of the same stiffness "
+            f"(tension_above_linear_law, above {100.0 * MAX_EXTRA_TENSION:g} %), which error_estimate does not contain: the "
+            'motion is that of another material than in chain.simulate; give law="linear" unless eq. (21) is the law of the '
+            "cable",
             OutOfRangeWarning,
             stacklevel=user_stacklevel(),
         )

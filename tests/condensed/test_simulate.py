@@ -195,6 +195,22 @@ def test_runs_are_compared_between_the_output_times_too(soft, modes, options):
     np.testing.assert_array_equal(one.position[-1], many.position[-1])
 
 
+@pytest.mark.filterwarnings("ignore:.*the model expects an error:cablepod.OutOfRangeWarning")
+@pytest.mark.parametrize(
+    "motion",
+    [
+        {"kind": "ramp", "amplitude": 0.1, "duration": 0.73},
+        {"kind": "harmonic", "amplitude": 0.05, "angular_frequency": 5.0, "ramp": 1.0},
+    ],
+)
+def test_the_scheme_of_fourth_order_keeps_a_tolerance_with_ramps(soft, modes, motion):
+    # where the third derivative of a motion jumps its error is of second order
+    scene, options = cp.make_scene({**soft, "motion": {"upper": {"x": motion}}}), {"rank": 3, "outputs": ("position",)}
+    exact = cp.condensed.simulate(scene, modes[2], step=5e-5, scheme="numerov", **options)
+    run = cp.condensed.simulate(scene, modes[2], tolerance=1e-5, scheme="numerov", **options)
+    assert float(cp.compare.errors(run, exact).error_max) < 1e-5
+
+
 @pytest.mark.parametrize("options", [{}, {"tolerance": 1e-2}], ids=str)
 def test_a_stopped_run_has_output_times_only(soft, modes, monkeypatch, options):
     monkeypatch.setattr(stepper, "DIVERGENCE_FACTOR", 0.07)
