@@ -78,7 +78,7 @@ class Kind:
     further: Dims | None = ()  #: dimensions that variables may have beside those of the package, None for any
     is_scene: bool = False
     is_small: bool = True  #: values are checked and copied here, not where they are used
-    some: bool = False  #: coordinates that are not needed may be some of the package's, as after a selection
+    some: bool = False  #: a single coordinate may be left of those, as after a selection, where they are not needed
 
 
 SCENE = Kind(
@@ -359,9 +359,8 @@ def _label_order(key: str, dim: str, variable: xr.Variable, *, some: bool) -> np
         return None
     if dim == "feature" and set(labels) != set(own):
         return None  # of another version; whoever reads them looks at their names
-    if some and dim == "coordinate" and labels and len(set(labels)) == len(labels) and set(labels) <= set(own):
-        own = [label for label in own if label in labels]
-        return None if labels == own else np.array([labels.index(label) for label in own])
+    if some and dim == "coordinate" and len(labels) == 1 and labels[0] in own:
+        return None
     if len(labels) < 2 or sorted(map(str, labels)) != sorted(own[: len(labels)]):
         raise scene_error(f"{key}: {dim}", labels, f"{' and '.join(own[: max(2, len(labels))])}, each once")
     return np.array([labels.index(label) for label in own[: len(labels)]])

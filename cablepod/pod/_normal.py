@@ -11,6 +11,7 @@ import xarray as xr
 
 from cablepod._inputs import floats
 from cablepod.discretisation._chord_frame import ChordFrame, stretch_to_close
+from cablepod.errors import SceneError
 
 #: Suffixes of the variables in and out of the plane of chord and vertical.
 SETS = ("", "_out_of_plane")
@@ -32,6 +33,9 @@ def sets(modes: xr.Dataset) -> list[tuple[str, np.ndarray]]:
     largest = modes.variables["singular_value"].values.max() if "singular_value" in modes else None
     result = []
     for suffix in SETS[: modes.sizes.get("coordinate", 2) - 1]:
+        names = [f"{name}{suffix}" for name in ("mode_shape", *(("singular_value",) if largest is not None else ()))]
+        if missing := [name for name in names if name not in modes]:
+            raise SceneError(f"modes: given a Dataset without {' and '.join(missing)}; allowed: modes of pod.decompose")
         shape = floats(modes.variables[f"mode_shape{suffix}"].values)
         if largest is not None:
             shape = shape[modes.variables[f"singular_value{suffix}"].values > 1e-9 * largest]

@@ -1,6 +1,6 @@
 """SIGINT and SIGTERM at random instants of the command: one line, a status, nothing half-written, nothing left running.
 
-``CABLEPOD_SIGNALS=40`` attacks each command at that many instants.
+``CABLEPOD_SIGNALS=40`` attacks each command at that many instants, ``CABLEPOD_SEED=1`` at others.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def is_whole(folder: Path) -> int:
 
 def instants(command: str, name: str, count: int) -> list[float]:
     """Draw instants [s]: a third while modules are imported, the others until the command ends."""
-    random.seed(f"{command} {name}")
+    random.seed(f"{command} {name}{os.environ.get('CABLEPOD_SEED', '')}")
     return [random.uniform(0.0, 0.8 if i % 3 == 0 else SPAN[command]) for i in range(count)]
 
 
@@ -159,7 +159,7 @@ def test_every_instant_ends_with_one_line(command, name, tmp_path):
 @pytest.mark.parametrize("command", ["threads", "processes"])
 def test_killed_ensembles_go_on_to_the_same_bits(command, tmp_path):
     scene = scene_of(tmp_path, command, 300)
-    random.seed(command)
+    random.seed(f"{command}{os.environ.get('CABLEPOD_SEED', '')}")
 
     def run(name: str) -> tuple[Path, list[str]]:
         out = tmp_path / name

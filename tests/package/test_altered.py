@@ -5,6 +5,7 @@ from __future__ import annotations
 import matplotlib as mpl
 import numpy as np
 import pytest
+import xarray as xr
 from altered import ALTERATIONS, VARIANTS, Attempt, altered, attempts, contents, fault
 from odd_options import SIMULATE, calls
 from odd_options import fault as fault_of_options
@@ -16,6 +17,8 @@ import cablepod as cp
 
 #: Altered calls of a quick test and of all, odd options of each function in both.
 QUICK, ALL, QUICK_OPTIONS, ALL_OPTIONS = 250, 3500, 60, 800
+# whichever test comes first makes the Datasets
+pytestmark = pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")
 
 
 @pytest.fixture(autouse=True)
@@ -129,3 +132,16 @@ def test_a_dataset_in_order_is_not_copied():
     other = datasets()["modes"].isel(mode=slice(0, 2))
     assert taken("it", other, FIELD_MODES) is other
     assert not np.shares_memory(taken("it", other.isel(coordinate=[1, 0]), FIELD_MODES).mode_shape, other.mode_shape)
+
+
+def test_what_altered_calls_found_is_refused():
+    periodic = datasets(True)["normal modes"]
+    with pytest.raises(
+        cp.SceneError, match="modes: given a Dataset without singular_value_out_of_plane; allowed: modes"
+    ):
+        cp.condensed.simulate(datasets(True)["scene"], periodic.drop_vars("singular_value_out_of_plane"), step=1e-2)
+    orbit = xr.Dataset({f"multiplier_{part}": ("multiplier", np.array([0.5, 1.0j])) for part in ("real", "imag")})
+    with pytest.raises(
+        cp.SceneError, match="result: multiplier_real: given values of type complex128; allowed: real numbers"
+    ):
+        cp.plots.multipliers(orbit)
