@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from cablepod.archive._checked import changed
@@ -139,7 +141,7 @@ def read_entry(path: Path, *, verify: bool = True) -> dict[str, Any]:
 
 
 def entry_of(batch: xr.Dataset, path: Path) -> dict[str, Any]:
-    """Return the entry of a batch in the manifest: size of its file, layout, common attributes, failed members."""
+    """Return the entry of a batch in the manifest: size of its file, layout, common attributes, what to know of its members."""
     layout: dict[str, Any] = {"variables": {}, "shared": {}}
     for name, variable in batch.variables.items():
         if "member" not in variable.dims:
@@ -157,33 +159,87 @@ def entry_of(batch: xr.Dataset, path: Path) -> dict[str, Any]:
             if isinstance(value, str) and name not in BATCH_ATTRIBUTES
         },
         "failed": {str(number): reason for number, reason in zip(numbers, reasons, strict=True) if reason},
+        "not_converged": time_errors(batch, batch.attrs.get("accepted_time_error", math.inf)),
+        "largest_tension": _largest_tension(batch),
     }
 
 
-def describe_ensemble(path: str | os.PathLike[str], *, verify: bool = True) -> str:
+def time_errors(results: xr.Dataset, accepted: float) -> dict[str, list[float]] | None:
+    """Return the estimated time errors of members above an accepted one, of motion and tension; None without estimates.
+
+    The key is the number of the member, the error of the tension is nan without an estimate.
+    """
+    if "time_error_estimate" not in results:
+        return {} if (results["failure"].values != "").all() else None
+    of_motion = results["time_error_estimate"].values
+    of_tension = np.full(of_motion.shape, np.nan)
+    if "tension_time_error_estimate" in results:
+        of_tension = results["tension_time_error_estimate"].values
+    numbers = results["member"].values
+    return {
+        str(numbers[i]): [float(of_motion[i]), float(of_tension[i])]
+        for i in np.flatnonzero((of_motion > accepted) | (of_tension > accepted))
+    }
+
+
+def _largest_tension(batch: xr.Dataset) -> list[float] | None:
+    """Return number and tension [N] of the member with the largest tension over links and steps; None without tensions."""
+    if "tension_maximum" not in batch or not np.isfinite(batch["tension_maximum"].values).any():
+        return None
+    of_members = np.nanmax(batch["tension_maximum"].values, axis=1, initial=-np.inf)
+    row = int(of_members.argmax())
+    return [int(batch["member"][row]), float(of_members[row])]
+
+
+def merged_time_errors(entries: Iterable[Mapping[str, Any]]) -> dict[str, list[float]] | None:
+    """Return the time errors of all batches that are not accepted, see :func:`time_errors`; None if a batch has no estimates."""
+    merged: dict[str, list[float]] = {}
+    for entry in entries:
+        if entry.get("not_converged") is None:
+            return None
+        merged |= entry["not_converged"]
+    return merged
+
+
+def errors_text(errors: Sequence[float]) -> str:
+    """Return the time errors of a member as text."""
+    of_motion, of_tension = errors
+    text = f"an error of {of_motion:.3g} of the motion"
+    return text if math.isnan(of_tension) else f"{text} and of {of_tension:.3g} of the range of its tensions"
+
+
+def worst_first(errors: Mapping[str, Sequence[float]]) -> list[str]:
+    """Return the numbers of members by the larger one of both time errors, the worst first."""
+    return sorted(errors, key=lambda member: -np.nanmax(errors[member]))
+
+
+def describe_ensemble(path: str | os.PathLike[str], *, with_history: bool = True, verify: bool = True) -> str:
     """Describe an ensemble and its progress.
 
     Parameters
     ----------
     path
         The folder of the ensemble.
+    with_history
+        Whether the history is in the text.
     verify
         Whether its manifest must be as written.
 
     Returns
     -------
     str
-        Members, done and failed with their reasons, ranges, model, options, size and history.
+        Members, done, failed with their reasons, not converged with their errors, largest tension, ranges, model, options, size
+        and history.
 
     Raises
     ------
     ArchiveError
         If the folder holds no ensemble.
     """
-    return "\n".join(map(printable, _description(Path(path), verify=verify)))
+    return "\n".join(map(printable, _description(Path(path), with_history, verify=verify)))
 
 
-def _description(folder: Path, *, verify: bool) -> Iterator[str]:
+def _description(folder: Path, with_history: bool, *, verify: bool) -> Iterator[str]:
     """Yield the lines of the description."""
     manifest = read_manifest(folder, verify=verify)
     sizes = sizes_of(manifest)
@@ -210,8 +266,37 @@ def _description(folder: Path, *, verify: bool) -> Iterator[str]:
         yield f"  {count} (member {', '.join(members[:3])}{', ...' if count > 3 else ''}): {reason}"
     if len(set(failed.values())) > 5:
         yield f"  and {len(set(failed.values())) - 5} more reasons"
+    yield from _convergence(manifest)
+    yield from _peak(manifest)
     yield "varied"
     for name, (low, high, units) in manifest["varied"].items():
         yield f"  {name} from {low:g} to {high:g}" + (f" {units}" if units and units != "1" else "")
-    yield "history"
-    yield from (f"  {line}" for line in str(manifest["attributes"].get("history", "")).split("\n"))
+    if with_history:
+        yield "history"
+        yield from (f"  {line}" for line in str(manifest["attributes"].get("history", "")).split("\n"))
+
+
+def _convergence(manifest: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the lines on members that have not converged in time, the worst first."""
+    if not manifest["done"] or not all("not_converged" in entry for entry in manifest["done"].values()):
+        return  # of an earlier version
+    errors = merged_time_errors(manifest["done"].values())
+    if errors is None:
+        yield "not converged  not known: no time error is estimated, as with a given step"
+        return
+    accepted = manifest["attributes"].get("accepted_time_error")
+    yield f"not converged  {len(errors)}" + (f", with an estimated time error above {accepted:g}" if errors else "")
+    for member in worst_first(errors)[:5]:
+        yield f"  member {member}: {errors_text(errors[member])}"
+    if len(errors) > 5:
+        yield f"  and {len(errors) - 5} more, see time_error_estimate and tension_time_error_estimate"
+
+
+def _peak(manifest: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the line of the largest tension, with what to know of its member."""
+    peaks = [entry["largest_tension"] for entry in manifest["done"].values() if entry.get("largest_tension")]
+    if peaks:
+        member, value = max(peaks, key=lambda peak: peak[1])
+        errors = (merged_time_errors(manifest["done"].values()) or {}).get(str(member))
+        doubt = f", not converged: {errors_text(errors)}" if errors else ""
+        yield f"largest tension  {value:.5g} N, in member {member}{doubt}"

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from cablepod.errors import MemberFailedWarning, user_stacklevel
+import xarray as xr
 
+from cablepod.archive._manifest import errors_text, worst_first
+from cablepod.errors import MemberFailedWarning, NotConvergedWarning, OutOfRangeWarning, user_stacklevel
+from cablepod.reduced._validity import warn_condensed_members
+
+#: Begin of a warning of the members of one batch, see :func:`cablepod.reduced._validity.warn_condensed_members`.
+OF_BATCH = re.compile(r"\d+ of \d+ members, of these number \d+ the worst: ")
 #: Category and text of a warning.
 Note = tuple[type[Warning], str]
 
@@ -61,11 +68,59 @@ def collect_warnings() -> Iterator[list[Note]]:
         notes += _COLLECTOR.end()
 
 
-def emit_warnings(notes: list[Note], count: int) -> None:
-    """Emit the first warning of each category and the number of others, without MemberFailedWarning."""
+def emit_warnings(notes: list[Note], count: int, time_errors: Mapping[str, Sequence[float]], accepted: float) -> None:
+    """Emit warnings of `count` members, one for each category.
+
+    For members that have not converged in time it names the worst, for other categories the first and the number of others.
+    MemberFailedWarning is left out.
+
+    Parameters
+    ----------
+    notes
+        Warnings of all members.
+    count
+        Number of members.
+    time_errors
+        Errors of motion and tension of the members that have not converged, see
+        :func:`cablepod.archive._manifest.time_errors`.
+    accepted
+        Time error above which a member counts as not converged.
+    """
+    if time_errors:
+        warnings.warn(_not_converged(time_errors, count, accepted), NotConvergedWarning, stacklevel=user_stacklevel())
+        notes = [note for note in notes if note[0] is not NotConvergedWarning or "not converged in time" not in note[1]]
     for category in dict.fromkeys(category for category, _ in notes):
         texts = [text for note_category, text in notes if note_category is category]
         if category is MemberFailedWarning:
             continue
         more = f" (and {len(texts) - 1} more such warnings in {count} members)" if len(texts) > 1 else ""
         warnings.warn(texts[0] + more, category, stacklevel=user_stacklevel())
+
+
+def _not_converged(errors: Mapping[str, Sequence[float]], count: int, accepted: float) -> str:
+    """Return the warning of members that have not converged: their number, the worst in motion and in tension."""
+    worst = max(errors, key=lambda member: errors[member][0])
+    tense = worst_first(errors)[0]
+    members = [worst] if worst == tense else [worst, tense]
+    named = "; ".join(f"member {member} has {errors_text(errors[member])}" for member in members)
+    return (
+        f"{len(errors)} of {count} members have not converged in time, with an estimated error above {accepted:g}; the worst: "
+        f"{named}; their motion is chaotic (judge it by statistics), or axial waves or snaps are not resolved: give a ramp to "
+        "motions that start with a jump, a shorter step, or a larger tolerance"
+    )
+
+
+def emit_of_all_members(notes: list[Note], result: Callable[[], xr.Dataset]) -> list[Note]:
+    """Emit warnings that batches of the condensed model give of their members once for all; return the other warnings.
+
+    `result` gives the results of all members.
+    """
+    others = [note for note in notes if note[0] is not OutOfRangeWarning or not OF_BATCH.match(note[1])]
+    if len(others) < len(notes):
+        results = result()
+        names = [str(name) for name, variable in results.variables.items() if variable.dims == ("member",)]
+        names = [name for name in names if results[name].dtype.kind == "f"]
+        attrs = {name: results[name].values.tolist() for name in names}
+        scheme = [str(results.attrs.get("scheme", ""))] * results.sizes["member"]
+        warn_condensed_members({**attrs, "scheme": scheme})
+    return others

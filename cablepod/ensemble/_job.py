@@ -233,8 +233,8 @@ def run_batch(
     return entry_of(batch, path), notes
 
 
-def _batch_attributes(manifest: Mapping[str, Any], ensemble: str, number: int) -> dict[str, str]:
-    """Return id, history and title of a batch, from those of its ensemble."""
+def _batch_attributes(manifest: Mapping[str, Any], ensemble: str, number: int) -> dict[str, Any]:
+    """Return id, history, title and accepted time error of a batch, from those of its ensemble."""
     stages = json.loads(manifest["attributes"]["history_json"])
     stage = stages[-1]
     stage |= {
@@ -248,4 +248,5 @@ def _batch_attributes(manifest: Mapping[str, Any], ensemble: str, number: int) -
         "history_json": json.dumps(stages, sort_keys=True),
         "history": manifest["inputs_history"],
         "title": f"{manifest['attributes']['title']}, batch {number}",
+        **{name: value for name, value in manifest["attributes"].items() if name == "accepted_time_error"},
     }

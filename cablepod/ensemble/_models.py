@@ -10,7 +10,9 @@ import numpy as np
 import xarray as xr
 
 from cablepod import cable, chain, condensed, galerkin, rigid
+from cablepod.condensed._runs import MAX_TOLERANCE
 from cablepod.errors import one_of, scene_error
+from cablepod.integrate._request import DEFAULT_TOLERANCE
 
 #: Name of a model -> its function.
 MODELS: Mapping[str, Callable[..., xr.Dataset]] = {
@@ -28,6 +30,16 @@ def options_of(model: str) -> dict[str, Any]:
     """Return the options of a model's ``simulate``, except ``progress``, with their defaults."""
     arguments = inspect.signature(MODELS[model]).parameters.values()
     return {arg.name: arg.default for arg in arguments if arg.kind is arg.KEYWORD_ONLY and arg.name != "progress"}
+
+
+def accepted_time_error(model: str, options: Mapping[str, Any]) -> float:
+    """Return the time error, as a fraction of the motion, above which a member counts as not converged.
+
+    It is the given tolerance, or the default one of full models.  Reduced models choose their own, at most MAX_TOLERANCE.
+    """
+    if options.get("tolerance") is not None:
+        return float(options["tolerance"])
+    return MAX_TOLERANCE if model in REDUCED else DEFAULT_TOLERANCE
 
 
 def check_model(model: Any, modes: Any, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -33,6 +33,7 @@ from cablepod.archive._manifest import (
 from cablepod.archive._read import version
 from cablepod.archive._seal import SCHEMA
 from cablepod.archive._write import check_target, reason
+from cablepod.ensemble._models import accepted_time_error
 from cablepod.errors import ArchiveError, shown
 
 LOCK = ".cablepod-lock"
@@ -310,7 +311,8 @@ def _new_manifest(folder: Path, plan: Mapping[str, Any], inputs: Mapping[str, xr
     history = "\n".join(
         dict.fromkeys(line for dataset in datasets for line in str(dataset.attrs["history"]).split("\n"))
     )
-    head = {"title": plan["title"], "id": plan["id"], "history": history}
+    head: dict[str, Any] = {"title": plan["title"], "id": plan["id"], "history": history}
+    head["accepted_time_error"] = accepted_time_error(plan["model"], plan["options"])
     head["history_json"] = json.dumps([*map(json.loads, stages.values()), stage], sort_keys=True)
     attributes = root_attributes(xr.Dataset(attrs=head))
     return {

@@ -23,13 +23,13 @@ from cablepod import provenance
 from cablepod._inputs import SCENE, taken
 from cablepod._resources import defer_sigint
 from cablepod.archive._attributes import with_own_id
-from cablepod.archive._manifest import MODES, SCENES
+from cablepod.archive._manifest import MODES, SCENES, merged_time_errors, time_errors
 from cablepod.archive._open_ensemble import open_ensemble
 from cablepod.batch._members import stop_when, thread_limit
 from cablepod.ensemble import _resume as resume
-from cablepod.ensemble._collect_warnings import Note, collect_warnings, emit_warnings
+from cablepod.ensemble._collect_warnings import Note, collect_warnings, emit_of_all_members, emit_warnings
 from cablepod.ensemble._job import check_access, compute, run_batch, synchronous_dask
-from cablepod.ensemble._models import MODELS, REDUCED, check_model
+from cablepod.ensemble._models import MODELS, REDUCED, accepted_time_error, check_model
 from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, worker_pool
 from cablepod.errors import (
     ArchiveError,
@@ -107,7 +107,10 @@ def run(
     Warns
     -----
     MemberFailedWarning
-        If members failed.  Other warnings of the members are emitted once for each category.
+        If members failed.
+    NotConvergedWarning
+        If members have not converged in time, with the worst in motion and in tension.  Other warnings of the members are emitted
+        once for each category.
     """
     plan, inputs = _prepare(scenes, model, modes, options, batch)
     with defer_sigint(), resume.open_store(path, plan, inputs, overwrite=overwrite) as store:
@@ -127,8 +130,10 @@ def run(
                     with suppress(ArchiveError):  # the next run finds completed batches by their files
                         store.save()
         store.save()
-        emit_warnings(notes, scenes.sizes["member"])
+        errors = merged_time_errors(store.manifest["done"].values()) or {}
     result = open_ensemble(path)
+    notes = emit_of_all_members(notes, lambda: result)
+    emit_warnings(notes, scenes.sizes["member"], errors, accepted_time_error(model, plan["options"]))
     _warn_of_failures(result)
     return result
 
@@ -192,9 +197,12 @@ def _batches(
 
         queue = JobQueue(pool, submit, range(len(sizes)), ahead=1)
         notes: list[Note] = []
+        errors: dict[str, list[float]] = {}
+        accepted = accepted_time_error(plan["model"], plan["options"])
         try:
             for number, (result, batch_notes) in enumerate(queue.in_order()):
                 notes += batch_notes
+                errors |= time_errors(result, accepted) or {}
                 total.update(number, 1.0)
                 record = {name: plan[name] for name in ("model", "options", "batch")} | {"number": number}
                 yield provenance.record(
@@ -202,7 +210,7 @@ def _batches(
                 )
         finally:
             stop.set()
-    emit_warnings(notes, plan["members"])
+    emit_warnings(notes, plan["members"], errors, accepted)
 
 
 def _compute_in_worker(

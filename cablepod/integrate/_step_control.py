@@ -307,7 +307,7 @@ def _warn_not_converged(estimate: float, of_tension: float, limit: float, tolera
     """Warn of motion, or of tension alone, that has not converged within the tolerance."""
     if estimate <= limit:
         warnings.warn(
-            f"tension not converged in time: an error of {of_tension:.2g} of its range is left at step {1 / rate:.3g} s, and of "
+            f"tension not converged in time: an error of {of_tension:.3g} of its range is left at step {1 / rate:.3g} s, and of "
             f"{estimate:.2g} of the motion, more than the tolerance {tolerance:.2g}; axial waves or snaps are not resolved; give "
             "a ramp to motions that start with a jump, a shorter step, or a larger tolerance",
             NotConvergedWarning,
@@ -315,7 +315,7 @@ def _warn_not_converged(estimate: float, of_tension: float, limit: float, tolera
         )
         return
     warnings.warn(
-        f"not converged in time: an error of {estimate:.2g} of the motion is left at step {1 / rate:.3g} s, more than the "
+        f"not converged in time: an error of {estimate:.3g} of the motion is left at step {1 / rate:.3g} s, more than the "
         f"tolerance {tolerance:.2g}; the motion is chaotic (judge it by statistics) or too abrupt for this scheme; give a "
         "shorter step, or a larger tolerance",
         NotConvergedWarning,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import xarray as xr
 from scenes import ENSEMBLE_STEP, full_modes
 
 import cablepod as cp
-from cablepod.archive._manifest import describe_ensemble
+from cablepod.archive._manifest import describe_ensemble, time_errors
 
 
 def test_an_ensemble_is_what_one_call_gives(finished, scenes_of):
@@ -126,8 +127,6 @@ def test_progress_counts_all_members(scenes_of, tmp_path):
 
 
 def test_other_warnings_come_once(soft, scenes_of, tmp_path, monkeypatch):
-    import warnings
-
     from cablepod.ensemble import _models as models
 
     def noisy(scenes, *, step=None, times=None, progress=None):
@@ -138,6 +137,65 @@ def test_other_warnings_come_once(soft, scenes_of, tmp_path, monkeypatch):
     monkeypatch.setitem(models.MODELS, "chain", noisy)
     with pytest.warns(RuntimeWarning, match=r"member \d is odd \(and 9 more such warnings in 10 members\)") as caught:
         list(cp.ensemble.batches(scenes_of(), batch=4, step=ENSEMBLE_STEP))
+    assert len(caught) == 1
+
+
+def test_members_that_have_not_converged_are_counted_and_the_worst_named(scenes_of, tmp_path, monkeypatch):
+    from cablepod.ensemble import _models as models
+
+    of_motion = np.array([1.02e-4, 5e-5, 0.4, 1e-5, 2e-5, 9e-5, 3e-5, 0.0, 0.0, 0.0])
+    of_tension = np.array([0.034, 5e-5, 0.2, 1e-5, 1e-5, 0.9, 3e-5, 0.0, 0.0, 0.0])
+
+    def doubtful(scenes, *, step=None, tolerance=None, times=None, progress=None):
+        if "member" not in scenes.dims:
+            return cp.chain.simulate(scenes, step=ENSEMBLE_STEP, times=times, outputs=("tension_extremes",))
+        text = "not converged in time: an error of 0.000102 of the motion is left"
+        warnings.warn(text, cp.NotConvergedWarning, stacklevel=1)
+        run = cp.chain.simulate(scenes, step=ENSEMBLE_STEP, times=times, outputs=("tension_extremes",))
+        which = scenes["member"].values
+        return run.assign(
+            time_error_estimate=("member", of_motion[which]), tension_time_error_estimate=("member", of_tension[which])
+        )
+
+    monkeypatch.setitem(models.MODELS, "chain", doubtful)
+    said = (
+        r"^3 of 10 members .* above 0\.0001; the worst: member 2 has an error of 0\.4 of the motion and of 0\.2 of the range of "
+        r"its tensions; member 5 has an error of 9e-05 of the motion and of 0\.9 of the range"
+    )
+    with pytest.warns(cp.NotConvergedWarning, match=said) as caught:
+        run = cp.ensemble.run(scenes_of(), tmp_path / "it", batch=4)
+    assert len(caught) == 1
+    with pytest.warns(cp.NotConvergedWarning, match=said) as caught:
+        list(cp.ensemble.batches(scenes_of(), batch=4))
+    assert len(caught) == 1
+    assert run.attrs["accepted_time_error"] == 1e-4
+    lines = describe_ensemble(tmp_path / "it").splitlines()
+    place = lines.index("not converged  3, with an estimated time error above 0.0001")
+    assert [line.partition(":")[0] for line in lines[place + 1 : place + 4]] == [
+        "  member 5",
+        "  member 2",
+        "  member 0",
+    ]
+    peaks = run["tension_maximum"].max("link").values
+    assert lines[place + 4].startswith(f"largest tension  {peaks.max():.5g} N, in member {peaks.argmax()}")
+    with pytest.warns(cp.NotConvergedWarning, match=said):  # the same call, which has nothing to compute
+        cp.ensemble.run(scenes_of(), tmp_path / "it", batch=4)
+    assert time_errors(run, 1.0) == {}  # a tolerance that all meet
+
+
+def test_warnings_of_batches_of_the_condensed_model_become_one_of_all_members():
+    from cablepod.ensemble._collect_warnings import emit_of_all_members
+
+    force = np.array([5.0, -1.0, 2.0, -8.0, -2.0, 4.0])
+    names = {"smallest_chordwise_force": force, "time_of_smallest_force": 0.1 * np.arange(6), "step": np.full(6, 1e-3)}
+    results = xr.Dataset({name: ("member", values) for name, values in names.items()}, attrs={"scheme": "numerov"})
+    of_batches = [
+        (cp.OutOfRangeWarning, "1 of 3 members, of these number 1 the worst: the chordwise force falls"),
+        (cp.OutOfRangeWarning, "2 of 3 members, of these number 0 the worst: the chordwise force falls"),
+        (cp.OutOfRangeWarning, "another"),
+    ]
+    with pytest.warns(cp.OutOfRangeWarning, match=r"^3 of 6 members, of these number 3 the worst: .* -8 N") as caught:
+        assert emit_of_all_members(of_batches, lambda: results) == of_batches[2:]
     assert len(caught) == 1
 
 
