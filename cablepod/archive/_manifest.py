@@ -182,13 +182,18 @@ def time_errors(results: xr.Dataset, accepted: float) -> dict[str, list[float]] 
     }
 
 
-def _largest_tension(batch: xr.Dataset) -> list[float] | None:
-    """Return number and tension [N] of the member with the largest tension over links and steps; None without tensions."""
+def _largest_tension(batch: xr.Dataset) -> dict[str, Any] | None:
+    """Return number, value [N] and parameters of the member with the largest tension over links and steps; None without."""
     if "tension_maximum" not in batch or not np.isfinite(batch["tension_maximum"].values).any():
         return None
     of_members = np.nanmax(batch["tension_maximum"].values, axis=1, initial=-np.inf)
     row = int(of_members.argmax())
-    return [int(batch["member"][row]), float(of_members[row])]
+    at = {
+        str(name): float(column[row])
+        for name, column in batch.coords.items()
+        if name != "member" and column.dims == ("member",) and column.dtype.kind in "if"
+    }
+    return {"member": int(batch["member"][row]), "value": float(of_members[row]), "at": at}
 
 
 def merged_time_errors(entries: Iterable[Mapping[str, Any]]) -> dict[str, list[float]] | None:
@@ -213,15 +218,15 @@ def worst_first(errors: Mapping[str, Sequence[float]]) -> list[str]:
     return sorted(errors, key=lambda member: -np.nanmax(errors[member]))
 
 
-def describe_ensemble(path: str | os.PathLike[str], *, with_history: bool = True, verify: bool = True) -> str:
+def describe_ensemble(path: str | os.PathLike[str], *, brief: bool = False, verify: bool = True) -> str:
     """Describe an ensemble and its progress.
 
     Parameters
     ----------
     path
         The folder of the ensemble.
-    with_history
-        Whether the history is in the text.
+    brief
+        Leave largest tension and history out.
     verify
         Whether its manifest must be as written.
 
@@ -236,10 +241,10 @@ def describe_ensemble(path: str | os.PathLike[str], *, with_history: bool = True
     ArchiveError
         If the folder holds no ensemble.
     """
-    return "\n".join(map(printable, _description(Path(path), with_history, verify=verify)))
+    return "\n".join(map(printable, _description(Path(path), brief, verify=verify)))
 
 
-def _description(folder: Path, with_history: bool, *, verify: bool) -> Iterator[str]:
+def _description(folder: Path, brief: bool, *, verify: bool) -> Iterator[str]:
     """Yield the lines of the description."""
     manifest = read_manifest(folder, verify=verify)
     sizes = sizes_of(manifest)
@@ -267,11 +272,12 @@ def _description(folder: Path, with_history: bool, *, verify: bool) -> Iterator[
     if len(set(failed.values())) > 5:
         yield f"  and {len(set(failed.values())) - 5} more reasons"
     yield from _convergence(manifest)
-    yield from _peak(manifest)
+    if not brief:
+        yield from peak_of(manifest)
     yield "varied"
     for name, (low, high, units) in manifest["varied"].items():
         yield f"  {name} from {low:g} to {high:g}" + (f" {units}" if units and units != "1" else "")
-    if with_history:
+    if not brief:
         yield "history"
         yield from (f"  {line}" for line in str(manifest["attributes"].get("history", "")).split("\n"))
 
@@ -292,11 +298,21 @@ def _convergence(manifest: Mapping[str, Any]) -> Iterator[str]:
         yield f"  and {len(errors) - 5} more, see time_error_estimate and tension_time_error_estimate"
 
 
-def _peak(manifest: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the line of the largest tension, with what to know of its member."""
+def peak_of(manifest: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the line of the largest tension, with parameters and time errors of its member."""
     peaks = [entry["largest_tension"] for entry in manifest["done"].values() if entry.get("largest_tension")]
     if peaks:
-        member, value = max(peaks, key=lambda peak: peak[1])
-        errors = (merged_time_errors(manifest["done"].values()) or {}).get(str(member))
+        peak = max(peaks, key=lambda peak: peak["value"])
+        errors = (merged_time_errors(manifest["done"].values()) or {}).get(str(peak["member"]))
         doubt = f", not converged: {errors_text(errors)}" if errors else ""
-        yield f"largest tension  {value:.5g} N, in member {member}{doubt}"
+        units = {name: units for name, (_, _, units) in manifest["varied"].items()}
+        at = ", ".join(
+            f"{name} {value:.5g} {units[name] or ''}".rstrip() for name, value in peak["at"].items() if name in units
+        )
+        where = f" ({at})" if at else ""
+        yield f"largest tension  {_digits(peak['value'])} N, in member {peak['member']}{where}{doubt}"
+
+
+def _digits(value: float) -> str:
+    """Return a number with five digits, a large one without exponent."""
+    return f"{value:.0f}" if 1e5 <= abs(value) < 1e9 else f"{value:.5g}"

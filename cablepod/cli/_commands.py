@@ -13,9 +13,9 @@ import xarray as xr
 from cablepod import archive, study
 from cablepod.archive import _lineage
 from cablepod.archive._folder import prepare_folder
-from cablepod.archive._manifest import MANIFEST, MODES, describe_ensemble
+from cablepod.archive._manifest import MANIFEST, MODES, describe_ensemble, peak_of, read_manifest
 from cablepod.archive._write import check_target
-from cablepod.cli import _arguments, _group, _periodic, _report, _summary, _templates
+from cablepod.cli import _arguments, _group, _map, _periodic, _report, _summary, _templates
 from cablepod.cli._group import Group, say
 from cablepod.cli._progress import Bars, member_bar
 from cablepod.errors import SceneError
@@ -168,6 +168,7 @@ def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool)
 )
 @click.option("--workers", type=int, metavar="N", help="threads or processes (default: as many as cores)")
 @click.option("--batch", type=int, default=64, metavar="COUNT", help="members in a file (default 64)")
+@click.option("--hertz", is_flag=True, help="draw the map over frequencies in Hz")
 @click.option("--overwrite", is_flag=True, help="replace another ensemble in DIR, and damaged files")
 @NO_VERIFY
 def ensemble_command(
@@ -179,12 +180,14 @@ def ensemble_command(
     scheduler: str | None,
     workers: int | None,
     batch: int,
+    hertz: bool,
     overwrite: bool,
     verify: bool,
 ) -> None:
     """Simulate all members of a scene."""
     from cablepod import ensemble  # slow to import
 
+    _group.import_matplotlib(agg=True)
     folder = _arguments.folder(out)
     dataset = read_scene(scene_path(scene))
     if "ensemble_json" not in dataset.attrs:
@@ -195,7 +198,7 @@ def ensemble_command(
         archive.read(modes, verify=verify) if modes else _modes_of_ensemble(dataset, folder, model, overwrite)
     )
     with member_bar(model, scenes.sizes["member"]) as progress:
-        ensemble.run(
+        results = ensemble.run(
             scenes,
             folder,
             model=model,
@@ -207,7 +210,8 @@ def ensemble_command(
             progress=progress,
             **dict(_arguments.model_option(text) for text in options),
         )
-    say(describe_ensemble(folder))
+    say("\n".join([_map.write(folder, results, hertz=hertz), *peak_of(read_manifest(folder))]))
+    say(describe_ensemble(folder, brief=True))
 
 
 FREQUENCY = click.option(

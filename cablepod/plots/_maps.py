@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -47,8 +48,23 @@ OF_TOLERANCES = ("tolerance_state", "tolerance_error", "tolerance_scheme")
 ROW, FRAME = 0.235, 1.45
 
 
+#: Variables of each link -> their extreme over the links.
+OVER_LINKS = {"tension_maximum": np.max, "tension_minimum": np.min}
+#: Time error above which a member is marked, for results that do not say theirs (members of an ensemble do).
+LARGEST_TIME_ERROR = 1e-2
+#: Least value of a force that is written in kN [N].
+KILONEWTON = 1e4
+
+
 def parameter_map(
-    result: xr.Dataset, variable: str, *, x: str, y: str, contours: bool = True, ax: Axes | None = None
+    result: xr.Dataset,
+    variable: str,
+    *,
+    x: str,
+    y: str,
+    contours: bool = False,
+    hertz: bool = False,
+    ax: Axes | None = None,
 ) -> Axes:
     """Draw a quantity over two parameters.
 
@@ -57,11 +73,13 @@ def parameter_map(
     result
         With `variable` over the dimensions `x` and `y`, or with all three along ``member`` as in results of ensembles.
     variable
-        Name of a numeric variable.
+        Name of a numeric variable.  Of "tension_maximum" the largest over all links is drawn, of "tension_minimum" the smallest.
     x, y
         Names of two numeric parameters, or their key paths.
     contours
-        Draw labelled contour lines if the parameters form a full grid.
+        Draw labelled contour lines if the parameters form a full grid; they look smoother than few cells are.
+    hertz
+        Draw angular frequencies as frequencies in Hz.
     ax
         Axes to draw on; new ones by default.
 
@@ -69,7 +87,9 @@ def parameter_map(
     -------
     matplotlib.axes.Axes
         `ax`, or new ones, with a colour bar: a map for a full grid of at least three by three, otherwise a dot for each member.
-        Crosses mark members without a result.  Labels are long names and units of the variables.
+        Members of ensembles are marked: by crosses those without a result, by hatches (squares around dots) those whose estimated
+        time error is above ``accepted_time_error`` (0.01 without this attribute), by white dots those that go slack.  The title
+        tells the marks that occur.  Labels are long names and units of the variables; forces from 10 kN on are in kN.
 
     Raises
     ------
@@ -81,8 +101,9 @@ def parameter_map(
     result = taken("result", result, MAPPED)
     across, up, values = _flat_columns(result, variable, x, y)
     _check_pairs(result, across, up, x, y)
+    in_hertz = [hertz and result[name].attrs.get("units") == "rad s-1" for name in (x, y)]
+    across, up = (part / (2.0 * np.pi) if of else part for part, of in zip((across, up), in_hertz, strict=True))
     ax = _style.axes(ax)
-    label = _label(result, variable)
     missing = ~np.isfinite(values)
     columns, rows = np.unique(across), np.unique(up)
     order = np.lexsort((across, up))
@@ -99,12 +120,73 @@ def parameter_map(
             ax.clabel(lines, fontsize=8, colors=["white" if level < middle else "black" for level in lines.levels])
     else:
         drawn = ax.scatter(across[~missing], up[~missing], c=values[~missing], cmap="cividis", edgecolors="0.4", s=36)
-    ax.figure.colorbar(drawn, ax=ax, label=label)
+    bar = ax.figure.colorbar(drawn, ax=ax)
+    for axis, name, drawn_values, of in (
+        (ax.xaxis, x, across, in_hertz[0]),
+        (ax.yaxis, y, up, in_hertz[1]),
+        (bar.ax.yaxis, variable, values, False),
+    ):
+        _label_axis(axis, _label(result, name, hertz=of), drawn_values)
+    marks = []
     if missing.any():
         ax.plot(across[missing], up[missing], "x", color=_style.COLOURS[1], markersize=6)
-        ax.set_title("crosses: no result", fontsize="medium")
-    ax.set(xlabel=_label(result, x), ylabel=_label(result, y))
+        marks.append("crosses: no result")
+    marks += _mark_doubtful(ax, result, across, up, drawn)
+    title = [textwrap.fill(str(result.attrs["title"]), 70)] if "title" in result.attrs else []
+    ax.set_title("\n".join([*title, *(["; ".join(marks)] if marks else [])]), fontsize="medium")
     return ax
+
+
+def _mark_doubtful(ax: Axes, result: xr.Dataset, across: np.ndarray, up: np.ndarray, drawn: Any) -> list[str]:
+    """Mark members that have not converged in time, and those that go slack; return the texts of the marks."""
+    count = result.sizes.get("member")
+    if count != across.size:
+        return []
+    errors = [_along_members(result, name) for name in ("time_error_estimate", "tension_time_error_estimate")]
+    accepted = float(result.attrs.get("accepted_time_error", LARGEST_TIME_ERROR))
+    doubtful = (errors[0] > accepted) | (errors[1] > accepted)
+    slack = (_along_members(result, "smallest_chordwise_force") < 0.0) | (
+        _along_members(result, "tension_minimum") <= 0.0
+    )
+    marks = []
+    if doubtful.any():
+        if hasattr(drawn, "get_coordinates"):
+            from matplotlib.collections import PolyCollection
+
+            corners = np.asarray(drawn.get_coordinates())
+            which = np.searchsorted(np.unique(up), up[doubtful]), np.searchsorted(np.unique(across), across[doubtful])
+            cells = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]], axis=2)[which]
+            frame: dict[str, Any] = {"facecolor": "none", "edgecolor": _style.COLOURS[1], "linewidth": 0.0}
+            ax.add_collection(PolyCollection(list(cells), hatch="////", **frame))
+            marks.append("hatched: not converged in time")
+        else:
+            ax.plot(across[doubtful], up[doubtful], "s", color=_style.COLOURS[1], markerfacecolor="none", markersize=10)
+            marks.append("squares: not converged in time")
+    if slack.any():
+        look: dict[str, Any] = {"markeredgecolor": "black", "markeredgewidth": 0.6, "markersize": 3.0}
+        ax.plot(across[slack], up[slack], "o", color="white", **look)
+        marks.append("white dots: slack at times")
+    return marks
+
+
+def _along_members(result: xr.Dataset, name: str) -> np.ndarray:
+    """Return a variable of numbers along ``member``, its minimum over links; nan if there is none."""
+    if name in result and result[name].dtype.kind == "f":
+        array = result[name].min("link") if result[name].dims == ("member", "link") else result[name]
+        if array.dims == ("member",):
+            return np.asarray(array.values)
+    return np.full(result.sizes["member"], np.nan)
+
+
+def _label_axis(axis: Any, label: str, values: np.ndarray) -> None:
+    """Set the label of an axis, in lines that fit; forces from KILONEWTON on are written in kN."""
+    from matplotlib.ticker import FuncFormatter
+
+    if label.endswith("[N]") and np.nanmax(np.abs(values), initial=0.0) >= KILONEWTON:
+        label = f"{label.removesuffix('[N]')}[kN]"
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{1e-3 * value:g}"))
+    text, _, units = label.rpartition(" ")
+    axis.set_label_text(textwrap.fill(f"{text}\N{NO-BREAK SPACE}{units}", 42).replace("\N{NO-BREAK SPACE}", " "))
 
 
 def stability(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
@@ -161,6 +243,8 @@ def _flat_columns(result: xr.Dataset, variable: str, x: str, y: str) -> tuple[np
         if name not in numbers:
             raise scene_error(key, name, "a variable of numbers: " + ", ".join(numbers))
     array = result[variable]
+    if variable in OVER_LINKS and array.dims == ("member", "link") and array.size:
+        array = array.reduce(OVER_LINKS[variable], "link")
     if x != y and set(array.dims) == {x, y} and array.size:
         array = array.transpose(y, x)
         across, up = np.meshgrid(result[x].values, result[y].values)
@@ -197,10 +281,12 @@ def _check_pairs(result: xr.Dataset, across: np.ndarray, up: np.ndarray, x: str,
     )
 
 
-def _label(result: xr.Dataset, name: str) -> str:
-    """Return long name and units of a variable."""
+def _label(result: xr.Dataset, name: str, *, hertz: bool = False) -> str:
+    """Return long name and units of a variable; what is drawn of all links has no link of its own."""
     attrs = result[name].attrs
-    return f"{attrs.get('long_name', name.replace('_', ' '))} [{attrs.get('units', '1')}]"
+    text, units = str(attrs.get("long_name", name.replace("_", " "))), str(attrs.get("units", "1"))
+    text = text.replace(" of the link over all steps", " anywhere, over all steps")
+    return f"{text.replace('angular frequency', 'frequency')} [Hz]" if hertz else f"{text} [{units}]"
 
 
 def _number(value: float) -> str:

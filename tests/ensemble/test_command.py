@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import csv
+
 import numpy as np
+import xarray as xr
 from scenes import SOFT_TOML
 
 import cablepod as cp
 from cablepod import cli
+from cablepod.cli import _map
 
 TABLE = """
 [ensemble]
@@ -54,6 +58,50 @@ def test_the_command_runs_resumes_and_tells(tmp_path, capsys):
     capsys.readouterr()
     assert cli.main([*command, "--option", "step=2e-3"]) == 2
     assert "give --overwrite to compute them again" in capsys.readouterr().err
+
+
+def test_the_command_ends_with_a_map_and_the_largest_tension(tmp_path, capsys):
+    scene, out = tmp_path / "study.toml", tmp_path / "out"
+    ranges = '[ensemble.ranges]\n"cable.top_tension" = [200.0, 300.0, 3]\n"ends.upper.x" = [7.0, 8.5, 4]\n'
+    scene.write_text(f"{SOFT_TOML}\n[ensemble]\n{ranges}")
+    command = ["ensemble", str(scene), "--out", str(out), "--option", "step=4e-3", "--batch", "5"]
+    assert cli.main([*command, "--option", "outputs=['tension_extremes']"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1] == f"map       {out / 'map.png'}, {out / 'map.csv'}"  # after the title
+    run = cp.archive.open_ensemble(out).compute()
+    peaks = run["tension_maximum"].max("link").values
+    k = int(peaks.argmax())
+    at = f"(cable_top_tension {run.cable_top_tension.values[k]:.5g} N, ends_upper_x {run.ends_upper_x.values[k]:.5g} m)"
+    assert lines[2] == f"largest tension  {peaks[k]:.5g} N, in member {k} {at}"
+    assert not any(line.startswith("history") for line in lines)
+    assert (out / "map.png").read_bytes()[:4] == b"\x89PNG"
+    with (out / "map.csv").open() as file:
+        head, *rows = csv.reader(file)
+    assert head[:4] == ["member", "cable_top_tension [N]", "ends_upper_x [m]", "largest tension [N]"]
+    np.testing.assert_allclose([float(row[3]) for row in rows], peaks, rtol=1e-9)
+    np.testing.assert_allclose([float(row[2]) for row in rows], run["ends_upper_x"], rtol=1e-9)
+
+
+def test_the_table_of_the_map_tells_what_is_doubtful(tmp_path):
+    tension = np.array([[5.0, 7.0], [9.0, 4.0], [np.nan, np.nan]])
+    results = xr.Dataset(
+        {
+            "tension_maximum": (("member", "link"), tension),
+            "tension_minimum": (("member", "link"), tension - 4.0),
+            "time_error_estimate": ("member", [2e-4, 1e-5, np.nan]),
+            "failure": ("member", ["", "", "diverged"]),
+        },
+        coords={"member": [0, 1, 2], "size": ("member", [1.0, 2.0, 3.0], {"units": "m"})},
+        attrs={"accepted_time_error": 1e-4},
+    )
+    _map._write_table(tmp_path / "map.csv", results, ["size"])
+    lines = (tmp_path / "map.csv").read_text().splitlines()
+    assert lines[0] == "member,size [m],largest tension [N],smallest tension [N],time_error_estimate [1],note"
+    assert lines[1:] == [
+        "0,1,7,1,0.0002,not converged",
+        "1,2,9,0,1e-05,slack at times",
+        "2,3,nan,nan,nan,failed: diverged",
+    ]
 
 
 def test_the_command_refuses_in_one_line(tmp_path, capsys):

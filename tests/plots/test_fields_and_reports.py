@@ -187,14 +187,14 @@ def test_phase_portraits_draw_velocity_over_displacement():
 def test_members_on_a_full_grid_make_a_map_in_any_order():
     order = np.random.default_rng(1).permutation(9)
     for given in (members(), members(order=order)):
-        ax = plots.parameter_map(given, "peak", x="omega", y="size")
+        ax = plots.parameter_map(given, "peak", x="omega", y="size", contours=True)
         expected = 100.0 * np.array([1.0, 2.0, 4.0]) + np.array([[10.0], [20.0], [30.0]])
         np.testing.assert_array_equal(mesh_of(ax).get_array(), expected)
         assert (ax.get_xlabel(), ax.get_ylabel()) == ("omega [rad s-1]", "sway [m]")
         assert ax.figure.axes[1].get_ylabel() == "peak tension [N]"
         assert ax.texts  # numbers on lines of equal value
     table = xr.Dataset({"peak": (("omega", "size"), expected.T)}, coords={"omega": [1, 2, 4], "size": [10, 20, 30]})
-    ax = plots.parameter_map(table, "peak", x="omega", y="size", contours=False)
+    ax = plots.parameter_map(table, "peak", x="omega", y="size")
     np.testing.assert_array_equal(mesh_of(ax).get_array(), expected)
     assert not ax.texts
 
@@ -208,6 +208,60 @@ def test_members_elsewhere_are_dots_and_those_without_a_result_crosses():
     np.testing.assert_array_equal(cross.get_xydata(), [[2.0, 20.0]])
     assert ax.get_title() == "crosses: no result"
     assert mesh_of(plots.parameter_map(members(missing=True), "peak", x="omega", y="size")).get_array().mask[1, 1]
+
+
+def doubted():
+    """Members of an ensemble with large tensions, of which the first and the last are doubtful, and the second goes slack."""
+    tension = np.stack([members().peak.values, 2.0 * members().peak.values], axis=1) * 100.0
+    name = "largest tension of the link over all steps of the run"
+    return members().assign(
+        tension_maximum=(("member", "link"), tension, {"units": "N", "long_name": name}),
+        tension_minimum=(("member", "link"), np.where(np.arange(9) == 1, -1.0, 3.0)[:, None] + [0.0, 5.0]),
+        time_error_estimate=("member", np.where(np.arange(9) == 0, 2e-3, 1e-5)),
+        tension_time_error_estimate=("member", np.where(np.arange(9) == 8, 0.3, 1e-5)),
+    ).assign_attrs(accepted_time_error=1e-4, title="a guy")  # fmt: skip
+
+
+def test_a_map_marks_doubtful_members_and_draws_the_tension_of_all_links():
+    order = np.random.default_rng(2).permutation(9)
+    for given in (doubted(), doubted().isel(member=order)):
+        ax = plots.parameter_map(given, "tension_maximum", x="omega", y="size", hertz=True)
+        (hatched,) = [item for item in ax.collections if item.get_hatch()]
+        corners = np.array([path.get_extents().extents for path in hatched.get_paths()]) * [
+            2.0 * np.pi,
+            1,
+            2.0 * np.pi,
+            1,
+        ]
+        np.testing.assert_allclose(sorted(corners.tolist()), [[0.5, 5.0, 1.5, 15.0], [3.0, 25.0, 5.0, 35.0]])
+        (dots,) = ax.lines
+        np.testing.assert_allclose(dots.get_xydata(), [[2.0 / (2.0 * np.pi), 10.0]])
+        assert ax.get_title() == "a guy\nhatched: not converged in time; white dots: slack at times"
+        assert ax.get_xlabel() == "omega [Hz]"
+        assert (
+            " ".join(ax.figure.axes[1].get_ylabel().split())
+            == "largest tension anywhere, over all steps of the run [kN]"
+        )
+        assert ax.figure.axes[1].yaxis.get_major_formatter()(5e4, 0) == "50"
+        expected = 200.0 * (100.0 * np.array([1.0, 2.0, 4.0]) + np.array([[10.0], [20.0], [30.0]]))
+        np.testing.assert_allclose(mesh_of(ax).get_array(), expected)
+    some = plots.parameter_map(doubted().isel(member=slice(8)), "tension_maximum", x="omega", y="size")
+    np.testing.assert_array_equal(some.lines[0].get_xydata(), [[1.0, 10.0]])  # a square around the dot
+    assert "squares: not converged in time" in some.get_title()
+    sound = doubted().assign_attrs(accepted_time_error=0.5).isel(member=[0, 2])
+    assert plots.parameter_map(sound, "peak", x="omega", y="size").get_title() == "a guy"
+
+
+def test_long_labels_stay_inside_the_figure():
+    name = "angular frequency, displacement of the upper end along x and much more of it"
+    given = doubted()
+    given["size"].attrs["long_name"] = name
+    ax = plots.parameter_map(given, "tension_maximum", x="omega", y="size")
+    ax.figure.canvas.draw()
+    for label in (ax.yaxis.label, ax.figure.axes[1].yaxis.label):
+        box, figure = label.get_window_extent(), ax.figure.bbox
+        assert figure.y0 <= box.y0
+        assert box.y1 <= figure.y1
 
 
 def test_a_map_takes_key_paths():
@@ -339,7 +393,7 @@ def bumps():
 
 PICTURES = {
     "shapes": lambda ax: plots.shapes(*swinging(), deflection=True, ax=ax),
-    "parameter_map": lambda ax: plots.parameter_map(bumps(), "peak", x="x", y="y", ax=ax),
+    "parameter_map": lambda ax: plots.parameter_map(bumps(), "peak", x="x", y="y", contours=True, ax=ax),
 }
 
 

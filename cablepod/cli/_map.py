@@ -1,0 +1,89 @@
+"""Write the map of an ensemble: largest tensions of all members as a table, and as a picture over two parameters."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from cablepod.archive._atomic import atomic_file
+from cablepod.archive._manifest import read_manifest, time_errors
+from cablepod.errors import SceneError
+
+TABLE, PICTURE = "map.csv", "map.png"
+
+
+def write(folder: Path, results: xr.Dataset, *, hertz: bool = False) -> str:
+    """Write ``map.csv`` and, over two varied parameters, ``map.png`` into the folder of an ensemble; return a line that says so.
+
+    Parameters
+    ----------
+    folder
+        Folder of the ensemble.
+    results
+        What :func:`cablepod.ensemble.run` gives.
+    hertz
+        Draw angular frequencies in Hz.
+    """
+    if "tension_maximum" not in results:
+        return 'map       none, as "tension_extremes" is not among the outputs'
+    names = ("tension_maximum", "tension_minimum", "time_error_estimate", "tension_time_error_estimate", "failure")
+    names += ("smallest_chordwise_force",)
+    results = results[[name for name in names if name in results]].load()
+    parameters = list(read_manifest(folder)["varied"])
+    parameters = [name for name in parameters if name in results.coords and results[name].dims == ("member",)]
+    _write_table(folder / TABLE, results, parameters)
+    if len(parameters) != 2:
+        return f"map       {folder / TABLE}; a picture needs two varied parameters, here {len(parameters)}"
+    try:
+        _draw(folder / PICTURE, results, *parameters, hertz=hertz)
+    except SceneError as error:  # members that share both parameters
+        return f"map       {folder / TABLE}; no picture: {error}"
+    return f"map       {folder / PICTURE}, {folder / TABLE}"
+
+
+def _write_table(path: Path, results: xr.Dataset, parameters: list[str]) -> None:
+    """Write a row for each member: parameters, largest and smallest tension, time errors, and what is doubtful."""
+    columns = {f"{name} [{results[name].attrs.get('units', '1')}]": results[name].values for name in parameters}
+    columns["largest tension [N]"] = results["tension_maximum"].max("link").values
+    columns["smallest tension [N]"] = results["tension_minimum"].min("link").values
+    for name in ("time_error_estimate", "tension_time_error_estimate"):
+        if name in results:
+            columns[f"{name} [1]"] = results[name].values
+    with atomic_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["member", *columns, "note"])
+        rows = zip(results["member"].values.tolist(), *columns.values(), _notes(results), strict=True)
+        for number, *values, note in rows:
+            writer.writerow([number, *(f"{value:.10g}" for value in values), note])
+
+
+def _notes(results: xr.Dataset) -> list[str]:
+    """Return what is doubtful of each member: failed with its reason, not converged, slack; empty for the others."""
+    doubtful = time_errors(results, float(results.attrs.get("accepted_time_error", np.inf))) or {}
+    slack = (results["tension_minimum"].min("link") <= 0.0).values
+    if "smallest_chordwise_force" in results:
+        slack |= results["smallest_chordwise_force"].values < 0.0
+    notes = []
+    for i, (number, reason) in enumerate(zip(results["member"].values, results["failure"].values, strict=True)):
+        parts = [f"failed: {reason}"] if reason else []
+        parts += ["not converged"] if str(number) in doubtful else []
+        parts += ["slack at times"] if slack[i] else []
+        notes.append("; ".join(parts))
+    return notes
+
+
+def _draw(path: Path, results: xr.Dataset, x: str, y: str, *, hertz: bool) -> None:
+    """Draw the largest tension over two parameters, a frequency across."""
+    from cablepod import plots  # slow to import
+
+    if "frequency" in y:
+        x, y = y, x
+    ax = plots.parameter_map(results, "tension_maximum", x=x, y=y, hertz=hertz)
+    with atomic_file(path) as part:
+        ax.figure.savefig(part, dpi=150, format="png")
+    from matplotlib import pyplot as plt
+
+    plt.close(ax.figure)
