@@ -17,7 +17,7 @@ from cablepod.archive._manifest import MANIFEST, MODES, describe_ensemble, peak_
 from cablepod.archive._write import check_target
 from cablepod.cli import _arguments, _group, _map, _periodic, _report, _summary, _templates
 from cablepod.cli._group import Group, say
-from cablepod.cli._progress import Bars, member_bar
+from cablepod.cli._progress import Bars, member_bar, telling_of_compilation
 from cablepod.errors import SceneError
 from cablepod.examples import scene_path
 from cablepod.scene._read import read_scene
@@ -133,7 +133,7 @@ def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool)
     """Make the modes that a reduced model needs."""
     check_target(Path(out), overwrite=overwrite)
     dataset = read_scene(scene_path(scene))
-    with Bars() as bars:
+    with telling_of_compilation(), Bars() as bars:
         modes = make_modes(dataset, layout=layout, rank=rank, progress=partial(bars, "chain"))
     archive.write(modes, out, overwrite=overwrite)
     kind = "vibration" if layout == "vibration" else f"Karhunen-Loève, layout {layout}"
@@ -197,7 +197,7 @@ def ensemble_command(
     modes_dataset = (
         archive.read(modes, verify=verify) if modes else _modes_of_ensemble(dataset, folder, model, overwrite)
     )
-    with member_bar(model, scenes.sizes["member"]) as progress:
+    with telling_of_compilation(), member_bar(model, scenes.sizes["member"]) as progress:
         results = ensemble.run(
             scenes,
             folder,
@@ -250,7 +250,8 @@ REPLACE = click.option("--overwrite", is_flag=True, help="replace results that a
 @NO_VERIFY
 def respond_command(**options: Any) -> int:
     """Follow periodic responses over frequency."""
-    return _periodic.respond(**options)
+    with telling_of_compilation():
+        return _periodic.respond(**options)
 
 
 @commands.command("tongues", **_templates.texts("tongues"))
@@ -272,7 +273,8 @@ def respond_command(**options: Any) -> int:
 @NO_VERIFY
 def tongues_command(**options: Any) -> int:
     """Map the stability over frequency and amplitude."""
-    return _periodic.tongues(**options)
+    with telling_of_compilation():
+        return _periodic.tongues(**options)
 
 
 @commands.command("check", **_templates.texts("check"))
@@ -283,7 +285,9 @@ def check_command(scene: str) -> None:
 
     dataset = read_scene(scene_path(scene))
     say(dataset.attrs["title"])
-    say(_summary.table(summary(dataset)))
+    with telling_of_compilation():
+        numbers = summary(dataset)
+    say(_summary.table(numbers))
 
 
 def _modes_of_ensemble(scene: xr.Dataset, folder: Path, model: str, overwrite: bool) -> xr.Dataset | None:
@@ -292,7 +296,7 @@ def _modes_of_ensemble(scene: xr.Dataset, folder: Path, model: str, overwrite: b
         return None
     if (folder / MODES).exists() and not overwrite:
         return archive.read(folder / MODES)
-    with Bars() as bars:
+    with telling_of_compilation(), Bars() as bars:
         modes = make_modes(scene, layout=LAYOUT_OF[model], progress=partial(bars, "chain, for the modes"))
     say(f"modes: {modes.sizes['mode']} of layout {LAYOUT_OF[model]}, from a run of the scene itself")
     return modes

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import signal
+import tomllib
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +21,9 @@ from cablepod.cli._group import say
 from cablepod.cli._progress import Bars
 from cablepod.errors import RunStopped, SceneError
 from cablepod.examples import scene_path
+from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._key_paths import nested
+from cablepod.scene._make import _make as make_scene
 from cablepod.scene._read import read_scene
 
 #: Files of both commands.
@@ -40,7 +47,8 @@ def respond(
     low, high = (value * (2.0 * np.pi if hertz else 1.0) for value in frequency)
     status = 0
     try:
-        with Bars() as bars:
+        with _saying_of_damping(dataset), Bars() as bars:
+            bars("frequency response", 0.0)
             result = periodic.frequency_response(
                 dataset, chosen, frequency=(low, high), progress=partial(bars, "frequency response")
             )
@@ -48,6 +56,7 @@ def respond(
         if error.partial is None:
             raise
         result, status = error.partial, _group.fail(str(error), status=_process.STATUS[signal.SIGINT])
+    archive.write(chosen, folder / MODES, overwrite=overwrite)
     archive.write(result, folder / RESPONSE, overwrite=overwrite)
     from cablepod import plots
 
@@ -80,7 +89,7 @@ def tongues(
     low, high = (value * (2.0 * np.pi if hertz else 1.0) for value in frequency)
     if not low < high:
         raise SceneError(f"--frequency: given {frequency[0]:g} {frequency[1]:g}; allowed: the lower one first")
-    with Bars() as bars:
+    with _saying_of_damping(dataset), Bars() as bars:
         result = periodic.stability_map(
             dataset,
             chosen,
@@ -88,6 +97,7 @@ def tongues(
             amplitude=amplitude * np.arange(1, points + 1) / points,
             progress=partial(bars, "stability map"),
         )
+    archive.write(chosen, folder / MODES, overwrite=overwrite)
     archive.write(result, folder / MAP, overwrite=overwrite)
     drawings = zip(MAP_FIGURES, (plots.stability_map, partial(plots.stability_map, variable="response")), strict=True)
     _figures(folder, drawings, result)
@@ -99,16 +109,51 @@ def tongues(
 def _prepared(
     scene: str, out: str, modes: str | None, rank: int, files: tuple[str, ...], overwrite: bool, verify: bool
 ) -> tuple[Path, xr.Dataset, xr.Dataset]:
-    """Return folder, scene and modes, which are written into the folder."""
+    """Return folder, scene without ramps, and modes, after the checks of all of them; nothing is written."""
     from cablepod import condensed
+    from cablepod.periodic._forcing import periodic_forcing
 
     folder = _arguments.folder(out)
-    dataset = read_scene(scene_path(scene))
+    dataset = _without_ramps(scene_path(scene))
+    periodic_forcing(parameters(dataset))  # refuses other forcing
     chosen = archive.read(modes, verify=verify) if modes else condensed.vibration_modes(dataset, rank=rank)
     with _arguments.as_options():
         prepare_folder(folder, files, overwrite=overwrite)
-    archive.write(chosen, folder / MODES, overwrite=overwrite)
     return folder, dataset, chosen
+
+
+def _without_ramps(path: str | Path) -> xr.Dataset:
+    """Return the scene of a file without the ramps of its motions and loads, which a periodic response has not; say so."""
+    scene = read_scene(path)
+    keys = [f"{key}.ramp" for key, function in parameters(scene).time_functions().items() if function.ramp]
+    if not keys:
+        return scene
+    _group.note(f"left out: {', '.join(keys)}, as a periodic response has no start")
+    tables = nested(tomllib.loads(Path(path).read_text(encoding="utf-8-sig")))
+    tables = {key: table for key, table in tables.items() if key != "ensemble"}  # its ranges may name a ramp
+    return make_scene(_pruned(tables), Path(path).parent)
+
+
+def _pruned(table: Any) -> Any:
+    """Return tables without their key ramp."""
+    if isinstance(table, list):
+        return [_pruned(entry) for entry in table]
+    if not isinstance(table, dict):
+        return table
+    return {key: _pruned(value) for key, value in table.items() if key != "ramp"}
+
+
+@contextmanager
+def _saying_of_damping(scene: xr.Dataset) -> Iterator[None]:
+    """Say before a long run that there is no damping; the warning after it is left out then."""
+    with warnings.catch_warnings():
+        if not parameters(scene).mass_damping:
+            _group.note(
+                "damping is zero: responses that are not unstable are neutral, not attracting, and may have so many branches "
+                "that it takes minutes; give damping.mass_proportional"
+            )
+            warnings.filterwarnings("ignore", message="damping is zero")
+        yield
 
 
 def _figures(folder: Path, drawings: Any, result: xr.Dataset) -> None:

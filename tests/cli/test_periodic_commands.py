@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
+import xarray as xr
 
 import cablepod as cp
 from cablepod import cli
+from cablepod.cli import _periodic
+from cablepod.periodic._output import warn_of_result
 
 GUY = """
 title = "a guy"
@@ -53,6 +58,50 @@ def test_respond_writes_branches_and_prints_bifurcations(guy, tmp_path, capsys):
     assert cli.main(arguments) == 2
     assert "overwrite" in capsys.readouterr().err
     assert cli.main([*arguments, "--overwrite"]) == 0
+
+
+def test_ramps_are_left_out_with_a_note(tmp_path, capsys):
+    for where, text in (
+        ("motion.upper.x.ramp", GUY.replace("angular_frequency = 12.5", "angular_frequency = 12.5\nramp = 3.0")),
+        (
+            "motion.upper.x.ramp",
+            GUY.replace("[damping]", "ramp = 3.0\n[ensemble.ranges]\n'motion.upper.x.ramp' = [1, 2, 3]\n[damping]"),
+        ),
+    ):
+        path = tmp_path / "ramped.toml"
+        path.write_text(text)
+        scene = _periodic._without_ramps(path)
+        assert capsys.readouterr().err == f"cablepod: note: left out: {where}, as a periodic response has no start\n"
+        (tmp_path / "guy.toml").write_text(GUY)
+        xr.testing.assert_equal(scene, cp.read_scene(tmp_path / "guy.toml"))
+        assert _periodic._without_ramps(tmp_path / "guy.toml").attrs["id"] == scene.attrs["id"]
+    assert capsys.readouterr().err == ""
+
+
+def test_nothing_is_written_for_forcing_that_is_refused(tmp_path, capsys):
+    path = tmp_path / "two.toml"
+    path.write_text(
+        GUY.replace(
+            "[damping]", '[motion.upper.y]\nkind = "harmonic"\namplitude = 0.01\nangular_frequency = 3.0\n[damping]'
+        )
+    )
+    for command, more in (("respond", []), ("tongues", ["--amplitude", "0.1"])):
+        arguments = [command, str(path), "--out", str(tmp_path / "out"), "--frequency", "1", "2", *more]
+        assert cli.main(arguments) == 2
+        assert "motion.upper.y.angular_frequency: given 3.0" in capsys.readouterr().err
+        assert not (tmp_path / "out").exists()
+
+
+def test_missing_damping_is_told_before_the_run_and_not_again(tmp_path, capsys):
+    path = tmp_path / "undamped.toml"
+    path.write_text(GUY.replace("[damping]\nmass_proportional = 0.05\n", ""))
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        with _periodic._saying_of_damping(cp.read_scene(path)):
+            assert "damping is zero" in capsys.readouterr().err
+            with warnings.catch_warnings(record=True) as caught:
+                warn_of_result({}, 0.0)
+            assert not caught
 
 
 def test_tongues_writes_a_map_with_given_modes(guy, tmp_path, capsys):

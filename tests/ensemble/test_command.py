@@ -29,7 +29,7 @@ def test_the_command_runs_resumes_and_tells(tmp_path, capsys):
     command = ["ensemble", str(scene), "--out", str(out), "--option", "step=4e-3", "--option", "outputs=['tension']"]
     assert cli.main(command) == 0
     said = capsys.readouterr()
-    assert said.err == ""
+    assert not [line for line in said.err.splitlines() if "compiling, once" not in line]
     assert "done      5\n" in said.out
     run = cp.archive.open_ensemble(out)
     direct = cp.chain.simulate(cp.ensemble.design(cp.read_scene(scene)), step=4e-3, outputs=("tension",))
