@@ -20,6 +20,8 @@ from cablepod.cli._group import Group, say
 from cablepod.cli._progress import Bars, member_bar, telling_of_compilation
 from cablepod.errors import SceneError
 from cablepod.examples import scene_path
+from cablepod.integrate._velocity_jump import warn_of_velocity_jump
+from cablepod.parameters._from_scene import parameters
 from cablepod.scene._read import read_scene
 from cablepod.study._modes import LAYOUT_OF, RANK, make_modes
 
@@ -193,7 +195,7 @@ def ensemble_command(
     if "ensemble_json" not in dataset.attrs:
         raise SceneError(f"ensemble: missing in {scene}; allowed: a table with members and ensemble.ranges")
     scenes = ensemble.design(dataset)
-    say(scenes.attrs["title"])
+    say("\n".join(filter(None, (scenes.attrs["title"], _summary.remarks(dataset)))))
     modes_dataset = (
         archive.read(modes, verify=verify) if modes else _modes_of_ensemble(dataset, folder, model, overwrite)
     )
@@ -287,7 +289,8 @@ def check_command(scene: str) -> None:
     say(dataset.attrs["title"])
     with telling_of_compilation():
         numbers = summary(dataset)
-    say(_summary.table(numbers))
+    say("\n".join(filter(None, (_summary.table(numbers), _summary.remarks(dataset), _summary.ensemble_of(dataset)))))
+    warn_of_velocity_jump(parameters(dataset))
 
 
 def _modes_of_ensemble(scene: xr.Dataset, folder: Path, model: str, overwrite: bool) -> xr.Dataset | None:

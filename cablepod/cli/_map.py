@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -13,6 +14,11 @@ from cablepod.archive._manifest import read_manifest, time_errors
 from cablepod.errors import SceneError
 
 TABLE, PICTURE = "map.csv", "map.png"
+#: Variables of the results that are read.
+READ = (
+    "tension_maximum", "tension_minimum", "time_error_estimate", "tension_time_error_estimate", "smallest_chordwise_force",
+    "failure",
+)  # fmt: skip
 
 
 def write(folder: Path, results: xr.Dataset, *, hertz: bool = False) -> str:
@@ -29,9 +35,7 @@ def write(folder: Path, results: xr.Dataset, *, hertz: bool = False) -> str:
     """
     if "tension_maximum" not in results:
         return 'map       none, as "tension_extremes" is not among the outputs'
-    names = ("tension_maximum", "tension_minimum", "time_error_estimate", "tension_time_error_estimate", "failure")
-    names += ("smallest_chordwise_force",)
-    results = results[[name for name in names if name in results]].load()
+    results = results[[name for name in READ if name in results]].load()
     parameters = list(read_manifest(folder)["varied"])
     parameters = [name for name in parameters if name in results.coords and results[name].dims == ("member",)]
     _write_table(folder / TABLE, results, parameters)
@@ -81,9 +85,9 @@ def _draw(path: Path, results: xr.Dataset, x: str, y: str, *, hertz: bool) -> No
 
     if "frequency" in y:
         x, y = y, x
-    ax = plots.parameter_map(results, "tension_maximum", x=x, y=y, hertz=hertz)
+    figure: Any = plots.parameter_map(results, "tension_maximum", x=x, y=y, hertz=hertz).figure
     with atomic_file(path) as part:
-        ax.figure.savefig(part, dpi=150, format="png")
+        figure.savefig(part, dpi=150, format="png")
     from matplotlib import pyplot as plt
 
-    plt.close(ax.figure)
+    plt.close(figure)

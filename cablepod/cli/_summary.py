@@ -1,10 +1,15 @@
-"""Format the table of ``cablepod check``."""
+"""Format the table of ``cablepod check``, and what to know of a scene before it runs."""
 
 from __future__ import annotations
 
+import json
 import math
 
 import xarray as xr
+
+from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._key_paths import variable_of
+from cablepod.scene._ranges import points_of_grid
 
 #: Lines of the table: text, name, unit as printed, factor from SI.
 LINES = (
@@ -49,6 +54,44 @@ def table(summary: xr.Dataset) -> str:
     lines.append(f"  {'first axial frequency':<32}{hertz} Hz  ({omega} rad/s)")
     notes = [line for line in str(summary["note"].values).split("\n") if line]
     return "\n".join([*lines, *(f"  note: {note}" for note in notes)])
+
+
+def remarks(scene: xr.Dataset) -> str:
+    """Return what to know of a scene before it runs: no damping, no motion out of the plane, ramps; empty where at rest."""
+    p = parameters(scene)
+    functions = p.time_functions()
+    found = []
+    if functions and not (p.mass_damping or p.tension_damping or p.link_viscosity or p.wind):
+        found.append(
+            (
+                "damping",
+                "none: vibrations never decay, resonances grow over the whole run; see damping.mass_proportional",
+            )
+        )
+    if functions and p.dims == 2:
+        found.append(
+            ("space", "two coordinates: motion out of the plane cannot be seen; ends with three numbers show it")
+        )
+    for key, function in functions.items():
+        if function.ramp:
+            found.append((key, f"{function.kind}, starts by a ramp of {function.ramp:g} s"))
+    return "\n".join(f"  {text:<31} {value}" for text, value in found)
+
+
+def ensemble_of(scene: xr.Dataset) -> str:
+    """Return number of members and ranges of the table [ensemble] of a scene; empty without one."""
+    if "ensemble_json" not in scene.attrs:
+        return ""
+    table = json.loads(scene.attrs["ensemble_json"])
+    ranges, members, grid = table["ranges"], table["members"], table["sampling"] == "grid"
+    points = points_of_grid(ranges, members) if grid else 0
+    lines = [f"  {'ensemble':<32}{members} members, {str(table['sampling']).replace('_', ' ')}"]
+    for path, values in ranges.items():
+        target = variable_of(scene, path)
+        units = str(scene[target[0]].attrs.get("units", "")) if target else ""
+        count = f", {len(values) if len(values) > 2 else points} values" if grid else ""
+        lines.append(f"  {path:<31} {_digits(min(values))} to {_digits(max(values))} {units}{count}")
+    return "\n".join(lines)
 
 
 def _digits(value: float) -> str:

@@ -47,6 +47,34 @@ def test_the_table_holds_the_numbers_of_the_summary(capsys):
     assert "note" not in out
 
 
+def test_what_to_know_before_a_run_is_told(tmp_path, capsys):
+    path = tmp_path / "guy.toml"
+    sine = SOFT_TOML.replace("one_minus_cosine", "harmonic")
+    ranges = '[ensemble.ranges]\n"cable.top_tension" = [200.0, 300.0, 3]\n"ends.upper.x" = [7.0, 8.5, 4]\n'
+    path.write_text(sine + ranges)
+    status, out, err = said_of(capsys, "check", str(path))
+    lines = {line[:34].strip(): line[34:].strip() for line in out.splitlines()}
+    assert status == 0
+    assert lines["damping"].startswith("none: vibrations never decay")
+    assert lines["space"].startswith("two coordinates: motion out of the plane cannot be seen")
+    assert lines["ensemble"] == "12 members, grid"
+    assert lines["cable.top_tension"] == "200 to 300 N, 3 values"
+    assert lines["ends.upper.x"] == "7 to 8.5 m, 4 values"
+    assert "motion.upper.x: starts from rest at 0.1 m/s" in err
+    assert "motion.upper.x.ramp = " in err
+    damped = sine.replace("angular_frequency = 2.0", "angular_frequency = 2.0\nramp = 10.0")
+    damped = damped.replace("[time]", "[damping]\nmass_proportional = 0.1\n[time]").replace("0.0]", "0.0, 0.0]")
+    spread = '[ensemble]\nmembers = 9\n[ensemble.ranges]\n"cable.top_tension" = [200.0, 300.0]\n'
+    path.write_text(damped.replace("6.0]", "6.0, 0.0]") + spread)
+    status, out, err = said_of(capsys, "check", str(path))
+    lines = {line[:34].strip(): line[34:].strip() for line in out.splitlines()}
+    assert (status, err) == (0, "")
+    assert not {"damping", "space"} & set(lines)
+    assert lines["motion.upper.x"] == "harmonic, starts by a ramp of 10 s"
+    assert lines["ensemble"] == "9 members, latin hypercube"
+    assert lines["cable.top_tension"] == "200 to 300 N"
+
+
 def test_notes_are_no_errors(tmp_path, capsys):
     path = tmp_path / "guy.toml"
     path.write_text(SOFT_TOML.replace("density = 1000.0", "density = 1.0\nbreaking_strength = 5e4"))

@@ -67,6 +67,7 @@ def test_the_command_ends_with_a_map_and_the_largest_tension(tmp_path, capsys):
     command = ["ensemble", str(scene), "--out", str(out), "--option", "step=4e-3", "--batch", "5"]
     assert cli.main([*command, "--option", "outputs=['tension_extremes']"]) == 0
     lines = capsys.readouterr().out.splitlines()
+    lines = [line for line in lines if not line.startswith("  ")]
     assert lines[1] == f"map       {out / 'map.png'}, {out / 'map.csv'}"  # after the title
     run = cp.archive.open_ensemble(out).compute()
     peaks = run["tension_maximum"].max("link").values
