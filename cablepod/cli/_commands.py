@@ -224,7 +224,7 @@ FREQUENCY = click.option(
     metavar="LOW HIGH",
     help="angular frequencies of the forcing [rad/s]",
 )
-HERTZ = click.option("--hertz", is_flag=True, help="frequencies are given and printed in Hz")
+HERTZ = click.option("--hertz", is_flag=True, help="frequencies are given, printed and drawn in Hz")
 VIBRATIONS = click.option(
     "--rank",
     type=int,

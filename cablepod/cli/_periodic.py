@@ -28,7 +28,7 @@ from cablepod.scene._read import read_scene
 
 #: Files of both commands.
 RESPONSE, BACKBONE, MODES, MAP = "frequency_response.nc", "backbone.nc", "modes.nc", "stability_map.nc"
-RESPONSE_FIGURES = ("frequency_response.png", "multipliers.png")
+RESPONSE_FIGURES = ("frequency_response.png", "tension.png", "multipliers.png")
 MAP_FIGURES = ("growth.png", "response.png")
 #: Number of vibration modes without a file of modes.
 RANK = 3
@@ -60,11 +60,9 @@ def respond(
     archive.write(result, folder / RESPONSE, overwrite=overwrite)
     from cablepod import plots
 
-    _figures(
-        folder,
-        zip(RESPONSE_FIGURES, (plots.frequency_response, plots.multipliers), strict=True),
-        result,
-    )
+    of_tension = partial(plots.frequency_response, variable="tension_maximum", hertz=hertz)
+    drawings = (partial(plots.frequency_response, hertz=hertz), of_tension, plots.multipliers)
+    _figures(folder, zip(RESPONSE_FIGURES, drawings, strict=True), result)
     say(_response_table(result, hertz))
     say(f"\n{folder}: {RESPONSE}, {MODES}, {', '.join(RESPONSE_FIGURES)}")
     return status
@@ -99,8 +97,8 @@ def tongues(
         )
     archive.write(chosen, folder / MODES, overwrite=overwrite)
     archive.write(result, folder / MAP, overwrite=overwrite)
-    drawings = zip(MAP_FIGURES, (plots.stability_map, partial(plots.stability_map, variable="response")), strict=True)
-    _figures(folder, drawings, result)
+    draw = partial(plots.stability_map, hertz=hertz)
+    _figures(folder, zip(MAP_FIGURES, (draw, partial(draw, variable="response")), strict=True), result)
     say(_map_table(result, hertz))
     say(f"\n{folder}: {MAP}, {MODES}, {', '.join(MAP_FIGURES)}")
     return 0

@@ -15,6 +15,10 @@ from cablepod.study._run import TRUTH_TOLERANCE
 
 #: Columns of the table of models.
 HEAD = f"{'model':<24}{'error':>10}{'estimate':>10}{'call':>11}{'one run':>11}{'step [s]':>11}{'steps':>10}"
+#: Maximum error of a reduced model that is compared with chains, as a fraction of the motion.
+LARGEST_ERROR = 0.05
+#: Ratio of a call to one of its runs up to which their difference is noise of the clock.
+NOISE = 1.1
 
 
 def models(study: xr.DataTree) -> list[dict[str, Any]]:
@@ -182,13 +186,15 @@ def notes(study: xr.DataTree) -> list[str]:
 
 
 def _at_equal_error(rows: xr.Dataset, model: str, chains: xr.Dataset | None) -> str:
-    """Compare the rank of a model that gains most with the fastest chain that errs no more."""
+    """Compare the rank of a model that gains most with the fastest chain that errs no more; useless ranks do not count."""
     best, text = -math.inf, ""
+    if not (rows["error_max"] <= LARGEST_ERROR).any():
+        return f"{model}: errs by more than {100.0 * LARGEST_ERROR:g} % with each of these ranks; give more modes"
     for rank in rows["rank"].values:
         row = rows.sel(rank=rank)
         error, own = float(row["error_max"]), float(row["call_time"])
         rival = fastest_chain(chains, error)
-        if rival is None or not math.isfinite(own):
+        if rival is None or not math.isfinite(own) or error > LARGEST_ERROR:
             continue
         gain = float(rival["call_time"]) / own
         if gain > best:
@@ -197,7 +203,7 @@ def _at_equal_error(rows: xr.Dataset, model: str, chains: xr.Dataset | None) -> 
             text = f"{model}, r = {rank}: {100 * error:.2g} % in {seconds(own)}, {faster} than the fastest chain above that errs "
             text += f"no more ({int(rival['links'])} links, tolerance {float(rival['tolerance']):g}):\n  {_cost(row, rival)}"
     if not text:
-        return f"{model}: no cheaper chain errs as little"
+        return f"{model}: no chain of the table errs as little"
     return text
 
 
@@ -205,8 +211,9 @@ def _cost(row: xr.Dataset, rival: xr.Dataset) -> str:
     """Say why a call takes its time beside that of a chain: runs in a call, number of steps, run time of a step."""
     call, one_run, steps = (float(row[name]) for name in ("call_time", "loop_time", "number_of_steps"))
     of_chain = float(rival["number_of_steps"])
+    runs = f"{call / one_run:.2g} times one" if call > NOISE * one_run else "one"
     return (
-        f"{call / one_run:.2g} times one run of {steps:.0f} steps, {seconds(one_run / steps)} each with output; "
+        f"{runs} run of {steps:.0f} steps, {seconds(one_run / steps)} each with output; "
         f"that chain {of_chain:.0f} steps in its last run, {seconds(float(rival['call_time']) / of_chain)} each of its call"
     )
 

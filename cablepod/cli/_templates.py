@@ -46,7 +46,7 @@ TEXTS = {
         ("cablepod paper --out out/paper", "cablepod paper --small --out out/trial"),
     ),
     "modes": Texts(
-        "make the modes that a reduced model needs",
+        "modes of motion for reduced models",
         "Modes of the deflection normal to the chord from a run of the chain, or other ones, in a netCDF file.",
         "SCENE.toml: scene file, or a shipped scene",
         (
@@ -75,7 +75,7 @@ TEXTS = {
         ),
     ),
     "tongues": Texts(
-        "regions of unstable periodic responses over frequency and amplitude of the forcing",
+        "stability map: where periodic responses are unstable over frequency and amplitude of the forcing",
         "A map of growth rates of disturbances in and out of the plane, and its edges: netCDF, figures and one table.",
         "SCENE.toml: scene file with harmonic motions or loads of one frequency, or a shipped scene",
         (

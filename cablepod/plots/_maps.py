@@ -48,8 +48,6 @@ OF_TOLERANCES = ("tolerance_state", "tolerance_error", "tolerance_scheme")
 ROW, FRAME = 0.235, 1.45
 
 
-#: Variables of each link -> their extreme over the links.
-OVER_LINKS = {"tension_maximum": np.max, "tension_minimum": np.min}
 #: Time error above which a member is marked, for results that do not say theirs (members of an ensemble do).
 LARGEST_TIME_ERROR = 1e-2
 #: Least value of a force that is written in kN [N].
@@ -243,8 +241,8 @@ def _flat_columns(result: xr.Dataset, variable: str, x: str, y: str) -> tuple[np
         if name not in numbers:
             raise scene_error(key, name, "a variable of numbers: " + ", ".join(numbers))
     array = result[variable]
-    if variable in OVER_LINKS and array.dims == ("member", "link") and array.size:
-        array = array.reduce(OVER_LINKS[variable], "link")
+    if variable in _style.OVER_LINKS and array.dims == ("member", "link") and array.size:
+        array = array.reduce(_style.OVER_LINKS[variable], "link")
     if x != y and set(array.dims) == {x, y} and array.size:
         array = array.transpose(y, x)
         across, up = np.meshgrid(result[x].values, result[y].values)

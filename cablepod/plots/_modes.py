@@ -31,7 +31,7 @@ def modes(modes: xr.Dataset, *, count: int = 3, ax: Axes | None = None) -> Axes:
     -------
     matplotlib.axes.Axes
         `ax`, or new ones: a colour and marker for each mode, a line style for each coordinate
-        (solid x, dashed y, dotted z).
+        (solid x, dashed y, dotted z).  The legend says where modes come in the order of their energy.
 
     Raises
     ------
@@ -41,7 +41,8 @@ def modes(modes: xr.Dataset, *, count: int = 3, ax: Axes | None = None) -> Axes:
     shape = _style.take("modes", modes, "mode_shape", ("particle", "mode"), MODES, more=1)
     ax = _by_mode(ax, _style.sigma("modes", modes), shape, count)
     ax.set(xlabel=SIGMA, ylabel="mode shape, of unit norm [1]")
-    return _style.finish(ax)
+    of_energy = "singular_value" in modes.variables  # the others come by frequency
+    return _style.finish(ax, title="by falling energy\nof the snapshots" if of_energy else None)
 
 
 def singular_values(modes: xr.Dataset, *, ax: Axes | None = None) -> Axes:

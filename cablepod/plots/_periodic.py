@@ -37,6 +37,7 @@ def frequency_response(
     *,
     backbone: xr.Dataset | None = None,
     variable: str = "deflection_maximum",
+    hertz: bool = False,
     ax: Axes | None = None,
 ) -> Axes:
     """Draw branches over the frequency of the forcing: stable parts solid, unstable ones dashed, bifurcations as markers.
@@ -48,7 +49,10 @@ def frequency_response(
     backbone
         Result of :func:`cablepod.periodic.backbone`, drawn as a grey line.
     variable
-        Name of a variable over ``point``; markers of bifurcations are drawn with "deflection_maximum" only.
+        Name of a variable over ``point``; markers of bifurcations are drawn with "deflection_maximum" only.  Of "tension_maximum"
+        the largest over all links is drawn, of "tension_minimum" the smallest.
+    hertz
+        Draw frequencies in Hz.
     ax
         Axes to draw on; new ones by default.
 
@@ -62,6 +66,11 @@ def frequency_response(
     SceneError
         For another Dataset.
     """
+    if variable in _style.OVER_LINKS and isinstance(response, xr.Dataset):
+        extreme = _style.take("response", response, variable, ("point", "link"), RESPONSE)
+        response = response.assign(
+            {variable: extreme.reduce(_style.OVER_LINKS[variable], "link").assign_attrs(extreme.attrs)}
+        )
     for name in ("angular_frequency", "branch", "stable", variable):
         _style.take("response", response, name, ("point",), RESPONSE)
     ax = _style.axes(ax)
@@ -69,8 +78,8 @@ def frequency_response(
         free, size = (
             _style.take("backbone", backbone, name, ("point",), BACKBONE) for name in ("angular_frequency", "amplitude")
         )
-        ax.plot(free.values, size.values, color="0.7", linewidth=3.0, label="free vibration", zorder=1)
-    omega, values = response["angular_frequency"].values, response[variable].values
+        ax.plot(_scale(hertz) * free.values, size.values, color="0.7", linewidth=3.0, label="free vibration", zorder=1)
+    omega, values = _scale(hertz) * response["angular_frequency"].values, response[variable].values
     stable = response["stable"].values.astype(bool)
     for k, number in enumerate(np.unique(response["branch"].values)):
         which = np.flatnonzero(response["branch"].values == number)
@@ -82,14 +91,24 @@ def frequency_response(
         suffix = f", {periods} periods" if periods > 1 else ""
         ax.plot([], [], "-", color=colour, label=f"branch {number}{suffix}")
     if variable == "deflection_maximum" and "bifurcation_kind" in response:
-        _bifurcations(ax, response)
+        _bifurcations(ax, response, _scale(hertz))
     ax.plot([], [], "--", color="0.4", label="unstable")
-    ax.set(xlabel="angular frequency of the forcing [rad/s]", ylabel=_label(response[variable]))
+    ax.set(xlabel=_of_forcing(hertz), ylabel=_label(response[variable]))
     return _style.finish(ax)
 
 
-def _bifurcations(ax: Axes, response: xr.Dataset) -> None:
-    """Draw bifurcations as markers."""
+def _scale(hertz: bool) -> float:
+    """Return the factor from rad/s to the unit of the axis."""
+    return 0.5 / np.pi if hertz else 1.0
+
+
+def _of_forcing(hertz: bool) -> str:
+    """Return the label of the axis of frequencies."""
+    return "frequency of the forcing [Hz]" if hertz else "angular frequency of the forcing [rad/s]"
+
+
+def _bifurcations(ax: Axes, response: xr.Dataset, scale: float) -> None:
+    """Draw bifurcations as markers, their frequencies times `scale`."""
     kinds = response["bifurcation_kind"].values
     for kind, (marker, colour) in BIFURCATIONS.items():
         which = kinds == kind
@@ -98,6 +117,7 @@ def _bifurcations(ax: Axes, response: xr.Dataset) -> None:
                 _style.take("response", response, f"bifurcation_{axis}", ("bifurcation",), RESPONSE).values[which]
                 for axis in ("angular_frequency", "deflection_maximum")
             ]
+            place[0] = scale * place[0]
             ax.plot(
                 *place, marker, color=colour, markerfacecolor="white", markersize=6, label=kind.replace("_", " "), zorder=3,
             )  # fmt: skip
@@ -113,7 +133,7 @@ def _label(array: xr.DataArray) -> str:
     """Return long name and units of a variable."""
     return f"{array.attrs.get('long_name', array.name)} [{array.attrs.get('units', '1')}]".replace(
         "normal to the chord, ", ""
-    )
+    ).replace(" of the link over", " anywhere over")
 
 
 def backbone(*backbones: xr.Dataset, ax: Axes | None = None) -> Axes:
@@ -153,7 +173,7 @@ def backbone(*backbones: xr.Dataset, ax: Axes | None = None) -> Axes:
     return _style.finish(ax)
 
 
-def stability_map(result: xr.Dataset, *, variable: str = "growth", ax: Axes | None = None) -> Axes:
+def stability_map(result: xr.Dataset, *, variable: str = "growth", hertz: bool = False, ax: Axes | None = None) -> Axes:
     """Draw a map of stability over frequency and amplitude of the forcing.
 
     Parameters
@@ -162,13 +182,16 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", ax: Axes | No
         Result of :func:`cablepod.periodic.stability_map`.
     variable
         "growth", the larger rate of both sets where it is positive, "growth_in_plane", "growth_out_of_plane" or "response".
+    hertz
+        Draw frequencies in Hz.
     ax
         Axes to draw on; new ones by default.
 
     Returns
     -------
     matplotlib.axes.Axes
-        `ax`, or new ones, with a colour bar; edges of stable regions as lines of dots, crosses where there is no response.
+        `ax`, or new ones, with a colour bar: white where all disturbances decay, brighter where they grow faster; edges of stable
+        regions as lines of dots, crosses where there is no response.
 
     Raises
     ------
@@ -183,10 +206,10 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", ax: Axes | No
             values = np.fmax(values, _style.take("result", result, "growth_out_of_plane", dims, MAP).values)
         label = "growth rate of the fastest disturbance [1/s]"
     ax = _style.axes(ax)
-    omega, size = result["angular_frequency"].values, result["amplitude"].values
+    omega, size = _scale(hertz) * result["angular_frequency"].values, result["amplitude"].values
     drawn_values = values if variable == "response" else np.where(values > 0.0, values, np.nan)
     drawn: Any = ax.pcolormesh(
-        omega, size, np.ma.masked_invalid(drawn_values), cmap="cividis_r", shading="nearest", rasterized=True
+        omega, size, np.ma.masked_invalid(drawn_values), cmap="cividis", shading="nearest", rasterized=True
     )
     ax.figure.colorbar(drawn, ax=ax, label=label, pad=0.02)
     if "edge_set" in result and variable != "response":
@@ -196,15 +219,23 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", ax: Axes | No
                 edge = [
                     _style.take("result", result, f"edge_{axis}", ("edge",), MAP).values[which] for axis in dims[::-1]
                 ]
+                edge[0] = _scale(hertz) * edge[0]
                 ax.plot(*edge, ".", color=colour, markersize=2, label=f"edge, {name.replace('_', ' ')}")
     missing = np.argwhere(np.isnan(values))
     if missing.size:
         ax.plot(
             omega[missing[:, 1]], size[missing[:, 0]], "x", color=_style.COLOURS[6], markersize=3, label="no response"
         )
-    ax.set(xlabel="angular frequency of the forcing [rad/s]", ylabel=_label(result["amplitude"]))
-    if ax.get_legend_handles_labels()[1]:
-        ax.legend(loc="upper left", fontsize="small", markerscale=3)
+    ax.set(xlabel=_of_forcing(hertz), ylabel=_label(result["amplitude"]))
+    handles, labels = ax.get_legend_handles_labels()
+    if variable != "response":
+        from matplotlib.patches import Patch
+
+        handles.insert(0, Patch(facecolor="white", edgecolor="0.5"))
+        labels.insert(0, "stable")
+    if labels:  # below, where it hides no edge
+        place: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14)}
+        ax.legend(handles, labels, **place, ncols=4, fontsize="small", markerscale=3, frameon=False)
     return ax
 
 

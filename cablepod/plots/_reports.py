@@ -74,7 +74,7 @@ def error_over_time(comparisons: Mapping[str, xr.Dataset], *, ax: Axes | None = 
         if error.size > MAX_INSTANTS:
             first = np.arange(0, error.size, error.size // INTERVALS)
             values, times = np.maximum.reduceat(values, first), times[first]
-            title = f"largest in {times[1] - times[0]:.3g} s"
+            title = f"points: largest error\nwithin {times[1] - times[0]:.3g} s"
         _style.log(ax, times, 100.0 * values, name, _style.style(i, i, values.size))
     ax.set(xlabel="time [s]", ylabel="rms error / largest displacement [%]", yscale="log")
     return _style.finish(ax, title=title)

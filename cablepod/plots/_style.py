@@ -23,6 +23,8 @@ MAX_INSTANTS, DEFAULT_INSTANTS = 6, 5
 MARKS = 12
 #: Number of dots of a chain at one instant, above which particles are skipped.
 MAX_DOTS = 40
+#: Variables of each link -> their extreme over the links.
+OVER_LINKS = {"tension_maximum": np.max, "tension_minimum": np.min}
 PLACE = ("particle", "coordinate")
 SIGMA = "unstretched arc length $S / L_0$ [1]"
 TRAJECTORY = "a trajectory, from a simulate"

@@ -53,8 +53,10 @@ def check_estimate(attrs: Mapping[str, Any], prefix: str = "") -> None:
     """Warn where the estimated error exceeds half of the motion."""
     error = attrs.get("error_estimate", 0.0)
     if error > MAX_ESTIMATED_ERROR:
+        of = f" of the model {attrs['model']}, r = {attrs['rank']}" if "model" in attrs and "rank" in attrs else ""
         warnings.warn(
-            f"{prefix}the model expects an error of {error:.2g} times the motion (error_estimate, above {MAX_ESTIMATED_ERROR}): "
+            f"{prefix}the model expects an error of {error:.2g} times the motion (error_estimate{of}, above "
+            f"{MAX_ESTIMATED_ERROR}): "
             "the modes do not represent this scene; give more modes, modes trained nearer to it, or compare with chain.simulate",
             OutOfRangeWarning,
             stacklevel=user_stacklevel(),

@@ -18,6 +18,8 @@ from cablepod.errors import scene_error
 FIGURES = ("deflection", "tension", "error_over_time", "modes", "singular_values", "shapes")
 #: Fractions of the duration at which shapes are drawn (without a common period, so that a periodic motion shows its phases).
 DRAWN_AT = (0.0, 0.12, 0.37, 0.58, 0.83)
+#: Displacements over the chord below which they are magnified in the figure of the shapes.
+SMALL = 0.01
 
 
 def check_backend() -> None:
@@ -60,6 +62,8 @@ def write_figures(
         "singular_values": partial(plots.singular_values, modes),
         "shapes": partial(plots.shapes, reference, best, times=times),
     }
+    if best is not None and _is_small(reference):  # all shapes would lie on one line
+        drawings["shapes"] = partial(plots.snapshots, reference, best, times=times)
     if not errors:
         del drawings["error_over_time"]
     if reference.sizes["link"] < 2:  # a map needs two
@@ -70,3 +74,10 @@ def write_figures(
         with atomic_file(folder / f"{name}.png") as unfinished:
             figure.savefig(unfinished, dpi=150, format="png")
     return list(drawings)
+
+
+def _is_small(reference: xr.Dataset) -> bool:
+    """Tell whether all displacements stay below SMALL times the chord."""
+    position = reference["position"].values
+    chord = float(np.linalg.norm(position[0, -1] - position[0, 0]))
+    return float(np.linalg.norm(position - position[0], axis=-1).max()) < SMALL * chord

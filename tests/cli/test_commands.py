@@ -28,9 +28,27 @@ from cablepod.study import _run as study
 def test_the_table_says_what_a_call_consists_of():
     row = xr.Dataset({"call_time": 6e-3, "loop_time": 2e-3, "number_of_steps": 2480})
     rival = xr.Dataset({"call_time": 20e-3, "number_of_steps": 1250})
+    near = _report._cost(row.assign(loop_time=8e-3), rival)  # a call takes no less than its own run
+    assert near.startswith("one run of 2480 steps, 3.23 us each")
     assert _report._cost(row, rival) == (
         "3 times one run of 2480 steps, 0.806 us each with output; that chain 1250 steps in its last run, 16 us each of its call"
     )
+
+
+def test_useless_ranks_are_not_compared_with_chains():
+    rows = xr.Dataset(
+        {"error_max": ("rank", [0.79, 0.04]), "call_time": ("rank", [1e-3, 6e-3]), "loop_time": ("rank", [1e-3, 6e-3]),
+         "number_of_steps": ("rank", [100, 100])}, coords={"rank": [1, 2]},
+    )  # fmt: skip
+    chains = xr.Dataset(
+        {"error_max": ("trial", [0.5, 0.03]), "call_time": ("trial", [0.1, 0.012]), "number_of_steps": ("trial", [9, 9]),
+         "links": ("trial", [10, 20]), "tolerance": ("trial", [0.1, 0.01])}
+    )  # fmt: skip
+    assert _report._at_equal_error(rows, "galerkin", chains).startswith(
+        "galerkin, r = 2: 4 % in 6 ms, 2 times faster than"
+    )
+    said = _report._at_equal_error(rows.isel(rank=[0]), "galerkin", chains)
+    assert said == "galerkin: errs by more than 5 % with each of these ranks; give more modes"
 
 
 @pytest.fixture

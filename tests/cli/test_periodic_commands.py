@@ -53,7 +53,7 @@ def test_respond_writes_branches_and_prints_bifurcations(guy, tmp_path, capsys):
     for k in range(response.sizes["bifurcation"]):
         assert f"{float(response.bifurcation_angular_frequency[k]) / (2.0 * np.pi):.8g}" in said
     assert {path.name for path in out.iterdir()} == {
-        "frequency_response.nc", "frequency_response.png", "modes.nc", "multipliers.png",
+        "frequency_response.nc", "frequency_response.png", "modes.nc", "multipliers.png", "tension.png",
     }  # fmt: skip
     assert cli.main(arguments) == 2
     assert "overwrite" in capsys.readouterr().err

@@ -431,4 +431,4 @@ def test_many_instants_of_an_error_are_drawn_by_their_largest():
     (line,) = ax.lines
     assert len(line.get_xdata()) <= 2 * 101
     assert line.get_ydata().max() == pytest.approx(1.1)
-    assert "largest in 0.1 s" in ax.get_legend().get_title().get_text()
+    assert "largest error\nwithin 0.1 s" in ax.get_legend().get_title().get_text()

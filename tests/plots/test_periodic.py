@@ -57,6 +57,30 @@ def test_unstable_parts_of_branches_are_dashed():
     assert marks["fold"] == (1.5, 2.0)
 
 
+def test_frequencies_in_hertz_and_the_tension_of_all_links():
+    given = response()
+    given["tension_maximum"] = (
+        ("point", "link"),
+        np.stack([np.arange(6.0), 10.0 - np.arange(6.0)], axis=1),
+        {"units": "N"},
+    )
+    given["tension_maximum"].attrs["long_name"] = "largest tension of the link over a period"
+    ax = plots.frequency_response(given, variable="tension_maximum", hertz=True)
+    assert list(ax.get_lines()[0].get_ydata()) == [10.0, 9.0]
+    np.testing.assert_allclose(ax.get_lines()[0].get_xdata(), np.array([1.0, 2.0]) / (2.0 * np.pi))
+    assert ax.get_xlabel() == "frequency of the forcing [Hz]"
+    assert ax.get_ylabel() == "largest tension anywhere over a period [N]"
+    marks = {line.get_label(): line.get_xdata() for line in plots.frequency_response(given, hertz=True).get_lines()}
+    assert marks["fold"] == pytest.approx(1.5 / (2.0 * np.pi))
+    ax = plots.stability_map(stability(), hertz=True)
+    (edges,) = [line for line in ax.get_lines() if line.get_label() == "edge, in plane"]
+    np.testing.assert_allclose(edges.get_xdata(), np.array([1.5, 2.5]) / (2.0 * np.pi))
+    assert ax.get_xlabel() == "frequency of the forcing [Hz]"
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["stable", "edge, in plane"]
+    ax.figure.canvas.draw()
+    assert not ax.get_legend().get_window_extent().overlaps(ax.get_window_extent())  # hides no edge
+
+
 def test_multipliers_outside_of_the_circle_are_told_apart():
     ax = plots.multipliers(response().isel(point=0))
     found = {line.get_label(): list(line.get_xdata()) for line in ax.get_lines()}
