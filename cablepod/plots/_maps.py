@@ -50,8 +50,6 @@ ROW, FRAME = 0.235, 1.45
 
 #: Time error above which a member is marked, for results that do not say theirs (members of an ensemble do).
 LARGEST_TIME_ERROR = 1e-2
-#: Least value of a force that is written in kN [N].
-KILONEWTON = 1e4
 
 
 def parameter_map(
@@ -124,7 +122,7 @@ def parameter_map(
         (ax.yaxis, y, up, in_hertz[1]),
         (bar.ax.yaxis, variable, values, False),
     ):
-        _label_axis(axis, _label(result, name, hertz=of), drawn_values)
+        _style.label_axis(axis, _label(result, name, hertz=of), drawn_values)
     marks = []
     if missing.any():
         ax.plot(across[missing], up[missing], "x", color=_style.COLOURS[1], markersize=6)
@@ -174,17 +172,6 @@ def _along_members(result: xr.Dataset, name: str) -> np.ndarray:
         if array.dims == ("member",):
             return np.asarray(array.values)
     return np.full(result.sizes["member"], np.nan)
-
-
-def _label_axis(axis: Any, label: str, values: np.ndarray) -> None:
-    """Set the label of an axis, in lines that fit; forces from KILONEWTON on are written in kN."""
-    from matplotlib.ticker import FuncFormatter
-
-    if label.endswith("[N]") and np.nanmax(np.abs(values), initial=0.0) >= KILONEWTON:
-        label = f"{label.removesuffix('[N]')}[kN]"
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{1e-3 * value:g}"))
-    text, _, units = label.rpartition(" ")
-    axis.set_label_text(textwrap.fill(f"{text}\N{NO-BREAK SPACE}{units}", 42).replace("\N{NO-BREAK SPACE}", " "))
 
 
 def stability(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:

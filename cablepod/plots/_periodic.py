@@ -26,6 +26,8 @@ BIFURCATIONS = {
 }
 #: Number of paths in an animation of an orbit.
 PATHS = 12
+#: Growth rate over the angular frequency of the forcing that counts as none, 1e-9 over a period (without damping it is rounding).
+ROUNDING = 1e-9 / (2.0 * np.pi)
 RESPONSE = "what periodic.frequency_response gives"
 BACKBONE = "what periodic.backbone gives"
 MAP = "what periodic.stability_map gives"
@@ -93,7 +95,8 @@ def frequency_response(
     if variable == "deflection_maximum" and "bifurcation_kind" in response:
         _bifurcations(ax, response, _scale(hertz))
     ax.plot([], [], "--", color="0.4", label="unstable")
-    ax.set(xlabel=_of_forcing(hertz), ylabel=_label(response[variable]))
+    ax.set_xlabel(_of_forcing(hertz))
+    _style.label_axis(ax.yaxis, _label(response[variable]), values)
     return _style.finish(ax)
 
 
@@ -207,11 +210,13 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", hertz: bool =
         label = "growth rate of the fastest disturbance [1/s]"
     ax = _style.axes(ax)
     omega, size = _scale(hertz) * result["angular_frequency"].values, result["amplitude"].values
-    drawn_values = values if variable == "response" else np.where(values > 0.0, values, np.nan)
+    unstable = values > ROUNDING * result["angular_frequency"].values
+    drawn_values = values if variable == "response" else np.where(unstable, values, np.nan)
     drawn: Any = ax.pcolormesh(
         omega, size, np.ma.masked_invalid(drawn_values), cmap="cividis", shading="nearest", rasterized=True
     )
-    ax.figure.colorbar(drawn, ax=ax, label=label, pad=0.02)
+    bar = ax.figure.colorbar(drawn, ax=ax, pad=0.02)
+    _style.label_axis(bar.ax.yaxis, label, values)
     if "edge_set" in result and variable != "response":
         for name, colour in (("in_plane", _style.COLOURS[1]), ("out_of_plane", _style.COLOURS[0])):
             which = result["edge_set"].values == name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,8 @@ MAX_INSTANTS, DEFAULT_INSTANTS = 6, 5
 MARKS = 12
 #: Number of dots of a chain at one instant, above which particles are skipped.
 MAX_DOTS = 40
+#: Least value of a force that is written in kN [N], and number of letters in a line of the label of an axis.
+KILONEWTON, LABEL_WIDTH = 1e4, 42
 #: Variables of each link -> their extreme over the links.
 OVER_LINKS = {"tension_maximum": np.max, "tension_minimum": np.min}
 PLACE = ("particle", "coordinate")
@@ -38,6 +41,19 @@ def axes(ax: Axes | None, *, size: tuple[float, float] = (7.5, 4.2)) -> Axes:
     from matplotlib import pyplot as plt  # slow to import
 
     return plt.subplots(figsize=size, layout="constrained")[1]
+
+
+def label_axis(axis: Any, label: str, values: np.ndarray) -> None:
+    """Set the label of an axis, in lines that fit; forces from KILONEWTON on are written in kN."""
+    from matplotlib.ticker import FuncFormatter
+
+    if label.endswith("[N]") and np.nanmax(np.abs(values), initial=0.0) >= KILONEWTON:
+        label = f"{label.removesuffix('[N]')}[kN]"
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{1e-3 * value:g}"))
+    text, _, units = label.rpartition(" ")
+    axis.set_label_text(
+        textwrap.fill(f"{text}\N{NO-BREAK SPACE}{units}", LABEL_WIDTH).replace("\N{NO-BREAK SPACE}", " ")
+    )
 
 
 def equal_axes(ax: Axes) -> None:

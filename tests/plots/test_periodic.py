@@ -109,6 +109,9 @@ def test_a_map_shows_growth_edges_and_what_is_missing():
     found = {line.get_label(): list(line.get_xdata()) for line in ax.get_lines()}
     assert found["edge, in plane"] == [1.5, 2.5]
     assert found["no response"] == [2.0]
+    neutral = stability()
+    neutral["growth_in_plane"].values[0] = [3e-14, 2.0, 1e-13]  # without damping
+    assert plots.stability_map(neutral).collections[0].get_array().compressed().tolist() == [2.0, 3.0, 4.0]
     assert plots.stability_map(stability(), variable="response").collections[0].get_array().count() == 6
 
 
