@@ -7,6 +7,7 @@ import copy
 import numpy as np
 import pytest
 from periodic_scenes import GUY, guy, loaded, multipliers
+from scenes import ROOT
 
 import cablepod as cp
 from cablepod.periodic._events import Signs, can_be_told_apart
@@ -75,6 +76,20 @@ def test_whirling_leaves_at_one_pitchfork_and_comes_back_at_another(whirling):
     main = response.isel(point=response.branch.values == 1)
     assert np.array_equal(main.amplitude_out_of_plane.values, np.zeros_like(main.amplitude_out_of_plane))
     assert set(response.bifurcation_kind.values) <= KINDS
+
+
+def test_bifurcations_are_those_of_another_package():
+    types = {"LP": "fold", "BP": "pitchfork", "PD": "period_doubling"}
+    lines = (ROOT / "data" / "auto07p.csv").read_text(encoding="utf-8").splitlines()
+    rows = [line.split(",") for line in lines if not line.startswith("#")][1:]
+    scene = guy(damping=0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=2, links=320)
+    response = cp.periodic.frequency_response(scene, modes, frequency=(12.2, 13.6), follow=(), outputs=())
+    main = response.isel(bifurcation=response.bifurcation_branch.values == 1)
+    assert list(main.bifurcation_kind.values) == [types[name] for name, _ in rows]
+    # found 1e-9, at branch points 2e-8, which the other package locates to that
+    frequency = [float(value) for _, value in rows]
+    assert main.bifurcation_angular_frequency.values == pytest.approx(frequency, rel=1e-7)
 
 
 def test_points_end_a_branch_and_are_the_limit_of_all():
