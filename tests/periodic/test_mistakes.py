@@ -153,6 +153,27 @@ def test_members_are_refused_where_branches_are_followed(modes):
         cp.periodic.frequency_response(members, modes, frequency=(4.0, 8.0))
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (with_motion(kind="harmonic", amplitude=0.003, angular_frequency=1e-3), "a period of 6.28e+03 s is too long"),
+        (lambda mapping: mapping["damping"].update(mass_proportional=3000.0), "damping by mass of 3e+03 1/s"),
+    ],
+)
+def test_periods_that_multipliers_do_not_survive_stop_with_a_reason(change, message, modes):
+    slow = scene(change)
+    omega = float(slow.motion_upper_x_angular_frequency)
+    calls = (
+        lambda: cp.periodic.orbit(slow, modes),
+        lambda: cp.periodic.frequency_response(slow, modes, frequency=(omega, 1.1 * omega)),
+        lambda: cp.periodic.stability_map(slow, modes, frequency=[omega], amplitude=[1e-3]),
+    )
+    for call in calls:
+        with pytest.raises(cp.RunStopped, match=r"; try ") as caught:
+            call()
+        assert message in str(caught.value)
+
+
 def test_zero_damping_is_told(modes):
     with pytest.warns(cp.OutOfRangeWarning, match="neutral"):
         cp.periodic.orbit(scene(lambda mapping: mapping.pop("damping")), modes, outputs=())
