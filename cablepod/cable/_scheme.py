@@ -90,7 +90,7 @@ def _refine_in_time(run: CableRun, tolerance: float) -> tuple[Trajectory, float,
 
 def _first_step(run: CableRun) -> float:
     """Step of the first run [s]."""
-    of_wind = math.inf if run.air is None else 0.5 / run.air.samples_per_second
+    of_wind = math.inf if run.air is None else 0.5 * run.air.interval
     return min(unforced_step(run), run.chain.p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
 
 

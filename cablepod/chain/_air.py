@@ -47,6 +47,11 @@ class ChainAir:
         """Samples of the velocity per second."""
         return self.air.samples_per_second * self.air.refinement
 
+    @property
+    def interval(self) -> float:
+        """Interval of the gusts, which the steps of a run resolve [s]."""
+        return self.air.interval
+
     def force(self, position: np.ndarray, velocity: np.ndarray, time: float = 0.0) -> np.ndarray:
         """Return the drag on all particles (n + 1, dims) [N] at an instant [s]; 0 at held ones."""
         from cablepod.chain import _kernels_drag as kernel

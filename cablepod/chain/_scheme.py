@@ -179,7 +179,7 @@ def _refine_in_time(run: ChainRun, limit: float, tolerance: float) -> tuple[Traj
 
 def _first_step(run: ChainRun, limit: float) -> float:
     """Return the step of the first run [s]."""
-    of_wind = math.inf if run.air is None else 0.5 / run.air.samples_per_second
+    of_wind = math.inf if run.air is None else 0.5 * run.air.interval
     return min(_unforced_step(run, limit), run.chain.p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
 
 

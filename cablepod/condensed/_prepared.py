@@ -88,7 +88,7 @@ def prepare(
     air = air_of_host(model, wind)
     warn_of_unusual(parameters_of(scene))
     if step is None:
-        of_wind = np.inf if air is None else 0.5 / air.air.samples_per_second
+        of_wind = np.inf if air is None else 0.5 * air.air.interval
         slowest = min(STEP_OVER_LIMIT * limit, model.chain.p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
         step = 1.0 / preferred_steps_per_second(1.0 / slowest)
     else:

@@ -130,7 +130,7 @@ def solve(
         return CondensedResult(
             run, state, 1.0 / step, limit, None, None, run.model_error(state) if estimates else np.nan
         )
-    of_wind = math.inf if air is None else 0.5 / air.air.samples_per_second
+    of_wind = math.inf if air is None else 0.5 * air.air.interval
     first_step = min(_unforced_step(run, omega_squared), p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
     steps_per_second = (whole_steps_per_second if fits else preferred_steps_per_second)(1.0 / first_step)
     if (judged := judged_instants(times, steps_per_second)) is not None:
@@ -340,8 +340,8 @@ class CondensedRun:
         time_scale = self.model.chain.p.shortest_time_scale
         interval = sample_interval(self.sampled_omega_squared, modes, steps_per_second, end_time, time_scale=time_scale)
         if self.air is not None:  # samples as close as those of the gusts, unless these are too many
-            of_gusts = math.floor(steps_per_second / self.air.air.samples_per_second)
-            interval = max(min(interval, of_gusts), 1, math.ceil(end_time * steps_per_second / MAX_SAMPLES))
+            of_gusts = steps_per_second * self.air.air.interval
+            interval = max(math.floor(min(interval, of_gusts)), 1, math.ceil(end_time * steps_per_second / MAX_SAMPLES))
         return interval
 
     def model_error(self, state: CondensedTrajectory) -> float:

@@ -49,6 +49,10 @@ class ParticleAir(Protocol):
         """Samples of the velocity of the air per second."""
 
     @property
+    def interval(self) -> float:
+        """Interval of the gusts, which the steps of a run resolve [s]."""
+
+    @property
     def velocity(self) -> np.ndarray:
         """Velocity of the air (samples, dims, n + 1) [m/s]."""
 

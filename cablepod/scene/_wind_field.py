@@ -105,7 +105,7 @@ def checked_field(
     if given["component"].dims != ("component",):
         raise SceneError(f"{key}: given component over {given['component'].dims}; allowed: the axes over component")
     time = np.asarray(given["time"].values, dtype=float)
-    velocity = given["wind"].transpose("time", "point", "component").values.astype(float)
+    velocity = given["wind"].transpose("time", "point", "component").values.astype(float, copy=False)
     if list(given["component"].values) != list("xyz"[: p.dims]):
         raise SceneError(
             f"{key}: given the components {', '.join(map(str, given['component'].values))}; allowed: {', '.join('xyz'[: p.dims])}"
@@ -129,7 +129,8 @@ def checked_field(
             f"{end_time:g} s"
         )
     sigma, order = _places_of(p, given, key)
-    velocity = velocity[:, order]
+    if not np.array_equal(order, np.arange(velocity.shape[1])):
+        velocity = velocity[:, order]
     if "mean_wind" not in given:
         mean = velocity.mean(axis=0)
     else:

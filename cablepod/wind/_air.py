@@ -27,6 +27,8 @@ PROFILE_ATOL, MAX_HALVINGS = 0.002, 5
 REFINEMENT, MIN_REFINED = 4, 7
 #: Number of samples of a ramp.
 RAMP_SAMPLES = 200
+#: Parts of a ramp that steps resolve.
+PARTS_OF_RAMP = 10.0
 #: Most samples of a resampled field over those given.
 MAX_RESAMPLING = 10.0
 #: Largest difference of the mean wind of a record from that of [wind] without a warning, over the speed.
@@ -42,11 +44,13 @@ class CableAir:
     samples_per_second: float  #: from t = 0 on [1/s]
     drag: float  #: half the density of the air times drag coefficient and diameter [kg/m2]
     mean: np.ndarray  #: mean velocity of the equilibrium from which runs start, 0 with a ramp (points, dims) [m/s]
+    interval: float  #: of the gusts, which the steps of a run resolve [s]; a tenth of a ramp without gusts, infinite without both
 
     @property
     def steady(self) -> CableAir:
         """The mean wind of the start."""
-        return replace(self, velocity=np.repeat(self.mean[None], 2, axis=0), samples_per_second=1.0)
+        velocity = np.repeat(self.mean[None], 2, axis=0)
+        return replace(self, velocity=velocity, samples_per_second=1.0, interval=math.inf)
 
     def at(self, sigma: np.ndarray) -> np.ndarray:
         """Return the velocity (samples, places, dims) [m/s] at relative arc lengths (places,)."""
@@ -143,16 +147,17 @@ def _of_scene(p: Parameters, end_time: float) -> CableAir:
     ramp = float(p.wind.get("ramp", 0.0))
     mean = mean_velocity(p, position)
     if p.turbulence is not None:
-        rate = 1.0 / INTERVAL
+        rate, interval = 1.0 / INTERVAL, INTERVAL
         velocity = mean + turbulence_at(p, position, end_time)[: instants_until(end_time)]
         time = np.arange(len(velocity)) * INTERVAL
     else:
-        rate = RAMP_SAMPLES / ramp if ramp else 1.0
+        rate, interval = (RAMP_SAMPLES / ramp, ramp / PARTS_OF_RAMP) if ramp else (1.0, math.inf)
         time = np.arange(RAMP_SAMPLES + 1 if ramp else 2) / rate
         velocity = np.repeat(mean[None], time.size, axis=0)
     if ramp:
         velocity = velocity * smooth_step(time / ramp)[:, None, None]
-    return CableAir(velocity, sigma, rate, drag_of(p, float(p.wind["air_density"])), 0.0 * mean if ramp else mean)
+    at_start = 0.0 * mean if ramp else mean
+    return CableAir(velocity, sigma, rate, drag_of(p, float(p.wind["air_density"])), at_start, interval)
 
 
 def drag_of(p: Parameters, air_density: float) -> float:
@@ -240,7 +245,7 @@ def _of_field(p: Parameters, end_time: float, given: xr.Dataset, key: str = "win
         samples = np.arange(math.ceil(time[-1] * rate) + 1) / rate
         velocity = _interpolated(samples, time, velocity)
     density = 1.25 if p.wind is None else float(p.wind["air_density"])
-    return CableAir(velocity, sigma, rate, drag_of(p, density), mean)
+    return CableAir(velocity, sigma, rate, drag_of(p, density), mean, 1.0 / rate)
 
 
 def _of_record(p: Parameters, end_time: float) -> CableAir:

@@ -61,7 +61,7 @@ def test_the_estimate_counts_the_gusts():
     chain = cp.chain.simulate(scene, step=1.5e-4, outputs=("position",)).position.values
     error = rms(run.position.values, chain) / rms(chain, chain[:1])
     assert 0.4 * error < run.attrs["error_estimate"] < 2.5 * error
-    assert run.attrs["step"] <= 0.0125  # half of the interval at which the gusts are interpolated
+    assert run.attrs["step"] <= 0.05  # half of the interval of the gusts
     assert run.attrs["time_error_estimate"] < 0.2 * run.attrs["error_estimate"]
 
 
