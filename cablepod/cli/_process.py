@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 #: Exit statuses: 128 and the number of the signal.
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 #: Time for an orderly end [s].
-GRACE = 1.5
+GRACE = 1.2
 #: How to go on, by command; the others begin anew.
 GO_ON = {"ensemble": "the same command goes on where it stopped"}
 
