@@ -175,6 +175,7 @@ def test_killed_ensembles_go_on_to_the_same_bits(command, tmp_path):
         done = len(list(out.glob("batch_*.nc")))
         again = attack(arguments, signal.SIGKILL, 60.0, group=False)
         assert (again.status, again.error) == (0, ""), again
+        assert not list(out.glob(".*.part"))
         resumed = cp.archive.open_ensemble(out).load()
         assert resumed.id == whole.id
         for variable in whole.variables:
