@@ -87,7 +87,13 @@ def emit_warnings(notes: list[Note], count: int, time_errors: Mapping[str, Seque
         Time error above which a member counts as not converged.
     """
     if time_errors:
-        warnings.warn(_not_converged(time_errors, count, accepted), NotConvergedWarning, stacklevel=user_stacklevel())
+        warnings.warn(
+            f"{len(time_errors)} of {count} members have not converged in time, with an estimated error above {accepted:g}; the "
+            f"worst: {_worst(time_errors)}; their motion is chaotic (judge it by statistics), or axial waves or snaps are not "
+            "resolved; give a ramp to motions that start with a jump, a shorter step, or a larger tolerance",
+            NotConvergedWarning,
+            stacklevel=user_stacklevel(),
+        )
         notes = [note for note in notes if note[0] is not NotConvergedWarning or "not converged in time" not in note[1]]
     for category in dict.fromkeys(category for category, _ in notes):
         texts = [text for note_category, text in notes if note_category is category]
@@ -97,17 +103,12 @@ def emit_warnings(notes: list[Note], count: int, time_errors: Mapping[str, Seque
         warnings.warn(texts[0] + more, category, stacklevel=user_stacklevel())
 
 
-def _not_converged(errors: Mapping[str, Sequence[float]], count: int, accepted: float) -> str:
-    """Return the warning of members that have not converged: their number, the worst in motion and in tension."""
+def _worst(errors: Mapping[str, Sequence[float]]) -> str:
+    """Return the members with the largest errors of motion and of tension."""
     worst = max(errors, key=lambda member: errors[member][0])
     tense = worst_first(errors)[0]
     members = [worst] if worst == tense else [worst, tense]
-    named = "; ".join(f"member {member} has {errors_text(errors[member])}" for member in members)
-    return (
-        f"{len(errors)} of {count} members have not converged in time, with an estimated error above {accepted:g}; the worst: "
-        f"{named}; their motion is chaotic (judge it by statistics), or axial waves or snaps are not resolved: give a ramp to "
-        "motions that start with a jump, a shorter step, or a larger tolerance"
-    )
+    return "; ".join(f"member {member} has {errors_text(errors[member])}" for member in members)
 
 
 def emit_of_all_members(notes: list[Note], result: Callable[[], xr.Dataset]) -> list[Note]:
