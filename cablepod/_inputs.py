@@ -77,6 +77,7 @@ class Kind:
     layouts: tuple[str, ...] = ()  #: of modes
     further: Dims | None = ()  #: dimensions that variables may have beside those of the package, None for any
     is_scene: bool = False
+    instead: tuple[str, str] | None = None  #: variable of a scene of another kind, and the message that refuses it
     is_small: bool = True  #: values are checked and copied here, not where they are used
     some: bool = False  #: a single coordinate may be left of those, as after a selection, where they are not needed
 
@@ -88,6 +89,7 @@ SCENE = Kind(
     stages=("scene", "scenes"),
     further=("member",),
     is_scene=True,
+    instead=("mast_height", "mast: given a scene with a mast; allowed: one with [cable], [ends]; try: mast.simulate"),
 )
 _ARC: tuple[tuple[str, Dims], ...] = (("arc_length", ("particle",)),)
 _PLACES: tuple[tuple[str, Dims], ...] = (("position", ("time", "particle", "coordinate")), *_ARC)
@@ -105,11 +107,8 @@ FIELD_MODES = Kind(
     "modes of pod.decompose with one of the layouts ('separate', 'vector')", _SHAPES, ("modes",), ("separate", "vector")
 )
 NORMAL_MODES = Kind(
-    'modes of the deflection normal to the chord, pod.decompose(snapshots, layout="normal")',
-    _SHAPES,
-    ("modes",),
-    ("normal",),
-)
+    'modes of the deflection normal to the chord, pod.decompose(snapshots, layout="normal")', _SHAPES, ("modes",), ("normal",),
+)  # fmt: skip
 PREPARED = Kind("a prepared model, as PreparedModel.dataset() gives it", stages=("prepared model",), further=None)
 WITH_PLACES = Kind("one with arc_length (particle)", _ARC, further=None, is_small=False, some=True)
 MAPPED = Kind("results with the variable and both parameters", further=None, is_small=False)
@@ -205,6 +204,8 @@ def _layout(key: str, given: xr.Dataset, kind: Kind) -> str | None:
     """Return the layout of modes; refuse other stages and layouts, and a Dataset that lacks variables."""
     stage = given.attrs.get("stage")
     missing = [name for name, _ in kind.needs if name not in given._variables]
+    if missing and kind.instead and kind.instead[0] in given._variables:
+        raise SceneError(kind.instead[1])
     if missing:
         of_stage = "" if stage is None else f" of stage {shown(stage)}"
         raise SceneError(f"{key}: given a Dataset{of_stage} without {' and '.join(missing)}; allowed: {kind.allowed}")

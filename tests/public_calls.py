@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any
 
 import xarray as xr
+from mast_scenes import SMALL, WIND
 from scenes import SOFT
 
 import cablepod as cp
@@ -22,6 +23,8 @@ SPATIAL: dict[str, Any] = SOFT | {
     },
     "load": {"uniform": [1.0, -2.0, 3.0]},
 }
+#: A small mast in the wind.
+MAST: dict[str, Any] = SMALL | {"wind": WIND, "time": {"duration": 0.4, "interval": 0.02}}
 #: Key paths that the ensemble of these scenes varies.
 RANGES = {"cable.top_tension": [150.0, 200.0], "ends.upper.x": [7.5, 8.0]}
 
@@ -53,6 +56,9 @@ def datasets(spatial: bool = False) -> dict[str, xr.Dataset]:
         "amplitudes": cp.pod.project(chain, modes),
         "comparison": cp.compare.errors(condensed, chain),
         "frequencies": cp.cable.frequencies(scene, count=2),
+        "mast": cp.make_scene(MAST),
+        "mast frequencies": cp.mast.frequencies(cp.make_scene(MAST), count=4),
+        "mast run": cp.mast.simulate(cp.make_scene(MAST), step=0.02),
         "prepared": cp.condensed.prepare(scene, normal).dataset(),
         "orbit": cp.periodic.orbit(scene, normal, rank=1),
         "response": cp.periodic.frequency_response(scene, normal, rank=1, frequency=(1.9, 2.1), points=5),
@@ -81,6 +87,9 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "ensemble.batches": (("members",), {}),
     "ensemble.run": (("members",), {"path": "folder"}),
     "galerkin.simulate": (("scene", "modes"), {}),
+    "mast.frequencies": (("mast",), {"count": 4}),
+    "mast.rest": (("mast",), {}),
+    "mast.simulate": (("mast",), {"step": 0.02, "outputs": ("guy_tension", "displacement")}),
     "oblique.train": (("scene", "chain", "normal modes"), {"iterations": 1}),
     "periodic.backbone": (("scene", "normal modes"), {"amplitude": 0.1}),
     "periodic.frequency_response": (("scene", "normal modes"), {"frequency": (1.0, 2.0), "points": 10}),
@@ -88,6 +97,9 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "periodic.stability_map": (("scene", "normal modes"), {"frequency": [1.0], "amplitude": [0.05]}),
     "plots.amplitudes": (("condensed",), {}),
     "plots.animate": (("chain", "condensed"), {}),
+    "plots.bending_moments": (("mast run",), {}),
+    "plots.guy_tensions": (("mast run",), {}),
+    "plots.mast_shapes": (("mast frequencies",), {}),
     "plots.backbone": (("free",), {}),
     "plots.error_against_run_time": (("comparison",), {}),
     "plots.error_over_time": (("comparison",), {}),

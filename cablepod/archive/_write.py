@@ -104,7 +104,9 @@ def encoding_of(dataset: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
 def _encoding(name: str, variable: xr.Variable, is_coordinate: bool) -> dict[str, Any]:
     """Return the encoding of one variable."""
     if variable.dtype.kind in "UO":  # fixed width: many tools fail on strings of variable length
-        return {"dtype": "S1", "char_dim_name": f"{name}_characters"}
+        # xarray takes a number in the name of the dimension for the length of the text: tables with a number get its default name
+        named = {} if any(map(str.isdigit, str(name))) else {"char_dim_name": f"{name}_characters"}
+        return {"dtype": "S1", **named}
     encoding: dict[str, Any] = {"_FillValue": None}
     if variable.dtype.kind != "f":
         return encoding

@@ -19,7 +19,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._inputs import SCENE, taken
+from cablepod._inputs import SCENE, Kind, taken
 from cablepod._resources import cores
 from cablepod.batch._pool import map_threads
 from cablepod.batch._stack import MemberResults, Variables, arrays_of, labelled_like
@@ -221,12 +221,14 @@ def over_members(function: F) -> F:
 
 
 def over_members_by(
-    plan: Callable[..., BatchPlan | None], check: Callable[[xr.Dataset], None] = lambda _: None
+    plan: Callable[..., BatchPlan | None],
+    check: Callable[[xr.Dataset], None] = lambda _: None,
+    kind: Kind = SCENE,
 ) -> Callable[[F], F]:
     """Make a decorator as :func:`over_members` with a faster `plan` for some scenes and options.
 
     `plan` takes the arguments of the function except `progress`, and returns None for scenes and options that it does not cover.
-    `check` is called with a scene with members before the run.
+    `check` is called with a scene with members before the run; `kind` is what the scene may be.
     """
 
     def decorator(function: F) -> F:
@@ -234,7 +236,7 @@ def over_members_by(
 
         @functools.wraps(function)
         def wrapper(scene: xr.Dataset, *args: Any, **options: Any) -> xr.Dataset:
-            scene = taken("scene", scene, SCENE)
+            scene = taken("scene", scene, kind)
             if "member" not in scene.dims:
                 return function(scene, *args, **options)
             if has_times:

@@ -15,7 +15,7 @@ from cablepod.archive import _lineage
 from cablepod.archive._folder import prepare_folder
 from cablepod.archive._manifest import MANIFEST, MODES, describe_ensemble, peak_of, read_manifest
 from cablepod.archive._write import check_target
-from cablepod.cli import _arguments, _group, _map, _periodic, _report, _summary, _templates
+from cablepod.cli import _arguments, _group, _map, _mast, _periodic, _report, _summary, _templates
 from cablepod.cli._group import Group, say
 from cablepod.cli._progress import Bars, member_bar, telling_of_compilation
 from cablepod.errors import SceneError
@@ -84,7 +84,8 @@ def run_command(scene: str, out: str | None, ranks: str, as_json: bool, overwrit
         )
     with Bars() as bars, _arguments.as_options():
         result = study.run(dataset, folder, ranks=numbers, overwrite=overwrite, progress=bars)
-    say(_report.as_json(result) if as_json else _report.text(result, folder))
+    report = _mast if "motion" in result else _report
+    say(report.as_json(result) if as_json else report.text(result, folder))
 
 
 @commands.command("paper", **_templates.texts("paper"))
@@ -147,10 +148,9 @@ def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool)
 @out_option("folder of the ensemble; made if missing")
 @click.option(
     "--model",
-    default="chain",
     metavar="MODEL",
     shell_complete=_arguments.complete_model,
-    help="chain (the default), cable, rigid, galerkin, condensed",
+    help="chain (the default), cable, rigid, galerkin, condensed; mast, the default of a mast",
 )
 @click.option(
     "--modes",
@@ -176,7 +176,7 @@ def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool)
 def ensemble_command(
     scene: str,
     out: str,
-    model: str,
+    model: str | None,
     modes: str | None,
     options: tuple[str, ...],
     scheduler: str | None,
@@ -194,6 +194,7 @@ def ensemble_command(
     dataset = read_scene(scene_path(scene))
     if "ensemble_json" not in dataset.attrs:
         raise SceneError(f"ensemble: missing in {scene}; allowed: a table with members and ensemble.ranges")
+    model = model or ("mast" if "mast_height" in dataset else "chain")
     scenes = ensemble.design(dataset)
     say("\n".join(filter(None, (scenes.attrs["title"], _summary.remarks(dataset)))))
     modes_dataset = (
@@ -287,6 +288,9 @@ def check_command(scene: str) -> None:
 
     dataset = read_scene(scene_path(scene))
     say(dataset.attrs["title"])
+    if "mast_height" in dataset:
+        say(_mast.check_text(dataset))
+        return
     with telling_of_compilation():
         numbers = summary(dataset)
     say("\n".join(filter(None, (_summary.table(numbers), _summary.remarks(dataset), _summary.ensemble_of(dataset)))))
@@ -347,9 +351,10 @@ def _description(path: Path, *, verify: bool) -> str:
 
 @commands.command("new", **_templates.texts("new"))
 @click.argument("name", metavar="NAME.toml", shell_complete=_arguments.complete_file)
-def new_command(name: str) -> None:
+@click.option("--mast", is_flag=True, help="a mast and its guys instead of one cable")
+def new_command(name: str, mast: bool) -> None:
     """Write a scene to start from."""
-    say(_templates.write_new(name))
+    say(_templates.write_new(name, mast=mast))
 
 
 @commands.command("examples", **_templates.texts("examples"))

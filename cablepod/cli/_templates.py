@@ -104,7 +104,7 @@ TEXTS = {
         "write a commented scene to start from",
         "Write a scene with a comment on every key, to be run as it is and then changed. Overwrites nothing.",
         "NAME.toml: the file to write",
-        ("cablepod new guy.toml", "cablepod run guy.toml --out out/guy"),
+        ("cablepod new guy.toml", "cablepod run guy.toml --out out/guy", "cablepod new --mast mast.toml"),
     ),
     "examples": Texts(
         "list the shipped scenes, or copy one",
@@ -130,9 +130,10 @@ def texts(command: str) -> dict[str, Any]:
     }
 
 
-def write_new(name: str) -> str:
-    """Write the template of a scene; return a message with the next command."""
-    path = _write("NAME.toml", name, (data_folder() / "new.toml").read_text(encoding="utf-8"))
+def write_new(name: str, *, mast: bool = False) -> str:
+    """Write the template of a scene, of a cable or of a mast; return a message with the next command."""
+    template = "new_mast.toml" if mast else "new.toml"
+    path = _write("NAME.toml", name, (data_folder() / template).read_text(encoding="utf-8"))
     return f"{path}: a scene to start from; next: cablepod run {path} --out out/{path.stem}"
 
 

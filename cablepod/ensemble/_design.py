@@ -11,13 +11,13 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._inputs import SCENE, taken
+from cablepod._inputs import taken
 from cablepod.conventions import COORDINATES, VARIABLES
 from cablepod.errors import SceneError, did_you_mean, scene_error, shown
-from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._key_paths import dotted, flat, variable_name, variable_of
 from cablepod.parameters._keys import ENSEMBLE, join
-from cablepod.scene._make import check_numbers
+from cablepod.scene._make import check_scene_numbers
+from cablepod.scene._mast import scene_kind
 from cablepod.scene._ranges import axis_hint, check_values, points_of_grid, with_counts_expanded
 
 
@@ -65,7 +65,7 @@ def design(
         For unknown key paths, reversed ranges, bounds that give no valid scene, ranges with a count beside others without, a
         missing number of members, or one that does not fit the grid.
     """
-    scene = taken("scene", scene, SCENE)
+    scene = taken("scene", scene, scene_kind(scene))
     if "member" in scene.dims:
         raise SceneError("scene: given no Dataset of one scene; allowed: a result of make_scene or read_scene")
     options: dict[str, Any] = {"members": members, "sampling": sampling, "seed": seed}
@@ -120,7 +120,7 @@ def _check_ranges(scene: xr.Dataset, ranges: Any, prefix: str, options: Mapping[
                 if index is None:
                     vocabulary_key.check(path, int(value) if is_whole and value.is_integer() else value)
                 varied = _vary(scene, {path: np.array([value])}).isel(member=0, drop=True)
-                check_numbers(parameters(varied))
+                check_scene_numbers(varied)
             except SceneError as error:
                 raise SceneError(f"{key}: given {shown(values)}, at {value:g} no scene: {error}") from None
         checked[path] = values

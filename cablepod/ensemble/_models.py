@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import cable, chain, condensed, galerkin, rigid
+from cablepod import cable, chain, condensed, galerkin, mast, rigid
 from cablepod.condensed._runs import MAX_TOLERANCE
 from cablepod.errors import one_of, scene_error
 from cablepod.integrate._request import DEFAULT_TOLERANCE
@@ -21,6 +21,7 @@ MODELS: Mapping[str, Callable[..., xr.Dataset]] = {
     "rigid": rigid.simulate,
     "galerkin": galerkin.simulate,
     "condensed": condensed.simulate,
+    "mast": mast.simulate,
 }
 #: Models that need modes.
 REDUCED = ("galerkin", "condensed")
@@ -60,7 +61,7 @@ def check_model(model: Any, modes: Any, options: Mapping[str, Any]) -> dict[str,
     for name in options:
         if name not in known:
             raise scene_error(f"option {name}", options[name], f'an option of model "{model}": {", ".join(known)}')
-    if known.get("outputs") and options.get("quadrature") is None:
+    if known.get("outputs") and model != "mast" and options.get("quadrature") is None:
         known = {**known, "outputs": (*known["outputs"], "tension_extremes")}  # what an ensemble is mostly made for
     return {name: _to_json(name, options.get(name, default)) for name, default in known.items()}
 

@@ -20,7 +20,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._inputs import SCENE, taken
+from cablepod._inputs import taken
 from cablepod._resources import defer_sigint
 from cablepod.archive._attributes import with_own_id
 from cablepod.archive._manifest import MODES, SCENES, merged_time_errors, time_errors
@@ -43,6 +43,8 @@ from cablepod.errors import (
 from cablepod.integrate._request import Request, check_times
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._mast import mast_parameters
+from cablepod.scene._mast import scene_kind
 
 #: Number of members for trial runs of the options before the ensemble runs.
 N_PROBED = 5
@@ -236,7 +238,7 @@ def _prepare(
     scenes: Any, model: Any, modes: Any, options: dict[str, Any], batch: Any
 ) -> tuple[dict[str, Any], dict[str, xr.Dataset]]:
     """Check all arguments; return plan and inputs (file name -> Dataset)."""
-    scenes = taken("scenes", scenes, SCENE)
+    scenes = taken("scenes", scenes, scene_kind(scenes))
     if "member" not in scenes.dims:
         raise SceneError("scenes: given no Dataset of scenes with member; allowed: a result of ensemble.design")
     if not scenes.sizes["member"]:
@@ -281,8 +283,8 @@ def _try_options(
         scene = scenes.isel(member=i, drop=True)
         try:
             if options.get("times") is None:
-                parameters(scene).times()
-            if window is not None:
+                (mast_parameters if model == "mast" else parameters)(scene).times()
+            if window is not None and model != "mast":
                 outputs = tuple(options["outputs"])
                 request = Request.of(times=options.get("times"), outputs=outputs, allowed=outputs, window=window)
                 request.instants(parameters(scene))

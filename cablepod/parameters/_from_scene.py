@@ -84,6 +84,8 @@ class Members(Sequence[Parameters]):
     def __init__(self, scene: xr.Dataset) -> None:
         self.fixed: dict[str, Any] = {}  #: variable -> value of all members
         self.varied: dict[str, Any] = {}  #: variable -> values, a row for each member
+        if "mast_height" in scene.variables:
+            raise SceneError("mast: given a scene with a mast; allowed: one with [cable], [ends]; try: mast.simulate")
         self.gapped: dict[str, Any] = {}  #: the same, nan for members that lack the variable
         for name, variable in scene.variables.items():
             if "member" in variable.dims:

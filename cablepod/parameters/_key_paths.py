@@ -23,9 +23,20 @@ from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError, named, shown
 from cablepod.parameters._checks import number, numbers_list, text
 from cablepod.parameters._keys import ENSEMBLE, POINT_LOAD, TABLES, TOP, Key, time_function_keys
+from cablepod.parameters._mast_keys import GUY, GUY_CABLE, MAST, MAST_LOAD, MAST_SECTION
 
 #: Maximum number of parts of a key path: ``motion.upper.x.amplitude`` has four, ``ensemble.ranges`` holds such paths.
 MAX_PARTS = 6
+#: Tables that are lists, by their path.
+LISTS = (("point_load",), ("guy",), ("mast", "section"), ("mast", "load"))
+#: Tables of a mast with a number or a name: pattern of the variables of their keys, path, keys.
+MAST_LISTS = (
+    (re.compile(r"guy_(\d+)_(\w+)"), "guy", GUY),
+    (re.compile(r"mast_section_(\d+)_(\w+)"), "mast.section", MAST_SECTION),
+    (re.compile(r"mast_load_(\d+)_(\w+)"), "mast.load", MAST_LOAD),
+    (re.compile(rf"cables_(\w+)_({'|'.join(GUY_CABLE)})"), "cables", GUY_CABLE),
+    (re.compile(rf"()mast_({'|'.join(MAST)})"), "mast", MAST),
+)
 
 
 @lru_cache(maxsize=1024)
@@ -48,6 +59,8 @@ def _dotted(path: str) -> str:
     gusts = re.fullmatch(r"wind_turbulence_(\w+)", path)
     if gusts and gusts[1] in TABLES["wind.turbulence"]:
         return f"wind.turbulence.{gusts[1]}"
+    if path.startswith(("mast_", "guy_", "cables_")):
+        return _of_mast(path)
     table, key = (f"point_load.{load[1]}", load[2]) if load else path.split("_", 1) if "_" in path else ("", "")
     known = POINT_LOAD if load else {**TABLES, "ensemble": ENSEMBLE}.get(table, {})
     factors = {"kind", *chain.from_iterable(time_function_keys("1").values())} if load or table == "load" else set()
@@ -55,6 +68,21 @@ def _dotted(path: str) -> str:
         return f"{table}.{key}"
     vector, _, axis = key.rpartition("_")
     return f"{table}.{vector}.{axis}" if axis in COORDINATES and vector in known else path
+
+
+def _of_mast(path: str) -> str:
+    """Return the key path of a variable of a mast, see :func:`_dotted`."""
+    for pattern, table, keys in MAST_LISTS:
+        found = pattern.fullmatch(path)
+        if not found:
+            continue
+        above, (vector, _, axis) = ".".join(filter(None, (table, found[1]))), found[2].rpartition("_")
+        factors = {"kind", *chain.from_iterable(time_function_keys("1").values())} if table == "mast.load" else ()
+        if found[2] in keys or found[2] in factors:
+            return f"{above}.{found[2]}"
+        if axis in COORDINATES and vector in keys:
+            return f"{above}.{vector}.{axis}"
+    return path
 
 
 def nested(tree: Mapping[Any, Any]) -> Mapping[Any, Any]:
@@ -79,7 +107,8 @@ def nested(tree: Mapping[Any, Any]) -> Mapping[Any, Any]:
 
 def _order(parts: tuple[Any, ...]) -> tuple[bool, int, int]:
     """Return the order in which values are placed: vectors before their components, tables before keys, loads by number."""
-    number = parts[1] if len(parts) > 1 and parts[0] == "point_load" else ""
+    depth = next((len(path) for path in LISTS if parts[: len(path)] == path), 0)
+    number = parts[depth] if 0 < depth < len(parts) else ""
     is_number = isinstance(number, str) and number.isdecimal() and len(number) < 10
     return parts[-1] in COORDINATES, len(parts), int(number) if is_number else 0
 
@@ -120,7 +149,7 @@ def _place(tree: dict[Any, Any], parts: tuple[Any, ...], value: Any) -> None:
                 raise SceneError(f"{path}: given in two forms, {shown(table[part])} and {shown(value)}; allowed: one")
             table[part] = value
         else:
-            empty: Any = [] if part == "point_load" else {}
+            empty: Any = [] if parts[: depth + 1] in LISTS else {}
             table[part] = table = _mutable(table.get(part, empty))
         if not isinstance(table, dict | list):
             path = ".".join(map(named, parts))
@@ -220,11 +249,24 @@ def key_of_variable(name: str) -> Key | None:
         key = key_of_variable("_".join(tables))
         return None if key is None else replace(key, check=number())
     keys = dict(TABLES.get(tables[0], {}) if tables[0] != "point_load" else POINT_LOAD)
-    if tables[0] in ("motion", "load", "point_load"):
+    if (of_mast := keys_of_mast(tables)) is not None:
+        keys = dict(of_mast)
+    if tables[0] in ("motion", "load", "point_load") or tables[:2] == ["mast", "load"]:
         units = "m" if tables[0] == "motion" else "1"
         keys = dict(chain.from_iterable(of_kind.items() for of_kind in time_function_keys(units).values())) | keys
         keys |= {"kind": Key(text, None, "kind"), **RECORD, "value": Key(numbers_list(), units, "values of the record")}
     return keys.get(last)
+
+
+def keys_of_mast(tables: list[str]) -> Mapping[str, Key] | None:
+    """Return the keys of a table of a mast; None for other tables."""
+    if tables == ["mast"]:
+        return MAST
+    if len(tables) == 2 and tables[0] in ("guy", "cables"):
+        return GUY if tables[0] == "guy" else GUY_CABLE
+    if len(tables) == 3 and tables[0] == "mast":
+        return {"section": MAST_SECTION, "load": MAST_LOAD}.get(tables[1])
+    return None
 
 
 def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:
@@ -239,8 +281,11 @@ def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:
         keys |= POINT_LOAD
     elif len(tables) == 2:
         keys |= TABLES.get(".".join(tables), {})
+    keys |= keys_of_mast(tables) or {}
     kind = variable_name(".".join([*tables, "kind"]))
-    if tables[0] in ("motion", "load", "point_load") and kind in scene and not scene[kind].dims:
+    if (tables[0] in ("motion", "load", "point_load") or tables[:2] == ["mast", "load"]) and (
+        kind in scene and not scene[kind].dims
+    ):
         keys |= time_function_keys("m" if tables[0] == "motion" else "1")[str(scene[kind].values)]
     return keys.get(name)
 

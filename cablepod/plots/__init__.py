@@ -6,6 +6,7 @@
 from cablepod.plots._animation import Animation, animate
 from cablepod.plots._cables import phase_portraits, rest, shapes, snapshots, tension
 from cablepod.plots._maps import parameter_map, stability
+from cablepod.plots._mast import bending_moments, guy_tensions, mast_shapes
 from cablepod.plots._modes import amplitudes, modes, singular_values
 from cablepod.plots._periodic import animate_orbit, backbone, frequency_response, multipliers, orbit, stability_map
 from cablepod.plots._reports import error_against_run_time, error_over_time
@@ -22,9 +23,12 @@ __all__ = [
     "animate",
     "animate_orbit",
     "backbone",
+    "bending_moments",
     "error_against_run_time",
     "error_over_time",
     "frequency_response",
+    "guy_tensions",
+    "mast_shapes",
     "modes",
     "multipliers",
     "orbit",

@@ -46,15 +46,15 @@ def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         if name.startswith("wind"):
             continue
         if name == "load" and name in mapping:
-            tree[name] = _check_with_factor(name, mapping[name], keys, folder)
+            tree[name] = check_with_factor(name, mapping[name], keys, folder)
         elif name in mapping:
             table = with_strand(mapping[name]) if name == "cable" else mapping[name]
             tree[name] = check_table(name, table, keys)
     dims = _check_ends(tree)
-    _check_cable(tree)
-    _check_chain(tree)
+    check_cable(tree)
+    check_chain(tree)
     _check_initial(tree, dims)
-    _check_time(tree)
+    check_time(tree)
     if "wind" in mapping:
         tree["wind"] = check_wind(mapping["wind"], tree["cable"], dims, folder)
     if "ice" in tree and "diameter" not in tree["cable"]:
@@ -66,7 +66,7 @@ def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     if "point_load" in mapping:
         tree["point_load"] = _check_point_loads(mapping["point_load"], dims, folder)
     if "ensemble" in mapping:
-        tree["ensemble"] = _check_ensemble(mapping["ensemble"], tree)
+        tree["ensemble"] = check_ensemble(mapping["ensemble"], tree)
     return tree
 
 
@@ -101,7 +101,7 @@ def _check_ends(tree: dict[str, Any]) -> int:
     return len(lower)
 
 
-def _check_cable(tree: dict[str, Any]) -> None:
+def check_cable(tree: dict[str, Any]) -> None:
     cable = tree["cable"]
     exactly_one("cable", cable, LENGTH_KEYS)
     kind = exactly_one("cable", cable, WEIGHT_KEYS)
@@ -122,7 +122,7 @@ def _check_cable(tree: dict[str, Any]) -> None:
         )
 
 
-def _check_chain(tree: dict[str, Any]) -> None:
+def check_chain(tree: dict[str, Any]) -> None:
     if "chain" not in tree:
         return
     chain = tree["chain"]
@@ -156,7 +156,7 @@ def _check_initial(tree: dict[str, Any], dims: int) -> None:
         raise scene_error("initial.points", line, "a line of some length")
 
 
-def _check_time(tree: dict[str, Any]) -> None:
+def check_time(tree: dict[str, Any]) -> None:
     if "time" not in tree:
         return
     duration, interval = tree["time"]["duration"], tree["time"]["interval"]
@@ -166,7 +166,7 @@ def _check_time(tree: dict[str, Any]) -> None:
         raise scene_error("time.interval", interval, f"an interval that {duration:g} s holds at most 1e12 times")
 
 
-def _check_with_factor(prefix: str, table: Any, keys: Mapping[str, Key], folder: Path) -> dict[str, Any]:
+def check_with_factor(prefix: str, table: Any, keys: Mapping[str, Key], folder: Path) -> dict[str, Any]:
     """Check the table of a load, with the keys of its time factor if it has one."""
     if not isinstance(table, Mapping):
         raise scene_error(prefix, table, "a table with the keys " + ", ".join(keys))
@@ -226,13 +226,13 @@ def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, An
     checked = []
     for index, table in enumerate(loads, start=1):
         prefix = point_load_path(index)
-        load = _check_with_factor(prefix, table, POINT_LOAD, folder)
+        load = check_with_factor(prefix, table, POINT_LOAD, folder)
         _check_vector(f"{prefix}.force", load["force"], dims)
         checked.append(load)
     return checked
 
 
-def _check_ensemble(table: Any, tree: dict[str, Any]) -> dict[str, Any]:
+def check_ensemble(table: Any, tree: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(table, Mapping):
         raise scene_error("ensemble", table, "a table with the keys " + ", ".join([*ENSEMBLE, "ranges"]))
     for name in table:

@@ -22,9 +22,12 @@ from cablepod.parameters._checks import point
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._key_paths import motion_path, nested, number_at, point_load_path, replaced, variable_name
 from cablepod.parameters._keys import POINT_LOAD, TABLES, TOP, Key, time_function_keys
+from cablepod.parameters._mast import mast_parameters
+from cablepod.parameters._mast_keys import GUY, GUY_CABLE, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
 from cablepod.parameters._parameters import Parameters, count_instants
 from cablepod.scene._check import check_mapping
 from cablepod.scene._limits import check_limits
+from cablepod.scene._mast import check_mast, check_mast_numbers, is_mast
 from cablepod.scene._notes import hint
 
 
@@ -89,10 +92,25 @@ def check_numbers(p: Parameters) -> None:
     check_memory(instants, p.links or 1, p.dims, key="chain.links and time.interval")
 
 
+def check_scene_numbers(scene: xr.Dataset) -> None:
+    """Check the numbers of a scene Dataset together, of a cable or of a mast.
+
+    Raises
+    ------
+    SceneError
+        As :func:`check_numbers`.
+    """
+    if "mast_height" in scene:
+        check_mast_numbers(mast_parameters(scene))
+    else:
+        check_numbers(parameters(scene))
+
+
 def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     """Make a scene; paths of records are relative to `folder`."""
-    tree = check_mapping(mapping, folder)
-    scene = _to_dataset(tree)
+    is_of_mast = is_mast(mapping) or is_mast(nested(mapping) if isinstance(mapping, Mapping) else mapping)
+    tree = check_mast(nested(mapping), folder) if is_of_mast else check_mapping(mapping, folder)
+    scene = _mast_to_dataset(tree) if is_of_mast else _to_dataset(tree)
     scene.attrs["title"] = tree.get("title", "untitled scene")
     scene.attrs["stage"] = "scene"
     if "ensemble" in tree:
@@ -101,6 +119,11 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     provenance.stamp_values(
         provenance.record(scene, function="make_scene", parameters={"scene": tree}, identity=identity)
     )
+    if is_of_mast:
+        check_mast_numbers(mast_parameters(scene))
+        if "ensemble" in tree:
+            _check_bounds(nested(mapping), tree, folder)
+        return scene
     p = parameters(scene)
     try:
         check_numbers(p)
@@ -158,6 +181,31 @@ def _to_dataset(tree: dict[str, Any]) -> xr.Dataset:
         variables |= _time_function_variables(path, load, "1", f"factor of point load {number}")
     dims = len(tree["ends"]["lower"])
     scene = xr.Dataset(variables, coords={"coordinate": list(COORDINATES[:dims])})
+    label(scene[["coordinate"]])
+    return scene
+
+
+def _mast_to_dataset(tree: dict[str, Any]) -> xr.Dataset:
+    """Make the variables of a checked scene with a mast."""
+    variables = {"gravity": _variable("gravity", tree["gravity"], TOP["gravity"])}
+
+    def add(path: str, values: Mapping[str, Any], keys: Mapping[str, Key]) -> None:
+        variables.update(_table_variables(path, values, {name: keys[name] for name in keys if name in values}))
+
+    add("mast", tree["mast"], MAST)
+    for number, section in enumerate(tree["mast"].get("section", []), start=1):
+        add(f"mast.section.{number}", section, MAST_SECTION)
+    for number, load in enumerate(tree["mast"].get("load", []), start=1):
+        add(f"mast.load.{number}", load, MAST_LOAD)
+        variables.update(_time_function_variables(f"mast.load.{number}", load, "1", f"factor of mast load {number}"))
+    for name, cable in tree["cables"].items():
+        add(f"cables.{name}", cable, GUY_CABLE)
+    for number, guy in enumerate(tree["guy"], start=1):
+        add(f"guy.{number}", guy, GUY)
+    for table in SHARED_TABLES:
+        values = tree.get("wind", {}).get("turbulence", {}) if table == "wind.turbulence" else tree.get(table, {})
+        add(table, values, TABLES[table])
+    scene = xr.Dataset(variables, coords={"coordinate": list(COORDINATES)})
     label(scene[["coordinate"]])
     return scene
 

@@ -15,14 +15,16 @@ import numpy as np
 import xarray as xr
 
 from cablepod import archive, catenary, chain, compare, pod
-from cablepod._inputs import SCENE, taken
+from cablepod._inputs import taken
 from cablepod.archive._folder import prepare_folder
 from cablepod.cable._summary import summary
 from cablepod.discretisation._chain import chain_of
 from cablepod.errors import RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.parameters._from_scene import parameters
+from cablepod.scene._mast import scene_kind
 from cablepod.scene._notes import warn_once
 from cablepod.study._figures import check_backend, write_figures
+from cablepod.study._mast import run_mast
 from cablepod.study._models import MODELS, chains_of, coarser_chain, table_of, timed_twice, with_row
 from cablepod.study._timing import timed
 
@@ -60,14 +62,14 @@ def run(
     Parameters
     ----------
     scene
-        A scene with a table ``[time]``.  Reduced models that refuse it are left out: with a free end both, with viscous links the
-        Galerkin model.
+        A scene with a table ``[time]``, of a cable or of a mast.  Reduced models that refuse it are left out: with a free end
+        both, with viscous links the Galerkin model.
     out
         Folder for a netCDF file of each stage, such as ``chain.nc``, and for figures; made if missing.  A file is written as soon
         as its stage is done.  Without `out` nothing is written or drawn.
     ranks
-        Numbers of modes of each coordinate, a condensed and a Galerkin model for each.  At most 20 modes are computed, fewer from
-        few links or snapshots; larger ranks are left out with a warning.
+        Of a cable: numbers of modes of each coordinate, a condensed and a Galerkin model for each.  At most 20 are computed,
+        fewer from few links or snapshots; larger ranks are left out with a warning.
     overwrite
         Replace results that are already in `out`.
     progress
@@ -83,7 +85,7 @@ def run(
         "galerkin_r1" and so on, "comparison", "chains".  ``study["chain"].to_dataset()`` is the Dataset that ``chain.simulate``
         gives, with the wall time of the call in the attribute ``wall_time_s`` [s].  "comparison" has errors and run times over
         ``model`` and ``rank``; "chains" has those of the cheaper chains.  The attribute ``left_out`` of the tree lists the models
-        that are left out, with the reason.
+        that are left out, with the reason.  Of a mast: "scene", "rest", "frequencies", "motion" and "guys", a table of tensions.
 
     Raises
     ------
@@ -111,7 +113,11 @@ def run(
     [0.0146, 0.0004]
     >>> axes = cp.plots.modes(study["modes"].to_dataset())
     """
-    scene = taken("scene", scene, SCENE)
+    scene = taken("scene", scene, scene_kind(scene))
+    if "mast_height" in scene:
+        return run_mast(
+            scene, None if out is None else Path(out), overwrite=overwrite, progress=progress, report=report
+        )
     p = parameters(scene)
     snapshots_at = p.times()  # refuses a scene without [time]
     available = min(MAX_MODES, chain_of(p).links - 1, snapshots_at.size - 1)

@@ -61,6 +61,27 @@ def test_an_example_is_copied(here, scenes, capsys):
     assert "mine.toml: a copy of whip" in capsys.readouterr().out
 
 
+def test_the_template_of_a_mast_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["new", "--mast", "mast.toml"]) == 0
+    text = (tmp_path / "mast.toml").read_text()
+    (tmp_path / "mast.toml").write_text(text.replace("duration = 120.0", "duration = 2.0"))
+    assert cli.main(["run", "mast.toml", "--out", "out"]) == 0
+    said = capsys.readouterr().out
+    assert "critical factor of buckling" in said
+    assert "fatigue" in said
+    rows = [line.split() for line in said.splitlines() if line[:3].strip().isdigit()]
+    assert [row[0] for row in rows] == ["1", "2", "3", "4", "5", "6"]
+    assert {"motion.nc", "guys.nc", "tensions.png"} <= {path.name for path in (tmp_path / "out").iterdir()}
+
+
+def test_what_is_switched_off_in_the_template_of_a_mast_can_be_switched_on(tmp_path):
+    text = (shipped.data_folder() / "new_mast.toml").read_text()
+    text = "\n".join(line.removeprefix("# ") if "=" in line or line.startswith("# [") else line for line in text.splitlines())
+    (tmp_path / "mast.toml").write_text(text)
+    assert cp.mast.rest(cp.read_scene(tmp_path / "mast.toml")).sizes["guy"] == 6
+
+
 def test_shipped_scenes_need_no_file_beside_them(scenes):
     # a copy must be whole: none reads a record
     for name in shipped.scenes():

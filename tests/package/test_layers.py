@@ -28,7 +28,7 @@ LAYERS = (
     ("integrate", "pod", "reduced", "examples", "wind"),
     ("chain", "compare", "fatigue", "plots"),
     ("cable", "rigid", "condensed"),
-    ("galerkin", "oblique", "periodic"),
+    ("galerkin", "mast", "oblique", "periodic"),
     ("ensemble", "paper", "study"),
     ("cli",),
 )

@@ -80,9 +80,11 @@ def public_functions() -> list:
     return [item for item in items if inspect.isfunction(item)]
 
 
-#: Optional arguments that may be positional: the second Dataset of a figure, ranges of a design, folder of a study.
+#: Optional arguments that may be positional: the second Dataset of a figure, ranges of a design, folder of a study, modes of a
+#: mast.
 POSITIONAL = {
     ("design", "ranges"), ("animate", "reduced"), ("rest", "chain"), ("shapes", "reduced"), ("run", "out"),
+    ("simulate", "modes"),
 }  # fmt: skip
 
 

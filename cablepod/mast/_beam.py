@@ -1,0 +1,157 @@
+"""Finite elements of the mast: Euler-Bernoulli beam-column in two horizontal directions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cablepod.parameters._mast import MastParameters
+
+#: Points of Gauss quadrature of an element: products of cubic shapes with a linear axial force are exact.
+GAUSS_POINTS = 4
+#: Columns of the sections of :class:`MastParameters`.
+BOTTOM, TOP, BENDING_STIFFNESS, MASS, DRAG_AREA = range(5)
+#: Directions of the displacement: x and z.
+DIRECTIONS = (0, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Beam:
+    """Mesh and matrices of a mast.
+
+    Unknowns are displacement and slope of each node, first all in x, then all in z, without those that the base holds.
+    """
+
+    p: MastParameters
+    height: np.ndarray  #: of the nodes (node,) [m]; guys, loads and ends of sections are at nodes
+
+    @cached_property
+    def length(self) -> np.ndarray:
+        """Lengths of the elements [m]."""
+        return np.diff(self.height)
+
+    @cached_property
+    def section(self) -> np.ndarray:
+        """Rows of the sections of the elements (element, 5)."""
+        middle = 0.5 * (self.height[1:] + self.height[:-1])
+        index = np.searchsorted(self.p.sections[:, TOP], middle)
+        return self.p.sections[np.minimum(index, len(self.p.sections) - 1)]
+
+    @cached_property
+    def free(self) -> np.ndarray:
+        """Indices of the free unknowns of one direction."""
+        return np.arange(1 if self.p.base == "pinned" else 2, 2 * self.height.size)
+
+    @property
+    def count(self) -> int:
+        """Number of free unknowns in both directions."""
+        return 2 * self.free.size
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """Consistent mass matrix (count, count) [kg, kg m, kg m2]."""
+        return self._both(self._assembled(0, self.section[:, MASS, None] * np.ones(GAUSS_POINTS)))
+
+    @cached_property
+    def bending(self) -> np.ndarray:
+        """Stiffness matrix of bending (count, count)."""
+        return self._both(self._assembled(2, self.section[:, BENDING_STIFFNESS, None] * np.ones(GAUSS_POINTS)))
+
+    def geometric(self, levels: np.ndarray, pull: np.ndarray) -> np.ndarray:
+        """Return the stiffness of the axial force (count, count), negative under compression.
+
+        Parameters
+        ----------
+        levels, pull
+            Heights of the guys [m] and their vertical pull on the mast, downwards (guys,) [N].
+        """
+        return self._both(self._assembled(1, -self.compression(self._places, levels, pull)))
+
+    def compression(self, place: np.ndarray, levels: np.ndarray, pull: np.ndarray) -> np.ndarray:
+        """Return the axial force at heights [m] within elements, positive in compression: weight and guys above [N]."""
+        weight = self.section[:, MASS] * self.p.gravity
+        above = np.concatenate([np.cumsum((weight * self.length)[::-1])[::-1], [0.0]])
+        element = np.clip(np.searchsorted(self.height, place, side="right") - 1, 0, self.length.size - 1)
+        own = above[element] - weight[element] * (place - self.height[element])
+        return own + (pull * (levels > np.asarray(place)[..., None])).sum(axis=-1)
+
+    @cached_property
+    def _places(self) -> np.ndarray:
+        """Heights of the quadrature points (element, point) [m]."""
+        nodes = np.polynomial.legendre.leggauss(GAUSS_POINTS)[0]
+        return self.height[:-1, None] + 0.5 * self.length[:, None] * (1.0 + nodes)
+
+    def _assembled(self, derivative: int, values: np.ndarray) -> np.ndarray:
+        """Integrate values (element, point) times products of derivatives of the shapes, for all unknowns of one direction."""
+        weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)[1]
+        xi = 0.5 * (1.0 + np.polynomial.legendre.leggauss(GAUSS_POINTS)[0])
+        matrix = np.zeros((2 * self.height.size, 2 * self.height.size))
+        for e, length in enumerate(self.length):
+            shapes = hermite(xi, float(length), derivative)
+            block = np.einsum("ip,jp,p->ij", shapes, shapes, 0.5 * length * weights * values[e])
+            matrix[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += block
+        return matrix[np.ix_(self.free, self.free)]
+
+    def _both(self, matrix: np.ndarray) -> np.ndarray:
+        zero = np.zeros_like(matrix)
+        return np.block([[matrix, zero], [zero, matrix]])
+
+    def node(self, height: float) -> int:
+        """Return the number of the node at a height [m]."""
+        return int(np.abs(self.height - height).argmin())
+
+    def displacement_rows(self, nodes: np.ndarray) -> np.ndarray:
+        """Return the matrix from the unknowns to the displacement of nodes in x and z (nodes, 2, count)."""
+        result = np.zeros((len(nodes), 2, self.count))
+        for row, node in enumerate(nodes):
+            where = np.flatnonzero(self.free == 2 * node)
+            for direction in range(2):
+                result[row, direction, direction * self.free.size + where] = 1.0
+        return result
+
+    @cached_property
+    def moment_rows(self) -> np.ndarray:
+        """Matrix from the unknowns to the bending moments EI w'' at the nodes in x and z (node, 2, count), mean of both sides."""
+        count, single = self.height.size, np.zeros((self.height.size, 2 * self.height.size))
+        sides = np.full(count, 2.0)
+        sides[[0, -1]] = 1.0
+        for e, length in enumerate(self.length):
+            shapes = hermite(np.array([0.0, 1.0]), float(length), 2) * self.section[e, BENDING_STIFFNESS]
+            for side in range(2):
+                single[e + side, 2 * e : 2 * e + 4] += shapes[:, side] / sides[e + side]
+        result = np.zeros((count, 2, self.count))
+        for direction in range(2):
+            result[:, direction, direction * self.free.size : (direction + 1) * self.free.size] = single[:, self.free]
+        return result
+
+    @cached_property
+    def drag_areas(self) -> np.ndarray:
+        """Drag coefficient times area that each node carries (node,) [m2]."""
+        half = 0.5 * self.section[:, DRAG_AREA] * self.length
+        return np.concatenate([half, [0.0]]) + np.concatenate([[0.0], half])
+
+
+def beam_of(p: MastParameters) -> Beam:
+    """Make the mesh of a mast: nodes at all guys, loads and ends of sections, the other elements where they are longest."""
+    ends = [0.0, p.height, *p.sections[:, TOP], *(guy.level for guy in p.guys), *(load.level for load in p.loads)]
+    places = np.unique(np.round(ends, 9))
+    spans = np.diff(places)
+    count = np.ones(spans.size, dtype=int)
+    while count.sum() < p.elements:
+        count[int((spans / count).argmax())] += 1
+    parts = [a + (b - a) / n * np.arange(n) for a, b, n in zip(places[:-1], places[1:], count.tolist(), strict=True)]
+    return Beam(p, np.concatenate([*parts, places[-1:]]))
+
+
+def hermite(xi: np.ndarray, length: float, derivative: int) -> np.ndarray:
+    """Return cubic shapes of displacement and slope at both ends, or a derivative by the height: (4, points)."""
+    x, s = xi, length
+    if derivative == 0:
+        rows = [1 - 3 * x**2 + 2 * x**3, s * (x - 2 * x**2 + x**3), 3 * x**2 - 2 * x**3, s * (x**3 - x**2)]
+    elif derivative == 1:
+        rows = [(6 * x**2 - 6 * x) / s, 1 - 4 * x + 3 * x**2, (6 * x - 6 * x**2) / s, 3 * x**2 - 2 * x]
+    else:
+        rows = [(12 * x - 6) / s**2, (6 * x - 4) / s, (6 - 12 * x) / s**2, (6 * x - 2) / s]
+    return np.array(rows)

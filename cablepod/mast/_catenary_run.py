@@ -1,0 +1,135 @@
+"""Run of a mast on static guys, as practice has them: exact catenaries in still air, without motion of their own."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cablepod.catenary._statics import solve_catenaries
+from cablepod.errors import OutOfRangeWarning, SceneError, scene_error, user_stacklevel
+from cablepod.mast._air import GUY_POINTS, MastAir
+from cablepod.mast._drive import drive_of
+from cablepod.mast._guys import StaticGuy, static_guys
+from cablepod.mast._model import ModalMast
+from cablepod.mast._request import MastRequest, MastTrajectory, empty_trajectory
+from cablepod.wind._air import drag_of, refined
+
+#: Intervals of a table, and its reach to both sides over the height of the mast.
+INTERVALS, REACH = 1000, 0.03
+#: Steps in the shortest period of the mast's modes, whose frequencies the scheme has exactly.
+STEPS_PER_PERIOD = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class CatenaryGuys:
+    """The guys of a mast as static catenaries."""
+
+    mast: ModalMast
+    air: MastAir | None
+
+    @cached_property
+    def guys(self) -> list[StaticGuy]:
+        """The guys in still air, with ice."""
+        return static_guys(self.mast.rest.p)
+
+    @property
+    def default_step(self) -> float:
+        """Step by the shortest period of the mast's modes [s]."""
+        return 2.0 * np.pi / (STEPS_PER_PERIOD * float(self.mast.omega[-1]))
+
+    @cached_property
+    def tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Least distances, intervals (guys,) [m], splines of horizontal force over distance and of vertical force."""
+        from scipy.interpolate import CubicSpline
+
+        count = len(self.guys)
+        first, spacing = np.empty(count), np.empty(count)
+        splines = np.empty((2, count, INTERVALS, 4))
+        for g, (guy, own) in enumerate(zip(self.guys, self.mast.rest.p.guys, strict=True)):
+            at_rest = self.mast.rest.guys[g].p.upper
+            middle = float(np.hypot(at_rest[0] - guy.p.lower[0], at_rest[2] - guy.p.lower[2]))
+            reach = min(REACH * self.mast.rest.p.height, 0.9 * middle if middle > 0.0 else np.inf)
+            low = max(middle - reach, 1e-3 * reach)
+            span = np.linspace(low, middle + reach, INTERVALS + 1)
+            rise = own.level - float(guy.p.lower[1])
+            weight = -float(guy.p.weight[1])
+            ones = np.ones_like(span)
+            plane = (span, rise * ones, np.hypot(span, rise), weight * ones)
+            solved, status = solve_catenaries(plane, guy.p.stiffness * ones, "unstretched_length", guy.length * ones)
+            if status.any():
+                raise SceneError(
+                    f"{own.key}: given a guy without a static table; allowed: guys with weight and stiffness"
+                )
+            vertical = -(solved[:, 3] + 0.5 * weight * guy.length)
+            first[g], spacing[g] = low, span[1] - span[0]
+            place = np.arange(INTERVALS + 1.0)
+            for target, values in zip(splines[:, g], (solved[:, 2] / span, vertical), strict=True):
+                target[:] = CubicSpline(place, values).c.T
+        return first, spacing, np.ascontiguousarray(splines[0]), np.ascontiguousarray(splines[1])
+
+    def _reaction(self, velocity: np.ndarray) -> np.ndarray:
+        """Return the part of the drag that the mast carries, for velocities (samples, points, 3): (samples, guys, 2) [N]."""
+        assert self.air is not None
+        assert self.mast.rest.p.wind is not None
+        wind = self.air.of_guys(velocity)
+        sigma = np.linspace(0.0, 1.0, GUY_POINTS)
+        result = np.empty((len(velocity), len(self.guys), 2))
+        for g, guy in enumerate(self.guys):
+            along = guy.chord / np.linalg.norm(guy.chord)
+            normal = wind[:, g] - (wind[:, g] @ along)[..., None] * along
+            force = np.sqrt((normal * normal).sum(axis=-1))[..., None] * normal[..., (0, 2)]
+            drag = drag_of(guy.p, float(self.mast.rest.p.wind["air_density"])) * guy.length
+            result[:, g] = drag * np.trapezoid(sigma[:, None] * force, sigma, axis=1)
+        return result
+
+    def run(self, request: MastRequest) -> MastTrajectory:
+        """Run from rest.
+
+        Raises
+        ------
+        SceneError
+            For a step above the stability limit.
+        """
+        from cablepod.mast import _kernels_catenary as kernel  # numba is imported only to compute
+
+        mast, step, count = self.mast, request.step, len(self.guys)
+        limit = np.pi / float(mast.omega[-1])
+        if not step < limit:
+            raise scene_error("step", step, f"below half of the shortest period of the mast, {limit:.6g} s")
+        p, drive = mast.rest.p, drive_of(mast, self.air, request)
+        mass = np.array([guy.p.mass * guy.length / 3.0 for guy in self.guys])
+        end_mass = mass[:, None, None] * np.eye(2)
+        matrices = mast.step_matrices(
+            mast.mass + mast.ends(end_mass), np.diag(mast.omega**2), p.mass_damping * mast.ends(end_mass), step
+        )
+        first, spacing, horizontal, vertical = self.tables
+        forces = np.array([guy.at(own.p.upper).force()[0] for guy, own in zip(self.guys, mast.rest.guys, strict=True)])
+        forces = forces.reshape(-1, 3)[:, [0, 2]]
+        reaction = None
+        if self.air is not None:
+            reaction = refined(self._reaction(self.air.velocity))
+            forces = forces + self._reaction(self.air.start[None])[0]
+        constant = drive.constant - np.einsum("gi,gia->a", forces, mast.guy_rows)
+        result = empty_trajectory(request, len(mast.omega), len(mast.heights), count)
+        places = np.tile([np.inf, -np.inf], (count, 1))
+        anchors = np.array([guy.p.lower[[0, 2]] for guy in self.guys]).reshape(-1, 2)
+        status, at, guy = kernel.catenary_run(
+            step, request.every, request.steps, np.array(request.window_steps), np.zeros(len(mast.omega)),
+            np.zeros(len(mast.omega)), constant, mast.stiffness, matrices.keep, matrices.gain, mast.level_rows, mast.level_rest,
+            mast.level_of_guy, anchors, first, spacing, horizontal, vertical, mass, drive.load_vectors, drive.factors,
+            drive.samples_per_step, drive.mast_wind, drive.node_rows, drive.node_drag, reaction, result.modal, result.rates,
+            result.force, result.tension, result.level_extremes, result.level_sums, result.tension_extremes,
+            result.tension_sums, places,
+        )  # fmt: skip
+        result.finish(status, at, guy, places)
+        if count and not status and (places[:, 0].min() < 0.0 or places[:, 1].max() > INTERVALS):
+            warnings.warn(
+                f"a guy's end moved by more than {REACH:g} of the height, beyond the table of its force, which is a "
+                'straight line there; compare with guys="chain"',
+                OutOfRangeWarning,
+                stacklevel=user_stacklevel(),
+            )
+        return result

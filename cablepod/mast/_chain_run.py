@@ -1,0 +1,130 @@
+"""Run of a mast with chains as guys."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from cablepod.chain._air import ChainAir
+from cablepod.chain._start import rest_shape
+from cablepod.discretisation._chain import LumpedChain, chain_of
+from cablepod.errors import scene_error
+from cablepod.mast._air import GUY_POINTS, MastAir
+from cablepod.mast._drive import drive_of
+from cablepod.mast._guys import static_guys
+from cablepod.mast._model import ModalMast
+from cablepod.mast._request import MastRequest, MastTrajectory, empty_trajectory
+from cablepod.wind._air import CableAir, drag_of, refined
+
+#: Step over the stability limit of the links: a chain that goes slack and taut again breaks down near 1.
+STEP_OVER_LIMIT = 0.5
+#: Viscosity of the links over the stability limit of the step: the highest axial frequency is damped by this ratio, others by
+#: less.  Without it links that go slack and taut gain energy from explicit steps.
+VISCOSITY = 0.05
+#: Maximum time over which the drag is held [s], and number of steps.
+MAX_HOLD_TIME, MAX_HOLD = 0.01, 8
+
+
+@dataclass(frozen=True, eq=False)
+class ChainGuys:
+    """The guys of a mast as chains of equal links."""
+
+    mast: ModalMast
+    links: int
+    air: MastAir | None
+
+    @cached_property
+    def chains(self) -> list[LumpedChain]:
+        """The chains, with their upper ends at rest."""
+        bare = static_guys(self.mast.rest.p)
+        return [
+            chain_of(replace(guy.p, upper=at_rest.p.upper), self.links)
+            for guy, at_rest in zip(bare, self.mast.rest.guys, strict=True)
+        ]
+
+    @cached_property
+    def drag(self) -> np.ndarray:
+        """Half the density of the air times drag coefficient and diameter of the guys [kg/m2]."""
+        wind = self.mast.rest.p.wind
+        assert wind is not None
+        return np.array([drag_of(chain.p, float(wind["air_density"])) for chain in self.chains])
+
+    @cached_property
+    def link_lengths(self) -> np.ndarray:
+        """Unstretched length of a link of each guy (guys,) [m]."""
+        return np.array([chain.total_length / self.links for chain in self.chains])
+
+    @property
+    def default_step(self) -> float:
+        """Step by the stability limit of the links [s]."""
+        limits = [chain.step_limit() for chain in self.chains]
+        return STEP_OVER_LIMIT * min([*limits, 2.0 / float(self.mast.omega[-1])])
+
+    @cached_property
+    def rest(self) -> np.ndarray:
+        """Positions at rest in the mean wind (guys, 3, n + 1) [m]."""
+        result = np.empty((len(self.chains), 3, self.links + 1))
+        for g, chain in enumerate(self.chains):
+            air = None
+            if self.air is not None:
+                start = self.air.of_guys(self.air.start)[g]
+                velocity, sigma = np.repeat(start[None], 2, axis=0), np.linspace(0.0, 1.0, GUY_POINTS)
+                air = ChainAir(chain, CableAir(velocity, sigma, 1.0, float(self.drag[g]), start))
+            result[g] = rest_shape(chain, air)[0].T
+        return result
+
+    def run(self, request: MastRequest) -> MastTrajectory:
+        """Run from rest.
+
+        Raises
+        ------
+        SceneError
+            For a step above the stability limit.
+        """
+        from cablepod.mast import _kernels_chain as kernel  # numba is imported only to compute
+
+        mast, step, count = self.mast, request.step, len(self.chains)
+        limit = min([*(chain.step_limit() for chain in self.chains), 2.0 / float(mast.omega[-1])])
+        if not step < limit:
+            raise scene_error("step", step, f"below the stability limit of the links, {limit:.6g} s")
+        p = mast.rest.p
+        x = self.rest.copy()
+        mass = np.array([chain.p.mass for chain in self.chains]) * self.link_lengths
+        end_mass = 0.5 * mass[:, None, None] * np.eye(2)
+        drive = drive_of(mast, self.air, request)
+        matrices = mast.step_matrices(
+            mast.mass + mast.ends(end_mass), np.diag(mast.omega**2), p.mass_damping * mast.ends(end_mass), step
+        )
+        wind = drag = None
+        forces = np.zeros((count, 2))
+        if self.air is not None:
+            wind, drag = refined(np.ascontiguousarray(self.air.of_guys(self.air.velocity))), self.drag
+        for g, chain in enumerate(self.chains):
+            upper = -chain.tensions_and_forces(x[g].T)[1][-1]
+            forces[g] = upper[[0, 2]] + (0.0 if self.air is None else self._top_drag(g, x[g])[[0, 2]])
+        constant = drive.constant - np.einsum("gi,gia->a", forces, mast.guy_rows)
+        breaks = [np.inf if guy.breaks is None else guy.breaks / step for guy in p.guys]
+        result = empty_trajectory(request, len(mast.omega), len(mast.heights), count)
+        monitor = np.tile([np.inf, 0.0], (count, 1))
+        status, at, guy = kernel.chain_run(
+            step, request.every, request.steps, max(1, min(MAX_HOLD, int(MAX_HOLD_TIME / step))), np.array(request.window_steps),
+            np.zeros(len(mast.omega)), np.zeros(len(mast.omega)), x, np.zeros_like(x), constant, mast.stiffness, matrices.keep,
+            matrices.gain, mast.level_rows, mast.level_rest, mast.level_of_guy,
+            np.array([chain.p.stiffness for chain in self.chains]), self.link_lengths,
+            mass, VISCOSITY * limit, p.gravity, p.mass_damping, np.array(breaks), drive.load_vectors, drive.factors,
+            drive.samples_per_step,
+            drive.mast_wind, drive.node_rows, drive.node_drag, wind, drag, result.modal, result.rates, result.force,
+            result.tension, result.level_extremes, result.level_sums, result.tension_extremes, result.tension_sums, monitor,
+        )  # fmt: skip
+        result.finish(status, at, guy, monitor)
+        return result
+
+    def _top_drag(self, g: int, x: np.ndarray) -> np.ndarray:
+        """Return the drag on the upper particle at rest (3,) [N]."""
+        assert self.air is not None
+        reach = x[:, -1] - x[:, -2]
+        wind = self.air.of_guys(self.air.start)[g, -1]
+        normal = wind - (wind @ reach) / (reach @ reach) * reach
+        return 0.5 * self.drag[g] * np.linalg.norm(reach) * np.linalg.norm(normal) * normal

@@ -1,0 +1,84 @@
+"""Guys as exact elastic catenaries: unstretched lengths, end forces and static stiffness; mean drag on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cablepod.catenary._rest import _rest_of_member
+from cablepod.catenary._statics import load_plane, solve_statics
+from cablepod.condensed._host import static_stiffness
+from cablepod.parameters._mast import Guy, MastParameters
+from cablepod.parameters._parameters import Parameters
+from cablepod.wind._air import drag_of
+from cablepod.wind._profile import mean_speed
+from cablepod.wind._turbulence import direction_of
+
+#: Points along a guy for the mean drag, and passes with the shape in the wind.
+POINTS, PASSES = 41, 3
+
+
+@dataclass(frozen=True, eq=False)
+class StaticGuy:
+    """A guy of known unstretched length, with a uniform load."""
+
+    p: Parameters
+    length: float  #: unstretched [m]
+
+    @property
+    def chord(self) -> np.ndarray:
+        """Vector from anchor to mast (3,) [m]."""
+        return self.p.upper - self.p.lower
+
+    def at(self, upper: np.ndarray) -> StaticGuy:
+        """Return the guy with its upper end elsewhere [m]."""
+        return replace(self, p=replace(self.p, upper=upper))
+
+    def force(self) -> tuple[np.ndarray, float, float]:
+        """Return the force on the mast (3,), and the tensions at the anchor and at the mast [N]."""
+        plane = load_plane(self.p)
+        _, _, horizontal, middle, lower, upper = solve_statics(self.p, "unstretched_length", self.length)
+        against = middle + 0.5 * plane.load * self.length
+        return -(horizontal * plane.across + against * plane.against), float(lower), float(upper)
+
+    def stiffness(self) -> np.ndarray:
+        """Return the stiffness of the upper end (3, 3) [N/m]."""
+        if not self.force()[2] > 0.0:
+            return np.zeros((3, 3))  # slack, without weight
+        return static_stiffness(self.p, self.length, self.p.upper)
+
+
+def static_guys(p: MastParameters) -> list[StaticGuy]:
+    """Return the guys of the straight mast in still air, with ice."""
+    guys = []
+    for guy in p.guys:
+        length = unstretched_length_of(guy)
+        guys.append(StaticGuy(replace(guy.p, length_key="unstretched_length", length_value=length, bare=None), length))
+    return guys
+
+
+def unstretched_length_of(guy: Guy) -> float:
+    """Return the unstretched length of a guy [m], from its tension on the straight mast in still air without ice."""
+    bare = guy.p if guy.p.bare is None else guy.p.bare
+    return float(solve_statics(bare, bare.length_key, bare.length_value, prefix=guy.key)[0])
+
+
+def with_mean_drag(guy: StaticGuy, p: MastParameters) -> StaticGuy:
+    """Return the guy with the mean drag as a uniform load that gives the same moment about the anchor."""
+    if p.wind is None or float(p.wind["ramp"]):
+        return guy
+    drag = drag_of(guy.p, float(p.wind["air_density"]))
+    sigma = np.linspace(0.0, 1.0, POINTS)
+    for _ in range(PASSES):
+        position = _rest_of_member(guy.p, POINTS)[0]
+        reach = np.gradient(position, sigma, axis=0)
+        stretched = np.linalg.norm(reach, axis=1)
+        tangent = reach / stretched[:, None]
+        speed = mean_speed(p.wind, position[:, 1] - float(p.wind["ground"]))
+        wind = speed[:, None] * direction_of(p.wind)
+        normal = wind - (wind * tangent).sum(axis=1)[:, None] * tangent
+        force = drag * np.linalg.norm(normal, axis=1)[:, None] * normal * (stretched / guy.length)[:, None]
+        load = 2.0 * np.trapezoid(sigma[:, None] * force, sigma, axis=0)
+        guy = replace(guy, p=replace(guy.p, load=load))
+    return guy

@@ -1,0 +1,172 @@
+"""Compiled run of a mast whose guys are chains of lumped masses and elastic links, by explicit leapfrog steps."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cablepod._jit import FAST_DIVISION, compiled
+from cablepod.mast._kernels_mast import _add_mast_drag, _advance_mast, _is_finite, _move_ends, _record, _save
+
+DONE, DIVERGED = range(2)
+
+
+@compiled(fastmath=FAST_DIVISION, forceinline=True)
+def _link_forces(x, v, stiffness, length, viscosity, forces):
+    """Fill the forces of the links on their lower particles (3, n) [N]; links only pull.
+
+    Force K (strain + viscosity times strain rate), which damps the motion between neighbouring particles along slackening links.
+    """
+    for j in range(forces.shape[1]):
+        dx, dy, dz = x[0, j + 1] - x[0, j], x[1, j + 1] - x[1, j], x[2, j + 1] - x[2, j]
+        rate = dx * (v[0, j + 1] - v[0, j]) + dy * (v[1, j + 1] - v[1, j]) + dz * (v[2, j + 1] - v[2, j])
+        inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
+        elastic = stiffness * (1.0 / length - inverse)
+        secant = elastic + viscosity * stiffness / length * rate * inverse * inverse
+        secant = max(secant, 0.0) if elastic > 0.0 else 0.0
+        forces[0, j], forces[1, j], forces[2, j] = secant * dx, secant * dy, secant * dz
+
+
+@compiled(fastmath=FAST_DIVISION, forceinline=True)
+def _drag_forces(x, v, wind, place, g, drag, links, forces):
+    """Fill the drag on the particles (3, n + 1) [N]: c |t| |u_n| u_n over half of the links beside each.
+
+    `wind` is (samples, guys, points, 3) [m/s], linear between samples and between equally spaced points.
+    """
+    place = min(max(place, 0.0), wind.shape[0] - 1.0)
+    sample = min(int(place), wind.shape[0] - 2)
+    share = place - sample
+    points = wind.shape[2]
+    for j in range(links + 1):
+        low, high = max(j - 1, 0), min(j + 1, links)
+        tx, ty, tz = x[0, high] - x[0, low], x[1, high] - x[1, low], x[2, high] - x[2, low]
+        square = tx * tx + ty * ty + tz * tz
+        at = j * (points - 1.0) / links
+        left = min(int(at), points - 2)
+        part = at - left
+        u0 = u1 = u2 = 0.0
+        for k in range(2):
+            weight = (1.0 - share) if k == 0 else share
+            row = sample + k
+            u0 += weight * ((1.0 - part) * wind[row, g, left, 0] + part * wind[row, g, left + 1, 0])
+            u1 += weight * ((1.0 - part) * wind[row, g, left, 1] + part * wind[row, g, left + 1, 1])
+            u2 += weight * ((1.0 - part) * wind[row, g, left, 2] + part * wind[row, g, left + 1, 2])
+        u0 -= v[0, j]
+        u1 -= v[1, j]
+        u2 -= v[2, j]
+        along = (u0 * tx + u1 * ty + u2 * tz) / square
+        u0 -= along * tx
+        u1 -= along * ty
+        u2 -= along * tz
+        size = 0.5 * drag * math.sqrt(square * (u0 * u0 + u1 * u1 + u2 * u2))
+        forces[0, j], forces[1, j], forces[2, j] = size * u0, size * u1, size * u2
+
+
+@compiled(fastmath=FAST_DIVISION)
+def chain_run(
+    step, every, steps, hold, window, a, v, x, rates, constant, mast_stiffness, keep, gain, level_rows, level_rest, guy_level,
+    stiffness, length, mass, viscosity, gravity, mass_damping, breaks, load_vectors, factors, samples_per_step,
+    mast_wind, node_rows,
+    node_drag, guy_wind, guy_drag, saved, saved_rates, saved_force, saved_tension, level_extremes, level_sums,
+    tension_extremes, tension_sums, monitor,
+):  # fmt: skip
+    """Run a mast with chains from rest; return the status, the step and the guy at which it was found.
+
+    Parameters
+    ----------
+    hold
+        Steps from one evaluation of the drag on guys to the next.
+    x, rates
+        Positions of the particles from anchor to mast and their rates half a step before (guys, 3, n + 1) [m, m/s]; changed.
+    stiffness, length, mass
+        Axial stiffness [N], length [m] and mass [kg] of a link of each guy (guys,).
+    viscosity
+        Damping force of a link per axial stiffness and strain rate [s].
+    gravity, mass_damping
+        [m/s2, 1/s]
+    breaks
+        Steps from which the upper links carry no force (guys,).
+    step, every, steps, window, a, v, constant, mast_stiffness, keep, gain, level_rows, level_rest, guy_level, load_vectors, \
+factors, samples_per_step, mast_wind, node_rows, node_drag, saved, saved_rates, saved_force, saved_tension, level_extremes, \
+level_sums, tension_extremes, tension_sums
+        As in :func:`cablepod.mast._kernels_condensed.condensed_run`.
+    guy_wind, guy_drag
+        Air along the guys, see :func:`_drag_forces`; half the density of the air times drag coefficient and diameter [kg/m2].
+    monitor
+        Least tension of a link of each guy at the outputs [N] and its step (guys, 2).
+    """
+    count, n, levels = x.shape[0], x.shape[2] - 1, level_rest.shape[0]
+    force, before, mean_rate = np.empty(a.size), v.copy(), np.empty(a.size)
+    upper, upper_rate, level_force = np.empty((levels, 2)), np.empty((levels, 2)), np.empty((levels, 2))
+    acceleration = np.empty((levels, 2))
+    forces, drags = np.empty((3, n)), np.zeros((count, 3, n + 1))
+    guy_force, tension = np.empty((count, 3)), np.empty(count)
+    factor = (1.0 - 0.5 * mass_damping * step) / (1.0 + 0.5 * mass_damping * step)
+    impulse = step / (1.0 + 0.5 * mass_damping * step)
+    for k in range(steps + 1):
+        for i in range(a.size):
+            force[i] = constant[i]
+            mean_rate[i] = 1.5 * v[i] - 0.5 * before[i]
+        if factors is not None:
+            for m in range(factors.shape[0]):
+                for i in range(a.size):
+                    force[i] += load_vectors[m, i] * factors[m, k]
+        _move_ends(a, mean_rate, level_rows, level_rest, upper, upper_rate)
+        if mast_wind is not None:
+            _add_mast_drag(mean_rate, mast_wind, k * samples_per_step, node_rows, node_drag, force)
+        for m in range(levels):
+            level_force[m, 0] = level_force[m, 1] = 0.0
+        for g in range(count):
+            m = guy_level[g]
+            held = k < breaks[g]
+            if held:
+                x[g, 0, n], x[g, 2, n] = upper[m, 0], upper[m, 1]
+                rates[g, 0, n], rates[g, 2, n] = upper_rate[m, 0], upper_rate[m, 1]
+            _link_forces(x[g], rates[g], stiffness[g], length[g], viscosity, forces)
+            if not held:
+                forces[0, n - 1] = forces[1, n - 1] = forces[2, n - 1] = 0.0
+            if guy_wind is not None and k % hold == 0:
+                _drag_forces(x[g], rates[g], guy_wind, k * samples_per_step, g, guy_drag[g], n, drags[g])
+            if k % every == 0:
+                for j in range(n if held else n - 1):
+                    pull = math.sqrt(forces[0, j] ** 2 + forces[1, j] ** 2 + forces[2, j] ** 2)
+                    if not pull >= monitor[g, 0]:
+                        monitor[g, 0], monitor[g, 1] = pull, k
+            inverse = 1.0 / mass[g]
+            for d in range(3):
+                weight = -gravity if d == 1 else 0.0
+                for j in range(1, n):
+                    push = (forces[d, j] - forces[d, j - 1] + drags[g, d, j]) * inverse + weight
+                    if k == 0:
+                        rates[g, d, j] = 0.5 * step * push
+                    else:
+                        rates[g, d, j] = factor * rates[g, d, j] + impulse * push
+                for j in range(1, n):
+                    x[g, d, j] += step * rates[g, d, j]
+                # on the mast: the upper link, and weight and drag of half a link
+                guy_force[g, d] = 0.0
+                if held:
+                    guy_force[g, d] = -forces[d, n - 1] + drags[g, d, n] + 0.5 * mass[g] * weight
+            level_force[m, 0] += guy_force[g, 0]
+            level_force[m, 1] += guy_force[g, 2]
+        _advance_mast(
+            k == 0, a, v, before, force, mast_stiffness, keep, gain, level_rows, level_force, step, acceleration
+        )
+        for g in range(count):
+            m = guy_level[g]
+            if k < breaks[g]:
+                guy_force[g, 0] -= 0.5 * mass[g] * acceleration[m, 0]
+                guy_force[g, 2] -= 0.5 * mass[g] * acceleration[m, 1]
+            tension[g] = math.sqrt(guy_force[g, 0] ** 2 + guy_force[g, 1] ** 2 + guy_force[g, 2] ** 2)
+        _record(k, window, upper, tension, level_extremes, level_sums, tension_extremes, tension_sums)
+        _save(k, every, a, v, before, guy_force, tension, saved, saved_rates, saved_force, saved_tension)
+        if not _is_finite(v):
+            return DIVERGED, k, 0
+        if k % every == 0:
+            for g in range(count):
+                if not _is_finite(x[g].ravel()):
+                    return DIVERGED, k, g
+        for i in range(a.size):
+            a[i] += step * v[i]
+    return DONE, steps, 0

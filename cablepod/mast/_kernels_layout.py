@@ -1,0 +1,6 @@
+"""Entries of the arrays that kernels of masts fill."""
+
+from __future__ import annotations
+
+#: Entries of extremes: least and largest value, and the steps at which they occur.
+LEAST, LARGEST, LEAST_STEP, LARGEST_STEP = range(4)

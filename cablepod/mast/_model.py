@@ -1,0 +1,151 @@
+"""Modal model of the mast, shared by all kinds of guys, and the fitted leapfrog scheme of its coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from cablepod.mast._statics import MastRest, load_vectors
+
+
+@dataclass(frozen=True, eq=False)
+class ModalMast:
+    """Mast in the modes of mast and guys' static stiffness about rest, with the guys' mass at their upper ends by thirds."""
+
+    rest: MastRest
+
+    @cached_property
+    def _modes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Angular frequencies (modes,) [rad/s] and unit-mass modes (count, modes)."""
+        from scipy.linalg import eigh
+
+        rest, p = self.rest, self.rest.p
+        mass = rest.beam.mass.copy()
+        for row, guy in zip(rest.rows, rest.guys, strict=True):
+            mass += guy.p.mass * guy.length / 3.0 * row.T @ row
+        count = min(2 * p.modes, rest.beam.count)
+        squared, modes = eigh(rest.stiffness, mass, subset_by_index=[0, count - 1])
+        sign = np.sign(modes[np.abs(modes).argmax(axis=0), np.arange(count)])
+        return np.sqrt(squared), modes * sign
+
+    @property
+    def omega(self) -> np.ndarray:
+        """Angular frequencies of the modes [rad/s]."""
+        return self._modes[0]
+
+    @property
+    def modes(self) -> np.ndarray:
+        """Modes (count, modes) [kg^-1/2]."""
+        return self._modes[1]
+
+    @cached_property
+    def stiffness(self) -> np.ndarray:
+        """Stiffness of the mast without guys (modes, modes) [1/s2]."""
+        return self.modes.T @ self.rest.mast_stiffness @ self.modes
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """Mass of the mast without guys (modes, modes)."""
+        return self.modes.T @ self.rest.beam.mass @ self.modes
+
+    @cached_property
+    def heights(self) -> np.ndarray:
+        """Heights of the guys, each once [m]; the top where there is none."""
+        levels = np.unique(self.rest.levels)
+        return levels if levels.size and levels[-1] == self.rest.p.height else np.append(levels, self.rest.p.height)
+
+    @cached_property
+    def level_of_guy(self) -> np.ndarray:
+        """Index into `heights` of each guy."""
+        return np.searchsorted(self.heights, self.rest.levels)
+
+    @cached_property
+    def _levels(self) -> np.ndarray:
+        beam = self.rest.beam
+        return beam.displacement_rows(np.array([beam.node(height) for height in self.heights]))
+
+    @cached_property
+    def level_rows(self) -> np.ndarray:
+        """Displacement of the levels by the modes (levels, 2, modes) [kg^-1/2]."""
+        return np.ascontiguousarray(self._levels @ self.modes)
+
+    @cached_property
+    def level_rest(self) -> np.ndarray:
+        """Displacement of the levels at rest (levels, 2) [m]."""
+        return np.ascontiguousarray(self._levels @ self.rest.unknowns)
+
+    @cached_property
+    def node_rows(self) -> np.ndarray:
+        """Displacement of the nodes by the modes (nodes, 2, modes) [kg^-1/2]."""
+        nodes = np.arange(self.rest.beam.height.size)
+        return np.ascontiguousarray(self.rest.beam.displacement_rows(nodes) @ self.modes)
+
+    @cached_property
+    def guy_rows(self) -> np.ndarray:
+        """Displacement of the guys' upper ends by the modes (guys, 2, modes) [kg^-1/2]."""
+        return self.rest.rows @ self.modes
+
+    @cached_property
+    def moment_rows(self) -> np.ndarray:
+        """Bending moments at the nodes by the modes (nodes, 2, modes)."""
+        return self.rest.beam.moment_rows @ self.modes
+
+    @cached_property
+    def moment_rest(self) -> np.ndarray:
+        """Bending moments at the nodes at rest (nodes, 2) [N m]."""
+        return self.rest.beam.moment_rows @ self.rest.unknowns
+
+    @cached_property
+    def load_vectors(self) -> np.ndarray:
+        """Loads of the mast on the modes for factors of one (loads, modes)."""
+        return load_vectors(self.rest.beam) @ self.modes
+
+    def ends(self, matrices: np.ndarray) -> np.ndarray:
+        """Return matrices of the upper ends in x and z (guys, 2, 2), seen by the modes (modes, modes)."""
+        return np.einsum("gia,gij,gjb->ab", self.guy_rows, matrices, self.guy_rows)
+
+    def step_matrices(self, mass: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, step: float) -> StepMatrices:
+        """Return the matrices of the scheme.
+
+        Parameters
+        ----------
+        mass, stiffness, damping
+            Of mast and guys' upper ends, the coordinates of the guys held (modes, modes); `damping` beside that of the modes.
+        step
+            [s]
+        """
+        from scipy.linalg import eigh
+
+        squared, turn = eigh(stiffness, mass)
+        omega = np.sqrt(np.maximum(squared, 0.0))
+        fitted = sinc_squared(omega * step)
+        total = damping + np.diag(2.0 * self.rest.p.damping_ratio * self.omega)
+        # with the fitted mass the damping ratios stay those of the modes
+        half = 0.5 * step * turn.T @ total @ turn
+        one, root = np.eye(fitted.size), np.sqrt(fitted)
+        implicit = np.linalg.inv(one + half)
+        inverse = turn.T @ mass
+        keep = (turn * root) @ implicit @ (one - half) @ (inverse / root[:, None])
+        gain = step * (turn * root) @ implicit @ (turn * root).T
+        return StepMatrices(keep, gain, inverse.T / fitted @ inverse)
+
+
+@dataclass(frozen=True, eq=False)
+class StepMatrices:
+    """v <- keep v + gain F in a step."""
+
+    keep: np.ndarray
+    gain: np.ndarray
+    fitted_mass: np.ndarray  #: with which the leapfrog scheme has the exact frequencies
+
+
+def sinc_squared(phase: Any) -> Any:
+    """Return (sin(phase / 2) / (phase / 2))^2 for a phase of at most half a turn, held beyond.
+
+    The leapfrog scheme with accelerations times this factor has the exact frequency phase / step.
+    """
+    half = np.minimum(0.5 * np.asarray(phase, dtype=float), 0.45 * np.pi)
+    return np.sinc(half / np.pi) ** 2

@@ -1,0 +1,139 @@
+"""Labels of the results of a mast."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.conventions import COORDINATES, label
+from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
+from cablepod.mast._model import ModalMast
+from cablepod.mast._request import MastTrajectory
+from cablepod.parameters._mast import MastParameters
+
+#: Outputs of a run.
+OUTPUTS = ("displacement", "guy_tension", "guy_force", "bending_moment", "extremes", "energy", "error_estimate")
+#: Name -> (units, long name) of the variables of a mast.
+NAMES: dict[str, tuple[str, str]] = {
+    "level": ("m", "height of the level: of guys, and the top"),
+    "node": ("1", "number of the node of the mast, 0 at the foot"),
+    "node_height": ("m", "height of the node"),
+    "guy": ("1", "number of the guy, table by table"),
+    "guy_level": ("m", "height at which the guy is fastened to the mast"),
+    "table": ("1", "number of the table of the guy in the scene"),
+    "anchor": ("m", "position of the anchor"),
+    "displacement": ("m", "displacement of the mast from its straight state"),
+    "guy_tension": ("N", "tension of the guy at the mast"),
+    "guy_tension_anchor": ("N", "tension of the guy at its anchor"),
+    "guy_force": ("N", "force of the guy on the mast"),
+    "guy_length": ("m", "unstretched length of the guy"),
+    "bending_moment": ("N m", "bending moment EI d2u/dy2 of the mast for displacements along the coordinate"),
+    "axial_force": ("N", "axial force of the mast, compression positive, mean of both sides of the node"),
+    "buckling_factor": ("1", "factor of the axial force at which the mast buckles, the stiffness of the guys kept"),
+    "angular_frequency": ("rad s-1", "angular frequency of small vibrations about rest"),
+    "mode_shape": ("1", "displacement of the mast in the mode, of unit largest value of mast or guys"),
+    "mast_share": ("1", "share of the mast in the kinetic energy of the mode"),
+    "guy_share": ("1", "share of the guy in the kinetic energy of the mode"),
+    "energy": ("J", "kinetic and potential energy less that at rest"),
+    "utilisation": ("1", "largest tension over breaking strength"),
+}
+for _name in ("displacement", "guy_tension", "bending_moment"):
+    for _what, _text in (
+        ("minimum", "least"),
+        ("maximum", "largest"),
+        ("mean", "mean of the"),
+        ("std", "standard deviation of the"),
+    ):
+        NAMES[f"{_name}_{_what}"] = (NAMES[_name][0], f"{_text} {NAMES[_name][1]}")
+    for _what in ("minimum", "maximum"):
+        NAMES[f"{_name}_{_what}_time"] = ("s", f"time of the {NAMES[f'{_name}_{_what}'][1]}")
+
+
+def dataset(p: MastParameters, variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> xr.Dataset:
+    """Return a labelled Dataset with the coordinates of the guys."""
+    used = {dim for dims, _ in variables.values() for dim in dims}
+    coords: dict[str, Any] = {name: value for name, value in coordinates.items()}
+    if "coordinate" in used:
+        coords["coordinate"] = list(COORDINATES)
+    if "guy" in used and p.guys:
+        coords["guy"] = np.arange(1, len(p.guys) + 1)
+        coords["guy_level"] = ("guy", np.array([guy.level for guy in p.guys]))
+        coords["table"] = ("guy", np.array([guy.table for guy in p.guys]))
+    result = xr.Dataset(dict(variables), coords=coords)
+    return label(result, **{name: NAMES[name] for name in NAMES if name in result.variables})
+
+
+def spatial(values: np.ndarray) -> np.ndarray:
+    """Return values in x and z (..., 2) as vectors (..., 3) without vertical part."""
+    result = np.zeros((*values.shape[:-1], 3))
+    result[..., 0], result[..., 2] = values[..., 0], values[..., 1]
+    return result
+
+
+def trajectory(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> xr.Dataset:
+    """Return a run as a Dataset, up to where it was computed."""
+    p, request, n = mast.rest.p, run.request, run.completed
+    variables: dict[str, Any] = {}
+    coords: dict[str, Any] = {"time": request.times[:n], "level": mast.heights}
+    if "displacement" in outputs:
+        moved = mast.level_rest + np.einsum("lda,ta->tld", mast.level_rows, run.modal[:n])
+        variables["displacement"] = (("time", "level", "coordinate"), spatial(moved))
+    if "guy_tension" in outputs:
+        variables["guy_tension"] = (("time", "guy"), run.tension[:n])
+    if "guy_force" in outputs:
+        variables["guy_force"] = (("time", "guy", "coordinate"), run.force[:n])
+    if {"bending_moment", "extremes"} & set(outputs):
+        coords["node"] = np.arange(mast.rest.beam.height.size)
+        coords["node_height"] = ("node", mast.rest.beam.height)
+        variables |= _moments(mast, run, outputs)
+    if "extremes" in outputs and not run.status:
+        variables |= _extremes(mast, run)
+    if run.energy is not None:
+        variables["energy"] = (("time",), run.energy[:n])
+    if not any("time" in dims for dims, _ in variables.values()):
+        coords.pop("time")
+    if not any("level" in dims for dims, _ in variables.values()):
+        coords.pop("level")
+    return dataset(p, variables, coords)
+
+
+def _moments(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> dict[str, Any]:
+    """Return bending moments, and their extremes over the outputs of the window."""
+    request, n = run.request, run.completed
+    variables: dict[str, Any] = {}
+    moments = mast.moment_rest + np.einsum("nda,ta->tnd", mast.moment_rows, run.modal[:n])
+    if "bending_moment" in outputs:
+        variables["bending_moment"] = (("time", "node", "coordinate"), spatial(moments))
+    first, last = (0.0, np.inf) if request.window is None else request.window
+    within = moments[(request.times[:n] >= first) & (request.times[:n] <= last)]
+    if "extremes" in outputs and len(within):
+        for name, values in (("minimum", within.min(axis=0)), ("maximum", within.max(axis=0))):
+            variables[f"bending_moment_{name}"] = (("node", "coordinate"), spatial(values))
+    return variables
+
+
+def _extremes(mast: ModalMast, run: MastTrajectory) -> dict[str, Any]:
+    """Return extremes, means and standard deviations over all steps of the window."""
+    step, count, result = run.request.step, run.counted, {}
+    for name, dims, extremes, sums in (
+        ("displacement", ("level", "coordinate"), run.level_extremes, run.level_sums),
+        ("guy_tension", ("guy",), run.tension_extremes, run.tension_sums),
+    ):
+        if not extremes.size:
+            continue
+        mean = sums[..., 0] / count
+        std = np.sqrt(np.maximum(sums[..., 1] / count - mean * mean, 0.0))
+        values = {
+            "minimum": extremes[..., LEAST], "maximum": extremes[..., LARGEST], "mean": mean, "std": std,
+            "minimum_time": extremes[..., LEAST_STEP] * step, "maximum_time": extremes[..., LARGEST_STEP] * step,
+        }  # fmt: skip
+        for what, numbers in values.items():
+            result[f"{name}_{what}"] = (dims, spatial(numbers) if dims[-1] == "coordinate" else numbers)
+    strengths = [guy.p.breaking_strength for guy in mast.rest.p.guys]
+    if any(strength is not None for strength in strengths):
+        strength = np.array([np.nan if value is None else float(value) for value in strengths])
+        result["utilisation"] = (("guy",), run.tension_extremes[:, LARGEST] / strength)
+    return result

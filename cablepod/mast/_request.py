@@ -1,0 +1,151 @@
+"""What is asked of a run of a mast, and its arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cablepod.errors import scene_error
+from cablepod.parameters._mast import MastLoad
+
+#: Maximum relative distance of a number of steps in an interval from a whole number.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class MastRequest:
+    """Instants and steps of a run."""
+
+    times: np.ndarray  #: of the output, equally spaced from 0 on [s]
+    every: int  #: steps from one output to the next
+    window: tuple[float, float] | None  #: of extremes and means [s]
+    energy: bool = False  #: whether the energy is computed
+    lone_step: float = 1.0  #: step of a run with the start alone [s]
+
+    @property
+    def interval(self) -> float:
+        """Interval of the output [s]."""
+        return float(self.times[1] - self.times[0]) if self.times.size > 1 else self.lone_step * self.every
+
+    @property
+    def step(self) -> float:
+        """Step [s]."""
+        return self.interval / self.every
+
+    @property
+    def outputs_count(self) -> int:
+        """Number of outputs."""
+        return int(self.times.size)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps."""
+        return (self.outputs_count - 1) * self.every
+
+    @property
+    def window_steps(self) -> tuple[int, int]:
+        """First and last step of extremes and means."""
+        if self.window is None:
+            return 0, self.steps
+        first, last = (round(end / self.step) for end in self.window)
+        return first, min(last, self.steps)
+
+    def factors(self, loads: Sequence[MastLoad]) -> np.ndarray | None:
+        """Return the factors of the loads at all steps (loads, steps + 1); None without loads that vary."""
+        if all(load.factor is None for load in loads):
+            return None
+        time = self.step * np.arange(self.steps + 1)
+        return np.array([np.ones(time.size) if load.factor is None else load.factor(time) for load in loads])
+
+
+def request_of(
+    times: np.ndarray,
+    default_step: float,
+    step: float | None,
+    window: tuple[float, float] | None,
+    *,
+    energy: bool = False,
+) -> MastRequest:
+    """Place the instants of the output on steps.
+
+    Raises
+    ------
+    SceneError
+        For instants that are not equally spaced from 0 on, and a step that does not divide their interval.
+    """
+    if times.size == 1 and times[0] == 0.0:
+        return MastRequest(times, 1, None, energy, default_step if step is None else step)
+    interval = float(times[1] - times[0]) if times.size > 1 else float(times[0])
+    if times[0] != 0.0 or times.size < 2 or np.abs(np.diff(times) / interval - 1.0).max() > ROUNDING * times.size:
+        raise scene_error("times", times, "equally spaced instants from 0 on [s]")
+    every = max(1, int(np.ceil(interval / default_step * (1.0 - ROUNDING))))
+    if step is not None:
+        every = round(interval / step)
+        if every < 1 or abs(interval / step - every) > ROUNDING * every:
+            raise scene_error("step", step, f"a step that divides the interval of the output, {interval:g} s")
+    request = MastRequest(times, every, window, energy)
+    if window is not None:
+        if window[1] > float(times[-1]) * (1.0 + ROUNDING):
+            raise scene_error("window", window, f"a part of the run, from 0 s to {times[-1]:g} s")
+        first, last = request.window_steps
+        if last - first < 2:
+            raise scene_error("window", window, f"one that is longer than two steps, each of {request.step:.6g} s")
+    return request
+
+
+@dataclass(eq=False)
+class MastTrajectory:
+    """Arrays of a run."""
+
+    request: MastRequest
+    modal: np.ndarray  #: modal coordinates of the mast (outputs, modes)
+    rates: np.ndarray  #: rates half a step before and after (outputs, 2, modes)
+    force: np.ndarray  #: of the guys on the mast (outputs, guys, 3) [N]
+    tension: np.ndarray  #: at the mast (outputs, guys) [N]
+    level_extremes: np.ndarray  #: (levels, 2, 4): least, largest displacement and their steps
+    level_sums: np.ndarray  #: (levels, 2, 2): sums and sums of squares over the steps of the window
+    tension_extremes: np.ndarray  #: (guys, 4)
+    tension_sums: np.ndarray  #: (guys, 2)
+    completed: int = 0  #: outputs that were computed
+    status: int = 0
+    at: int = 0  #: step of the status
+    guy: int = 0  #: which made the run stop
+    monitor: Any = None  #: least chordwise force or tension of each guy [N] and its step (guys, 2)
+    energy: np.ndarray | None = None  #: (outputs,) [J]
+    attributes: dict[str, Any] = field(default_factory=dict)
+
+    def finish(self, status: int, at: int, guy: int, monitor: np.ndarray) -> None:
+        """Keep how the run ended."""
+        self.status, self.at, self.guy, self.monitor = status, at, guy, monitor
+        self.completed = self.request.outputs_count if not status else max(0, (at - 1) // self.request.every + 1)
+
+    @property
+    def stopped_at(self) -> float:
+        """Time at which the run stopped [s]."""
+        return self.at * self.request.step
+
+    @property
+    def counted(self) -> int:
+        """Number of steps of the window."""
+        first, last = self.request.window_steps
+        return last - first + 1
+
+
+def empty_trajectory(request: MastRequest, modes: int, levels: int, guys: int) -> MastTrajectory:
+    """Return the arrays of a run before it."""
+    start = np.array([np.inf, -np.inf, 0.0, 0.0])
+    n = request.outputs_count
+    return MastTrajectory(
+        request,
+        np.zeros((n, modes)),
+        np.zeros((n, 2, modes)),
+        np.zeros((n, guys, 3)),
+        np.zeros((n, guys)),
+        np.tile(start, (levels, 2, 1)),
+        np.zeros((levels, 2, 2)),
+        np.tile(start, (guys, 1)),
+        np.zeros((guys, 2)),
+    )

@@ -1,0 +1,81 @@
+"""Public function: a mast and its guys at rest."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import provenance
+from cablepod.batch._members import no_plan, over_members_by
+from cablepod.mast._output import dataset, spatial
+from cablepod.mast._statics import rest_of
+from cablepod.parameters._mast import mast_parameters
+from cablepod.scene._mast import MAST_SCENE
+
+
+@over_members_by(no_plan, kind=MAST_SCENE)
+def rest(scene: xr.Dataset) -> xr.Dataset:
+    """Compute the equilibrium of a mast and its guys under weight, ice, loads at time 0 and mean wind.
+
+    Parameters
+    ----------
+    scene
+        Scene with a mast.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``displacement (level, coordinate)`` [m], ``guy_tension``, ``guy_tension_anchor (guy)`` [N], ``guy_force (guy,
+        coordinate)`` [N], ``guy_length (guy)`` [m, unstretched], ``bending_moment (node, coordinate)`` [N m], ``axial_force
+        (node)`` [N, compression], ``buckling_factor``.
+
+    Raises
+    ------
+    SceneError
+        For a mast that buckles under its weight and guys (with the critical factor), guys that do not hold it, no equilibrium.
+
+    Notes
+    -----
+    The unstretched lengths follow from the given tensions on the straight, unloaded mast in still air without ice.  Guys are
+    exact elastic catenaries; the mean drag on a guy is a uniform load with the same moment about the anchor.  The mast is a
+    beam-column with consistent geometric stiffness.  Newton's method finds their common equilibrium.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> scene = cp.read_scene("data/scenes/mast30.toml")
+    >>> rest = cp.mast.rest(scene)
+    >>> rest.guy_tension.values.round(6).tolist(), rest.guy_tension.units
+    ([5000.0, 5000.0, 5000.0], 'N')
+    """
+    p = mast_parameters(scene)
+    found = rest_of(p)
+    beam, levels = found.beam, p.levels
+    nodes = np.array([beam.node(level) for level in levels])
+    moved = beam.displacement_rows(nodes) @ found.unknowns
+    step = 1e-9 * p.height
+    sides = [
+        beam.compression(np.clip(beam.height + side, 0.0, p.height * (1.0 - 1e-15)), found.levels, found.pull)
+        for side in (-step, step)
+    ]
+    sides[0][0], sides[1][-1] = sides[1][0], sides[0][-1]
+    variables: dict[str, Any] = {
+        "displacement": (("level", "coordinate"), spatial(moved)),
+        "bending_moment": (("node", "coordinate"), spatial(beam.moment_rows @ found.unknowns)),
+        "axial_force": (("node",), 0.5 * (sides[0] + sides[1])),
+        "buckling_factor": ((), found.buckling_factor),
+    }
+    if p.guys:
+        variables |= {
+            "guy_tension": (("guy",), found.tension[:, 1]),
+            "guy_tension_anchor": (("guy",), found.tension[:, 0]),
+            "guy_force": (("guy", "coordinate"), found.force),
+            "guy_length": (("guy",), np.array([guy.length for guy in found.guys])),
+            "anchor": (("guy", "coordinate"), np.array([guy.p.lower for guy in found.guys])),
+        }
+    coords = {"level": levels, "node": np.arange(beam.height.size), "node_height": ("node", beam.height)}
+    result = dataset(p, variables, coords)
+    result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: rest", stage="mast rest")
+    return provenance.record(result, function="mast.rest", parameters={}, inputs=[scene])

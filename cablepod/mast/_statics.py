@@ -1,0 +1,176 @@
+"""Rest of a mast and its guys: nonlinear equilibrium, tangent stiffness, buckling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from cablepod.errors import SceneError
+from cablepod.mast._beam import Beam, beam_of
+from cablepod.mast._guys import StaticGuy, static_guys, with_mean_drag
+from cablepod.parameters._mast import MastParameters
+from cablepod.wind._profile import mean_speed
+from cablepod.wind._turbulence import direction_of
+
+#: Maximum number of Newton iterations, and the last correction over the height.
+MAX_ITERATIONS, RTOL = 60, 1e-13
+#: Largest displacement of an iterate over the height: beyond, the equations for small slopes do not hold.
+MAX_DEFLECTION = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class MastRest:
+    """A mast and its guys in equilibrium."""
+
+    p: MastParameters
+    beam: Beam
+    guys: list[StaticGuy]  #: with their upper ends on the displaced mast
+    unknowns: np.ndarray  #: of the beam (count,)
+    force: np.ndarray  #: of the guys on the mast (guys, 3) [N]
+    tension: np.ndarray  #: at anchor and mast (guys, 2) [N]
+    load: np.ndarray  #: steady loads on the unknowns (count,)
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """Matrix from the unknowns to the displacement of the guys' upper ends in x and z (guys, 2, count)."""
+        return guy_rows(self.beam)
+
+    @cached_property
+    def pull(self) -> np.ndarray:
+        """Vertical pull of the guys, downwards (guys,) [N]."""
+        return -self.force[:, 1]
+
+    @cached_property
+    def levels(self) -> np.ndarray:
+        """Heights of the guys (guys,) [m]."""
+        return np.array([guy.level for guy in self.p.guys])
+
+    @cached_property
+    def geometric(self) -> np.ndarray:
+        """Stiffness of the axial force (count, count)."""
+        return self.beam.geometric(self.levels, self.pull)
+
+    @cached_property
+    def mast_stiffness(self) -> np.ndarray:
+        """Stiffness of the mast without its guys, with the axial force (count, count)."""
+        return self.beam.bending + self.geometric
+
+    @cached_property
+    def guy_stiffness(self) -> np.ndarray:
+        """Static stiffness of the guys in x and z (guys, 2, 2) [N/m]."""
+        return np.array([guy.stiffness()[np.ix_((0, 2), (0, 2))] for guy in self.guys]).reshape(-1, 2, 2)
+
+    @cached_property
+    def stiffness(self) -> np.ndarray:
+        """Static stiffness of mast and guys (count, count)."""
+        return self.mast_stiffness + np.einsum("gia,gij,gjb->ab", self.rows, self.guy_stiffness, self.rows)
+
+    @cached_property
+    def buckling_factor(self) -> float:
+        """Factor of the axial force at which the mast buckles, the stiffness of the guys kept; infinite without compression."""
+        from scipy.linalg import eigh
+
+        elastic = self.stiffness - self.geometric
+        try:
+            ratio = eigh(-self.geometric, elastic, eigvals_only=True)[-1]
+        except np.linalg.LinAlgError:
+            return 0.0  # not stable without axial force either
+        return float(1.0 / ratio) if ratio > 0.0 else np.inf
+
+
+def guy_rows(beam: Beam) -> np.ndarray:
+    """Return the matrix from the unknowns to the displacement of the guys' upper ends in x and z (guys, 2, count)."""
+    nodes = np.array([beam.node(guy.level) for guy in beam.p.guys], dtype=int)
+    return beam.displacement_rows(nodes)
+
+
+def load_vectors(beam: Beam) -> np.ndarray:
+    """Return the loads of the mast on the unknowns, for factors of one (loads, count)."""
+    rows = beam.displacement_rows(np.array([beam.node(load.level) for load in beam.p.loads], dtype=int))
+    return np.array([load.force[[0, 2]] @ row for load, row in zip(beam.p.loads, rows, strict=True)]).reshape(
+        -1, beam.count
+    )
+
+
+def steady_load(beam: Beam) -> np.ndarray:
+    """Return loads at time 0 and mean drag on the mast, on the unknowns (count,)."""
+    p = beam.p
+    total = np.zeros(beam.count)
+    for load, vector in zip(p.loads, load_vectors(beam), strict=True):
+        total += vector * (1.0 if load.factor is None else float(load.factor(0.0)))
+    if p.wind is not None and not float(p.wind["ramp"]):
+        speed = mean_speed(p.wind, beam.height - float(p.wind["ground"]))
+        force = 0.5 * float(p.wind["air_density"]) * beam.drag_areas * speed**2
+        direction = direction_of(p.wind)[[0, 2]]
+        total += np.einsum("n,d,ndc->c", force, direction, beam.displacement_rows(np.arange(beam.height.size)))
+    return total
+
+
+@lru_cache(16)
+def rest_of(p: MastParameters) -> MastRest:
+    """Find mast and guys at rest.
+
+    Raises
+    ------
+    SceneError
+        For a mast that buckles, or without equilibrium.
+    """
+    beam = beam_of(p)
+    straight = static_guys(p)
+    guys = [with_mean_drag(guy, p) for guy in straight]
+    load, rows = steady_load(beam), guy_rows(beam)
+    unknowns = np.zeros(beam.count)
+    upright = _at(p, beam, guys, unknowns, load)
+    check_buckling(upright)
+    rest = upright
+    for _ in range(MAX_ITERATIONS):
+        out = load - rest.mast_stiffness @ unknowns + np.einsum("gi,gia->a", rest.force[:, [0, 2]], rows)
+        change = np.linalg.solve(rest.stiffness, out)
+        unknowns = unknowns + change
+        moved = np.abs(np.einsum("gia,a->gi", rows, unknowns)).max(initial=0.0)
+        if not moved < MAX_DEFLECTION * p.height:
+            break
+        rest = _at(p, beam, guys, unknowns, load)
+        if np.abs(np.einsum("gia,a->gi", rows, change)).max(initial=0.0) <= RTOL * p.height:
+            check_buckling(rest)
+            return rest
+    raise SceneError(
+        f"mast: no rest found with displacements below {MAX_DEFLECTION:g} of the height; allowed: loads and wind that mast and "
+        "guys carry"
+    )
+
+
+def check_buckling(rest: MastRest) -> None:
+    """Refuse a mast that buckles under its weight and its guys.
+
+    Raises
+    ------
+    SceneError
+        States the critical factor of the axial force.
+    """
+    factor = rest.buckling_factor
+    if not factor > 1.0:
+        compression = float(rest.beam.compression(np.zeros(1), rest.levels, rest.pull)[0])
+        if factor == 0.0:
+            raise SceneError(
+                "guy: given guys that do not hold the mast in all directions; allowed: guys on three sides, or mast.base "
+                '"clamped"'
+            )
+        raise SceneError(
+            f"mast.bending_stiffness: given a mast that buckles under its weight and guys, {compression:.4g} N at its foot: "
+            f"critical factor {factor:.4g}; allowed: a critical factor above 1; try: guys of lower tension or a stiffer mast"
+        )
+
+
+def _at(p: MastParameters, beam: Beam, guys: list[StaticGuy], unknowns: np.ndarray, load: np.ndarray) -> MastRest:
+    """Return mast and guys with given unknowns of the mast."""
+    moved = []
+    for guy, row, own in zip(guys, guy_rows(beam), p.guys, strict=True):
+        x, z = row @ unknowns
+        moved.append(guy.at(np.array([x, own.level, z])))
+    forces = [guy.force() for guy in moved]
+    force = np.array([force for force, *_ in forces]).reshape(-1, 3)
+    tension = np.array([ends for _, *ends in forces]).reshape(-1, 2)
+    return MastRest(p, beam, moved, unknowns, force, tension, load)

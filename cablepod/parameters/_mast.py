@@ -1,0 +1,178 @@
+"""Parameters of a mast and its guys as plain numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.errors import SceneError
+from cablepod.parameters._from_scene import SceneContent, _from_values, _is_gap, _time_function
+from cablepod.parameters._key_paths import table_at
+from cablepod.parameters._keys import TABLES, TURBULENCE, WIND
+from cablepod.parameters._mast_keys import GUY, GUY_CABLE, GUY_LENGTH_KEYS, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
+from cablepod.parameters._parameters import Parameters, count_instants
+from cablepod.parameters._time_functions import TimeFunction
+
+#: Quantities of a cross-section.
+SECTION_KEYS = ("bending_stiffness", "mass", "drag_area")
+#: Number of links of a guy without [chain].
+LINKS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Guy:
+    """One guy: a cable from its anchor to the axis of the straight mast."""
+
+    key: str  #: key path of its table
+    table: int  #: number of its table, from 1
+    name: str  #: of its cable
+    level: float  #: height of its upper end [m]
+    p: Parameters  #: as of a scene of this cable alone
+    breaks: float | None  #: time at which it breaks [s]
+
+
+@dataclass(frozen=True, eq=False)
+class MastLoad:
+    """Horizontal force on the mast."""
+
+    key: str  #: key path of its table
+    level: float  #: [m]
+    force: np.ndarray  #: (3,) [N]
+    factor: TimeFunction | None  #: factor of time [1]
+
+
+@dataclass(frozen=True, eq=False)
+class MastParameters:
+    """Parameters of a mast in SI units; its foot is at the origin and y points up."""
+
+    height: float  #: [m]
+    base: str  #: "pinned" or "clamped"
+    gravity: float  #: [m/s2]
+    damping_ratio: float
+    elements: int
+    modes: int  #: in each direction
+    sections: np.ndarray  #: bottom, top [m], EI [N m2], mass [kg/m], drag area [m] (sections, 5), from below
+    guys: tuple[Guy, ...]
+    loads: tuple[MastLoad, ...]
+    duration: float | None  #: [s]
+    interval: float | None  #: [s]
+    mass_damping: float  #: of the guys [1/s]
+    wind: Mapping[str, Any] | None
+    turbulence: Mapping[str, Any] | None
+
+    def times(self) -> np.ndarray:
+        """Return the times of the output [s]: 0, interval, ... up to the duration."""
+        if self.duration is None or self.interval is None:
+            raise SceneError("time: missing; allowed: a table with duration and interval [s], or the argument times")
+        return self.interval * np.arange(count_instants(self.duration, self.interval))
+
+    @property
+    def levels(self) -> np.ndarray:
+        """Heights of the guys, each once, and of the top [m]."""
+        return np.unique([*(guy.level for guy in self.guys), self.height])
+
+
+def mast_parameters(scene: xr.Dataset) -> MastParameters:
+    """Return the parameters of a mast; for the same values the same object.
+
+    Raises
+    ------
+    SceneError
+        If `scene` has the dimension ``member``.
+    """
+    if "member" in scene.dims:
+        raise SceneError("scene: given several members; allowed: one, scene.isel(member=0)")
+    return _kept(SceneContent.of(scene))
+
+
+@lru_cache(16)
+def _kept(content: SceneContent) -> MastParameters:
+    scene = content.scene
+    return mast_from_values(
+        {str(name): variable.values[()] for name, variable in scene.variables.items() if not _is_gap(variable.values)}
+    )
+
+
+def mast_from_values(values: Mapping[str, Any]) -> MastParameters:
+    """Make the parameters of a mast from the values of scene variables by name."""
+    table = table_at(values, "mast", MAST)
+    time = table_at(values, "time", TABLES["time"])
+    damping = table_at(values, "damping", TABLES["damping"])
+    loads, number = [], 1
+    while "level" in (load := table_at(values, path := f"mast.load.{number}", MAST_LOAD)):
+        factor = _time_function(values, path, keeps_start=True)
+        loads.append(MastLoad(path, float(load["level"]), np.asarray(load["force"], dtype=float), factor))
+        number += 1
+    return MastParameters(
+        height=float(table["height"]),
+        base=str(table["base"]),
+        gravity=float(values["gravity"]),
+        damping_ratio=float(table["damping_ratio"]),
+        elements=int(table["elements"]),
+        modes=int(table["modes"]),
+        sections=_sections(values, table),
+        guys=tuple(_guys(values)),
+        loads=tuple(loads),
+        duration=float(time["duration"]) if "duration" in time else None,
+        interval=float(time["interval"]) if "interval" in time else None,
+        mass_damping=float(damping.get("mass_proportional", 0.0)),
+        wind=table_at(values, "wind", WIND) or None,
+        turbulence=table_at(values, "wind.turbulence", TURBULENCE) or None,
+    )
+
+
+def _sections(values: Mapping[str, Any], table: Mapping[str, Any]) -> np.ndarray:
+    """Return the sections of the mast from below, see :class:`MastParameters`."""
+    height, given, number = float(table["height"]), [], 1
+    while "to" in (section := table_at(values, f"mast.section.{number}", MAST_SECTION)):
+        numbers = [float(section.get(name, table[name])) for name in SECTION_KEYS]
+        given.append([float(section["from"]), float(section["to"]), *numbers])
+        number += 1
+    rows, bottom = [], 0.0
+    for row in sorted(given):
+        if row[0] > bottom:
+            rows.append([bottom, row[0], *(float(table[name]) for name in SECTION_KEYS)])
+        rows.append(row)
+        bottom = row[1]
+    if bottom < height:
+        rows.append([bottom, height, *(float(table[name]) for name in SECTION_KEYS)])
+    return np.array(rows)
+
+
+def _guys(values: Mapping[str, Any]) -> list[Guy]:
+    """Return single guys, table by table and round the mast from the first direction."""
+    guys, number = [], 1
+    while "level" in (table := table_at(values, path := f"guy.{number}", GUY)):
+        cable, level = str(table["cable"]), float(table["level"])
+        of_cable = table_at(values, f"cables.{cable}", GUY_CABLE)
+        tension = {name: table[name] for name in GUY_LENGTH_KEYS if name in table}
+        shared = {
+            name: value
+            for name, value in values.items()
+            if name.startswith(tuple(f"{shared.replace('.', '_')}_" for shared in SHARED_TABLES)) or name == "gravity"
+        }
+        breaks = float(table["breaks"]) if "breaks" in table else None
+        for anchor in anchors_of(table):
+            own = {f"cable_{name}": value for name, value in {**of_cable, **tension}.items()}
+            ends = {"ends_lower": anchor, "ends_upper": np.array([0.0, level, 0.0])}
+            p = _from_values({"chain_links": LINKS, **shared, **own, **ends})
+            guys.append(Guy(path, number, cable, level, p, breaks))
+        number += 1
+    return guys
+
+
+def anchors_of(table: Mapping[str, Any]) -> np.ndarray:
+    """Return the anchors of a table [[guy]] (guys, 3) [m]."""
+    if "anchor" in table:
+        return np.array([table["anchor"]], dtype=float)
+    count = int(table.get("count", 1))
+    x, _, z = (float(component) for component in table["direction"])
+    angle = np.arctan2(z, x) + 2.0 * np.pi * np.arange(count) / count
+    # sine and cosine of quarter turns are exact, so that guys opposite to each other are
+    unit = np.round(np.stack([np.cos(angle), 0.0 * angle, np.sin(angle)], axis=1), 15)
+    return float(table["radius"]) * unit + 0.0

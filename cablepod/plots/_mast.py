@@ -1,0 +1,152 @@
+"""Draw masts and their guys: tensions over time, bending moments and displacements over height, shapes of vibration."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod._inputs import Kind, taken
+from cablepod.errors import SceneError, scene_error
+from cablepod.parameters._checks import choice, integer
+from cablepod.plots import _style
+from cablepod.plots._style import COLOURS, LINES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+TENSIONS = Kind(
+    "what mast.simulate gives with output guy_tension",
+    (("guy_tension", ("time", "guy")),),
+    further=None,
+    is_small=False,
+)
+HEIGHTS = Kind(
+    "what mast.rest, or mast.simulate with output extremes gives",
+    (("node_height", ("node",)),),
+    further=None,
+    is_small=False,
+)
+SHAPES = Kind(
+    "what mast.frequencies gives", (("mode_shape", ("mode", "node", "coordinate")), ("node_height", ("node",))),
+    further=None, is_small=False,
+)  # fmt: skip
+#: Directions in which a mast bends.
+DIRECTIONS = ("x", "z")
+
+
+def guy_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
+    """Draw the tensions of the guys of a mast over time.
+
+    Parameters
+    ----------
+    run
+        Result of :func:`cablepod.mast.simulate` with the output "guy_tension".
+    ax
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones, with a colour for each table of guys and a line for each guy.
+
+    Raises
+    ------
+    SceneError
+        For another Dataset.
+    """
+    run = taken("run", run, TENSIONS)
+    time, tension = run["time"].values, 1e-3 * run["guy_tension"].transpose("time", "guy").values
+    ax = _style.axes(ax)
+    tables = run["table"].values if "table" in run else np.ones(tension.shape[1], dtype=int)
+    for g, table in enumerate(tables):
+        number = int(np.sum(tables[:g] == table))
+        colour, line = COLOURS[int(table - 1) % len(COLOURS)], LINES[number % len(LINES)]
+        ax.plot(time, tension[:, g], color=colour, linestyle=line, linewidth=0.8, label=f"guy {g + 1}")
+    ax.set(xlabel="time [s]", ylabel="tension at the mast [kN]")
+    return _style.finish(ax, fontsize="small")
+
+
+def bending_moments(result: xr.Dataset, *, component: str = "x", ax: Axes | None = None) -> Axes:
+    """Draw bending moments of a mast over its height: at rest, or the range of a run.
+
+    Parameters
+    ----------
+    result
+        Result of :func:`cablepod.mast.rest`, or of :func:`cablepod.mast.simulate` with the output "extremes".
+    component
+        Direction of the displacement, "x" or "z".
+    ax
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones: bending moment [kN m] across, height [m] up.
+
+    Raises
+    ------
+    SceneError
+        For another Dataset.
+    """
+    result = taken("result", result, HEIGHTS)
+    choice(*DIRECTIONS)("component", component)
+    names = [name for name in ("bending_moment_minimum", "bending_moment_maximum") if name in result]
+    if not names and "bending_moment" in result and "time" not in result["bending_moment"].dims:
+        names = ["bending_moment"]
+    if not names:
+        raise SceneError(f"result: given a Dataset without bending moments; allowed: {HEIGHTS.allowed}")
+    ax, height = _style.axes(ax), result["node_height"].values
+    values = [1e-3 * result[name].sel(coordinate=component).values for name in names]
+    for name, numbers, line in zip(names, values, LINES, strict=False):
+        ax.plot(numbers, height, color=COLOURS[0], linestyle=line, label=name.replace("bending_moment", "").strip("_"))
+    if len(values) == 2:
+        ax.fill_betweenx(height, values[0], values[1], color=COLOURS[0], alpha=0.15)
+        ax.legend(fontsize="small")
+    ax.axvline(0.0, color="0.7", linewidth=0.8, zorder=0)
+    ax.set(xlabel=f"bending moment for displacements along {component} [kN m]", ylabel="height [m]")
+    return ax
+
+
+def mast_shapes(frequencies: xr.Dataset, *, count: int = 6, ax: Axes | None = None) -> Axes:
+    """Draw the shapes of the modes in which the mast has the largest share of the kinetic energy.
+
+    Parameters
+    ----------
+    frequencies
+        Result of :func:`cablepod.mast.frequencies`.
+    count
+        Number of shapes, those of the largest share.
+    ax
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        `ax`, or new ones: shapes side by side, each in its direction of largest displacement, height [m] up.
+
+    Raises
+    ------
+    SceneError
+        For another Dataset.
+    """
+    frequencies = taken("frequencies", frequencies, SHAPES)
+    integer(least=1)("count", count)
+    shapes = frequencies["mode_shape"].transpose("mode", "node", "coordinate").values
+    share = frequencies["mast_share"].values if "mast_share" in frequencies else np.ones(len(shapes))
+    if shapes.shape[-1] != 3:
+        raise scene_error("frequencies", shapes.shape, SHAPES.allowed)
+    chosen = np.sort(np.argsort(-share, kind="stable")[:count])
+    ax, height = _style.axes(ax), frequencies["node_height"].values
+    ticks: list[Any] = []
+    for place, mode in enumerate(chosen):
+        size = np.linalg.norm(shapes[mode], axis=1)
+        turn = shapes[mode][int(size.argmax())] / max(float(size.max()), 1e-300)
+        across = shapes[mode] @ turn
+        ax.axvline(2.0 * place, color="0.8", linewidth=0.8, zorder=0)
+        ax.plot(2.0 * place + 0.9 * across / max(float(np.abs(across).max()), 1e-300), height, color=COLOURS[0])
+        ticks.append(f"{float(frequencies['angular_frequency'][mode]) / (2.0 * np.pi):.3g}")
+    ax.set_xticks(2.0 * np.arange(len(chosen)), ticks)
+    ax.set(xlabel="frequency [Hz]", ylabel="height [m]")
+    return ax

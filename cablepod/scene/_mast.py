@@ -1,0 +1,255 @@
+"""Checks of a scene with a mast and its guys, and its Dataset."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod._inputs import SCENE, Kind
+from cablepod.catenary._statics import solve_statics
+from cablepod.errors import SceneError, did_you_mean, named, scene_error
+from cablepod.parameters._keys import TABLES, TOP, check_table, exactly_one
+from cablepod.parameters._mast import MastParameters, anchors_of
+from cablepod.parameters._mast_keys import (
+    GUY,
+    GUY_CABLE,
+    GUY_LENGTH_KEYS,
+    MAST,
+    MAST_LOAD,
+    MAST_SECTION,
+    SHARED_TABLES,
+)
+from cablepod.scene._check import check_cable, check_chain, check_ensemble, check_time, check_with_factor
+from cablepod.scene._limits import MAX_STRAIN
+from cablepod.scene._strands import with_strand
+from cablepod.scene._wind import check_wind
+
+#: A scene with a mast, as an argument.
+MAST_SCENE = Kind(
+    "what make_scene gives for a mast and its guys",
+    tuple((name, ()) for name in ("gravity", "mast_height", "mast_bending_stiffness", "mast_mass", "mast_base")),
+    stages=("scene", "scenes"),
+    further=("member",),
+    is_scene=True,
+    instead=("cable_area", "cable: given a scene of one cable; allowed: one with [mast], [[guy]]; try: chain.simulate"),
+)
+#: Tables that only scenes with a mast have.
+MAST_TABLES = ("mast", "cables", "guy")
+ALLOWED = (*TOP, *MAST_TABLES, *(name for name in SHARED_TABLES if "." not in name), "ensemble")
+#: Distance from the axis below which an anchor lies on it, over the height.
+ON_AXIS = 1e-9
+
+
+def scene_kind(given: Any) -> Kind:
+    """Return the kind of a scene Dataset: of a mast, or of one cable."""
+    return MAST_SCENE if isinstance(given, xr.Dataset) and "mast_height" in given.variables else SCENE
+
+
+def is_mast(mapping: Any) -> bool:
+    """Tell whether nested tables are those of a mast, and not of a cable with a mistake in a name."""
+    return isinstance(mapping, Mapping) and ("mast" in mapping or ("guy" in mapping and "cable" not in mapping))
+
+
+def check_mast(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Check all tables of a scene with a mast; return them with defaults filled in.
+
+    Raises
+    ------
+    SceneError
+        For unknown and missing keys, values that are not allowed, and guys that no mast can have.
+    """
+    for name in mapping:
+        if name not in ALLOWED:
+            remedy = did_you_mean(name, ALLOWED)
+            raise SceneError(f"{named(name)}: unknown key or table of a mast; allowed: {', '.join(ALLOWED)}{remedy}")
+    if "mast" not in mapping:
+        raise SceneError("mast: missing; allowed: a table with the keys " + ", ".join(MAST))
+    tree = check_table("", {key: mapping[key] for key in mapping if key in TOP}, TOP)
+    tree["mast"] = _check_mast_table(mapping["mast"], folder)
+    for name in SHARED_TABLES:
+        if name in mapping and not name.startswith("wind"):
+            tree[name] = check_table(name, mapping[name], TABLES[name])
+    for name in ("link_viscosity", "tension_proportional"):
+        if name in tree.get("damping", {}):
+            raise scene_error(
+                f"damping.{name}", tree["damping"][name], "none for guys of a mast; try: damping.mass_proportional"
+            )
+    if "link_lengths" in tree.get("chain", {}):
+        raise scene_error("chain.link_lengths", tree["chain"]["link_lengths"], "chain.links, equal links")
+    check_chain(tree)
+    check_time(tree)
+    tree["cables"] = _check_cables(mapping.get("cables", {}), tree)
+    tree["guy"] = _check_guys(mapping.get("guy", []), tree)
+    _check_air(mapping, tree, folder)
+    if "ensemble" in mapping:
+        tree["ensemble"] = check_ensemble(mapping["ensemble"], tree)
+    return tree
+
+
+def _check_mast_table(table: Any, folder: Path) -> dict[str, Any]:
+    """Check the table [mast] with its sections and loads."""
+    if not isinstance(table, Mapping):
+        raise scene_error("mast", table, "a table with the keys " + ", ".join(MAST))
+    lists = {name: table[name] for name in ("section", "load") if name in table}
+    for name, value in table.items():
+        if name not in MAST and name not in lists:
+            allowed = ", ".join([*MAST, "section", "load"])
+            raise SceneError(f"mast.{named(name)}: unknown key; allowed: {allowed}{did_you_mean(name, MAST, 'mast.')}")
+        del value
+    checked = check_table("mast", {name: value for name, value in table.items() if name not in lists}, MAST)
+    height = checked["height"]
+    for name, value in lists.items():
+        if not isinstance(value, list | tuple):
+            raise scene_error(f"mast.{name}", value, f"an array of tables, [[mast.{name}]]")
+    sections = [
+        check_table(f"mast.section.{number}", section, MAST_SECTION)
+        for number, section in enumerate(lists.get("section", []), start=1)
+    ]
+    for number, section in enumerate(sections, start=1):
+        if not section["from"] < section["to"] <= height:
+            allowed = f"a height above mast.section.{number}.from, {section['from']:g} m, and at most mast.height, {height:g} m"
+            raise scene_error(f"mast.section.{number}.to", section["to"], allowed)
+        for other, before in enumerate(sections[: number - 1], start=1):
+            if section["from"] < before["to"] and before["from"] < section["to"]:
+                raise scene_error(
+                    f"mast.section.{number}.from",
+                    section["from"],
+                    f"sections that do not overlap (mast.section.{other} does)",
+                )
+    loads = []
+    for number, load in enumerate(lists.get("load", []), start=1):
+        prefix = f"mast.load.{number}"
+        loads.append(check_with_factor(prefix, load, MAST_LOAD, folder))
+        _check_level(f"{prefix}.level", loads[-1]["level"], height)
+        force = loads[-1]["force"]
+        if len(force) != 3 or force[1] != 0.0:
+            raise scene_error(f"{prefix}.force", force, "three numbers [N], the vertical one, y, 0")
+    return checked | ({"section": sections} if sections else {}) | ({"load": loads} if loads else {})
+
+
+def _check_level(key: str, level: float, height: float) -> None:
+    if level > height:
+        raise scene_error(key, level, f"a height of at most mast.height, {height:g} m")
+
+
+def _check_cables(tables: Any, tree: Mapping[str, Any]) -> dict[str, Any]:
+    """Check the tables [cables.NAME]."""
+    if not isinstance(tables, Mapping):
+        raise scene_error("cables", tables, "tables [cables.NAME]")
+    checked = {}
+    for name, table in tables.items():
+        if not isinstance(name, str) or not name.isidentifier():
+            raise SceneError(f"cables.{named(name)}: given another name; allowed: letters, digits and _")
+        prefix = f"cables.{name}"
+        if isinstance(table, Mapping):
+            for key in table:
+                if key in GUY_LENGTH_KEYS:
+                    raise SceneError(f"{prefix}.{key}: given beside [[guy]]; allowed: none; try: guy.1.{key}")
+        own = check_table(prefix, with_strand(table) if isinstance(table, Mapping) else table, GUY_CABLE)
+        try:
+            check_cable({"cable": {**own, "unstretched_length": 1.0}, "gravity": tree["gravity"]})
+        except SceneError as error:
+            raise SceneError(str(error).replace("cable.", f"{prefix}.", 1)) from None
+        checked[name] = own
+    return checked
+
+
+def _check_guys(tables: Any, tree: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Check the tables [[guy]]."""
+    if not isinstance(tables, list | tuple):
+        raise scene_error("guy", tables, "an array of tables, [[guy]]")
+    height, checked = tree["mast"]["height"], []
+    places: dict[tuple[float, ...], int] = {}
+    for number, table in enumerate(tables, start=1):
+        prefix = f"guy.{number}"
+        guy = check_table(prefix, table, GUY)
+        exactly_one(prefix, guy, GUY_LENGTH_KEYS)
+        if guy["cable"] not in tree["cables"]:
+            known = ", ".join(tree["cables"]) or "none is there; add a table [cables.NAME]"
+            remedy = did_you_mean(guy["cable"], tree["cables"])
+            raise scene_error(f"{prefix}.cable", guy["cable"], f"the name of a cable: {known}{remedy}")
+        _check_level(f"{prefix}.level", guy["level"], height)
+        _check_anchors(prefix, guy, height)
+        for anchor in anchors_of(guy):
+            place = (guy["level"], *(round(float(value), 9) for value in anchor))
+            if place in places:
+                raise scene_error(
+                    f"{prefix}.level", guy["level"],
+                    f"another level or anchor than that of guy.{places[place]}: two guys cannot take the same place",
+                )  # fmt: skip
+            places[place] = number
+        checked.append(guy)
+    if not checked and tree["mast"]["base"] == "pinned":
+        raise scene_error("guy", [], 'at least one [[guy]], or mast.base "clamped": a pinned mast does not stand alone')
+    return checked
+
+
+def _check_anchors(prefix: str, guy: dict[str, Any], height: float) -> None:
+    """Check how the anchors of a table are given, and where they are."""
+    if "anchor" in guy:
+        for name in ("radius", "count", "direction"):
+            if name in guy:
+                raise scene_error(f"{prefix}.{name}", guy[name], f"none beside {prefix}.anchor, which is one guy")
+        anchor = guy["anchor"]
+        if len(anchor) != 3:
+            raise scene_error(f"{prefix}.anchor", anchor, "three numbers [m]")
+        if anchor[1] > guy["level"]:
+            raise scene_error(
+                f"{prefix}.anchor", anchor, f"an anchor at most as high as {prefix}.level, {guy['level']:g} m"
+            )
+        if math.hypot(anchor[0], anchor[2]) <= ON_AXIS * height and anchor[1] > 0.0:
+            raise scene_error(f"{prefix}.anchor", anchor, "an anchor beside the mast, or at its foot or below")
+        return
+    for name in ("radius", "direction"):
+        if name not in guy:
+            raise SceneError(f"{prefix}.{name}: missing; allowed: {GUY[name].long_name}, or {prefix}.anchor")
+    direction = guy["direction"]
+    if len(direction) != 3 or direction[1] != 0.0 or not any(direction):
+        raise scene_error(f"{prefix}.direction", direction, "three numbers, a horizontal direction with 0 for y")
+    guy.setdefault("count", 1)
+
+
+def _check_air(mapping: Mapping[str, Any], tree: dict[str, Any], folder: Path) -> None:
+    """Check wind and ice, which need the diameters of all cables in use."""
+    used = dict.fromkeys(guy["cable"] for guy in tree["guy"])
+    for name in used:
+        if ("wind" in mapping or "ice" in tree) and "diameter" not in tree["cables"][name]:
+            raise SceneError(f"cables.{name}.diameter: missing; allowed: a diameter [m], on which wind and ice act")
+    if "wind" in mapping:
+        tree["wind"] = check_wind(mapping["wind"], {"diameter": 1.0}, 3, folder)
+        if "record" in tree["wind"].get("turbulence", {}):
+            raise scene_error(
+                "wind.turbulence.record",
+                tree["wind"]["turbulence"]["record"],
+                "none with a mast; try: wind.turbulence.spectrum",
+            )
+
+
+def check_mast_numbers(p: MastParameters) -> None:
+    """Check the numbers of a mast together: loads, lengths and tensions of the guys.
+
+    Raises
+    ------
+    SceneError
+        For a tension that no cable of this level and anchor has, and strains above the limit; the key is named.
+    """
+    end_time = p.duration or 0.0
+    for load in p.loads:
+        if load.factor is not None and not np.isfinite(load.factor(load.factor.sampling_times(end_time))).all():
+            raise SceneError(f"{load.key}: given a {load.factor.kind} that leaves the finite numbers by {end_time:g} s; "
+                             "allowed: one that is finite during the run")  # fmt: skip
+    for guy in p.guys:
+        bare = guy.p if guy.p.bare is None else guy.p.bare
+        rest = solve_statics(bare, guy.p.length_key, guy.p.length_value, prefix=guy.key)
+        strain = float(rest[4:].max()) / guy.p.stiffness
+        if strain > MAX_STRAIN:
+            raise scene_error(
+                f"{guy.key}.{guy.p.length_key}",
+                guy.p.length_value,
+                f"a strain of at most {MAX_STRAIN:g} at rest (it is {strain:.3g})",
+            )

@@ -1,0 +1,140 @@
+"""The main job for a mast: rest, frequencies, motion, numbers of the guys, figures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import archive, fatigue, mast
+from cablepod.archive._atomic import atomic_file
+from cablepod.archive._folder import prepare_folder
+from cablepod.conventions import label
+from cablepod.study._figures import check_backend
+
+#: Stages, which are the names of the files, and figures.
+STAGES, FIGURES = ("scene", "rest", "frequencies", "motion", "guys"), ("tensions", "moments", "modes")
+#: Number of frequencies, and exponent of the equivalent fatigue range.
+FREQUENCIES, EXPONENT = 20, 4.0
+OUTPUTS = ("displacement", "guy_tension", "bending_moment", "extremes", "error_estimate")
+
+
+def run_mast(
+    scene: xr.Dataset,
+    out: Path | None,
+    *,
+    overwrite: bool,
+    progress: Callable[[str, float], None] | None,
+    report: Callable[[str, xr.Dataset], None] | None,
+) -> xr.DataTree:
+    """Compute and write what is asked of a mast; see :func:`cablepod.study.run`.
+
+    Returns
+    -------
+    xarray.DataTree
+        Nodes "scene", "rest", "frequencies", "motion" and "guys", a table of tensions over ``guy``.
+    """
+    if out is not None:
+        check_backend()
+        prepare_folder(out, [f"{name}.nc" for name in STAGES], overwrite=overwrite)
+    results: dict[str, xr.Dataset] = {}
+
+    def add(name: str, result: xr.Dataset) -> xr.Dataset:
+        if out is not None:
+            archive.write(result, out / f"{name}.nc", overwrite=True)
+        results[name] = result
+        if report is not None:
+            report(name, result)
+        return result
+
+    def at(share: float) -> None:
+        if progress is not None:
+            progress("mast", share)
+
+    at(0.0)
+    add("scene", scene)
+    add("rest", mast.rest(scene))
+    count = min(FREQUENCIES, 2 * int(scene["mast_elements"]))
+    add("frequencies", mast.frequencies(scene, count=count))
+    at(0.2)
+    breaks = any(str(name).startswith("guy_") and str(name).endswith("_breaks") for name in scene.data_vars)
+    begin = time.perf_counter()
+    options: dict[str, Any] = {"guys": "chain", "outputs": OUTPUTS[:-1]} if breaks else {"outputs": OUTPUTS}
+    motion = mast.simulate(scene, **options)
+    motion.attrs["wall_time_s"] = time.perf_counter() - begin
+    add("motion", motion)
+    if "guy_tension" in motion:
+        add("guys", guy_table(motion, results["rest"]))
+    if out is not None:
+        _write_figures(out, results)
+    at(1.0)
+    root = xr.Dataset(attrs={"title": scene.attrs["title"], "left_out": []})
+    return xr.DataTree.from_dict({"/": root, **results}, name="study")
+
+
+def guy_table(motion: xr.Dataset, rest: xr.Dataset) -> xr.Dataset:
+    """Return tensions of the guys: at rest, mean, standard deviation, extremes, equivalent fatigue range [N]."""
+    names = ("mean", "std", "minimum", "maximum", "maximum_time")
+    table = xr.Dataset(
+        {
+            "guy_tension_rest": ("guy", rest["guy_tension"].values),
+            **{f"guy_tension_{name}": motion[f"guy_tension_{name}"] for name in names},
+            "fatigue_range": ("guy", fatigue.equivalent(motion["guy_tension"], exponent=EXPONENT).values),
+            **({"utilisation": motion["utilisation"]} if "utilisation" in motion else {}),
+        }
+    )
+    label(
+        table,
+        guy_tension_rest=("N", "tension of the guy at the mast, at rest in the mean wind"),
+        fatigue_range=("N", f"equivalent tension range of the guy, exponent {EXPONENT:g}, one cycle in a second"),
+    )
+    table.attrs = {"title": f"{motion.attrs['title']}: guys", "stage": "mast guys"}
+    return table
+
+
+def _write_figures(folder: Path, results: dict[str, xr.Dataset]) -> None:
+    """Write the figures."""
+    from matplotlib.figure import Figure
+
+    from cablepod import plots
+
+    drawings: dict[str, Callable[..., Any]] = {
+        "tensions": partial(plots.guy_tensions, results["motion"]),
+        "moments": partial(plots.bending_moments, results["motion"]),
+        "modes": partial(plots.mast_shapes, results["frequencies"]),
+    }
+    if "guys" not in results:
+        del drawings["tensions"]
+    for name, draw in drawings.items():
+        figure = Figure(figsize=(7.5, 4.2), layout="constrained")
+        draw(ax=figure.subplots())
+        with atomic_file(folder / f"{name}.png") as unfinished:
+            figure.savefig(unfinished, dpi=150, format="png")
+
+
+def table_of_guys(study: xr.DataTree) -> list[dict[str, Any]]:
+    """Return the rows of the printed table, a guy each; [N, s]."""
+    if "guys" not in study:
+        return []
+    guys = study["guys"].to_dataset()
+    return [
+        {
+            "guy": g + 1,
+            "level": float(guys["guy_level"][g]),
+            **{
+                name: float(np.asarray(guys[variable][g]))
+                for name, variable in (
+                    ("rest", "guy_tension_rest"), ("mean", "guy_tension_mean"), ("std", "guy_tension_std"),
+                    ("least", "guy_tension_minimum"), ("peak", "guy_tension_maximum"), ("peak_time", "guy_tension_maximum_time"),
+                    ("fatigue_range", "fatigue_range"), ("utilisation", "utilisation"),
+                )
+                if variable in guys
+            },
+        }
+        for g in range(guys.sizes["guy"])
+    ]  # fmt: skip

@@ -1,0 +1,135 @@
+"""Compare the guys of a mast in a storm: chains, condensed models and static catenaries.
+
+    python pipelines/mast/run.py [--seeds 1 2 3] [--direction 0] [--scene mast120] [--quick] [--readme]
+
+The mast of 120 m with nine guys runs 660 s in turbulent wind, of which the last 600 s count.  In the reference each guy is a
+chain of 80 links.  Written are means over the winds: rms difference of the tension of the median guy over its standard deviation;
+for the worst guy the differences of standard deviation, peak and equivalent fatigue range; rms difference of the displacement of
+the top over its standard deviation; run times of the kernel and of the whole call (CPU, medians).
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import sys
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+    from _study import ONE_THREAD
+
+    os.environ.update(ONE_THREAD)
+
+import numpy as np
+import xarray as xr
+from _study import command_line, markdown_table, show_table
+
+import cablepod as cp
+from cablepod import examples
+from cablepod.mast import _kernels_catenary, _kernels_chain, _kernels_condensed
+
+HERE = Path(__file__).parent
+REFERENCE: dict[str, Any] = {"guys": "chain", "links": 80}
+CASES: list[tuple[str, dict[str, Any]]] = [
+    ("chain, 40 links", {"guys": "chain", "links": 40}),
+    ("chain, 20 links", {"guys": "chain", "links": 20}),
+    ("chain, 10 links", {"guys": "chain", "links": 10}),
+    ("condensed, r = 4, 25 ms", {"rank": 4, "step": 0.025}),
+    ("condensed, r = 6, 20 ms", {"rank": 6, "step": 0.02}),
+    ("condensed, r = 6, 10 ms", {"rank": 6, "step": 0.01}),
+    ("static catenaries", {"guys": "catenary"}),
+]
+COLUMNS = ("tension rms, median guy", "std", "peak", "fatigue range (m = 4)", "top", "kernel [s]", "call [s]")
+
+
+class Timed:
+    """Kernels whose CPU times are collected."""
+
+    def __init__(self) -> None:
+        self.last = 0.0
+        for module, name in (
+            (_kernels_catenary, "catenary_run"), (_kernels_chain, "chain_run"), (_kernels_condensed, "condensed_run"),
+        ):  # fmt: skip
+            setattr(module, name, self.wrapped(getattr(module, name)))
+
+    def wrapped(self, kernel: Any) -> Any:
+        """Return a kernel that notes its time."""
+
+        def call(*arguments: Any) -> Any:
+            begin = time.process_time()
+            result = kernel(*arguments)
+            self.last = time.process_time() - begin
+            return result
+
+        return call
+
+
+def errors(run: xr.Dataset, truth: xr.Dataset, start: float) -> list[float]:
+    """Return the five errors of a run."""
+    own, tension = (result["guy_tension"].sel(time=slice(start, None)) for result in (run, truth))
+    top, expected = (
+        result["displacement"].isel(level=-1).sel(time=slice(start, None)).drop_vars("level") for result in (run, truth)
+    )
+    spread = np.sqrt(float(expected.var("time").sum()))
+    return [
+        float((np.sqrt(((own - tension) ** 2).mean("time")) / tension.std("time")).median()),
+        *(
+            float(abs(run[f"guy_tension_{name}"] / truth[f"guy_tension_{name}"] - 1.0).max())
+            for name in ("std", "maximum")
+        ),
+        float(abs(cp.fatigue.equivalent(own) / cp.fatigue.equivalent(tension) - 1.0).max()),
+        np.sqrt(float(((top - expected) ** 2).sum("coordinate").mean("time"))) / spread,
+    ]
+
+
+def main() -> None:
+    """Run all cases and write the table."""
+    parser = command_line(__doc__, readme=True, quick="60 s of one wind")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3], help="seeds of the winds")
+    parser.add_argument("--direction", type=float, default=0.0, help="degrees by which the wind is turned")
+    parser.add_argument("--scene", default="mast120", help="a shipped scene, or a file")
+    options = parser.parse_args()
+    base = cp.read_scene(examples.scene_path(options.scene))
+    duration, start = (90.0, 30.0) if options.quick else (660.0, 60.0)
+    seeds = options.seeds[:1] if options.quick else options.seeds
+    times = 0.1 * np.arange(round(duration / 0.1) + 1)
+    angle = np.deg2rad(options.direction)
+    timed = Timed()
+    results: dict[str, list[list[float]]] = {}
+    for seed in seeds:
+        scene = base.copy(deep=True)
+        scene["wind_turbulence_seed"].values[...] = seed
+        scene["wind_direction"].values[:] = [np.cos(angle), 0.0, np.sin(angle)]
+
+        def simulate(scene: xr.Dataset = scene, **case: Any) -> tuple[xr.Dataset, list[float]]:
+            begin = time.process_time()
+            run = cp.mast.simulate(scene, times=times, window=(start, duration), **case)
+            return run, [timed.last, time.process_time() - begin]
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", cp.OutOfRangeWarning)
+            truth, seconds = simulate(**REFERENCE)
+            results.setdefault("chain, 80 links", []).append([0.0] * 5 + seconds)
+            for name, case in CASES:
+                if not results.get(name):
+                    simulate(**case)  # compiles
+                run, seconds = simulate(**case)
+                results.setdefault(name, []).append(errors(run, truth, start) + seconds)
+                print(seed, name, np.round(results[name][-1], 4), flush=True)
+        least = min(float(truth["guy_tension"].min()), truth.attrs["smallest_tension"])
+        print(f"seed {seed}: least tension of the reference {least:.4g} N", flush=True)
+    rows = []
+    for name, found in results.items():
+        columns = list(zip(*found, strict=True))
+        means = [f"{100.0 * statistics.mean(column):.2g} %" for column in columns[:5]]
+        rows.append([name, *means, *(f"{statistics.median(column):.3g}" for column in columns[5:])])
+    table = markdown_table(["guys", *COLUMNS], rows)
+    show_table("turned" if options.direction else "storm", table, HERE if options.readme else None)
+
+
+if __name__ == "__main__":
+    main()

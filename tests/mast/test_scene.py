@@ -1,0 +1,151 @@
+"""The tables of a mast: Dataset, key paths, archive, and one clear error for each mistake."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+from mast_scenes import SMALL, WIND, small
+
+import cablepod as cp
+from cablepod import examples
+from cablepod.errors import SceneError
+from cablepod.parameters._mast import mast_parameters
+
+
+def test_shipped_masts_are_read():
+    p = mast_parameters(examples.scene("mast120"))
+    assert [guy.level for guy in p.guys] == [40.0] * 3 + [80.0] * 3 + [115.0] * 3
+    assert [guy.table for guy in p.guys] == [1] * 3 + [2] * 3 + [3] * 3
+    anchors = np.array([guy.p.lower for guy in p.guys])
+    np.testing.assert_allclose(np.hypot(anchors[:, 0], anchors[:, 2]), [50.0] * 3 + [80.0] * 6, rtol=1e-14)
+    np.testing.assert_allclose(anchors[0], [-50.0, 0.0, 0.0], atol=1e-12)
+    assert np.abs(anchors.reshape(3, 3, 3).sum(axis=1)).max() < 1e-12  # evenly round the mast
+    assert mast_parameters(examples.scene("mast30")).base == "pinned"
+
+
+def test_key_paths_have_three_forms():
+    nested = small()
+    dotted = {key: value for key, value in SMALL.items() if key not in ("mast", "guy")}
+    dotted |= {f"mast.{key}": value for key, value in SMALL["mast"].items() if key != "load"}
+    dotted |= {f"mast.load.1.{key}": value for key, value in SMALL["mast"]["load"][0].items()}
+    flat = dotted | {f"guy_1_{key}": value for key, value in SMALL["guy"][0].items()}
+    dotted |= {f"guy.1.{key}": value for key, value in SMALL["guy"][0].items()}
+    for other in (dotted, flat):
+        assert cp.make_scene(other).identical(nested)
+
+
+def test_sections_override_the_mast():
+    def change(mapping):
+        mapping["mast"]["section"] = [{"from": 10.0, "to": 20.0, "bending_stiffness": 8.0e6}]
+
+    sections = mast_parameters(small(change)).sections
+    np.testing.assert_array_equal(sections[:, :3], [[0, 10, 4e6], [10, 20, 8e6], [20, 30, 4e6]])
+    np.testing.assert_array_equal(sections[:, 3], 20.0)
+
+
+def test_archive_keeps_a_scene(tmp_path):
+    scene = small()
+    cp.archive.write(scene, tmp_path / "mast.nc")
+    read = cp.archive.read(tmp_path / "mast.nc")
+    assert read.drop_attrs().identical(scene.drop_attrs())
+    assert cp.mast.rest(read).guy_tension.equals(cp.mast.rest(scene).guy_tension)
+
+
+def test_ranges_vary_guys():
+    scene = small()
+    members = cp.ensemble.design(scene, {"guy.1.top_tension": [4000.0, 6000.0]}, members=3, sampling="grid")
+    result = cp.mast.rest(members)
+    np.testing.assert_allclose(result.guy_tension.isel(guy=0), [4000.0, 5000.0, 6000.0], rtol=1e-9)
+    assert "guy_1_top_tension" in result.coords
+
+
+def put(path, value):
+    def change(mapping):
+        target = mapping
+        *tables, last = path
+        for part in tables:
+            target = target[part]
+        target[last] = value
+
+    return change
+
+
+def without(*path):
+    def change(mapping):
+        target = mapping
+        for part in path[:-1]:
+            target = target[part]
+        del target[path[-1]]
+
+    return change
+
+
+def second_guy(**changes):
+    def change(mapping):
+        mapping["guy"].append({**mapping["guy"][0], **changes})
+
+    return change
+
+
+def anchor(place):
+    def change(mapping):
+        guy = mapping["guy"][0]
+        for name in ("radius", "count", "direction"):
+            del guy[name]
+        guy["anchor"] = place
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        (put(("guy", 0, "level"), 31.0), "guy.1.level"),
+        (anchor([0.0, 5.0, 0.0]), "guy.1.anchor"),
+        (anchor([20.0, 29.0, 0.0]), "guy.1.anchor"),
+        (second_guy(), "guy.2.level"),
+        (second_guy(count=1), "guy.2.level"),
+        (put(("guy", 0, "cable"), "gyu"), "guy.1.cable"),
+        (put(("guy",), []), "guy"),
+        (put(("guy", 0, "top_tension"), 20.0), "guy.1.top_tension"),
+        (put(("guy", 0, "bottom_tension"), 5000.0), "guy.1"),
+        (without("guy", 0, "top_tension"), "guy.1"),
+        (without("guy", 0, "radius"), "guy.1.radius"),
+        (put(("guy", 0, "direction"), [0.0, 1.0, 0.0]), "guy.1.direction"),
+        (put(("guy", 0, "lenght"), 1.0), "guy.1.lenght"),
+        (put(("cables", "guy", "top_tension"), 5000.0), "cables.guy.top_tension"),
+        (put(("cables", "guy", "area"), -1.0), "cables.guy.area"),
+        (put(("cables", "guy", "density"), 1e30), "cables.guy.density"),
+        (put(("mast", "base"), "free"), "mast.base"),
+        (put(("mast", "heigth"), 3.0), "mast.heigth"),
+        (put(("mast", "load", 0, "force"), [1.0, 2.0, 3.0]), "mast.load.1.force"),
+        (put(("mast", "load", 0, "level"), 99.0), "mast.load.1.level"),
+        (put(("mast", "section"), [{"from": 20.0, "to": 10.0}]), "mast.section.1.to"),
+        (put(("mast", "section"), [{"from": 0.0, "to": 10.0}, {"from": 5.0, "to": 15.0}]), "mast.section.2.from"),
+        (put(("cable",), {"area": 1.0}), "cable"),
+        (put(("damping", "link_viscosity"), 1e-3), "damping.link_viscosity"),
+        (put(("wind",), {**WIND, "direction": [1.0, 0.0]}), "wind.direction"),
+        (without("mast"), "mast"),
+    ],
+)
+def test_mistakes_are_refused_by_key(change, key):
+    with pytest.raises(SceneError, match=rf"^{key.replace('.', '[.]')}: .*(allowed|missing)"):
+        small(change)
+
+
+def test_wind_needs_a_diameter():
+    def change(mapping):
+        mapping["wind"] = copy.deepcopy(WIND)
+        del mapping["cables"]["guy"]["diameter"]
+
+    with pytest.raises(SceneError, match=r"^cables\.guy\.diameter: missing"):
+        small(change)
+
+
+def test_a_mast_is_no_cable_and_the_other_way_round():
+    with pytest.raises(SceneError, match=r"^mast: .*try: mast\.simulate"):
+        cp.chain.simulate(small())
+    with pytest.raises(SceneError, match=r"^cable: .*try: chain\.simulate"):
+        cp.mast.simulate(examples.scene("example2"))

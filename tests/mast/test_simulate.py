@@ -1,0 +1,257 @@
+"""Motion of a mast: kinds of guys against each other, energy, outputs, archive, members, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mast_scenes import WIND, small
+
+import cablepod as cp
+from cablepod import provenance
+from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError
+from cablepod.mast._condensed_guy import condensed_guy, sines
+from cablepod.mast._guys import static_guys
+from cablepod.parameters._mast import mast_parameters
+
+
+def windy(mapping):
+    mapping["wind"] = WIND
+    mapping["mast"]["drag_area"] = 0.3
+    del mapping["mast"]["load"]
+
+
+def undamped(mapping):
+    mapping["mast"]["damping_ratio"] = 0.0
+    del mapping["damping"]
+
+
+def rms(run, reference, name="guy_tension"):
+    """Difference of two runs over the standard deviation of the reference (guys,)."""
+    difference = np.sqrt(((run[name] - reference[name]) ** 2).mean("time"))
+    return (difference / reference[name].std("time")).values
+
+
+def test_forces_of_a_guy_are_the_slopes_of_its_energy():
+    guy = condensed_guy(static_guys(mast_parameters(small()))[1], (sines(3), sines(3)))
+    rng = np.random.default_rng(1)
+    upper = guy.guy.p.upper + np.array([0.1, 0.0, -0.2])
+    q = guy.rest(guy.guy.p.upper) + 0.1 * rng.normal(size=6)
+    on_q, on_end = guy.forces(q, upper)
+    step = 1e-5
+    for place, force in enumerate((*on_q, *on_end)):
+        change = np.zeros(9)
+        change[place] = step
+        high = guy.energy(q + change[:6], upper + change[6:])
+        low = guy.energy(q - change[:6], upper - change[6:])
+        assert abs(force + (high - low) / (2.0 * step)) < 1e-3  # N: rounding of the energy over the step
+
+
+def test_condensed_guys_at_rest_pull_as_catenaries_do():
+    # sixteen sines: the error is that of order "leading", the square of the slopes
+    for guy in static_guys(mast_parameters(small())):
+        condensed = condensed_guy(guy, (sines(16), sines(16)))
+        force = condensed.forces(condensed.rest(guy.p.upper), guy.p.upper)[1]
+        np.testing.assert_allclose(force, guy.force()[0], atol=1e-4 * np.abs(force).max())
+
+
+def test_condensed_guys_are_as_good_as_chains_after_a_pull():
+    scene = small()
+    chain = cp.mast.simulate(scene, guys="chain", links=40)
+    run = cp.mast.simulate(scene, rank=8, step=0.005)
+    top = abs(run.displacement - chain.displacement).max() / abs(chain.displacement).max()
+    assert float(top) < 0.005
+    assert rms(run, chain).max() < 0.025
+    np.testing.assert_allclose(
+        run.bending_moment_maximum, chain.bending_moment_maximum, atol=0.01 * float(chain.bending_moment_maximum.max())
+    )
+    static = cp.mast.simulate(scene, guys="catenary")
+    assert rms(static, chain).max() > 0.1  # guys without motion of their own are not
+    np.testing.assert_allclose(static.guy_tension[-1], chain.guy_tension[-1], rtol=0.1)
+
+
+def test_energy_is_bounded_without_damping():
+    scene = small(lambda mapping: (undamped(mapping), mapping["time"].update(duration=600.0, interval=0.5)))
+    run = cp.mast.simulate(scene, outputs=("energy", "displacement"), step=0.005)
+    energy = run.energy.values[1:]  # after the ramp of the load
+    motion = 0.5 * abs(energy).mean()
+    assert np.ptp(energy) < 1e-4 * motion
+    coarse = cp.mast.simulate(scene, outputs=("energy",), step=0.01).energy.values[1:]
+    assert np.ptp(coarse) > 2.0 * np.ptp(energy)  # of second order
+    assert abs(coarse[-200:].mean() - coarse[:200].mean()) < 0.2 * np.ptp(coarse)  # no drift
+
+
+def test_a_mast_without_loads_stays_at_rest():
+    scene = small(lambda mapping: mapping["mast"].pop("load"))
+    rest = cp.mast.rest(scene)
+    for kind in ("condensed", "chain", "catenary"):
+        run = cp.mast.simulate(scene, guys=kind)
+        np.testing.assert_allclose(run.displacement, rest.displacement.broadcast_like(run.displacement), atol=1e-9)
+        np.testing.assert_allclose(run.guy_tension, rest.guy_tension.broadcast_like(run.guy_tension), rtol=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["condensed", "chain", "catenary"])
+def test_steady_wind_leaves_a_mast_at_rest(kind):
+    def steady(mapping):
+        windy(mapping)
+        mapping["wind"] = {name: value for name, value in WIND.items() if name != "turbulence"}
+
+    scene = small(steady)
+    run = cp.mast.simulate(scene, guys=kind)
+    assert float(np.ptp(run.displacement.values, axis=0).max()) < 1e-6 * float(abs(run.displacement).max())
+
+
+@pytest.mark.slow  # 20 s
+def test_turbulence_moves_condensed_guys_as_chains():
+    def storm(mapping):
+        windy(mapping)
+        mapping["time"].update(duration=60.0, interval=0.05)
+
+    scene = small(storm)
+    chain = cp.mast.simulate(scene, guys="chain", links=40)
+    run = cp.mast.simulate(scene, rank=6, step=0.005)
+    assert rms(run, chain).max() < 0.05
+    np.testing.assert_allclose(run.guy_tension_std, chain.guy_tension_std, rtol=0.01)
+    np.testing.assert_allclose(run.guy_tension_maximum, chain.guy_tension_maximum, rtol=0.01)
+
+
+def test_extremes_and_means_are_those_of_the_steps():
+    scene = small()
+    run = cp.mast.simulate(scene, times=np.arange(401) * 0.01, step=0.01)
+    np.testing.assert_allclose(run.guy_tension_maximum, run.guy_tension.max("time"), rtol=1e-14)
+    np.testing.assert_allclose(run.guy_tension_std, run.guy_tension.std("time"), rtol=1e-6)
+    np.testing.assert_allclose(run.displacement_minimum, run.displacement.min("time"), atol=1e-15)
+    at = run.guy_tension.isel(guy=2).idxmax("time")
+    assert float(run.guy_tension_maximum_time[2]) == pytest.approx(float(at), abs=1e-9)
+    part = cp.mast.simulate(scene, times=np.arange(401) * 0.01, step=0.01, window=(1.0, 2.0))
+    within = run.guy_tension.sel(time=slice(0.995, 2.005))
+    np.testing.assert_allclose(part.guy_tension_mean, within.mean("time"), rtol=1e-12)
+
+
+def test_tolerance_halves_the_step():
+    loose, tight = (cp.mast.simulate(small(), tolerance=tolerance) for tolerance in (0.1, 0.003))
+    assert tight.attrs["step"] < loose.attrs["step"]
+    assert tight.attrs["time_error_estimate"] <= 0.003
+
+
+def test_error_estimate_is_of_the_size_of_the_error():
+    scene = small()
+    run = cp.mast.simulate(scene, rank=2, step=0.005, outputs=("guy_tension", "error_estimate"))
+    rich = cp.mast.simulate(scene, rank=12, step=0.002, outputs=("guy_tension",))
+    actual = rms(run, rich).max()
+    assert 0.5 * actual < run.attrs["error_estimate"] < 2.0 * actual
+
+
+def test_a_broken_guy_pulls_no_more():
+    def breaking(mapping):
+        mapping["guy"][0]["count"] = 1
+        guy = {name: value for name, value in mapping["guy"][0].items() if name != "direction"}
+        for angle in (2.0, 4.0, 5.0):
+            mapping["guy"].append({**guy, "direction": [np.cos(angle), 0.0, np.sin(angle)]})
+        mapping["guy"][3]["breaks"] = 1.0
+
+    run = cp.mast.simulate(small(breaking), guys="chain", times=np.arange(11) * 0.2)
+    tension = run.guy_tension.isel(guy=3)
+    assert float(tension.sel(time=slice(0.0, 0.9)).min()) > 1000.0
+    assert float(abs(tension.sel(time=slice(1.1, 2.0))).max()) == 0.0
+    with pytest.raises(SceneError, match=r"^guy\.4\.breaks: .*chain"):
+        cp.mast.simulate(small(breaking))
+
+
+@pytest.mark.slow  # 20 s
+def test_slack_guys_are_those_of_finer_chains():
+    def gusty(mapping):
+        windy(mapping)
+        mapping["wind"] = {**WIND, "speed": 55.0, "direction": [-1.0, 0.0, 0.0]}
+        mapping["time"].update(duration=60.0, interval=0.05)
+        mapping["guy"][0]["top_tension"] = 1500.0
+
+    scene = small(gusty)
+    chain = cp.mast.simulate(scene, guys="chain", links=20)
+    finer = cp.mast.simulate(scene, guys="chain", links=20, step=chain.attrs["step"] / 5.0)
+    assert chain.attrs["smallest_tension"] == 0.0  # links go slack
+    np.testing.assert_allclose(chain.guy_tension_std, finer.guy_tension_std, rtol=0.01)
+    with pytest.warns(OutOfRangeWarning, match="slack"):
+        run = cp.mast.simulate(scene, rank=6)
+    np.testing.assert_allclose(run.guy_tension_std, finer.guy_tension_std, rtol=0.03)
+
+
+def test_slack_condensed_guys_warn():
+    def strong(mapping):
+        mapping["mast"]["load"][0]["force"] = [5000.0, 0.0, 0.0]
+        mapping["mast"]["damping_ratio"] = 0.05
+
+    with pytest.warns(OutOfRangeWarning, match=r"guy\.1: .*slack"):
+        cp.mast.simulate(small(strong))
+
+
+def test_a_run_that_leaves_the_finite_numbers_stops_and_keeps_its_start():
+    def huge(mapping):
+        mapping["mast"]["load"][0]["force"] = [1e9, 0.0, 0.0]
+
+    with pytest.raises(RunStopped, match=r"at [0-9.]+ s") as stopped:
+        cp.mast.simulate(small(huge))
+    assert 0 < stopped.value.partial.sizes["time"] < 101
+    assert "incomplete" in stopped.value.partial.attrs
+
+
+def test_archive_keeps_a_run(tmp_path):
+    run = cp.mast.simulate(small(), outputs=("displacement", "guy_tension", "guy_force", "bending_moment", "extremes"))
+    for name, variable in run.variables.items():
+        assert {"units", "long_name"} <= set(variable.attrs), name
+    cp.archive.write(run, tmp_path / "run.nc")
+    read = cp.archive.read(tmp_path / "run.nc")
+    assert read.equals(run)
+    assert [stage["function"] for stage in provenance.stages_of(read)] == ["make_scene", "mast.simulate"]
+
+
+def test_members_and_ensembles_are_single_runs(tmp_path):
+    scene = small()
+    members = cp.ensemble.design(scene, {"guy.1.top_tension": [4500.0, 5500.0]}, members=2, sampling="grid")
+    both = cp.mast.simulate(members)
+    single = cp.mast.simulate(members.isel(member=1, drop=True))
+    np.testing.assert_array_equal(both.guy_tension.isel(member=1), single.guy_tension)
+    kept = cp.ensemble.run(members, tmp_path / "masts", model="mast")
+    np.testing.assert_array_equal(kept.guy_tension_maximum.values, both.guy_tension_maximum.values)
+
+
+def test_fatigue_of_guys_follows():
+    run = cp.mast.simulate(small())
+    ranges = cp.fatigue.equivalent(run.guy_tension)
+    assert ranges.dims == ("guy",)
+    assert float(ranges.min()) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "key"),
+    [
+        ({"guys": "springs"}, "guys"),
+        ({"rank": 0}, "rank"),
+        ({"rank": 4, "guys": "chain"}, "rank"),
+        ({"links": 4}, "links"),
+        ({"step": 0.013}, "step"),
+        ({"step": 0.04, "rank": 20}, "step"),
+        ({"times": [0.0, 0.1, 0.3]}, "times"),
+        ({"times": [0.1, 0.2]}, "times"),
+        ({"outputs": ("position",)}, "outputs"),
+        ({"outputs": ("energy",), "guys": "chain"}, "outputs"),
+        ({"window": (3.0, 1.0)}, "window"),
+        ({"window": (0.0, 9.0)}, "window"),
+        ({"tolerance": 0.0}, "tolerance"),
+        ({"tolerance": 0.1, "step": 0.01}, "tolerance"),
+        ({"modes": cp.make_scene}, "modes"),
+    ],
+)
+def test_invalid_options_are_refused_by_key(options, key):
+    with pytest.raises(SceneError, match=rf"^{key}: .*allowed"):
+        cp.mast.simulate(small(), **options)
+
+
+def test_modes_of_a_cable_serve_as_guys():
+    guy = {
+        "cable": {"youngs_modulus": 1.6e11, "area": 3.8e-5, "density": 8000.0, "top_tension": 5000.0},
+        "ends": {"lower": [20.0, 0.0, 0.0], "upper": [0.0, 28.0, 0.0]},
+        "chain": {"links": 80},
+    }
+    modes = cp.condensed.vibration_modes(cp.make_scene(guy), rank=4)
+    own, default = (cp.mast.simulate(small(), given, rank=4, step=0.01) for given in (modes, None))
+    assert rms(own, default).max() < 0.05

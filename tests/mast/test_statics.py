@@ -1,0 +1,172 @@
+"""Rest, buckling and frequencies of a mast against exact solutions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mast_scenes import WIND, small
+from scipy.linalg import expm
+from scipy.optimize import brentq
+
+import cablepod as cp
+from cablepod.errors import SceneError
+from cablepod.mast._beam import beam_of
+from cablepod.mast._guys import static_guys
+from cablepod.mast._statics import _at
+from cablepod.parameters._mast import mast_parameters
+
+HEIGHT, STIFFNESS, MASS = 60.0, 2.0e7, 40.0
+LEVELS, RADIUS, TENSION = (25.0, 50.0), 30.0, 20000.0
+CABLE = {"youngs_modulus": 1.6e11, "area": 1.0e-4, "density": 1e-6}
+
+
+def spring_mast(**changes):
+    """Four guys without weight at each of two levels, which are springs; no gravity."""
+    guys = [
+        {"cable": "light", "level": level, "radius": RADIUS, "count": 4, "direction": [1.0, 0.0, 0.0], "top_tension": TENSION}
+        for level in LEVELS
+    ]  # fmt: skip
+    mast = {"height": HEIGHT, "bending_stiffness": STIFFNESS, "mass": MASS, "elements": 24, **changes}
+    return cp.make_scene({"gravity": 0.0, "mast": mast, "cables": {"light": CABLE}, "guy": guys})
+
+
+def determinant(omega: float, base: str) -> float:
+    """The determinant of a beam-column on springs, from transfer matrices of (w, w', M, H), H = EI w''' + N w'."""
+    state = np.eye(4)[:, [1, 3] if base == "pinned" else [2, 3]]
+    springs, pulls = [], []
+    for level in LEVELS:
+        length = np.hypot(level, RADIUS)  # with the strain at rest
+        axial = (
+            CABLE["youngs_modulus"]
+            * CABLE["area"]
+            * (1.0 + TENSION / (CABLE["youngs_modulus"] * CABLE["area"]))
+            / length
+        )
+        cosine = RADIUS / length
+        along, across = axial * cosine**2 + TENSION / length * (1.0 - cosine**2), TENSION / length
+        springs.append(2.0 * along + 2.0 * across)
+        pulls.append(4.0 * TENSION * level / length)
+    bottom = 0.0
+    for place, (top, spring) in enumerate(zip((*LEVELS, HEIGHT), (*springs, 0.0), strict=True)):
+        force = sum(pulls[place:])
+        rate = np.zeros((4, 4))
+        rate[0, 1], rate[1, 2], rate[2, 1], rate[2, 3], rate[3, 0] = 1.0, 1.0 / STIFFNESS, -force, 1.0, MASS * omega**2
+        state = expm(rate * (top - bottom)) @ state
+        state[3] -= spring * state[0]
+        bottom = top
+    end = state[2:] / np.abs(state[2:]).max(axis=0)
+    return float(np.linalg.det(end))
+
+
+@pytest.mark.parametrize("base", ["pinned", "clamped"])
+def test_frequencies_on_springs_are_those_of_the_exact_determinant(base):
+    found = cp.mast.frequencies(spring_mast(base=base), count=8, guys="catenary").angular_frequency.values[::2]
+    grid = np.linspace(0.5, 1.05 * found[-1], 4000)
+    values = np.array([determinant(omega, base) for omega in grid])
+    exact = [
+        brentq(determinant, a, b, args=(base,))
+        for a, b, u, v in zip(grid, grid[1:], values, values[1:], strict=False)
+        if u * v < 0
+    ]
+    np.testing.assert_allclose(found, exact[: found.size], rtol=1e-4)
+    condensed = cp.mast.frequencies(spring_mast(base=base), count=8, rank=1).angular_frequency.values[::2]
+    np.testing.assert_allclose(condensed, exact[: found.size], rtol=1e-4)
+
+
+def test_a_guy_to_the_foot_of_the_mast_adds_no_stiffness_against_its_rotation():
+    scene = cp.make_scene(
+        {
+            "gravity": 0.0,
+            "mast": {"height": HEIGHT, "bending_stiffness": STIFFNESS, "mass": MASS},
+            "cables": {"light": CABLE},
+            "guy": [{"cable": "light", "level": HEIGHT, "anchor": [0.0, 0.0, 0.0], "top_tension": TENSION}],
+        }
+    )
+    p = mast_parameters(scene)
+    beam = beam_of(p)
+    rest = _at(p, beam, static_guys(p), np.zeros(beam.count), np.zeros(beam.count))
+    rotation = np.zeros(beam.count)
+    single = np.column_stack([beam.height, np.ones_like(beam.height)]).ravel()[beam.free]
+    rotation[: single.size] = single
+    assert abs(rotation @ rest.stiffness @ rotation) < 1e-9 * TENSION * HEIGHT
+    assert abs(rotation @ rest.geometric @ rotation) > 0.9 * TENSION * HEIGHT  # what the guy cancels
+
+
+def test_rest_is_in_equilibrium_and_has_the_given_tensions():
+    still = cp.mast.rest(small())
+    np.testing.assert_allclose(still.guy_tension, 5000.0, rtol=1e-9)
+    assert abs(still.displacement).max() < 1e-9
+    weight = 20.0 * 9.81 * 30.0
+    np.testing.assert_allclose(
+        still.axial_force[0], weight - float(still.guy_force.sel(coordinate="y").sum()), rtol=1e-6
+    )
+
+    def pulled(mapping):
+        for name in ("kind", "amplitude", "duration"):
+            del mapping["mast"]["load"][0][name]
+
+    rest = cp.mast.rest(small(pulled))
+    # moments about the foot: the load at 30 m, guys at 28 m, weight and vertical forces at displaced points
+    moved = rest.displacement.sel(level=28.0)
+    top = rest.displacement.sel(level=30.0)
+    for axis, force in (("x", 1000.0), ("z", 400.0)):
+        pull = rest.guy_force.sel(coordinate=axis).sum() * 28.0 - rest.guy_force.sel(coordinate="y").sum() * moved.sel(
+            coordinate=axis
+        )
+        assert float(top.sel(coordinate=axis)) > 0.0
+        assert (
+            abs(float(pull) + force * 30.0 + 9.81 * 20.0 * 30.0 * 0.5 * float(top.sel(coordinate=axis)))
+            < 0.01 * force * 30.0
+        )
+    assert float(abs(rest.bending_moment.isel(node=[0, -1])).max()) < 0.05 * float(abs(rest.bending_moment).max())
+
+
+def test_drag_bends_the_mast_downwind():
+    def windy(mapping):
+        mapping["wind"] = WIND
+        mapping["mast"]["drag_area"] = 0.3
+
+    rest = cp.mast.rest(small(windy))
+    assert float(rest.displacement.sel(level=28.0, coordinate="x")) > 1e-3
+    assert abs(float(rest.displacement.sel(level=28.0, coordinate="z"))) < 1e-9
+    # drag on mast and on the upper halves of the guys against the resultant of the guys
+    assert float(rest.guy_tension[1]) > 5000.0 > float(rest.guy_tension[0])
+
+
+def test_a_buckling_mast_is_refused_with_its_critical_factor():
+    factor = float(cp.mast.rest(small()).buckling_factor)
+
+    def softer(mapping):
+        mapping["mast"]["bending_stiffness"] /= 1.2 * factor
+
+    with pytest.raises(SceneError, match=r"^mast\.bending_stiffness: .*critical factor 0\.[89]"):
+        cp.mast.rest(small(softer))
+
+    def one_guy(mapping):
+        mapping["guy"][0]["count"] = 1  # across the guy its string stiffness alone holds the mast
+
+    with pytest.raises(SceneError, match=r"^mast\.bending_stiffness: .*critical factor 0\.5"):
+        cp.mast.rest(small(one_guy))
+
+
+def test_the_critical_load_of_a_clamped_column_is_that_of_euler():
+    def column(**changes):
+        mast = {"height": HEIGHT, "bending_stiffness": STIFFNESS, "mass": 1e-6, "base": "clamped"}
+        guy = {"cable": "light", "level": HEIGHT, "radius": 1e-3, "count": 3, "direction": [1.0, 0.0, 0.0], **changes}
+        cables = {"light": {"youngs_modulus": 1e7, "area": 1e-6, "density": 1e-6}}
+        return {"gravity": 0.0, "mast": mast, "cables": cables, "guy": [guy]}
+
+    euler = np.pi**2 * STIFFNESS / (4.0 * HEIGHT**2)
+    rest = cp.mast.rest(cp.make_scene(column(top_tension=1.0)))
+    # the guys run along the mast: their pull is 3 N, and their string stiffness 3 N / HEIGHT is no more than rounding here
+    np.testing.assert_allclose(rest.buckling_factor, euler / 3.0, rtol=1e-3)
+
+
+def test_shares_of_the_kinetic_energy_add_up_to_one():
+    found = cp.mast.frequencies(small(), count=12)
+    assert found.mode_shape.dims == ("mode", "node", "coordinate")
+    total = found.mast_share + found.guy_share.sum("guy")
+    # of condensed guys the coordinates move with their ends, which neither part has alone
+    assert float(abs(total - 1.0).max()) < 0.35
+    springs = cp.mast.frequencies(small(), count=6, guys="catenary")
+    np.testing.assert_allclose(springs.mast_share + springs.guy_share.sum("guy"), 1.0, rtol=1e-9)
