@@ -71,7 +71,7 @@ class ChainGuys:
             if self.air is not None:
                 start = self.air.of_guys(self.air.start)[g]
                 velocity, sigma = np.repeat(start[None], 2, axis=0), np.linspace(0.0, 1.0, GUY_POINTS)
-                air = ChainAir(chain, CableAir(velocity, sigma, 1.0, float(self.drag[g]), start))
+                air = ChainAir(chain, CableAir(velocity, sigma, 1.0, float(self.drag[g]), start, np.inf))
             result[g] = rest_shape(chain, air)[0].T
         return result
 

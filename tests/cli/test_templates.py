@@ -77,7 +77,9 @@ def test_the_template_of_a_mast_runs(tmp_path, monkeypatch, capsys):
 
 def test_what_is_switched_off_in_the_template_of_a_mast_can_be_switched_on(tmp_path):
     text = (shipped.data_folder() / "new_mast.toml").read_text()
-    text = "\n".join(line.removeprefix("# ") if "=" in line or line.startswith("# [") else line for line in text.splitlines())
+    text = "\n".join(
+        line.removeprefix("# ") if "=" in line or line.startswith("# [") else line for line in text.splitlines()
+    )
     (tmp_path / "mast.toml").write_text(text)
     assert cp.mast.rest(cp.read_scene(tmp_path / "mast.toml")).sizes["guy"] == 6
 
