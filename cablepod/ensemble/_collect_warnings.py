@@ -104,7 +104,7 @@ def emit_warnings(notes: list[Note], count: int, time_errors: Mapping[str, Seque
 
 
 def _worst(errors: Mapping[str, Sequence[float]]) -> str:
-    """Return the members with the largest errors of motion and of tension."""
+    """Return the members with the largest error of the motion and of motion or tension, with their errors."""
     worst = max(errors, key=lambda member: errors[member][0])
     tense = worst_first(errors)[0]
     members = [worst] if worst == tense else [worst, tense]
