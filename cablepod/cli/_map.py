@@ -12,12 +12,13 @@ import xarray as xr
 from cablepod.archive._atomic import atomic_file
 from cablepod.archive._manifest import read_manifest, time_errors
 from cablepod.errors import SceneError
+from cablepod.reduced._validity import MAX_ESTIMATED_ERROR
 
 TABLE, PICTURE = "map.csv", "map.png"
 #: Variables of the results that are read.
 READ = (
     "tension_maximum", "tension_minimum", "time_error_estimate", "tension_time_error_estimate", "smallest_chordwise_force",
-    "failure",
+    "error_estimate", "failure",
 )  # fmt: skip
 
 
@@ -70,11 +71,14 @@ def _notes(results: xr.Dataset) -> list[str]:
     slack = (results["tension_minimum"].min("link") <= 0.0).values
     if "smallest_chordwise_force" in results:
         slack |= results["smallest_chordwise_force"].values < 0.0
+    estimate = results["error_estimate"] if "error_estimate" in results else results["member"] * np.nan
+    wrong = (estimate > MAX_ESTIMATED_ERROR).values
     notes = []
     for i, (number, reason) in enumerate(zip(results["member"].values, results["failure"].values, strict=True)):
         parts = [f"failed: {reason}"] if reason else []
         parts += ["not converged"] if str(number) in doubtful else []
         parts += ["slack at times"] if slack[i] else []
+        parts += ["model error above half the motion"] if wrong[i] else []
         notes.append("; ".join(parts))
     return notes
 

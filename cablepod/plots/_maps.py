@@ -12,6 +12,7 @@ from cablepod._inputs import MAPPED, taken
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._key_paths import variable_name
 from cablepod.plots import _style
+from cablepod.reduced._validity import MAX_ESTIMATED_ERROR
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,8 +85,9 @@ def parameter_map(
     matplotlib.axes.Axes
         `ax`, or new ones, with a colour bar: a map for a full grid of at least three by three, otherwise a dot for each member.
         Members of ensembles are marked: by crosses those without a result, by hatches (squares around dots) those whose estimated
-        time error is above ``accepted_time_error`` (0.01 without this attribute), by white dots those that go slack.  The title
-        tells the marks that occur.  Labels are long names and units of the variables; forces from 10 kN on are in kN.
+        time error is above ``accepted_time_error`` (0.01 without this attribute) or whose reduced model expects an error above
+        half the motion, by white dots those that go slack.  The title tells the marks that occur.  Labels are long names and
+        units of the variables; forces from 10 kN on are in kN.
 
     Raises
     ------
@@ -140,7 +142,9 @@ def _mark_doubtful(ax: Axes, result: xr.Dataset, across: np.ndarray, up: np.ndar
         return []
     errors = [_along_members(result, name) for name in ("time_error_estimate", "tension_time_error_estimate")]
     accepted = float(result.attrs.get("accepted_time_error", LARGEST_TIME_ERROR))
-    doubtful = (errors[0] > accepted) | (errors[1] > accepted)
+    wrong = _along_members(result, "error_estimate") > MAX_ESTIMATED_ERROR
+    doubtful = (errors[0] > accepted) | (errors[1] > accepted) | wrong
+    text = "not converged in time" + (f", or model error above {100 * MAX_ESTIMATED_ERROR:g} %" if wrong.any() else "")
     slack = (_along_members(result, "smallest_chordwise_force") < 0.0) | (
         _along_members(result, "tension_minimum") <= 0.0
     )
@@ -154,10 +158,10 @@ def _mark_doubtful(ax: Axes, result: xr.Dataset, across: np.ndarray, up: np.ndar
             cells = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]], axis=2)[which]
             frame: dict[str, Any] = {"facecolor": "none", "edgecolor": _style.COLOURS[1], "linewidth": 0.0}
             ax.add_collection(PolyCollection(list(cells), hatch="////", **frame))
-            marks.append("hatched: not converged in time")
+            marks.append(f"hatched: {text}")
         else:
             ax.plot(across[doubtful], up[doubtful], "s", color=_style.COLOURS[1], markerfacecolor="none", markersize=10)
-            marks.append("squares: not converged in time")
+            marks.append(f"squares: {text}")
     if slack.any():
         look: dict[str, Any] = {"markeredgecolor": "black", "markeredgewidth": 0.6, "markersize": 3.0}
         ax.plot(across[slack], up[slack], "o", color="white", **look)

@@ -90,6 +90,7 @@ def test_the_table_of_the_map_tells_what_is_doubtful(tmp_path):
             "tension_maximum": (("member", "link"), tension),
             "tension_minimum": (("member", "link"), tension - 4.0),
             "time_error_estimate": ("member", [2e-4, 1e-5, np.nan]),
+            "error_estimate": ("member", [0.7, 0.1, np.nan]),
             "failure": ("member", ["", "", "diverged"]),
         },
         coords={"member": [0, 1, 2], "size": ("member", [1.0, 2.0, 3.0], {"units": "m"})},
@@ -99,7 +100,7 @@ def test_the_table_of_the_map_tells_what_is_doubtful(tmp_path):
     lines = (tmp_path / "map.csv").read_text().splitlines()
     assert lines[0] == "member,size [m],largest tension [N],smallest tension [N],time_error_estimate [1],note"
     assert lines[1:] == [
-        "0,1,7,1,0.0002,not converged",
+        "0,1,7,1,0.0002,not converged; model error above half the motion",
         "1,2,9,0,1e-05,slack at times",
         "2,3,nan,nan,nan,failed: diverged",
     ]

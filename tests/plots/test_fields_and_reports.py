@@ -248,6 +248,10 @@ def test_a_map_marks_doubtful_members_and_draws_the_tension_of_all_links():
     some = plots.parameter_map(doubted().isel(member=slice(8)), "tension_maximum", x="omega", y="size")
     np.testing.assert_array_equal(some.lines[0].get_xydata(), [[1.0, 10.0]])  # a square around the dot
     assert "squares: not converged in time" in some.get_title()
+    reduced = doubted().assign(error_estimate=("member", np.where(np.arange(9) == 4, 0.9, 0.01)))
+    ax = plots.parameter_map(reduced, "tension_maximum", x="omega", y="size")
+    assert len(next(item for item in ax.collections if item.get_hatch()).get_paths()) == 3
+    assert "hatched: not converged in time, or model error above 50 %" in ax.get_title()
     sound = doubted().assign_attrs(accepted_time_error=0.5).isel(member=[0, 2])
     assert plots.parameter_map(sound, "peak", x="omega", y="size").get_title() == "a guy"
 
