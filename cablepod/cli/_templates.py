@@ -56,7 +56,8 @@ TEXTS = {
     ),
     "ensemble": Texts(
         "simulate all members of a scene with a table [ensemble]",
-        "Every member simulated, in batches, each a netCDF file. After Ctrl-C or a crash the same command goes on.",
+        "Every member simulated, in batches, each a netCDF file; at the end a table of the largest tensions, and their map "
+        "over two parameters. After Ctrl-C or a crash the same command goes on.",
         "SCENE.toml: scene file with a table [ensemble]",
         (
             "cablepod ensemble study.toml --out out/study",
