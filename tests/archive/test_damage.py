@@ -24,7 +24,8 @@ def edit(path, name="tension", place=(0, 0), value=1.0, **attrs):
 
 def lazily(path):
     with read(path, chunks={}) as dataset:
-        return dataset.load()
+        # a thread that still reads when another one has failed would open the file again after it was closed
+        return dataset.load(scheduler="synchronous")
 
 
 @pytest.mark.parametrize("kind", KINDS)
