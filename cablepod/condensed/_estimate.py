@@ -327,7 +327,7 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
     Their residual at sampled instants drives the error, by the equation e'' + F(y) - F(y + e) = residual with the forces F to
     leading order, whose coefficients are those of the motion.  The estimate contains the truncated modes, their effect on the
     retained ones over time, and the terms that the order neglects, but not the error of the step.  The displacement of waves
-    along the cable is added, see :func:`cablepod.condensed._waves.waves`; how they act on the deflection is not contained.  In
+    along the cable is added, see ``_waves.waves``; how they act on the deflection is not contained.  In
     wind the residual contains the drag on the enriched model, and the error is damped as a motion across the wind.
 
     Parameters

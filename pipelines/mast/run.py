@@ -26,7 +26,9 @@ if __name__ == "__main__":
 
 import numpy as np
 import xarray as xr
-from _study import command_line, markdown_table, show_table
+from _study import command_line, markdown_table, short, show_table
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 
 import cablepod as cp
 from cablepod import examples
@@ -86,6 +88,30 @@ def errors(run: xr.Dataset, truth: xr.Dataset, start: float) -> list[float]:
     ]
 
 
+def draw(results: dict[str, list[list[float]]]) -> Figure:
+    """Draw four errors over the time of a call, one marker for each kind of guys."""
+    kinds = {"chain": ("s", "#555555"), "condensed": ("o", "#0072B2"), "static": ("^", "#D55E00")}
+    figure, places = plt.subplots(1, 4, figsize=(12.0, 3.4), sharex=True, sharey=True, layout="constrained")
+    for k, ax in enumerate(places):
+        for kind, (marker, colour) in kinds.items():
+            names = [name for name in results if name.startswith(kind) and any(results[name][0][:5])]
+            seconds = [statistics.median(one[6] for one in results[name]) for name in names]
+            error = [100.0 * statistics.mean(one[k] for one in results[name]) for name in names]
+            ax.loglog(seconds, error, marker, color=colour, label=kind)
+            for name, x, y in zip(names, seconds, error, strict=True):
+                text = (
+                    name.removeprefix(kind).strip(", ").removesuffix(" links").removesuffix(" ms").replace("r = ", "")
+                )
+                ax.annotate(
+                    text.split(",")[0].replace("catenaries", ""), (x, y), (4, 4), textcoords="offset points", fontsize=8
+                )
+        ax.set(title=COLUMNS[k], xlabel="time of a call [s]")
+        ax.grid(alpha=0.3)
+    places[0].set_ylabel("error [%]")
+    places[0].legend(title="guys", fontsize=8)
+    return figure
+
+
 def main() -> None:
     """Run all cases and write the table."""
     parser = command_line(__doc__, readme=True, quick="60 s of one wind")
@@ -125,10 +151,12 @@ def main() -> None:
     rows = []
     for name, found in results.items():
         columns = list(zip(*found, strict=True))
-        means = [f"{100.0 * statistics.mean(column):.2g} %" for column in columns[:5]]
+        means = [f"{short(100.0 * statistics.mean(column))} %" for column in columns[:5]]
         rows.append([name, *means, *(f"{statistics.median(column):.3g}" for column in columns[5:])])
     table = markdown_table(["guys", *COLUMNS], rows)
     show_table("turned" if options.direction else "storm", table, HERE if options.readme else None)
+    if options.readme and not options.direction:
+        draw(results).savefig(HERE / "mast.png", dpi=75)
 
 
 if __name__ == "__main__":
