@@ -189,7 +189,7 @@ def simulate(
         law=law,
         **({} if quadrature is None else {"quadrature": quadrature}),
         scheme=result.attrs.get("scheme", scheme),
-        **({} if links is None else {"links": [int(number) for number in links]}),
+        **({} if links is None else {"links": [int(number) for number in np.atleast_1d(links)]}),
         **(values_of_members(scene) if several else {}),
     )
 

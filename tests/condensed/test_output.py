@@ -69,6 +69,12 @@ def test_velocities_are_the_rates_of_the_positions(soft, modes, dims, order, law
         assert np.abs(numeric - inner).max() < allowed * np.abs(inner).max()
 
 
+def test_a_number_of_a_link_stands_for_a_list_of_one(soft, modes):
+    scene, options = cp.make_scene(soft), {"outputs": ("tension",), "step": 1 / 100}
+    one, listed = (cp.condensed.simulate(scene, modes[2], links=links, **options) for links in (3, [3]))
+    xr.testing.assert_identical(one, listed)
+
+
 def test_positions_and_tensions_are_those_of_the_chain(soft):
     mapping = {**soft, "cable": {**soft["cable"], "youngs_modulus": 2e8}}
     scene = cp.make_scene(mapping)
