@@ -113,6 +113,7 @@ def test_chosen_elements_and_step_keep_their_word(law, soft):
     assert 1e-6 < distance(rough, fine) <= 2e-3
 
 
+@pytest.mark.slow
 def test_a_tolerance_picks_the_implicit_scheme_where_it_is_faster(soft):
     soft["cable"]["youngs_modulus"] = 2e11
     soft["time"]["duration"] = 20.0

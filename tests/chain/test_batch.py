@@ -133,9 +133,7 @@ def assert_same_bits(run, scenes, options):
             assert own == value, name
 
 
-@pytest.mark.parametrize(
-    "case", slow_but(CASES, "tension", "all outputs", "between steps", "other links", "loads and damping")
-)
+@pytest.mark.parametrize("case", slow_but(CASES, "tension", "all outputs", "between steps", "other links"))
 def test_batched_members_equal_single_runs(soft, monkeypatch, case):
     tables, varied, options = CASES[case]
     scenes = scenes_of(soft, tables, varied)
@@ -246,6 +244,7 @@ def test_members_of_lanes_that_fail_report_the_reason_of_single_runs(soft):
     assert_equal_members(run.isel(member=good), scenes.isel(member=good), options)
 
 
+@pytest.mark.slow
 def test_blocks_of_lanes_change_no_bit_and_few_members_run_alone(soft, monkeypatch):
     scenes = scenes_of(soft, BOTH | LOADED, {"cable_top_tension": np.linspace(200.0, 300.0, 7)})
     options = {"scheme": "trapezoidal", "step": 1e-3, "outputs": ALL}

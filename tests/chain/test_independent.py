@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from suite import slow
 
 import cablepod as cp
 
@@ -83,7 +84,7 @@ def rates(t, state, *, free_upper=False):
     return np.concatenate([np.ravel(inner[1]), np.ravel(force[moved] / mass[moved, None])])
 
 
-@pytest.mark.parametrize("free_upper", [False, True])
+@pytest.mark.parametrize("free_upper", [False, slow(True)])
 def test_every_term_at_once(free_upper):
     mapping = dict(SCENE)
     if free_upper:

@@ -116,6 +116,7 @@ def test_the_condensed_model_keeps_second_order():
     assert math.log2(coarse / fine) == pytest.approx(2.0, abs=0.15)
 
 
+@pytest.mark.slow
 def test_a_slack_cable_is_not_damped():
     # a free particle falls beside a slack link: nothing but gravity acts
     scene = {

@@ -71,6 +71,7 @@ def test_members_equal_runs_of_their_scenes_alone_to_rounding(soft, case, dims):
             assert np.abs(values - truth).max() <= 1e-12 * scale, (name, i)
 
 
+@pytest.mark.slow
 def test_chords_that_turn_into_the_reference_axis_have_no_positions(soft, monkeypatch):
     # the first member passes the vertical, where the normals of positions are not defined
     varied = {"ends_upper": [[1.9, 7.2], [7.0, 3.0], [6.0, 4.0]]}

@@ -76,6 +76,7 @@ def test_members_with_one_output_instant_are_compared_at_others_too(soft, alone)
     np.testing.assert_allclose(run.time_error_estimate, many.time_error_estimate, rtol=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dims", [2, slow(3)])
 @pytest.mark.parametrize(
     "outputs", [("position", "error_estimate"), slow(()), slow(("tension",)), slow(("tension_extremes",))]
@@ -136,6 +137,7 @@ def test_failing_members_report_the_reason_of_single_runs(soft, monkeypatch):
     assert_equal_to_runs_alone(run.isel(member=[0, 2]), scenes.isel(member=[0, 2]), modes, rank=3, outputs=())
 
 
+@pytest.mark.slow
 def test_chords_that_turn_into_the_reference_axis_have_no_positions(soft):
     # the first member passes the vertical, where the normals of positions are not defined
     varied = {"ends_upper": [[1.9, 7.2], [7.0, 3.0], [6.0, 4.0]]}

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from references.catenary_mpmath import from_length
+from suite import with_slow
 
 import cablepod as cp
 from cablepod.condensed import _kernels_host_layout as layout
@@ -85,7 +86,7 @@ def joined(run: xr.Dataset) -> np.ndarray:
 # --- the physics of a step ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", with_slow(ORDERS, "exact"))
 @pytest.mark.parametrize("name", SCENES)
 def test_steps_converge_to_simulate_with_order_two(name, order):
     mapping = SCENES[name]
@@ -435,7 +436,7 @@ def test_trial_twice_is_trial_once(order):
     assert np.abs(once.force - prepared(SPATIAL, order).force).max() > 1.0
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", with_slow(ORDERS, "exact"))
 @pytest.mark.parametrize("name", SCENES)
 def test_resume_goes_on_bit_by_bit(name, order, tmp_path):
     position, velocity, _ = table(SCENES[name], 0.01)

@@ -102,6 +102,7 @@ def test_it_survives_an_interrupt(soft, ctrl_c, tmp_path):
     goes_on(folder, soft)
 
 
+@pytest.mark.slow
 def test_the_command_says_how_to_go_on(ctrl_c, tmp_path):
     scene = tmp_path / "study.toml"
     scene.write_text(SOFT_TOML + '[ensemble]\nmembers = 500\n[ensemble.ranges]\n"cable.top_tension" = [200.0, 300.0]\n')

@@ -137,9 +137,7 @@ def test_it_warns_of_fast_ends_in_scenes_unlike_those_of_the_snapshots(soft, mod
 
 def test_it_warns_where_it_expects_to_be_wrong(soft, modes):
     scene = cp.make_scene(scene_of(soft, tension=600.0, omega=3.0))
-    with pytest.warns(
-        cp.OutOfRangeWarning, match=r"expects an error of .* times the motion \(error_estimate, above 0.5\)"
-    ):
+    with pytest.warns(cp.OutOfRangeWarning, match=r"expects an error of .* of the model Galerkin, r = 1, above 0.5\)"):
         cp.galerkin.simulate(scene, modes, rank=1, times=TIMES, step=1e-3)
 
 

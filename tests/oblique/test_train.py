@@ -150,6 +150,7 @@ def test_explicit_and_implicit_steps_agree(soft, order, dims):
         np.testing.assert_allclose(other, both[0], rtol=0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_quadrature_with_test_functions_agrees_with_the_links(soft):
     scene = cp.make_scene({**soft, "chain": {"links": 40}})
     sines = np.sin(np.pi * np.outer(np.arange(1.0, 5.0), np.linspace(0.0, 1.0, 41)))
@@ -282,6 +283,7 @@ def test_part_of_a_training_case_is_a_shorter_run(example):
     assert whole.first_part(1e-6).times.size == 2  # the shortest run
 
 
+@pytest.mark.slow
 def test_the_gain_holds_after_the_training_time(example, trained):
     """Trained on 30 s, half of the error over 90 s."""
     scene, _, modes = example

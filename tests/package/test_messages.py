@@ -40,6 +40,7 @@ KEY_WORDS = 3
 EXCEPTIONS = {
     # passed on: the message of an error that was made elsewhere, and is collected there
     ("SceneError", "{named(str(path))}: {error}"): "the file's name before a refusal of its contents",
+    ("SceneError", "{kind.instead[1]}"): "a text beside its kind, which has all fields",
     ("SceneError", "{text}"): "made just above, ends with a refusal",
     ("SceneError", "{key}: {error}"): "the key before a refusal of its file",
     ("SceneError", "{key}: given {shown(values)}, at {value:g} no scene: {error}"): "ends with a refusal",

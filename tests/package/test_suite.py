@@ -102,6 +102,7 @@ LEAVE = """
 """
 
 
+@pytest.mark.slow
 def test_a_process_left_behind_fails_and_is_ended(run):
     child, fork = "subprocess.Popen([sys.executable, '-c', SLEEP])", "multiprocessing.get_context('fork')"
     files = {

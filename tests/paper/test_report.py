@@ -45,9 +45,12 @@ def cut(values, digits):
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_shipped_scene_runs(name):
     given = shipped.scene(name)
-    simulate = cp.rigid.simulate if name in RIGID else cp.chain.simulate
-    run = simulate(given, times=[0.0, 0.2], step=1e-4)
-    assert np.isfinite(run.position).all()
+    if "mast_height" in given:
+        assert np.isfinite(cp.mast.rest(given).guy_tension).all()
+    else:
+        simulate = cp.rigid.simulate if name in RIGID else cp.chain.simulate
+        run = simulate(given, times=[0.0, 0.2], step=1e-4)
+        assert np.isfinite(run.position).all()
     assert given.attrs["title"] not in {shipped.scene(other).attrs["title"] for other in VARIANTS if other != name}
     text = (shipped.data_folder() / "README.md").read_text()
     assert f"`{name}`" in text or re.fullmatch(r"example[1-4]", name), "the scene is not explained"

@@ -64,6 +64,7 @@ def size(field):
     return np.sqrt((field**2).sum(axis=2).mean(axis=1)).max()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::cablepod.NotConvergedWarning")  # tension after the start of the ends with a speed
 @pytest.mark.filterwarnings("ignore::cablepod.VelocityJumpWarning")
 @pytest.mark.parametrize(

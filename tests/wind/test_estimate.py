@@ -55,6 +55,7 @@ def rms(position, other):
     return math.sqrt((((position - other) ** 2).sum(axis=2) @ weights).max())
 
 
+@pytest.mark.slow
 def test_the_estimate_counts_the_gusts():
     scene, rank = guy(4)
     run = cp.condensed.simulate(scene, cp.condensed.vibration_modes(scene, rank=rank))

@@ -175,6 +175,7 @@ def gusty(**tables):
     )
 
 
+@pytest.mark.slow
 def test_a_gusty_guy_by_the_condensed_model_and_by_its_chain():
     scene = gusty()
     chain = cp.chain.simulate(scene, step=4e-4, outputs=("tension",)).tension.isel(link=-1)
@@ -186,6 +187,7 @@ def test_a_gusty_guy_by_the_condensed_model_and_by_its_chain():
         assert float(measure(reduced)) == pytest.approx(float(measure(chain)), rel=0.01)
 
 
+@pytest.mark.slow
 def test_explicit_and_implicit_chains_agree_in_gusts():
     scene = gusty(time={"duration": 5.0, "interval": 0.05}, chain={"links": 20})
     explicit = cp.chain.simulate(scene, step=2e-4).position
@@ -264,6 +266,7 @@ def test_other_schemes_refuse_wind():
             cp.condensed.simulate(scene, modes, scheme=scheme)
 
 
+@pytest.mark.slow
 def test_members_in_wind_have_the_bits_of_single_runs():
     scene = gusty(time={"duration": 1.0, "interval": 0.1}, chain={"links": 10})
     members = cp.ensemble.design(scene, {"wind.speed": [10.0, 30.0]}, members=3, seed=2)
@@ -286,6 +289,7 @@ def test_a_ramp_starts_in_still_air():
     assert float(np.abs(run.position[-1] - still.position).max()) > 0.05
 
 
+@pytest.mark.slow
 def test_planar_and_spatial_scenes_agree():
     planar = {**GUY, "ends": {"lower": [0.0, 0.0], "upper": [20.4, 57.7]}, "time": {"duration": 1.0, "interval": 0.1}}
     wind = {"speed": 25.0, "turbulence": {"spectrum": "kaimal"}}

@@ -163,6 +163,7 @@ def test_prepared_models_refuse_ice():
         cp.condensed.prepare(scene, cp.condensed.vibration_modes(scene, rank=2))
 
 
+@pytest.mark.slow
 def test_a_study_leaves_out_the_model_that_refuses_wind():
     wind = {"speed": 20.0, "direction": [1.0, 0.0, 0.0]}
     scene = cp.make_scene(
