@@ -247,7 +247,7 @@ def _verdict(kind: Kind, layout: str | None, name: str, dims: Dims, units: str |
     if found is None:
         return None
     own_units, own_dims, is_number = found
-    if units is not None and own_units is not None and units != own_units and _powers(units) != _powers(own_units):
+    if units is not None and own_units is not None and units != own_units and powers(units) != powers(own_units):
         return f"units {units!r}", f"{own_units}, the units of the package"
     if own_dims is None or not _matters(kind, name):
         return None
@@ -301,7 +301,7 @@ def _dims_allowed(kind: Kind, layout: str | None, name: str, own: Dims) -> tuple
 
 
 @lru_cache(256)
-def _powers(units: str) -> dict[str, int] | None:
+def powers(units: str) -> dict[str, int] | None:
     """Return the powers of the units in a text such as "m s-1", "m/s" or "meter / second"; None for any other text."""
     powers: dict[str, int] = {}
     for place, part in enumerate(units.replace("**", "").replace("^", "").replace("*", " ").split("/")):

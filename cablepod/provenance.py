@@ -236,7 +236,7 @@ def with_manual_change(dataset: xr.Dataset, known_digest: str | None = None) -> 
     if dataset.attrs.get("stage") != "scene" or "values_sha256" not in dataset.attrs:
         return dataset
     new_digest = known_digest or digest(dataset)
-    if new_digest == dataset.attrs["values_sha256"]:
+    if new_digest == str(dataset.attrs["values_sha256"]):
         return dataset
     original = dataset[[]]
     original.attrs = {key: value for key, value in dataset.attrs.items() if key != "values_sha256"}

@@ -372,7 +372,7 @@ def dimension_renamed(ds, rng):
 @alteration
 def dimension_picked(ds, rng):
     """One element of a dimension, which is lost."""
-    dim = pick(ds.dims, rng)
+    dim = pick([dim for dim, size in ds.sizes.items() if size], rng)
     return None if dim is None else Altered(ds.isel({dim: 0}), "other")
 
 

@@ -248,7 +248,8 @@ def key_of_variable(name: str) -> Key | None:
     if len(tables) > 1 and last in COORDINATES and tables[0] != "motion":
         key = key_of_variable("_".join(tables))
         return None if key is None else replace(key, check=number())
-    keys = dict(TABLES.get(tables[0], {}) if tables[0] != "point_load" else POINT_LOAD)
+    table = ".".join(tables) if ".".join(tables) in TABLES else tables[0]
+    keys = dict(TABLES.get(table, {}) if table != "point_load" else POINT_LOAD)
     if (of_mast := keys_of_mast(tables)) is not None:
         keys = dict(of_mast)
     if tables[0] in ("motion", "load", "point_load") or tables[:2] == ["mast", "load"]:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod._inputs import MAPPED, taken
+from cablepod._inputs import MAPPED, powers, taken
+from cablepod.conventions import VARIABLES
 from cablepod.errors import SceneError, scene_error
-from cablepod.parameters._key_paths import variable_name
+from cablepod.parameters._key_paths import key_of_variable, variable_name
 from cablepod.plots import _style
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR
 
@@ -231,6 +232,10 @@ def _flat_columns(result: xr.Dataset, variable: str, x: str, y: str) -> tuple[np
     for key, name in (("variable", variable), ("x", x), ("y", y)):
         if name not in numbers:
             raise scene_error(key, name, "a variable of numbers: " + ", ".join(numbers))
+        own = scene_key.units if (scene_key := key_of_variable(name)) else VARIABLES.get(name, (None,))[0]
+        units = result[name].attrs.get("units")
+        if own is not None and units is not None and powers(str(units)) != powers(own):
+            raise SceneError(f"{key}: given {name} in {units}; allowed: {own}, the units of the package")
     array = result[variable]
     if variable in _style.OVER_LINKS and array.dims == ("member", "link") and array.size:
         array = array.reduce(_style.OVER_LINKS[variable], "link")

@@ -57,7 +57,8 @@ def guy_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
         For another Dataset.
     """
     run = taken("run", run, TENSIONS)
-    time, tension = run["time"].values, 1e-3 * run["guy_tension"].transpose("time", "guy").values
+    tensions = _numbers("run", run, "guy_tension", ("time", "guy"), TENSIONS)
+    time, tension = tensions["time"].values, 1e-3 * tensions.values
     ax = _style.axes(ax)
     tables = run["table"].values if "table" in run else np.ones(tension.shape[1], dtype=int)
     for g, table in enumerate(tables):
@@ -97,8 +98,9 @@ def bending_moments(result: xr.Dataset, *, component: str = "x", ax: Axes | None
         names = ["bending_moment"]
     if not names:
         raise SceneError(f"result: given a Dataset without bending moments; allowed: {HEIGHTS.allowed}")
-    ax, height = _style.axes(ax), result["node_height"].values
-    values = [1e-3 * result[name].sel(coordinate=component).values for name in names]
+    ax, height = _style.axes(ax), _numbers("result", result, "node_height", ("node",), HEIGHTS).values
+    moments = [_numbers("result", result, name, ("node", "coordinate"), HEIGHTS) for name in names]
+    values = [1e-3 * moment.sel(coordinate=component).values for moment in moments]
     for name, numbers, line in zip(names, values, LINES, strict=False):
         ax.plot(numbers, height, color=COLOURS[0], linestyle=line, label=name.replace("bending_moment", "").strip("_"))
     if len(values) == 2:
@@ -133,12 +135,15 @@ def mast_shapes(frequencies: xr.Dataset, *, count: int = 6, ax: Axes | None = No
     """
     frequencies = taken("frequencies", frequencies, SHAPES)
     integer(least=1)("count", count)
-    shapes = frequencies["mode_shape"].transpose("mode", "node", "coordinate").values
-    share = frequencies["mast_share"].values if "mast_share" in frequencies else np.ones(len(shapes))
+    shapes = _numbers("frequencies", frequencies, "mode_shape", ("mode", "node", "coordinate"), SHAPES).values
+    share, omega = (
+        _numbers("frequencies", frequencies, name, ("mode",), SHAPES).values
+        for name in ("mast_share", "angular_frequency")
+    )
     if shapes.shape[-1] != 3:
         raise scene_error("frequencies", shapes.shape, SHAPES.allowed)
     chosen = np.sort(np.argsort(-share, kind="stable")[:count])
-    ax, height = _style.axes(ax), frequencies["node_height"].values
+    ax, height = _style.axes(ax), _numbers("frequencies", frequencies, "node_height", ("node",), SHAPES).values
     ticks: list[Any] = []
     for place, mode in enumerate(chosen):
         size = np.linalg.norm(shapes[mode], axis=1)
@@ -146,7 +151,15 @@ def mast_shapes(frequencies: xr.Dataset, *, count: int = 6, ax: Axes | None = No
         across = shapes[mode] @ turn
         ax.axvline(2.0 * place, color="0.8", linewidth=0.8, zorder=0)
         ax.plot(2.0 * place + 0.9 * across / max(float(np.abs(across).max()), 1e-300), height, color=COLOURS[0])
-        ticks.append(f"{float(frequencies['angular_frequency'][mode]) / (2.0 * np.pi):.3g}")
+        ticks.append(f"{omega[mode] / (2.0 * np.pi):.3g}")
     ax.set_xticks(2.0 * np.arange(len(chosen)), ticks)
     ax.set(xlabel="frequency [Hz]", ylabel="height [m]")
     return ax
+
+
+def _numbers(key: str, dataset: xr.Dataset, name: str, dims: tuple[str, ...], kind: Kind) -> xr.DataArray:
+    """Return a checked variable of numbers with these dimensions."""
+    array = _style.take(key, dataset, name, dims, kind.allowed)
+    if array.dtype.kind == "b":
+        raise SceneError(f"{key}: given {name} of type {array.dtype}; allowed: numbers, {kind.allowed}")
+    return array

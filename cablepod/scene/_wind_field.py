@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod._inputs import _powers
+from cablepod._inputs import powers
 from cablepod.catenary._rest import _rest_of_member
 from cablepod.errors import SceneError, named, scene_error
 from cablepod.parameters._parameters import Parameters
@@ -233,5 +233,5 @@ def _check_units(path: str, field: xr.Dataset, name: str, units: str) -> None:
     if name not in field.variables or "units" not in field[name].attrs:
         return
     given = str(field[name].attrs["units"]).partition(" since ")[0].replace("seconds", "s")
-    if _powers(given) != _powers(units):
+    if powers(given) != powers(units):
         raise SceneError(f"{RECORD}: {named(path)}: {name}: given units {given!r}; allowed: {units}")

@@ -73,6 +73,21 @@ def test_every_function_is_altered_and_every_alteration_applies():
     assert applies == set(ALTERATIONS)
 
 
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    "attempt",
+    [
+        Attempt("archive.write/scene", True, 0, "attribute: array", 120101976),
+        Attempt("mast.simulate", True, 0, "kinds: dates", 35298673),
+        Attempt("plots.bending_moments", False, 0, "kinds: dates", 456008182),
+        Attempt("plots.parameter_map", False, 0, "units: kN", 964986768),
+    ],
+    ids=lambda attempt: attempt.name,
+)
+def test_what_was_found_stays_mended(attempt):
+    assert fault(attempt) is None
+
+
 def test_a_reordered_run_is_projected_by_its_labels():
     run, modes = datasets()["chain"], datasets()["modes"]
     expected = contents(cp.pod.project(run, modes))
