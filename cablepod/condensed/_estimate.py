@@ -25,8 +25,8 @@ EXTRA_MODES = 3
 #: Points along the cable for a motion of order "leading": POINTS plus POINTS_PER_MODE for each mode.  Other motions obey the
 #: exact closure on all links, and their residual is taken there.
 POINTS, POINTS_PER_MODE = 4, 2
-#: Joint Newton corrections of the closure, for order "leading" and for others (quadratic: the first leaves 1e-2 of the change).
-CORRECTIONS_LEADING, CORRECTIONS = 1, 4
+#: Joint Newton corrections of the closure, for order "leading" and for others (one leaves 1e-2 of the change, two 1e-4).
+CORRECTIONS_LEADING, CORRECTIONS = 1, 2
 #: Maximum interval of the residual samples times the angular frequency of the first truncated mode.
 SAMPLING_PHASE = 2.0
 #: Minimum number of samples in the shortest time scale of ends and loads.
@@ -156,6 +156,7 @@ class ErrorEquation:
         in_plane: int,
         *,
         leading: bool,
+        points: int = 0,
     ) -> ErrorEquation:
         """Prepare the equation for a motion on mass-orthonormal shapes.
 
@@ -169,9 +170,10 @@ class ErrorEquation:
             Shapes of the coordinates of the motion (r, particle), and how many of them are in plane.
         leading
             Whether the motion obeys the closure to leading order.
+        points
+            Number of points of a Gauss rule for the residual; 0 for the links.
         """
         p, length = chain.p, chain.total_length
-        points = POINTS + POINTS_PER_MODE * max(len(part) for part in sets) if leading else 0
         unit, at = unit_coefficients(sets, chain.arc_length / length, p, points)
         # powers of mass and length: of the shapes, their slopes, and the loads (point loads do not grow with the length)
         shape = 1.0 / math.sqrt(p.mass * length)
@@ -370,7 +372,10 @@ def _error_at_start(
 ) -> tuple[ErrorEquation, np.ndarray, np.ndarray]:
     """Return the error equation of a model, the error at the start and its rate (R,); kept as long as the model is."""
     leading = model.order == "leading"
-    equation = ErrorEquation.of(model.chain, model.modes, model.shapes, model.n_in_plane, leading=leading)
+    points = POINTS + POINTS_PER_MODE * max(len(part) for part in model.modes) if leading else 0
+    equation = ErrorEquation.of(
+        model.chain, model.modes, model.shapes, model.n_in_plane, leading=leading, points=points
+    )
     q = model.initial_state[0]
     if model.chain.p.initial:
         error = equation.coordinates(model.start_deflection()[:, 0]) - equation.change @ q

@@ -75,7 +75,12 @@ class SceneContent:
 
 @lru_cache(64)
 def _kept_parameters(content: SceneContent) -> Parameters:
-    return parameters(content.scene.copy(deep=True))  # the caller may change his own
+    members = Members(content.scene)
+    # the caller may change the arrays of his scene
+    members.fixed = {
+        name: value.copy() if isinstance(value, np.ndarray) else value for name, value in members.fixed.items()
+    }
+    return members[0]
 
 
 class Members(Sequence[Parameters]):
