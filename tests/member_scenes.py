@@ -23,6 +23,10 @@ CASES = {
     "material": (BOTH, {"cable_density": [1000.0, 500.0, 1500.0, 800.0], "cable_area": [1e-3, 2e-3, 5e-4, 9e-4]}),
     "damping": (BOTH, {"damping_mass_proportional": [0.8, 0.0, 2.0, 0.1]}),
     "load": (BOTH, {"load_uniform": [[3.0, -2.0], [0.0, 0.0], [-1.0, 1.0], [0.0, 4.0]]}),
+    "ramp": (
+        {"lower": {"y": {**HARMONIC, "ramp": 0.9}}, **ONE},
+        {"motion_lower_y_ramp": [0.9, 0.0, 1.234, 30.0], "motion_lower_y_phase": [0.0, 0.4, -2.0, 7.0]},
+    ),
     "still": ({}, {"cable_top_tension": [200.0, 300.0, 230.0, 900.0]}),
 }  # fmt: skip
 

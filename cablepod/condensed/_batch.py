@@ -21,6 +21,7 @@ from cablepod.condensed._rescale import MemberStates, rescale_coefficients, resc
 from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.discretisation._chord_frame import MAX_COSINE, reference_axis
 from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._window import steps_within, window_attributes
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._parameters import Parameters
 from cablepod.pod import _normal as pod_normal
@@ -109,18 +110,15 @@ BATCHED_OUTPUTS = {"position", "tension", "tension_extremes"}
 def plan(modes: xr.Dataset, unit: CondensedModel, members: Members, request: CondensedRequest) -> RunChunk | None:
     """Return how to run many members in compiled blocks; None where these do not support the request."""
     step, outputs = request.step, set(request.outputs)
-    if (
-        unit.raw_test_functions is not None
-        or request.window is not None
-        or request.wind is not None
-        or unit.order != "leading"
-    ):
+    if unit.raw_test_functions is not None or request.wind is not None or unit.order != "leading":
         return None
     # the duration decides on the reference state
     if "time_duration" in members.varied or (request.times is None and "time_interval" in members.varied):
         return None
     if not members.can_be_stacked:
         return None
+    if request.window is not None:
+        request.instants(members[0])  # refuses a window outside of the run
     if step is None:
         from cablepod.condensed._batch_fitted import plan_fitted  # whose batch is one of this file
 
@@ -132,9 +130,11 @@ def plan(modes: xr.Dataset, unit: CondensedModel, members: Members, request: Con
     instants = OutputTimes.of(times, 1.0 / step)
     if instants.needs_interpolation or instants.steps.size != times.size:
         return None
-    shared = shared_attributes(unit, instants, SCHEMES[0], modes)
+    if request.window is not None:
+        steps_within(request.window, instants.steps_per_second)  # refuses one of less than two steps
+    shared = shared_attributes(unit, instants, SCHEMES[0], modes) | window_attributes(request.window)
     end_time = members[0].duration or 0.0
-    return CondensedBatchPlan(modes, unit, members, outputs, request.links, end_time, instants, shared)
+    return CondensedBatchPlan(modes, unit, members, outputs, request.links, end_time, request.window, instants, shared)
 
 
 @dataclass(frozen=True)
@@ -147,6 +147,7 @@ class MembersPlan:
     outputs: set[str]
     links: np.ndarray | None  #: indices, from 0, of the links whose tensions are computed; None for all
     end_time: float  #: duration of the scenes, over which the reference state is taken [s]
+    window: tuple[float, float] | None  #: part of the run over which extremes are taken [s]; None for all
 
 
 @dataclass(frozen=True)

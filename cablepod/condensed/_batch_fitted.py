@@ -34,6 +34,7 @@ from cablepod.condensed._waves import INTEGRATED_RATIO
 from cablepod.discretisation._chord_frame import MAX_COSINE
 from cablepod.integrate._output_times import OutputTimes, judged_instants, with_judged
 from cablepod.integrate._step_control import FIRST_MARGIN, MAX_WORK, STEPS_PER_CHANGE
+from cablepod.integrate._window import window_attributes
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._parameters import Parameters
 from cablepod.pod import _normal as pod_normal
@@ -61,7 +62,9 @@ def plan_fitted(
         return None
     check_memory(times.size, unit.chain.links, unit.chain.p.dims, key="times", variables=3)
     end_time = members[0].duration or 0.0
-    return FittedBatchPlan(modes, unit, members, outputs, request.links, end_time, times, request.scheme is None)
+    return FittedBatchPlan(
+        modes, unit, members, outputs, request.links, end_time, request.window, times, request.scheme is None
+    )
 
 
 @dataclass(frozen=True)
@@ -162,10 +165,11 @@ class FittedBatch(MemberCoefficients):
         time_scales = np.broadcast_to(p.shortest_time_scale, free.shape)
         first = np.minimum(free, time_scales / STEPS_PER_CHANGE)
         largest = MAX_WORK / (end_time * self.plan.unit.chain.links)
+        window = end_time if self.plan.window is None else self.plan.window[1] - self.plan.window[0]
         rates, intervals, modes = np.zeros(limit.size), np.ones(limit.size), self.plan.unit.n_in_plane
         for m in np.flatnonzero(suited).tolist():
             rate = whole_steps_per_second(1.0 / float(first[m]))
-            if rate <= largest and end_time * rate >= MIN_STEPS:
+            if rate <= largest and end_time * rate >= MIN_STEPS and window * rate > 2.0:
                 rates[m] = rate
                 bound = float(omega_squared[m]), modes, 2.0 * rate, end_time
                 intervals[m] = sample_interval(*bound, time_scale=float(time_scales[m]))
@@ -244,6 +248,7 @@ class FittedBatch(MemberCoefficients):
     ) -> None:
         """Set the attributes of members with equal steps."""
         shared = shared_attributes(self.plan.unit, instants, FOURTH_ORDER, self.plan.modes)
+        shared |= window_attributes(self.plan.window)
         own = {
             "smallest_chordwise_force": done.lanes.least_force,
             "time_of_smallest_force": done.lanes.least_force_step / instants.steps_per_second,

@@ -26,7 +26,14 @@ from cablepod.condensed._kernels_layout import (
     STIFFNESS,
     UNIFORM,
 )
-from cablepod.parameters._kernels_sines import ROTATIONS, TURN_ROWS, rotate, start_rotations
+from cablepod.parameters._kernels_sines import (
+    ROTATIONS,
+    TURN_ROWS,
+    ramp_ends,
+    rotate,
+    start_rotations,
+    steps_of_ramps,
+)
 
 
 @compiled(noalias=True, forceinline=True)
@@ -192,7 +199,7 @@ def _advance_lanes(
     first, count, in_plane, out_of_plane, patterns, steps, steps_per_second, output_steps, rows, motions, ends, load,
     reference, q, v, kappa, members, mean_chordwise_forces, geometric_stiffness, load_projection,
     geometric_stiffness_norms, chordwise_forces_at_candidates, slopes, force_patterns, bases, shapes, link_shares, rest_profile,
-    all_slopes, all_force_patterns, low, high, least_force, least_force_step, largest_omega_squared, amplitudes,
+    all_slopes, all_force_patterns, watched, low, high, least_force, least_force_step, largest_omega_squared, amplitudes,
     amplitudes_out_of_plane, tension_series, positions,
 ):  # fmt: skip
     """Advance one group of lanes; see :func:`leading_lanes`."""
@@ -202,12 +209,14 @@ def _advance_lanes(
     loads = np.empty((len(patterns) * load.shape[0], lanes))
     axes, normals = np.empty((3, lanes)), np.empty((6, lanes))
     modes = in_plane + out_of_plane
-    amplitude = np.empty((len(modes), lanes))
+    amplitude, ramped = np.empty((len(modes), lanes)), steps_of_ramps(motions, steps_per_second)
     for i in range(steps):
         if i % (4 * ROTATIONS) == 0:
             start_rotations(i, steps_per_second, motions, turns, waves)
         if i == 0 or len(patterns) > 1:
             rotate(i, rows, turns, waves, ends, accelerations)
+            if i < ramped:
+                ramp_ends(i, steps_per_second, rows, motions, turns, waves, ends, accelerations)
             if reference is None:
                 planar_frames_of_lanes(
                     patterns, ends, accelerations, load, members[MASS], members[LENGTH], chord, loads
@@ -222,13 +231,15 @@ def _advance_lanes(
             chordwise_forces_at_candidates, chord_tension, least_force, least_force_step, largest_omega_squared,
         )  # fmt: skip
         is_output = next_output < output_steps.size and output_steps[next_output] == i
-        if is_output or low.shape[0]:
+        is_watched = low.shape[0] > 0 and watched[0] <= i <= watched[1]
+        if is_output or is_watched:
             _fill_amplitudes(in_plane, 0, q, bases, amplitude)
             _fill_amplitudes(out_of_plane, len(in_plane), q, bases, amplitude)
-        _update_extremes(
-            in_plane, out_of_plane, patterns, amplitude, members, chord_tension, loads, slopes, force_patterns, low,
-            high,
-        )  # fmt: skip
+        if is_watched:
+            _update_extremes(
+                in_plane, out_of_plane, patterns, amplitude, members, chord_tension, loads, slopes, force_patterns, low,
+                high,
+            )  # fmt: skip
         if is_output:
             _save_lanes(
                 next_output, first, count, in_plane, out_of_plane, patterns, amplitude, members, chord_tension, loads,
@@ -257,7 +268,7 @@ def leading_lanes(
     count, in_plane, out_of_plane, patterns, steps, steps_per_second, output_steps, rows, motions, ends, load,
     reference, q, v, kappa, members, mean_chordwise_forces, geometric_stiffness, load_projection,
     geometric_stiffness_norms, chordwise_forces_at_candidates, slopes, force_patterns, bases, shapes, link_shares, rest_profile,
-    all_slopes, all_force_patterns, low, high, least_force, least_force_step, largest_omega_squared, amplitudes,
+    all_slopes, all_force_patterns, watched, low, high, least_force, least_force_step, largest_omega_squared, amplitudes,
     amplitudes_out_of_plane, tension_series, positions,
 ):  # fmt: skip
     """Advance many members by velocity Verlet to leading order, as ``leading_verlet`` advances one.
@@ -300,6 +311,8 @@ def leading_lanes(
     shapes, link_shares, rest_profile, all_slopes, all_force_patterns
         For positions: modes as given (particles, r), share of each link in the length (n,), profile of the squared slopes at
         rest (n,), and `slopes` and `force_patterns` of all links.
+    watched
+        First and last step that the extremes count (2,).
     low, high
         Extremes of the signed squares of the link tensions (groups, links, lanes) [N^2], or without links; changed.
     least_force, least_force_step, largest_omega_squared
@@ -317,6 +330,6 @@ def leading_lanes(
             output_steps, rows, motions[g], ends[g], load[g], reference_of_group, q[g], v[g], kappa[g], members[g],
             mean_chordwise_forces, geometric_stiffness[g], load_projection[g], geometric_stiffness_norms[g],
             chordwise_forces_at_candidates, slopes, force_patterns, bases[g], shapes, link_shares, rest_profile, all_slopes,
-            all_force_patterns, low[g], high[g], least_force[g], least_force_step[g], largest_omega_squared[g],
+            all_force_patterns, watched, low[g], high[g], least_force[g], least_force_step[g], largest_omega_squared[g],
             amplitudes, amplitudes_out_of_plane, tension_series, positions,
         )  # fmt: skip

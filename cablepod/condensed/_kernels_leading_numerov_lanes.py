@@ -14,13 +14,20 @@ from cablepod.condensed._kernels_frame import planar_frames_of_lanes, spatial_fr
 from cablepod.condensed._kernels_layout import LENGTH, MASS, SAG_STIFFNESS, STIFFNESS
 from cablepod.condensed._kernels_leading_lanes import _close_lanes, _fill_amplitudes, _update_extremes
 from cablepod.condensed._kernels_leading_numerov import START_CORRECTIONS
-from cablepod.parameters._kernels_sines import ROTATIONS, TURN_ROWS, rotate, start_rotations
+from cablepod.parameters._kernels_sines import (
+    ROTATIONS,
+    TURN_ROWS,
+    ramp_ends,
+    rotate,
+    start_rotations,
+    steps_of_ramps,
+)
 
 
 @compiled
 def _boundary_data_of_step(
-    i, patterns, steps_per_second, rows, motions, turns, waves, ends, accelerations, load, members, reference, chord,
-    axes, normals, loads,
+    i, patterns, steps_per_second, ramped, rows, motions, turns, waves, ends, accelerations, load, members, reference,
+    chord, axes, normals, loads,
 ):  # fmt: skip
     """Fill chord lengths (lanes,) [m] and loads times the length (rows, lanes) [N] of a step; steps must follow each other."""
     if i > 0 and len(patterns) == 1:  # no end moves
@@ -28,6 +35,8 @@ def _boundary_data_of_step(
     if i % (4 * ROTATIONS) == 0:
         start_rotations(i, steps_per_second, motions, turns, waves)
     rotate(i, rows, turns, waves, ends, accelerations)
+    if i < ramped:
+        ramp_ends(i, steps_per_second, rows, motions, turns, waves, ends, accelerations)
     if reference is None:
         planar_frames_of_lanes(patterns, ends, accelerations, load, members[MASS], members[LENGTH], chord, loads)
     else:
@@ -135,7 +144,7 @@ def _save_states(
 def _advance_lanes(
     first, count, in_plane, out_of_plane, patterns, steps, steps_per_second, output_steps, rows, motions, ends, load,
     reference, q, v, damping, kappa, members, mean_chordwise_forces, geometric_stiffness, load_projection,
-    geometric_stiffness_norms, chordwise_forces_at_candidates, slopes, force_patterns, bases, low, high, least_force,
+    geometric_stiffness_norms, chordwise_forces_at_candidates, slopes, force_patterns, bases, watched, low, high, least_force,
     least_force_step, largest_omega_squared, saved, half_step_rates, boundary_data,
 ):  # fmt: skip
     """Advance one group of lanes; see :func:`leading_numerov_lanes`."""
@@ -148,6 +157,7 @@ def _advance_lanes(
     amplitude, f, new_q, new_f = np.empty((r, lanes)), np.empty((r, lanes)), np.empty((r, lanes)), np.empty((r, lanes))
     f_before, f_before_that = np.zeros((r, lanes)), np.zeros((r, lanes))
     growth, decay, excess = np.empty(lanes), np.empty(lanes), np.empty(lanes)
+    ramped = steps_of_ramps(motions, steps_per_second)
     early_chords, early_loads = np.empty((3, lanes)), np.empty((3, *loads.shape))
     for m in range(lanes):
         growth[m] = math.exp(0.5 * damping[m] * step)
@@ -155,8 +165,8 @@ def _advance_lanes(
         excess[m] = 0.25 * damping[m] * damping[m]
     for i in range(3):  # the first step needs the loads of three instants
         _boundary_data_of_step(
-            i, patterns, steps_per_second, rows, motions, turns, waves, ends, accelerations, load, members, reference,
-            chord, axes, normals, loads,
+            i, patterns, steps_per_second, ramped, rows, motions, turns, waves, ends, accelerations, load, members,
+            reference, chord, axes, normals, loads,
         )  # fmt: skip
         early_chords[i], early_loads[i] = chord, loads
     for i in range(steps + 1):
@@ -164,7 +174,7 @@ def _advance_lanes(
             chord[:], loads[:] = early_chords[i], early_loads[i]
         else:
             _boundary_data_of_step(
-                i, patterns, steps_per_second, rows, motions, turns, waves, ends, accelerations, load, members,
+                i, patterns, steps_per_second, ramped, rows, motions, turns, waves, ends, accelerations, load, members,
                 reference, chord, axes, normals, loads,
             )  # fmt: skip
         if i > 1:
@@ -181,7 +191,7 @@ def _advance_lanes(
             i, modes, patterns, q, kappa, members, chord, loads, mean_chordwise_forces, geometric_stiffness_norms,
             chordwise_forces_at_candidates, chord_tension, least_force, least_force_step, largest_omega_squared,
         )  # fmt: skip
-        if low.shape[0]:
+        if low.shape[0] and watched[0] <= i <= watched[1]:
             _fill_amplitudes(in_plane, 0, q, bases, amplitude)
             _fill_amplitudes(out_of_plane, len(in_plane), q, bases, amplitude)
             _update_extremes(
@@ -245,7 +255,7 @@ def _advance_lanes(
 def leading_numerov_lanes(
     count, in_plane, out_of_plane, patterns, steps, steps_per_second, output_steps, rows, motions, ends, load,
     reference, q, v, damping, kappa, members, mean_chordwise_forces, geometric_stiffness, load_projection,
-    geometric_stiffness_norms, chordwise_forces_at_candidates, slopes, force_patterns, bases, low, high, least_force,
+    geometric_stiffness_norms, chordwise_forces_at_candidates, slopes, force_patterns, bases, watched, low, high, least_force,
     least_force_step, largest_omega_squared, saved, half_step_rates, boundary_data,
 ):  # fmt: skip
     """Advance many members by Numerov's method with an explicit prediction of the new force, to leading order.
@@ -261,6 +271,8 @@ def leading_numerov_lanes(
         Coordinates and rates at the start (groups, r, lanes); changed.
     damping
         Mass-proportional damping (groups, lanes) [1/s].
+    watched
+        First and last step that the extremes count (2,).
     low, high
         Extremes of the signed squares of the link tensions (groups, links, lanes) [N^2], or without links; changed.
     saved, half_step_rates
@@ -276,6 +288,6 @@ def leading_numerov_lanes(
             g * lanes, min(lanes, count - g * lanes), in_plane, out_of_plane, patterns, steps, steps_per_second,
             output_steps, rows, motions[g], ends[g], load[g], reference_of_group, q[g], v[g], damping[g], kappa[g],
             members[g], mean_chordwise_forces, geometric_stiffness[g], load_projection[g], geometric_stiffness_norms[g],
-            chordwise_forces_at_candidates, slopes, force_patterns, bases[g], low[g], high[g], least_force[g],
+            chordwise_forces_at_candidates, slopes, force_patterns, bases[g], watched, low[g], high[g], least_force[g],
             least_force_step[g], largest_omega_squared[g], saved, half_step_rates, boundary_data,
         )  # fmt: skip

@@ -9,6 +9,7 @@ import numpy as np
 
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR
 from cablepod.conventions import COORDINATES, ENDS
+from cablepod.integrate._window import steps_within
 from cablepod.parameters._parameters import Parameters
 
 if TYPE_CHECKING:
@@ -96,7 +97,8 @@ def advance(
         groups.split(batch.scaled.slope_norms_squared), groups.split(member_numbers(batch, instants.steps_per_second)),
         unit.mean_chordwise_forces, groups.split(stiffness), groups.split(projection), groups.split(norms),
         np.ascontiguousarray(unit.chordwise_forces_at_candidates[:, [0, -1]]), slopes, force_patterns,
-        groups.split(bases), shapes, unit.chain.length, rest_profile(unit), *of_links, low, high, least_force, least_force_step,
+        groups.split(bases), shapes, unit.chain.length, rest_profile(unit), *of_links,
+        watched_steps(plan.window, instants.steps_per_second), low, high, least_force, least_force_step,
         largest_omega_squared, amplitudes[0], amplitudes[-1], tension, position,
     )  # fmt: skip
     limit = 4.0 * instants.steps_per_second**2
@@ -133,6 +135,13 @@ def matrices(batch: MemberCoefficients) -> tuple[np.ndarray, np.ndarray, np.ndar
     )
 
 
+def watched_steps(window: tuple[float, float] | None, steps_per_second: float) -> np.ndarray:
+    """Return the first and the last step that extremes count (2,); all for None."""
+    if window is None:
+        return np.array([0, np.iinfo(np.int64).max])
+    return np.array(steps_within(window, steps_per_second))
+
+
 def rest_profile(unit: CondensedModel) -> np.ndarray:
     """Return the squared slopes at rest over their mean square (n,), those of a uniform load."""
     shear = unit.chordwise_force_patterns[0] - unit.mean_chordwise_forces[0]
@@ -162,8 +171,9 @@ def member_motions(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
         rows.append(dims * ENDS.index(end) + COORDINATES.index(axis))
         values = {name: value[:, 0] for name, value in motion.values.items()}
         phase = values.get("phase", np.full(count, -0.5 * math.pi))  # that of one_minus_cosine
+        ramp, origin = values.get("ramp", np.zeros(count)), initial[:, rows[-1]]
         columns.append(
-            np.stack([values["angular_frequency"], phase, values["amplitude"], initial[:, rows[-1]], p.damping], axis=1)
+            np.stack([values["angular_frequency"], phase, values["amplitude"], origin, p.damping, ramp], axis=1)
         )
-    motions = np.stack(columns, axis=1) if columns else np.empty((count, 0, 5))
+    motions = np.stack(columns, axis=1) if columns else np.empty((count, 0, 6))
     return np.array(rows, dtype=np.int64), motions

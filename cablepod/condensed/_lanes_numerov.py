@@ -8,11 +8,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cablepod.condensed._lanes import LaneGroups, link_coefficients, matrices, member_motions, member_numbers
+from cablepod.condensed._lanes import (
+    LaneGroups,
+    link_coefficients,
+    matrices,
+    member_motions,
+    member_numbers,
+    watched_steps,
+)
 from cablepod.condensed._runs import STABLE_PHASE
 from cablepod.condensed._stepper import DIVERGENCE_FACTOR, FOURTH_ORDER
 from cablepod.integrate._output_times import OutputTimes
 from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._time_functions import ramped
 
 if TYPE_CHECKING:
     from cablepod.condensed._batch_fitted import FittedBatch
@@ -42,14 +50,14 @@ class MemberEnds:
         if derivative == 0:
             result[:] = self.initial.reshape(members, 1, 2 * dims)
         for k, row in enumerate(self.rows.tolist()):
-            omega, phase, amplitude = (self.motions[:, k, i, None] for i in range(3))
+            omega, phase, amplitude, _, _, ramp = (self.motions[:, k, i, None] for i in range(6))
             angle = omega * times + phase
-            if derivative == 0:
-                result[:, :, row] += amplitude * (np.sin(angle) - np.sin(phase))
-            elif derivative == 1:
-                result[:, :, row] += amplitude * omega * np.cos(angle)
-            else:
-                result[:, :, row] -= amplitude * omega * omega * np.sin(angle)
+            change = [
+                amplitude * (np.sin(angle) - np.sin(phase)),
+                *([amplitude * omega * np.cos(angle)] if derivative > 0 else []),
+                *([-amplitude * omega * omega * np.sin(angle)] if derivative > 1 else []),
+            ]
+            result[:, :, row] += ramped(times, ramp, change) if ramp.any() else change[-1]
         return result.reshape(members, times.size, 2, dims)
 
 
@@ -125,7 +133,8 @@ class NumerovLanes:
             count, *((0,) * number for number in (*unit.ranks, 0)[:2]), (0,) * len(unit.load_patterns),
             int(instants.steps[-1]), instants.steps_per_second, instants.steps, batch.ends.rows, motions, ends, load,
             reference, q, v, damping, kappa, members, unit.mean_chordwise_forces, stiffness, projection, norms,
-            np.ascontiguousarray(unit.chordwise_forces_at_candidates[:, [0, -1]]), slopes, force_patterns, bases, low, high,
+            np.ascontiguousarray(unit.chordwise_forces_at_candidates[:, [0, -1]]), slopes, force_patterns, bases,
+            watched_steps(batch.plan.window, instants.steps_per_second), low, high,
             least_force, least_force_step, largest_omega_squared, saved, half_step_rates, boundary_data,
         )  # fmt: skip
         completed = (np.abs(groups.join(q)) < self.bound[part, None]).all(axis=1)

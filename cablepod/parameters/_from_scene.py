@@ -134,7 +134,6 @@ class Members(Sequence[Parameters]):
             or "damping_tension_proportional" in self.varied
             or any(name.startswith(("wind_", "ice_")) for name in names)
             or any(motion.kind not in SINES for motion in p.motions.values())
-            or any(name.startswith("motion_") and name.endswith("_ramp") for name in names)
         )
 
     def stacked(self, first: int, last: int) -> Parameters:

@@ -102,7 +102,7 @@ def harmonic_of_members(start, steps_per_second, omega, phase, amplitude, origin
 
 
 @compiled
-def end_positions_of_members(times, omega, phase, amplitude, row, positions):
+def end_positions_of_members(times, omega, phase, amplitude, ramp, row, positions):
     """Add the harmonic motion of one coordinate to the ends of all members (members, times, 2 dims) [m].
 
     Parameters
@@ -111,6 +111,8 @@ def end_positions_of_members(times, omega, phase, amplitude, row, positions):
         Instants (times,) [s].
     omega, phase, amplitude
         As in :func:`harmonic`, of each member (members,); without phases the motion is amplitude (1 - cos(omega t)).
+    ramp
+        Duration of the smooth start (members,) [s], 0 without; None if no member has one.
     row
         Index of the coordinate.
     positions
@@ -119,18 +121,21 @@ def end_positions_of_members(times, omega, phase, amplitude, row, positions):
     for m in range(omega.size):
         for i in range(times.size):
             if phase is None:
-                positions[m, i, row] += amplitude[m] * (1.0 - math.cos(omega[m] * times[i]))
+                change = 1.0 - math.cos(omega[m] * times[i])
             else:
                 change = math.sin(omega[m] * times[i] + phase[m]) - math.sin(phase[m])
-                positions[m, i, row] += amplitude[m] * change
+            if ramp is not None and times[i] < ramp[m]:
+                s = times[i] / ramp[m]
+                change *= s * s * s * (10.0 - s * (15.0 - 6.0 * s))
+            positions[m, i, row] += amplitude[m] * change
 
 
 # --- lanes: members side by side, in the last dimension of all arrays ---------------------------------------------------
 
 # Rows of a motion as given: angular frequency [rad/s], phase [rad], amplitude [m], initial coordinate of the end [m],
-# mass-proportional damping [1/s].
-OMEGA, PHASE, AMPLITUDE, ORIGIN, DAMPING = range(5)
-MOTION_ROWS = 5
+# mass-proportional damping [1/s], duration of the smooth start [s], 0 without.
+OMEGA, PHASE, AMPLITUDE, ORIGIN, DAMPING, RAMP = range(6)
+MOTION_ROWS = 6
 # Rows of a turn: coordinate where the sine is zero [m], cosine and sine of the angle of four steps, factors of cosine and sine
 # in the acceleration [1/s^2].
 CENTRE, COSINE, SINE, COSINE_FACTOR, SINE_FACTOR = range(5)
@@ -184,3 +189,51 @@ def rotate(step, rows, turns, waves, ends, accelerations):
             ends[rows[k], m] = y + turns[k, CENTRE, m]
             accelerations[rows[k], m] = turns[k, COSINE_FACTOR, m] * x + turns[k, SINE_FACTOR, m] * y
             waves[k, 0, i, m], waves[k, 1, i, m] = c * x - s * y, s * x + c * y
+
+
+@compiled
+def steps_of_ramps(motions, steps_per_second):
+    """Return the number of steps within the longest smooth start of motions (motions, MOTION_ROWS, lanes)."""
+    longest = 0.0
+    for k in range(motions.shape[0]):
+        for m in range(motions.shape[2]):
+            longest = max(longest, motions[k, RAMP, m])
+    return math.ceil(longest * steps_per_second)
+
+
+@compiled(noalias=True, forceinline=True)
+def ramp_ends(step, steps_per_second, rows, motions, turns, waves, ends, accelerations):
+    """Multiply motions by their smooth starts, after :func:`rotate` wrote the step.
+
+    With s the quintic step from 0 to 1, a displacement g becomes s g, and its second derivative s g'' + 2 s' g' + s'' g.
+
+    Parameters
+    ----------
+    step, steps_per_second
+        Number of the step; steps per second [1/s].
+    rows, turns, waves
+        As for :func:`rotate`; the rotations have turned by four steps, and are turned back here.
+    motions
+        As given (motions, MOTION_ROWS, lanes).
+    ends, accelerations
+        Rows `rows` changed.
+    """
+    i, time = step % 4, step / steps_per_second
+    for k in range(rows.size):
+        for m in range(ends.shape[1]):
+            ramp, omega = motions[k, RAMP, m], motions[k, OMEGA, m]
+            x, y, cosine, sine = waves[k, 0, i, m], waves[k, 1, i, m], turns[k, COSINE, m], turns[k, SINE, m]
+            x, y = cosine * x + sine * y, cosine * y - sine * x
+            displacement, rate = y + turns[k, CENTRE, m] - motions[k, ORIGIN, m], omega * x
+            inverse = 1.0 / ramp if ramp > time else 0.0
+            s = time * inverse if ramp > time else 1.0
+            value = s * s * s * (10.0 - s * (15.0 - 6.0 * s))
+            first = 30.0 * s * s * (1.0 - s) * (1.0 - s) * inverse
+            second = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) * inverse * inverse
+            ends[rows[k], m] = motions[k, ORIGIN, m] + value * displacement
+            accelerations[rows[k], m] = (
+                value * -omega * omega * y
+                + 2.0 * first * rate
+                + second * displacement
+                + motions[k, DAMPING, m] * (value * rate + first * displacement)
+            )

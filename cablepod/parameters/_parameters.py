@@ -111,6 +111,7 @@ class Parameters:
             values = {name: np.ascontiguousarray(motion.values[name][:, 0]) for name in motion.values}
             kernel.end_positions_of_members(
                 np.ascontiguousarray(time), values["angular_frequency"], values.get("phase"), values["amplitude"],
+                values.get("ramp"),
                 self.dims * ENDS.index(end) + COORDINATES.index(axis),
                 positions.reshape(*positions.shape[:2], 2 * self.dims),
             )  # fmt: skip

@@ -42,6 +42,21 @@ def smooth_step(s: Array, derivative: int = 0, scale: Any = 1.0) -> Array:
     return scale * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
 
 
+def ramped(time: Array, ramp: Any, change: Sequence[Array] | Array) -> Array:
+    """Multiply a function by the quintic step over `ramp` [s], where that is not 0: the derivative of the highest order given.
+
+    `change` are its values and derivatives up to an order.
+    """
+    rate = np.divide(1.0, ramp, out=np.zeros(np.shape(ramp)), where=np.greater(ramp, 0.0))
+    place = np.where(np.greater(ramp, 0.0), time * rate, 1.0)
+    step = [smooth_step(place, order) * rate**order for order in range(len(change))]
+    if len(change) == 1:
+        return step[0] * change[0]
+    if len(change) == 2:
+        return step[0] * change[1] + step[1] * change[0]
+    return step[0] * change[2] + 2.0 * step[1] * change[1] + step[2] * change[0]
+
+
 @dataclass(frozen=True)
 class TimeFunction:
     """Function of time, of one of the kinds of the scene file.
@@ -73,7 +88,7 @@ class TimeFunction:
     def __call__(self, time: ArrayLike, derivative: int = 0) -> Array:
         """Evaluate the function (`derivative` 0), or its first or second derivative, at `time` [s]."""
         time = np.asarray(time, dtype=float)
-        if not self.ramp:
+        if not np.any(self.ramp):
             return self._unramped(time, derivative)
         change = [self._unramped(time, order) for order in range(derivative + 1)]
         if self.keeps_start:
@@ -87,18 +102,13 @@ class TimeFunction:
 
     def _ramped(self, time: Array, change: Sequence[Array] | Array) -> Array:
         """Multiply a function, given by its values and derivatives up to an order, by the ramp: the derivative of that order."""
-        ramp = self.ramp
-        step = [smooth_step(time / ramp, order) for order in range(len(change))]
-        if len(change) == 1:
-            return step[0] * change[0]
-        if len(change) == 2:
-            return step[0] * change[1] + step[1] * change[0] / ramp
-        return step[0] * change[2] + (2.0 * step[1] * change[1] + step[2] * change[0] / ramp) / ramp
+        return ramped(time, self.ramp, change)
 
     @property
-    def ramp(self) -> float:
-        """Duration of the smooth start [s]; 0 without."""
-        return float(self.values.get("ramp", 0.0))
+    def ramp(self) -> Any:
+        """Duration of the smooth start [s], of stacked members an array; 0 without."""
+        ramp = self.values.get("ramp", 0.0)
+        return ramp if np.ndim(ramp) else float(ramp)
 
     @property
     def offset(self) -> Any:
@@ -178,12 +188,16 @@ class TimeFunction:
     @property
     def has_kinks(self) -> bool:
         """Whether its third derivative jumps, as at both ends of a ramp and between the samples of a record."""
-        return bool(self.ramp) or self.kind in ("ramp", "file")
+        return bool(np.any(self.ramp)) or self.kind in ("ramp", "file")
 
     @property
     def shortest_time_scale(self) -> Any:
         """Period, duration of a ramp, or twice the spacing of a record [s]; infinity for a polynomial without ramp."""
-        return min(self._time_scale, self.ramp) if self.ramp else self._time_scale
+        if not np.any(self.ramp):
+            return self._time_scale
+        if np.ndim(self.ramp):
+            return np.minimum(self._time_scale, np.where(self.ramp > 0.0, self.ramp, np.inf))
+        return min(self._time_scale, self.ramp)
 
     @property
     def _time_scale(self) -> Any:

@@ -38,6 +38,18 @@ def test_compiled_blocks_equal_single_runs(soft, monkeypatch, case, dims):
     assert_close(run, truth)
 
 
+def test_extremes_within_a_window_equal_those_of_single_runs(soft, monkeypatch):
+    scenes, modes = scenes_of(soft, *CASES["ramp"]), full_modes()
+    options = {**OPTIONS, "window": (0.7, 1.3)}
+    truth = single_runs(monkeypatch, scenes, modes, **options)
+    with monkeypatch.context() as patch:
+        patch.setattr(condensed_batch, "solve", None)
+        run = cp.condensed.simulate(scenes, modes, **options)
+    assert_close(run, truth)
+    whole = cp.condensed.simulate(scenes, modes, **OPTIONS)
+    assert (run.tension_maximum < whole.tension_maximum).any()
+
+
 @pytest.mark.parametrize("dims", [2, slow(3)])
 @pytest.mark.parametrize("outputs", [(), ("tension_extremes",), ("position", "tension")])
 def test_all_links_positions_and_no_outputs(soft, monkeypatch, outputs, dims):

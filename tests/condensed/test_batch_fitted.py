@@ -76,6 +76,27 @@ def test_members_with_one_output_instant_are_compared_at_others_too(soft, alone)
     np.testing.assert_allclose(run.time_error_estimate, many.time_error_estimate, rtol=0.1)
 
 
+def test_extremes_within_a_window_and_with_a_ramp_equal_those_of_runs_alone(soft, alone):
+    scenes, modes = scenes_of(soft, *CASES["ramp"]), full_modes()
+    options = {"rank": 3, "outputs": ("tension_extremes",), "times": TIMES, "window": (0.7, 1.3)}
+    run = cp.condensed.simulate(scenes, modes, **options)
+    assert len(alone) <= 2  # of four
+    assert_equal_to_runs_alone(run, scenes, modes, **options)
+    whole = cp.condensed.simulate(scenes, modes, **{**options, "window": None})
+    assert (run.tension_maximum < whole.tension_maximum).any()
+    assert run.attrs["window_start"] == 0.7
+
+
+@pytest.mark.parametrize("options", [{}, {"step": 2e-3}])
+@pytest.mark.parametrize("window", [(0.7, 9.0), (0.5, 0.5001)])
+def test_windows_that_no_member_can_have_are_refused(soft, options, window):
+    scenes, modes = scenes_of(soft, *CASES["tension"]), full_modes()
+    with pytest.raises(errors.SceneError, match="window: given"):
+        cp.condensed.simulate(
+            scenes, modes, rank=3, outputs=("tension_extremes",), times=[2.0], window=window, **options
+        )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("dims", [2, slow(3)])
 @pytest.mark.parametrize(
