@@ -13,6 +13,7 @@ import numpy as np
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._coefficients import Coefficients
 from cablepod.condensed._estimate_air import EnrichedDrag
+from cablepod.condensed._estimate_neglected import Neglected
 from cablepod.condensed._fields import CondensedTrajectory
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._waves import waves
@@ -328,9 +329,10 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
     The motion of the model is put into the equations of an enriched one (more modes, exact chordwise stretch, chordwise inertia).
     Their residual at sampled instants drives the error, by the equation e'' + F(y) - F(y + e) = residual with the forces F to
     leading order, whose coefficients are those of the motion.  The estimate contains the truncated modes, their effect on the
-    retained ones over time, and the terms that the order neglects, but not the error of the step.  The displacement of waves
-    along the cable is added, see ``_waves.waves``; how they act on the deflection is not contained.  In
-    wind the residual contains the drag on the enriched model, and the error is damped as a motion across the wind.
+    retained ones over time, and the terms that the order neglects, but not the error of the step.  Of orders "exact" and
+    "inertial" these include the rotation of the chord, see ``_estimate_neglected``; to leading order others are larger.  The
+    displacement of waves along the cable by the ends is added, see ``_waves.waves``; how they act on the deflection is not
+    contained.  In wind the residual contains the drag on the enriched model, and the error is damped as a motion across the wind.
 
     Parameters
     ----------
@@ -350,12 +352,19 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
     boundary_data = state.sampled_boundary_data
     if boundary_data is None:
         boundary_data = model.boundary_data(0, len(motion[0]) - 1, rate)
+    displaced: Any = 0.0
+    times, further = np.arange(len(motion[0])) / rate, []
+    if model.order != "leading" and times.size > 2:
+        forces, displaced = Neglected(model, equation).of(motion, times)
+        further.append((forces, 0.0))
     if air is not None:
         q, rates, accelerations = motion
-        forces, damping = EnrichedDrag.of(equation, air).forces(np.arange(len(q)) / rate, q, rates, boundary_data)
+        forces, damping = EnrichedDrag.of(equation, air).forces(times, q, rates, boundary_data)
         motion = q, rates, accelerations - damping * rates  # the kernel adds the damping of the error to the motion
+        further.append((forces, damping))
+    for forces, damping in further:
         equation, boundary_data = equation.with_forces(damping), np.concatenate([boundary_data, forces], axis=1)
-    squares = equation.mean_squares(motion, boundary_data, 1.0 / rate, error, error_rate)
+    squares = equation.mean_squares(motion, boundary_data, 1.0 / rate, error, error_rate) + displaced
     along = waves_of(model, float(state.instants.times[-1]))
     return min(math.sqrt(squares.max() + along * along) / scale, MAX_ERROR)
 

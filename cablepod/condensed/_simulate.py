@@ -79,8 +79,7 @@ def simulate(
         Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "tension_peaks" (time and place of the
         largest and smallest of these), "tension_mean", "tension_rms" (time mean and root mean square of each link, by the
         trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps)
-        and "error_estimate" (of the model, see :func:`cablepod.condensed._estimate.estimate`; of order "inertial" that of its
-        modes and of waves along the cable only).  Only these are computed.
+        and "error_estimate" (of the model, see :func:`cablepod.condensed._estimate.estimate`).  Only these are computed.
     links
         Numbers, from 1 at the lower end, of the links whose tensions are computed; all by default.
     window

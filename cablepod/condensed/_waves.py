@@ -75,7 +75,19 @@ def _on_modes(ends: np.ndarray) -> np.ndarray:
 
 
 def _largest_rms(forces: np.ndarray, speeds: np.ndarray, omega: float, damping: float, step: float) -> float:
-    """Return the largest rms displacement on the quasi-static one [m].
+    """Return the largest rms displacement on the quasi-static one [m], see :func:`oscillations`."""
+    squared_damping, frequencies = 0.25 * damping**2, omega * np.arange(1, MODES + 1)
+    z = oscillations(forces, speeds, frequencies, damping, step)
+    # largest within an interval: at its begin, and half of it later
+    decay = -0.5 * damping + 1j * np.sqrt(frequencies**2 - squared_damping + 0j)
+    middle = np.exp(0.5 * decay * step) * z
+    return math.sqrt(0.5 * max(float((part.real**2).sum(axis=1).max()) for part in (z, middle)))
+
+
+def oscillations(forces: np.ndarray, speeds: np.ndarray, omega: np.ndarray, damping: float, step: float) -> np.ndarray:
+    """Return what modes do beyond following their forces quasi-statically: its real part is the displacement (times - 1, n) [m].
+
+    There is no value at the last instant.
 
     Parameters
     ----------
@@ -84,14 +96,14 @@ def _largest_rms(forces: np.ndarray, speeds: np.ndarray, omega: float, damping: 
     speeds
         Their rates at the start (n,) [m/s].
     omega, damping, step
-        First angular frequency [rad/s], damping [1/s], interval of the instants [s].
+        Angular frequencies (n,) [rad/s], damping [1/s], interval of the instants [s].
     """
-    squared = (omega * np.arange(1, MODES + 1)) ** 2
+    squared = omega**2
     root = np.sqrt(squared - 0.25 * damping**2 + 0j)
     decay = -0.5 * damping + 1j * root
     # d = b - f / omega^2 obeys d'' + alpha d' + omega^2 d = 0 within an interval, but for the slope of f, which kicks its rate
     slopes = np.diff(forces, axis=0) / step
-    kicks = -np.diff(slopes, axis=0, prepend=np.zeros((1, MODES))) / squared
+    kicks = -np.diff(slopes, axis=0, prepend=np.zeros((1, omega.size))) / squared
     kicks[0] += speeds
     start = -forces[0] / squared
     # d = Re(z) with z' = decay z: a displacement d and a rate r have z = d - i (r + alpha d / 2) / root
@@ -101,6 +113,4 @@ def _largest_rms(forces: np.ndarray, speeds: np.ndarray, omega: float, damping: 
     while shift < len(z):  # prefix sums of z_k + factor z_(k-1)
         z[shift:] = z[shift:] + factor * z[:-shift]
         factor, shift = factor * factor, 2 * shift
-    # largest within an interval: at its begin, and half of it later
-    middle = np.exp(0.5 * decay * step) * z
-    return math.sqrt(0.5 * max(float((part.real**2).sum(axis=1).max()) for part in (z, middle)))
+    return z

@@ -7,6 +7,7 @@ links of the linear law are handled by the callers; kernels have the laws in com
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,12 @@ LAWS = ("linear", "green")
 def check_law(law: str) -> None:
     """Refuse unknown names of laws."""
     choice(*LAWS)("law", law)
+
+
+def law_of(attrs: Mapping[str, Any]) -> str | None:
+    """Return the law that the attributes of a run, or of modes of runs, name; None without."""
+    law = attrs.get("law")
+    return law if isinstance(law, str) and law in LAWS else None
 
 
 def check_viscous_law(law: str, viscosity: float | None) -> None:

@@ -32,24 +32,27 @@ CHORDWISE_SAMPLES = 64
 
 @dataclass(frozen=True, eq=False)
 class GalerkinEstimate:
-    """Estimate of the error that the modes leave, as a fraction of the motion.
+    """Estimate of the error that the modes and the law leave, as a fraction of the motion.
 
     The deflection of the particles normal to the chord is a motion of a condensed model of the same links, whose modes are the
     deflections of the mean shape and of all modes.  Its residual in an enriched model, with more modes, the chordwise stretch
     that closes the chord, and chordwise inertia, drives the error equation, see
     :class:`cablepod.condensed._estimate.ErrorEquation`.  The distance of the particles from their chordwise positions is added.
+    The enriched model has the law of the chain that the run is meant to reproduce: a motion by law (21) has the difference of the
+    laws in its residual.
     The time error of the step is not included.
     """
 
     model: GalerkinModel
     end_time: float  #: of the runs [s]
+    law: str = "linear"  #: of the enriched model
 
     @cached_property
     def condensed(self) -> CondensedModel:
         """Condensed model on the deflections of the mean shape and of all modes."""
         chain, dims = self.model.chain, self.model.chain.p.dims
         deflections = _deflections(self.model.mean.tobytes(), self.model.modes.tobytes(), dims)
-        links = LumpedChain(chain.p, chain.length, chain.arc_length, self.model.law)
+        links = LumpedChain(chain.p, chain.length, chain.arc_length, self.law)
         return CondensedModel(links, "inertial", (deflections,) * (dims - 1))
 
     @cached_property
@@ -179,9 +182,9 @@ class GalerkinEstimate:
 
 
 @lru_cache(maxsize=KEPT_MODELS)
-def estimate_of(model: GalerkinModel, end_time: float) -> GalerkinEstimate:
-    """Return the estimate of a model, kept with its equation, for runs until `end_time` [s]."""
-    return GalerkinEstimate(model, end_time)
+def estimate_of(model: GalerkinModel, end_time: float, law: str) -> GalerkinEstimate:
+    """Return the estimate of a model against a chain of this law, kept with its equation, for runs until `end_time` [s]."""
+    return GalerkinEstimate(model, end_time, law)
 
 
 @lru_cache(maxsize=64)

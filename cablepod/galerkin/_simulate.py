@@ -13,6 +13,7 @@ from cablepod._inputs import FIELD_MODES, taken
 from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import OUTPUTS
+from cablepod.discretisation._laws import LAWS, law_of
 from cablepod.errors import NotConvergedWarning, user_stacklevel
 from cablepod.galerkin._assembly import model_of
 from cablepod.galerkin._estimate import estimate_of
@@ -96,10 +97,9 @@ def simulate(
         - ``forcing_over_axial_frequency``, ``outside_training``: see :mod:`cablepod.reduced`,
         - ``energy_share_kept``: fraction of the energy of the snapshots in these modes, minimum over the coordinates,
         - ``error_estimate``: estimate of the largest error over time, as a fraction of the motion; nan if there is none.  It is
-          that of the modes and of the step, against all modes of the same links with the same law,
-        - ``tension_above_linear_law`` (law "green"): tension at the largest stretch over that of the linear law, less 1.
-          ``error_estimate`` does not contain that positions differ from those of the linear law, the default of
-          :func:`cablepod.chain.simulate`, by 2 to 14 times this number as a fraction of the motion (80 % of random scenes),
+          that of the modes, of the law and of the step, against the chain of the same links by the law of the snapshots
+          (attribute ``law`` of the modes; the linear law, the default of :func:`cablepod.chain.simulate`, where it is unknown),
+        - ``tension_above_linear_law`` (law "green"): tension at the largest stretch over that of the linear law, less 1,
         - ``time_error_estimate``: contribution of the step to that error,
         - ``energy_defect``: largest violation of the energy balance (kinetic and strain energy, work of loads and ends,
           dissipation) at the steps beside the output instants, over the largest of these terms.  It is 1e-15 to 1e-12 for
@@ -168,7 +168,7 @@ def simulate(
     squared = model.initial_vibrations[0][-1]
     # few modes may have no stiffness at the start, but they are never stiffer than the chain
     limit = 2.0 / math.sqrt(squared) if squared > 0.0 else model.chain.step_limit()
-    estimate = estimate_of(model, float(instants[-1]))
+    estimate = estimate_of(model, float(instants[-1]), law_of(modes.attrs) or LAWS[0])
     wanted = "error_estimate" in request.outputs
     options = (model, instants, model.initial, request.outputs, request.progress, scene, modes)
     runs: dict[str, GalerkinRun] = {

@@ -9,6 +9,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import ENDS, label
+from cablepod.discretisation._laws import law_of
 from cablepod.errors import SceneError, did_you_mean, scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.pod import _normal as pod_normal
@@ -123,6 +124,7 @@ def labelled(
         algorithm=algorithm,
         weights=str(options["weights"]),
         number_of_snapshots=samples,
+        **({} if law_of(like.attrs) is None else {"law": law_of(like.attrs)}),
     )
     parameters: dict[str, Any] = {"rank": kept, **options, "snapshots": samples}
     return provenance.record(result, function=function, parameters=parameters, inputs=inputs)

@@ -201,6 +201,8 @@ class Stream:
         if self._like is None:
             self._like = like[["arc_length", "coordinate"]].load().copy(deep=True)
             self._like.attrs = dict(like.attrs)
+        elif self._like.attrs.get("law") != like.attrs.get("law"):  # modes of several laws name none
+            self._like.attrs.pop("law", None)
         self.samples += samples
         for dataset in inputs:
             stub = xr.Dataset(attrs={key: dataset.attrs[key] for key in ("id", "history_json") if key in dataset.attrs})

@@ -141,9 +141,8 @@ def warn_galerkin_out_of_range(attrs: Mapping[str, Any]) -> None:
         warnings.warn(
             f"links are stretched to {attrs['largest_stretch']:.4g} of their unstretched length (largest_stretch), where law "
             f"(21) has {100.0 * extra_tension:.2g} % more tension than the linear law of the same stiffness "
-            f"(tension_above_linear_law, above {100.0 * MAX_EXTRA_TENSION:g} %), which error_estimate does not contain: the "
-            'motion is that of another material than in chain.simulate; give law="linear" unless eq. (21) is the law of the '
-            "cable",
+            f"(tension_above_linear_law, above {100.0 * MAX_EXTRA_TENSION:g} %): the motion is that of another material than in "
+            'chain.simulate; give law="linear" unless eq. (21) is the law of the cable',
             OutOfRangeWarning,
             stacklevel=user_stacklevel(),
         )

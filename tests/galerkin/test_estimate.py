@@ -179,3 +179,20 @@ def test_what_is_off_along_the_chord_counts(soft, modes):
     moved = motion_scale(position, position[0], 10.0)
     # squares add up: of the shape that the links would have by themselves the model is off by a hundredth of the bump
     assert told[1] ** 2 - told[0] ** 2 == pytest.approx(np.mean(bump**2) / moved**2, rel=0.05)
+
+
+def test_the_estimate_contains_the_law_of_the_snapshots(soft):
+    scene = cp.make_scene(scene_of(soft, tension=600.0) | {"damping": {"mass_proportional": 0.5}})
+    chains = {law: cp.chain.simulate(scene, times=TIMES, outputs=("position",), law=law) for law in ("linear", "green")}
+    told = {}
+    for law, chain in chains.items():
+        modes = cp.pod.decompose(chain, rank=6)
+        assert modes.attrs["law"] == law
+        run = cp.galerkin.simulate(scene, modes, times=TIMES)
+        told[law] = run.attrs["error_estimate"]
+        if law == "linear":
+            assert told[law] == pytest.approx(float(cp.compare.errors(run, chain).error_max), rel=0.2)
+            del modes.attrs["law"]
+            assert cp.galerkin.simulate(scene, modes, times=TIMES).attrs["error_estimate"] == told[law]
+    assert told["green"] < 0.2 * told["linear"]
+    assert "law" not in cp.pod.decompose(list(chains.values()), rank=2).attrs
