@@ -67,6 +67,7 @@ class _Ending:
             if number in STATUS:
                 self.say(number)
                 time.sleep(GRACE)
+                kill_children()
                 os._exit(self.status())
 
     def handle(self, number: int, frame: FrameType | None) -> None:
@@ -98,6 +99,20 @@ class _Ending:
         return STATUS[signal.Signals(self.number)]
 
 
+def kill_children() -> None:
+    """Kill the processes that multiprocessing started, of which only this one knows; raises nothing.
+
+    Workers end by themselves when this process is gone, but only as soon as they look: on a busy machine they import modules for
+    seconds before, and keep stdout open.
+    """
+    module = sys.modules.get("multiprocessing.process")
+    for child in list(getattr(module, "_children", ())):
+        try:
+            child.kill()
+        except Exception:  # it has ended
+            continue
+
+
 def run(main: Callable[[], int], arguments: list[str]) -> NoReturn:
     """Run the command and end the process with its exit status; signals are handled to the last instruction."""
     ending = _Ending(arguments[0] if arguments else None)
@@ -120,6 +135,8 @@ def run(main: Callable[[], int], arguments: list[str]) -> NoReturn:
             sys.stdout.flush()
     except BaseException:
         status = status or 1
+    if ending.said:
+        kill_children()
     signal.pthread_sigmask(signal.SIG_BLOCK, STATUS)
     with ending.lock:
         os._exit(ending.status() if ending.said else status)

@@ -1,18 +1,25 @@
-"""Compare the time error of chains of random scenes with the tolerance asked for.
+"""Compare the time error of runs of random scenes with the tolerance asked for.
 
-    python pipelines/tolerance/run.py [--scenes 250] [--seed 1] [--readme]
+    python pipelines/tolerance/run.py [--models chain,tension,reduced] [--scenes 250] [--seed 1] [--processes 2] [--readme]
 
 Each scene runs by each scheme with each tolerance, with one output instant (the last) and with many.  The step that was chosen is
-then run at 401 instants and compared with a truth: velocity Verlet with a 64th of the stability limit and the same links,
-confirmed by half that step.  Scenes whose truth is not confirmed to a fifth of the smallest tolerance are left out, as chaotic.
-Counted are errors of the motion above the tolerance and above three times the tolerance, of runs that did not warn.
+then run at 401 instants and compared with a truth: the same equations, with steps so short that halving them changes less than a
+fifth of the smallest tolerance.  Runs of scenes without such a truth are left out, as chaotic.  Counted are errors above the
+tolerance and above three times the tolerance, of runs that did not warn.
+
+``chain`` judges the motion of chains, ``tension`` the larger one of the errors of motion and link tensions where both are asked
+for, ``reduced`` the motion of reduced models on three modes.
 """
 
 from __future__ import annotations
 
 import itertools
 import sys
+import time
 import warnings
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +31,52 @@ import xarray as xr
 from _study import command_line, markdown_table, show_table
 
 import cablepod as cp
+from cablepod.integrate._step_control import tension_distance
 
-SCHEMES = (None, "velocity_verlet", "trapezoidal", "generalized_alpha", "energy_momentum")
-TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5)
-DURATION, INSTANTS = 4.0, 401
+TOLERANCES = {"chain": (1e-2, 1e-3, 1e-4, 1e-5), "tension": (1e-2, 1e-3, 1e-5), "reduced": (1e-2, 1e-3, 1e-5)}
+DURATION, INSTANTS, RANK = 4.0, 401, 3
+#: Maximum error of the truth.
+TRUTH = 0.2e-5
 HERE = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What runs of one model and one set of outputs promise."""
+
+    name: str
+    simulate: Callable[..., xr.Dataset]  #: of scene and modes
+    schemes: tuple[str | None, ...]
+    #: Scheme of the truth, its order, and steps per stability limit of the explicit scheme that are tried in turn
+    truth: tuple[str, float, tuple[float, ...]] = ("velocity_verlet", 2.0, (64.0, 512.0))
+    layout: str | None = None  #: of the modes
+    outputs: tuple[str, ...] = ("position",)
+
+
+def _chain(scene: xr.Dataset, _: xr.Dataset | None, **options: Any) -> xr.Dataset:
+    return cp.chain.simulate(scene, **options)
+
+
+def _condensed(order: str) -> Callable[..., xr.Dataset]:
+    return lambda scene, modes, **options: cp.condensed.simulate(scene, modes, order=order, **options)
+
+
+CHAIN_SCHEMES = (None, "velocity_verlet", "trapezoidal", "generalized_alpha", "energy_momentum")
+GALERKIN_SCHEMES = (None, "velocity_verlet", "filtered_verlet", "trapezoidal", "energy_momentum")
+EXACT = ("velocity_verlet", 2.0, (200.0, 1000.0))
+SUBJECTS = {
+    "chain": (Subject("chain", _chain, CHAIN_SCHEMES),),
+    "tension": (Subject("chain", _chain, CHAIN_SCHEMES, outputs=("position", "tension")),),
+    "reduced": (
+        Subject(
+            "condensed, leading", _condensed("leading"), (None, "velocity_verlet", "trapezoidal", "numerov"),
+            ("numerov", 4.0, (20.0, 60.0)), "normal",
+        ),
+        Subject("condensed, exact", _condensed("exact"), (None, "velocity_verlet", "trapezoidal"), EXACT, "normal"),
+        Subject("condensed, inertial", _condensed("inertial"), (None, "velocity_verlet", "trapezoidal"), EXACT, "normal"),
+        Subject("galerkin", cp.galerkin.simulate, GALERKIN_SCHEMES, layout="separate"),
+    ),
+}  # fmt: skip
 
 
 def random_scene(rng: np.random.Generator) -> xr.Dataset:
@@ -64,8 +112,63 @@ def random_scene(rng: np.random.Generator) -> xr.Dataset:
 
 
 def error_of(run: xr.Dataset, truth: xr.Dataset) -> float:
-    """Return the largest rms distance over time as a fraction of the motion."""
-    return float(cp.compare.errors(run, truth)["error_max"])
+    """Return the largest rms distance over time as a fraction of the motion, or that of the tensions over their range."""
+    motion = float(cp.compare.errors(run, truth)["error_max"])
+    return (
+        max(motion, tension_distance(truth["tension"].values, run["tension"].values)) if "tension" in truth else motion
+    )
+
+
+def truth_of(subject: Subject, scene: xr.Dataset, modes: xr.Dataset | None, dense: np.ndarray) -> xr.Dataset | None:
+    """Return a run with very short steps at the instants `dense`; None where none is confirmed."""
+    scheme, order, parts = subject.truth
+    start = {"times": [0.0], "scheme": "velocity_verlet", "tolerance": 1e-3, "outputs": ("position",)}
+    limit = subject.simulate(scene, modes, **start).attrs["step_limit"]
+    for part in parts:
+        options = {"times": dense, "scheme": scheme, "outputs": subject.outputs}
+        coarse, fine = (subject.simulate(scene, modes, step=limit / n, **options) for n in (part, 2.0 * part))
+        if error_of(coarse, fine) <= TRUTH * (2.0**order - 1.0):
+            return fine
+    return None
+
+
+def judged(model: str, number: int, scene: xr.Dataset | None) -> list[tuple[Any, ...]]:
+    """Return (subject, scheme, tolerance, many instants, error over tolerance, warned) of all runs of a scene."""
+    warnings.simplefilter("ignore")
+    return [] if scene is None else list(_judged(model, number, scene))
+
+
+def _judged(model: str, number: int, scene: xr.Dataset) -> Iterator[tuple[Any, ...]]:
+    dense, modes = np.linspace(0.0, DURATION, INSTANTS), {}
+    for subject in SUBJECTS[model]:
+        try:
+            if subject.layout is not None and subject.layout not in modes:
+                options = {"times": np.linspace(0.0, DURATION, 81), "tolerance": 1e-3, "outputs": ("position",)}
+                chain = cp.chain.simulate(scene, **options)
+                modes[subject.layout] = cp.pod.decompose(chain, layout=subject.layout, rank=RANK)
+            given = scene, modes.get(subject.layout)
+            truth = truth_of(subject, *given, dense)
+        except (cp.SceneError, cp.RunStopped):
+            continue
+        if truth is None:
+            continue
+        for scheme, tolerance, many in itertools.product(subject.schemes, TOLERANCES[model], (False, True)):
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                try:
+                    asked = {"scheme": scheme, "tolerance": tolerance, "outputs": subject.outputs}
+                    run = subject.simulate(*given, times=dense if many else [DURATION], **asked)
+                    if not many:
+                        same = {"scheme": run.attrs["scheme"], "step": run.attrs["step"], "outputs": subject.outputs}
+                        run = subject.simulate(*given, times=dense, **same)
+                except cp.RunStopped:
+                    continue
+            warned = any(issubclass(item.category, cp.NotConvergedWarning) for item in caught)
+            ratio = error_of(run, truth) / tolerance
+            if ratio > 1.0 and not warned:
+                told = f"{subject.name}, {scheme}, {tolerance:g}, {'many' if many else 'one'}: {ratio:.3g}"
+                print(f"scene {number}: {told}", flush=True)
+            yield subject.name, scheme, tolerance, many, ratio, warned
 
 
 def entry(found: list[tuple[float, bool]]) -> str:
@@ -78,65 +181,43 @@ def entry(found: list[tuple[float, bool]]) -> str:
 
 
 def main() -> None:
-    """Run the study and print its table."""
+    """Run the study and print its tables."""
     parser = command_line(__doc__, readme=True)
+    parser.add_argument("--models", default=",".join(SUBJECTS), help=f"some of {', '.join(SUBJECTS)}")
     parser.add_argument("--scenes", type=int, default=250)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--processes", type=int, default=1)
     options = parser.parse_args()
-    rng, dense = np.random.default_rng(options.seed), np.linspace(0.0, DURATION, INSTANTS)
-    found: dict[tuple[Any, ...], list[tuple[float, bool]]] = {}
-    used = 0
-    warnings.simplefilter("ignore")
-    for number in range(options.scenes):
+    rng, scenes = np.random.default_rng(options.seed), []
+    for _ in range(options.scenes):
         try:
-            scene = random_scene(rng)
-            limit = cp.chain.simulate(scene, times=[0.0], scheme="velocity_verlet", outputs=("position",)).attrs[
-                "step_limit"
-            ]
-            coarse, truth = (
-                cp.chain.simulate(
-                    scene, times=dense, scheme="velocity_verlet", step=limit / part, outputs=("position",)
-                )
-                for part in (64.0, 128.0)
-            )
-        except (cp.SceneError, cp.RunStopped):
-            continue
-        if error_of(coarse, truth) > 0.2 * min(TOLERANCES):
-            continue
-        used += 1
-        for scheme, tolerance, many in itertools.product(SCHEMES, TOLERANCES, (False, True)):
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
-                try:
-                    run = cp.chain.simulate(
-                        scene,
-                        times=dense if many else [DURATION],
-                        scheme=scheme,
-                        tolerance=tolerance,
-                        outputs=("position",),
-                    )
-                    if not many:
-                        same = {"scheme": run.attrs["scheme"], "step": run.attrs["step"], "outputs": ("position",)}
-                        run = cp.chain.simulate(scene, times=dense, **same)
-                except cp.RunStopped:
-                    continue
-            warned = any(issubclass(item.category, cp.NotConvergedWarning) for item in caught)
-            ratio = error_of(run, truth) / tolerance
-            found.setdefault((scheme, tolerance, many), []).append((ratio, warned))
-            if ratio > 3.0 and not warned:
-                print(f"scene {number}: {scheme}, {tolerance:g}, {'many' if many else 'one'}: {ratio:.3g}", flush=True)
-    print(f"{used} of {options.scenes} scenes, seed {options.seed}")
-    head = ["scheme", "output instants", *(f"{tolerance:g}" for tolerance in TOLERANCES)]
-    rows = [
-        [
-            scheme or "chosen",
-            "many" if many else "one",
-            *(entry(found[scheme, tolerance, many]) for tolerance in TOLERANCES),
-        ]
-        for scheme in SCHEMES
-        for many in (False, True)
-    ]
-    show_table("errors", markdown_table(head, rows), HERE if options.readme else None)
+            scenes.append(random_scene(rng))
+        except cp.SceneError:
+            scenes.append(None)
+    for model in options.models.split(","):
+        found: dict[tuple[Any, ...], list[tuple[float, bool]]] = {}
+        jobs, begin = ([model] * len(scenes), range(len(scenes)), scenes), time.process_time()
+        if options.processes > 1:
+            with ProcessPoolExecutor(options.processes) as pool:
+                results = list(pool.map(judged, *jobs))
+        else:
+            results = list(map(judged, *jobs))
+        for name, scheme, tolerance, many, ratio, warned in itertools.chain(*results):
+            found.setdefault((name, scheme, tolerance, many), []).append((ratio, warned))
+        used, spent = sum(map(bool, results)), time.process_time() - begin
+        print(f"{model}: {used} of {options.scenes} scenes, seed {options.seed}, {spent:.0f} s of this process")
+        silent = [ratio for runs in found.values() for ratio, warned in runs if not warned]
+        print(f"{model}: {sum(ratio > 1.0 for ratio in silent)} of {len(silent)} runs without a warning are above")
+        head = ["model", "scheme", "output instants", *(f"{tolerance:g}" for tolerance in TOLERANCES[model])]
+        rows = [
+            [subject.name, scheme or "chosen", "many" if many else "one", *(
+                entry(found.get((subject.name, scheme, tolerance, many), [])) for tolerance in TOLERANCES[model]
+            )]
+            for subject in SUBJECTS[model]
+            for scheme in subject.schemes
+            for many in (False, True)
+        ]  # fmt: skip
+        show_table(model, markdown_table(head, rows), HERE if options.readme else None)
 
 
 if __name__ == "__main__":

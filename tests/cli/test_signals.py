@@ -198,6 +198,37 @@ def test_sigint_remains_ignored_in_the_background(tmp_path, ctrl_c):
     assert (process.returncode, error) == (143, f"{_process.message('ensemble', signal.SIGTERM)}\n")
 
 
+#: A process with a child that does not look whether its parent is there; its main thread takes KeyboardInterrupt or does not.
+WITH_CHILD = """
+import multiprocessing, time
+from cablepod.cli import _process
+
+def main():
+    multiprocessing.get_context("fork").Process(target=time.sleep, args=(60,)).start()
+    print("started", flush=True)
+    while True:
+        try:
+            time.sleep(60)
+        except KeyboardInterrupt:
+            if {orderly}:
+                return 1
+
+_process.run(main, [])
+"""
+
+
+@pytest.mark.parametrize("orderly", [True, slow(False)])
+@pytest.mark.usefixtures("ctrl_c")
+def test_children_end_with_the_command(orderly):
+    process = python("-c", WITH_CHILD.format(orderly=orderly), start_new_session=True)
+    assert process.stdout.readline() == "started\n"
+    sent = time.monotonic()
+    process.terminate()
+    finish(process, timeout=10)  # which waits until nobody holds stdout any more
+    assert process.returncode == _process.STATUS[signal.SIGTERM]
+    assert time.monotonic() - sent < LONGEST
+
+
 def test_a_status_and_a_traceback_are_as_usual(tmp_path):
     code = "import sys; from cablepod.cli import _process; _process.run(lambda: {}, [])"
     for text, status, said in (("3", 3, ""), ("sys.exit('out')", 1, "out"), ("1 / 0", 1, "ZeroDivisionError")):
