@@ -581,7 +581,7 @@ def fault(attempt: Attempt) -> str | None:
             return f"unclear: {text}"
         # the state of a prepared model is checked bit by bit; files have no longer floats
         rounded = (
-            name == "condensed.resume" and kind in ("float32", "relabelled_modes")
+            name == "condensed.resume" and kind in ("float32", "relabelled_modes", "swapped_labels")
         ) or "cannot be written" in text
         return f"refused: {text}" if isinstance(given.equivalent, xr.Dataset) and not rounded else None
     # what is not there is left out of a figure, and a member that lacks a variable fails alone

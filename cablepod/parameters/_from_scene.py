@@ -14,7 +14,7 @@ import xarray as xr
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import SceneError
 from cablepod.parameters._checks import choice
-from cablepod.parameters._key_paths import motion_path, point_load_path, table_at, variable_name
+from cablepod.parameters._key_paths import motion_path, point_load_path, table_at, variable_name, whole_table_at
 from cablepod.parameters._keys import (
     CABLE,
     ICE,
@@ -207,10 +207,10 @@ def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float
         breaking_strength=number(cable["breaking_strength"]) if "breaking_strength" in cable else None,
         diameter=number(cable["diameter"]) if "diameter" in cable else None,
         drag_coefficient=number(cable.get("drag_coefficient", 1.2)),
-        wind=table_at(values, "wind", WIND) or None,
-        turbulence=table_at(values, "wind.turbulence", TURBULENCE) or None,
+        wind=whole_table_at(values, "wind", WIND) or None,
+        turbulence=whole_table_at(values, "wind.turbulence", TURBULENCE, also=("decay",), unless="record") or None,
     )
-    ice = table_at(values, "ice", ICE)
+    ice = whole_table_at(values, "ice", ICE)
     return _with_ice(result, number(ice["thickness"]), number(ice["density"]), gravity) if ice else result
 
 

@@ -207,6 +207,21 @@ def table_at(values: Mapping[str, Any], path: str, keys: Iterable[str]) -> dict[
     return {key: values[name] for key, name in _variables_of_keys(path, tuple(keys)) if name in values}
 
 
+def whole_table_at(
+    values: Mapping[str, Any], path: str, keys: Mapping[str, Key], *, also: Iterable[str] = (), unless: str = ""
+) -> dict[str, Any]:
+    """Return the keys of a table as :func:`table_at`; refuse one that lacks some that make_scene gives.
+
+    These are the keys that are required or have a default, and `also` others; a table with the key `unless` may lack them.
+    """
+    table = table_at(values, path, keys)
+    needed = [*(key for key, of in keys.items() if of.required or of.default is not None), *also]
+    missing = [key for key in needed if key not in table]
+    if table and missing and unless not in table:
+        raise SceneError(f"{path}.{missing[0]}: missing; allowed: a scene with all of {path}, as make_scene gives it")
+    return table
+
+
 @lru_cache(maxsize=1024)
 def _variables_of_keys(path: str, keys: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     return tuple((key, variable_name(f"{path}.{key}")) for key in keys)

@@ -12,7 +12,7 @@ import xarray as xr
 
 from cablepod.errors import SceneError
 from cablepod.parameters._from_scene import SceneContent, _from_values, _is_gap, _time_function
-from cablepod.parameters._key_paths import table_at
+from cablepod.parameters._key_paths import table_at, whole_table_at
 from cablepod.parameters._keys import TABLES, TURBULENCE, WIND
 from cablepod.parameters._mast_keys import GUY, GUY_CABLE, GUY_LENGTH_KEYS, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
 from cablepod.parameters._parameters import Parameters, count_instants
@@ -99,7 +99,27 @@ def _kept(content: SceneContent) -> MastParameters:
 
 
 def mast_from_values(values: Mapping[str, Any]) -> MastParameters:
-    """Make the parameters of a mast from the values of scene variables by name."""
+    """Make the parameters of a mast from the values of scene variables by name.
+
+    Raises
+    ------
+    SceneError
+        For a table that lacks keys.
+    """
+    try:
+        found = _mast_from_values(values)
+    except KeyError as error:
+        raise SceneError(
+            f"scene: given a mast without the key {error.args[0]}; allowed: all that make_scene gives"
+        ) from error
+    for guy in found.guys:
+        if found.wind is not None and guy.p.diameter is None:
+            raise SceneError(f"cables.{guy.name}.diameter: missing; allowed: a diameter [m], on which the wind acts")
+    return found
+
+
+def _mast_from_values(values: Mapping[str, Any]) -> MastParameters:
+    """Make the parameters of a mast; raises KeyError for missing keys."""
     table = table_at(values, "mast", MAST)
     time = table_at(values, "time", TABLES["time"])
     damping = table_at(values, "damping", TABLES["damping"])
@@ -121,8 +141,8 @@ def mast_from_values(values: Mapping[str, Any]) -> MastParameters:
         duration=float(time["duration"]) if "duration" in time else None,
         interval=float(time["interval"]) if "interval" in time else None,
         mass_damping=float(damping.get("mass_proportional", 0.0)),
-        wind=table_at(values, "wind", WIND) or None,
-        turbulence=table_at(values, "wind.turbulence", TURBULENCE) or None,
+        wind=whole_table_at(values, "wind", WIND) or None,
+        turbulence=whole_table_at(values, "wind.turbulence", TURBULENCE, also=("decay",), unless="record") or None,
     )
 
 

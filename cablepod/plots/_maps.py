@@ -228,7 +228,8 @@ def stability_height(result: xr.Dataset) -> float:
 
 def _flat_columns(result: xr.Dataset, variable: str, x: str, y: str) -> tuple[np.ndarray, ...]:
     """Return two parameters and a quantity as flat arrays of equal length."""
-    numbers = [str(name) for name, column in result.variables.items() if column.dtype.kind in "iuf"]
+    kinds = {str(name): column.dtype for name, column in result.variables.items()}
+    numbers = [name for name, kind in kinds.items() if kind.kind in "iu" or (kind.kind == "f" and kind.itemsize >= 4)]
     for key, name in (("variable", variable), ("x", x), ("y", y)):
         if name not in numbers:
             raise scene_error(key, name, "a variable of numbers: " + ", ".join(numbers))

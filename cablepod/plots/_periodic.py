@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod.errors import SceneError
+from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer
 from cablepod.plots import _style
 from cablepod.plots._animation import Animation, private_axes
@@ -124,6 +124,16 @@ def _bifurcations(ax: Axes, response: xr.Dataset, scale: float) -> None:
             ax.plot(
                 *place, marker, color=colour, markerfacecolor="white", markersize=6, label=kind.replace("_", " "), zorder=3,
             )  # fmt: skip
+
+
+def _period(key: str, orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions (time, particle, coordinate) [m] of an orbit, and its instants [s]."""
+    position = _style.take(key, orbit, "position", ("time", *_style.PLACE), f"{ORBIT} with output position")
+    if position.sizes["time"] < 3:
+        raise scene_error(
+            key, f"{position.sizes['time']} instants", "at least three, from the begin of a period to its end"
+        )
+    return position.values, position["time"].values
 
 
 def _runs(stable: np.ndarray) -> list[tuple[int, int, bool]]:
@@ -310,11 +320,9 @@ def orbit(*orbits: xr.Dataset, sigma: float = 0.5, ax: Axes | None = None) -> Ax
     paths = []
     for one in orbits:
         _style.take("orbits", one, "multiplier_real", ("multiplier",), ORBIT)  # not any trajectory: a period
-        position = _style.take(
-            "orbits", one, "position", ("time", *_style.PLACE), f"{ORBIT} with output position"
-        ).values
+        position, time = _period("orbits", one)
         k = int(np.argmin(np.abs(_style.sigma("orbits", one) - sigma)))
-        paths.append((one["time"].values, *_path(position, k)))
+        paths.append((time, *_path(position, k)))
     spatial = any(np.abs(lateral).max() > 1e-12 * max(np.abs(normal).max(), 1e-300) for _, normal, lateral in paths)
     ax = _style.axes(ax, size=(5.5, 4.2) if spatial else (7.5, 4.2))
     for k, (time, normal, lateral) in enumerate(paths):
@@ -360,8 +368,8 @@ def animate_orbit(orbit: xr.Dataset, *, frames: int = 48, ax: Axes | None = None
     Both axes show the deflection normal to the chord of the moment, with the same scale.
     """
     _style.take("orbit", orbit, "multiplier_real", ("multiplier",), ORBIT)
-    position = _style.take("orbit", orbit, "position", ("time", *_style.PLACE), f"{ORBIT} with output position").values
-    time = orbit["time"].values[:-1]
+    position, time = _period("orbit", orbit)
+    time = time[:-1]
     count = min(integer(least=2)("frames", frames), time.size)
     picked = np.unique(np.linspace(0, time.size, count, endpoint=False).astype(int))
     paths = [_path(position, k) for k in range(position.shape[1])]

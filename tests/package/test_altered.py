@@ -6,7 +6,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
-from altered import ALTERATIONS, VARIANTS, Attempt, altered, attempts, contents, fault
+from altered import ALTERATIONS, VARIANTS, Attempt, altered, attempts, contents, fault, run
 from odd_options import SIMULATE, calls
 from odd_options import fault as fault_of_options
 from public_calls import CALLS, datasets
@@ -81,6 +81,9 @@ def test_every_function_is_altered_and_every_alteration_applies():
         Attempt("mast.simulate", True, 0, "kinds: dates", 35298673),
         Attempt("plots.bending_moments", False, 0, "kinds: dates", 456008182),
         Attempt("plots.parameter_map", False, 0, "units: kN", 964986768),
+        Attempt("plots.animate_orbit", True, 0, "dimension_picked", 10866384),
+        Attempt("plots.parameter_map", True, 0, "kinds: half", 949190542),
+        Attempt("mast.frequencies", True, 0, "variable_dropped", 159403329),
     ],
     ids=lambda attempt: attempt.name,
 )
@@ -158,3 +161,13 @@ def test_what_altered_calls_found_is_refused():
     orbit = xr.Dataset({f"multiplier_{part}": ("multiplier", np.array([0.5, 1.0j])) for part in ("real", "imag")})
     with pytest.raises(cp.SceneError, match="result: given multiplier_real of type complex128; allowed: real numbers"):
         cp.plots.multipliers(orbit)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", ["mast.frequencies", "wind.field"])
+def test_a_scene_that_lacks_a_variable_is_refused_or_complete(name):
+    stage = VARIANTS[name][0][0]
+    for variable in datasets(True)[stage].variables:
+        # clear errors are returned, others raised
+        outcome = run(name, [datasets(True)[stage].drop_vars(variable)])
+        assert not isinstance(outcome, Exception) or len(str(outcome)) > 10, variable
