@@ -190,7 +190,7 @@ def attribute_labels(name: str) -> dict[str, str]:
 
 
 #: Maximum size of the labels of a template that is kept [bytes]; longer ones cost less than the run itself.
-MAX_TEMPLATE_LABELS = 65536
+MAX_TEMPLATE_LABELS = 131072
 
 
 def labelled_dataset(

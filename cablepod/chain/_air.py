@@ -35,7 +35,7 @@ class ChainAir:
     def _velocity(self) -> np.ndarray:
         """Velocity of the air (samples, dims, n + 1) [m/s]."""
         at_particles = self.air.at(self.chain.arc_length / self.chain.total_length)
-        return np.ascontiguousarray(np.moveaxis(refined(at_particles), 1, 2))
+        return refined(np.moveaxis(at_particles, 1, 2))
 
     @property
     def drag(self) -> float:

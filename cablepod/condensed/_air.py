@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from cablepod.chain._start import refuse_rest_in_wind
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chord_frame import ChordFrame
-from cablepod.wind._air import CableAir, refined
+from cablepod.wind._air import CableAir, linear_between, refined
 
 #: Number of Gauss points along the cable beyond that of the modes of each deflection.
 EXTRA_POINTS = 2
@@ -20,6 +20,34 @@ EXTRA_POINTS = 2
 SAMPLES_PER_CHANGE = 40.0
 #: Relative tolerance of the equilibrium in wind, maximum number of Newton iterations, increments of the drag up to its full size.
 DRAG_RTOL, MAX_DRAG_ITERATIONS, INCREMENTS = 1e-12, 100, 4
+#: Relative tolerance of the increments before the last, which are only its first guess.
+INCREMENT_RTOL = 0.03
+
+
+@lru_cache(16)
+def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return nodes from -1 to 1 and weights of Gauss's rule."""
+    return np.polynomial.legendre.leggauss(count)
+
+
+@lru_cache(16)
+def _projection_matrix(count: int, of_air: bytes) -> np.ndarray:
+    """Return the matrix (count, points) from values at points of the air to those at `count` Gauss points along the cable.
+
+    `of_air` are the bytes of the relative arc lengths of the points of the air, between which values are linear.
+    """
+    given, (inner, inner_weights) = np.frombuffer(of_air), _gauss(count)
+    nodes, weights = 0.5 * (1.0 + inner), 0.5 * inner_weights
+    places = np.unique(np.concatenate([[0.0, 1.0], np.clip(given, 0.0, 1.0)]))
+    width = np.diff(places)  # the rule is exact on each interval between two points
+    sigma = (places[:-1, None] + 0.5 * width[:, None] * (1.0 + inner)).ravel()
+    parts = (0.5 * width[:, None] * inner_weights).ravel()
+    lagrange = np.ones((count, sigma.size))
+    for g, node in enumerate(nodes):
+        for other in np.delete(nodes, g):
+            lagrange[g] *= (sigma - other) / (node - other)
+    hats = linear_between(given, np.eye(given.size)[:, :, None], sigma)[:, :, 0]
+    return (lagrange * parts) @ hats.T / weights[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,24 +65,23 @@ class CondensedAir:
         """Relative arc lengths and weights [m] of the Gauss points."""
         model = self.model
         count = max(model.n_in_plane, len(model.shapes) - model.n_in_plane) + EXTRA_POINTS
-        nodes, weights = np.polynomial.legendre.leggauss(count if self.points is None else self.points)
+        nodes, weights = _gauss(count if self.points is None else self.points)
         return 0.5 * (1.0 + nodes), 0.5 * model.chain.total_length * weights
 
-    def at_points(self, values: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Interpolate values (r, particle), or a derivative of them by arc length, at the Gauss points (points, r)."""
+    def at_points(self, values: np.ndarray, derivatives: tuple[int, ...] = (0,)) -> list[np.ndarray]:
+        """Interpolate values (r, particle), or derivatives of them by arc length, at the Gauss points (points, r)."""
         from scipy.interpolate import CubicSpline
 
         spline = CubicSpline(self.model.chain.arc_length, values, axis=1)
-        return spline(self.rule[0] * self.model.chain.total_length, derivative).T
+        return [spline(self.rule[0] * self.model.chain.total_length, order).T for order in derivatives]
 
     @cached_property
     def shapes(self) -> np.ndarray:
         """Shapes, their slopes and test functions at the points (3, points, r)."""
         model = self.model
-        parts = (
-            self.at_points(model.shapes), self.at_points(model.shapes, 1), self.at_points(model.test_functions),
-        )  # fmt: skip
-        return np.ascontiguousarray(np.stack(parts))
+        shapes, slopes = self.at_points(model.shapes, (0, 1))
+        tests = shapes if model.test_functions is model.shapes else self.at_points(model.test_functions)[0]
+        return np.ascontiguousarray(np.stack([shapes, slopes, tests]))
 
     @cached_property
     def _projection(self) -> np.ndarray:
@@ -63,25 +90,22 @@ class CondensedAir:
         Integrals of the velocity times polynomials of a degree below the number of Gauss points are kept.  Single values would
         alias gusts that are shorter than the distance of these points.
         """
-        nodes, weights = self.rule
-        places = np.unique(np.concatenate([[0.0, 1.0], np.clip(self.air.sigma, 0.0, 1.0)]))
-        inner, inner_weights = np.polynomial.legendre.leggauss(nodes.size)  # exact on each interval between two points
-        width = np.diff(places)
-        sigma = (places[:-1, None] + 0.5 * width[:, None] * (1.0 + inner)).ravel()
-        parts = (0.5 * width[:, None] * inner_weights).ravel()
-        lagrange = np.ones((nodes.size, sigma.size))
-        for g, node in enumerate(nodes):
-            for other in np.delete(nodes, g):
-                lagrange[g] *= (sigma - other) / (node - other)
-        hats = replace(self.air, velocity=np.eye(self.air.sigma.size)[:, :, None]).at(sigma)[:, :, 0]
-        length = self.model.chain.total_length
-        return (lagrange * parts) @ hats.T / (weights[:, None] / length)
+        return _projection_matrix(self.rule[0].size, self.air.sigma.tobytes())
+
+    @cached_property
+    def _projected(self) -> np.ndarray:
+        """Velocity of the air at the Gauss points (samples of the air, dims, points) [m/s]."""
+        return np.tensordot(self.air.velocity, self._projection, (1, 1))
+
+    @property
+    def _rate(self) -> float:
+        """Refined samples per second."""
+        return self.air.samples_per_second * self.air.refinement
 
     @cached_property
     def at_samples(self) -> tuple[np.ndarray, float]:
         """Velocity of the air at the Gauss points (samples, points, dims) [m/s], and its samples per second."""
-        velocity = refined(np.tensordot(self.air.velocity, self._projection, (1, 1)).transpose(0, 2, 1))
-        return velocity, self.air.samples_per_second * self.air.refinement
+        return refined(self._projected).transpose(0, 2, 1), self._rate
 
     @cached_property
     def _sampled(self) -> tuple[np.ndarray, float]:
@@ -90,22 +114,24 @@ class CondensedAir:
         Along the chord and each normal: (samples, 1 + normals, points) [m/s].
         """
         p, sigma = self.model.chain.p, self.rule[0]
+        if not p.motions:
+            frame = ChordFrame.of(np.diff(p.initial_ends, axis=0), self.model.reference)
+            axes = np.concatenate([frame.along, frame.normals[0]])
+            of_air = self._projected.reshape(len(self._projected), -1)
+            turned = (of_air @ np.kron(axes, np.eye(sigma.size)).T).reshape(self._projected.shape)
+            return refined(turned), self._rate
         velocity, rate = self.at_samples
-        if p.motions:
-            scale = min(p.shortest_time_scale / SAMPLES_PER_CHANGE, self.longest_interval)
-            parts = max(1, math.ceil(1.0 / (rate * scale)))
-            count = math.ceil(self.end_time * rate * parts) + 2
-            place = np.minimum(np.arange(count) / parts, len(velocity) - 1.0)
-            left = np.minimum(place.astype(int), len(velocity) - 2)
-            share = (place - left)[:, None, None]
-            velocity, rate = (1.0 - share) * velocity[left] + share * velocity[left + 1], rate * parts
-            time = np.arange(count) / rate
-            ends, rates = p.end_positions(time), p.end_positions(time, 1)
-            velocity = velocity - (rates[:, :1] + sigma[:, None] * (rates[:, 1:] - rates[:, :1]))
-            chord = ends[:, 1] - ends[:, 0]
-        else:
-            chord = np.diff(p.initial_ends, axis=0)
-        frame = ChordFrame.of(chord, self.model.reference)
+        scale = min(p.shortest_time_scale / SAMPLES_PER_CHANGE, self.longest_interval)
+        parts = max(1, math.ceil(1.0 / (rate * scale)))
+        count = math.ceil(self.end_time * rate * parts) + 2
+        place = np.minimum(np.arange(count) / parts, len(velocity) - 1.0)
+        left = np.minimum(place.astype(int), len(velocity) - 2)
+        share = (place - left)[:, None, None]
+        velocity, rate = (1.0 - share) * velocity[left] + share * velocity[left + 1], rate * parts
+        time = np.arange(count) / rate
+        ends, rates = p.end_positions(time), p.end_positions(time, 1)
+        velocity = velocity - (rates[:, :1] + sigma[:, None] * (rates[:, 1:] - rates[:, :1]))
+        frame = ChordFrame.of(ends[:, 1] - ends[:, 0], self.model.reference)
         axes = np.concatenate([frame.along[:, None], frame.normals], axis=1)
         result = np.empty((len(velocity), p.dims, sigma.size))
         for k in range(p.dims):  # three times as fast as one product of small matrices for each sample
@@ -165,6 +191,7 @@ class CondensedAir:
         static, still, mean = model.static_boundary_data, np.zeros_like(q), self.in_mean_wind
         for increment in range(1, INCREMENTS + 1):  # the deflection may change by more than itself, also in sign
             share, converged = increment / INCREMENTS, False
+            rtol = DRAG_RTOL if increment == INCREMENTS else INCREMENT_RTOL
             for _ in range(MAX_DRAG_ITERATIONS):
                 force, tangent, _ = model.force(q, still, static)
                 try:
@@ -174,7 +201,7 @@ class CondensedAir:
                 q = q + change
                 if not np.isfinite(q).all():
                     break
-                if np.abs(change).max() <= DRAG_RTOL * np.abs(q).max():
+                if np.abs(change).max() <= rtol * np.abs(q).max():
                     converged = True
                     break
             if not converged:

@@ -47,7 +47,7 @@ class EnrichedDrag:
         """
         chain, in_plane = self.air.model.chain, self.equation.enriched_in_plane
         motion = DragOfMotion.of(self.air, times, q, rates, boundary_data[:, 0] / chain.total_length)
-        shapes, slopes = (self.air.at_points(self.equation.shapes, order) for order in (0, 1))
+        shapes, slopes = self.air.at_points(self.equation.shapes, (0, 1))
         return motion.on(shapes, in_plane) + motion.by_tension(slopes, in_plane), motion.damping / chain.p.mass
 
     def at_rest(self, q: np.ndarray, boundary_data: np.ndarray) -> np.ndarray:

@@ -70,9 +70,12 @@ class CondensedModel(Coefficients):
         points = np.empty((len(p.point_loads), p.dims, ends.shape[1] if varying else 1))
         for target, point in zip(points, p.point_loads, strict=True):
             target[:] = point.force[:, None] * (1.0 if point.factor is None else factor(point.factor))
+        instants = ends.shape[1]
+        if not accelerations.shape[1] and load.shape[1] == 1 and not varying:  # the same at all instants
+            ends = ends[:, :1]
         boundary_data = np.empty((ends.shape[1], 1 + len(self.load_patterns) * p.dims))
         kernel.frames(ends, accelerations, np.ascontiguousarray(load), points, self.reference, p.mass, boundary_data)
-        return boundary_data
+        return boundary_data if len(boundary_data) == instants else np.repeat(boundary_data, instants, axis=0)
 
     def coordinates(self, deflection: np.ndarray) -> np.ndarray:
         """Project deflections (normals, times, particle) [m] onto the coordinates (times, r) with the test functions."""

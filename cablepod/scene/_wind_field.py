@@ -102,11 +102,11 @@ def checked_field(
     _check_variables(key, given, ("wind", "time", "point", "component"), "a field, such as that of wind.field")
     _check_numbers(key, given, "time", ("time",))
     _check_numbers(key, given, "wind", ("time", "point", "component"))
-    if given["component"].dims != ("component",):
+    if given.variables["component"].dims != ("component",):
         raise SceneError(f"{key}: given component over {given['component'].dims}; allowed: the axes over component")
-    time = np.asarray(given["time"].values, dtype=float)
-    velocity = given["wind"].transpose("time", "point", "component").values.astype(float, copy=False)
-    if list(given["component"].values) != list("xyz"[: p.dims]):
+    time = np.asarray(given.variables["time"].values, dtype=float)
+    velocity = given.variables["wind"].transpose("time", "point", "component").values.astype(float, copy=False)
+    if list(given.variables["component"].values) != list("xyz"[: p.dims]):
         raise SceneError(
             f"{key}: given the components {', '.join(map(str, given['component'].values))}; allowed: {', '.join('xyz'[: p.dims])}"
         )
@@ -131,11 +131,11 @@ def checked_field(
     sigma, order = _places_of(p, given, key)
     if not np.array_equal(order, np.arange(velocity.shape[1])):
         velocity = velocity[:, order]
-    if "mean_wind" not in given:
+    if "mean_wind" not in given.variables:
         mean = velocity.mean(axis=0)
     else:
         _check_numbers(key, given, "mean_wind", ("point", "component"))
-        mean = given["mean_wind"].transpose("point", "component").values.astype(float)[order]
+        mean = given.variables["mean_wind"].transpose("point", "component").values.astype(float)[order]
         if not np.isfinite(mean).all():
             raise SceneError(f"{key}: given a mean_wind that is not finite; allowed: finite velocities [m/s]")
     return time, sigma, velocity, mean
@@ -152,7 +152,7 @@ def _check_variables(key: str, given: Any, names: tuple[str, ...], allowed: str)
 
 def _check_numbers(key: str, given: xr.Dataset, name: str, dims: tuple[str, ...]) -> None:
     """Refuse a variable of a field that holds no numbers, or has other dimensions."""
-    array = given[name]
+    array = given.variables[name]
     if set(array.dims) != set(dims) or array.dtype.kind not in "iuf":
         raise SceneError(f"{key}: given {name} over {array.dims} of type {array.dtype}; allowed: numbers over {dims}")
 
@@ -161,7 +161,7 @@ def _places_of(p: Parameters, given: xr.Dataset, key: str) -> tuple[np.ndarray, 
     """Return the relative arc lengths of the points of a field near the cable, rising, and their numbers from 0."""
     if "relative_arc_length" in given.variables:
         _check_numbers(key, given, "relative_arc_length", ("point",))
-        sigma = np.asarray(given["relative_arc_length"].values, dtype=float)
+        sigma = np.asarray(given.variables["relative_arc_length"].values, dtype=float)
         if not ((sigma >= 0.0) & (sigma <= 1.0)).all():
             raise SceneError(
                 f"{key}: given relative_arc_length outside of the cable; allowed: a number from 0 to 1 a point"
@@ -172,7 +172,7 @@ def _places_of(p: Parameters, given: xr.Dataset, key: str) -> tuple[np.ndarray, 
             key, given, ("position",), "a field with relative_arc_length (point) or position (point, component)"
         )
         _check_numbers(key, given, "position", ("point", "component"))
-        place = given["position"].transpose("point", "component").values.astype(float)
+        place = given.variables["position"].transpose("point", "component").values.astype(float)
         of_rest, rest = np.linspace(0.0, 1.0, 401), _rest_of_member(p, 401)[0]
         distance = np.sqrt(((place[:, None] - rest[None]) ** 2).sum(axis=-1))
         sigma = of_rest[distance.argmin(axis=1)]

@@ -54,13 +54,7 @@ class CableAir:
 
     def at(self, sigma: np.ndarray) -> np.ndarray:
         """Return the velocity (samples, places, dims) [m/s] at relative arc lengths (places,)."""
-        if self.sigma.size == 1:
-            return np.repeat(self.velocity, sigma.size, axis=1)
-        right = np.clip(np.searchsorted(self.sigma, sigma), 1, self.sigma.size - 1)
-        share = np.clip((sigma - self.sigma[right - 1]) / (self.sigma[right] - self.sigma[right - 1]), 0.0, 1.0)[
-            :, None
-        ]
-        return (1.0 - share) * self.velocity[:, right - 1] + share * self.velocity[:, right]
+        return linear_between(self.sigma, self.velocity, sigma)
 
     @property
     def refinement(self) -> int:
@@ -71,6 +65,15 @@ class CableAir:
     def largest_speed(self) -> float:
         """Largest speed of the air [m/s]."""
         return float(np.sqrt((self.velocity * self.velocity).sum(axis=-1)).max())
+
+
+def linear_between(given: np.ndarray, values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Interpolate values (samples, points, dims) at the relative arc lengths `given` (points,) to those in `sigma` (places,)."""
+    if given.size == 1:
+        return np.repeat(values, sigma.size, axis=1)
+    right = np.clip(np.searchsorted(given, sigma), 1, given.size - 1)
+    share = np.clip((sigma - given[right - 1]) / (given[right] - given[right - 1]), 0.0, 1.0)[:, None]
+    return (1.0 - share) * values[:, right - 1] + share * values[:, right]
 
 
 def air_of(p: Parameters, end_time: float, given: xr.Dataset | None = None) -> CableAir | None:
@@ -104,18 +107,16 @@ def refined(velocity: np.ndarray) -> np.ndarray:
     """
     count = len(velocity)
     if count < MIN_REFINED:
-        return velocity
-    result = np.empty((REFINEMENT * (count - 1) + 1, *velocity.shape[1:]))
-    result[::REFINEMENT] = velocity
+        return np.ascontiguousarray(velocity)
+    from cablepod.wind import _kernels_refine as kernel  # numba is imported only to compute
+
     nodes = np.arange(-2.0, 4.0)
-    padded = np.concatenate([velocity[:1], velocity[:1], velocity, velocity[-1:], velocity[-1:]])
-    for k in range(1, REFINEMENT):
+    weights = np.empty((REFINEMENT, nodes.size))
+    for k in range(REFINEMENT):
         place = k / REFINEMENT
-        weights = [np.prod([(place - b) / (a - b) for b in nodes if b != a]) for a in nodes]
-        part = weights[0] * padded[: count - 1]
-        for i in range(1, 6):
-            part += weights[i] * padded[i : i + count - 1]
-        result[k::REFINEMENT] = part
+        weights[k] = [np.prod([(place - b) / (a - b) for b in nodes if b != a]) for a in nodes]
+    result = np.empty((REFINEMENT * (count - 1) + 1, *velocity.shape[1:]))
+    kernel.refine(np.ascontiguousarray(velocity).reshape(count, -1), weights, result.reshape(len(result), -1))
     return result
 
 
