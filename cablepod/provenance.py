@@ -90,7 +90,7 @@ def to_json(value: Any) -> Any:
                     return {"equidistant": way, "first": float(value[0]), "last": float(value[-1]), "count": value.size}
             if value.ndim == 1 and value.dtype.kind == "f" and value.size <= MAX_HISTORY_FLOATS:
                 return value.tolist()  # non-uniform time array
-            digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()[:16]
+            digest = hashlib.sha256(np.ascontiguousarray(value).data).hexdigest()[:16]
             return {"shape": list(value.shape), "dtype": str(value.dtype), "sha256": digest}
         return value.tolist()
     return value

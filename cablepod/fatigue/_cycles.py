@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Any
 
 import numpy as np
@@ -52,20 +53,20 @@ def ranges(series: xr.DataArray, *, dim: str = "time") -> xr.Dataset:
     """
     from cablepod.fatigue import _kernels_rainflow as kernel  # numba is imported only to compute
 
-    rows, template = _rows(series, dim)
+    rows, size, dims, coords = _rows(series, dim)
     starts, ends = np.empty(rows.shape, np.int32), np.empty(rows.shape, np.int32)
     half, counts = np.empty(rows.shape, np.bool_), np.empty(len(rows), np.int64)
     kernel.all_cycles(rows, starts, ends, half, counts)
-    counts[np.isnan(rows[:, 0])] = 0
+    counts[np.isnan(size)] = 0
     most = int(counts.max(initial=0))
-    if dim in series.coords:
-        places, place_units = np.asarray(series[dim].values, dtype=float), str(series[dim].attrs.get("units", "1"))
+    if (place := series.coords.variables.get(dim)) is not None:
+        places, place_units = np.asarray(place.values, dtype=float), str(place.attrs.get("units", "1"))
     else:
         places, place_units = np.arange(rows.shape[1], dtype=float), "1"
     values = [np.empty((len(rows), most)) for _ in range(5)]
     kernel.tables(rows, places, starts, ends, half, counts, *values)
     units, of = str(series.attrs.get("units", "1")), series.attrs.get("long_name", series.name or "the series")
-    shape, dims = (*template.shape, most), (*template.dims, "cycle")
+    shape, dims = (*(series.sizes[name] for name in dims), most), (*dims, "cycle")
     labels = (
         ("cycle_range", units, f"range of the cycle of {of}"),
         ("cycle_mean", units, f"mean of the cycle of {of}"),
@@ -74,11 +75,11 @@ def ranges(series: xr.DataArray, *, dim: str = "time") -> xr.Dataset:
         ("cycle_end", place_units, f"{dim} at which the cycle ends"),
     )
     variables = {
-        name: (dims, table.reshape(shape), {"units": unit, "long_name": text})
+        name: xr.Variable(dims, table.reshape(shape), {"units": unit, "long_name": text}, fastpath=True)
         for (name, unit, text), table in zip(labels, values, strict=True)
     }
     numbers = ("cycle", np.arange(1, most + 1), {"units": "1", "long_name": "number of the cycle"})
-    result = xr.Dataset(variables, coords={**template.coords, "cycle": numbers})
+    result = xr.Dataset(variables, coords={**coords, "cycle": numbers})
     result.attrs.update(title=f"rainflow cycles of {of}", stage="cycles")
     return provenance.record(result, function="fatigue.ranges", parameters={"series": rows, "dim": dim})
 
@@ -125,20 +126,19 @@ def equivalent(series: xr.DataArray, *, exponent: float = 4, frequency: float = 
     from cablepod.fatigue import _kernels_rainflow as kernel
 
     m, reference = number(above=0.0)("exponent", exponent), number(above=0.0)("frequency", frequency)
-    rows, template = _rows(series, dim)
-    if dim not in series.coords:
+    rows, size, dims, coords = _rows(series, dim)
+    label = series.coords.variables.get(dim)
+    if label is None:
         raise SceneError(f"series: given one without the coordinate {dim}; allowed: a DataArray with {dim} [s]")
-    place = np.asarray(series[dim].values, dtype=float)
-    if not (np.diff(place) > 0.0).all():
+    place = np.asarray(label.values, dtype=float)
+    if not (place[1:] > place[:-1]).all():
         raise SceneError(f"series: given a coordinate {dim} that does not rise; allowed: increasing instants [s]")
-    failed = np.isnan(rows[:, 0])
-    size = np.maximum(rows.max(axis=1), -rows.min(axis=1))
     scale = np.where(size > 0.0, size, 1.0)  # ranges of the order of one neither overflow nor underflow
     sums = np.empty(len(rows))
     power = int(m) if float(m).is_integer() and m < 100 else float(m)  # products are ten times as fast as powers
     kernel.damage_sums(rows, scale, power, sums)
     values = scale * (sums / (reference * (place[-1] - place[0]))) ** (1.0 / m)
-    values[failed] = np.nan
+    values[np.isnan(size)] = np.nan
     of = series.attrs.get("long_name", series.name or "the series")
     attrs = {
         "units": str(series.attrs.get("units", "1")),
@@ -146,11 +146,12 @@ def equivalent(series: xr.DataArray, *, exponent: float = 4, frequency: float = 
         "exponent": float(m),
         "frequency": float(reference),
     }
-    return xr.DataArray(values.reshape(template.shape), dims=template.dims, coords=template.coords, attrs=attrs)
+    values = values.reshape([series.sizes[name] for name in dims])
+    return xr.DataArray(values, dims=dims, coords=coords, attrs=attrs)
 
 
-def _rows(series: Any, dim: str) -> tuple[np.ndarray, xr.DataArray]:
-    """Return the series as rows (rows, n), and a DataArray of the other dimensions."""
+def _rows(series: Any, dim: str) -> tuple[np.ndarray, np.ndarray, tuple[Hashable, ...], dict[Hashable, xr.DataArray]]:
+    """Return the series as rows (rows, n), the largest size in each, and the other dimensions with their coordinates."""
     if not isinstance(series, xr.DataArray):
         raise scene_error(
             "series", series, 'a DataArray, such as run.tension.sel(link=40), or xr.DataArray(values, dims="time")'
@@ -163,13 +164,18 @@ def _rows(series: Any, dim: str) -> tuple[np.ndarray, xr.DataArray]:
         raise SceneError(f"series: given values of type {series.dtype}; allowed: numbers")
     if series.sizes[dim] < 2:
         raise SceneError(f"series: given {series.sizes[dim]} samples along {dim}; allowed: at least 2")
-    ordered = series.transpose(..., dim)
-    rows = np.ascontiguousarray(ordered.values, dtype=float).reshape(-1, series.sizes[dim])
-    finite = np.isfinite(rows)
-    wrong = ~finite.all(axis=1) & ~np.isnan(rows).all(axis=1)
-    if wrong.any():
-        place = int(np.argmin(finite[int(np.argmax(wrong))]))
-        raise SceneError(
-            f"series: given a value that is not finite at sample {place} along {dim}; allowed: finite numbers"
-        )
-    return rows, ordered.isel({dim: 0}, drop=True)
+    dims = tuple(name for name in series.dims if name != dim)
+    rows = np.ascontiguousarray(series.variable.transpose(*dims, dim).values, dtype=float).reshape(
+        -1, series.sizes[dim]
+    )
+    size = np.maximum(rows.max(axis=1), -rows.min(axis=1))
+    if not np.isfinite(size).all():
+        finite = np.isfinite(rows)
+        wrong = ~finite.all(axis=1) & ~np.isnan(rows).all(axis=1)
+        if wrong.any():
+            place = int(np.argmin(finite[int(np.argmax(wrong))]))
+            raise SceneError(
+                f"series: given a value that is not finite at sample {place} along {dim}; allowed: finite numbers"
+            )
+    kept = [name for name, variable in series.coords.variables.items() if dim not in variable.dims]
+    return rows, size, dims, {name: series.coords[name] for name in kept}
