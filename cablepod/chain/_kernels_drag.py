@@ -96,8 +96,11 @@ def _tangents(s, links, back, spatial):
 
 
 @compiled(inline="always")
-def _drag_increments(s, links, drag, spatial):
-    """Turn U from the relative velocity of the air into the velocity increments by drag: c |t| |u_n| u_n / 2 per mass."""
+def _extrapolate_drag(s, links, drag, target, spatial):
+    """Fill three rows from `target` on with the velocity increments by loads and drag until the next evaluation.
+
+    The drag c |t| |u_n| u_n / 2 per mass follows from the relative velocity U of the air, and is kept with that before.
+    """
     for j in range(links + 1):
         tx, ty, ux, uy = s[TX, j], s[TY, j], s[UX, j], s[UY, j]
         square, along = tx * tx + ty * ty, ux * tx + uy * ty
@@ -113,10 +116,16 @@ def _drag_increments(s, links, drag, spatial):
             uz -= along * tz
             speed_squared += uz * uz
         factor = 0.5 * drag * s[PER_MASS, j] * math.sqrt(square * speed_squared)
-        s[UX, j] = factor * ux
-        s[UY, j] = factor * uy
+        now, before = factor * ux, s[DRAG_X, j]
+        s[target, j] = s[BASE_X, j] + NOW * now + BEFORE * before + OLD * s[OLD_DRAG_X, j]
+        s[OLD_DRAG_X, j], s[DRAG_X, j] = before, now
+        now, before = factor * uy, s[DRAG_Y, j]
+        s[target + 1, j] = s[BASE_Y, j] + NOW * now + BEFORE * before + OLD * s[OLD_DRAG_Y, j]
+        s[OLD_DRAG_Y, j], s[DRAG_Y, j] = before, now
         if spatial is not None:
-            s[UZ, j] = factor * uz
+            now, before = factor * uz, s[DRAG_Z, j]
+            s[target + 2, j] = s[BASE_Z, j] + NOW * now + BEFORE * before + OLD * s[OLD_DRAG_Z, j]
+            s[OLD_DRAG_Z, j], s[DRAG_Z, j] = before, now
 
 
 @compiled(inline="always")
@@ -124,20 +133,6 @@ def _relative_velocity(s, u, v, links, before, after, share):
     """Fill a row of relative velocities of the air from two samples of the wind (n + 1,) and the row of velocities."""
     for j in range(links + 1):
         s[u, j] = before[j] + share * (after[j] - before[j]) - s[v, j]
-
-
-@compiled(inline="always")
-def _extrapolate_drag(s, u, drag, old_drag, base, target, links, is_first):
-    """Fill a row of velocity increments by loads and drag until the next evaluation, and keep this evaluation in `drag`."""
-    if is_first:
-        for j in range(links + 1):
-            s[drag, j] = s[u, j]
-            s[old_drag, j] = s[u, j]
-    for j in range(links + 1):
-        now, before = s[u, j], s[drag, j]
-        s[target, j] = s[base, j] + NOW * now + BEFORE * before + OLD * s[old_drag, j]
-        s[drag, j] = now
-        s[old_drag, j] = before
 
 
 @compiled(inline="always")
@@ -154,8 +149,7 @@ def _apply_drag(s, links, wind, place, drag, step, target, is_first, spatial):
     if spatial is not None:
         _relative_velocity(s, UZ, VZ, links, wind[sample, 2], wind[sample + 1, 2], share)
     _tangents(s, links, 0.5 * step, spatial)
-    _drag_increments(s, links, drag, spatial)
-    _extrapolate_drag(s, UX, DRAG_X, OLD_DRAG_X, BASE_X, target, links, is_first)
-    _extrapolate_drag(s, UY, DRAG_Y, OLD_DRAG_Y, BASE_Y, target + 1, links, is_first)
-    if spatial is not None:
-        _extrapolate_drag(s, UZ, DRAG_Z, OLD_DRAG_Z, BASE_Z, target + 2, links, is_first)
+    for _ in range(
+        3 if is_first else 1
+    ):  # the drag before the start is that of the start: all three evaluations are this one
+        _extrapolate_drag(s, links, drag, target, spatial)

@@ -211,12 +211,12 @@ def _extremes(s, links, green, spatial):
         s[HIGH, j] = max(s[HIGH, j], signed_tension_square)
 
 
-@compiled
-def _advance(
-    s, links, spatial, green, step, damping_factor, viscosity, tension_damping, wind, drag, samples_per_second, hold, patterns,
-    factors, rows, columns, ends, end_rates, start, begin, end, extremes,
+@compiled(inline="always")
+def _steps(
+    s, links, spatial, green, step, damping_factor, viscosity, tension_damping, patterns, factors, rows, columns, ends,
+    end_rates, begin, end, extremes,
 ):  # fmt: skip
-    """Take the steps begin ... end - 1 of the tables, without saving, so that the compiler sees a plain loop."""
+    """Take the steps begin ... end - 1 of the tables."""
     for i in range(begin, end):
         if end_rates is not None:
             _predict_velocities(s, links, spatial)
@@ -232,17 +232,34 @@ def _advance(
             _extremes(s, links, green, spatial)
         if tension_damping is not None:
             _add_tension_damping(s, links, tension_damping, spatial)
-        if wind is not None and (start + i) % hold == 0:
-            place = (start + i - 0.5) * step * samples_per_second
-            if patterns is None:
-                _apply_drag(s, links, wind, place, drag, step, LOAD_X, start + i == 0, spatial)
-            else:
-                _apply_drag(s, links, wind, place, drag, step, STEADY_X, start + i == 0, spatial)
         if patterns is not None:
             _load_increments(s, links, patterns, factors, i, spatial)
         _kick_and_drift(s, links, step, damping_factor, spatial)
         for m in range(rows.size):
             s[rows[m], columns[m]] = ends[m, i + 1]
+
+
+@compiled
+def _advance(
+    s, links, spatial, green, step, damping_factor, viscosity, tension_damping, wind, drag, samples_per_second, hold, patterns,
+    factors, rows, columns, ends, end_rates, start, begin, end, extremes,
+):  # fmt: skip
+    """Take the steps begin ... end - 1 of the tables, without saving, so that the compiler sees a plain loop."""
+    i = begin
+    while i < end:
+        last = end
+        if wind is not None:
+            held = (start + i) % hold
+            last = min(i + hold - held, end)
+            if held == 0:
+                place = (start + i - 0.5) * step * samples_per_second
+                target = LOAD_X if patterns is None else STEADY_X
+                _apply_drag(s, links, wind, place, drag, step, target, start + i == 0, spatial)
+        _steps(
+            s, links, spatial, green, step, damping_factor, viscosity, tension_damping, patterns, factors, rows, columns, ends,
+            end_rates, i, last, extremes,
+        )  # fmt: skip
+        i = last
 
 
 @compiled(inline="always")
