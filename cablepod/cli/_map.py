@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.archive._atomic import atomic_file
+from cablepod.archive._figure import write_figure
 from cablepod.archive._manifest import read_manifest, time_errors
 from cablepod.errors import SceneError
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR
@@ -90,8 +91,4 @@ def _draw(path: Path, results: xr.Dataset, x: str, y: str, *, hertz: bool) -> No
     if "frequency" in y:
         x, y = y, x
     figure: Any = plots.parameter_map(results, "tension_maximum", x=x, y=y, hertz=hertz).figure
-    with atomic_file(path) as part:
-        figure.savefig(part, dpi=150, format="png")
-    from matplotlib import pyplot as plt
-
-    plt.close(figure)
+    write_figure(figure, path)

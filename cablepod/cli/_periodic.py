@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import archive
+from cablepod.archive._figure import write_figure
 from cablepod.archive._folder import prepare_folder
 from cablepod.cli import _arguments, _group, _process
 from cablepod.cli._group import say
@@ -159,12 +160,8 @@ def _figures(folder: Path, drawings: Any, result: xr.Dataset) -> None:
     import matplotlib as mpl
 
     mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
     for name, draw in drawings:
-        ax = draw(result)
-        ax.figure.savefig(folder / name, dpi=150)
-        plt.close(ax.figure)
+        write_figure(draw(result).figure, folder / name)
 
 
 def _frequencies(values: np.ndarray, hertz: bool) -> np.ndarray:

@@ -6,17 +6,15 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import xarray as xr
 
 from cablepod import archive, provenance
 from cablepod.archive._atomic import atomic_file
+from cablepod.archive._figure import write_figure
 from cablepod.paper.sections import FULL, SECTIONS, Section, Size, lines
 from cablepod.paper.summary import HEAD, summary
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 DATASET, PAGE = "paper.nc", "paper.md"
 TEMPLATE = Path(__file__).with_name("page.md")
@@ -70,7 +68,7 @@ def _write(
         done += share
         report(1.0, done - share)
         for name, figure in parts[-1].figures.items():
-            _save(figure, folder / f"{name}.png")
+            write_figure(figure, folder / f"{name}.png", dpi=110)
         seconds.append(time.perf_counter() - begin)
     result = xr.merge([part.data for part in parts], compat="equals", join="exact", combine_attrs="override")
     result.attrs = {"title": "The paper's tables and figures beside our own", "stage": "report"}
@@ -81,17 +79,6 @@ def _write(
     with atomic_file(folder / PAGE) as unfinished:
         unfinished.write_text(_page(result, parts, rows, seconds, size), encoding="utf-8")
     return result, rows
-
-
-def _save(figure: Figure, path: Path) -> None:
-    """Write a figure and close it."""
-    from matplotlib import pyplot as plt  # slow to import
-
-    try:
-        with atomic_file(path) as unfinished:
-            figure.savefig(unfinished, dpi=110, format="png")
-    finally:
-        plt.close(figure)
 
 
 def _page(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.archive._atomic import atomic_file
+from cablepod.archive._figure import write_figure
 from cablepod.errors import scene_error
 
 #: Names of the figures, in the order in which they are written.
@@ -71,8 +71,7 @@ def write_figures(
     for name in drawings:
         figure = Figure(figsize=(7.5, 4.2), layout="constrained")
         drawings[name](ax=figure.subplots())
-        with atomic_file(folder / f"{name}.png") as unfinished:
-            figure.savefig(unfinished, dpi=150, format="png")
+        write_figure(figure, folder / f"{name}.png")
     return list(drawings)
 
 
