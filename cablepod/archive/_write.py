@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK, NetCDF4DataStore
 
 from cablepod._inputs import ANY, taken
 from cablepod._resources import defer_sigint_during_dask
@@ -85,13 +86,25 @@ def write(dataset: xr.Dataset, path: str | os.PathLike[str], *, overwrite: bool 
     library = defer_sigint_during_dask(dataset) if is_lazy else netcdf_lock()
     try:
         with atomic_file(path, check=lambda: check_target(path, overwrite=overwrite)) as part, library:
-            stamped.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding_of(stamped))
+            if is_lazy:
+                stamped.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding_of(stamped))
+            else:
+                _write_arrays(stamped, part)
             add_seal(part, stamped.attrs["id"])
     except ArchiveError:
         raise
     except LIBRARY_ERRORS as error:
         raise ArchiveError(f"{path}: not written, nothing is left behind: {reason(error, path.parent)}") from error
     return path
+
+
+def _write_arrays(dataset: xr.Dataset, path: Path) -> None:
+    """Write a dataset in memory as ``to_netcdf`` does, which would import ``distributed`` to ask for its locks."""
+    store = NetCDF4DataStore.open(os.fspath(path), mode="w", format="NETCDF4", lock=NETCDF4_PYTHON_LOCK)
+    try:
+        dataset.dump_to_store(store, encoding=encoding_of(dataset))
+    finally:
+        store.close()
 
 
 def encoding_of(dataset: xr.Dataset) -> dict[Hashable, dict[str, Any]]:

@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.study._mast import table_of_guys
-
 #: Number of frequencies that are printed.
 FREQUENCIES = 6
 
@@ -106,3 +104,26 @@ def text(study: xr.DataTree, folder: Path) -> str:
         lines.append(line)
     files = [path.name for path in sorted(folder.iterdir()) if path.suffix in (".nc", ".png")]
     return "\n".join([*lines, "", f"{folder}: {', '.join(files)}"])
+
+
+def table_of_guys(study: xr.DataTree) -> list[dict[str, Any]]:
+    """Return the rows of the printed table, a guy each; [N, s]."""
+    if "guys" not in study:
+        return []
+    guys = study["guys"].to_dataset()
+    return [
+        {
+            "guy": g + 1,
+            "level": float(guys["guy_level"][g]),
+            **{
+                name: float(np.asarray(guys[variable][g]))
+                for name, variable in (
+                    ("rest", "guy_tension_rest"), ("mean", "guy_tension_mean"), ("std", "guy_tension_std"),
+                    ("least", "guy_tension_minimum"), ("peak", "guy_tension_maximum"), ("peak_time", "guy_tension_maximum_time"),
+                    ("fatigue_range", "fatigue_range"), ("utilisation", "utilisation"),
+                )
+                if variable in guys
+            },
+        }
+        for g in range(guys.sizes["guy"])
+    ]  # fmt: skip

@@ -8,11 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from cablepod import archive, fatigue, mast
-from cablepod.archive._atomic import atomic_file
+from cablepod.archive._figure import write_figure
 from cablepod.archive._folder import prepare_folder
 from cablepod.conventions import label
 from cablepod.study._figures import check_backend
@@ -113,28 +112,4 @@ def _write_figures(folder: Path, results: dict[str, xr.Dataset]) -> None:
     for name, draw in drawings.items():
         figure = Figure(figsize=(7.5, 4.2), layout="constrained")
         draw(ax=figure.subplots())
-        with atomic_file(folder / f"{name}.png") as unfinished:
-            figure.savefig(unfinished, dpi=150, format="png")
-
-
-def table_of_guys(study: xr.DataTree) -> list[dict[str, Any]]:
-    """Return the rows of the printed table, a guy each; [N, s]."""
-    if "guys" not in study:
-        return []
-    guys = study["guys"].to_dataset()
-    return [
-        {
-            "guy": g + 1,
-            "level": float(guys["guy_level"][g]),
-            **{
-                name: float(np.asarray(guys[variable][g]))
-                for name, variable in (
-                    ("rest", "guy_tension_rest"), ("mean", "guy_tension_mean"), ("std", "guy_tension_std"),
-                    ("least", "guy_tension_minimum"), ("peak", "guy_tension_maximum"), ("peak_time", "guy_tension_maximum_time"),
-                    ("fatigue_range", "fatigue_range"), ("utilisation", "utilisation"),
-                )
-                if variable in guys
-            },
-        }
-        for g in range(guys.sizes["guy"])
-    ]  # fmt: skip
+        write_figure(figure, folder / f"{name}.png")

@@ -6,7 +6,6 @@ import time
 import warnings
 from collections.abc import Callable
 from functools import partial
-from statistics import median
 from typing import Any
 
 import xarray as xr
@@ -14,7 +13,7 @@ import xarray as xr
 #: Calls of at most this wall time [s] are repeated.
 LONGEST_REPEATED = 3.0
 #: Maximum number of repeats; they end sooner when all of them together take this time [s].
-REPEATS, REPEAT_SECONDS = 3, 0.05
+REPEATS, REPEAT_SECONDS = 2, 0.05
 
 
 def timed(
@@ -22,11 +21,12 @@ def timed(
     *,
     progress: Callable[[float], None] | None = None,
     say: Callable[[], None] | None = None,
+    longest_repeated: float = LONGEST_REPEATED,
 ) -> tuple[xr.Dataset, dict[str, float]]:
     """Call for the result, and again for the run time.
 
-    The median of the repeats counts, because the first call compiles kernels or loads them from the cache on disk.  A long call
-    is not repeated; its time is that of the first without compilation.
+    The fastest call counts.  Of the first call the time is left out in which kernels are compiled, or loaded from the cache on
+    disk; modules that it imports remain in it.  A long call is not repeated.
 
     Parameters
     ----------
@@ -36,6 +36,8 @@ def timed(
         Callback of the first call, receiving the completed fraction, 0 to 1.
     say
         Called when a compilation begins.
+    longest_repeated
+        Wall time of the first call above which it is not repeated [s].
 
     Returns
     -------
@@ -44,36 +46,40 @@ def timed(
     """
     from numba.core import event  # numba is imported only to compute
 
-    compile_seconds = depth = begun = 0.0
+    class Clock(event.Listener):
+        """Clock of the outermost of nested events."""
 
-    class Listener(event.Listener):
-        """Clock of the outermost compilation; kernels from the cache on disk are none."""
+        def __init__(self, say: Callable[[], None] | None = None) -> None:
+            self.say, self.depth, self.begun, self.seconds = say, 0, 0.0, 0.0
 
         def on_start(self, event: Any) -> None:
-            nonlocal depth, begun
-            if depth == 0:
-                begun = time.perf_counter()
-                if say is not None:
-                    say()
-            depth += 1
+            if self.depth == 0:
+                self.begun = time.perf_counter()
+                if self.say is not None:
+                    self.say()
+            self.depth += 1
 
         def on_end(self, event: Any) -> None:
-            nonlocal depth, compile_seconds
-            depth -= 1
-            if depth == 0:
-                compile_seconds += time.perf_counter() - begun
+            self.depth -= 1
+            if self.depth == 0:
+                self.seconds += time.perf_counter() - self.begun
 
-    with event.install_listener("numba:compile", Listener()):
-        result, seconds = _clocked(partial(call, progress=progress))
-    seconds -= compile_seconds
-    if seconds > LONGEST_REPEATED:
-        return result, {"call_time": seconds, "compile_time": compile_seconds}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the first call has warned
-        repeats = [_clocked(call)[1]]
-        while len(repeats) < REPEATS and sum(repeats) + repeats[-1] <= REPEAT_SECONDS:
-            repeats.append(_clocked(call)[1])
-    return result, {"call_time": median(repeats), "compile_time": compile_seconds}
+    compilation, with_loading = Clock(say), Clock()
+    with (
+        event.install_listener("numba:compile", compilation),
+        event.install_listener(
+            "numba:compiler_lock", with_loading
+        ),  # held for compilation and for kernels from the cache
+    ):
+        result, first = _clocked(partial(call, progress=progress))
+    seconds = [first - with_loading.seconds]
+    if seconds[0] <= longest_repeated:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the first call has warned
+            seconds.append(_clocked(call)[1])
+            while len(seconds) <= REPEATS and sum(seconds[1:]) + seconds[-1] <= REPEAT_SECONDS:
+                seconds.append(_clocked(call)[1])
+    return result, {"call_time": min(seconds), "compile_time": compilation.seconds}
 
 
 def _clocked(call: Callable[..., xr.Dataset]) -> tuple[xr.Dataset, float]:

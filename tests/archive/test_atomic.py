@@ -8,7 +8,6 @@ import time
 from pathlib import Path
 
 import pytest
-import xarray as xr
 from children import finish, python, run_python
 from results import make_modes, make_scene, make_trajectory
 
@@ -21,7 +20,7 @@ def visible(folder):
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, MemoryError])
-@pytest.mark.parametrize("place", ["to_netcdf", "fsync", "replace"])
+@pytest.mark.parametrize("place", ["_write_arrays", "fsync", "replace"])
 def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(error, place, tmp_path, monkeypatch):
     path = write(make_scene(), tmp_path / "it.nc")
     old = path.read_bytes()
@@ -29,12 +28,12 @@ def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(error, place,
     def interrupt(*args, **kwargs):
         raise error
 
-    def half(self, target, **kwargs):
-        Path(target).write_bytes(b"\x89HDF")
+    def half(dataset, target):
+        target.write_bytes(b"\x89HDF")
         raise error
 
-    if place == "to_netcdf":
-        monkeypatch.setattr(xr.Dataset, place, half)
+    if place == "_write_arrays":
+        monkeypatch.setattr(archive, place, half)
     else:
         monkeypatch.setattr(archive.os, place, interrupt)
     with pytest.raises(error):
@@ -125,11 +124,11 @@ def test_a_full_disk_is_a_clear_error_and_leaves_nothing(tmp_path):
     ],
 )
 def test_no_space_is_a_clear_error(error, tmp_path, monkeypatch):
-    def fail(self, target, **kwargs):
-        Path(target).write_bytes(b"half")
+    def fail(dataset, target):
+        target.write_bytes(b"half")
         raise error
 
-    monkeypatch.setattr(xr.Dataset, "to_netcdf", fail)
+    monkeypatch.setattr(archive, "_write_arrays", fail)
     with pytest.raises(ArchiveError, match=re.escape(f"nothing is left behind: {error}; is the disk full? ")):
         write(make_scene(), tmp_path / "it.nc")
     assert list(tmp_path.iterdir()) == []
