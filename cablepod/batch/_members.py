@@ -223,12 +223,12 @@ def over_members(function: F) -> F:
 def over_members_by(
     plan: Callable[..., BatchPlan | None],
     check: Callable[[xr.Dataset], None] = lambda _: None,
-    kind: Kind = SCENE,
+    kind: Kind | Callable[[Any], Kind] = SCENE,
 ) -> Callable[[F], F]:
     """Make a decorator as :func:`over_members` with a faster `plan` for some scenes and options.
 
     `plan` takes the arguments of the function except `progress`, and returns None for scenes and options that it does not cover.
-    `check` is called with a scene with members before the run; `kind` is what the scene may be.
+    `check` is called with a scene with members before the run; `kind` is what the scene may be, or tells it of a scene.
     """
 
     def decorator(function: F) -> F:
@@ -236,7 +236,7 @@ def over_members_by(
 
         @functools.wraps(function)
         def wrapper(scene: xr.Dataset, *args: Any, **options: Any) -> xr.Dataset:
-            scene = taken("scene", scene, kind)
+            scene = taken("scene", scene, kind if isinstance(kind, Kind) else kind(scene))
             if "member" not in scene.dims:
                 return function(scene, *args, **options)
             if has_times:

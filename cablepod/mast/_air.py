@@ -1,144 +1,74 @@
-"""Air on a mast and its guys: points, mean wind and turbulence, samples for the kernels."""
+"""Air on a mast and its guys as arrays for the kernels, kept as long as the air is."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import Any
+import threading
+from functools import lru_cache
 
 import numpy as np
 
-from cablepod.errors import scene_error
-from cablepod.parameters._mast import MastParameters
-from cablepod.wind._air import INTERVAL, MIN_REFINED, REFINEMENT, instants_until, smooth_step
-from cablepod.wind._profile import mean_speed
-from cablepod.wind._turbulence import across_of, direction_of, gusts
+from cablepod.mast._kernels_layout import LANES
+from cablepod.scene._mast_field import GUY_POINTS
+from cablepod.wind._air import MIN_REFINED, REFINEMENT, refined
+from cablepod.wind._mast_air import KEPT_FIELDS, MastAir
 
-#: Points of the air along each guy, and along the mast.
-GUY_POINTS, MAST_POINTS = 9, 17
-#: Number of fields that are kept.
-KEPT_FIELDS = 4
+_LOCK = threading.RLock()
 
 
-@dataclass(frozen=True, eq=False)
-class MastAir:
-    """Velocity of the air at points of the mast and its guys at rest in still air."""
+@lru_cache
+def time_weights(samples: int) -> np.ndarray:
+    """Return the weights of six samples at parts of an interval (parts, 6), between which the air is linear in time.
 
-    p: MastParameters
-    end_time: float  #: [s]
-
-    @cached_property
-    def positions(self) -> np.ndarray:
-        """Points: those of the mast from below, then those of the chord of each guy from its anchor (points, 3) [m].
-
-        Chords do not depend on tension or ice, so that masts which differ in these share their wind.
-        """
-        height = np.linspace(0.0, self.p.height, MAST_POINTS)
-        mast = np.stack([0.0 * height, height, 0.0 * height], axis=1)
-        sigma = np.linspace(0.0, 1.0, GUY_POINTS)[:, None]
-        chords = [guy.p.lower + sigma * (guy.p.upper - guy.p.lower) for guy in self.p.guys]
-        position = np.concatenate([mast, *chords])
-        assert self.p.wind is not None
-        ground, lowest = float(self.p.wind["ground"]), float(position[:, 1].min())
-        if lowest < ground - 1e-9 * self.p.height:
-            raise scene_error(
-                "wind.ground", ground, f"at most the lowest anchor and the foot of the mast, {lowest:g} m"
-            )
-        return position
-
-    @cached_property
-    def mean(self) -> np.ndarray:
-        """Mean velocity at the points (points, 3) [m/s]."""
-        assert self.p.wind is not None
-        height = self.positions[:, 1] - float(self.p.wind["ground"])
-        return mean_speed(self.p.wind, height)[:, None] * direction_of(self.p.wind)
-
-    @cached_property
-    def velocity(self) -> np.ndarray:
-        """Velocity at the points (samples, points, 3) [m/s], sampled as the turbulence is; two samples of a steady one."""
-        p = self.p
-        assert p.wind is not None
-        ramp = float(p.wind["ramp"])
-        if p.turbulence is None and not ramp:
-            return np.repeat(self.mean[None], 2, axis=0)
-        count = instants_until(self.end_time)
-        total = np.tile(self.mean, (count, 1, 1))
-        if p.turbulence is not None and float(p.wind["speed"]):
-            total += _turbulence(_Content(p.wind, p.turbulence, self.positions), count)
-        if ramp:
-            total *= smooth_step(np.arange(count) * INTERVAL / ramp)[:, None, None]
-        return total
-
-    @property
-    def samples_per_second(self) -> float:
-        """Samples of :func:`cablepod.wind._air.refined` velocities per second."""
-        return (REFINEMENT if len(self.velocity) >= MIN_REFINED else 1) / INTERVAL
-
-    @property
-    def start(self) -> np.ndarray:
-        """Steady velocity from which runs start, 0 with a ramp (points, 3) [m/s]."""
-        assert self.p.wind is not None
-        return 0.0 * self.mean if float(self.p.wind["ramp"]) else self.mean
-
-    def of_guys(self, velocity: np.ndarray) -> np.ndarray:
-        """Return the part of the guys of velocities (..., points, 3): (..., guys, points, 3)."""
-        return velocity[..., MAST_POINTS:, :].reshape(*velocity.shape[:-2], len(self.p.guys), GUY_POINTS, 3)
-
-    def at_nodes(self, height: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Return velocities at heights of the mast in x and z (..., nodes, 2), linear between the points."""
-        place = height / self.p.height * (MAST_POINTS - 1)
-        left = np.minimum(place.astype(int), MAST_POINTS - 2)
-        share = (place - left)[:, None]
-        points = velocity[..., :MAST_POINTS, :][..., (0, 2)]
-        return np.ascontiguousarray((1.0 - share) * points[..., left, :] + share * points[..., left + 1, :])
+    They are those of :func:`cablepod.wind._air.refined`: polynomials through the samples, which keep gusts that straight lines
+    would take away; a few samples alone are joined by straight lines.
+    """
+    if samples < MIN_REFINED:
+        return np.eye(6)[2:3].copy()
+    impulses = np.zeros((16, 6))
+    impulses[5:11] = np.eye(6)
+    return np.ascontiguousarray(refined(impulses)[7 * REFINEMENT : 8 * REFINEMENT])
 
 
-class _Content:
-    """Wind and points, compared by their values."""
-
-    def __init__(self, wind: Mapping[str, Any], turbulence: Mapping[str, Any], positions: np.ndarray) -> None:
-        self.wind, self.turbulence, self.positions = wind, turbulence, positions
-        tables = [
-            (name, np.asarray(value).tolist()) for table in (wind, turbulence) for name, value in sorted(table.items())
-        ]
-        self.key = (repr(tables), positions.tobytes())
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Content) and self.key == other.key
-
-    def __hash__(self) -> int:
-        return hash(self.key)
+@lru_cache(2 * KEPT_FIELDS)
+def _at_nodes(air: MastAir, height: bytes) -> np.ndarray:
+    own = air.at_nodes(np.frombuffer(height), air.velocity)
+    result = np.zeros((len(own), 2, -(-own.shape[1] // LANES) * LANES))
+    result[:, :, : own.shape[1]] = np.swapaxes(own, 1, 2)
+    return result.reshape(len(own), -1)
 
 
-@lru_cache(KEPT_FIELDS)
-def _turbulence(content: _Content, count: int) -> np.ndarray:
-    """Return the turbulence at the points (samples, points, 3) [m/s]; kept, as masts of one place share it."""
-    from scipy.fft import next_fast_len
-
-    wind, positions = content.wind, content.positions
-    whole, seed = next_fast_len(count + 1), int(content.turbulence["seed"])
-    total = np.zeros((count, *positions.shape))
-    across = across_of(wind)
-    assert across is not None
-    for vector, is_across in ((direction_of(wind), False), (across, True)):
-        part = gusts(wind, content.turbulence, positions, whole, INTERVAL, seed, across=is_across)[:, :count].T
-        for component, share in enumerate(vector):
-            if share:
-                total[..., component] += part * share
-    return total
+def at_nodes(air: MastAir, height: np.ndarray) -> np.ndarray:
+    """Return the velocity at nodes of the mast, in x, then in z, padded to whole lanes (samples, 2 nodes) [m/s]."""
+    with _LOCK:
+        return _at_nodes(air, np.ascontiguousarray(height, dtype=float).tobytes())
 
 
-def mast_air(p: MastParameters, end_time: float) -> MastAir | None:
-    """Return the air on a mast from 0 to `end_time` [s]; None in still air."""
-    return None if p.wind is None else _kept(p, max(end_time, p.duration or 0.0))
+def _of_places(air: MastAir, velocity: np.ndarray, count: int, lanes: int) -> np.ndarray:
+    """Return velocities (samples, points, 3) at Gauss points of the guys (samples, count, 3, lanes)."""
+    matrix, own = to_gauss(count)[2], air.of_guys(velocity)
+    result = np.zeros((len(own), count, 3, lanes))
+    for g in range(air.guys):
+        result[..., g] = matrix @ own[:, g]
+    return result
 
 
-@lru_cache(4)
-def _kept(p: MastParameters, end_time: float) -> MastAir:
-    return MastAir(p, end_time)
+@lru_cache(2 * KEPT_FIELDS)
+def _along_guys(air: MastAir, count: int, lanes: int) -> np.ndarray:
+    return _of_places(air, air.velocity, count, lanes).reshape(len(air.velocity), -1)
 
 
+def along_guys(air: MastAir, count: int, lanes: int) -> np.ndarray:
+    """Return the velocity at Gauss points of the guys (samples, count 3 lanes) [m/s]."""
+    with _LOCK:
+        return _along_guys(air, count, lanes)
+
+
+def steady_along_guys(air: MastAir, count: int, lanes: int) -> np.ndarray:
+    """Return the velocity from which runs start at Gauss points of the guys (count, 3, lanes) [m/s]."""
+    return _of_places(air, air.start[None], count, lanes)[0]
+
+
+@lru_cache
 def to_gauss(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return places and weights of Gauss points, and the matrix from the points of a guy's air to them.
 

@@ -10,12 +10,13 @@ import numpy as np
 
 from cablepod.catenary._statics import solve_catenaries
 from cablepod.errors import OutOfRangeWarning, SceneError, scene_error, user_stacklevel
-from cablepod.mast._air import GUY_POINTS, MastAir
 from cablepod.mast._drive import drive_of
 from cablepod.mast._guys import StaticGuy, static_guys
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory, empty_trajectory
+from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.wind._air import drag_of, refined
+from cablepod.wind._mast_air import MastAir
 
 #: Intervals of a table, and its reach to both sides over the height of the mast.
 INTERVALS, REACH = 1000, 0.03
@@ -73,7 +74,6 @@ class CatenaryGuys:
     def _reaction(self, velocity: np.ndarray) -> np.ndarray:
         """Return the part of the drag that the mast carries, for velocities (samples, points, 3): (samples, guys, 2) [N]."""
         assert self.air is not None
-        assert self.mast.rest.p.wind is not None
         wind = self.air.of_guys(velocity)
         sigma = np.linspace(0.0, 1.0, GUY_POINTS)
         result = np.empty((len(velocity), len(self.guys), 2))
@@ -81,7 +81,7 @@ class CatenaryGuys:
             along = guy.chord / np.linalg.norm(guy.chord)
             normal = wind[:, g] - (wind[:, g] @ along)[..., None] * along
             force = np.sqrt((normal * normal).sum(axis=-1))[..., None] * normal[..., (0, 2)]
-            drag = drag_of(guy.p, float(self.mast.rest.p.wind["air_density"])) * guy.length
+            drag = drag_of(guy.p, self.air.density) * guy.length
             result[:, g] = drag * np.trapezoid(sigma[:, None] * force, sigma, axis=1)
         return result
 
@@ -120,7 +120,8 @@ class CatenaryGuys:
             step, request.every, request.steps, np.array(request.window_steps), np.zeros(len(mast.omega)),
             np.zeros(len(mast.omega)), constant, mast.stiffness, matrices.keep, matrices.gain, mast.level_rows, mast.level_rest,
             mast.level_of_guy, anchors, first, spacing, horizontal, vertical, mass, drive.load_vectors, drive.factors,
-            drive.samples_per_step, drive.mast_wind, drive.node_rows, drive.node_drag, reaction, result.modal, result.rates,
+            drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows, drive.node_drag,
+            drive.refined_samples_per_step, reaction, result.modal, result.rates,
             result.force, result.tension, result.level_extremes, result.level_sums, result.tension_extremes,
             result.tension_sums, places,
         )  # fmt: skip

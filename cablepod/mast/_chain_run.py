@@ -11,12 +11,13 @@ from cablepod.chain._air import ChainAir
 from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.errors import scene_error
-from cablepod.mast._air import GUY_POINTS, MastAir
 from cablepod.mast._drive import drive_of
 from cablepod.mast._guys import static_guys
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory, empty_trajectory
+from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.wind._air import CableAir, drag_of, refined
+from cablepod.wind._mast_air import MastAir
 
 #: Step over the stability limit of the links: a chain that goes slack and taut again breaks down near 1.
 STEP_OVER_LIMIT = 0.5
@@ -47,9 +48,8 @@ class ChainGuys:
     @cached_property
     def drag(self) -> np.ndarray:
         """Half the density of the air times drag coefficient and diameter of the guys [kg/m2]."""
-        wind = self.mast.rest.p.wind
-        assert wind is not None
-        return np.array([drag_of(chain.p, float(wind["air_density"])) for chain in self.chains])
+        assert self.air is not None
+        return np.array([drag_of(chain.p, self.air.density) for chain in self.chains])
 
     @cached_property
     def link_lengths(self) -> np.ndarray:
@@ -114,8 +114,8 @@ class ChainGuys:
             matrices.gain, mast.level_rows, mast.level_rest, mast.level_of_guy,
             np.array([chain.p.stiffness for chain in self.chains]), self.link_lengths,
             mass, VISCOSITY * limit, p.gravity, p.mass_damping, np.array(breaks), drive.load_vectors, drive.factors,
-            drive.samples_per_step,
-            drive.mast_wind, drive.node_rows, drive.node_drag, wind, drag, result.modal, result.rates, result.force,
+            drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows, drive.node_drag,
+            drive.refined_samples_per_step, wind, drag, result.modal, result.rates, result.force,
             result.tension, result.level_extremes, result.level_sums, result.tension_extremes, result.tension_sums, monitor,
         )  # fmt: skip
         result.finish(status, at, guy, monitor)

@@ -1,4 +1,4 @@
-"""Condensed model of a guy as seen from the mast: potential energy, forces and their tangent, in one coordinate system.
+"""Condensed models of guys as seen from the mast: potential energy, forces and their tangent, for all guys at once.
 
 The equations are those of :mod:`cablepod.condensed` to leading order with the stretch at rest, for a lower end that stands still
 and a vertical load.  The momentum coordinates p = q + m n.u of the deflections q make the mass matrix of mast and guys constant.
@@ -6,6 +6,7 @@ and a vertical load.  The momentum coordinates p = q + m n.u of the deflections 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -97,126 +98,139 @@ def _integrated(basis: Any) -> Shapes:
 
 
 @dataclass(frozen=True, eq=False)
-class CondensedGuy:
-    """One guy; coordinates q: first those in the vertical plane of the chord, then those out of it [kg^1/2 m]."""
+class GuySet:
+    """Guys in arrays; coordinates q: first those in the vertical plane of the chord, then those out of it [kg^1/2 m]."""
 
-    guy: StaticGuy  #: at rest, without drag
+    lower: np.ndarray  #: anchors (guys, 3) [m]
+    upper: np.ndarray  #: upper ends at rest (guys, 3) [m]
+    length: np.ndarray  #: unstretched (guys,) [m]
+    stiffness: np.ndarray  #: axial, K (guys,) [N]
+    mass: np.ndarray  #: per length, with ice (guys,) [kg/m]
+    weight: np.ndarray  #: per unstretched length, with ice (guys,) [N/m]
+    strain: np.ndarray  #: at rest, which the terms of second order keep (guys,)
     shapes: tuple[Shapes, Shapes]
-    strain: float  #: at rest, which the terms of second order keep
+
+    @property
+    def count(self) -> int:
+        """Number of guys."""
+        return len(self.length)
 
     @cached_property
-    def n_in_plane(self) -> int:
-        """Number of coordinates in the plane."""
-        return len(self.shapes[0].slopes)
-
-    @cached_property
-    def scale(self) -> float:
-        """Factor of mass-normalised shapes [kg^-1/2]."""
-        return 1.0 / float(np.sqrt(self.guy.p.mass * self.guy.length))
+    def scale(self) -> np.ndarray:
+        """Factors of mass-normalised shapes (guys,) [kg^-1/2]."""
+        return 1.0 / np.sqrt(self.mass * self.length)
 
     @cached_property
     def kappa(self) -> np.ndarray:
-        """Squared slope norms of the shapes (2 r,) [1/(kg m)]."""
-        return np.concatenate([part.slopes for part in self.shapes]) * self.scale**2 / self.guy.length
+        """Squared slope norms of the shapes (guys, 2 r) [1/(kg m)]."""
+        return np.concatenate([part.slopes for part in self.shapes]) * (self.scale**2 / self.length)[:, None]
 
     @cached_property
     def moments(self) -> np.ndarray:
-        """Integrals of mass times sigma times shape (2 r,) [kg^1/2]."""
-        return np.concatenate([part.moments for part in self.shapes]) * self.guy.p.mass * self.guy.length * self.scale
+        """Integrals of mass times sigma times shape (guys, 2 r) [kg^1/2]."""
+        return np.concatenate([part.moments for part in self.shapes]) / self.scale[:, None]
 
     @cached_property
     def loads(self) -> np.ndarray:
-        """Integrals of the shapes in the plane, 0 out of it (2 r,) [m kg^-1/2]."""
-        means = self.shapes[0].means * self.guy.length * self.scale
-        return np.concatenate([means, np.zeros(len(self.shapes[1].slopes))])
+        """Integrals of the shapes in the plane, 0 out of it (guys, 2 r) [m kg^-1/2]."""
+        means = np.concatenate([self.shapes[0].means, 0.0 * self.shapes[1].means])
+        return means * (self.length * self.scale)[:, None]
 
     @cached_property
     def tilt(self) -> np.ndarray:
-        """Geometric stiffness of a load of one along the chord (2 r, 2 r) [1/kg]."""
+        """Geometric stiffness of a load of one along the chord, for shapes of unit mass (2 r, 2 r)."""
         from scipy.linalg import block_diag
 
-        return block_diag(*(part.tilt for part in self.shapes)) * self.scale**2
+        return block_diag(*(part.tilt for part in self.shapes))
 
     @property
-    def weight(self) -> float:
-        """Weight per unstretched length, with ice [N/m]."""
-        return -float(self.guy.p.weight[1])
+    def rest_force(self) -> np.ndarray:
+        """Chordwise forces that belong to the strain at rest (guys,) [N]."""
+        return self.strain * self.stiffness
 
-    @property
-    def rest_force(self) -> float:
-        """Chordwise force that belongs to the strain at rest [N]."""
-        return self.strain * self.guy.p.stiffness
-
-    def frame(self, upper: Any) -> tuple[Any, Any]:
-        """Return chord length, and axes: from mast to anchor, normal in the vertical plane, normal out of it (3, 3)."""
-        reach = self.guy.p.lower - upper
-        chord = np.sqrt((reach * reach).sum())
-        along = reach / chord
-        vertical = np.array([0.0, 1.0, 0.0])
-        if abs(complex(along[0])) + abs(complex(along[2])) < 1e-12:  # along the mast: any vertical plane
-            first = np.array([1.0, 0.0, 0.0]) - along[0] * along
-            first = first / np.sqrt((first * first).sum())
-        else:
-            first = vertical - along[1] * along
-            first = first / np.sqrt((first * first).sum())
-        second = [first[(d + 1) % 3] * along[(d + 2) % 3] - first[(d + 2) % 3] * along[(d + 1) % 3] for d in range(3)]
-        return chord, np.array([along, first, second])
-
-    def forces(self, q: Any, upper: Any) -> tuple[Any, Any]:
-        """Return forces on the coordinates (2 r,) and on the end at fixed coordinates (3,): negative slopes of the energy."""
-        length, stiffness, weight = self.guy.length, self.guy.p.stiffness, self.weight
-        chord, axes = self.frame(upper)
-        along_load, normal_load = -weight * axes[0, 1], -weight * axes[1, 1]
-        kappa, tilt = self.kappa, self.tilt
-        softening = 1.0 - 2.0 * self.strain
-        tension = stiffness * (chord / length - 1.0) + 0.5 * stiffness / length * softening * (kappa * q * q).sum()
-        tilted = tilt @ q
-        on_q = -(tension * softening + self.strain * self.rest_force) * kappa * q - along_load * tilted
-        on_q = on_q + normal_load * self.loads
-        turning = (0.5 * (q * tilted).sum() * normal_load + (self.loads * q).sum() * along_load) / chord
-        on_end = tension * axes[0] + turning * axes[1]
-        return on_q, on_end + np.array([0.0, -0.5 * weight * length, 0.0])
-
-    def energy(self, q: np.ndarray, upper: np.ndarray) -> float:
-        """Return the potential energy [J], of which :meth:`forces` are the negative slopes."""
-        _, axes = self.frame(upper)
-        tension, weight = self.tension(q, upper), self.weight
-        elastic = 0.5 * self.guy.length / self.guy.p.stiffness * tension**2
-        elastic += 0.5 * self.strain * self.rest_force * float((self.kappa * q * q).sum())
-        hanging = -weight * (
-            0.5 * float(axes[0, 1]) * float(q @ self.tilt @ q) - float(axes[1, 1]) * float(self.loads @ q)
+    def frame(self, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return chord lengths, and axes: from mast to anchor, normal in the vertical plane, normal out of it (guys, 3, 3)."""
+        reach = self.lower - upper
+        chord = np.sqrt((reach * reach).sum(axis=-1))
+        along = reach / chord[:, None]
+        flat = np.sqrt(along[:, 0] * along[:, 0] + along[:, 2] * along[:, 2])
+        beside = np.abs(flat) > 1e-12  # else along the mast: any vertical plane
+        flat = np.where(beside, flat, 1.0)
+        first = np.stack([-along[:, 1] * along[:, 0] / flat, flat, -along[:, 1] * along[:, 2] / flat], axis=1)
+        first[~beside] = [1.0, 0.0, 0.0]
+        second = np.stack(
+            [
+                first[:, (d + 1) % 3] * along[:, (d + 2) % 3] - first[:, (d + 2) % 3] * along[:, (d + 1) % 3]
+                for d in range(3)
+            ],
+            axis=1,
         )
-        return elastic + hanging + 0.5 * weight * self.guy.length * float(upper[1])
+        return chord, np.stack([along, first, second], axis=1)
 
-    def tension(self, q: np.ndarray, upper: np.ndarray) -> float:
-        """Return the mean chordwise force [N]."""
-        chord, _ = self.frame(upper)
-        softening = 1.0 - 2.0 * self.strain
-        sag = 0.5 * softening * float((self.kappa * q * q).sum())
-        return float(self.guy.p.stiffness * (chord / self.guy.length - 1.0 + sag / self.guy.length))
+    def _tension(self, q: np.ndarray, chord: np.ndarray) -> np.ndarray:
+        sag = 0.5 * (1.0 - 2.0 * self.strain) * (self.kappa * q * q).sum(axis=1)
+        return self.stiffness * (chord / self.length - 1.0 + sag / self.length)
+
+    def tension(self, q: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Return the mean chordwise forces (guys,) [N]."""
+        return self._tension(q, self.frame(upper)[0])
+
+    def forces(self, q: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return forces on coordinates (guys, 2 r) and on the ends at fixed coordinates (guys, 3): slopes of minus the energy."""
+        chord, axes = self.frame(upper)
+        along_load, normal_load = -self.weight * axes[:, 0, 1], -self.weight * axes[:, 1, 1]
+        tension, tilted = self._tension(q, chord), q @ self.tilt * (self.scale**2)[:, None]
+        factor = tension * (1.0 - 2.0 * self.strain) + self.strain * self.rest_force
+        on_q = -factor[:, None] * self.kappa * q - along_load[:, None] * tilted + normal_load[:, None] * self.loads
+        turning = 0.5 * (q * tilted).sum(axis=1) * normal_load + (self.loads * q).sum(axis=1) * along_load
+        on_end = tension[:, None] * axes[:, 0] + (turning / chord)[:, None] * axes[:, 1]
+        on_end[:, 1] -= 0.5 * self.weight * self.length
+        return on_q, on_end
+
+    def energy(self, q: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Return the potential energies (guys,) [J], of which :meth:`forces` are the negative slopes."""
+        chord, axes = self.frame(upper)
+        elastic = 0.5 * self.length / self.stiffness * self._tension(q, chord) ** 2
+        elastic += 0.5 * self.strain * self.rest_force * (self.kappa * q * q).sum(axis=1)
+        tilted = q @ self.tilt * (self.scale**2)[:, None]
+        hanging = 0.5 * axes[:, 0, 1] * (q * tilted).sum(axis=1) - axes[:, 1, 1] * (self.loads * q).sum(axis=1)
+        return elastic - self.weight * hanging + 0.5 * self.weight * self.length * upper[:, 1]
 
     def tangent(self, q: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Return the second derivative of the energy by (q, upper): (2 r + 3, 2 r + 3), by complex steps."""
-        r, step = q.size, 1e-30
-        result = np.empty((r + 3, r + 3))
-        state = np.concatenate([q, upper]).astype(complex)
+        """Return the second derivatives of the energy by (q, upper): (guys, 2 r + 3, 2 r + 3), by complex steps."""
+        r, step = q.shape[1], 1e-30
+        result = np.empty((self.count, r + 3, r + 3))
+        state = np.concatenate([q, upper], axis=1).astype(complex)
         for j in range(r + 3):
-            moved = state.copy()
-            moved[j] += 1j * step
-            on_q, on_end = self.forces(moved[:r], moved[r:])
-            result[:, j] = -np.concatenate([on_q, on_end]).imag / step
+            state[:, j] += 1j * step
+            on_q, on_end = self.forces(state[:, :r], state[:, r:])
+            result[:, :, j] = -np.concatenate([on_q, on_end], axis=1).imag / step
+            state[:, j] = state[:, j].real
         return result
 
-    def stiffness(self, q: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Return the part of :meth:`tangent` that belongs to the coordinates (2 r, 2 r)."""
+    def stiffness_of(self, q: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Return the part of :meth:`tangent` that belongs to the coordinates (guys, 2 r, 2 r)."""
+        chord, axes = self.frame(upper)
         softening, slope = 1.0 - 2.0 * self.strain, self.kappa * q
-        along_load = -self.weight * self.frame(upper)[1][0, 1]
-        straight = self.tension(q, upper) * softening + self.strain * self.rest_force
-        sag = self.guy.p.stiffness / self.guy.length * softening**2
-        return np.diag(straight * self.kappa) + along_load * self.tilt + sag * np.outer(slope, slope)
+        along_load = -self.weight * axes[:, 0, 1]
+        straight = self._tension(q, chord) * softening + self.strain * self.rest_force
+        sag = self.stiffness / self.length * softening**2
+        result = (along_load * self.scale**2)[:, None, None] * self.tilt + sag[:, None, None] * (
+            slope[:, :, None] * slope[:, None, :]
+        )
+        diagonal = np.arange(q.shape[1])
+        result[:, diagonal, diagonal] += straight[:, None] * self.kappa
+        return result
 
-    def rest(self, upper: np.ndarray, force: np.ndarray | None = None) -> np.ndarray:
-        """Return the coordinates in equilibrium (2 r,), with further forces on them.
+    def rest(self, upper: np.ndarray, forces: Any = None) -> np.ndarray:
+        """Return the coordinates in equilibrium (guys, 2 r).
+
+        Parameters
+        ----------
+        upper
+            Upper ends (guys, 3) [m].
+        forces
+            Function of the coordinates that returns all forces on them, in place of :meth:`forces`.
 
         Raises
         ------
@@ -224,23 +238,30 @@ class CondensedGuy:
             Where no equilibrium is found.
         """
         _, axes = self.frame(upper)
-        q = self.loads * (-self.weight * axes[1, 1]) / (max(self.rest_force, 1e-9) * self.kappa)
-        if force is not None:
-            q = q + force / (max(self.rest_force, 1e-9) * self.kappa)
+        taut = np.maximum(self.rest_force, 1e-9)[:, None] * self.kappa
+        q = self.loads * (-self.weight * axes[:, 1, 1])[:, None] / taut
         for _ in range(MAX_ITERATIONS):
-            out = self.forces(q, upper)[0] + (0.0 if force is None else force)
-            change = np.linalg.solve(self.stiffness(q, upper), out)
+            out = self.forces(q, upper)[0] if forces is None else forces(q)
+            change = np.linalg.solve(self.stiffness_of(q, upper), out[:, :, None])[:, :, 0]
             q = q + change
             if not np.isfinite(q).all():
                 break
-            if np.abs(change).max() <= RTOL * np.abs(q).max():
+            if (np.abs(change).max(axis=1) <= RTOL * np.abs(q).max(axis=1)).all():
                 return q
         raise SceneError('guy: the condensed model of a guy has no rest; allowed: taut guys; try: guys="chain"')
 
 
-def condensed_guy(guy: StaticGuy, shapes: tuple[Shapes, Shapes]) -> CondensedGuy:
-    """Make the condensed model of a guy at rest."""
-    chord = float(np.linalg.norm(guy.chord))
-    _, lower, upper = guy.force()
-    strain = 0.5 * (lower + upper) / guy.p.stiffness if chord > 0.0 else 0.0
-    return CondensedGuy(guy, shapes, strain)
+def guy_set(guys: Sequence[StaticGuy], upper: Any, shapes: tuple[Shapes, Shapes]) -> GuySet:
+    """Make the condensed models of guys at rest with their upper ends at `upper` (guys, 3) [m]."""
+    ends = np.array([guy.at(end).force()[1:] for guy, end in zip(guys, upper, strict=True)]).reshape(-1, 2)
+    stiffness = np.array([guy.p.stiffness for guy in guys])
+    return GuySet(
+        np.array([guy.p.lower for guy in guys]).reshape(-1, 3),
+        np.array(upper, dtype=float).reshape(-1, 3),
+        np.array([guy.length for guy in guys]),
+        stiffness,
+        np.array([guy.p.mass for guy in guys], dtype=float),
+        np.array([-float(guy.p.weight[1]) for guy in guys]),
+        0.5 * ends.sum(axis=1) / stiffness,
+        shapes,
+    )

@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 
 from cablepod.errors import scene_error
-from cablepod.mast._air import MastAir, to_gauss
-from cablepod.mast._condensed_guy import CondensedGuy, Shapes, condensed_guy
+from cablepod.mast._air import along_guys, steady_along_guys, to_gauss
+from cablepod.mast._condensed_guy import GuySet, Shapes, guy_set
 from cablepod.mast._drive import drive_of
 from cablepod.mast._guys import static_guys
+from cablepod.mast._kernels_layout import LANES, MODES_TOGETHER
 from cablepod.mast._model import ModalMast, StepMatrices, sinc_squared
 from cablepod.mast._request import MastRequest, MastTrajectory, empty_trajectory
-from cablepod.wind._air import drag_of, refined
+from cablepod.wind._air import drag_of
+from cablepod.wind._mast_air import MastAir
 
 #: Gauss points of the drag beyond the number of modes.
 EXTRA_POINTS = 2
 #: Steps in the shortest period of the guys' modes, and the maximum step over the stability limit.
-STEPS_PER_PERIOD, MAX_STEP_OVER_LIMIT = 7.0, 0.8
-#: Passes of the equilibrium with drag, which depends on the shape.
-PASSES = 6
+STEPS_PER_PERIOD, MAX_STEP_OVER_LIMIT = 5.3, 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,13 +34,10 @@ class CondensedGuys:
     air: MastAir | None
 
     @cached_property
-    def guys(self) -> list[CondensedGuy]:
+    def guys(self) -> GuySet:
         """The guys with their upper ends at rest, without drag."""
-        bare = static_guys(self.mast.rest.p)
-        return [
-            condensed_guy(guy.at(at_rest.p.upper), self.shapes)
-            for guy, at_rest in zip(bare, self.mast.rest.guys, strict=True)
-        ]
+        upper = [at_rest.p.upper for at_rest in self.mast.rest.guys]
+        return guy_set(static_guys(self.mast.rest.p), upper, self.shapes)
 
     @property
     def rank(self) -> int:
@@ -50,114 +47,69 @@ class CondensedGuys:
     @cached_property
     def axes(self) -> np.ndarray:
         """Axes of the guys at rest (guys, 3, 3)."""
-        return np.array([guy.frame(guy.guy.p.upper)[1] for guy in self.guys]).reshape(-1, 3, 3)
-
-    @cached_property
-    def numbers(self) -> np.ndarray:
-        """Numbers of the guys, see :mod:`cablepod.mast._kernels_condensed`; the last one of the exact scheme."""
-        rows = [
-            (guy.guy.p.stiffness, guy.guy.length, guy.weight, 1.0 - 2.0 * guy.strain, guy.strain * guy.rest_force,
-             guy.guy.p.mass * guy.guy.length / 3.0, guy.kappa.max())
-            for guy in self.guys
-        ]  # fmt: skip
-        return np.array(rows).reshape(-1, 7)
-
-    @cached_property
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """Slope norms, moments, loads (guys, 2 r), tilt (guys, 2, r, r)."""
-        r = self.rank
-        tilt = np.zeros((len(self.guys), 2, r, r))
-        for target, guy in zip(tilt, self.guys, strict=True):
-            whole = guy.tilt
-            target[0], target[1] = whole[:r, :r], whole[r:, r:]
-        rows = [
-            np.array([getattr(guy, name) for guy in self.guys]).reshape(-1, 2 * r)
-            for name in ("kappa", "moments", "loads")
-        ]
-        return *rows, tilt
-
-    @cached_property
-    def drag(self) -> tuple[Any, ...]:
-        """Weights of the drag (guys, points) [kg/m], places, shapes and slopes (guys, 2, points, r); None in still air."""
-        if self.air is None:
-            return None, None, None, None
-        places, weights, _ = to_gauss(self.rank + EXTRA_POINTS)
-        assert self.mast.rest.p.wind is not None
-        density = float(self.mast.rest.p.wind["air_density"])
-        drag = np.array([drag_of(guy.guy.p, density) * guy.guy.length * weights for guy in self.guys])
-        shapes, slopes = (
-            np.array([
-                [part.basis(places, order).T * guy.scale / (guy.guy.length if order else 1.0) for part in self.shapes]
-                for guy in self.guys
-            ])
-            for order in (0, 1)
-        )  # fmt: skip
-        return drag, places, np.ascontiguousarray(shapes), np.ascontiguousarray(slopes)
-
-    def wind(self, velocity: np.ndarray) -> np.ndarray:
-        """Return velocities of the air (samples, points, 3) along the axes of the guys at the Gauss points."""
-        assert self.air is not None
-        matrix, own = to_gauss(self.rank + EXTRA_POINTS)[2], self.air.of_guys(velocity)
-        result = np.empty((len(own), len(self.guys), 3, len(matrix)))
-        for g, axes in enumerate(self.axes):
-            both = np.einsum("kc,np->pckn", axes, matrix).reshape(own[0, g].size, -1)
-            result[:, g] = (own[:, g].reshape(len(own), -1) @ both).reshape(len(own), 3, -1)
-        return result
+        return self.guys.frame(self.guys.upper)[1]
 
     @cached_property
     def rest(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates (guys, 2 r) at rest in the mean wind, and the forces on the mast there (guys, 3) [N]."""
         from cablepod.mast import _kernels_condensed as kernel  # numba is imported only to compute
 
-        kappa, moments, loads, tilt = self.arrays
-        drag, places, shapes, slopes = self.drag
-        wind = None if self.air is None else self.wind(np.repeat(self.air.start[None], 2, axis=0))
-        coordinates, forces = np.empty_like(kappa), np.empty((len(self.guys), 3))
-        for g, guy in enumerate(self.guys):
-            upper, r2 = guy.guy.p.upper, 2 * self.rank
-            on_q, on_end = np.empty(r2), np.empty(3)
-            q = guy.rest(upper)
-            for _ in range(PASSES if wind is not None else 1):
-                own = (drag[g], places, shapes[g], slopes[g]) if wind is not None else (None,) * 4
-                kernel.guy_state(
-                    self.numbers[g], kappa[g], loads[g], tilt[g], guy.guy.p.lower, upper[1], upper[0], upper[2], q, wind, 0.0, g,
-                    *own, on_q, on_end,
-                )  # fmt: skip
-                if wind is None:
-                    break
-                q = guy.rest(upper, on_q - guy.forces(q, upper)[0])
-            coordinates[g] = q
-            shared = [(moments[g] * on_q)[part * self.rank : (part + 1) * self.rank].sum() for part in range(2)]
-            forces[g] = on_end - shared[0] * self.axes[g, 1] - shared[1] * self.axes[g, 2]
-        return coordinates, forces
+        guys, lanes = self.guys, self.lanes
+        wind = None if self.air is None else steady_along_guys(self.air, self.drag.count, lanes.size)
+        ends = np.zeros((6, lanes.size))
+        ends[[kernel.AT_X, kernel.AT_Z], : guys.count] = guys.upper[:, [0, 2]].T
+        on_q, on_end = np.empty(lanes.kappa.shape), np.empty((3, lanes.size))
+
+        def forces(q: np.ndarray) -> np.ndarray:
+            kernel.guy_forces(
+                lanes.numbers, lanes.kappa, lanes.loads, lanes.tilt, lanes.lower, lanes.heights, ends, lanes.coordinates(q),
+                wind, *self.drag.arrays(lanes), lanes.axes, on_q, on_end,
+            )  # fmt: skip
+            return lanes.back(on_q)
+
+        coordinates = guys.rest(guys.upper, forces) if guys.count else np.empty((0, 2 * self.rank))
+        if not guys.count:
+            return coordinates, np.empty((0, 3))
+        shared = guys.moments * forces(coordinates)
+        on_mast = on_end[:, : guys.count].T.copy()
+        for part in range(2):
+            own = shared[:, part * self.rank : (part + 1) * self.rank].sum(axis=1)
+            on_mast -= own[:, None] * self.axes[:, 1 + part]
+        return coordinates, on_mast
+
+    @cached_property
+    def lanes(self) -> Lanes:
+        """Arrays of the kernel."""
+        return Lanes(self)
+
+    @cached_property
+    def drag(self) -> Drag:
+        """Drag on the guys; without points in still air."""
+        return Drag(self)
 
     @cached_property
     def end_mass(self) -> np.ndarray:
         """Mass of the upper ends without that of the coordinates, in x and z (guys, 2, 2) [kg]."""
-        moments, result = self.arrays[1], np.empty((len(self.guys), 2, 2))
-        for g, guy in enumerate(self.guys):
-            whole = guy.guy.p.mass * guy.guy.length / 3.0 * np.eye(3)
-            for part in range(2):
-                own = (moments[g, part * self.rank : (part + 1) * self.rank] ** 2).sum()
-                whole -= own * np.outer(self.axes[g, 1 + part], self.axes[g, 1 + part])
-            result[g] = whole[np.ix_((0, 2), (0, 2))]
-        return result
+        guys, r = self.guys, self.rank
+        result = (guys.mass * guys.length / 3.0)[:, None, None] * np.eye(3)
+        for part in range(2):
+            own = (guys.moments[:, part * r : (part + 1) * r] ** 2).sum(axis=1)
+            axis = self.axes[:, 1 + part]
+            result = result - own[:, None, None] * axis[:, :, None] * axis[:, None, :]
+        return np.ascontiguousarray(result[:, [0, 2]][:, :, [0, 2]])
 
     @cached_property
     def tangents(self) -> np.ndarray:
         """Tangents of the guys by (p, x, z) at rest (guys, 2 r + 2, 2 r + 2)."""
-        r2, moments = 2 * self.rank, self.arrays[1]
-        result = np.empty((len(self.guys), r2 + 2, r2 + 2))
-        for g, guy in enumerate(self.guys):
-            whole = guy.tangent(self.rest[0][g], guy.guy.p.upper)
-            turn = np.zeros((r2 + 3, r2 + 2))  # q = p - m n.u
-            turn[:r2, :r2] = np.eye(r2)
-            turn[r2, r2] = turn[r2 + 2, r2 + 1] = 1.0
-            for part in range(2):
-                which = slice(part * self.rank, (part + 1) * self.rank)
-                turn[which, r2:] = -np.outer(moments[g, which], self.axes[g, 1 + part][[0, 2]])
-            result[g] = turn.T @ whole @ turn
-        return result
+        r, r2, guys = self.rank, 2 * self.rank, self.guys
+        whole = guys.tangent(self.rest[0], guys.upper)
+        turn = np.zeros((guys.count, r2 + 3, r2 + 2))  # q = p - m n.u
+        turn[:, np.arange(r2), np.arange(r2)] = 1.0
+        turn[:, r2, r2] = turn[:, r2 + 2, r2 + 1] = 1.0
+        for part in range(2):
+            which = slice(part * r, (part + 1) * r)
+            turn[:, which, r2:] = -guys.moments[:, which, None] * self.axes[:, None, 1 + part, [0, 2]]
+        return np.swapaxes(turn, 1, 2) @ whole @ turn
 
     def system(self, rows: np.ndarray, mass: np.ndarray, stiffness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return mass and stiffness of mast and guys about rest.
@@ -169,7 +121,7 @@ class CondensedGuys:
         mass, stiffness
             Of the mast without guys (n, n).
         """
-        n, r2, count = len(mass), 2 * self.rank, len(self.guys)
+        n, r2, count = len(mass), 2 * self.rank, self.guys.count
         total_mass, total = np.eye(n + r2 * count), np.zeros((n + r2 * count,) * 2)
         total_mass[:n, :n] = mass + np.einsum("gia,gij,gjb->ab", rows, self.end_mass, rows)
         total[:n, :n] = stiffness
@@ -191,7 +143,7 @@ class CondensedGuys:
         mass, total = self.system(mast.guy_rows, mast.mass, mast.stiffness)
         damping = mast.rest.p.mass_damping * mast.ends(self.end_mass)
         matrices = mast.step_matrices(mass[:n, :n], total[:n, :n], damping, step)
-        omega = np.sqrt(np.maximum(np.diag(total)[n:], 0.0)).reshape(len(self.guys), r2)
+        omega = np.sqrt(np.maximum(np.diag(total)[n:], 0.0)).reshape(self.guys.count, r2)
         fitted = sinc_squared(omega * step)
         scale = np.concatenate([np.ones(n), np.sqrt(fitted).ravel()])
         mass[:n, :n] = matrices.fitted_mass
@@ -224,40 +176,37 @@ class CondensedGuys:
         """
         from cablepod.mast import _kernels_condensed as kernel
 
-        mast, step, count = self.mast, request.step, len(self.guys)
+        mast, step, lanes, count = self.mast, request.step, self.lanes, self.guys.count
         matrices, fitted, phase = self.scheme(step)
         if not phase < 4.0:
             raise scene_error(
                 "step", step, f"below the stability limit of mast and guys; try: {self.default_step:.4g} s"
             )
         coordinates, forces = self.rest
-        kappa, moments, loads, tilt = self.arrays
         alpha = mast.rest.p.mass_damping
-        guy_keep = np.full(count, (1.0 - 0.5 * alpha * step) / (1.0 + 0.5 * alpha * step))
-        guy_gain = step * fitted / (1.0 + 0.5 * alpha * step)
-        numbers = self.numbers.copy()
-        numbers[:, kernel.LARGEST_KAPPA] = (kappa * fitted).max(axis=1, initial=0.0)
-        drag, places, shapes, slopes = self.drag
+        numbers = lanes.numbers.copy()
+        numbers[kernel.LARGEST_KAPPA, :count] = (self.guys.kappa * fitted).max(axis=1, initial=0.0)
         drive = drive_of(mast, self.air, request)
         constant = drive.constant - np.einsum("gi,gia->a", forces[:, [0, 2]], mast.guy_rows)
-        wind = None if self.air is None else refined(self.wind(self.air.velocity))
+        wind = None if self.air is None else along_guys(self.air, self.drag.count, lanes.size)
         result = empty_trajectory(request, len(mast.omega), len(mast.heights), count)
-        monitor = np.tile([np.inf, 0.0], (count, 1))
-        p = coordinates.copy()  # momentum coordinates are the deflections at the displacement of rest
-        saved = np.zeros((request.outputs_count if request.energy else 0, 3, count, 2 * self.rank))
+        monitor = np.tile([np.inf, 0.0], (lanes.size, 1))
+        p = lanes.coordinates(coordinates)  # momentum coordinates are the deflections at the displacement of rest
+        saved = np.zeros((request.outputs_count if request.energy else 0, 3, *lanes.kappa.shape))
         status, at, guy = kernel.condensed_run(
             step, request.every, request.steps, np.array(request.window_steps), np.zeros(len(mast.omega)),
             np.zeros(len(mast.omega)),
             p, np.zeros_like(p), constant, mast.stiffness, matrices.keep, matrices.gain, mast.level_rows, mast.level_rest,
-            mast.heights, mast.level_of_guy, np.array([guy.guy.p.lower for guy in self.guys]).reshape(-1, 3), self.axes, numbers,
-            kappa, moments, loads, tilt, guy_keep, guy_gain, self.end_mass,
-            drive.load_vectors, drive.factors, drive.samples_per_step, drive.mast_wind, drive.node_rows, drive.node_drag, wind,
-            drag, places, shapes, slopes, result.modal, result.rates, saved, result.force, result.tension, result.level_extremes,
+            lanes.heights, mast.level_of_guy, lanes.lower, lanes.axes, numbers, lanes.kappa, lanes.moments, lanes.loads,
+            lanes.tilt, (1.0 - 0.5 * alpha * step) / (1.0 + 0.5 * alpha * step),
+            lanes.coordinates(step * fitted / (1.0 + 0.5 * alpha * step)), self.end_mass, drive.load_vectors, drive.factors,
+            drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows, drive.node_drag, wind,
+            *self.drag.arrays(lanes), result.modal, result.rates, saved, result.force, result.tension, result.level_extremes,
             result.level_sums, result.tension_extremes, result.tension_sums, monitor,
         )  # fmt: skip
-        result.finish(status, at, guy, monitor)
+        result.finish(status, at, guy, monitor[:count])
         if request.energy:
-            result.energy = self._energy(result, matrices, fitted, constant, drive.factors, request, saved)
+            result.energy = self._energy(result, matrices, fitted, constant, drive.factors, request, lanes.back(saved))
         return result
 
     def _energy(
@@ -273,10 +222,80 @@ class CondensedGuys:
         if factors is not None:
             potential -= np.einsum("ta,na,nt->t", result.modal, mast.load_vectors, factors[:, :: request.every])
         ends = np.einsum("gia,ta->tgi", mast.guy_rows, result.modal)
-        for g, guy in enumerate(self.guys):
-            for t in range(len(result.modal)):
-                upper = guy.guy.p.upper.copy()
-                upper[[0, 2]] += ends[t, g]
-                potential[t] += guy.energy(saved[t, 0, g], upper)
-            potential -= guy.energy(self.rest[0][g], guy.guy.p.upper)
+        at_rest = self.guys.energy(self.rest[0], self.guys.upper).sum()
+        for t in range(len(result.modal)):
+            upper = self.guys.upper.copy()
+            upper[:, [0, 2]] += ends[t]
+            potential[t] += self.guys.energy(saved[t, 0], upper).sum() - at_rest
         return kinetic + potential
+
+
+class Lanes:
+    """Arrays of the guys for the kernel: guys last, padded to whole groups of lanes, modes too."""
+
+    def __init__(self, model: CondensedGuys) -> None:
+        from cablepod.mast import _kernels_condensed as kernel
+
+        guys, self.rank = model.guys, model.rank
+        self.count, self.size = guys.count, -(-max(guys.count, 1) // LANES) * LANES
+        self.modes = -(-self.rank // MODES_TOGETHER) * MODES_TOGETHER
+        self.numbers = np.ones((8, self.size))
+        self.numbers[[kernel.WEIGHT, kernel.STIFFENING, kernel.LARGEST_KAPPA]] = 0.0
+        rows = {
+            kernel.STIFFNESS: guys.stiffness, kernel.LENGTH: guys.length, kernel.WEIGHT: guys.weight,
+            kernel.SOFTENING: 1.0 - 2.0 * guys.strain, kernel.STIFFENING: guys.strain * guys.rest_force,
+            kernel.SCALE: guys.scale, kernel.SLOPE_SCALE: guys.scale / guys.length,
+        }  # fmt: skip
+        for row, values in rows.items():
+            self.numbers[row, : self.count] = values
+        self.kappa, self.moments, self.loads = (
+            self.coordinates(values) for values in (guys.kappa, guys.moments, guys.loads)
+        )
+        r = self.rank
+        self.tilt = np.zeros((2, self.modes, self.modes))
+        self.tilt[0, :r, :r], self.tilt[1, :r, :r] = guys.tilt[:r, :r], guys.tilt[r:, r:]
+        self.lower = np.zeros((3, self.size))
+        self.lower[0] = 1.0  # lanes without a guy have a chord
+        self.lower[:, : self.count] = guys.lower.T
+        self.heights = self.of(guys.upper[:, 1])
+        self.axes = self.of(model.axes.reshape(-1, 9))
+
+    def of(self, values: np.ndarray) -> np.ndarray:
+        """Return values (guys, ...) as (..., lanes)."""
+        result = np.zeros((*values.shape[1:], self.size))
+        result[..., : self.count] = np.moveaxis(values, 0, -1)
+        return result
+
+    def coordinates(self, values: np.ndarray) -> np.ndarray:
+        """Return values of the coordinates (guys, 2 r) as (2, modes, lanes)."""
+        result = np.zeros((2, self.modes, self.size))
+        result[:, : self.rank, : self.count] = np.moveaxis(values.reshape(-1, 2, self.rank), 0, -1)
+        return result
+
+    def back(self, values: np.ndarray) -> np.ndarray:
+        """Return values (..., 2, modes, lanes) of the kernel by guys (..., guys, 2 r)."""
+        own = np.moveaxis(values[..., : self.rank, : self.count], -1, -3)
+        return own.reshape(*own.shape[:-2], 2 * self.rank)
+
+
+class Drag:
+    """Points of the drag on the guys, and shapes there."""
+
+    def __init__(self, model: CondensedGuys) -> None:
+        self.model = model
+        self.count = model.rank + model.rank % 2 + EXTRA_POINTS  # the kernel takes two together
+        self.places, self.weights, _ = to_gauss(self.count)
+
+    def arrays(self, lanes: Lanes) -> tuple[Any, ...]:
+        """Return drag (points, lanes) [kg/m], places, shapes and slopes (2, points, r); None in still air."""
+        model = self.model
+        if model.air is None:
+            return None, None, None, None
+        if "_arrays" not in self.__dict__:
+            drag = np.array([drag_of(guy.p, model.air.density) for guy in model.mast.rest.p.guys]) * model.guys.length
+            shapes, slopes = np.zeros((2, 2, self.places.size, lanes.modes))
+            for part, shape in enumerate(model.shapes):
+                shapes[part, :, : model.rank] = shape.basis(self.places, 0).T
+                slopes[part, :, : model.rank] = shape.basis(self.places, 1).T
+            self._arrays = lanes.of(drag[:, None] * self.weights), self.places, shapes, slopes
+        return self._arrays

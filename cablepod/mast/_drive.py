@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cablepod.mast._air import MastAir
+from cablepod.mast._air import at_nodes, time_weights
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest
-from cablepod.wind._air import refined
+from cablepod.wind._mast_air import MastAir
 
 
 class Drive(NamedTuple):
@@ -19,9 +19,16 @@ class Drive(NamedTuple):
     load_vectors: Any  #: (loads, modes)
     factors: Any  #: (loads, steps + 1)
     samples_per_step: float
-    mast_wind: Any  #: (samples, nodes, 2) [m/s]
-    node_rows: Any  #: (nodes, 2, modes)
+    table: Any  #: weights of the samples of the air, see :func:`cablepod.mast._air.time_weights`
+    mast_wind: Any  #: at the nodes in x, then in z (samples, 2 nodes) [m/s]
+    node_columns: Any  #: displacement of the nodes by the modes (2, modes, nodes)
+    node_rows: Any  #: the same (2, nodes, modes)
     node_drag: Any  #: (nodes,) [kg/m]
+
+    @property
+    def refined_samples_per_step(self) -> float:
+        """Samples of :func:`cablepod.wind._air.refined` velocities in a step."""
+        return self.samples_per_step * (0 if self.table is None else len(self.table))
 
 
 def drive_of(mast: ModalMast, air: MastAir | None, request: MastRequest) -> Drive:
@@ -32,11 +39,15 @@ def drive_of(mast: ModalMast, air: MastAir | None, request: MastRequest) -> Driv
         constant -= factors[:, 0] @ mast.load_vectors
     vectors = None if factors is None else mast.load_vectors
     if air is None:
-        return Drive(constant, vectors, factors, 0.0, None, None, None)
-    assert mast.rest.p.wind is not None
+        return Drive(constant, vectors, factors, 0.0, None, None, None, None, None)
     height = mast.rest.beam.height
-    drag = 0.5 * float(mast.rest.p.wind["air_density"]) * mast.rest.beam.drag_areas
+    drag = 0.5 * air.density * mast.rest.beam.drag_areas
     start = air.at_nodes(height, air.start)
     constant -= np.einsum("nd,nda->a", drag[:, None] * np.linalg.norm(start, axis=1)[:, None] * start, mast.node_rows)
+    wind = at_nodes(air, height)
+    drag = np.pad(drag, (0, wind.shape[1] // 2 - drag.size))
     samples = request.step * air.samples_per_second
-    return Drive(constant, vectors, factors, samples, refined(air.at_nodes(height, air.velocity)), mast.node_rows, drag)
+    rows = np.zeros((2, wind.shape[1] // 2, len(mast.omega)))
+    rows[:, : height.size] = np.swapaxes(mast.node_rows, 0, 1)
+    columns = np.ascontiguousarray(np.swapaxes(rows, 1, 2))
+    return Drive(constant, vectors, factors, samples, time_weights(len(wind)), wind, columns, rows, drag)

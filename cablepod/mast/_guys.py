@@ -11,7 +11,9 @@ from cablepod.catenary._statics import load_plane, solve_statics
 from cablepod.condensed._host import static_stiffness
 from cablepod.parameters._mast import Guy, MastParameters
 from cablepod.parameters._parameters import Parameters
+from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.wind._air import drag_of
+from cablepod.wind._mast_air import MastAir
 from cablepod.wind._profile import mean_speed
 from cablepod.wind._turbulence import direction_of
 
@@ -64,19 +66,27 @@ def unstretched_length_of(guy: Guy) -> float:
     return float(solve_statics(bare, bare.length_key, bare.length_value, prefix=guy.key)[0])
 
 
-def with_mean_drag(guy: StaticGuy, p: MastParameters) -> StaticGuy:
-    """Return the guy with the mean drag as a uniform load that gives the same moment about the anchor."""
-    if p.wind is None or float(p.wind["ramp"]):
+def with_mean_drag(guy: StaticGuy, p: MastParameters, air: MastAir | None = None, number: int = 0) -> StaticGuy:
+    """Return the guy with the mean drag as a uniform load that gives the same moment about the anchor.
+
+    The wind is that of the scene, or that of guy `number` in a field.
+    """
+    if air is None and (p.wind is None or float(p.wind["ramp"])):
         return guy
-    drag = drag_of(guy.p, float(p.wind["air_density"]))
+    drag = drag_of(guy.p, float(p.wind["air_density"]) if air is None else air.density)  # type: ignore[index]
     sigma = np.linspace(0.0, 1.0, POINTS)
     for _ in range(PASSES):
         position = _rest_of_member(guy.p, POINTS)[0]
         reach = np.gradient(position, sigma, axis=0)
         stretched = np.linalg.norm(reach, axis=1)
         tangent = reach / stretched[:, None]
-        speed = mean_speed(p.wind, position[:, 1] - float(p.wind["ground"]))
-        wind = speed[:, None] * direction_of(p.wind)
+        if air is not None:
+            points = np.linspace(0.0, 1.0, GUY_POINTS)
+            wind = np.stack([np.interp(sigma, points, part) for part in air.of_guys(air.start)[number].T], axis=1)
+        else:
+            assert p.wind is not None
+            speed = mean_speed(p.wind, position[:, 1] - float(p.wind["ground"]))
+            wind = speed[:, None] * direction_of(p.wind)
         normal = wind - (wind * tangent).sum(axis=1)[:, None] * tangent
         force = drag * np.linalg.norm(normal, axis=1)[:, None] * normal * (stretched / guy.length)[:, None]
         load = 2.0 * np.trapezoid(sigma[:, None] * force, sigma, axis=0)

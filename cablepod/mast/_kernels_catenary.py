@@ -7,7 +7,16 @@ import math
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
-from cablepod.mast._kernels_mast import _add_mast_drag, _advance_mast, _is_finite, _move_ends, _record, _save
+from cablepod.mast._kernels_mast import (
+    TAPS,
+    _advance_mast,
+    _air_work,
+    _begin_step,
+    _is_finite,
+    _record,
+    _sample_weights,
+    _save,
+)
 
 DONE, DIVERGED = range(2)
 
@@ -28,7 +37,8 @@ def _spline(table, place):
 @compiled(fastmath=FAST_DIVISION)
 def catenary_run(
     step, every, steps, window, a, v, constant, mast_stiffness, keep, gain, level_rows, level_rest, guy_level, anchors, first,
-    spacing, horizontal, vertical, end_mass, load_vectors, factors, samples_per_step, mast_wind, node_rows, node_drag, reaction,
+    spacing, horizontal, vertical, end_mass, load_vectors, factors, samples_per_step, table, mast_wind, node_columns,
+    node_rows, node_drag, reaction_per_step, reaction,
     saved, saved_rates, saved_force, saved_tension, level_extremes, level_sums, tension_extremes, tension_sums, monitor,
 ):  # fmt: skip
     """Run a mast on static guys from rest; return the status, the step and the guy at which it was found.
@@ -41,32 +51,28 @@ def catenary_run(
         Splines of the horizontal force over the distance [N/m], and of the vertical force on the mast [N] (guys, intervals, 4).
     end_mass
         Mass of the guys that moves with the mast (guys,) [kg].
-    reaction
-        Part of the drag on the guys that the mast carries, in x and z (samples, guys, 2) [N]; None without wind.
+    reaction_per_step, reaction
+        Samples in a step; part of the drag on the guys that the mast carries, in x and z (samples, guys, 2) [N]; None without
+        wind.
     monitor
         Least and largest place in the tables, in intervals (guys, 2).
     step, every, steps, window, a, v, constant, mast_stiffness, keep, gain, level_rows, level_rest, guy_level, load_vectors, \
-factors, samples_per_step, mast_wind, node_rows, node_drag, saved, saved_rates, saved_force, saved_tension, level_extremes, \
-level_sums, tension_extremes, tension_sums
+factors, samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, saved, saved_rates, saved_force, \
+saved_tension, level_extremes, level_sums, tension_extremes, tension_sums
         As in :func:`cablepod.mast._kernels_condensed.condensed_run`.
     """
     count, levels = anchors.shape[0], level_rest.shape[0]
     force, before, mean_rate = np.empty(a.size), v.copy(), np.empty(a.size)
     upper, upper_rate, level_force = np.empty((levels, 2)), np.empty((levels, 2)), np.empty((levels, 2))
     acceleration, guy_force, tension = np.empty((levels, 2)), np.empty((count, 3)), np.empty(count)
+    work, weights, left = _air_work(node_drag), np.empty(TAPS), 0
     for k in range(steps + 1):
-        for i in range(a.size):
-            force[i] = constant[i]
-            mean_rate[i] = 1.5 * v[i] - 0.5 * before[i]
-        if factors is not None:
-            for m in range(factors.shape[0]):
-                for i in range(a.size):
-                    force[i] += load_vectors[m, i] * factors[m, k]
-        _move_ends(a, mean_rate, level_rows, level_rest, upper, upper_rate)
         if mast_wind is not None:
-            _add_mast_drag(mean_rate, mast_wind, k * samples_per_step, node_rows, node_drag, force)
-        for m in range(levels):
-            level_force[m, 0] = level_force[m, 1] = 0.0
+            left = _sample_weights(k * samples_per_step, mast_wind.shape[0], table, weights)
+        _begin_step(
+            k, a, v, before, constant, load_vectors, factors, left, weights, mast_wind, node_columns, node_rows, node_drag, work,
+            level_rows, level_rest, mean_rate, force, upper, upper_rate, level_force,
+        )  # fmt: skip
         for g in range(count):
             m = guy_level[g]
             x, z = anchors[g, 0] - upper[m, 0], anchors[g, 1] - upper[m, 1]
@@ -79,7 +85,7 @@ level_sums, tension_extremes, tension_sums
                 square += guy_force[g, d] * guy_force[g, d]
             tension[g] = math.sqrt(square)
             if reaction is not None:
-                at = min(max(k * samples_per_step, 0.0), reaction.shape[0] - 1.0)
+                at = min(max(k * reaction_per_step, 0.0), reaction.shape[0] - 1.0)
                 sample = min(int(at), reaction.shape[0] - 2)
                 for d in range(2):
                     low, high = reaction[sample, g, d], reaction[sample + 1, g, d]
@@ -87,7 +93,7 @@ level_sums, tension_extremes, tension_sums
             level_force[m, 0] += guy_force[g, 0]
             level_force[m, 1] += guy_force[g, 2]
         _advance_mast(
-            k == 0, a, v, before, force, mast_stiffness, keep, gain, level_rows, level_force, step, acceleration
+            k == 0, step, a, v, before, force, mast_stiffness, keep, gain, level_rows, level_force, acceleration
         )
         for g in range(count):
             guy_force[g, 0] -= end_mass[g] * acceleration[guy_level[g], 0]

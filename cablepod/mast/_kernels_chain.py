@@ -7,7 +7,16 @@ import math
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
-from cablepod.mast._kernels_mast import _add_mast_drag, _advance_mast, _is_finite, _move_ends, _record, _save
+from cablepod.mast._kernels_mast import (
+    TAPS,
+    _advance_mast,
+    _air_work,
+    _begin_step,
+    _is_finite,
+    _record,
+    _sample_weights,
+    _save,
+)
 
 DONE, DIVERGED = range(2)
 
@@ -67,9 +76,8 @@ def _drag_forces(x, v, wind, place, g, drag, links, forces):
 def chain_run(
     step, every, steps, hold, window, a, v, x, rates, constant, mast_stiffness, keep, gain, level_rows, level_rest, guy_level,
     stiffness, length, mass, viscosity, gravity, mass_damping, breaks, load_vectors, factors, samples_per_step,
-    mast_wind, node_rows,
-    node_drag, guy_wind, guy_drag, saved, saved_rates, saved_force, saved_tension, level_extremes, level_sums,
-    tension_extremes, tension_sums, monitor,
+    table, mast_wind, node_columns, node_rows, node_drag, guy_samples_per_step, guy_wind, guy_drag,
+    saved, saved_rates, saved_force, saved_tension, level_extremes, level_sums, tension_extremes, tension_sums, monitor,
 ):  # fmt: skip
     """Run a mast with chains from rest; return the status, the step and the guy at which it was found.
 
@@ -88,11 +96,12 @@ def chain_run(
     breaks
         Steps from which the upper links carry no force (guys,).
     step, every, steps, window, a, v, constant, mast_stiffness, keep, gain, level_rows, level_rest, guy_level, load_vectors, \
-factors, samples_per_step, mast_wind, node_rows, node_drag, saved, saved_rates, saved_force, saved_tension, level_extremes, \
-level_sums, tension_extremes, tension_sums
+factors, samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, saved, saved_rates, saved_force, \
+saved_tension, level_extremes, level_sums, tension_extremes, tension_sums
         As in :func:`cablepod.mast._kernels_condensed.condensed_run`.
-    guy_wind, guy_drag
-        Air along the guys, see :func:`_drag_forces`; half the density of the air times drag coefficient and diameter [kg/m2].
+    guy_samples_per_step, guy_wind, guy_drag
+        Samples in a step; air along the guys, see :func:`_drag_forces`; half the density of the air times drag coefficient and
+        diameter [kg/m2].
     monitor
         Least tension of a link of each guy at the outputs [N] and its step (guys, 2).
     """
@@ -104,19 +113,14 @@ level_sums, tension_extremes, tension_sums
     guy_force, tension = np.empty((count, 3)), np.empty(count)
     factor = (1.0 - 0.5 * mass_damping * step) / (1.0 + 0.5 * mass_damping * step)
     impulse = step / (1.0 + 0.5 * mass_damping * step)
+    work, weights, left = _air_work(node_drag), np.empty(TAPS), 0
     for k in range(steps + 1):
-        for i in range(a.size):
-            force[i] = constant[i]
-            mean_rate[i] = 1.5 * v[i] - 0.5 * before[i]
-        if factors is not None:
-            for m in range(factors.shape[0]):
-                for i in range(a.size):
-                    force[i] += load_vectors[m, i] * factors[m, k]
-        _move_ends(a, mean_rate, level_rows, level_rest, upper, upper_rate)
         if mast_wind is not None:
-            _add_mast_drag(mean_rate, mast_wind, k * samples_per_step, node_rows, node_drag, force)
-        for m in range(levels):
-            level_force[m, 0] = level_force[m, 1] = 0.0
+            left = _sample_weights(k * samples_per_step, mast_wind.shape[0], table, weights)
+        _begin_step(
+            k, a, v, before, constant, load_vectors, factors, left, weights, mast_wind, node_columns, node_rows, node_drag, work,
+            level_rows, level_rest, mean_rate, force, upper, upper_rate, level_force,
+        )  # fmt: skip
         for g in range(count):
             m = guy_level[g]
             held = k < breaks[g]
@@ -127,7 +131,7 @@ level_sums, tension_extremes, tension_sums
             if not held:
                 forces[0, n - 1] = forces[1, n - 1] = forces[2, n - 1] = 0.0
             if guy_wind is not None and k % hold == 0:
-                _drag_forces(x[g], rates[g], guy_wind, k * samples_per_step, g, guy_drag[g], n, drags[g])
+                _drag_forces(x[g], rates[g], guy_wind, k * guy_samples_per_step, g, guy_drag[g], n, drags[g])
             if k % every == 0:
                 for j in range(n if held else n - 1):
                     pull = math.sqrt(forces[0, j] ** 2 + forces[1, j] ** 2 + forces[2, j] ** 2)
@@ -151,7 +155,7 @@ level_sums, tension_extremes, tension_sums
             level_force[m, 0] += guy_force[g, 0]
             level_force[m, 1] += guy_force[g, 2]
         _advance_mast(
-            k == 0, a, v, before, force, mast_stiffness, keep, gain, level_rows, level_force, step, acceleration
+            k == 0, step, a, v, before, force, mast_stiffness, keep, gain, level_rows, level_force, acceleration
         )
         for g in range(count):
             m = guy_level[g]

@@ -13,8 +13,11 @@ import numpy as np
 from cablepod._jit import REORDERED_FUSED, compiled
 from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
 
+#: Samples of the air through which it is interpolated in time.
+TAPS = 6
 
-@compiled(fastmath=REORDERED_FUSED, forceinline=True)
+
+@compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
 def _move_ends(a, v, level_rows, level_rest, upper, upper_rate):
     """Fill displacements (levels, 2) [m] and their rates [m/s] of the levels of the guys."""
     for k in range(level_rows.shape[0]):
@@ -23,64 +26,149 @@ def _move_ends(a, v, level_rows, level_rest, upper, upper_rate):
             for i in range(a.size):
                 x += level_rows[k, d, i] * a[i]
                 rate += level_rows[k, d, i] * v[i]
-            upper[k, d], upper_rate[k, d] = x, rate
+            upper[k, d] = x
+            upper_rate[k, d] = rate
 
 
-@compiled(fastmath=REORDERED_FUSED, forceinline=True)
-def _add_mast_drag(v, wind, place, node_rows, node_drag, force):
+@compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
+def _sample_weights(place, count, table, weights):
+    """Fill the weights of the samples of the air at a place in samples; return the number of the third of them.
+
+    `table` holds the weights at equal parts of an interval (parts, TAPS), between which the air is linear.
+    """
+    place = min(max(place, 0.0), count - 1.0)
+    left = min(int(place), count - 2)
+    parts = table.shape[0]
+    fine = (place - left) * parts
+    part = min(int(fine), parts - 1)
+    share = fine - part
+    for i in range(TAPS):
+        weights[i] = (1.0 - share) * table[part, i]
+    if part + 1 < parts:
+        for i in range(TAPS):
+            weights[i] += share * table[part + 1, i]
+    else:
+        weights[3] += share
+    return left
+
+
+@compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
+def _interpolate(samples, left, weights, values):
+    """Fill values at an instant from samples (count, values); the first and the last sample are held beyond."""
+    last = samples.shape[0] - 1
+    a, b, c = max(left - 2, 0), max(left - 1, 0), left
+    d, e, f = left + 1, min(left + 2, last), min(left + 3, last)
+    for i in range(values.size):
+        values[i] = (
+            weights[0] * samples[a, i] + weights[1] * samples[b, i] + weights[2] * samples[c, i]
+            + weights[3] * samples[d, i] + weights[4] * samples[e, i] + weights[5] * samples[f, i]
+        )  # fmt: skip
+
+
+@compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
+def _add_mast_drag(v, wind, columns, rows, drag, x, z, force):
     """Add the drag on the nodes, c |r| r for the velocity r of the air relative to the mast, to modal forces.
 
-    `wind` is (samples, nodes, 2) [m/s], linear between samples; `node_drag` half the density of the air times drag area [kg/m].
+    Parameters
+    ----------
+    v, wind
+        Rates of the modes; velocity of the air at the nodes in x, then in z (2 nodes,) [m/s].
+    columns, rows
+        Displacement of the nodes by the modes (2, modes, nodes) and (2, nodes, modes).
+    drag
+        Half the density of the air times drag area (nodes,) [kg/m].
+    x, z
+        Work arrays (nodes,).
     """
-    place = min(max(place, 0.0), wind.shape[0] - 1.0)
-    sample = min(int(place), wind.shape[0] - 2)
-    share = place - sample
-    for n in range(node_drag.size):
-        if node_drag[n] == 0.0:
-            continue
-        x = wind[sample, n, 0] + share * (wind[sample + 1, n, 0] - wind[sample, n, 0])
-        z = wind[sample, n, 1] + share * (wind[sample + 1, n, 1] - wind[sample, n, 1])
-        for i in range(v.size):
-            x -= node_rows[n, 0, i] * v[i]
-            z -= node_rows[n, 1, i] * v[i]
-        size = node_drag[n] * math.sqrt(x * x + z * z)
-        x *= size
-        z *= size
-        for i in range(v.size):
-            force[i] += node_rows[n, 0, i] * x + node_rows[n, 1, i] * z
+    nodes, modes = drag.size, v.size  # multiples of 4 and of 2
+    for n in range(nodes):
+        x[n] = wind[n]
+        z[n] = wind[nodes + n]
+    for i in range(0, modes, 2):
+        for n in range(nodes):
+            x[n] -= columns[0, i, n] * v[i] + columns[0, i + 1, n] * v[i + 1]
+            z[n] -= columns[1, i, n] * v[i] + columns[1, i + 1, n] * v[i + 1]
+    for n in range(nodes):
+        a, b = x[n], z[n]
+        size = drag[n] * math.sqrt(a * a + b * b)
+        x[n] = size * a
+        z[n] = size * b
+    for n in range(0, nodes, 4):
+        for i in range(modes):
+            force[i] += (
+                rows[0, n, i] * x[n] + rows[1, n, i] * z[n] + rows[0, n + 1, i] * x[n + 1] + rows[1, n + 1, i] * z[n + 1]
+                + rows[0, n + 2, i] * x[n + 2] + rows[1, n + 2, i] * z[n + 2]
+                + rows[0, n + 3, i] * x[n + 3] + rows[1, n + 3, i] * z[n + 3]
+            )  # fmt: skip
 
 
 @compiled(fastmath=REORDERED_FUSED, forceinline=True)
-def _advance_mast(first, a, v, before, force, stiffness, keep, gain, level_rows, level_force, step, acceleration):
-    """Add stiffness and guys to the modal forces, advance the rates, fill accelerations of the levels; not the coordinates."""
+def _begin_step(
+    k, a, v, before, constant, load_vectors, factors, left, weights, mast_wind, node_columns, node_rows, node_drag, work,
+    level_rows, level_rest, mean_rate, force, upper, upper_rate, level_force,
+):  # fmt: skip
+    """Fill modal forces of loads and drag at step `k`, displacements and rates of the levels; clear the forces of the guys."""
     for i in range(a.size):
-        total = force[i]
-        for j in range(a.size):
-            total -= stiffness[i, j] * a[j]
-        for k in range(level_rows.shape[0]):
-            total += level_rows[k, 0, i] * level_force[k, 0] + level_rows[k, 1, i] * level_force[k, 1]
-        force[i] = total
-    for i in range(a.size):
+        force[i] = constant[i]
+        mean_rate[i] = 1.5 * v[i] - 0.5 * before[i]
+    if factors is not None:
+        for n in range(factors.shape[0]):
+            for i in range(a.size):
+                force[i] += load_vectors[n, i] * factors[n, k]
+    _move_ends(a, mean_rate, level_rows, level_rest, upper, upper_rate)
+    if mast_wind is not None:
+        air, x, z = work
+        _interpolate(mast_wind, left, weights, air)
+        _add_mast_drag(mean_rate, air, node_columns, node_rows, node_drag, x, z, force)
+    for n in range(level_force.shape[0]):
+        level_force[n, 0] = level_force[n, 1] = 0.0
+
+
+@compiled(forceinline=True)
+def _air_work(node_drag):
+    """Return work arrays of the air at the nodes; None in still air."""
+    if node_drag is None:
+        return None
+    return np.empty(2 * node_drag.size), np.empty(node_drag.size), np.empty(node_drag.size)
+
+
+@compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
+def _advance_mast(
+    first, step, a, v, before, force, stiffness, keep, gain, level_rows, level_force, acceleration
+):  # fmt: skip
+    """Add stiffness and guys to the modal forces, advance the rates, fill accelerations of the levels.
+
+    `keep` and `gain` are transposed, v[i] <- sum of keep[j, i] v[j] + gain[j, i] F[j]; in the first step, from rest, half of the
+    impulse counts, of which the half before is the opposite.  The number of modes is even.
+    """
+    modes = a.size
+    for j in range(0, modes, 2):
+        for i in range(modes):
+            force[i] -= stiffness[j, i] * a[j] + stiffness[j + 1, i] * a[j + 1]
+    for k in range(level_rows.shape[0]):
+        for i in range(modes):
+            force[i] += level_rows[k, 0, i] * level_force[k, 0] + level_rows[k, 1, i] * level_force[k, 1]
+    for i in range(modes):
         before[i] = v[i]
-    for i in range(a.size):
-        rate = 0.0
-        if first:  # at rest: half of the first impulse, of which the half before is the opposite
-            for j in range(a.size):
-                rate += 0.5 * gain[i, j] * force[j]
-        else:
-            for j in range(a.size):
-                rate += keep[i, j] * before[j] + gain[i, j] * force[j]
-        v[i] = rate
+    last, impulse = 1.0, 1.0
     if first:
-        for i in range(a.size):
+        last, impulse = 0.0, 0.5
+    for j in range(0, modes, 2):
+        kept = 1.0 if j > 0 else 0.0
+        b, c, e, f = last * before[j], last * before[j + 1], impulse * force[j], impulse * force[j + 1]
+        for i in range(modes):
+            v[i] = kept * v[i] + keep[j, i] * b + keep[j + 1, i] * c + gain[j, i] * e + gain[j + 1, i] * f
+    if first:
+        for i in range(modes):
             before[i] = -v[i]
     inverse = 1.0 / step
     for k in range(level_rows.shape[0]):
-        for d in range(2):
-            total = 0.0
-            for i in range(a.size):
-                total += level_rows[k, d, i] * (v[i] - before[i])
-            acceleration[k, d] = total * inverse
+        x, z = 0.0, 0.0
+        for i in range(modes):
+            change = v[i] - before[i]
+            x += level_rows[k, 0, i] * change
+            z += level_rows[k, 1, i] * change
+        acceleration[k, 0], acceleration[k, 1] = x * inverse, z * inverse
 
 
 @compiled(forceinline=True)

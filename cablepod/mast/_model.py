@@ -130,12 +130,12 @@ class ModalMast:
         inverse = turn.T @ mass
         keep = (turn * root) @ implicit @ (one - half) @ (inverse / root[:, None])
         gain = step * (turn * root) @ implicit @ (turn * root).T
-        return StepMatrices(keep, gain, inverse.T / fitted @ inverse)
+        return StepMatrices(np.ascontiguousarray(keep.T), np.ascontiguousarray(gain.T), inverse.T / fitted @ inverse)
 
 
 @dataclass(frozen=True, eq=False)
 class StepMatrices:
-    """v <- keep v + gain F in a step."""
+    """v <- v keep + F gain in a step: both matrices are transposed, as the kernels take them."""
 
     keep: np.ndarray
     gain: np.ndarray

@@ -16,7 +16,6 @@ from cablepod.batch._members import no_plan, over_members_by
 from cablepod.errors import NotConvergedWarning, OutOfRangeWarning, RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.integrate._request import check_outputs, check_times
 from cablepod.mast import _output as output
-from cablepod.mast._air import mast_air
 from cablepod.mast._catenary_run import CatenaryGuys
 from cablepod.mast._chain_run import ChainGuys
 from cablepod.mast._condensed_guy import shapes_of
@@ -27,6 +26,7 @@ from cablepod.mast._statics import rest_of
 from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.scene._mast import MAST_SCENE
+from cablepod.wind._mast_air import mast_air
 
 #: Kinds of guys.
 KINDS = ("condensed", "chain", "catenary")
@@ -48,6 +48,7 @@ def simulate(
     step: float | None = None,
     tolerance: float | None = None,
     window: tuple[float, float] | None = None,
+    wind: xr.Dataset | None = None,
     outputs: tuple[str, ...] = ("displacement", "guy_tension", "extremes"),
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
@@ -75,6 +76,8 @@ def simulate(
         halved until it is met.
     window
         Start and end [s] of the part of the run over which extremes, means and standard deviations are taken.
+    wind
+        Field of the air, as of :func:`cablepod.wind.field`, in place of that of the scene.
     outputs
         Some of "displacement", "guy_tension", "guy_force", "bending_moment", "extremes", "energy" (condensed guys without wind)
         and "error_estimate" (condensed guys: one more run with richer guys).
@@ -123,11 +126,11 @@ def simulate(
         modes = taken("modes", modes, NORMAL_MODES)
     p = mast_parameters(scene)
     _check_numbers(rank, links, step, tolerance, window)
-    _check_kind(p, guys, wanted, rank=rank, modes=modes, links=links)
+    _check_kind(p, guys, wanted, in_wind=p.wind is not None or wind is not None, rank=rank, modes=modes, links=links)
     instants = p.times() if times is None else check_times(times)
     check_memory(instants.size, max(len(p.guys), 1), 3, key="time.interval" if times is None else "times")
-    mast = ModalMast(rest_of(p))
-    air = mast_air(p, float(instants[-1]))
+    air = mast_air(p, float(instants[-1]), wind)
+    mast = ModalMast(rest_of(p, None if air is None or air.has_profile else air))
     count = RANK if rank is None else int(rank)
     model = _model_of(mast, guys, modes, count, links, air)
     request = request_of(instants, model.default_step, step, window, energy="energy" in wanted)
@@ -158,7 +161,7 @@ def simulate(
             "links": model.links if isinstance(model, ChainGuys) else None, "times": instants, "step": run.request.step,
             "tolerance": tolerance, "window": None if window is None else list(window), "outputs": list(wanted),
         },
-        inputs=[scene] if modes is None else [scene, modes],
+        inputs=[scene, *(given for given in (modes, wind) if given is not None)],
         chosen=provenance.defaulted_options(rank=rank, links=links, times=times, step=step, tolerance=tolerance),
     )  # fmt: skip
     if progress is not None:
@@ -179,7 +182,7 @@ def simulate(
     return result
 
 
-def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], **options: Any) -> None:
+def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], *, in_wind: bool, **options: Any) -> None:
     """Refuse options and outputs that the kind of guys lacks."""
     for key, kind in (("rank", "condensed"), ("modes", "condensed"), ("links", "chain")):
         if options[key] is not None and guys != kind:
@@ -187,7 +190,7 @@ def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], **options
     for name in ("energy", "error_estimate"):
         if name in wanted and guys != "condensed":
             raise scene_error("outputs", name, f'none with guys "{guys}"; try: guys="condensed"')
-    if "energy" in wanted and p.wind is not None:
+    if "energy" in wanted and in_wind:
         raise scene_error("outputs", "energy", "none with wind, which supplies energy")
     for guy in p.guys:
         if guy.breaks is not None and guys != "chain":

@@ -11,6 +11,7 @@ from cablepod.errors import SceneError
 from cablepod.mast._beam import Beam, beam_of
 from cablepod.mast._guys import StaticGuy, static_guys, with_mean_drag
 from cablepod.parameters._mast import MastParameters
+from cablepod.wind._mast_air import MastAir
 from cablepod.wind._profile import mean_speed
 from cablepod.wind._turbulence import direction_of
 
@@ -94,13 +95,17 @@ def load_vectors(beam: Beam) -> np.ndarray:
     )
 
 
-def steady_load(beam: Beam) -> np.ndarray:
-    """Return loads at time 0 and mean drag on the mast, on the unknowns (count,)."""
+def steady_load(beam: Beam, air: MastAir | None) -> np.ndarray:
+    """Return loads at time 0 and mean drag on the mast, on the unknowns (count,); in the mean of a field in place of [wind]."""
     p = beam.p
     total = np.zeros(beam.count)
     for load, vector in zip(p.loads, load_vectors(beam), strict=True):
         total += vector * (1.0 if load.factor is None else float(load.factor(0.0)))
-    if p.wind is not None and not float(p.wind["ramp"]):
+    if air is not None:
+        velocity = air.at_nodes(beam.height, air.start)
+        force = 0.5 * air.density * (beam.drag_areas * np.linalg.norm(velocity, axis=1))[:, None] * velocity
+        total += np.einsum("nd,ndc->c", force, beam.displacement_rows(np.arange(beam.height.size)))
+    elif p.wind is not None and not float(p.wind["ramp"]):
         speed = mean_speed(p.wind, beam.height - float(p.wind["ground"]))
         force = 0.5 * float(p.wind["air_density"]) * beam.drag_areas * speed**2
         direction = direction_of(p.wind)[[0, 2]]
@@ -109,8 +114,8 @@ def steady_load(beam: Beam) -> np.ndarray:
 
 
 @lru_cache(16)
-def rest_of(p: MastParameters) -> MastRest:
-    """Find mast and guys at rest.
+def rest_of(p: MastParameters, air: MastAir | None = None) -> MastRest:
+    """Find mast and guys at rest, in the mean wind of the scene or in that of a field.
 
     Raises
     ------
@@ -119,8 +124,8 @@ def rest_of(p: MastParameters) -> MastRest:
     """
     beam = beam_of(p)
     straight = static_guys(p)
-    guys = [with_mean_drag(guy, p) for guy in straight]
-    load, rows = steady_load(beam), guy_rows(beam)
+    guys = [with_mean_drag(guy, p, air, number) for number, guy in enumerate(straight)]
+    load, rows = steady_load(beam, air), guy_rows(beam)
     unknowns = np.zeros(beam.count)
     upright = _at(p, beam, guys, unknowns, load)
     check_buckling(upright)

@@ -28,6 +28,7 @@ from cablepod.parameters._parameters import Parameters, count_instants
 from cablepod.scene._check import check_mapping
 from cablepod.scene._limits import check_limits
 from cablepod.scene._mast import check_mast, check_mast_numbers, is_mast
+from cablepod.scene._mast_field import check_mast_record
 from cablepod.scene._notes import hint
 
 
@@ -102,6 +103,7 @@ def check_scene_numbers(scene: xr.Dataset) -> None:
     """
     if "mast_height" in scene:
         check_mast_numbers(mast_parameters(scene))
+        check_mast_record(mast_parameters(scene))
     else:
         check_numbers(parameters(scene))
 
@@ -120,7 +122,7 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
         provenance.record(scene, function="make_scene", parameters={"scene": tree}, identity=identity)
     )
     if is_of_mast:
-        check_mast_numbers(mast_parameters(scene))
+        check_scene_numbers(scene)
         if "ensemble" in tree:
             _check_bounds(nested(mapping), tree, folder)
         return scene

@@ -222,12 +222,6 @@ def _check_air(mapping: Mapping[str, Any], tree: dict[str, Any], folder: Path) -
             raise SceneError(f"cables.{name}.diameter: missing; allowed: a diameter [m], on which wind and ice act")
     if "wind" in mapping:
         tree["wind"] = check_wind(mapping["wind"], {"diameter": 1.0}, 3, folder)
-        if "record" in tree["wind"].get("turbulence", {}):
-            raise scene_error(
-                "wind.turbulence.record",
-                tree["wind"]["turbulence"]["record"],
-                "none with a mast; try: wind.turbulence.spectrum",
-            )
 
 
 def check_mast_numbers(p: MastParameters) -> None:

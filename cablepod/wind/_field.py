@@ -9,11 +9,14 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.batch._members import over_members
+from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer, numbers_list, point
 from cablepod.parameters._from_scene import SceneContent
+from cablepod.parameters._mast import MastParameters, mast_parameters
+from cablepod.scene._mast import scene_kind
+from cablepod.scene._mast_field import mast_points
 from cablepod.wind._air import (
     INTERVAL,
     _interpolated,
@@ -24,16 +27,17 @@ from cablepod.wind._air import (
     rest_points,
     turbulence_at,
 )
+from cablepod.wind._mast_air import mast_field
 
 
-@over_members
+@over_members_by(no_plan, kind=scene_kind)
 def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, points: Any = None) -> xr.Dataset:
     """Compute the velocity of the air: mean wind and turbulence at points, over time.
 
     Parameters
     ----------
     scene
-        A scene with the table ``[wind]``, with or without ``member``.
+        A scene with the table ``[wind]``, of a cable or of a mast, with or without ``member``.
     times
         Instants [s], rising from 0 on; by default every 0.1 s until the duration of the scene.  The turbulence is made at
         intervals of 0.1 s and is linear between them.
@@ -41,13 +45,15 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
         Seed of the turbulence, instead of the scene's.
     points
         Positions (points, coordinates) [m]; by default 41 points along the cable at rest in still air, at equal intervals of
-        the unstretched arc length, and a few more where the profile of the mean wind bends.
+        the unstretched arc length, and a few more where the profile of the mean wind bends; of a mast 17 points, and 9 of the
+        chord of each guy.
 
     Returns
     -------
     xarray.Dataset
         ``wind (time, point, component)`` [m/s], the velocity of the air along each axis, ``mean_wind (point, component)`` [m/s],
-        ``position (point, component)`` [m] and, on the cable, ``relative_arc_length (point)``.  What models take as ``wind=``.
+        ``position (point, component)`` [m] and, on the cable, ``relative_arc_length (point)``, on a mast also ``guy (point)``, 0
+        for the mast.  What models take as ``wind=``.
 
     Raises
     ------
@@ -77,7 +83,8 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
     >>> wind.wind.dims, wind.sizes["point"], round(float(wind.wind.isel(point=-1).std()), 1) > 1.0
     (('time', 'point', 'component'), 47, True)
     """
-    p: Any = SceneContent.of(scene).parameters()
+    is_mast = "mast_height" in scene
+    p: Any = mast_parameters(scene) if is_mast else SceneContent.of(scene).parameters()
     if p.wind is None:
         raise SceneError("wind: missing; allowed: a scene with the table wind, which gives speed and direction")
     if seed is not None:
@@ -91,28 +98,17 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
         time = np.array(numbers_list()("times", np.asarray(times).tolist() if _is_array(times) else times))
         if time[0] < 0.0 or (np.diff(time) <= 0.0).any():
             raise scene_error("times", times, "finite, rising instants from 0 on [s]")
-    if points is None:
-        sigma, position = rest_points(p)
-    else:
-        given = np.asarray(points).tolist() if _is_array(points) else points
-        if not isinstance(given, list | tuple) or not given:
-            raise scene_error("points", points, "a list of positions [m]")
-        places = [point(f"points[{number}]", place) for number, place in enumerate(given)]
-        if {len(place) for place in places} != {p.dims}:
-            raise scene_error("points", places[0], f"{p.dims} numbers each, as many as ends.lower has")
-        sigma, position = None, np.array(places)
-        ground = float(p.wind["ground"])
-        if position[:, 1].min() < ground:
-            raise scene_error("points", float(position[:, 1].min()), f"points above wind.ground, {ground:g} m")
-    if has_record(p):
-        mean, velocity = _of_record(p, time, seed, points)
+    dims = 3 if is_mast else p.dims
+    position, number, sigma = _points_of(p, points, dims)
+    if has_record(p) or (is_mast and points is None):
+        mean, velocity = (_of_mast if is_mast else _of_record)(p, time, seed, points)
     else:
         mean = mean_velocity(p, position)
         velocity = np.repeat(mean[None], time.size, axis=0)
-    if p.turbulence is not None and not has_record(p):
-        turbulence = turbulence_at(p, position, max(float(time[-1]), p.duration or 0.0))
-        velocity += _interpolated(time, INTERVAL * np.arange(len(turbulence)), turbulence)
-    result = _labelled(p.dims, time, position, mean, velocity, sigma)
+        if p.turbulence is not None:
+            turbulence = turbulence_at(p, position, max(float(time[-1]), p.duration or 0.0))
+            velocity += _interpolated(time, INTERVAL * np.arange(len(turbulence)), turbulence)
+    result = _labelled(dims, time, position, mean, velocity, sigma, number)
     result.attrs.update(
         title=f"{scene.attrs.get('title', 'scene')}: wind", stage="wind", seed=_seed(p), spectrum=_spectrum(p)
     )
@@ -128,14 +124,48 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
 
 def _of_record(p: Any, time: np.ndarray, seed: int | None, points: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return mean velocity (points, dims) and velocity (instants, points, dims) of a record along the cable [m/s]."""
-    for key, value in (("seed", seed), ("points", points)):
-        if value is not None:
-            raise scene_error(key, value, "none with wind.turbulence.record, which is a field along the cable")
+    _refuse_beside_record(seed, points)
     p = replace(p, wind={**p.wind, "ramp": 0.0})
     air: Any = air_of(p, float(time[-1]))
     sigma = rest_points(p)[0]
     instants = np.arange(len(air.velocity)) / air.samples_per_second
     return air.steady.at(sigma)[0], _interpolated(time, instants, air.at(sigma))
+
+
+def _points_of(p: Any, points: Any, dims: int) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+    """Return positions (points, dims) [m], numbers of the guys on a mast, and relative arc lengths; None where there are none."""
+    is_mast = isinstance(p, MastParameters)
+    if points is None:
+        if is_mast:
+            return mast_points(p)
+        sigma, position = rest_points(p)
+        return position, None, sigma
+    given = np.asarray(points).tolist() if _is_array(points) else points
+    if not isinstance(given, list | tuple) or not given:
+        raise scene_error("points", points, "a list of positions [m]")
+    places = [point(f"points[{number}]", place) for number, place in enumerate(given)]
+    if {len(place) for place in places} != {dims}:
+        raise scene_error(
+            "points", places[0], f"{dims} numbers each" + ("" if is_mast else ", as many as ends.lower has")
+        )
+    position, ground = np.array(places), float(p.wind["ground"])
+    if position[:, 1].min() < ground:
+        raise scene_error("points", float(position[:, 1].min()), f"points above wind.ground, {ground:g} m")
+    return position, None, None
+
+
+def _of_mast(p: Any, time: np.ndarray, seed: int | None, points: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean velocity (points, 3) and velocity (instants, points, 3) on a mast and its guys [m/s]."""
+    if has_record(p):
+        _refuse_beside_record(seed, points)
+    air, velocity = mast_field(p, time)
+    return air.mean, velocity
+
+
+def _refuse_beside_record(seed: int | None, points: Any) -> None:
+    for key, value in (("seed", seed), ("points", points)):
+        if value is not None:
+            raise scene_error(key, value, "none with wind.turbulence.record, which is a field along the cable")
 
 
 def _is_array(points: Any) -> bool:
@@ -155,8 +185,9 @@ def _spectrum(p: Any) -> str:
 
 
 def _labelled(
-    dims: int, time: np.ndarray, position: np.ndarray, mean: np.ndarray, velocity: np.ndarray, sigma: np.ndarray | None
-) -> xr.Dataset:
+    dims: int, time: np.ndarray, position: np.ndarray, mean: np.ndarray, velocity: np.ndarray, sigma: np.ndarray | None,
+    number: np.ndarray | None,
+) -> xr.Dataset:  # fmt: skip
     """Return the Dataset of a field with units and long names."""
     numbers = np.arange(1, len(position) + 1)
     coords: dict[str, Any] = {
@@ -165,8 +196,11 @@ def _labelled(
         "component": ("component", list(COORDINATES[:dims]), {"units": "1", "long_name": "axis of the velocity"}),
     }
     if sigma is not None:
-        label = {"units": "1", "long_name": "unstretched arc length from the lower end over that of the cable"}
+        along = "unstretched arc length from the lower end over that of the cable"
+        label = {"units": "1", "long_name": along if number is None else "distance from foot or anchor over the length"}
         coords["relative_arc_length"] = ("point", sigma, label)
+    if number is not None:
+        coords["guy"] = ("point", number, {"units": "1", "long_name": "number of the guy of the point, 0 for the mast"})
     return xr.Dataset(
         {
             "wind": (("time", "point", "component"), velocity, {"units": "m s-1", "long_name": "velocity of the air"}),

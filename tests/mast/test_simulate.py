@@ -9,8 +9,11 @@ from mast_scenes import WIND, small
 import cablepod as cp
 from cablepod import provenance
 from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError
-from cablepod.mast._condensed_guy import condensed_guy, sines
+from cablepod.mast._condensed_guy import guy_set, sines
+from cablepod.mast._condensed_run import CondensedGuys
 from cablepod.mast._guys import static_guys
+from cablepod.mast._model import ModalMast
+from cablepod.mast._statics import rest_of
 from cablepod.parameters._mast import mast_parameters
 
 
@@ -31,26 +34,42 @@ def rms(run, reference, name="guy_tension"):
     return (difference / reference[name].std("time")).values
 
 
-def test_forces_of_a_guy_are_the_slopes_of_its_energy():
-    guy = condensed_guy(static_guys(mast_parameters(small()))[1], (sines(3), sines(3)))
+def condensed(scene, rank):
+    """The guys of a scene on the straight mast: exact catenaries and condensed models."""
+    guys = static_guys(mast_parameters(scene))
+    return guys, guy_set(guys, [guy.p.upper for guy in guys], (sines(rank), sines(rank)))
+
+
+def test_forces_of_guys_are_the_slopes_of_their_energy():
+    _, guys = condensed(small(), 3)
     rng = np.random.default_rng(1)
-    upper = guy.guy.p.upper + np.array([0.1, 0.0, -0.2])
-    q = guy.rest(guy.guy.p.upper) + 0.1 * rng.normal(size=6)
-    on_q, on_end = guy.forces(q, upper)
+    upper = guys.upper + np.array([0.1, 0.0, -0.2])
+    q = guys.rest(guys.upper) + 0.1 * rng.normal(size=(3, 6))
+    forces = np.concatenate(guys.forces(q, upper), axis=1)
     step = 1e-5
-    for place, force in enumerate((*on_q, *on_end)):
+    for place in range(9):
         change = np.zeros(9)
         change[place] = step
-        high = guy.energy(q + change[:6], upper + change[6:])
-        low = guy.energy(q - change[:6], upper - change[6:])
-        assert abs(force + (high - low) / (2.0 * step)) < 1e-3  # N: rounding of the energy over the step
+        high = guys.energy(q + change[:6], upper + change[6:])
+        low = guys.energy(q - change[:6], upper - change[6:])
+        assert (
+            np.abs(forces[:, place] + (high - low) / (2.0 * step)).max() < 1e-3
+        )  # N: rounding of the energy over the step
+
+
+def test_compiled_forces_are_those_of_the_model():
+    _, guys = condensed(small(), 3)
+    model = CondensedGuys(ModalMast(rest_of(mast_parameters(small()))), guys.shapes, None)
+    coordinates, on_mast = model.rest  # by the kernel
+    np.testing.assert_allclose(coordinates, model.guys.rest(model.guys.upper), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(on_mast, model.guys.forces(coordinates, model.guys.upper)[1], rtol=1e-9)
 
 
 def test_condensed_guys_at_rest_pull_as_catenaries_do():
     # sixteen sines: the error is that of order "leading", the square of the slopes
-    for guy in static_guys(mast_parameters(small())):
-        condensed = condensed_guy(guy, (sines(16), sines(16)))
-        force = condensed.forces(condensed.rest(guy.p.upper), guy.p.upper)[1]
+    exact, guys = condensed(small(), 16)
+    forces = guys.forces(guys.rest(guys.upper), guys.upper)[1]
+    for guy, force in zip(exact, forces, strict=True):
         np.testing.assert_allclose(force, guy.force()[0], atol=1e-4 * np.abs(force).max())
 
 

@@ -1,0 +1,132 @@
+"""Fields of wind on a mast and its guys: the points that a scene fixes, and fields that are given there."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.errors import SceneError, scene_error
+from cablepod.parameters._mast import MastParameters
+from cablepod.scene._wind_field import checked_field, field_of_record, key_of_record
+
+#: Points of the air along each guy, and along the mast.
+GUY_POINTS, MAST_POINTS = 9, 17
+#: Largest distance of a point of a field from the mast or from the chord of a guy, over the length.
+MAX_DISTANCE = 0.02
+
+
+def mast_points(p: MastParameters) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return points of the mast from below, then those of the chord of each guy from its anchor.
+
+    Chords do not depend on tension or ice, so that masts which differ in these share their wind.
+
+    Returns
+    -------
+    tuple
+        Positions (points, 3) [m], number of the guy, 0 for the mast (points,), and relative distance from foot or anchor.
+
+    Raises
+    ------
+    SceneError
+        For anchors or a foot below the ground of the wind.
+    """
+    height, sigma = np.linspace(0.0, p.height, MAST_POINTS), np.linspace(0.0, 1.0, GUY_POINTS)
+    mast = np.stack([0.0 * height, height, 0.0 * height], axis=1)
+    chords = [guy.p.lower + sigma[:, None] * (guy.p.upper - guy.p.lower) for guy in p.guys]
+    position = np.concatenate([mast, *chords])
+    number = np.concatenate([np.zeros(MAST_POINTS, dtype=int), np.repeat(np.arange(1, len(chords) + 1), GUY_POINTS)])
+    relative = np.concatenate([height / p.height, *([sigma] * len(chords))])
+    if p.wind is not None:
+        ground, lowest = float(p.wind["ground"]), float(position[:, 1].min())
+        if lowest < ground - 1e-9 * p.height:
+            raise scene_error(
+                "wind.ground", ground, f"at most the lowest anchor and the foot of the mast, {lowest:g} m"
+            )
+    return position, number, relative
+
+
+def check_mast_record(p: MastParameters) -> None:
+    """Refuse a record that has no points on the mast and its guys, or does not cover the duration.
+
+    Raises
+    ------
+    SceneError
+        The message begins with the key of the record.
+    """
+    if p.turbulence is not None and "record" in p.turbulence:
+        at_mast_points(p, p.duration or 0.0, field_of_record(p.turbulence), key_of_record(p))  # type: ignore[arg-type]
+
+
+def at_mast_points(
+    p: MastParameters, end_time: float, given: xr.Dataset, key: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return instants [s], velocities (instants, points, 3) and means (points, 3) [m/s] of a field at the points of a mast.
+
+    Points of a field belong to the mast or to a guy by the coordinate ``guy`` with ``relative_arc_length``, else by
+    ``position``; velocities are linear between them.
+
+    Raises
+    ------
+    SceneError
+        For a field without points on the mast or on a guy, and as :func:`checked_field`; the message begins with `key`.
+    """
+    position, number, relative = mast_points(p)
+    velocity: Any = None
+    mean, time = np.empty((len(position), 3)), np.empty(0)
+    for line in range(len(p.guys) + 1):
+        where = np.flatnonzero(number == line)
+        ends = position[where[[0, -1]]]
+        name = "the mast" if line == 0 else f"guy {line} ({p.guys[line - 1].key})"
+        own = _of_line(given, line, ends, key, name)
+        time, sigma, values, means = checked_field(_Spatial(), end_time, own, key)  # type: ignore[arg-type]
+        if velocity is None:
+            velocity = np.empty((time.size, len(position), 3))
+        place = np.clip(np.searchsorted(sigma, relative[where]), 1, max(sigma.size - 1, 1))
+        low, high = place - 1, np.minimum(place, sigma.size - 1)
+        width = np.where(high > low, sigma[high] - sigma[low], 1.0)
+        share = np.clip((relative[where] - sigma[low]) / width, 0.0, 1.0)[:, None]
+        velocity[:, where] = (1.0 - share) * values[:, low] + share * values[:, high]
+        mean[where] = (1.0 - share) * means[low] + share * means[high]
+    return time, velocity, mean
+
+
+class _Spatial:
+    """What :func:`checked_field` asks of a cable whose points are known."""
+
+    dims = 3
+
+
+def _of_line(given: Any, line: int, ends: np.ndarray, key: str, name: str) -> Any:
+    """Return the points of a field on the mast or on a guy, with ``relative_arc_length``; another object as it is."""
+    if not isinstance(given, xr.Dataset) or "point" not in given.dims:
+        return given
+    if "guy" in given.variables and "relative_arc_length" in given.variables:
+        if given["guy"].dims != ("point",) or given["guy"].dtype.kind not in "iu":
+            raise SceneError(
+                f"{key}: given guy of type {given['guy'].dtype}; allowed: whole numbers over point, 0 for the mast"
+            )
+        chosen = np.flatnonzero(given["guy"].values == line)
+        own = given.isel(point=chosen)
+    else:
+        place = given.get("position")
+        if place is None or set(place.dims) != {"point", "component"} or place.dtype.kind not in "iuf":
+            raise SceneError(
+                f"{key}: given a field without places; allowed: one with position (point, component) [m], or with guy and "
+                "relative_arc_length (point)"
+            )
+        reach, from_end = ends[1] - ends[0], place.transpose("point", "component").values.astype(float) - ends[0]
+        if from_end.shape[1] != 3:
+            raise SceneError(f"{key}: given positions of {from_end.shape[1]} numbers; allowed: three")
+        length = float(np.linalg.norm(reach))
+        sigma = np.clip(from_end @ reach / length**2, 0.0, 1.0)
+        distance = np.linalg.norm(from_end - sigma[:, None] * reach, axis=1)
+        chosen = np.flatnonzero(distance <= MAX_DISTANCE * length)
+        own = given.isel(point=chosen).assign_coords(relative_arc_length=("point", sigma[chosen]))
+    if not chosen.size:
+        raise SceneError(
+            f"{key}: given a field without a point on {name}; allowed: points on the mast and on the chord of each guy; "
+            "try: wind.field of the scene"
+        )
+    return own

@@ -1,0 +1,203 @@
+"""Velocity of the air on a mast and its guys: at points that the scene alone fixes, of the scene, a record or a given field."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import threading
+import warnings
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.errors import SceneError, user_stacklevel
+from cablepod.parameters._mast import MastParameters
+from cablepod.scene._mast_field import GUY_POINTS, MAST_POINTS, at_mast_points, mast_points
+from cablepod.scene._wind_field import RECORD, field_of_record, key_of_record
+from cablepod.wind._air import (
+    INTERVAL,
+    MAX_DIFFERENCE,
+    MAX_RESAMPLING,
+    _interpolated,
+    has_record,
+    instants_until,
+    mean_velocity,
+    smooth_step,
+    turbulence_at,
+)
+
+#: Number of fields that are kept, as masts of one place share them.
+KEPT_FIELDS = 6
+_LOCK = threading.RLock()
+
+
+@dataclass(frozen=True, eq=False)
+class MastAir:
+    """Velocity of the air at points of a mast and of the chords of its guys."""
+
+    positions: np.ndarray  #: points of the mast from below, then of each guy from its anchor (points, 3) [m]
+    velocity: np.ndarray  #: (samples, points, 3) [m/s]; two samples of a steady one
+    samples_per_second: float
+    mean: np.ndarray  #: mean velocity at the points (points, 3) [m/s]
+    start: np.ndarray  #: steady velocity from which runs start, 0 with a ramp (points, 3) [m/s]
+    density: float  #: of the air [kg/m3]
+    has_profile: bool  #: whether the mean is that of [wind]
+
+    @property
+    def guys(self) -> int:
+        """Number of guys."""
+        return (len(self.positions) - MAST_POINTS) // GUY_POINTS
+
+    @property
+    def height(self) -> float:
+        """Height of the mast [m]."""
+        return float(self.positions[MAST_POINTS - 1, 1])
+
+    def of_guys(self, velocity: np.ndarray) -> np.ndarray:
+        """Return the part of the guys of velocities (..., points, 3): (..., guys, points, 3)."""
+        return velocity[..., MAST_POINTS:, :].reshape(*velocity.shape[:-2], self.guys, GUY_POINTS, 3)
+
+    def at_nodes(self, height: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Return velocities at heights of the mast in x and z (..., nodes, 2), linear between the points."""
+        place = height / self.height * (MAST_POINTS - 1)
+        left = np.minimum(place.astype(int), MAST_POINTS - 2)
+        share = (place - left)[:, None]
+        points = velocity[..., :MAST_POINTS, :][..., (0, 2)]
+        return np.ascontiguousarray((1.0 - share) * points[..., left, :] + share * points[..., left + 1, :])
+
+
+def mast_air(p: MastParameters, end_time: float, given: xr.Dataset | None = None) -> MastAir | None:
+    """Return the air on a mast from 0 to `end_time` [s]; None in still air.
+
+    Parameters
+    ----------
+    p
+        Parameters of the scene.
+    end_time
+        End of the run [s].
+    given
+        Field, as of :func:`cablepod.wind.field`, in place of that of the scene.
+
+    Raises
+    ------
+    SceneError
+        For guys without diameter, a field without points on mast and guys, and one that does not cover the run.
+    """
+    if given is None and p.wind is None:
+        return None
+    with _LOCK:  # members that share a field wait for it
+        if given is not None:
+            for guy in p.guys:
+                if guy.p.diameter is None:
+                    raise SceneError(
+                        f"cables.{guy.name}.diameter: missing; allowed: a diameter [m], on which the wind acts"
+                    )
+            return _of_field(_Content(p, end_time, given, "wind"))
+        return _of_scene(_Content(p, max(end_time, p.duration or 0.0)))
+
+
+class _Content:
+    """What determines the air on a mast, compared by its values."""
+
+    def __init__(self, p: MastParameters, end_time: float, given: xr.Dataset | None = None, key: str = "") -> None:
+        self.p, self.end_time, self.given, self.name = p, end_time, given, key
+        positions = mast_points(p)[0]
+        tables: Any = [
+            (name, np.asarray(value).tolist())
+            for table in (p.wind or {}, p.turbulence or {})
+            for name, value in sorted(table.items())
+        ]
+        if given is not None:  # checked before it is hashed
+            self.field = _resampled(p, end_time, given, key)
+            digest = hashlib.sha256(np.ascontiguousarray(self.field[1]))
+            digest.update(np.ascontiguousarray(self.field[2]).tobytes())
+            tables = (tables, self.field[0], digest.hexdigest())
+        self.key = (repr(tables), float(end_time), positions.tobytes())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Content) and self.key == other.key
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+
+@lru_cache(KEPT_FIELDS)
+def _of_scene(content: _Content) -> MastAir:
+    """Return the air of the tables [wind] and [wind.turbulence]."""
+    p, end_time = content.p, content.end_time
+    assert p.wind is not None
+    if has_record(p):  # type: ignore[arg-type]
+        return _of_record(p, end_time)
+    position = mast_points(p)[0]
+    mean, ramp = mean_velocity(p, position), float(p.wind["ramp"])  # type: ignore[arg-type]
+    if p.turbulence is None and not ramp:
+        velocity = np.repeat(mean[None], 2, axis=0)
+    else:
+        count = instants_until(end_time)
+        velocity = np.tile(mean, (count, 1, 1))
+        if p.turbulence is not None and float(p.wind["speed"]):
+            velocity += turbulence_at(p, position, end_time)[:count]  # type: ignore[arg-type]
+    return _ramped(p, MastAir(position, velocity, 1.0 / INTERVAL, mean, mean, float(p.wind["air_density"]), True))
+
+
+@lru_cache(2)
+def _of_field(content: _Content) -> MastAir:
+    """Return the air of a given field."""
+    p, (rate, velocity, mean) = content.p, content.field
+    position = mast_points(p)[0]
+    density = 1.25 if p.wind is None else float(p.wind["air_density"])
+    profile = mean_velocity(p, position) if p.wind is not None else None  # type: ignore[arg-type]
+    has_profile = profile is not None and bool(np.allclose(mean, profile, rtol=1e-9, atol=1e-9))
+    return MastAir(position, velocity, rate, mean, mean, density, has_profile)
+
+
+def _of_record(p: MastParameters, end_time: float) -> MastAir:
+    """Return the air of wind.turbulence.record, with the ramp of the scene."""
+    assert p.turbulence is not None
+    air = _of_field(_Content(p, end_time, field_of_record(p.turbulence), key_of_record(p)))  # type: ignore[arg-type]
+    stated = mean_velocity(p, air.positions)  # type: ignore[arg-type]
+    difference = float(np.linalg.norm(air.mean - stated, axis=-1).mean())
+    speed = float(np.linalg.norm(stated, axis=-1).mean())
+    if difference > MAX_DIFFERENCE * speed:
+        warnings.warn(
+            f"wind.speed, wind.direction: the mean wind of {RECORD} differs by {difference:.3g} m/s from that of [wind], "
+            f"{speed:.3g} m/s on mast and guys; the record is used; change wind.speed and wind.direction to its mean",
+            UserWarning,
+            stacklevel=user_stacklevel(),
+        )
+    return _ramped(p, air)
+
+
+def _ramped(p: MastParameters, air: MastAir) -> MastAir:
+    """Return the air with the ramp of the scene."""
+    assert p.wind is not None
+    ramp = float(p.wind["ramp"])
+    if not ramp:
+        return air
+    step = smooth_step(np.arange(len(air.velocity)) / air.samples_per_second / ramp)
+    velocity = air.velocity * step[:, None, None]
+    return MastAir(
+        air.positions, velocity, air.samples_per_second, air.mean, 0.0 * air.mean, air.density, air.has_profile
+    )
+
+
+def _resampled(p: MastParameters, end_time: float, given: xr.Dataset, key: str) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return samples per second, velocities (samples, points, 3) and means (points, 3) [m/s] of a field on a mast."""
+    time, velocity, mean = at_mast_points(p, end_time, given, key)
+    rate = (time.size - 1) / (time[-1] - time[0])
+    if time[0] != 0.0 or np.abs(np.diff(time) * rate - 1.0).max() > 1e-6:
+        rate = min(1.0 / float(np.diff(time).min()), MAX_RESAMPLING * rate)  # resampled at its shortest interval
+        velocity = _interpolated(np.arange(math.ceil(time[-1] * rate) + 1) / rate, time, velocity)
+    return float(rate), velocity, mean
+
+
+def mast_field(p: MastParameters, time: np.ndarray) -> tuple[MastAir, np.ndarray]:
+    """Return the air on a mast without its ramp, and its velocity at instants (instants, points, 3) [m/s]."""
+    still = replace(p, wind={**(p.wind or {}), "ramp": 0.0})
+    air: Any = mast_air(still, float(time[-1]))
+    if len(air.velocity) == 2:  # steady
+        return air, np.repeat(air.mean[None], time.size, axis=0)
+    return air, _interpolated(time, np.arange(len(air.velocity)) / air.samples_per_second, air.velocity)
