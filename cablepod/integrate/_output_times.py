@@ -135,15 +135,16 @@ def judged_instants(times: np.ndarray, steps_per_second: float) -> np.ndarray | 
     """Return instants in the gaps of output times [s], at which two runs are compared too; None without such gaps.
 
     At a few instants two runs may agree by luck.  The instants are round multiples of the step, so that all runs step on them and
-    nothing is interpolated.
+    nothing is interpolated, unless the first run has fewer steps than these are.
     """
     end_time = float(times[-1])
     gap = end_time / JUDGED_INSTANTS
-    if times.size >= JUDGED_INSTANTS and times[0] <= gap and (times[1:] - times[:-1]).max() <= gap:
+    dense = times.size >= JUDGED_INSTANTS and times[0] <= gap and (times[1:] - times[:-1]).max() <= gap
+    if dense or not end_time:
         return None
     unit = 100.0 / 10.0 ** math.floor(math.log10(steps_per_second))
     if end_time < JUDGED_INSTANTS * unit:
-        unit = 1.0 / steps_per_second
+        unit = min(1.0 / steps_per_second, gap)
     own = np.unique(np.rint(np.arange(1, JUDGED_INSTANTS) * gap / unit)) * unit
     asked = np.concatenate([[0.0], times])
     right = np.searchsorted(asked, own)

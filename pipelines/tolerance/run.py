@@ -35,6 +35,7 @@ from cablepod.integrate._step_control import tension_distance
 
 TOLERANCES = {"chain": (1e-2, 1e-3, 1e-4, 1e-5), "tension": (1e-2, 1e-3, 1e-5), "reduced": (1e-2, 1e-3, 1e-5)}
 DURATION, INSTANTS, RANK = 4.0, 401, 3
+TABLES = {"chain": "errors", "tension": "tensions", "reduced": "reduced"}
 #: Maximum error of the truth.
 TRUTH = 0.2e-5
 HERE = Path(__file__).parent
@@ -208,16 +209,21 @@ def main() -> None:
         print(f"{model}: {used} of {options.scenes} scenes, seed {options.seed}, {spent:.0f} s of this process")
         silent = [ratio for runs in found.values() for ratio, warned in runs if not warned]
         print(f"{model}: {sum(ratio > 1.0 for ratio in silent)} of {len(silent)} runs without a warning are above")
-        head = ["model", "scheme", "output instants", *(f"{tolerance:g}" for tolerance in TOLERANCES[model])]
-        rows = [
-            [subject.name, scheme or "chosen", "many" if many else "one", *(
-                entry(found.get((subject.name, scheme, tolerance, many), [])) for tolerance in TOLERANCES[model]
-            )]
-            for subject in SUBJECTS[model]
-            for scheme in subject.schemes
-            for many in (False, True)
-        ]  # fmt: skip
-        show_table(model, markdown_table(head, rows), HERE if options.readme else None)
+        several = len(SUBJECTS[model]) > 1
+        head = [
+            *["model"] * several,
+            "scheme",
+            "output instants",
+            *(f"{tolerance:g}" for tolerance in TOLERANCES[model]),
+        ]
+        rows = []
+        for subject in SUBJECTS[model]:
+            for scheme, many in itertools.product(subject.schemes, (False, True)):
+                entries = [
+                    entry(found.get((subject.name, scheme, tolerance, many), [])) for tolerance in TOLERANCES[model]
+                ]
+                rows.append([*[subject.name] * several, scheme or "chosen", "many" if many else "one", *entries])
+        show_table(TABLES[model], markdown_table(head, rows), HERE if options.readme else None)
 
 
 if __name__ == "__main__":

@@ -381,12 +381,13 @@ def test_one_instant_is_as_good_as_many(soft, scheme):
 
 
 def test_instants_of_comparison_lie_in_the_gaps():
-    def own(times):
-        return output_times.judged_instants(np.array(times), 125.0)
+    def own(times, steps_per_second=125.0):
+        return output_times.judged_instants(np.array(times), steps_per_second)
 
     assert own(np.linspace(0.0, 4.0, 65)) is None
     assert own([0.0]) is None
     assert own([4.0]).size == 63
+    assert own([4.0], 5.0).size == 63  # more than the steps of the first run, whose distances alias
     late = own([2.0, 4.0, *np.linspace(4.1, 8.0, 40)])
     assert late.max() < 4.0
     assert np.abs(late - 2.0).min() > 0.05
