@@ -27,8 +27,7 @@ FOUND = "found"
 def richer_solver(scene: xr.Dataset, modes: xr.Dataset, rank: int | None, out_of_plane: bool) -> tuple[Solver, str]:
     """Return the solver of the richer model, and in what it is richer.
 
-    Modes beyond `rank` are taken from `modes` or, for vibration modes, computed; without either only the order rises.  Damping by
-    the tension leaves it "leading".
+    Modes beyond `rank` are taken from `modes` or, for vibration modes, computed; without either only the order rises.
     """
     known = modes.sizes["mode"]
     used = known if rank is None else int(rank)
@@ -36,11 +35,9 @@ def richer_solver(scene: xr.Dataset, modes: xr.Dataset, rank: int | None, out_of
         rich, more = modes, min(used + MORE_MODES, known)
     else:
         rich, more = _more_vibrations(scene, modes, used)
-    damped = "damping_tension_proportional" in scene
-    order = "leading" if damped else "exact"
-    model, _ = model_of(scene, rich, rank=more, order=order, out_of_plane=out_of_plane)
-    gained = [f"{more - used} more modes"] * (more > used) + ["order exact"] * (order == "exact")
-    return solver_of(model), ", ".join(gained) or "nothing"
+    model, _ = model_of(scene, rich, rank=more, order="exact", out_of_plane=out_of_plane)
+    gained = [f"{more - used} more modes"] * (more > used) + ["order exact"]
+    return solver_of(model), ", ".join(gained)
 
 
 def _more_vibrations(scene: xr.Dataset, modes: xr.Dataset, used: int) -> tuple[xr.Dataset, int]:

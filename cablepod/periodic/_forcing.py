@@ -65,13 +65,13 @@ def refuse_wind(p: Parameters) -> None:
         )
 
 
-def refuse_tension_damping(p: Parameters, where: str, instead: str) -> None:
-    """Refuse damping by the tension, which neither the compiled kernels of a map nor forces of order "exact" have."""
+def refuse_tension_damping(p: Parameters) -> None:
+    """Refuse damping by the tension, which the compiled kernels of a map have not."""
     if p.tension_damping is not None:
         raise scene_error(
             "damping.tension_proportional",
             p.tension_damping,
-            f"none {where}; try: damping.mass_proportional, or {instead}",
+            "none for maps; try: damping.mass_proportional, or periodic.orbit",
         )
 
 

@@ -59,10 +59,9 @@ class GeneralSolver(Solver):
         """Evaluate the forces at equidistant phases of the motion, for the coordinates of the state."""
         c = state.coefficients
         q = basis_at(phases, state.harmonics) @ c
-        if self.model.condensed.order == "leading":
-            rates = state.omega / state.periods * (rates_at(phases, state.harmonics) @ c)
-            return self._leading(q, rates, state.omega, state.periods)
-        return self._exact(q, state.omega, state.periods)
+        rates = state.omega / state.periods * (rates_at(phases, state.harmonics) @ c)
+        evaluate = self._leading if self.model.condensed.order == "leading" else self._exact
+        return evaluate(q, rates, state.omega, state.periods)
 
     def _leading(self, q: np.ndarray, v: np.ndarray, omega: float, periods: int) -> Forces:
         """Evaluate the forces of order "leading", with damping by the tension."""
@@ -82,7 +81,7 @@ class GeneralSolver(Solver):
         along = np.tensordot(terms, tables.chord_tension, 1) + (q**2 @ kappa)[:, None]
         return Forces(force, rate, tangent, beta * geometric if beta else None, float(along.min()))
 
-    def _exact(self, q: np.ndarray, omega: float, periods: int) -> Forces:
+    def _exact(self, q: np.ndarray, v: np.ndarray, omega: float, periods: int) -> Forces:
         """Evaluate the forces of order "exact": the chordwise stretch of each link by the closure."""
         from cablepod.condensed import _kernels_closure  # numba is imported only to compute
 
@@ -101,6 +100,12 @@ class GeneralSolver(Solver):
         begin = np.cumsum([0, *(len(part) for part in slopes)])
         used = [(part, slice(i, i + len(part))) for part, i in zip(slopes, begin[:-1], strict=True) if i < n]
         slope = [length * (q[:, which] @ part) for part, which in used]
+        # the tension over the stretch acts on slopes and, with damping, on their rates
+        beta = model.tension_damping
+        moved = [
+            w + beta * length * (v[:, which] @ part) if beta else w
+            for (part, which), w in zip(used, slope, strict=True)
+        ]
         squared = sum(part**2 for part in slope)
         tension, stretch = np.empty(len(q)), np.empty_like(tau)
         first = np.zeros(max(n, condensed.slope_norms_squared.size))
@@ -119,22 +124,27 @@ class GeneralSolver(Solver):
         lateral = np.pad(lateral, ((0, 0), (0, max(0, n - lateral.shape[1]))))[:, :n]
         force, rate = data[:, 1 + patterns :] @ lateral, change[:, 1 + patterns :] @ lateral
         pull = np.empty((len(q), n))  # derivative of the chord tension by the coordinates, times the total compliance
-        tangent = np.empty((len(q), n, n))
+        pulled, tangent = np.empty((len(q), n)), np.empty((len(q), n, n))
+        damping_matrix = np.zeros((len(q), n, n)) if beta else None
         tension_rate = -((compliance * tau_rate) @ weights)[:, None] / total
-        for (part, which), w in zip(used, slope, strict=True):
-            force[:, which] -= (weights * secant * w) @ part.T
-            rate[:, which] -= (weights * coupling * w * (tension_rate + tau_rate)) @ part.T
+        for (part, which), w, u in zip(used, slope, moved, strict=True):
+            force[:, which] -= (weights * secant * u) @ part.T
+            rate[:, which] -= (weights * coupling * u * (tension_rate + tau_rate)) @ part.T
             pull[:, which] = (weights * coupling * w) @ part.T
-            for (other, columns), u in zip(used, slope, strict=True):
-                inner = weights * secant * coupling * w * u / stretch
+            pulled[:, which] = (weights * coupling * u) @ part.T
+            for (other, columns), x in zip(used, slope, strict=True):
+                inner = weights * secant * coupling * u * x / stretch
                 if columns == which:
                     inner = inner + weights * secant
                 tangent[:, which, columns] = np.einsum("mk,ik,jk->mij", inner, part, other, optimize=True)
-        tangent += pull[:, :, None] * pull[:, None] / total[:, None]
+            if damping_matrix is not None:
+                damping_matrix[:, which, which] = np.einsum(
+                    "mk,ik,jk->mij", beta / frequency**2 * weights * secant, part, part, optimize=True
+                )
+        tangent += pulled[:, :, None] * pull[:, None] / total[:, None]
         unit = 1.0 / (length * frequency**2)
-        return Forces(
-            force * unit, rate * unit, tangent / frequency**2, None, float(chordwise.min()) / model.force_scale
-        )
+        least = float(chordwise.min()) / model.force_scale
+        return Forces(force * unit, rate * unit, tangent / frequency**2, damping_matrix, least)
 
     # --- Newton's method --------------------------------------------------------------------------------------------
 

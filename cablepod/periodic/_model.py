@@ -16,7 +16,7 @@ from cablepod.condensed._rescale import rescaled_model
 from cablepod.condensed._vibration import RestTangent, vibrations
 from cablepod.errors import RunStopped, SceneError, scene_error
 from cablepod.parameters._checks import choice
-from cablepod.periodic._forcing import Forcing, refuse_tension_damping, scaled
+from cablepod.periodic._forcing import Forcing, scaled
 
 #: Orders of the condensed model that have periodic responses.
 ORDERS = ("leading", "exact")
@@ -79,8 +79,6 @@ class PeriodicModel:
         """
         choice(*ORDERS)("order", order)
         p = scaled(forcing.parameters, amplitude)
-        if order != "leading":
-            refuse_tension_damping(p, f'with order "{order}"', 'order "leading"')
         unit = unit_of(p, modes, rank=rank, order=order, law="linear")
         if unit.raw_test_functions is not None:
             raise SceneError("modes: given trained test functions; allowed: modes without, as pod.decompose gives them")

@@ -80,7 +80,7 @@ def stability_map(
     omegas, amplitudes = _grid("frequency", frequency), _grid("amplitude", amplitude)
 
     def one(scene: xr.Dataset) -> xr.Dataset:
-        refuse_tension_damping(Members(scene)[0], "for maps", "periodic.orbit")
+        refuse_tension_damping(Members(scene)[0])
         model, _ = model_of(scene, modes, rank=rank, order="leading", out_of_plane=out_of_plane)
         if not model.forcing.amplitude:
             raise scene_error("amplitude", 0.0, "a scene with an amplitude other than 0, which is scaled")
