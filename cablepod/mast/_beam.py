@@ -11,6 +11,7 @@ from cablepod.parameters._mast import MastParameters
 
 #: Points of Gauss quadrature of an element: products of cubic shapes with a linear axial force are exact.
 GAUSS_POINTS = 4
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(GAUSS_POINTS)
 #: Columns of the sections of :class:`MastParameters`.
 BOTTOM, TOP, BENDING_STIFFNESS, MASS, DRAG_AREA = range(5)
 #: Directions of the displacement: x and z.
@@ -80,19 +81,26 @@ class Beam:
     @cached_property
     def _places(self) -> np.ndarray:
         """Heights of the quadrature points (element, point) [m]."""
-        nodes = np.polynomial.legendre.leggauss(GAUSS_POINTS)[0]
-        return self.height[:-1, None] + 0.5 * self.length[:, None] * (1.0 + nodes)
+        return self.height[:-1, None] + 0.5 * self.length[:, None] * (1.0 + NODES)
 
     def _assembled(self, derivative: int, values: np.ndarray) -> np.ndarray:
         """Integrate values (element, point) times products of derivatives of the shapes, for all unknowns of one direction."""
-        weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)[1]
-        xi = 0.5 * (1.0 + np.polynomial.legendre.leggauss(GAUSS_POINTS)[0])
+        shapes = self._shapes(derivative)
+        blocks = (shapes * (0.5 * self.length[:, None] * WEIGHTS * values)[:, None]) @ np.swapaxes(shapes, 1, 2)
         matrix = np.zeros((2 * self.height.size, 2 * self.height.size))
-        for e, length in enumerate(self.length):
-            shapes = hermite(xi, float(length), derivative)
-            block = np.einsum("ip,jp,p->ij", shapes, shapes, 0.5 * length * weights * values[e])
+        for e, block in enumerate(blocks):
             matrix[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += block
         return matrix[np.ix_(self.free, self.free)]
+
+    def _shapes(self, derivative: int) -> np.ndarray:
+        """Return a derivative of the shapes at the quadrature points (element, 4, point)."""
+        if derivative not in self._kept_shapes:
+            self._kept_shapes[derivative] = np.array([hermite(0.5 * (1.0 + NODES), s, derivative) for s in self.length.tolist()])
+        return self._kept_shapes[derivative]
+
+    @cached_property
+    def _kept_shapes(self) -> dict[int, np.ndarray]:
+        return {}
 
     def _both(self, matrix: np.ndarray) -> np.ndarray:
         zero = np.zeros_like(matrix)

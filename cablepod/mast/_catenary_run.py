@@ -11,7 +11,7 @@ import numpy as np
 from cablepod.catenary._statics import solve_catenaries
 from cablepod.errors import OutOfRangeWarning, SceneError, scene_error, user_stacklevel
 from cablepod.mast._drive import drive_of
-from cablepod.mast._guys import StaticGuy, static_guys
+from cablepod.mast._guys import GuyStatics, StaticGuy
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory, empty_trajectory
 from cablepod.scene._mast_field import GUY_POINTS
@@ -34,7 +34,7 @@ class CatenaryGuys:
     @cached_property
     def guys(self) -> list[StaticGuy]:
         """The guys in still air, with ice."""
-        return static_guys(self.mast.rest.p)
+        return self.mast.rest.bare
 
     @property
     def default_step(self) -> float:
@@ -50,7 +50,7 @@ class CatenaryGuys:
         first, spacing = np.empty(count), np.empty(count)
         splines = np.empty((2, count, INTERVALS, 4))
         for g, (guy, own) in enumerate(zip(self.guys, self.mast.rest.p.guys, strict=True)):
-            at_rest = self.mast.rest.guys[g].p.upper
+            at_rest = self.mast.rest.upper[g]
             middle = float(np.hypot(at_rest[0] - guy.p.lower[0], at_rest[2] - guy.p.lower[2]))
             reach = min(REACH * self.mast.rest.p.height, 0.9 * middle if middle > 0.0 else np.inf)
             low = max(middle - reach, 1e-3 * reach)
@@ -106,8 +106,7 @@ class CatenaryGuys:
             mast.mass + mast.ends(end_mass), np.diag(mast.omega**2), p.mass_damping * mast.ends(end_mass), step
         )
         first, spacing, horizontal, vertical = self.tables
-        forces = np.array([guy.at(own.p.upper).force()[0] for guy, own in zip(self.guys, mast.rest.guys, strict=True)])
-        forces = forces.reshape(-1, 3)[:, [0, 2]]
+        forces = GuyStatics(self.guys, mast.rest.upper).forces[:, [0, 2]]
         reaction = None
         if self.air is not None:
             reaction = refined(self._reaction(self.air.velocity))

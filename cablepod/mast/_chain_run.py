@@ -12,7 +12,6 @@ from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.errors import scene_error
 from cablepod.mast._drive import drive_of
-from cablepod.mast._guys import static_guys
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory, empty_trajectory
 from cablepod.scene._mast_field import GUY_POINTS
@@ -39,11 +38,8 @@ class ChainGuys:
     @cached_property
     def chains(self) -> list[LumpedChain]:
         """The chains, with their upper ends at rest."""
-        bare = static_guys(self.mast.rest.p)
-        return [
-            chain_of(replace(guy.p, upper=at_rest.p.upper), self.links)
-            for guy, at_rest in zip(bare, self.mast.rest.guys, strict=True)
-        ]
+        rest = self.mast.rest
+        return [chain_of(replace(guy.p, upper=end), self.links) for guy, end in zip(rest.bare, rest.upper, strict=True)]
 
     @cached_property
     def drag(self) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.errors import SceneError
-from cablepod.mast._guys import StaticGuy
+from cablepod.mast._guys import GuyStatics, StaticGuy
 
 #: Intervals of the quadrature along a guy, and points of each.
 INTERVALS, GAUSS_POINTS = 40, 6
@@ -253,11 +253,12 @@ class GuySet:
 
 def guy_set(guys: Sequence[StaticGuy], upper: Any, shapes: tuple[Shapes, Shapes]) -> GuySet:
     """Make the condensed models of guys at rest with their upper ends at `upper` (guys, 3) [m]."""
-    ends = np.array([guy.at(end).force()[1:] for guy, end in zip(guys, upper, strict=True)]).reshape(-1, 2)
+    upper = np.array(upper, dtype=float).reshape(-1, 3)
+    ends = GuyStatics(guys, upper).tensions
     stiffness = np.array([guy.p.stiffness for guy in guys])
     return GuySet(
         np.array([guy.p.lower for guy in guys]).reshape(-1, 3),
-        np.array(upper, dtype=float).reshape(-1, 3),
+        upper,
         np.array([guy.length for guy in guys]),
         stiffness,
         np.array([guy.p.mass for guy in guys], dtype=float),

@@ -12,7 +12,6 @@ from cablepod.errors import scene_error
 from cablepod.mast._air import along_guys, steady_along_guys, to_gauss
 from cablepod.mast._condensed_guy import GuySet, Shapes, guy_set
 from cablepod.mast._drive import drive_of
-from cablepod.mast._guys import static_guys
 from cablepod.mast._kernels_layout import LANES, MODES_TOGETHER
 from cablepod.mast._model import ModalMast, StepMatrices, sinc_squared
 from cablepod.mast._request import MastRequest, MastTrajectory, empty_trajectory
@@ -22,7 +21,7 @@ from cablepod.wind._mast_air import MastAir
 #: Gauss points of the drag beyond the number of modes.
 EXTRA_POINTS = 2
 #: Steps in the shortest period of the guys' modes, and the maximum step over the stability limit.
-STEPS_PER_PERIOD, MAX_STEP_OVER_LIMIT = 5.3, 0.8
+STEPS_PER_PERIOD, MAX_STEP_OVER_LIMIT = 9.0, 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +35,7 @@ class CondensedGuys:
     @cached_property
     def guys(self) -> GuySet:
         """The guys with their upper ends at rest, without drag."""
-        upper = [at_rest.p.upper for at_rest in self.mast.rest.guys]
-        return guy_set(static_guys(self.mast.rest.p), upper, self.shapes)
+        return guy_set(self.mast.rest.bare, self.mast.rest.upper, self.shapes)
 
     @property
     def rank(self) -> int:
@@ -90,13 +88,18 @@ class CondensedGuys:
     @cached_property
     def end_mass(self) -> np.ndarray:
         """Mass of the upper ends without that of the coordinates, in x and z (guys, 2, 2) [kg]."""
+        return np.ascontiguousarray(self.reaction_mass[:, [0, 2]])
+
+    @cached_property
+    def reaction_mass(self) -> np.ndarray:
+        """The same with the vertical force that holds the ends at their height (guys, 3, 2) [kg]."""
         guys, r = self.guys, self.rank
         result = (guys.mass * guys.length / 3.0)[:, None, None] * np.eye(3)
         for part in range(2):
             own = (guys.moments[:, part * r : (part + 1) * r] ** 2).sum(axis=1)
             axis = self.axes[:, 1 + part]
             result = result - own[:, None, None] * axis[:, :, None] * axis[:, None, :]
-        return np.ascontiguousarray(result[:, [0, 2]][:, :, [0, 2]])
+        return np.ascontiguousarray(result[:, :, [0, 2]])
 
     @cached_property
     def tangents(self) -> np.ndarray:
@@ -199,7 +202,7 @@ class CondensedGuys:
             p, np.zeros_like(p), constant, mast.stiffness, matrices.keep, matrices.gain, mast.level_rows, mast.level_rest,
             lanes.heights, mast.level_of_guy, lanes.lower, lanes.axes, numbers, lanes.kappa, lanes.moments, lanes.loads,
             lanes.tilt, (1.0 - 0.5 * alpha * step) / (1.0 + 0.5 * alpha * step),
-            lanes.coordinates(step * fitted / (1.0 + 0.5 * alpha * step)), self.end_mass, drive.load_vectors, drive.factors,
+            lanes.coordinates(step * fitted / (1.0 + 0.5 * alpha * step)), self.reaction_mass, drive.load_vectors, drive.factors,
             drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows, drive.node_drag, wind,
             *self.drag.arrays(lanes), result.modal, result.rates, saved, result.force, result.tension, result.level_extremes,
             result.level_sums, result.tension_extremes, result.tension_sums, monitor,

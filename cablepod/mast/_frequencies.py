@@ -75,7 +75,7 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str = "condensed", 
         mass, stiffness = model.system(at_rest.rows, at_rest.beam.mass, at_rest.mast_stiffness)
     else:
         stiffness, mass = at_rest.stiffness, at_rest.beam.mass.copy()
-        for row, guy in zip(at_rest.rows, at_rest.guys, strict=True):
+        for row, guy in zip(at_rest.rows, at_rest.bare, strict=True):
             mass += guy.p.mass * guy.length / 3.0 * row.T @ row
     if count > len(mass):
         raise scene_error("count", count, f"at most {len(mass)}, the number of unknowns")
@@ -100,7 +100,7 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str = "condensed", 
                 own[:, g] = (vectors[n + r2 * g : n + r2 * (g + 1)] ** 2).sum(axis=0)
                 own[:, g] += np.einsum("mi,ij,mj->m", ends, model.end_mass[g], ends)
             else:
-                own[:, g] = at_rest.guys[g].p.mass * at_rest.guys[g].length / 3.0 * (ends**2).sum(axis=1)
+                own[:, g] = at_rest.bare[g].p.mass * at_rest.bare[g].length / 3.0 * (ends**2).sum(axis=1)
         variables["guy_share"] = (("mode", "guy"), own)
     coords = {
         "mode": np.arange(1, count + 1),

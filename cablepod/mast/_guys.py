@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cablepod.catenary._rest import _rest_of_member
-from cablepod.catenary._statics import load_plane, solve_statics
-from cablepod.condensed._host import static_stiffness
+from cablepod.catenary._statics import load_plane, solve_catenaries, solve_statics
+from cablepod.condensed._host import _gauss, static_stiffness
 from cablepod.parameters._mast import Guy, MastParameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._mast_field import GUY_POINTS
@@ -19,6 +20,8 @@ from cablepod.wind._turbulence import direction_of
 
 #: Points along a guy for the mean drag, and passes with the shape in the wind.
 POINTS, PASSES = 41, 3
+#: Quadrature of the compliance along a guy.
+STIFFNESS_PLACES, STIFFNESS_WEIGHTS = _gauss()
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,64 @@ class StaticGuy:
         if not self.force()[2] > 0.0:
             return np.zeros((3, 3))  # slack, without weight
         return static_stiffness(self.p, self.length, self.p.upper)
+
+
+class GuyStatics:
+    """Guys as exact elastic catenaries with their upper ends at given places, all at once."""
+
+    def __init__(self, guys: Sequence[StaticGuy], upper: np.ndarray) -> None:
+        from cablepod.catenary import _kernels_plane, _kernels_solve  # numba is imported only to compute
+
+        self._guys, self._upper, count = guys, upper, len(guys)
+        self._length = np.array([guy.length for guy in guys])
+        self._spring = np.array([guy.p.stiffness for guy in guys], dtype=float)
+        chords = upper - np.array([guy.p.lower for guy in guys], dtype=float).reshape(-1, 3)
+        loads = np.array([guy.p.load_at(0.0) for guy in guys], dtype=float).reshape(-1, 3)
+        self._plane, self._across, self._against = np.empty((4, count)), np.empty((count, 3)), np.empty((count, 3))
+        _kernels_plane.load_planes(chords, loads, self._plane, self._across, self._against)
+        self._solved, status = solve_catenaries(tuple(self._plane), self._spring, "unstretched_length", self._length)
+        for g in np.flatnonzero(status != _kernels_solve.FOUND):
+            guys[g].at(upper[g]).force()  # says what is wrong
+
+    @property
+    def forces(self) -> np.ndarray:
+        """Forces on the mast (guys, 3) [N]."""
+        horizontal, middle = self._solved[:, 2], self._solved[:, 3]
+        against = middle + 0.5 * self._plane[3] * self._length
+        return -(horizontal[:, None] * self._across + against[:, None] * self._against)
+
+    @property
+    def tensions(self) -> np.ndarray:
+        """Tensions at the anchor and at the mast (guys, 2) [N]."""
+        return self._solved[:, 4:]
+
+    def stiffness(self) -> np.ndarray:
+        """Return the stiffness of the upper ends (guys, 3, 3) [N/m], as :func:`cablepod.condensed._host.static_stiffness`."""
+        result = np.empty((len(self._guys), 3, 3))
+        _, _, force, middle, lower, top = self._solved.T
+        hanging = self._plane[3] * self._length
+        curved = (hanging > 1e-12 * (lower + top)) & (force > 1e-12 * (lower + top))
+        for g in np.flatnonzero(~curved):  # straight, slack or along the load
+            result[g] = self._guys[g].at(self._upper[g]).stiffness()
+        force, hanging, load = force[curved], hanging[curved], self._plane[3, curved]
+        low, high = middle[curved] - 0.5 * hanging, middle[curved] + 0.5 * hanging
+        start = np.arcsinh(low / force)
+        ratio = np.minimum(hanging / (lower + top)[curved], 1.0 - 1e-16)
+        angle = np.where((low < 0.0) & (high > 0.0), np.arcsinh(high / force) - start, 2.0 * np.arctanh(ratio))
+        u = start[:, None] + angle[:, None] * STIFFNESS_PLACES
+        sine, cosine = np.tanh(u), 1.0 / np.cosh(u)
+        part, elastic = angle / load, (self._length / self._spring)[curved]
+        mixed = -part * ((sine * cosine) @ STIFFNESS_WEIGHTS)
+        a, b = elastic + part * (sine**2 @ STIFFNESS_WEIGHTS), elastic + part * (cosine**2 @ STIFFNESS_WEIGHTS)
+        inverse = 1.0 / (a * b - mixed * mixed)
+        across, against = self._across[curved], self._against[curved]
+        third = np.cross(across, against)
+        terms = (
+            (b * inverse, across, across), (-mixed * inverse, across, against), (-mixed * inverse, against, across),
+            (a * inverse, against, against), (1.0 / (elastic + part), third, third),
+        )  # fmt: skip
+        result[curved] = sum(k[:, None, None] * first[:, :, None] * second[:, None, :] for k, first, second in terms)
+        return result
 
 
 def static_guys(p: MastParameters) -> list[StaticGuy]:

@@ -375,7 +375,7 @@ def condensed_run(
     guy_keep, guy_gain
         Factor of rates in a step, factors of forces (2, r, lanes).
     end_mass
-        Mass of the upper ends (guys, 2, 2) in x and z without that of the coordinates [kg].
+        Mass of the upper ends without that of the coordinates: force in x, y, z by acceleration in x, z (guys, 3, 2) [kg].
     load_vectors, factors
         Loads on the modes (loads, modes) and their factors (loads, steps + 1), or None.
     samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, guy_wind, guy_drag, sigma, shapes, slopes
@@ -451,10 +451,9 @@ def condensed_run(
         for g in range(count):
             n = guy_level[g]
             x, z = acceleration[n, 0], acceleration[n, 1]
-            guy_force[g, 0] -= end_mass[g, 0, 0] * x + end_mass[g, 0, 1] * z
-            guy_force[g, 2] -= end_mass[g, 1, 0] * x + end_mass[g, 1, 1] * z
             square = 0.0
             for d in range(3):
+                guy_force[g, d] -= end_mass[g, d, 0] * x + end_mass[g, d, 1] * z
                 square += guy_force[g, d] * guy_force[g, d]
             tension[g] = math.sqrt(square)
         _record(k, window, upper, tension, level_extremes, level_sums, tension_extremes, tension_sums)

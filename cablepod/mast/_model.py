@@ -24,7 +24,7 @@ class ModalMast:
 
         rest, p = self.rest, self.rest.p
         mass = rest.beam.mass.copy()
-        for row, guy in zip(rest.rows, rest.guys, strict=True):
+        for row, guy in zip(rest.rows, rest.bare, strict=True):
             mass += guy.p.mass * guy.length / 3.0 * row.T @ row
         count = min(2 * p.modes, rest.beam.count)
         squared, modes = eigh(rest.stiffness, mass, subset_by_index=[0, count - 1])

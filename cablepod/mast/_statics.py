@@ -9,7 +9,7 @@ import numpy as np
 
 from cablepod.errors import SceneError
 from cablepod.mast._beam import Beam, beam_of
-from cablepod.mast._guys import StaticGuy, static_guys, with_mean_drag
+from cablepod.mast._guys import GuyStatics, StaticGuy, static_guys, with_mean_drag
 from cablepod.parameters._mast import MastParameters
 from cablepod.wind._mast_air import MastAir
 from cablepod.wind._profile import mean_speed
@@ -27,11 +27,23 @@ class MastRest:
 
     p: MastParameters
     beam: Beam
-    guys: list[StaticGuy]  #: with their upper ends on the displaced mast
+    bare: list[StaticGuy]  #: the guys of the straight mast in still air
+    still: list[StaticGuy]  #: those of the straight mast with the mean drag
     unknowns: np.ndarray  #: of the beam (count,)
     force: np.ndarray  #: of the guys on the mast (guys, 3) [N]
     tension: np.ndarray  #: at anchor and mast (guys, 2) [N]
     load: np.ndarray  #: steady loads on the unknowns (count,)
+    statics: GuyStatics
+
+    @cached_property
+    def upper(self) -> np.ndarray:
+        """Upper ends of the guys on the displaced mast (guys, 3) [m]."""
+        return upper_ends(self.beam, self.unknowns)
+
+    @cached_property
+    def guys(self) -> list[StaticGuy]:
+        """The guys with their upper ends on the displaced mast."""
+        return [guy.at(end) for guy, end in zip(self.still, self.upper, strict=True)]
 
     @cached_property
     def rows(self) -> np.ndarray:
@@ -61,12 +73,21 @@ class MastRest:
     @cached_property
     def guy_stiffness(self) -> np.ndarray:
         """Static stiffness of the guys in x and z (guys, 2, 2) [N/m]."""
-        return np.array([guy.stiffness()[np.ix_((0, 2), (0, 2))] for guy in self.guys]).reshape(-1, 2, 2)
+        return self.statics.stiffness()[:, [0, 2]][:, :, [0, 2]]
 
     @cached_property
     def stiffness(self) -> np.ndarray:
         """Static stiffness of mast and guys (count, count)."""
         return self.mast_stiffness + np.einsum("gia,gij,gjb->ab", self.rows, self.guy_stiffness, self.rows)
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether the stiffness is positive definite: the critical factor is above 1 then."""
+        try:
+            np.linalg.cholesky(self.stiffness)
+        except np.linalg.LinAlgError:
+            return False
+        return True
 
     @cached_property
     def buckling_factor(self) -> float:
@@ -81,6 +102,15 @@ class MastRest:
         return float(1.0 / ratio) if ratio > 0.0 else np.inf
 
 
+def upper_ends(beam: Beam, unknowns: np.ndarray) -> np.ndarray:
+    """Return the upper ends of the guys for unknowns of the mast (guys, 3) [m]."""
+    result = np.zeros((len(beam.p.guys), 3))
+    result[:, [0, 2]] = guy_rows(beam) @ unknowns
+    result[:, 1] = [guy.level for guy in beam.p.guys]
+    return result
+
+
+@lru_cache(16)
 def guy_rows(beam: Beam) -> np.ndarray:
     """Return the matrix from the unknowns to the displacement of the guys' upper ends in x and z (guys, 2, count)."""
     nodes = np.array([beam.node(guy.level) for guy in beam.p.guys], dtype=int)
@@ -127,7 +157,7 @@ def rest_of(p: MastParameters, air: MastAir | None = None) -> MastRest:
     guys = [with_mean_drag(guy, p, air, number) for number, guy in enumerate(straight)]
     load, rows = steady_load(beam, air), guy_rows(beam)
     unknowns = np.zeros(beam.count)
-    upright = _at(p, beam, guys, unknowns, load)
+    upright = _at(p, beam, straight, guys, unknowns, load)
     check_buckling(upright)
     rest = upright
     for _ in range(MAX_ITERATIONS):
@@ -137,7 +167,7 @@ def rest_of(p: MastParameters, air: MastAir | None = None) -> MastRest:
         moved = np.abs(np.einsum("gia,a->gi", rows, unknowns)).max(initial=0.0)
         if not moved < MAX_DEFLECTION * p.height:
             break
-        rest = _at(p, beam, guys, unknowns, load)
+        rest = _at(p, beam, straight, guys, unknowns, load)
         if np.abs(np.einsum("gia,a->gi", rows, change)).max(initial=0.0) <= RTOL * p.height:
             check_buckling(rest)
             return rest
@@ -155,8 +185,8 @@ def check_buckling(rest: MastRest) -> None:
     SceneError
         States the critical factor of the axial force.
     """
-    factor = rest.buckling_factor
-    if not factor > 1.0:
+    if not rest.is_stable:
+        factor = rest.buckling_factor
         compression = float(rest.beam.compression(np.zeros(1), rest.levels, rest.pull)[0])
         if factor == 0.0:
             raise SceneError(
@@ -169,13 +199,9 @@ def check_buckling(rest: MastRest) -> None:
         )
 
 
-def _at(p: MastParameters, beam: Beam, guys: list[StaticGuy], unknowns: np.ndarray, load: np.ndarray) -> MastRest:
+def _at(
+    p: MastParameters, beam: Beam, bare: list[StaticGuy], guys: list[StaticGuy], unknowns: np.ndarray, load: np.ndarray
+) -> MastRest:
     """Return mast and guys with given unknowns of the mast."""
-    moved = []
-    for guy, row, own in zip(guys, guy_rows(beam), p.guys, strict=True):
-        x, z = row @ unknowns
-        moved.append(guy.at(np.array([x, own.level, z])))
-    forces = [guy.force() for guy in moved]
-    force = np.array([force for force, *_ in forces]).reshape(-1, 3)
-    tension = np.array([ends for _, *ends in forces]).reshape(-1, 2)
-    return MastRest(p, beam, moved, unknowns, force, tension, load)
+    statics = GuyStatics(guys, upper_ends(beam, unknowns))
+    return MastRest(p, beam, bare, guys, unknowns, statics.forces, statics.tensions, load, statics)

@@ -40,7 +40,7 @@ CASES: list[tuple[str, dict[str, Any]]] = [
     ("chain, 40 links", {"guys": "chain", "links": 40}),
     ("chain, 20 links", {"guys": "chain", "links": 20}),
     ("chain, 10 links", {"guys": "chain", "links": 10}),
-    ("condensed, r = 4, 25 ms", {"rank": 4, "step": 0.025}),
+    ("condensed, r = 4, 20 ms", {"rank": 4, "step": 0.02}),
     ("condensed, r = 6, 20 ms", {"rank": 6, "step": 0.02}),
     ("condensed, r = 6, 10 ms", {"rank": 6, "step": 0.01}),
     ("static catenaries", {"guys": "catenary"}),

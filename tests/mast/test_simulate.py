@@ -75,11 +75,11 @@ def test_condensed_guys_at_rest_pull_as_catenaries_do():
 
 def test_condensed_guys_are_as_good_as_chains_after_a_pull():
     scene = small()
-    chain = cp.mast.simulate(scene, guys="chain", links=40)
+    chain = cp.mast.simulate(scene, guys="chain", links=60)
     run = cp.mast.simulate(scene, rank=8, step=0.005)
     top = abs(run.displacement - chain.displacement).max() / abs(chain.displacement).max()
-    assert float(top) < 0.005
-    assert rms(run, chain).max() < 0.025
+    assert float(top) < 0.001
+    assert rms(run, chain).max() < 0.01  # without the vertical reaction of the deflections' inertia 0.02
     np.testing.assert_allclose(
         run.bending_moment_maximum, chain.bending_moment_maximum, atol=0.01 * float(chain.bending_moment_maximum.max())
     )

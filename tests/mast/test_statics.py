@@ -84,7 +84,8 @@ def test_a_guy_to_the_foot_of_the_mast_adds_no_stiffness_against_its_rotation():
     )
     p = mast_parameters(scene)
     beam = beam_of(p)
-    rest = _at(p, beam, static_guys(p), np.zeros(beam.count), np.zeros(beam.count))
+    guys = static_guys(p)
+    rest = _at(p, beam, guys, guys, np.zeros(beam.count), np.zeros(beam.count))
     rotation = np.zeros(beam.count)
     single = np.column_stack([beam.height, np.ones_like(beam.height)]).ravel()[beam.free]
     rotation[: single.size] = single
