@@ -192,6 +192,8 @@ class Request:
             raise scene_error("outputs", names, '"tension_extremes" beside "tension_peaks"')
         if step is not None and tolerance is not None:
             raise scene_error("step and tolerance", (step, tolerance), "one of them: a tolerance chooses the step")
+        if progress is not None and not callable(progress):
+            raise scene_error("progress", progress, "a function of the completed fraction, or None")
         return cls(
             times=None if times is None else check_times(times),
             scheme=scheme,

@@ -181,6 +181,7 @@ def test_a_chaotic_scene_is_warned_of(scenes):
         ({"step": -1.0}, "step: given -1.0; allowed: a finite number above 0"),
         ({"step": "fast"}, "step: given 'fast'"),
         ({"step": 1e-3, "tolerance": 1e-3}, "step and tolerance"),
+        ({"progress": 3}, "progress: given 3; allowed: a function of the completed fraction, or None"),
         ({"tolerance": 0.0}, "tolerance: given 0.0"),
         ({"times": []}, r"times: given \[\]; allowed: finite, rising"),
         ({"times": [1.0, 1.0]}, "times: given"),
