@@ -13,6 +13,7 @@ import numpy as np
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._coefficients import Coefficients
 from cablepod.condensed._estimate_air import EnrichedDrag
+from cablepod.condensed._estimate_damping import forces_by_rates
 from cablepod.condensed._estimate_neglected import Neglected
 from cablepod.condensed._fields import CondensedTrajectory
 from cablepod.condensed._model import CondensedModel
@@ -332,7 +333,8 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
     retained ones over time, and the terms that the order neglects, but not the error of the step.  Of orders "exact" and
     "inertial" these include the rotation of the chord, see ``_estimate_neglected``; to leading order others are larger.  The
     displacement of waves along the cable by the ends is added, see ``_waves.waves``; how they act on the deflection is not
-    contained.  In wind the residual contains the drag on the enriched model, and the error is damped as a motion across the wind.
+    contained.  In wind the residual contains the drag on the enriched model, and the error is damped as a motion across the wind;
+    with damping by the tension it is damped as its slowest mode.
 
     Parameters
     ----------
@@ -357,9 +359,9 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
     if model.order != "leading" and times.size > 2:
         forces, displaced = Neglected(model, equation).of(motion, times)
         further.append((forces, 0.0))
-    if air is not None:
+    if air is not None or model.chain.p.tension_damping is not None:
         q, rates, accelerations = motion
-        forces, damping = EnrichedDrag.of(equation, air).forces(times, q, rates, boundary_data)
+        forces, damping = forces_by_rates(equation, air, times, q, rates, boundary_data)
         motion = q, rates, accelerations - damping * rates  # the kernel adds the damping of the error to the motion
         further.append((forces, damping))
     for forces, damping in further:

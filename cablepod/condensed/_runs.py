@@ -109,8 +109,6 @@ def solve(
     fits = step is None and request.given_tolerance is None
     estimates = "error_estimate" in request.outputs
     has_rates = p.tension_damping is not None or air is not None
-    if p.tension_damping is not None:  # which the equation of the error lacks
-        fits, estimates = False, False
     scheme = _scheme_of(model, scheme, limit, step, fits=fits, has_rates=has_rates)
     start, end_time = state_at_start, float(times[-1])
     if step is None or estimates:
