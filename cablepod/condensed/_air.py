@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -20,6 +20,8 @@ EXTRA_POINTS = 2
 SAMPLES_PER_CHANGE = 40.0
 #: Relative tolerance of the equilibrium in wind, maximum number of Newton iterations, increments of the drag up to its full size.
 DRAG_RTOL, MAX_DRAG_ITERATIONS, INCREMENTS = 1e-12, 100, 4
+#: Number of models whose shapes at the Gauss points and rest in the mean wind are kept.
+KEPT_MODELS = 16
 #: Relative tolerance of the increments before the last, which are only its first guess.
 INCREMENT_RTOL = 0.03
 
@@ -50,6 +52,16 @@ def _projection_matrix(count: int, of_air: bytes) -> np.ndarray:
     return (lagrange * parts) @ hats.T / weights[:, None]
 
 
+def interpolated(
+    model: CondensedModel, values: np.ndarray, sigma: np.ndarray, derivatives: tuple[int, ...] = (0,)
+) -> list[np.ndarray]:
+    """Interpolate values (r, particle), or derivatives of them by arc length, at relative arc lengths (points, r)."""
+    from scipy.interpolate import CubicSpline
+
+    spline = CubicSpline(model.chain.arc_length, values, axis=1)
+    return [spline(sigma * model.chain.total_length, order).T for order in derivatives]
+
+
 @dataclass(frozen=True, eq=False)
 class CondensedAir:
     """Air along the cable of a condensed model until `end_time` [s]."""
@@ -70,18 +82,12 @@ class CondensedAir:
 
     def at_points(self, values: np.ndarray, derivatives: tuple[int, ...] = (0,)) -> list[np.ndarray]:
         """Interpolate values (r, particle), or derivatives of them by arc length, at the Gauss points (points, r)."""
-        from scipy.interpolate import CubicSpline
+        return interpolated(self.model, values, self.rule[0], derivatives)
 
-        spline = CubicSpline(self.model.chain.arc_length, values, axis=1)
-        return [spline(self.rule[0] * self.model.chain.total_length, order).T for order in derivatives]
-
-    @cached_property
+    @property
     def shapes(self) -> np.ndarray:
         """Shapes, their slopes and test functions at the points (3, points, r)."""
-        model = self.model
-        shapes, slopes = self.at_points(model.shapes, (0, 1))
-        tests = shapes if model.test_functions is model.shapes else self.at_points(model.test_functions)[0]
-        return np.ascontiguousarray(np.stack([shapes, slopes, tests]))
+        return _shapes_at(self.model, self.rule[0].size)
 
     @cached_property
     def _projection(self) -> np.ndarray:
@@ -154,9 +160,8 @@ class CondensedAir:
     @cached_property
     def in_mean_wind(self) -> CondensedAir:
         """The same points in the mean wind of the start."""
-        result = replace(self, air=self.air.steady)
-        result.__dict__.update(rule=self.rule, shapes=self.shapes, _projection=self._projection)
-        return result
+        air = self.air
+        return _in_mean_wind(self.model, self.points, air.drag, air.sigma.tobytes(), air.mean.tobytes())
 
     @property
     def arguments(self) -> tuple[Any, ...]:
@@ -184,18 +189,28 @@ class CondensedAir:
         SceneError
             Where no equilibrium is found.
         """
+        q, rates = self.model.initial()
+        return (q if self.model.chain.p.initial else self.in_mean_wind.rest.copy()), rates
+
+    @cached_property
+    def rest(self) -> np.ndarray:
+        """Coordinates (r,) in equilibrium with the drag of this air at the start.
+
+        Raises
+        ------
+        SceneError
+            Where no equilibrium is found.
+        """
         model = self.model
-        q, rates = model.initial()
-        if model.chain.p.initial:
-            return q, rates
-        static, still, mean = model.static_boundary_data, np.zeros_like(q), self.in_mean_wind
+        q = model.initial()[0]
+        static, still = model.static_boundary_data, np.zeros_like(q)
         for increment in range(1, INCREMENTS + 1):  # the deflection may change by more than itself, also in sign
             share, converged = increment / INCREMENTS, False
             rtol = DRAG_RTOL if increment == INCREMENTS else INCREMENT_RTOL
             for _ in range(MAX_DRAG_ITERATIONS):
                 force, tangent, _ = model.force(q, still, static)
                 try:
-                    change = np.linalg.solve(tangent, force + share * mean.acceleration(q, still))
+                    change = np.linalg.solve(tangent, force + share * self.acceleration(q, still))
                 except np.linalg.LinAlgError:
                     break
                 q = q + change
@@ -206,4 +221,25 @@ class CondensedAir:
                     break
             if not converged:
                 refuse_rest_in_wind()
-        return q, rates
+        return q
+
+
+@lru_cache(KEPT_MODELS)
+def _in_mean_wind(model: CondensedModel, points: int | None, drag: float, sigma: bytes, mean: bytes) -> CondensedAir:
+    """Return the mean wind along a model; kept with the rest in it, as runs in other gusts share it.
+
+    `sigma` and `mean` are the bytes of relative arc lengths (points,) and mean velocities (points, dims).
+    """
+    places = np.frombuffer(sigma)
+    velocity = np.frombuffer(mean).reshape(places.size, -1)
+    air = CableAir(np.stack([velocity, velocity]), places, 1.0, drag, velocity, math.inf)
+    return CondensedAir(model, air, 0.0, points)
+
+
+@lru_cache(KEPT_MODELS)
+def _shapes_at(model: CondensedModel, count: int) -> np.ndarray:
+    """Return shapes, their slopes and test functions at `count` Gauss points (3, points, r); kept as long as the model is."""
+    sigma = 0.5 * (1.0 + _gauss(count)[0])
+    shapes, slopes = interpolated(model, model.shapes, sigma, (0, 1))
+    tests = shapes if model.test_functions is model.shapes else interpolated(model, model.test_functions, sigma)[0]
+    return np.ascontiguousarray(np.stack([shapes, slopes, tests]))

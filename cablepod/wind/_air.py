@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -149,7 +151,7 @@ def _of_scene(p: Parameters, end_time: float) -> CableAir:
     mean = mean_velocity(p, position)
     if p.turbulence is not None:
         rate, interval = 1.0 / INTERVAL, INTERVAL
-        velocity = mean + turbulence_at(p, position, end_time)[: instants_until(end_time)]
+        velocity = mean + _kept_turbulence(_Content(p, position), end_time)[: instants_until(end_time)]
         time = np.arange(len(velocity)) * INTERVAL
     else:
         rate, interval = (RAMP_SAMPLES / ramp, ramp / PARTS_OF_RAMP) if ramp else (1.0, math.inf)
@@ -216,6 +218,35 @@ def mean_velocity(p: Parameters, position: np.ndarray) -> np.ndarray:
 def instants_until(end_time: float) -> int:
     """Return the number of instants of a field that covers a run until `end_time` [s]."""
     return math.ceil(end_time / INTERVAL * (1.0 - 1e-12)) + 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Content:
+    """Parameters and positions (points, dims) [m], equal where all that the turbulence follows from is."""
+
+    p: Parameters
+    position: np.ndarray
+
+    @cached_property
+    def _key(self) -> tuple[str, bytes]:
+        tables = [{key: np.asarray(value).tolist() for key, value in (table or {}).items()} for table in self._tables]
+        return repr(tables), self.position.tobytes()
+
+    @property
+    def _tables(self) -> tuple[Mapping[str, Any] | None, Mapping[str, Any] | None]:
+        return self.p.wind, self.p.turbulence
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Content) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+@lru_cache(2)
+def _kept_turbulence(content: _Content, end_time: float) -> np.ndarray:
+    """Return :func:`turbulence_at`; kept, as members of an ensemble that differ in other things than the wind share it."""
+    return turbulence_at(content.p, content.position, end_time)
 
 
 def turbulence_at(p: Parameters, position: np.ndarray, end_time: float) -> np.ndarray:

@@ -106,8 +106,7 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
         mean = mean_velocity(p, position)
         velocity = np.repeat(mean[None], time.size, axis=0)
         if p.turbulence is not None:
-            turbulence = turbulence_at(p, position, max(float(time[-1]), p.duration or 0.0))
-            velocity += _interpolated(time, INTERVAL * np.arange(len(turbulence)), turbulence)
+            velocity += _turbulence(p, position, time)
     result = _labelled(dims, time, position, mean, velocity, sigma, number)
     result.attrs.update(
         title=f"{scene.attrs.get('title', 'scene')}: wind", stage="wind", seed=_seed(p), spectrum=_spectrum(p)
@@ -120,6 +119,15 @@ def field(scene: xr.Dataset, *, times: Any = None, seed: int | None = None, poin
         inputs=[scene],
         chosen=provenance.defaulted_options(**options),
     )
+
+
+def _turbulence(p: Any, position: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return the turbulence (instants, points, dims) [m/s]."""
+    values = turbulence_at(p, position, max(float(time[-1]), p.duration or 0.0))
+    instants = INTERVAL * np.arange(len(values))
+    if np.array_equal(time, instants[: time.size]):
+        return values[: time.size]
+    return _interpolated(time, instants, values)
 
 
 def _of_record(p: Any, time: np.ndarray, seed: int | None, points: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from cablepod.wind._profile import MIN_HEIGHT, mean_speed, spectra
 FACTORISED = 48
 #: Share of the variance without coherence, which keeps the factorisation from failing where points coincide.
 INCOHERENT = 1e-9
+#: Most random phases of a component that are kept for the next field (8 MB).
+MAX_KEPT_PHASES = 500_000
 
 
 def gusts(
@@ -45,8 +48,8 @@ def gusts(
     height = np.maximum(position[:, 1] - float(wind["ground"]), MIN_HEIGHT)
     direction = direction_of(wind)
     along = position @ direction
-    generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, int(across)])))
-    phase = _turns(generator.random((len(position), harmonics)))
+    kept = len(position) * harmonics <= MAX_KEPT_PHASES
+    phase = (_phases if kept else _phases.__wrapped__)(seed, across, len(position), harmonics)
     with one_blas_thread():  # the same order of sums on any number of threads, and faster for small matrices
         coupled = _coupled(phase, frequency, *_separations(wind, turbulence, position, height, direction, along))
     size = np.sqrt(2.0 * spectra(wind, turbulence, height, frequency, across=across) / (count * interval))
@@ -58,6 +61,13 @@ def gusts(
     amplitude = np.zeros((len(position), count // 2 + 1), dtype=complex)
     np.multiply(coupled, size, out=amplitude[:, 1 : harmonics + 1])
     return irfft(amplitude, count, axis=1)
+
+
+@lru_cache(4)
+def _phases(seed: int, across: bool, points: int, harmonics: int) -> np.ndarray:
+    """Return random phases exp(2 pi i u) (points, harmonics); kept, as members of an ensemble share them."""
+    generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, int(across)])))
+    return _turns(generator.random((points, harmonics)))
 
 
 def _turns(turns: np.ndarray) -> np.ndarray:

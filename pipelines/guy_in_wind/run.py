@@ -30,7 +30,7 @@ import numpy as np
 import xarray as xr
 
 import cablepod as cp
-from cablepod.wind import _air
+from cablepod.wind import _air, _turbulence
 
 HERE = Path(__file__).resolve().parent
 #: Links of the truth and of the chains, steps of the trapezoidal rule and of the condensed model [s], interval of the output [s].
@@ -117,7 +117,8 @@ def seconds_of_field(given: xr.Dataset) -> float:
     """Return the processor time that makes the field of a scene [s]."""
 
     def call() -> None:
-        _air._of_scene.cache_clear()
+        for kept in (_air._of_scene, _air._kept_turbulence, _turbulence._phases):
+            kept.cache_clear()
         cp.wind.field(given)
 
     return seconds_of(call)
