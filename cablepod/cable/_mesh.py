@@ -187,10 +187,13 @@ class SpectralMesh(LumpedChain):
         blocks = np.einsum("eq,q,qi,qj,e->eij", stiff, weight, d, d, self.p.stiffness * self.scale)
         mass = 1.0 / np.sqrt(self.p.mass * self.tributary_length)
         band = np.zeros((order + 1, count))
-        for e, block in enumerate(blocks):
-            for i in range(order + 1):
-                nodes = e * order + np.arange(order + 1 - i)
-                band[i, nodes] += np.diagonal(block, -i) * mass[nodes] * mass[nodes + i]
+        for i in range(order + 1):
+            below = np.arange(order + 1 - i)
+            nodes = self._nodes[:, below]
+            entries = blocks[:, below + i, below] * mass[nodes] * mass[nodes + i]
+            band[i, nodes[:, :order]] = entries[:, :order]
+            if i == 0:  # the last node of an element is the first of the next
+                band[0, nodes[:, order]] += entries[:, order]
         band = band[:, first:last]
         unknowns = band.shape[1]
         last_only = (unknowns - 1, unknowns - 1)
