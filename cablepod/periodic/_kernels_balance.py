@@ -116,6 +116,41 @@ def leading_samples(z, basis, stiffness, load, kappa, sag, damping, stride, forc
 
 
 @compiled(fastmath=REORDERED_FUSED)
+def harmonic_blocks(mean, count, odd, matrix):
+    """Fill the action of a periodic matrix on harmonics: rows of harmonics, times harmonics, over a period.
+
+    Products of two harmonics are those of their sum and difference.  For harmonic 0 both rows and both columns are one: what is
+    written last, of cosines, stays.
+
+    Parameters
+    ----------
+    mean
+        Fourier sums of the matrix at the samples, over their number, up to twice the highest harmonic (4 H + 1, n, n).
+    count, odd
+        Number of harmonics; 0 for 0, 1, 2, ..., 1 for the odd halves 1/2, 3/2, ... of a motion over two periods.
+    matrix
+        Filled: the unknowns in the order cosine, sine of each harmonic, all n together.
+    """
+    n = mean.shape[1]
+    for i in range(count):
+        ci, si = max(2 * i - 1 + odd, 0) * n, (2 * i + odd) * n
+        weight = 0.5 if si == 0 else 1.0
+        for j in range(count):
+            cj, sj = max(2 * j - 1 + odd, 0) * n, (2 * j + odd) * n
+            low, high = abs(i - j), i + j + odd
+            sign = 1.0 if i > j else -1.0
+            for a in range(n):
+                for b in range(n):
+                    cosine_low, cosine_high = mean[max(2 * low - 1, 0), a, b], mean[max(2 * high - 1, 0), a, b]
+                    sine_low = sign * mean[2 * low, a, b] if low > 0 else 0.0
+                    sine_high = mean[2 * high, a, b] if high > 0 else 0.0
+                    matrix[si + a, sj + b] = cosine_low - cosine_high
+                    matrix[si + a, cj + b] = sine_high + sine_low
+                    matrix[ci + a, sj + b] = weight * (sine_high - sine_low)
+                    matrix[ci + a, cj + b] = weight * (cosine_low + cosine_high)
+
+
+@compiled(fastmath=REORDERED_FUSED)
 def balance(z, basis, damping, periods, force, force_rate, tangent, residual, rate, jacobian):
     """Fill the residual of all harmonics, its derivatives by omega and by X, from forces at the samples.
 
@@ -148,30 +183,7 @@ def balance(z, basis, damping, periods, force, force_rate, tangent, residual, ra
             for a in range(n):
                 for b in range(n):
                     mean[c, a, b] += weight * tangent[j, a, b]
-    for i in range(harmonics + 1):
-        for j in range(harmonics + 1):
-            low, high = abs(i - j), i + j
-            sign = 1.0 if i > j else -1.0
-            ci, si, cj, sj = max(2 * i - 1, 0) * n, 2 * i * n, max(2 * j - 1, 0) * n, 2 * j * n
-            for a in range(n):
-                for b in range(n):
-                    cosine_low = mean[max(2 * low - 1, 0), a, b]
-                    cosine_high = mean[max(2 * high - 1, 0), a, b]
-                    sine_low = sign * mean[2 * low, a, b] if low > 0 else 0.0
-                    sine_high = mean[2 * high, a, b] if high > 0 else 0.0
-                    if i == 0:
-                        jacobian[ci + a, cj + b] = cosine_high
-                        if j > 0:
-                            jacobian[ci + a, sj + b] = sine_high
-                    else:
-                        if j == 0:
-                            jacobian[ci + a, cj + b] = 2.0 * cosine_high
-                            jacobian[si + a, cj + b] = 2.0 * sine_high
-                        else:
-                            jacobian[ci + a, cj + b] = cosine_low + cosine_high
-                            jacobian[si + a, sj + b] = cosine_low - cosine_high
-                            jacobian[si + a, cj + b] = sine_high + sine_low
-                            jacobian[ci + a, sj + b] = sine_high - sine_low
+    harmonic_blocks(mean, harmonics + 1, 0, jacobian)
     for i in range(1, harmonics + 1):
         factor = i / periods
         frequency = omega * factor

@@ -23,7 +23,6 @@ from _study import ONE_THREAD, command_line, in_turns, markdown_table, medians, 
 os.environ.update(ONE_THREAD)
 
 import warnings
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -64,10 +63,10 @@ STYLES = {
 LAWS = {"Galerkin": "green"}
 
 
-def calls_of(given: xr.Dataset, training: Training, *, quick: bool) -> list[tuple[str, str, Callable[..., xr.Dataset]]]:
+def calls_of(given: xr.Dataset, training: Training, *, quick: bool) -> list[tuple[str, str, partial[xr.Dataset]]]:
     """Return model, name and call, a function of `times`, of all settings of a scene."""
     separate, normal = training.modes["separate", TRAINED[0]], training.modes["normal", TRAINED[0]]
-    found: list[tuple[str, str, Callable[..., xr.Dataset]]] = []
+    found: list[tuple[str, str, partial[xr.Dataset]]] = []
     for tolerance in TOLERANCES[2:3] if quick else TOLERANCES:
         said = "" if tolerance is None else f", {tolerance:g}"
         options: dict[str, Any] = {"outputs": POSITIONS} | ({} if tolerance is None else {"tolerance": tolerance})
@@ -86,11 +85,11 @@ def calls_of(given: xr.Dataset, training: Training, *, quick: bool) -> list[tupl
     return found
 
 
-def kernel_time(model: str, call: Callable[..., xr.Dataset], run: xr.Dataset, times: np.ndarray) -> float:
+def kernel_time(model: str, call: partial[xr.Dataset], run: xr.Dataset, times: np.ndarray) -> float:
     """Return the kernel time of a model with the scheme and step of a run [s]."""
-    options = {key: value for key, value in call.keywords.items() if key != "tolerance"}  # type: ignore[attr-defined]
+    options = {key: value for key, value in call.keywords.items() if key != "tolerance"}
     options |= {"scheme": run.attrs["scheme"], "step": run.attrs["step"]}
-    job = partial(call.func, *call.args, **options)  # type: ignore[attr-defined]
+    job = partial(call.func, *call.args, **options)
     setting = Setting("", model.split(",")[0], "", 0)
     return seconds_of(kernel_calls(job, times, setting, POSITIONS)[0])
 

@@ -11,6 +11,8 @@ import math
 import numba
 import numpy as np
 
+from cablepod.periodic._kernels_balance import harmonic_blocks
+
 
 @numba.njit(cache=True)
 def link_samples(x, basis, lower, upper, length, stiffness, force, tangent):
@@ -70,8 +72,8 @@ def link_samples(x, basis, lower, upper, length, stiffness, force, tangent):
 
 
 @numba.njit(cache=True)
-def hill(tangent, basis, first, count, mean, matrix):  # noqa: C901
-    """Fill the action of a periodic matrix on harmonics: rows of harmonics, times harmonics, over a period.
+def hill(tangent, basis, odd, count, mean, matrix):
+    """Fill the action of a periodic matrix on harmonics, see :func:`cablepod.periodic._kernels_balance.harmonic_blocks`.
 
     Parameters
     ----------
@@ -79,51 +81,22 @@ def hill(tangent, basis, first, count, mean, matrix):  # noqa: C901
         Matrix at the samples (N, d, d).
     basis
         Values of the harmonics at the samples (N, 4 H + 1).
-    first, count
-        Lowest harmonic, 0.0 or 0.5 (the period of the motion is twice that of the matrix), and number of harmonics.
+    odd, count
+        0 for whole harmonics, 1 for odd halves (the period of the motion is twice that of the matrix), and their number.
     mean
         Work array (4 H + 1, d, d).
     matrix
         Filled: (unknowns, unknowns).
     """
     samples, d = tangent.shape[:2]
-    top = mean.shape[0]
-    for c in range(top):
-        for a in range(d):
-            for b in range(d):
-                mean[c, a, b] = 0.0
+    mean[:] = 0.0
     for s in range(samples):
-        for c in range(top):
+        for c in range(mean.shape[0]):
             weight = basis[s, c] / samples
             for a in range(d):
                 for b in range(d):
                     mean[c, a, b] += weight * tangent[s, a, b]
-    for i in range(count):
-        for j in range(count):
-            # the harmonics are i + first: their differences and sums are whole numbers
-            low, high = abs(i - j), i + j + int(2.0 * first)
-            sign = 1.0 if i > j else -1.0
-            if first == 0.0:
-                ci, si, cj, sj = max(2 * i - 1, 0) * d, 2 * i * d, max(2 * j - 1, 0) * d, 2 * j * d
-            else:
-                ci, si, cj, sj = 2 * i * d, (2 * i + 1) * d, 2 * j * d, (2 * j + 1) * d
-            for a in range(d):
-                for b in range(d):
-                    cosine_low, cosine_high = mean[max(2 * low - 1, 0), a, b], mean[max(2 * high - 1, 0), a, b]
-                    sine_low = sign * mean[2 * low, a, b] if low > 0 else 0.0
-                    sine_high = mean[2 * high, a, b] if high > 0 else 0.0
-                    if first == 0.0 and i == 0:
-                        matrix[ci + a, cj + b] = cosine_high
-                        if j > 0:
-                            matrix[ci + a, sj + b] = sine_high
-                    elif first == 0.0 and j == 0:
-                        matrix[ci + a, cj + b] = 2.0 * cosine_high
-                        matrix[si + a, cj + b] = 2.0 * sine_high
-                    else:
-                        matrix[ci + a, cj + b] = cosine_low + cosine_high
-                        matrix[si + a, sj + b] = cosine_low - cosine_high
-                        matrix[si + a, cj + b] = sine_high + sine_low
-                        matrix[ci + a, sj + b] = sine_high - sine_low
+    harmonic_blocks(mean, count, odd, matrix)
 
 
 @numba.njit(cache=True)
@@ -174,9 +147,9 @@ def newton_step(x, omega, basis, load, load_rate, force, tangent, mass, unit, da
     previous, after, mean = np.zeros((b, b)), np.zeros((b, b)), np.empty((4 * harmonics + 1, d, d))
     block, eliminated = np.empty((b, b)), np.empty((particles, b, b + 2))
     joint = np.zeros((b, b + 2))
-    hill(tangent[0], basis, 0.0, harmonics + 1, mean, previous)
+    hill(tangent[0], basis, 0, harmonics + 1, mean, previous)
     for j in range(particles):
-        hill(tangent[j + 1], basis, 0.0, harmonics + 1, mean, after)
+        hill(tangent[j + 1], basis, 0, harmonics + 1, mean, after)
         root = math.sqrt(mass[j])
         diagonal_block(previous, after, mass[j] / unit[1], omega, damping, 0.0, harmonics + 1, d, block)
         for c in range(columns):
@@ -228,9 +201,9 @@ def determinant(tangent, basis, harmonics, first, omega, damping, mass, unit):
     previous, after, mean = np.zeros((b, b)), np.zeros((b, b)), np.empty((4 * harmonics + 1, d, d))
     block, eliminated = np.empty((b, b)), np.empty((b, b))
     sign, total = 1.0, 0.0
-    hill(tangent[0], basis, first, count, mean, previous)
+    hill(tangent[0], basis, int(2.0 * first), count, mean, previous)
     for j in range(particles):
-        hill(tangent[j + 1], basis, first, count, mean, after)
+        hill(tangent[j + 1], basis, int(2.0 * first), count, mean, after)
         diagonal_block(previous, after, mass[j] / unit[1], omega, damping, first, count, d, block)
         if j > 0:
             block += unit[1] / math.sqrt(mass[j] * mass[j - 1]) * (previous @ eliminated)
@@ -244,7 +217,87 @@ def determinant(tangent, basis, harmonics, first, omega, damping, mass, unit):
 
 
 @numba.njit(cache=True)
-def monodromy(tangent, mass, unit, damping, step, matrix):  # noqa: C901
+def _invert(block, inverse):
+    """Fill the inverse of a small matrix (d, d)."""
+    d = block.shape[0]
+    if d == 1:
+        inverse[0, 0] = 1.0 / block[0, 0]
+    elif d == 2:
+        scale = 1.0 / (block[0, 0] * block[1, 1] - block[0, 1] * block[1, 0])
+        inverse[0, 0], inverse[1, 1] = scale * block[1, 1], scale * block[0, 0]
+        inverse[0, 1], inverse[1, 0] = -scale * block[0, 1], -scale * block[1, 0]
+    else:
+        inverse[:] = np.linalg.inv(block)
+
+
+@numba.njit(cache=True)
+def _eliminate(tangent, mass, factor, shift, pivots, upper):
+    """Factorise T = 1 - shift + factor A of one phase along the chain, by blocks of a particle.
+
+    Parameters
+    ----------
+    tangent, mass
+        Derivatives of the forces of links (n, d, d), masses (n - 1,); A has them over the masses.
+    factor, shift
+        Numbers.
+    pivots, upper
+        Filled: inverses of the diagonal blocks, and these times the blocks after them (n - 1, d, d).
+    """
+    particles, d = mass.size, tangent.shape[1]
+    block = np.empty((d, d))
+    for j in range(particles):
+        for a in range(d):
+            for b in range(d):
+                block[a, b] = factor / mass[j] * (tangent[j, a, b] + tangent[j + 1, a, b])
+            block[a, a] += 1.0 - shift
+        if j > 0:
+            lower = -factor / math.sqrt(mass[j] * mass[j - 1])
+            for a in range(d):
+                for b in range(d):
+                    for c in range(d):
+                        block[a, b] -= lower * tangent[j, a, c] * upper[j - 1, c, b]
+        _invert(block, pivots[j])
+        if j < particles - 1:
+            scale = -factor / math.sqrt(mass[j] * mass[j + 1])
+            for a in range(d):
+                for b in range(d):
+                    total = 0.0
+                    for c in range(d):
+                        total += pivots[j, a, c] * tangent[j + 1, c, b]
+                    upper[j, a, b] = scale * total
+
+
+@numba.njit(cache=True)
+def _add(factor, source, target):
+    """Add a multiple of an array to another one."""
+    for i in range(target.size):
+        target[i] += factor * source[i]
+
+
+@numba.njit(cache=True)
+def _substitute(tangent, mass, factor, pivots, upper, given, solved):
+    """Fill `solved`, T^-1 times the rows of `given` (particles d, columns), with the factors of :func:`_eliminate`."""
+    particles, d = mass.size, tangent.shape[1]
+    solved[:] = 0.0
+    for j in range(particles):
+        right = given[j * d : (j + 1) * d].copy()
+        if j > 0:
+            lower = -factor / math.sqrt(mass[j] * mass[j - 1])
+            for a in range(d):
+                for c in range(d):
+                    _add(-lower * tangent[j, a, c], solved[(j - 1) * d + c], right[a])
+        for a in range(d):
+            for c in range(d):
+                _add(pivots[j, a, c], right[c], solved[j * d + a])
+    for back in range(1, particles):
+        j = particles - 1 - back
+        for a in range(d):
+            for c in range(d):
+                _add(-upper[j, a, c], solved[(j + 1) * d + c], solved[j * d + a])
+
+
+@numba.njit(cache=True)
+def monodromy(tangent, mass, unit, damping, step, matrix):
     """Fill the matrix of the trapezoidal rule over the phases of `tangent`, for disturbances without their damping.
 
     With T = 1 + step^2 A / 4 and y = T u the rule for u'' = -A u is y_{k+1} = (4 / T_k - 2) y_k - y_{k-1}: of second order and
@@ -265,63 +318,11 @@ def monodromy(tangent, mass, unit, damping, step, matrix):  # noqa: C901
     now, old = np.zeros((r, 2 * r)), np.zeros((r, 2 * r))
     for a in range(r):
         now[a, a], old[a, r + a] = 1.0, 1.0
-    factor = 0.25 * step * step * unit[1]
+    factor, shift = 0.25 * step * step * unit[1], 0.0625 * step * step * damping * damping
     pivots, upper, solved = np.empty((particles, d, d)), np.empty((particles, d, d)), np.empty((r, 2 * r))
     for k in range(phases):
-        for j in range(particles):
-            block = np.empty((d, d))
-            for a in range(d):
-                for b in range(d):
-                    block[a, b] = factor / mass[j] * (tangent[k, j, a, b] + tangent[k, j + 1, a, b])
-                block[a, a] += 1.0 - 0.0625 * step * step * damping * damping
-            if j > 0:
-                lower = -factor / math.sqrt(mass[j] * mass[j - 1])
-                for a in range(d):
-                    for b in range(d):
-                        for c in range(d):
-                            block[a, b] -= lower * tangent[k, j, a, c] * upper[j - 1, c, b]
-            if d == 1:
-                pivots[j, 0, 0] = 1.0 / block[0, 0]
-            elif d == 2:
-                inverse = 1.0 / (block[0, 0] * block[1, 1] - block[0, 1] * block[1, 0])
-                pivots[j, 0, 0], pivots[j, 1, 1] = inverse * block[1, 1], inverse * block[0, 0]
-                pivots[j, 0, 1], pivots[j, 1, 0] = -inverse * block[0, 1], -inverse * block[1, 0]
-            else:
-                pivots[j] = np.linalg.inv(block)
-            if j < particles - 1:
-                scale = -factor / math.sqrt(mass[j] * mass[j + 1])
-                for a in range(d):
-                    for b in range(d):
-                        total = 0.0
-                        for c in range(d):
-                            total += pivots[j, a, c] * tangent[k, j + 1, c, b]
-                        upper[j, a, b] = scale * total
-        for j in range(particles):
-            lower = -factor / math.sqrt(mass[j] * mass[j - 1]) if j > 0 else 0.0
-            right = now[j * d : (j + 1) * d].copy()
-            if j > 0:
-                for a in range(d):
-                    for c in range(d):
-                        share = lower * tangent[k, j, a, c]
-                        source = solved[(j - 1) * d + c]
-                        for i in range(2 * r):
-                            right[a, i] -= share * source[i]
-            for a in range(d):
-                target = solved[j * d + a]
-                for i in range(2 * r):
-                    target[i] = 0.0
-                for c in range(d):
-                    share = pivots[j, a, c]
-                    for i in range(2 * r):
-                        target[i] += share * right[c, i]
-        for back in range(1, particles):
-            j = particles - 1 - back
-            for a in range(d):
-                target = solved[j * d + a]
-                for c in range(d):
-                    share, source = upper[j, a, c], solved[(j + 1) * d + c]
-                    for i in range(2 * r):
-                        target[i] -= share * source[i]
+        _eliminate(tangent[k], mass, factor, shift, pivots, upper)
+        _substitute(tangent[k], mass, factor, pivots, upper, now, solved)
         for a in range(r):
             for i in range(2 * r):
                 old[a, i] = 4.0 * solved[a, i] - 2.0 * now[a, i] - old[a, i]

@@ -7,6 +7,7 @@ determinants: they err by the harmonics that are left out, not by time steps.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -294,7 +295,10 @@ def main_branch(solver: ChainSolver, frequency: tuple[float, float], points: int
     return branch, events
 
 
-def _add(solver, events, kind, which, first, second, test) -> None:  # type: ignore[no-untyped-def]
+def _add(
+    solver: ChainSolver, events: list[Event], kind: str, which: str, first: Point, second: Point,
+    test: Callable[[Point], float],
+) -> None:  # fmt: skip
     """Locate a bifurcation between two points, and append it."""
     found = _locate(solver, first, second, test)
     if found is not None:
