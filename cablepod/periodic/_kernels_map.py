@@ -6,8 +6,16 @@ import math
 
 import numpy as np
 
-from cablepod._jit import compiled
-from cablepod.periodic._kernels_balance import correct
+from cablepod._jit import REORDERED_FUSED, compiled
+from cablepod.periodic._kernels_balance import (
+    MAX_ITERATIONS,
+    NEWTON_RTOL,
+    balance,
+    correct,
+    factorise,
+    leading_samples,
+    substitute,
+)
 from cablepod.periodic._kernels_floquet import multipliers
 
 #: Kinds of the fastest growth of one set of coordinates.
@@ -17,6 +25,8 @@ NO_GROWTH, REAL = 1e-9, 1e-7
 #: Number of sizes of the last orbit, each twice the one before, and of parts of a period by which it is moved, from which another
 #: orbit is looked for where the response folds back.
 SIZES, TURNS = 3, 6
+#: Size of a correction over the one before above which the matrix of Newton's method is computed anew.
+MAX_CONTRACTION = 0.1
 #: Maximum number of evaluations for one edge, and its relative tolerance in the angular frequency.
 MAX_EVALUATIONS, EDGE_RTOL = 40, 1e-10
 
@@ -62,6 +72,91 @@ def _solve_at(z, omega, basis, stiffness, load, kappa, sag, damping, stride, sam
             z, active, direction, omega, basis, stiffness, load, kappa[:n], sag, damping, 1, stride, samples, tangent
         ) > 0
     )  # fmt: skip
+
+
+@compiled(fastmath=REORDERED_FUSED)
+def _residual(z, n, basis, stiffness, load, kappa, sag, damping, stride, samples, residual):
+    """Fill the residual of all harmonics at the frequency of z, as `leading_samples` and `balance` do, without derivatives."""
+    omega = z[-1]
+    first, second = omega * damping, omega * omega
+    columns = (z.size - 1) // n
+    q, force = np.empty(n), np.empty(n)
+    residual[:] = 0.0
+    for j in range(samples):
+        k = j * stride
+        for a in range(n):
+            q[a] = 0.0
+        for c in range(columns):
+            for a in range(n):
+                q[a] += basis[j, c] * z[c * n + a]
+        square = 0.0
+        for a in range(n):
+            square += kappa[a] * q[a] * q[a]
+        for a in range(n):
+            total = load[0, k, a] + first * load[1, k, a] + second * load[2, k, a] - sag * square * kappa[a] * q[a]
+            for b in range(n):
+                linear = stiffness[0, k, a, b] + first * stiffness[1, k, a, b] + second * stiffness[2, k, a, b]
+                total -= linear * q[b]
+            force[a] = total * 2.0 / samples
+        for a in range(n):
+            residual[a] -= 0.5 * force[a]
+        for c in range(1, columns):
+            for a in range(n):
+                residual[c * n + a] -= basis[j, c] * force[a]
+    for i in range(1, columns // 2 + 1):
+        frequency = i * omega
+        for a in range(n):
+            c, s = (2 * i - 1) * n + a, 2 * i * n + a
+            residual[c] += -frequency * frequency * z[c] + damping * frequency * z[s]
+            residual[s] += -frequency * frequency * z[s] - damping * frequency * z[c]
+
+
+@compiled
+def _solve_again(
+    z, omega, basis, stiffness, load, kappa, sag, damping, stride, samples, n, work, factors, pivots, known
+):
+    """Change z into the orbit at a frequency; return whether there is one, and whether `factors` are of a matrix nearby.
+
+    Newton's method with the factors of an earlier matrix while they make corrections fall fast.
+
+    Parameters
+    ----------
+    z ... n
+        As in :func:`_solve_at`.
+    work
+        Arrays that are overwritten: forces (N, n), their rates, tangents (N, n, n), residual, its rate.
+    factors, pivots
+        Of the derivative of the residual, see :func:`factorise`; overwritten.
+    known
+        Whether they are of a matrix nearby.
+    """
+    force, force_rate, tangent, residual, rate = work
+    z[-1] = omega
+    unknowns = residual.size
+    before, anew = np.inf, not known
+    for iteration in range(2 * MAX_ITERATIONS):
+        if anew:
+            leading_samples(
+                z, basis, stiffness, load, kappa[:n], sag, damping, stride, force, force_rate, tangent
+            )  # fmt: skip
+            balance(z, basis, damping, 1, force, force_rate, tangent, residual, rate, factors)
+            if not factorise(factors, pivots):
+                return False, False
+        else:
+            _residual(z, n, basis, stiffness, load, kappa, sag, damping, stride, samples, residual)
+        substitute(factors, pivots, residual)
+        change, largest = 0.0, 1.0
+        for i in range(unknowns):
+            largest = max(largest, abs(z[i]))
+            change = max(change, abs(residual[i]))
+            z[i] -= residual[i]
+        if not change < 1e6 * largest or (anew and iteration > 5 and change > before):
+            return False, False
+        if change <= NEWTON_RTOL * largest:
+            return True, True
+        anew = iteration > 0 and change > MAX_CONTRACTION * before
+        before = change
+    return False, False
 
 
 @compiled
@@ -143,12 +238,16 @@ def map_columns(
     """
     n, r = load.shape[3], stiffness.shape[3]
     unknowns = rest.size + 1
-    active, direction, tangent = np.arange(unknowns), np.zeros(unknowns), np.empty(unknowns)
-    direction[-1] = 1.0
     z, last, full = np.empty(unknowns), np.empty(unknowns), np.empty((rest.size // n) * r + 1)
+    work = (
+        np.empty((samples, n)), np.empty((samples, n)), np.empty((samples, n, n)), np.empty(rest.size),
+        np.empty(rest.size),
+    )  # fmt: skip
+    factors, pivots = np.empty((rest.size, rest.size)), np.empty(rest.size, np.int64)
     real, imag, smallest = np.empty(2 * r), np.empty(2 * r), np.empty(1)
     for f in range(begin, end):
         good, known = 0, False  # number of successive solutions; whether there is a last one
+        factored = False  # whether factors are those of a matrix nearby
         for a in range(sag.size):
             solved = False
             for attempt in range(
@@ -166,9 +265,9 @@ def map_columns(
                     _moved(last, n, 2.0 ** ((attempt - 4) % SIZES), (attempt - 4) // SIZES / TURNS, z)
                 else:
                     continue
-                solved = _solve_at(
+                solved, factored = _solve_again(
                     z, omega[f], basis, load_stiffness[a], load[a], kappa[a], sag[a], damping, stride, samples, n,
-                    active, direction, tangent,
+                    work, factors, pivots, factored and attempt < 3,
                 )  # fmt: skip
                 if solved:
                     break
