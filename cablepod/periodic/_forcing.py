@@ -65,16 +65,6 @@ def refuse_wind(p: Parameters) -> None:
         )
 
 
-def refuse_tension_damping(p: Parameters) -> None:
-    """Refuse damping by the tension, which the compiled kernels of a map have not."""
-    if p.tension_damping is not None:
-        raise scene_error(
-            "damping.tension_proportional",
-            p.tension_damping,
-            "none for maps; try: damping.mass_proportional, or periodic.orbit",
-        )
-
-
 def scaled(p: Parameters, factor: float) -> Parameters:
     """Return the scene at unit angular frequency with all amplitudes of motions and load factors times `factor`."""
 

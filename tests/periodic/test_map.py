@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 from scipy.special import mathieu_a, mathieu_b
 
 import cablepod as cp
+from cablepod.periodic._map_general import compute_general_map
 
 STIFFER = 1e3
 
@@ -53,6 +54,52 @@ def test_a_map_has_the_growth_of_single_orbits():
             assert largest == pytest.approx(float(orbit.growth), abs=1e-5)
             assert (point.kind == "stable") == bool(orbit.stable)
             assert float(point.response) == pytest.approx(float(orbit.deflection_maximum), rel=1e-3)
+
+
+def test_a_map_with_damping_by_the_tension_has_the_growth_of_single_orbits():
+    frequency, amplitude = np.array([12.3, 12.44, 12.8]), np.array([0.002, 0.004, 0.006])
+    scene = guy(damping=0.03).assign(damping_tension_proportional=((), 2e-4, {"units": "s"}))
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    progress: list[float] = []
+    found = cp.periodic.stability_map(
+        scene, modes, frequency=frequency, amplitude=amplitude, progress=progress.append
+    )  # fmt: skip
+    for i, omega in enumerate(frequency):
+        for j, a in enumerate(amplitude):
+            here = scene.assign(
+                motion_upper_x_angular_frequency=scene.motion_upper_x_angular_frequency * 0.0 + omega,
+                motion_upper_x_amplitude=scene.motion_upper_x_amplitude * 0.0 + a,
+            )
+            orbit = cp.periodic.orbit(here, modes, outputs=())
+            point = found.isel(amplitude=j, angular_frequency=i)
+            largest = max(float(point.growth_in_plane), float(point.growth_out_of_plane))
+            # harmonics are taken until the last two hold 1e-6, in both
+            assert largest == pytest.approx(float(orbit.growth), abs=1e-6)
+            assert float(point.response) == pytest.approx(float(orbit.deflection_maximum), rel=1e-3)
+    assert {"stable", "period_doubling"} <= set(found.kind.values.ravel())
+    assert progress == sorted(progress)
+    # at an edge a multiplier is on the circle
+    for omega, a in zip(found.edge_angular_frequency.values[:2], found.edge_amplitude.values[:2], strict=True):
+        edge = cp.periodic.stability_map(
+            scene, modes, frequency=[omega], amplitude=np.append(amplitude[amplitude < a], a)
+        )
+        at = edge.isel(amplitude=-1, angular_frequency=0)
+        assert min(abs(float(at.growth_in_plane)), abs(float(at.growth_out_of_plane))) < 1e-7
+
+
+def test_without_tension_damping_both_maps_agree(monkeypatch):
+    scene = guy(damping=0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    grid = {"frequency": np.linspace(12.3, 12.7, 5), "amplitude": np.array([0.002, 0.004, 0.006])}
+    compiled = cp.periodic.stability_map(scene, modes, **grid)
+    monkeypatch.setattr("cablepod.periodic._stability_map.compute_map", compute_general_map)
+    general = cp.periodic.stability_map(scene, modes, **grid)
+    assert np.array_equal(compiled.kind.values, general.kind.values)
+    assert compiled.sizes["edge"] == general.sizes["edge"] > 0
+    assert general.edge_angular_frequency.values == pytest.approx(compiled.edge_angular_frequency.values, rel=1e-7)
+    for name in ("growth_in_plane", "growth_out_of_plane"):
+        # harmonics until the last two hold 1e-6 or 1e-5
+        assert general[name].values == pytest.approx(compiled[name].values, abs=1e-5)
 
 
 def test_a_map_depends_neither_on_threads_nor_on_its_extent(monkeypatch):

@@ -117,12 +117,6 @@ def test_options_of_a_frequency_response_are_checked(options, key, modes):
         cp.periodic.frequency_response(scene(), modes, frequency=(4.0, 8.0), **options)
 
 
-def test_damping_by_the_tension_is_refused_by_maps(modes):
-    damped = scene(lambda mapping: mapping["damping"].update(tension_proportional=1e-4))
-    with pytest.raises(SceneError, match=r"damping\.tension_proportional: given 0\.0001; allowed: "):
-        cp.periodic.stability_map(damped, modes, frequency=[1.0], amplitude=[1e-3])
-
-
 @pytest.mark.parametrize(
     ("options", "key"),
     [

@@ -1,0 +1,143 @@
+"""Maps of stability by the general solver, for damping by the tension: responses of all frequencies, amplitude by amplitude."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from cablepod.periodic import _fields as fields
+from cablepod.periodic._continuation import adapted
+from cablepod.periodic._general import solver_of
+from cablepod.periodic._map import HARMONICS, MapResult
+from cablepod.periodic._model import PeriodicModel
+from cablepod.periodic._solve import Solver, State, sets_of
+
+#: Tolerance of the angular frequency of an edge, relative.
+EDGE_RTOL = 1e-10
+
+
+class _NoOrbitError(Exception):
+    """Newton's method fails between two orbits."""
+
+
+def compute_general_map(
+    base: PeriodicModel,
+    models: list[PeriodicModel],
+    omega: np.ndarray,
+    amplitudes: np.ndarray,
+    progress: Callable[[float], None] = lambda share: None,
+) -> MapResult:
+    """Do :func:`cablepod.periodic._map.compute_map` with the number of harmonics of single orbits, in one thread."""
+    scale = base.scales[0]
+    base.check_period(2.0 * np.pi / omega[0] * scale)
+    shape = (amplitudes.size, omega.size)
+    result = MapResult(
+        np.full((2, *shape), np.nan), np.full((2, *shape), 4), np.full(shape, np.nan), np.full(shape, np.nan),
+        np.full(shape, np.nan), [],
+    )  # fmt: skip
+    known: list[list[State]] = [[] for _ in omega]  # the last three responses at each frequency, without a gap
+    last: list[State | None] = [None for _ in omega]
+    for a, model in enumerate(models):
+        solver = solver_of(model)
+        now: list[State | None] = []
+        for f, value in enumerate(omega):
+            state = _found(solver, float(value) / scale, known[f], last[f])
+            now.append(state)
+            known[f] = [] if state is None else [*known[f][-2:], state]
+            last[f] = last[f] if state is None else state
+            if state is not None:
+                _judge(solver, state, result, (a, f))
+            progress((a * omega.size + f + 1) / result.response.size)
+        _add_edges(solver, now, result, a)
+        model._tables.clear()
+    return result
+
+
+def _found(solver: Solver, omega: float, known: list[State], last: State | None) -> State | None:
+    """Return the response at a frequency from one of the first guesses; None for none."""
+    for guess in _guesses(solver, omega, known, last):
+        direction = np.zeros(guess.z.size)
+        direction[-1] = 1.0
+        state, _, iterations = adapted(solver, guess, direction, omega)
+        if iterations > 0:
+            return state
+    return None
+
+
+def _guesses(solver: Solver, omega: float, known: list[State], last: State | None) -> Iterator[State]:
+    """Yield first guesses: along the last three or two responses, the last one, rest, others, as the compiled map does."""
+    from cablepod.periodic._kernels_map import SIZES, TURNS, _moved  # numba is imported only to compute
+
+    if known:
+        most = max(state.harmonics for state in known)
+        z = [state.resized(most).z for state in known]
+        like = known[-1].resized(most)
+        if len(z) == 3:
+            yield like.changed((3.0 * (z[2] - z[1]) + z[0])[:-1].reshape(-1, like.size), omega)
+        if len(z) > 1:
+            yield like.changed((2.0 * z[-1] - z[-2])[:-1].reshape(-1, like.size), omega)
+    if last is not None:
+        yield last
+    yield solver.rest(omega, HARMONICS)
+    for k in range(SIZES * TURNS if last is not None else 0):
+        other = last.z.copy()
+        _moved(last.z, last.size, 2.0 ** (k % SIZES), k // SIZES / TURNS, other)
+        yield last.changed(other[:-1].reshape(-1, last.size))
+
+
+def _judge(solver: Solver, state: State, result: MapResult, place: tuple[int, int]) -> None:
+    """Enter growth rates, deflection and smallest force of a response."""
+    from cablepod.periodic._kernels_map import growth_of
+
+    model = solver.model
+    stability = solver.stability(state)
+    scale = model.scales[0]
+    for k, (_, part) in enumerate(sets_of(model, state)):
+        mu = stability.multipliers[part]
+        growth, result.kind[k][place] = growth_of(mu.real.copy(), mu.imag.copy(), 2.0 * np.pi / state.omega)
+        result.growth[k][place] = growth * scale
+    phases = max(fields.PHASES, 4 * state.harmonics)
+    result.response[place] = fields.largest_deflection(model, fields.coordinates(model, state, phases))
+    result.smallest_force[place] = stability.smallest_force
+    result.tail[place] = state.tail
+
+
+def _add_edges(solver: Solver, states: list[State | None], result: MapResult, a: int) -> None:
+    """Locate the changes of stability between neighbouring frequencies at one amplitude."""
+    for f, (first, second) in enumerate(pairwise(states)):
+        if first is None or second is None:
+            continue
+        for k, (_, part) in enumerate(sets_of(solver.model, first)):
+            kinds = result.kind[k, a, f : f + 2]
+            if (kinds[0] > 0) != (kinds[1] > 0) and kinds.max() < 4:
+                omega = _edge(solver, first, second, part, int(kinds.max()))
+                if omega is not None:
+                    result.edges.append((omega * solver.model.scales[0], a, k, int(kinds.max())))
+
+
+def _edge(solver: Solver, first: State, second: State, part: slice, kind: int) -> float | None:
+    """Return the frequency between two responses at which multipliers of a set cross the unit circle; None for none."""
+    from scipy.optimize import brentq  # costly to import
+
+    from cablepod.periodic._kernels_map import _test
+
+    most = max(first.harmonics, second.harmonics)
+    first, second = first.resized(most), second.resized(most)
+    way = second.z - first.z
+
+    def value(share: float) -> float:
+        z = first.z + share * way
+        state, _, iterations = solver.at_frequency(first.changed(z[:-1].reshape(-1, first.size), float(z[-1])))
+        if iterations < 0:
+            raise _NoOrbitError
+        mu = solver.stability(state).multipliers[part]
+        return float(_test(kind, mu.real.copy(), mu.imag.copy(), 2.0 * np.pi / state.omega))
+
+    try:
+        if not value(0.0) * value(1.0) < 0.0:
+            return None
+        return first.omega + way[-1] * float(brentq(value, 0.0, 1.0, xtol=EDGE_RTOL * first.omega / way[-1]))
+    except _NoOrbitError:
+        return None
