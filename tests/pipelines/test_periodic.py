@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import periodic.chain
+import periodic.map
 import periodic.run
 import pytest
 
@@ -91,9 +92,35 @@ def test_the_study_in_small(tmp_path, monkeypatch):
     assert error[1] < 3e-3
     assert (error[2:] < 1e-3).all()
     assert (result["multiplier_time"] > result["orbit_time"]).all()
-    assert list(result["family"].values) == ["chain"] * 2 + ["vibration modes"] * 2 + ["order exact"] * 2
+    assert list(result["family"].values) == ["chain"] * 2 + ["vibration modes"] * 2 + [
+        "order exact", "order exact", "tauter modes",
+    ]  # fmt: skip
     periodic.run.draw({"guy": result}, tmp_path / "periodic.png")
     assert (tmp_path / "periodic.png").stat().st_size > 5_000
     assert "| chain | 40 |" in periodic.run.table_of_times(result)
     assert "pitchfork out of the plane, 1" in periodic.run.table_of_frequencies(result)
     cp.archive.write(result, tmp_path / "periodic.nc")
+
+
+def test_a_map_has_the_verdicts_of_chains_off_its_edges(tmp_path):
+    result = periodic.map.study(24, 10, (24,), columns=4, points=4, integrations=2)
+    agree, off = periodic.map.verdicts(result, 0)
+    unstable = result["chain_growth"].values[0] > 0.0
+    assert 4 <= unstable.sum() < unstable.size  # both verdicts
+    # on this coarse grid two steps are 0.25 rad/s, far more than the chain errs by
+    assert off.sum() > 12
+    assert agree[off].all()
+    run = np.isfinite(result["chain_left"].values[0])
+    grows = (result["sample_growth"].values > 0.0).any(axis=1)
+    assert np.array_equal(result["chain_left"].values[0][run] > 0.0, grows[run])
+    assert run.sum() == 2
+    assert "| 24 | 100.0 % of" in periodic.map.table(result)
+    periodic.map.draw(result, tmp_path / "map.png")
+    assert (tmp_path / "map.png").stat().st_size > 5_000
+    cp.archive.write(result, tmp_path / "map.nc")
+
+
+def test_changes_nearby_are_those_within_some_steps():
+    unstable = np.zeros((6, 9), dtype=bool)
+    unstable[:, 5:] = True
+    assert np.array_equal(periodic.map.changes_nearby(unstable, 2)[0], [False] * 3 + [True] * 4 + [False] * 2)
