@@ -81,10 +81,11 @@ def _guesses(solver: Solver, omega: float, known: list[State], last: State | Non
     if last is not None:
         yield last
     yield solver.rest(omega, HARMONICS)
-    for k in range(SIZES * TURNS if last is not None else 0):
-        other = last.z.copy()
-        _moved(last.z, last.size, 2.0 ** (k % SIZES), k // SIZES / TURNS, other)
-        yield last.changed(other[:-1].reshape(-1, last.size))
+    if last is not None:
+        for k in range(SIZES * TURNS):
+            other = last.z.copy()
+            _moved(last.z, last.size, 2.0 ** (k % SIZES), k // SIZES / TURNS, other)
+            yield last.changed(other[:-1].reshape(-1, last.size))
 
 
 def _judge(solver: Solver, state: State, result: MapResult, place: tuple[int, int]) -> None:
