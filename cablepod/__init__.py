@@ -28,7 +28,6 @@ if TYPE_CHECKING:
         study,
         wind,
     )
-    from cablepod.cable import summary
     from cablepod.errors import (
         ArchiveError,
         MemberFailedWarning,
@@ -40,6 +39,7 @@ if TYPE_CHECKING:
         VelocityJumpWarning,
     )
     from cablepod.scene import make_scene, read_scene
+    from cablepod.study import summary
 
     __version__: str
 
@@ -76,7 +76,7 @@ __all__ = [
 
 
 #: Modules of the public names that are no sub-packages.
-_HOMES = {"make_scene": "scene", "read_scene": "scene", "summary": "cable"}
+_HOMES = {"make_scene": "scene", "read_scene": "scene", "summary": "study"}
 
 
 def __getattr__(name: str) -> "Any":

@@ -75,6 +75,7 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "cable.rest": (("scene",), {}),
     "cable.simulate": (("scene",), {"step": 1e-2}),
     "cable.summary": (("scene",), {}),
+    "mast.summary": (("mast",), {}),
     "catenary.rest": (("scene",), {}),
     "chain.rest": (("scene",), {}),
     "chain.simulate": (("scene",), {"step": 1e-3}),
@@ -126,6 +127,7 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "rigid.simulate": (("scene",), {"step": 1e-3}),
     "study.run": (("scene",), {}),
     "summary": (("scene",), {}),
+    "study.summary": (("scene",), {}),
     "wind.field": (("windy",), {}),
 }
 

@@ -44,26 +44,27 @@ def _largest(motion: xr.Dataset, name: str) -> np.ndarray:
 
 
 def check_text(scene: xr.Dataset) -> str:
-    """Return the static numbers of a mast: buckling, frequencies, guys at rest."""
-    from cablepod import mast
+    """Return the static numbers of a mast: buckling, frequencies, guys at rest, and notes."""
+    from cablepod.mast import summary
 
-    rest, modes = mast.rest(scene), mast.frequencies(scene, count=FREQUENCIES)
-    hertz = modes["angular_frequency"].values / (2.0 * math.pi)
+    numbers = summary(scene)
+    hertz = numbers["frequency"].values
     lines = [
-        f"  {'axial force at the foot':<32}{float(rest['axial_force'][0]):.5g} N",
-        f"  {'critical factor of buckling':<32}{float(rest['buckling_factor']):.4g}",
-        f"  {'largest displacement at rest':<32}{float(abs(rest['displacement']).max()):.4g} m",
-        f"  {'largest bending moment at rest':<32}{float(abs(rest['bending_moment']).max()):.4g} N m",
+        f"  {'axial force at the foot':<32}{float(numbers['axial_force_foot']):.5g} N",
+        f"  {'critical factor of buckling':<32}{float(numbers['buckling_factor']):.4g}",
+        f"  {'largest displacement at rest':<32}{float(numbers['displacement_largest']):.4g} m",
+        f"  {'largest bending moment at rest':<32}{float(numbers['bending_moment_largest']):.4g} N m",
         f"  {'first frequencies':<32}{'  '.join(f'{value:.4g}' for value in hertz)} Hz",
         "",
         f"  {'guy':>3}{'level [m]':>11}{'length [m]':>12}{'anchor [kN]':>13}{'mast [kN]':>11}",
     ]
-    for g in range(rest.sizes.get("guy", 0)):
-        lower, upper = (1e-3 * float(rest[name][g]) for name in ("guy_tension_anchor", "guy_tension"))
+    for g in range(numbers.sizes.get("guy", 0)):
+        lower, upper = (1e-3 * float(numbers[name][g]) for name in ("guy_tension_anchor", "guy_tension"))
         lines.append(
-            f"  {g + 1:>3}{float(rest['guy_level'][g]):>11g}{float(rest['guy_length'][g]):>12.4f}{lower:>13.3f}{upper:>11.3f}"
+            f"  {g + 1:>3}{float(numbers['guy_level'][g]):>11g}{float(numbers['guy_length'][g]):>12.4f}{lower:>13.3f}"
+            f"{upper:>11.3f}"
         )
-    return "\n".join(lines)
+    return "\n".join([*lines, *(f"  note: {note}" for note in str(numbers["note"].values).split("\n") if note)])
 
 
 def as_json(study: xr.DataTree) -> str:

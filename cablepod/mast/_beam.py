@@ -95,7 +95,9 @@ class Beam:
     def _shapes(self, derivative: int) -> np.ndarray:
         """Return a derivative of the shapes at the quadrature points (element, 4, point)."""
         if derivative not in self._kept_shapes:
-            self._kept_shapes[derivative] = np.array([hermite(0.5 * (1.0 + NODES), s, derivative) for s in self.length.tolist()])
+            self._kept_shapes[derivative] = np.array(
+                [hermite(0.5 * (1.0 + NODES), s, derivative) for s in self.length.tolist()]
+            )
         return self._kept_shapes[derivative]
 
     @cached_property

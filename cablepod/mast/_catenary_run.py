@@ -99,12 +99,9 @@ class CatenaryGuys:
         limit = np.pi / float(mast.omega[-1])
         if not step < limit:
             raise scene_error("step", step, f"below half of the shortest period of the mast, {limit:.6g} s")
-        p, drive = mast.rest.p, drive_of(mast, self.air, request)
+        drive = drive_of(mast, self.air, request)
         mass = np.array([guy.p.mass * guy.length / 3.0 for guy in self.guys])
-        end_mass = mass[:, None, None] * np.eye(2)
-        matrices = mast.step_matrices(
-            mast.mass + mast.ends(end_mass), np.diag(mast.omega**2), p.mass_damping * mast.ends(end_mass), step
-        )
+        matrices = mast.step_matrices_with(mass, step)
         first, spacing, horizontal, vertical = self.tables
         forces = GuyStatics(self.guys, mast.rest.upper).forces[:, [0, 2]]
         reaction = None

@@ -88,11 +88,7 @@ class ChainGuys:
         p = mast.rest.p
         x = self.rest.copy()
         mass = np.array([chain.p.mass for chain in self.chains]) * self.link_lengths
-        end_mass = 0.5 * mass[:, None, None] * np.eye(2)
-        drive = drive_of(mast, self.air, request)
-        matrices = mast.step_matrices(
-            mast.mass + mast.ends(end_mass), np.diag(mast.omega**2), p.mass_damping * mast.ends(end_mass), step
-        )
+        drive, matrices = drive_of(mast, self.air, request), mast.step_matrices_with(0.5 * mass, step)
         wind = drag = None
         forces = np.zeros((count, 2))
         if self.air is not None:

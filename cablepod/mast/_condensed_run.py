@@ -22,6 +22,8 @@ from cablepod.wind._mast_air import MastAir
 EXTRA_POINTS = 2
 #: Steps in the shortest period of the guys' modes, and the maximum step over the stability limit.
 STEPS_PER_PERIOD, MAX_STEP_OVER_LIMIT = 9.0, 0.8
+#: Points of a guy whose positions are an output.
+DRAWN_POINTS = 21
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +197,7 @@ class CondensedGuys:
         result = empty_trajectory(request, len(mast.omega), len(mast.heights), count)
         monitor = np.tile([np.inf, 0.0], (lanes.size, 1))
         p = lanes.coordinates(coordinates)  # momentum coordinates are the deflections at the displacement of rest
-        saved = np.zeros((request.outputs_count if request.energy else 0, 3, *lanes.kappa.shape))
+        saved = np.zeros((request.outputs_count if request.energy or request.keeps_guys else 0, 3, *lanes.kappa.shape))
         status, at, guy = kernel.condensed_run(
             step, request.every, request.steps, np.array(request.window_steps), np.zeros(len(mast.omega)),
             np.zeros(len(mast.omega)),
@@ -208,9 +210,27 @@ class CondensedGuys:
             result.level_sums, result.tension_extremes, result.tension_sums, monitor,
         )  # fmt: skip
         result.finish(status, at, guy, monitor[:count])
+        if request.keeps_guys:
+            result.guy_position = self._positions(result, lanes.back(saved[:, 0]))
         if request.energy:
             result.energy = self._energy(result, matrices, fitted, constant, drive.factors, request, lanes.back(saved))
         return result
+
+    def _positions(self, result: MastTrajectory, q: np.ndarray) -> np.ndarray:
+        """Return positions of points of the guys from anchor to mast, for coordinates q (outputs, guys, 2 r) [m]."""
+        sigma, r, guys = np.linspace(0.0, 1.0, DRAWN_POINTS), self.rank, self.guys
+        upper = np.repeat(guys.upper[None], len(q), axis=0)
+        upper[..., [0, 2]] += np.einsum("gia,ta->tgi", self.mast.guy_rows, result.modal)
+        positions = np.empty((len(q), guys.count, DRAWN_POINTS, 3))
+        basis = [part.basis(sigma, 0) for part in self.shapes]
+        for t, ends in enumerate(upper):
+            normals = guys.frame(ends)[1][:, 1:]
+            moved = guys.lower[:, None] + sigma[:, None] * (ends - guys.lower)[:, None]
+            for part in range(2):
+                deflection = guys.scale[:, None] * (q[t, :, part * r : (part + 1) * r] @ basis[part])
+                moved = moved + deflection[..., None] * normals[:, part, None]
+            positions[t] = moved
+        return positions
 
     def _energy(
         self, result: MastTrajectory, matrices: StepMatrices, fitted: np.ndarray, constant: np.ndarray, factors: Any,

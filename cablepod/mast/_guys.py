@@ -68,7 +68,7 @@ class GuyStatics:
         self._plane, self._across, self._against = np.empty((4, count)), np.empty((count, 3)), np.empty((count, 3))
         _kernels_plane.load_planes(chords, loads, self._plane, self._across, self._against)
         self._solved, status = solve_catenaries(tuple(self._plane), self._spring, "unstretched_length", self._length)
-        for g in np.flatnonzero(status != _kernels_solve.FOUND):
+        for g in np.flatnonzero(status != _kernels_solve.FOUND).tolist():
             guys[g].at(upper[g]).force()  # says what is wrong
 
     @property
@@ -89,7 +89,7 @@ class GuyStatics:
         _, _, force, middle, lower, top = self._solved.T
         hanging = self._plane[3] * self._length
         curved = (hanging > 1e-12 * (lower + top)) & (force > 1e-12 * (lower + top))
-        for g in np.flatnonzero(~curved):  # straight, slack or along the load
+        for g in np.flatnonzero(~curved).tolist():  # straight, slack or along the load
             result[g] = self._guys[g].at(self._upper[g]).stiffness()
         force, hanging, load = force[curved], hanging[curved], self._plane[3, curved]
         low, high = middle[curved] - 0.5 * hanging, middle[curved] + 0.5 * hanging

@@ -132,6 +132,11 @@ class ModalMast:
         gain = step * (turn * root) @ implicit @ (turn * root).T
         return StepMatrices(np.ascontiguousarray(keep.T), np.ascontiguousarray(gain.T), inverse.T / fitted @ inverse)
 
+    def step_matrices_with(self, mass: np.ndarray, step: float) -> StepMatrices:
+        """Return the matrices of the scheme for guys that give the mast masses (guys,) [kg], damped as the guys are."""
+        ends = self.ends(mass[:, None, None] * np.eye(2))
+        return self.step_matrices(self.mass + ends, np.diag(self.omega**2), self.rest.p.mass_damping * ends, step)
+
 
 @dataclass(frozen=True, eq=False)
 class StepMatrices:

@@ -15,7 +15,9 @@ from cablepod.mast._request import MastTrajectory
 from cablepod.parameters._mast import MastParameters
 
 #: Outputs of a run.
-OUTPUTS = ("displacement", "guy_tension", "guy_force", "bending_moment", "extremes", "energy", "error_estimate")
+OUTPUTS = (
+    "displacement", "guy_tension", "guy_force", "guy_position", "bending_moment", "extremes", "energy", "error_estimate"
+)  # fmt: skip
 #: Name -> (units, long name) of the variables of a mast.
 NAMES: dict[str, tuple[str, str]] = {
     "level": ("m", "height of the level: of guys, and the top"),
@@ -29,6 +31,8 @@ NAMES: dict[str, tuple[str, str]] = {
     "guy_tension": ("N", "tension of the guy at the mast"),
     "guy_tension_anchor": ("N", "tension of the guy at its anchor"),
     "guy_force": ("N", "force of the guy on the mast"),
+    "guy_position": ("m", "position of the point of the guy"),
+    "point": ("1", "number of the point, 0 at the anchor"),
     "guy_length": ("m", "unstretched length of the guy"),
     "bending_moment": ("N m", "bending moment EI d2u/dy2 of the mast for displacements along the coordinate"),
     "axial_force": ("N", "axial force of the mast, compression positive, mean of both sides of the node"),
@@ -85,6 +89,9 @@ def trajectory(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -
         variables["guy_tension"] = (("time", "guy"), run.tension[:n])
     if "guy_force" in outputs:
         variables["guy_force"] = (("time", "guy", "coordinate"), run.force[:n])
+    if run.guy_position is not None:
+        variables["guy_position"] = (("time", "guy", "point", "coordinate"), run.guy_position[:n])
+        coords["point"] = np.arange(run.guy_position.shape[2])
     if {"bending_moment", "extremes"} & set(outputs):
         coords["node"] = np.arange(mast.rest.beam.height.size)
         coords["node_height"] = ("node", mast.rest.beam.height)

@@ -23,6 +23,7 @@ class MastRequest:
     every: int  #: steps from one output to the next
     window: tuple[float, float] | None  #: of extremes and means [s]
     energy: bool = False  #: whether the energy is computed
+    keeps_guys: bool = False  #: whether the coordinates of condensed guys are kept
     lone_step: float = 1.0  #: step of a run with the start alone [s]
 
     @property
@@ -68,6 +69,7 @@ def request_of(
     window: tuple[float, float] | None,
     *,
     energy: bool = False,
+    keeps_guys: bool = False,
 ) -> MastRequest:
     """Place the instants of the output on steps.
 
@@ -77,7 +79,7 @@ def request_of(
         For instants that are not equally spaced from 0 on, and a step that does not divide their interval.
     """
     if times.size == 1 and times[0] == 0.0:
-        return MastRequest(times, 1, None, energy, default_step if step is None else step)
+        return MastRequest(times, 1, None, energy, keeps_guys, default_step if step is None else step)
     interval = float(times[1] - times[0]) if times.size > 1 else float(times[0])
     if times[0] != 0.0 or times.size < 2 or np.abs(np.diff(times) / interval - 1.0).max() > ROUNDING * times.size:
         raise scene_error("times", times, "equally spaced instants from 0 on [s]")
@@ -86,7 +88,7 @@ def request_of(
         every = round(interval / step)
         if every < 1 or abs(interval / step - every) > ROUNDING * every:
             raise scene_error("step", step, f"a step that divides the interval of the output, {interval:g} s")
-    request = MastRequest(times, every, window, energy)
+    request = MastRequest(times, every, window, energy, keeps_guys)
     if window is not None:
         if window[1] > float(times[-1]) * (1.0 + ROUNDING):
             raise scene_error("window", window, f"a part of the run, from 0 s to {times[-1]:g} s")
@@ -115,6 +117,7 @@ class MastTrajectory:
     guy: int = 0  #: which made the run stop
     monitor: Any = None  #: least chordwise force or tension of each guy [N] and its step (guys, 2)
     energy: np.ndarray | None = None  #: (outputs,) [J]
+    guy_position: np.ndarray | None = None  #: of points of the guys (outputs, guys, points, 3) [m]
     attributes: dict[str, Any] = field(default_factory=dict)
 
     def finish(self, status: int, at: int, guy: int, monitor: np.ndarray) -> None:

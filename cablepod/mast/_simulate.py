@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -79,8 +80,8 @@ def simulate(
     wind
         Field of the air, as of :func:`cablepod.wind.field`, in place of that of the scene.
     outputs
-        Some of "displacement", "guy_tension", "guy_force", "bending_moment", "extremes", "energy" (condensed guys without wind)
-        and "error_estimate" (condensed guys: one more run with richer guys).
+        Some of "displacement", "guy_tension", "guy_force", "bending_moment", "extremes"; with condensed guys also
+        "guy_position" (at 21 points of each guy), "energy" (without wind) and "error_estimate" (one more run with richer guys).
     progress
         Callback receiving the completed fraction, 1 at the end.
 
@@ -88,7 +89,8 @@ def simulate(
     -------
     xarray.Dataset
         ``displacement (time, level, coordinate)`` [m], ``guy_tension (time, guy)`` [N] at the mast, ``guy_force (time, guy,
-        coordinate)`` [N] on the mast, ``bending_moment (time, node, coordinate)`` [N m]; with "extremes" least and largest
+        coordinate)`` [N] on the mast, ``guy_position (time, guy, point, coordinate)`` [m] from anchor to mast,
+        ``bending_moment (time, node, coordinate)`` [N m]; with "extremes" least and largest
         values, their times, means and standard deviations over all steps (of bending moments, over the outputs).  Attributes:
         kind of guys, step [s], number of steps, least chordwise force of the guys [N] (chains: least tension).
 
@@ -133,7 +135,9 @@ def simulate(
     mast = ModalMast(rest_of(p, None if air is None or air.has_profile else air))
     count = RANK if rank is None else int(rank)
     model = _model_of(mast, guys, modes, count, links, air)
-    request = request_of(instants, model.default_step, step, window, energy="energy" in wanted)
+    request = request_of(
+        instants, model.default_step, step, window, energy="energy" in wanted, keeps_guys="guy_position" in wanted
+    )
     run, notes = _converged(model, request, tolerance)
     result = output.trajectory(mast, run, wanted)
     if "error_estimate" in wanted and not run.status:
@@ -187,7 +191,7 @@ def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], *, in_win
     for key, kind in (("rank", "condensed"), ("modes", "condensed"), ("links", "chain")):
         if options[key] is not None and guys != kind:
             raise SceneError(f'{key}: given with guys "{guys}"; allowed: none; try: guys="{kind}"')
-    for name in ("energy", "error_estimate"):
+    for name in ("energy", "error_estimate", "guy_position"):
         if name in wanted and guys != "condensed":
             raise scene_error("outputs", name, f'none with guys "{guys}"; try: guys="condensed"')
     if "energy" in wanted and in_wind:
@@ -235,7 +239,7 @@ def _converged(model: Any, request: MastRequest, tolerance: float | None) -> tup
         return run, {}
     error = np.inf
     for _ in range(MAX_HALVINGS):
-        request = MastRequest(request.times, 2 * request.every, request.window, request.energy)
+        request = replace(request, every=2 * request.every)
         finer = model.run(request)
         if finer.status:
             break

@@ -7,6 +7,7 @@ from cablepod.plots._animation import Animation, animate
 from cablepod.plots._cables import phase_portraits, rest, shapes, snapshots, tension
 from cablepod.plots._maps import parameter_map, stability
 from cablepod.plots._mast import bending_moments, guy_tensions, mast_shapes
+from cablepod.plots._mast_animation import animate_mast
 from cablepod.plots._modes import amplitudes, modes, singular_values
 from cablepod.plots._periodic import animate_orbit, backbone, frequency_response, multipliers, orbit, stability_map
 from cablepod.plots._reports import error_against_run_time, error_over_time
@@ -21,6 +22,7 @@ __all__ = [
     "Animation",
     "amplitudes",
     "animate",
+    "animate_mast",
     "animate_orbit",
     "backbone",
     "bending_moments",

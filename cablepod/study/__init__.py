@@ -4,5 +4,6 @@ The command ``cablepod run`` calls :func:`run`.
 """
 
 from cablepod.study._run import run
+from cablepod.study._summary import summary
 
-__all__ = ["run"]
+__all__ = ["run", "summary"]

@@ -112,7 +112,7 @@ class _Content:
         ]
         if given is not None:  # checked before it is hashed
             self.field = _resampled(p, end_time, given, key)
-            digest = hashlib.sha256(np.ascontiguousarray(self.field[1]))
+            digest = hashlib.sha256(np.ascontiguousarray(self.field[1]).tobytes())
             digest.update(np.ascontiguousarray(self.field[2]).tobytes())
             tables = (tables, self.field[0], digest.hexdigest())
         self.key = (repr(tables), float(end_time), positions.tobytes())

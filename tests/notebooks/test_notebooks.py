@@ -13,7 +13,7 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 
 FOLDER = ROOT / "pipelines" / "notebooks"
-PAGES = ("first_look", "modes", "parametric_study", "reduced_models", "the_paper", "whirling", "wind")
+PAGES = ("first_look", "modes", "nine_guys", "parametric_study", "reduced_models", "the_paper", "whirling", "wind")
 MARK = re.compile(r"^# %%(.*)$", re.MULTILINE)
 
 

@@ -1,0 +1,113 @@
+"""Public function: static numbers of a mast, its first frequencies, and notes on what is unusual."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import provenance
+from cablepod.batch._members import no_plan, over_members_by
+from cablepod.conventions import label
+from cablepod.mast._frequencies import frequencies
+from cablepod.mast._rest import rest
+from cablepod.parameters._mast import MastParameters, mast_parameters
+from cablepod.scene._mast import MAST_SCENE
+
+#: Number of frequencies.
+FREQUENCIES = 6
+#: A critical factor of buckling below which a note is made: codes ask for more against imperfections.
+LOW_BUCKLING_FACTOR = 3.0
+#: Tension of a guy at its anchor over that on the straight mast in still air, below which a note says that it is nearly slack.
+NEARLY_SLACK = 0.2
+#: Largest displacement at rest over the height beyond which slopes are no longer small.
+LARGE_DISPLACEMENT = 0.02
+#: Name -> (units, long name) of the numbers of a summary beside those of :func:`rest` and :func:`frequencies`.
+NUMBERS = {
+    "axial_force_foot": ("N", "axial force at the foot, compression positive"),
+    "displacement_largest": ("m", "largest displacement of the mast at rest"),
+    "bending_moment_largest": ("N m", "largest bending moment at rest"),
+    "frequency": ("Hz", "frequency of small vibrations about rest"),
+    "tension_over_breaking_strength": ("1", "tension of the guy at the mast over its breaking strength"),
+    "note": ("1", "what is unusual, a line each"),
+}
+
+
+@over_members_by(no_plan, kind=MAST_SCENE)
+def summary(scene: xr.Dataset) -> xr.Dataset:
+    """Summarise a mast and its guys: rest, first frequencies, and notes on what is unusual.
+
+    Parameters
+    ----------
+    scene
+        Scene with a mast, with or without ``member``; it needs no ``[time]``.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``axial_force_foot`` [N], ``buckling_factor``, ``displacement_largest`` [m], ``bending_moment_largest`` [N m],
+        ``angular_frequency (mode)`` [rad/s], ``frequency (mode)`` [Hz], ``mast_share (mode)``; of the guys ``guy_length`` [m],
+        ``guy_tension``, ``guy_tension_anchor (guy)`` [N], where given ``tension_over_breaking_strength (guy)``.  ``note`` is a
+        text with a line for each note; empty for a usual mast.
+
+    Raises
+    ------
+    SceneError
+        As :func:`rest`.
+
+    Notes
+    -----
+    Notes tell of a critical factor of buckling below 3, guys that are nearly slack at rest, and displacements at rest beyond a
+    fiftieth of the height, where slopes are no longer small.
+
+    Examples
+    --------
+    >>> import cablepod as cp
+    >>> from cablepod import examples
+    >>> numbers = cp.mast.summary(examples.scene("mast30"))
+    >>> round(float(numbers.buckling_factor), 2), numbers.frequency.values[:2].round(2).tolist(), str(numbers.note.values)
+    (3.26, [0.73, 0.73], '')
+    """
+    p = mast_parameters(scene)
+    at_rest, modes = rest(scene), frequencies(scene, count=min(FREQUENCIES, 2 * p.elements))
+    variables: dict[str, Any] = {
+        "axial_force_foot": ((), float(at_rest["axial_force"][0])),
+        "buckling_factor": at_rest["buckling_factor"].variable,
+        "displacement_largest": ((), float(np.linalg.norm(at_rest["displacement"].values, axis=-1).max())),
+        "bending_moment_largest": ((), float(np.linalg.norm(at_rest["bending_moment"].values, axis=-1).max())),
+        "angular_frequency": modes["angular_frequency"].variable,
+        "frequency": ("mode", modes["angular_frequency"].values / (2.0 * np.pi)),
+        "mast_share": modes["mast_share"].variable,
+        "note": ((), "\n".join(_notes(p, at_rest))),
+    }
+    coords: dict[str, Any] = {"mode": modes["mode"]}
+    if p.guys:
+        variables |= {name: at_rest[name].variable for name in ("guy_length", "guy_tension", "guy_tension_anchor")}
+        coords |= {name: at_rest[name] for name in ("guy", "guy_level", "table")}
+        strength = np.array([np.nan if guy.p.breaking_strength is None else guy.p.breaking_strength for guy in p.guys])
+        if np.isfinite(strength).any():
+            variables["tension_over_breaking_strength"] = ("guy", at_rest["guy_tension"].values / strength)
+    result = xr.Dataset(variables, coords=coords)
+    label(result, **{name: NUMBERS[name] for name in NUMBERS if name in result})
+    result.attrs = {"title": f"{scene.attrs.get('title', 'scene')}: summary", "stage": "summary"}
+    return provenance.record(result, function="mast.summary", parameters={}, inputs=[scene])
+
+
+def _notes(p: MastParameters, at_rest: xr.Dataset) -> list[str]:
+    """Return what is unusual, a line each."""
+    notes = []
+    factor = float(at_rest["buckling_factor"])
+    if factor < LOW_BUCKLING_FACTOR:
+        notes.append(f"the critical factor of buckling is {factor:.3g}: imperfections, which are not modelled, matter")
+    for g, guy in enumerate(p.guys):
+        lowest = float(at_rest["guy_tension_anchor"][g])
+        given = guy.p.length_value if guy.p.length_key != "unstretched_length" else None
+        if given is not None and lowest < NEARLY_SLACK * given:
+            notes.append(f"guy {g + 1} ({guy.key}) is nearly slack at rest, {lowest:.4g} N at its anchor")
+    largest = float(np.linalg.norm(at_rest["displacement"].values, axis=-1).max())
+    if largest > LARGE_DISPLACEMENT * p.height:
+        notes.append(f"the mast leans by {largest:.3g} m at rest, where slopes are no longer small")
+    if p.wind is not None and not p.sections[:, 4].any():
+        notes.append("mast.drag_area is 0: the wind acts on the guys alone")
+    return notes

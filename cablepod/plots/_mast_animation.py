@@ -1,0 +1,125 @@
+"""Animate a mast and its guys."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod._inputs import Kind, taken
+from cablepod.errors import scene_error
+from cablepod.parameters._checks import integer, number
+from cablepod.plots import _style
+from cablepod.plots._animation import MOST_FRAMES, Animation, private_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOVING = Kind(
+    'what mast.simulate gives with outputs displacement, guy_position and guy_tension',
+    (
+        ("displacement", ("time", "level", "coordinate")), ("guy_position", ("time", "guy", "point", "coordinate")),
+        ("guy_tension", ("time", "guy")),
+    ),
+    further=None, is_small=False,
+)  # fmt: skip
+#: Direction of the view: azimuth and elevation [rad].
+AZIMUTH, ELEVATION = np.deg2rad(25.0), np.deg2rad(15.0)
+#: Largest drawn displacement over the height of the mast, unless `scale` is given.
+DRAWN = 0.05
+#: Points of the drawn mast.
+POINTS = 41
+
+
+def animate_mast(
+    run: xr.Dataset, *, scale: float | None = None, frames: int | None = None, ax: Axes | None = None
+) -> Animation:
+    """Animate a mast and its guys: displacements enlarged, guys coloured by their tension.
+
+    Parameters
+    ----------
+    run
+        Result of :func:`cablepod.mast.simulate` with the outputs "displacement", "guy_position" and "guy_tension".
+    scale
+        Factor of the displacements of the mast and of the deflections of the guys from their chords; by default the largest
+        displacement is drawn as a twentieth of the height.
+    frames
+        Maximum number of frames, evenly spread over the instants; 600 by default.
+    ax
+        Axes to draw on; their figure is redrawn for each frame.
+
+    Returns
+    -------
+    Animation
+        Shown as a GIF by a notebook; ``animate_mast(...).save("mast.gif")`` or ``"mast.mp4"`` writes it.
+
+    Raises
+    ------
+    SceneError
+        For another Dataset, and numbers that are not allowed.
+
+    Notes
+    -----
+    A parallel projection from above and from the side, 25 degrees off z.  Between the levels of the guys the mast is drawn as a
+    smooth line through its displacements.
+    """
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from scipy.interpolate import PchipInterpolator
+
+    run = taken("run", run, MOVING)
+    moved, guys, tension = (
+        _style.take("run", run, name, dims, MOVING.allowed) for name, dims in MOVING.needs if dims is not None
+    )
+    if moved.shape[-1] != 3 or guys.shape[-1] != 3 or not moved.size or not guys.size:
+        raise scene_error("run", guys.shape, MOVING.allowed)
+    count = min(MOST_FRAMES if frames is None else integer(least=1)("frames", frames), moved.sizes["time"])
+    picked = np.unique(np.linspace(0, moved.sizes["time"] - 1, count).round().astype(int))
+    level = np.asarray(moved["level"].values, dtype=float)
+    displacement, position, force = moved.values[picked], guys.values[picked], 1e-3 * tension.values[picked]
+    if scale is None:
+        scale = DRAWN * float(level[-1]) / max(float(np.abs(displacement).max()), 1e-12)
+    else:
+        number(above=0.0)("scale", scale)
+    height = np.linspace(0.0, level[-1], POINTS)
+    nodes = np.concatenate([np.zeros((len(picked), 1, 3)), displacement], axis=1)
+    shape = scale * PchipInterpolator(np.concatenate([[0.0], level]), nodes, axis=1)(height)
+    shape[..., 1] += height
+    sigma = np.linspace(0.0, 1.0, position.shape[2])[:, None]
+    chord = position[:, :, :1] + sigma * (position[:, :, -1:] - position[:, :, :1])
+    straight = position[:, :, -1:].copy()
+    straight[..., (0, 2)] = 0.0
+    ends = straight + scale * (position[:, :, -1:] - straight)
+    drawn = position[:, :, :1] + sigma * (ends - position[:, :, :1]) + scale * (position - chord)
+    ax = private_axes() if ax is None else ax
+    across, up = _projected(shape)
+    guy_across, guy_up = _projected(drawn)
+    limits = Normalize(float(force.min()), float(force.max()))
+    colours = colormaps["viridis"](limits(force))
+    ax.plot(across[0], up[0], color="0.7", linewidth=0.8, zorder=0)
+    ground = [_projected(position[0, g, 0]) for g in range(position.shape[1])]
+    ax.plot([x for x, _ in ground], [y for _, y in ground], linestyle="none", marker="s", markersize=3, color="0.4")
+    (mast,) = ax.plot(across[0], up[0], color="black", linewidth=2.0)
+    lines = [ax.plot(guy_across[0, g], guy_up[0, g], linewidth=1.5)[0] for g in range(position.shape[1])]
+    for name, parts in (("x", (across, guy_across)), ("y", (up, guy_up))):
+        low, high = min(float(part.min()) for part in parts), max(float(part.max()) for part in parts)
+        getattr(ax, f"set_{name}lim")(low - 0.05 * (high - low), high + 0.1 * (high - low))
+    ax.set(xlabel="[m]", ylabel=f"[m], displacements {scale:.3g} times", aspect="equal")
+    ax.figure.colorbar(ScalarMappable(limits, "viridis"), ax=ax, label="tension [kN]", shrink=0.8)
+
+    def show(i: int) -> None:
+        mast.set_data(across[i], up[i])
+        for g, line in enumerate(lines):
+            line.set_data(guy_across[i, g], guy_up[i, g])
+            line.set_color(tuple(colours[i, g]))
+
+    return Animation(ax, moved["time"].values[picked], show)
+
+
+def _projected(position: np.ndarray) -> tuple[Any, Any]:
+    """Return horizontal and vertical coordinates of the view of positions (..., 3) [m]."""
+    x, y, z = position[..., 0], position[..., 1], position[..., 2]
+    depth = x * np.sin(AZIMUTH) + z * np.cos(AZIMUTH)
+    return x * np.cos(AZIMUTH) - z * np.sin(AZIMUTH), y * np.cos(ELEVATION) - depth * np.sin(ELEVATION)

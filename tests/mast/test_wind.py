@@ -1,0 +1,98 @@
+"""Wind on a mast: its field, given fields and records, refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mast_scenes import WIND, small
+
+import cablepod as cp
+from cablepod.errors import SceneError
+
+
+def windy(mapping):
+    mapping["wind"] = WIND
+    mapping["mast"]["drag_area"] = 0.3
+    del mapping["mast"]["load"]
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return small(windy)
+
+
+@pytest.fixture(scope="module")
+def field(scene):
+    return cp.wind.field(scene)
+
+
+def test_the_field_of_a_mast_depends_on_its_geometry_alone(scene, field):
+    assert dict(field.sizes) == {"time": 41, "point": 17 + 3 * 9, "component": 3}
+    assert field.guy.values.tolist() == [0] * 17 + [1] * 9 + [2] * 9 + [3] * 9
+    np.testing.assert_allclose(field.position[-1], [0.0, 28.0, 0.0], atol=1e-12)
+    tighter = cp.wind.field(small(lambda mapping: (windy(mapping), mapping["guy"][0].update(top_tension=6000.0))))
+    np.testing.assert_array_equal(tighter.wind, field.wind)
+    other = cp.wind.field(scene, seed=4)
+    assert float(abs(other.wind - field.wind).max()) > 1.0
+    height = field.position[:17, 1]
+    assert (np.diff(field.mean_wind[:17, 0]) > 0.0).all()
+    np.testing.assert_allclose(height, np.linspace(0.0, 30.0, 17))
+
+
+@pytest.mark.parametrize("kind", ["condensed", "chain", "catenary"])
+def test_a_given_field_is_the_wind_of_the_scene(scene, field, kind):
+    own, given = cp.mast.simulate(scene, guys=kind), cp.mast.simulate(scene, guys=kind, wind=field)
+    np.testing.assert_allclose(given.guy_tension, own.guy_tension, rtol=1e-7)
+    # without labels points belong to mast and guys by their places: the mast has the one of the guys' ends too
+    bare = field.drop_vars(["guy", "relative_arc_length"])
+    placed = cp.mast.simulate(scene, guys=kind, wind=bare)
+    np.testing.assert_allclose(placed.guy_tension_std, own.guy_tension_std, rtol=5e-3)
+
+
+def test_a_mast_starts_at_rest_in_the_mean_of_a_field(scene, field):
+    steady = field.copy()
+    steady["mean_wind"] = 0.5 * field.mean_wind
+    steady["wind"] = (0.0 * field.wind + steady.mean_wind).transpose(*field.wind.dims)
+    half = small(lambda mapping: (windy(mapping), mapping.update(wind={"speed": 10.0, "direction": [1.0, 0.0, 0.0]})))
+    expected = cp.mast.simulate(half)
+    run = cp.mast.simulate(scene, wind=steady)
+    assert float(np.ptp(run.displacement.values, axis=0).max()) < 1e-5 * float(abs(run.displacement).max())
+    np.testing.assert_allclose(run.displacement[0], expected.displacement[0], rtol=2e-3, atol=1e-9)
+    np.testing.assert_allclose(run.guy_tension[0], expected.guy_tension[0], rtol=1e-3)
+
+
+def test_a_record_is_a_given_field(scene, field, tmp_path):
+    cp.archive.write(field, tmp_path / "field.nc")
+    kept = small(
+        lambda mapping: (
+            windy(mapping), mapping.update(wind={**WIND, "turbulence": {"record": str(tmp_path / "field.nc")}})
+        )
+    )  # fmt: skip
+    run, expected = cp.mast.simulate(kept), cp.mast.simulate(scene, wind=field)
+    np.testing.assert_allclose(run.guy_tension, expected.guy_tension, rtol=1e-12)
+    np.testing.assert_allclose(cp.wind.field(kept).wind, field.wind, atol=1e-9)
+    with pytest.raises(SceneError, match=r"^wind\.turbulence\.record: .*too short"):
+        small(
+            lambda mapping: (
+                windy(mapping), mapping.update(wind={**WIND, "turbulence": {"record": str(tmp_path / "field.nc")}}),
+                mapping["time"].update(duration=400.0),
+            )
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda field: field.isel(point=slice(0, 17)), "guy 1"),
+        (lambda field: field.isel(point=slice(17, None)), "the mast"),
+        (lambda field: field.isel(time=slice(0, 9)), "too short"),
+        (lambda field: field.drop_vars(["guy", "position"]), "without places"),
+        (lambda field: field.assign_coords(guy=("point", field.guy.values + 0.5)), "whole numbers"),
+        (lambda field: field.isel(component=slice(0, 2)), "components|numbers"),
+        (lambda field: field.where(field.time > 0.5), "finite"),
+        (lambda _: 3.0, "field"),
+    ],
+)
+def test_other_fields_are_refused(scene, field, change, text):
+    with pytest.raises(SceneError, match=rf"^wind: .*({text}).*"):
+        cp.mast.simulate(scene, wind=change(field))
