@@ -224,6 +224,7 @@ for use in (run, handed_over, chains, files):
 """
 
 
+@pytest.mark.slow
 def test_at_the_worst_places_it_leaves_nothing_taken(tmp_path):
     # it takes some ten seconds; one lock left taken, and it never ends
     done = run_python("-X", "faulthandler", "-c", WORST, tmp_path, "12", timeout=120)

@@ -223,6 +223,7 @@ def test_a_lane_that_fails_is_stepped_alone_from_where_it_was(soft, monkeypatch,
     assert changed.max() < 1e-4  # the error of one step against that of two halves, of second order
 
 
+@pytest.mark.slow
 def test_members_of_lanes_that_fail_report_the_reason_of_single_runs(soft):
     motion = {"upper": {"x": {"kind": "polynomial", "coefficients": [0.0] * 29 + [1e-3]}}}
     coefficients = np.zeros((6, 30))

@@ -159,6 +159,7 @@ def test_a_stretched_straight_cable_vibrates_at_its_exact_frequencies():
     assert np.sqrt(model.omega_taut_squared(0.0)) == pytest.approx(exact[-1], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_spatial_members_with_loads_across_are_their_single_runs(soft):
     mapping = everything(soft, 3)
     for name in ("point_load",):

@@ -153,9 +153,8 @@ def test_it_warns_where_a_given_step_makes_energy(soft, modes):
 
 def test_a_mode_that_nothing_pulls_back_at_the_start_does_not_divide_by_zero(soft):
     scene = cp.make_scene(windy(scene_of(soft, tension=150.0)))
-    modes = cp.pod.decompose(
-        cp.chain.simulate(scene, times=TIMES, tolerance=1e-4, outputs=("position",)), layout="vector"
-    )
+    chain = cp.chain.simulate(scene, times=TIMES, tolerance=1e-4, scheme="velocity_verlet", outputs=("position",))
+    modes = cp.pod.decompose(chain, layout="vector")
     model = model_of(parameters(scene), modes, rank=1, law="linear")
     assert model.vibrations(model.initial, model.displacements(np.zeros(1))[0])[0][-1] <= 0.0
     with pytest.warns(cp.OutOfRangeWarning):

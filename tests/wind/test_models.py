@@ -215,7 +215,7 @@ def test_second_order_remains(scheme):
 
 
 def test_a_given_field_stands_for_that_of_the_scene():
-    scene = gusty(time={"duration": 2.0, "interval": 0.1}, chain={"links": 10})
+    scene = gusty(time={"duration": 2.0, "interval": 0.1}, chain={"links": 10}, damping={})
     field = cp.wind.field(scene)
     own, given = cp.chain.simulate(scene, step=1e-3), cp.chain.simulate(scene, step=1e-3, wind=field)
     assert np.abs(own.position - given.position).max() < 1e-12
