@@ -22,6 +22,9 @@ SAMPLES_PER_CHANGE = 40.0
 DRAG_RTOL, MAX_DRAG_ITERATIONS, INCREMENTS = 1e-12, 100, 4
 #: Number of models whose shapes at the Gauss points and rest in the mean wind are kept.
 KEPT_MODELS = 16
+#: Maximum number of steps from one evaluation of the drag to the next (two cost no accuracy, three a tenth of the time error),
+#: and maximum time of these steps over the shortest transverse period at the start: a fifth of it for a tension twice as large.
+MAX_HOLD, HOLD_OVER_PERIOD = 2, 0.14
 #: Relative tolerance of the increments before the last, which are only its first guess.
 INCREMENT_RTOL = 0.03
 
@@ -180,6 +183,11 @@ class CondensedAir:
             stretch, exact = 1.0 + model.force(q, rates, model.initial_boundary_data)[2] / model.chain.p.stiffness, True
         kernel.drag_force(q, rates, stretch, exact, wind, 0.0, drag, *shapes, model.n_in_plane, f)
         return model.accelerations(f, q, rates) if model.inertia.size else f
+
+    def hold(self, chord_tension: float, step: float) -> int:
+        """Return the number of steps [s] from one evaluation of the drag to the next, for a chord tension [N] at the start."""
+        omega = math.sqrt(max(chord_tension, 1e-300) * float(self.model.slope_norms_squared.max()))
+        return max(1, min(MAX_HOLD, int(HOLD_OVER_PERIOD * 2.0 * math.pi / (omega * step))))
 
     def initial(self) -> tuple[np.ndarray, np.ndarray]:
         """Return initial coordinates and rates (r,), in equilibrium with the drag at the start unless a shape is given.

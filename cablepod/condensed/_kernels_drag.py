@@ -84,6 +84,22 @@ def _add_drag(q, u, stretch, exact, wind, place, drag, shapes, slopes, tests, n_
             f[i] += tests[g, i] * factor * binormal
 
 
+@compiled(inline="always")
+def _extrapolate_drag(hold, held):
+    """Extrapolate the drag (r,) to its mean over the next `hold` steps, of which the first is that of the evaluation.
+
+    The parabola through the last three evaluations, `hold` steps apart: those in the rows 1 (now), 2 and 3 of `held` (4, r).
+    Row 0 is filled, and the rows are shifted for the next evaluation.
+    """
+    first, second = 0.5 * (hold - 1.0) / hold, (hold - 1.0) * (2.0 * hold - 1.0) / (6.0 * hold * hold)
+    for i in range(held.shape[1]):
+        now, before, old = held[1, i], held[2, i], held[3, i]
+        held[0, i] = (
+            0.5 * (second + 3.0 * first + 2.0) * now - (second + 2.0 * first) * before + 0.5 * (second + first) * old
+        )
+        held[3, i], held[2, i] = before, now
+
+
 @compiled
 def drag_force(q, u, stretch, exact, wind, place, drag, shapes, slopes, tests, n_in_plane, f):
     """Fill f (r,) with the accelerations by the drag in one state, see :func:`_add_drag`."""

@@ -9,7 +9,7 @@ import numpy as np
 from cablepod._jit import REORDERED_FUSED, compiled
 from cablepod.condensed._kernels_closure import MAX_ITERATIONS
 from cablepod.condensed._kernels_dense import _solve
-from cablepod.condensed._kernels_drag import _add_drag, _add_tension_damping
+from cablepod.condensed._kernels_drag import _add_drag, _add_tension_damping, _extrapolate_drag
 from cablepod.condensed._kernels_layout import (
     LINK_FORCE,
     LINK_ROWS,
@@ -207,7 +207,7 @@ def _link_tensions(
 
 @compiled
 def leading_verlet(
-    q, v, step, damping_factor, impulse, v_before, tension_damping, wind, samples_per_second, drag, drag_shapes,
+    q, v, step, damping_factor, impulse, v_before, tension_damping, wind, samples_per_second, drag, drag_shapes, hold, held,
     boundary_data, stiffness, length, kappa, test_stiffness_defect, mean_chordwise_forces, geometric_stiffness,
     load_projection, geometric_stiffness_norms, chordwise_forces_at_candidates, slopes, n_in_plane,
     chordwise_force_patterns, begin, output_steps, saved, half_step_rates, low, high, monitor, tension_series,
@@ -227,6 +227,9 @@ def leading_verlet(
     wind, samples_per_second, drag, drag_shapes
         Wind with its sampling from the start of the run on [1/s], weights, and shapes, slopes and test functions (3, points, r)
         of :func:`cablepod.condensed._kernels_drag._add_drag`; None without.
+    hold, held
+        Number of steps from one evaluation of the drag to the next; accelerations by it until then, and at the last three
+        evaluations (4, r), changed; None without wind.
     boundary_data
         See :func:`cablepod.condensed._kernels_frame.frames`; one row for each step.
     stiffness, length
@@ -264,10 +267,17 @@ def leading_verlet(
         if tension_damping is not None:
             _add_tension_damping(u, boundary_data, i, chord_tension, kappa, geometric_stiffness, tension_damping, f)
         if wind is not None:
-            _add_drag(
-                q, u, boundary_data[i, 0] / length, None, wind, (begin + i) * step * samples_per_second, drag,
-                drag_shapes[0], drag_shapes[1], drag_shapes[2], n_in_plane, None, None, f,
-            )  # fmt: skip
+            if (begin + i) % hold == 0:
+                held[1] = 0.0
+                _add_drag(
+                    q, u, boundary_data[i, 0] / length, None, wind, (begin + i) * step * samples_per_second, drag,
+                    drag_shapes[0], drag_shapes[1], drag_shapes[2], n_in_plane, None, None, held[1],
+                )  # fmt: skip
+                if begin + i == 0:  # the drag before the start is that of the start
+                    held[2], held[3] = held[1], held[1]
+                _extrapolate_drag(hold, held)
+            for j in range(q.size):
+                f[j] += held[0, j]
         _monitor_step(
             begin + i, q, boundary_data, i, chord_tension, kappa, geometric_stiffness_norms,
             chordwise_forces_at_candidates, stiffness, length, monitor,

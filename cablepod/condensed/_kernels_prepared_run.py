@@ -167,8 +167,8 @@ def leading_run(
             v[i] = factors[1] * rates[i] - factors[3] * f[i]
     none, no_links = np.empty(0), np.empty((PATTERNS, 0))
     leading_verlet(
-        q, v, step, factors[0], factors[2], None, None, None, None, None, None, boundary_data, stiffness, length, kappa, None,
-        by_pattern[MEANS],
+        q, v, step, factors[0], factors[2], None, None, None, None, None, None, None, None, boundary_data, stiffness, length,
+        kappa, None, by_pattern[MEANS],
         coefficients.geometric_stiffness, projection, by_pattern[NORMS], by_pattern[AT_CANDIDATES:].T.copy(),
         np.empty((r, 0)), sizes[IN_PLANE], no_links, begin, output_steps, saved, half_step_rates, none, none, monitor,
         np.empty((output_steps.size, 0)),

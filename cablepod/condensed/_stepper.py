@@ -50,9 +50,13 @@ class CondensedStepper:
         damping = model.chain.p.tension_damping
         #: Rates one and a half steps before the start, damping by the tension, and wind; None for absent terms.
         self._velocity_terms: tuple[Any, ...] = (None,) * 6
+        #: Number of steps over which the drag is held, and its evaluations (4, r); None without wind.
+        self._held_drag: tuple[Any, ...] = (None, None)
         if damping is not None or run.air is not None:
             before = 3.0 * self.v - 2.0 * run.start.rates  # the prediction at the start gives the rates there
             self._velocity_terms = (before, damping, *((None,) * 4 if run.air is None else run.air.arguments))
+        if run.air is not None and run.leading:
+            self._held_drag = (run.air.hold(run.start.chord_tension, self.step), np.zeros((4, len(model.shapes))))
         self.previous_acceleration = self.acceleration.copy()
         # the kernels compare frequencies of the modes, without the amplification by test functions
         limit = run.stable_phase**2 * steps_per_second**2 / model.frequency_amplification
@@ -78,7 +82,8 @@ class CondensedStepper:
     @property
     def changed(self) -> tuple[np.ndarray, ...]:
         """All arrays that a step changes."""
-        return self.q, self.v, self.acceleration, self.previous_acceleration, self.stretch, self.monitor
+        of_drag = [array for array in (self._velocity_terms[0], self._held_drag[1]) if array is not None]
+        return self.q, self.v, self.acceleration, self.previous_acceleration, self.stretch, self.monitor, *of_drag
 
     def _initial_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return q, rates (explicit: half a step before the start), accelerations (r,), and chordwise stretch (2, m)."""
@@ -127,7 +132,8 @@ class CondensedStepper:
             from cablepod.condensed import _kernels_leading as kernel
 
             kernel.leading_verlet(
-                self.q, self.v, self.step, *self._damping_factors, *self._velocity_terms, boundary_data, *rest,
+                self.q, self.v, self.step, *self._damping_factors, *self._velocity_terms, *self._held_drag, boundary_data,
+                *rest,
                 tension_series,
             )  # fmt: skip
             return None
