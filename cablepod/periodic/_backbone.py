@@ -16,7 +16,7 @@ from cablepod.periodic import _fields as fields
 from cablepod.periodic import _output as output
 from cablepod.periodic._continuation import AMPLITUDE, SLACK
 from cablepod.periodic._forcing import Forcing, refuse_wind, unforced
-from cablepod.periodic._members import each_member
+from cablepod.periodic._members import one_member
 from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._solve import MIN_HARMONICS, MORE_HARMONICS, TAIL_RTOL, Solver, State
 
@@ -82,17 +82,16 @@ def backbone(
     integer(least=1)("mode", mode)
     number(above=0.0)("amplitude", amplitude)
 
-    def one(scene: xr.Dataset) -> xr.Dataset:
-        p = Members(scene)[0]
-        refuse_wind(p)
-        forcing = Forcing(unforced(p), 1.0, 0.0, "m")
-        model = PeriodicModel.of(forcing, modes, rank=rank, order="leading", out_of_plane=True)
-        if mode > model.n_in_plane:
-            raise scene_error("mode", mode, f"at most {model.n_in_plane}, the number of modes in the plane")
-        return _Backbone(model, int(mode), float(amplitude)).result(motion)
-
+    one_member(scene, "backbone")
+    p = Members(scene)[0]
+    refuse_wind(p)
+    forcing = Forcing(unforced(p), 1.0, 0.0, "m")
+    model = PeriodicModel.of(forcing, modes, rank=rank, order="leading", out_of_plane=True)
+    if mode > model.n_in_plane:
+        raise scene_error("mode", mode, f"at most {model.n_in_plane}, the number of modes in the plane")
+    result = _Backbone(model, int(mode), float(amplitude)).result(motion)
     parameters = {"mode": int(mode), "amplitude": float(amplitude), "rank": rank, "motion": motion}
-    return output.record(each_member(scene, one), "periodic.backbone", scene, modes, parameters)
+    return output.record(result, "periodic.backbone", scene, modes, parameters)
 
 
 class _Backbone:

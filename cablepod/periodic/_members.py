@@ -57,7 +57,10 @@ def one_member(scene: xr.Dataset, function: str) -> None:
 
 
 def each_member(scene: xr.Dataset, one: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:
-    """Compute a scene, or each of its members one by one; members that fail hold nan and their reason in ``failure``."""
+    """Compute a scene, or each of its members one by one.
+
+    Members that fail hold nan or no text, and their reason in ``failure``.  Lists of edges are filled up to the longest one.
+    """
     members = Members(scene)
     if "member" not in scene.dims:
         return one(scene)
@@ -70,27 +73,46 @@ def each_member(scene: xr.Dataset, one: Callable[[xr.Dataset], xr.Dataset]) -> x
         except (SceneError, RunStopped) as error:
             results.append(None)
             reasons.append(str(error))
-    first = next((result for result in results if result is not None), None)
-    if first is None:
+    found = _of_equal_size([result for result in results if result is not None])
+    if not found:
         raise SceneError(
             f"scene: given no member with a result ({reasons[0]}); allowed: members with periodic responses"
         )
-    empty = first.copy(
-        data={
-            name: np.full_like(v.values, np.nan) if v.dtype.kind == "f" else v.values
-            for name, v in first.data_vars.items()
-        }
+    blank = {"f": np.nan, "U": "", "b": False}
+    empty = found[0].copy(
+        data={name: np.full_like(v.values, blank.get(v.dtype.kind, 0)) for name, v in found[0].data_vars.items()}
     )
-    joined = xr.concat([empty if result is None else result for result in results], "member", join="override")
+    of_points = "failure" in empty  # of the points of a map
+    rest = iter(found)
+    parts = []
+    for result, reason in zip(results, reasons, strict=True):
+        part = empty if result is None else next(rest)
+        if of_points and reason:
+            part = part.assign(failure=(part["failure"].dims, np.full(part["failure"].shape, reason)))
+        parts.append(part)
+    joined = xr.concat(parts, "member", join="override")
     varied = {
         str(name): variable
-        for name, variable in scene.coords.items()
+        for name, variable in scene.variables.items()
         if variable.dims == ("member",) and name != "member"
     }
     joined = joined.assign_coords(
         member=scene["member"] if "member" in scene.coords else np.arange(len(members)), **varied
     )
-    joined["failure"] = ("member", np.array(reasons))
-    joined["failure"].attrs.update(units="1", long_name="reason why the member has no result")
+    if not of_points:
+        joined["failure"] = ("member", np.array(reasons))
+        joined["failure"].attrs.update(units="1", long_name="reason why the member has no result")
     joined["member"].attrs.update(units="1", long_name="number of the member of an ensemble")
     return joined
+
+
+def _of_equal_size(results: list[xr.Dataset]) -> list[xr.Dataset]:
+    """Fill lists of edges up to the longest one, with nan and empty text."""
+    most = max((result.sizes.get("edge", 0) for result in results), default=0)
+    if not any("edge" in result.dims for result in results):
+        return results
+    number = np.arange(1, most + 1)
+    text = {name: "" for name, v in results[0].data_vars.items() if "edge" in v.dims and v.dtype.kind == "U"}
+    fill = text | {name: np.nan for name, v in results[0].data_vars.items() if "edge" in v.dims and name not in text}
+    filled = [result.reindex(edge=number, fill_value=fill) for result in results]
+    return [result.assign({name: result[name].astype("U15") for name in text}) for result in filled]

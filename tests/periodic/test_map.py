@@ -102,6 +102,39 @@ def test_without_tension_damping_both_maps_agree(monkeypatch):
         assert general[name].values == pytest.approx(compiled[name].values, abs=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("cable.top_tension", [9e3, 15e3]),
+        ("ends.upper.x", [20.4, 30.0]),
+        ("damping.mass_proportional", [0.03, 3e3]),  # nothing is left of a disturbance by the second one
+    ],
+)
+def test_members_have_the_maps_of_single_scenes(key, values, tmp_path):
+    scene = guy(damping=0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    members = cp.ensemble.design(scene, {key: values}, members=2, sampling="grid")
+    grid = {"frequency": np.linspace(12.2, 12.8, 5), "amplitude": np.array([0.002, 0.005])}
+    found = cp.periodic.stability_map(members, modes, **grid)
+    for k in range(2):
+        here = found.isel(member=k)
+        if values[k] == 3e3:
+            with pytest.raises(cp.RunStopped) as stopped:
+                cp.periodic.stability_map(members.isel(member=k), modes, **grid)
+            assert (here.failure == str(stopped.value)).all()
+            assert here.growth_in_plane.isnull().all()
+            assert (here.kind == "").all()
+            continue
+        alone = cp.periodic.stability_map(members.isel(member=k), modes, **grid)
+        count = alone.sizes["edge"]
+        for name, value in alone.data_vars.items():
+            part = here[name].isel(edge=slice(count)) if "edge" in value.dims else here[name]
+            assert np.array_equal(part.values, value.values, equal_nan=value.dtype.kind == "f"), name
+        assert here.edge_angular_frequency.isel(edge=slice(count, None)).isnull().all()
+    assert np.array_equal(found[key.replace(".", "_")].values, values)
+    cp.archive.write(found, tmp_path / "map.nc")
+
+
 def test_a_map_depends_neither_on_threads_nor_on_its_extent(monkeypatch):
     scene = guy(damping=0.05)
     modes = cp.condensed.vibration_modes(scene, rank=2)

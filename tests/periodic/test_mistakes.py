@@ -143,6 +143,8 @@ def test_members_are_refused_where_branches_are_followed(modes):
     members = cp.ensemble.design(scene(), {"cable.top_tension": [8e3, 15e3]}, members=2, sampling="grid")
     with pytest.raises(SceneError, match=r"^scene: given 2 members"):
         cp.periodic.frequency_response(members, modes, frequency=(4.0, 8.0))
+    with pytest.raises(SceneError, match=r"^scene: given 2 members"):
+        cp.periodic.backbone(members, modes, amplitude=0.1)
 
 
 @pytest.mark.parametrize(
