@@ -78,6 +78,18 @@ def test_whirling_leaves_at_one_pitchfork_and_comes_back_at_another(whirling):
     assert set(response.bifurcation_kind.values) <= KINDS
 
 
+def test_a_whirling_branch_between_two_pitchforks_is_closed():
+    scene = guy(damping=0.09)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    response = cp.periodic.frequency_response(
+        scene, modes, frequency=(12.4, 12.9), follow=("whirling",), outputs=()
+    )  # fmt: skip
+    assert response.attrs["branch_1_ended"] == "range"
+    assert response.attrs["branch_2_ended"] == "loop"
+    assert set(response.branch.values) == {1, 2}  # the second pitchfork leads to it too
+    assert list(response.leads_to.values[response.bifurcation_kind.values == "pitchfork"]) == [2, 2]
+
+
 def test_bifurcations_are_those_of_another_package():
     types = {"LP": "fold", "BP": "pitchfork", "PD": "period_doubling"}
     lines = (ROOT / "data" / "auto07p.csv").read_text(encoding="utf-8").splitlines()
@@ -90,6 +102,38 @@ def test_bifurcations_are_those_of_another_package():
     # found 1e-9, at branch points 2e-8, which the other package locates to that
     frequency = [float(value) for _, value in rows]
     assert main.bifurcation_angular_frequency.values == pytest.approx(frequency, rel=1e-7)
+
+
+#: Bifurcations of chains, extrapolated in their links, of the guy whose top moves by 3 mm along the chord
+#: (pipelines/periodic/run.py --case chord): angular frequency [rad/s].
+OF_THE_CHAIN = {
+    ("pitchfork", "out_of_plane"): (6.27265, 6.41544),
+    ("fold", "in_plane"): (6.92658, 6.45285),
+    ("period_doubling", "out_of_plane"): (12.25339, 12.65858),
+    ("period_doubling", "in_plane"): (12.38056, 12.78678),
+}
+
+
+def test_bifurcations_are_those_of_the_chain_extrapolated_in_its_links():
+    mapping = copy.deepcopy(GUY)
+    mapping["damping"]["mass_proportional"] = 0.05
+    length = np.hypot(20.4, 57.7)
+    mapping["motion"]["upper"] = {
+        axis: {"kind": "harmonic", "amplitude": 0.003 * along / length, "angular_frequency": 9.5}
+        for axis, along in (("x", 20.4), ("y", 57.7))
+    }
+    scene = cp.make_scene(mapping)
+    modes = cp.condensed.vibration_modes(scene, rank=2, links=320)  # their own error, of links, is 4e-6
+    for rank in (1, 2):
+        response = cp.periodic.frequency_response(
+            scene, modes, frequency=(5.0, 14.0), rank=rank, follow=(), outputs=()
+        )  # fmt: skip
+        main = response.isel(bifurcation=response.bifurcation_branch.values == 1)
+        assert main.sizes["bifurcation"] == 8
+        for (kind, which), expected in OF_THE_CHAIN.items():
+            here = (main.bifurcation_kind.values == kind) & (main.bifurcation_set.values == which)
+            # found 1.2e-4: terms of higher order in slopes, modes that are left out
+            assert main.bifurcation_angular_frequency.values[here] == pytest.approx(expected, rel=2e-4)
 
 
 def test_points_end_a_branch_and_are_the_limit_of_all():

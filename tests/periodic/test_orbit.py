@@ -116,10 +116,8 @@ def test_the_amplitude_of_the_parametric_response():
     assert float(last.angular_frequency) == pytest.approx(forcing)
     delta = (forcing / (2.0 * omega)) ** 2 - 1.0
     square = delta + 0.5 * np.sqrt(epsilon**2 - 16.0 * zeta**2 * (forcing / (2.0 * omega)) ** 2)
-    # (3/4) beta a^2 with beta a^2 = (EA/T0) (pi a / l)^2 / 4, times the factor of the slopes L0 / chord
-    stretch = 1.0 + TENSION / STIFFNESS
-    beta = 0.25 * STIFFNESS / TENSION * (np.pi / 60.0) ** 2 / stretch**-2 / stretch
-    beta *= 60.0 / np.pi * np.sqrt(2.0) * 0.0 + 1.0
+    # (3/4) beta a^2 with beta a^2 = (EA/T0) (pi a / l)^2 / 4, times chord / L0
+    beta = 0.25 * STIFFNESS / TENSION * (np.pi / 60.0) ** 2 * (1.0 + TENSION / STIFFNESS)
     a = float(last.deflection_maximum)
     # one harmonic: the next holds a share of the square of the detuning, 1e-4; links of (pi / 40)^2 / 24
     assert a == pytest.approx(np.sqrt(square / 0.75 / beta), rel=1e-3)
