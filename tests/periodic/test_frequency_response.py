@@ -114,6 +114,7 @@ OF_THE_CHAIN = {
 }
 
 
+@pytest.mark.slow
 def test_bifurcations_are_those_of_the_chain_extrapolated_in_its_links():
     mapping = copy.deepcopy(GUY)
     mapping["damping"]["mass_proportional"] = 0.05
