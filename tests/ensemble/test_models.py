@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pytest
 from scenes import full_modes
+from suite import slow
 
 import cablepod as cp
 from cablepod import conventions
@@ -72,10 +73,10 @@ def test_each_model_gives_its_single_runs(soft, tmp_path, model):
     [
         ("chain", {"outputs": ("tension_extremes",), "window": (0.1, 1.0)}),
         ("chain", {"scheme": "generalized_alpha", "step": 4e-3}),
-        ("cable", {}),
+        slow("cable", {}),
         ("rigid", {}),
         ("galerkin", {}),
-        ("condensed", {}),
+        slow("condensed", {}),
     ],
 )
 def test_attributes_that_become_variables_have_units_and_a_name(soft, model, options):
