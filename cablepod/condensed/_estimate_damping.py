@@ -53,6 +53,7 @@ def _damping_by_tension(
     The error is damped as its slowest mode, with the mean of H, by which faster modes are damped too little.
     """
     p, length = equation.chain.p, equation.chain.total_length
+    beta = p.tension_damping or 0.0
     change, kappa, mean_forces, _, coupled, _ = equation.arguments[2]
     loads = boundary_data[:, 1 : 1 + mean_forces.size]
     sag = 0.5 * (q @ change.T) ** 2 @ kappa
@@ -61,5 +62,5 @@ def _damping_by_tension(
     for load, stiffness in zip(loads.T, coupled, strict=True):
         forces += load[:, None] * (rates @ stiffness.T)
     forces[chord_tension <= 0.0] = 0.0
-    damping = p.tension_damping * max(float(chord_tension.mean()), 0.0) * float(kappa.min())
-    return -p.tension_damping * forces, damping
+    damping = beta * max(float(chord_tension.mean()), 0.0) * float(kappa.min())
+    return -beta * forces, damping

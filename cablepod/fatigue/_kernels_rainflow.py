@@ -53,9 +53,9 @@ def cycles(series, stack, values, start, end, half, inverse_scale, exponent):
         last, turns = min(i + BLOCK, n), 0
         while i < last:
             new = series[i]
-            change = np.int64(new > before) - np.int64(new < before)
+            change = int(new > before) - int(new < before)
             places[turns] = i - 1  # counts if the series turns there
-            turns += np.int64(change * direction < 0)
+            turns += int(change * direction < 0)
             direction = change if change != 0 else direction
             before = new
             i += 1
