@@ -241,6 +241,16 @@ class PeriodicModel:
         """Rate that the steps of the scheme for multipliers resolve, without dimension."""
         return max(self.highest_frequency, 0.5 * self.damping)
 
+    @cached_property
+    def slowest_decay(self) -> float:
+        """Rate at which the slowest disturbance about rest decays, without dimension; 0 without damping by the tension."""
+        if not self.tension_damping:
+            return 0.0
+        squared = np.maximum(np.linalg.eigvalsh(self.tangent_at_rest), 0.0) / self.scales[0] ** 2
+        half = 0.5 * (self.damping + self.tension_damping * squared)
+        root = np.sqrt(np.maximum(half**2 - squared, 0.0))
+        return float((half - root).min())
+
     def check_period(self, duration: float) -> None:
         """Stop where a period without dimension is too long for multipliers.
 
@@ -258,6 +268,11 @@ class PeriodicModel:
             raise RunStopped(
                 f"damping by mass of {self.damping * self.scales[0]:.3g} 1/s leaves nothing of a disturbance after a period "
                 f"of {duration / self.scales[0]:.3g} s; try less damping, or a higher frequency of the forcing"
+            )
+        if duration * self.slowest_decay > MAX_DECAY:
+            raise RunStopped(
+                f"damping by the tension of {self.tension_damping / self.scales[0]:.3g} s leaves nothing of a disturbance after "
+                f"a period of {duration / self.scales[0]:.3g} s; try less damping, or a higher frequency of the forcing"
             )
 
     @cached_property

@@ -152,6 +152,12 @@ def test_members_are_refused_where_branches_are_followed(modes):
     [
         (with_motion(kind="harmonic", amplitude=0.003, angular_frequency=1e-3), "a period of 6.28e+03 s is too long"),
         (lambda mapping: mapping["damping"].update(mass_proportional=3000.0), "damping by mass of 3e+03 1/s"),
+        (
+            lambda mapping: (
+                mapping["damping"].update(tension_proportional=1e-3) or mapping["cable"].update(area=1.25e-8)
+            ),
+            "damping by the tension of 0.001 s",
+        ),
     ],
 )
 def test_periods_that_multipliers_do_not_survive_stop_with_a_reason(change, message, modes):
