@@ -59,6 +59,9 @@ def datasets(spatial: bool = False) -> dict[str, xr.Dataset]:
         "mast": cp.make_scene(MAST),
         "mast frequencies": cp.mast.frequencies(cp.make_scene(MAST), count=4),
         "mast run": cp.mast.simulate(cp.make_scene(MAST), step=0.02),
+        "mast motion": cp.mast.simulate(
+            cp.make_scene(MAST), step=0.02, outputs=("displacement", "guy_position", "guy_tension")
+        ),
         "prepared": cp.condensed.prepare(scene, normal).dataset(),
         "orbit": cp.periodic.orbit(scene, normal, rank=1),
         "response": cp.periodic.frequency_response(scene, normal, rank=1, frequency=(1.9, 2.1), points=5),
@@ -98,6 +101,7 @@ CALLS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "periodic.stability_map": (("scene", "normal modes"), {"frequency": [1.0], "amplitude": [0.05]}),
     "plots.amplitudes": (("condensed",), {}),
     "plots.animate": (("chain", "condensed"), {}),
+    "plots.animate_mast": (("mast motion",), {"frames": 2}),
     "plots.bending_moments": (("mast run",), {}),
     "plots.guy_tensions": (("mast run",), {}),
     "plots.mast_shapes": (("mast frequencies",), {}),

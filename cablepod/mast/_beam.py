@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from cablepod.parameters._mast import MastParameters
 
 #: Points of Gauss quadrature of an element: products of cubic shapes with a linear axial force are exact.
 GAUSS_POINTS = 4
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(GAUSS_POINTS)
 #: Columns of the sections of :class:`MastParameters`.
 BOTTOM, TOP, BENDING_STIFFNESS, MASS, DRAG_AREA = range(5)
 #: Directions of the displacement: x and z.
@@ -81,12 +80,12 @@ class Beam:
     @cached_property
     def _places(self) -> np.ndarray:
         """Heights of the quadrature points (element, point) [m]."""
-        return self.height[:-1, None] + 0.5 * self.length[:, None] * (1.0 + NODES)
+        return self.height[:-1, None] + 0.5 * self.length[:, None] * (1.0 + _gauss()[0])
 
     def _assembled(self, derivative: int, values: np.ndarray) -> np.ndarray:
         """Integrate values (element, point) times products of derivatives of the shapes, for all unknowns of one direction."""
         shapes = self._shapes(derivative)
-        blocks = (shapes * (0.5 * self.length[:, None] * WEIGHTS * values)[:, None]) @ np.swapaxes(shapes, 1, 2)
+        blocks = (shapes * (0.5 * self.length[:, None] * _gauss()[1] * values)[:, None]) @ np.swapaxes(shapes, 1, 2)
         matrix = np.zeros((2 * self.height.size, 2 * self.height.size))
         for e, block in enumerate(blocks):
             matrix[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += block
@@ -96,7 +95,7 @@ class Beam:
         """Return a derivative of the shapes at the quadrature points (element, 4, point)."""
         if derivative not in self._kept_shapes:
             self._kept_shapes[derivative] = np.array(
-                [hermite(0.5 * (1.0 + NODES), s, derivative) for s in self.length.tolist()]
+                [hermite(0.5 * (1.0 + _gauss()[0]), s, derivative) for s in self.length.tolist()]
             )
         return self._kept_shapes[derivative]
 
@@ -141,6 +140,11 @@ class Beam:
         """Drag coefficient times area that each node carries (node,) [m2]."""
         half = 0.5 * self.section[:, DRAG_AREA] * self.length
         return np.concatenate([half, [0.0]]) + np.concatenate([[0.0], half])
+
+
+@cache
+def _gauss() -> tuple[np.ndarray, np.ndarray]:
+    return np.polynomial.legendre.leggauss(GAUSS_POINTS)
 
 
 def beam_of(p: MastParameters) -> Beam:

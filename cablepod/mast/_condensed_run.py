@@ -53,11 +53,12 @@ class CondensedGuys:
     def rest(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates (guys, 2 r) at rest in the mean wind, and the forces on the mast there (guys, 3) [N]."""
         from cablepod.mast import _kernels_condensed as kernel  # numba is imported only to compute
+        from cablepod.mast._kernels_guys import AT_X, AT_Z
 
         guys, lanes = self.guys, self.lanes
         wind = None if self.air is None else steady_along_guys(self.air, self.drag.count, lanes.size)
         ends = np.zeros((6, lanes.size))
-        ends[[kernel.AT_X, kernel.AT_Z], : guys.count] = guys.upper[:, [0, 2]].T
+        ends[[AT_X, AT_Z], : guys.count] = guys.upper[:, [0, 2]].T
         on_q, on_end = np.empty(lanes.kappa.shape), np.empty((3, lanes.size))
 
         def forces(q: np.ndarray) -> np.ndarray:
@@ -180,6 +181,7 @@ class CondensedGuys:
             If the motion leaves the finite numbers or stiffens beyond the stability limit.
         """
         from cablepod.mast import _kernels_condensed as kernel
+        from cablepod.mast._kernels_guys import LARGEST_KAPPA
 
         mast, step, lanes, count = self.mast, request.step, self.lanes, self.guys.count
         matrices, fitted, phase = self.scheme(step)
@@ -190,7 +192,7 @@ class CondensedGuys:
         coordinates, forces = self.rest
         alpha = mast.rest.p.mass_damping
         numbers = lanes.numbers.copy()
-        numbers[kernel.LARGEST_KAPPA, :count] = (self.guys.kappa * fitted).max(axis=1, initial=0.0)
+        numbers[LARGEST_KAPPA, :count] = (self.guys.kappa * fitted).max(axis=1, initial=0.0)
         drive = drive_of(mast, self.air, request)
         constant = drive.constant - np.einsum("gi,gia->a", forces[:, [0, 2]], mast.guy_rows)
         wind = None if self.air is None else along_guys(self.air, self.drag.count, lanes.size)
@@ -257,7 +259,7 @@ class Lanes:
     """Arrays of the guys for the kernel: guys last, padded to whole groups of lanes, modes too."""
 
     def __init__(self, model: CondensedGuys) -> None:
-        from cablepod.mast import _kernels_condensed as kernel
+        from cablepod.mast import _kernels_guys as kernel
 
         guys, self.rank = model.guys, model.rank
         self.count, self.size = guys.count, -(-max(guys.count, 1) // LANES) * LANES

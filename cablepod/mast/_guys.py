@@ -20,8 +20,6 @@ from cablepod.wind._turbulence import direction_of
 
 #: Points along a guy for the mean drag, and passes with the shape in the wind.
 POINTS, PASSES = 41, 3
-#: Quadrature of the compliance along a guy.
-STIFFNESS_PLACES, STIFFNESS_WEIGHTS = _gauss()
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +94,12 @@ class GuyStatics:
         start = np.arcsinh(low / force)
         ratio = np.minimum(hanging / (lower + top)[curved], 1.0 - 1e-16)
         angle = np.where((low < 0.0) & (high > 0.0), np.arcsinh(high / force) - start, 2.0 * np.arctanh(ratio))
-        u = start[:, None] + angle[:, None] * STIFFNESS_PLACES
+        places, weights = _gauss()
+        u = start[:, None] + angle[:, None] * places
         sine, cosine = np.tanh(u), 1.0 / np.cosh(u)
         part, elastic = angle / load, (self._length / self._spring)[curved]
-        mixed = -part * ((sine * cosine) @ STIFFNESS_WEIGHTS)
-        a, b = elastic + part * (sine**2 @ STIFFNESS_WEIGHTS), elastic + part * (cosine**2 @ STIFFNESS_WEIGHTS)
+        mixed = -part * ((sine * cosine) @ weights)
+        a, b = elastic + part * (sine**2 @ weights), elastic + part * (cosine**2 @ weights)
         inverse = 1.0 / (a * b - mixed * mixed)
         across, against = self._across[curved], self._against[curved]
         third = np.cross(across, against)

@@ -42,7 +42,7 @@ def animate_mast(
     run
         Result of :func:`cablepod.mast.simulate` with the outputs "displacement", "guy_position" and "guy_tension".
     scale
-        Factor of the displacements of the mast and of the deflections of the guys from their chords; by default the largest
+        Factor of the displacements of the mast and of the deflections of the guys from their mean; by default the largest
         displacement is drawn as a twentieth of the height.
     frames
         Maximum number of frames, evenly spread over the instants; 600 by default.
@@ -92,7 +92,9 @@ def animate_mast(
     straight = position[:, :, -1:].copy()
     straight[..., (0, 2)] = 0.0
     ends = straight + scale * (position[:, :, -1:] - straight)
-    drawn = position[:, :, :1] + sigma * (ends - position[:, :, :1]) + scale * (position - chord)
+    deflection = position - chord
+    sag = deflection.mean(axis=0)
+    drawn = position[:, :, :1] + sigma * (ends - position[:, :, :1]) + sag + scale * (deflection - sag)
     ax = private_axes() if ax is None else ax
     across, up = _projected(shape)
     guy_across, guy_up = _projected(drawn)
@@ -106,7 +108,7 @@ def animate_mast(
     for name, parts in (("x", (across, guy_across)), ("y", (up, guy_up))):
         low, high = min(float(part.min()) for part in parts), max(float(part.max()) for part in parts)
         getattr(ax, f"set_{name}lim")(low - 0.05 * (high - low), high + 0.1 * (high - low))
-    ax.set(xlabel="[m]", ylabel=f"[m], displacements {scale:.3g} times", aspect="equal")
+    ax.set(xlabel="[m]", ylabel=f"[m], motion enlarged {scale:.3g} times", aspect="equal")
     ax.figure.colorbar(ScalarMappable(limits, "viridis"), ax=ax, label="tension [kN]", shrink=0.8)
 
     def show(i: int) -> None:

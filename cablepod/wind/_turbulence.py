@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cablepod.batch._blas import one_blas_thread
+from cablepod.errors import scene_error
 from cablepod.wind._profile import MIN_HEIGHT, mean_speed, spectra
 
 #: Number of frequencies at which the coherence is factorised; between them factors are linear in the frequency.
@@ -108,6 +109,8 @@ def _separations(
     along: np.ndarray,
 ) -> tuple[np.ndarray]:
     """Return the decay times of Davenport's coherence between all points (points, points) [s]."""
+    if np.size(turbulence["decay"]) != 2:
+        raise scene_error("wind.turbulence.decay", turbulence["decay"], "two numbers")
     vertical, horizontal = (float(decay) for decay in np.asarray(turbulence["decay"]))
     speed = np.maximum(mean_speed(wind, height), 1e-6 * max(float(wind["speed"]), 1e-300))
     level = position - along[:, None] * direction
