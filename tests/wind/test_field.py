@@ -8,6 +8,8 @@ from scipy.fft import next_fast_len
 from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
+from cablepod.parameters._from_scene import parameters
+from cablepod.wind import _air
 
 
 def scene(wind=None, **tables):
@@ -175,3 +177,24 @@ def test_members_vary_the_wind():
     assert fields.wind.dims == ("member", "time", "point", "component")
     alone = cp.wind.field(members.isel(member=1, drop=True))
     assert np.array_equal(fields.wind.isel(member=1), alone.wind)
+
+
+def test_scenes_of_equal_wind_share_the_turbulence_and_others_do_not():
+    def velocity(given):
+        return _air.air_of(parameters(given), 2.0).velocity
+
+    _air._kept_turbulence.cache_clear()
+    short = {"time": {"duration": 2.0, "interval": 0.5}}
+    first = velocity(scene(**short))
+    damped = velocity(scene(damping={"mass_proportional": 0.1}, **short))
+    assert _air._kept_turbulence.cache_info().hits == 1
+    np.testing.assert_array_equal(damped, first)
+    for other in (
+        scene({**KAIMAL, "speed": 24.0}, **short),
+        scene({**KAIMAL, "turbulence": {"spectrum": "kaimal", "seed": 8}}, **short),
+        scene(cable={**GUY["cable"], "top_tension": 14000.0}, **short),
+    ):
+        assert np.abs(velocity(other) - first).max() > 1e-6
+        direct = cp.wind.field(other).wind.values  # with nothing kept but phases
+        assert np.abs(velocity(other) - direct).max() < 1e-12
+    assert _air._kept_turbulence.cache_info().misses == 4  # that of the first and of each other scene
