@@ -18,10 +18,6 @@ from cablepod.periodic._solve import Solver, State, sets_of
 EDGE_RTOL = 1e-10
 
 
-class _NoOrbitError(Exception):
-    """Newton's method fails between two orbits."""
-
-
 def compute_general_map(
     base: PeriodicModel,
     models: list[PeriodicModel],
@@ -127,18 +123,19 @@ def _edge(solver: Solver, first: State, second: State, part: slice, kind: int) -
     most = max(first.harmonics, second.harmonics)
     first, second = first.resized(most), second.resized(most)
     way = second.z - first.z
+    failed = False
 
     def value(share: float) -> float:
         z = first.z + share * way
         state, _, iterations = solver.at_frequency(first.changed(z[:-1].reshape(-1, first.size), float(z[-1])))
         if iterations < 0:
-            raise _NoOrbitError
+            nonlocal failed
+            failed = True
+            return 0.0  # ends the search
         mu = solver.stability(state).multipliers[part]
         return float(_test(kind, mu.real.copy(), mu.imag.copy(), 2.0 * np.pi / state.omega))
 
-    try:
-        if not value(0.0) * value(1.0) < 0.0:
-            return None
-        return first.omega + way[-1] * float(brentq(value, 0.0, 1.0, xtol=EDGE_RTOL * first.omega / way[-1]))
-    except _NoOrbitError:
+    if not value(0.0) * value(1.0) < 0.0:
         return None
+    share = float(brentq(value, 0.0, 1.0, xtol=EDGE_RTOL * first.omega / way[-1]))
+    return None if failed else first.omega + way[-1] * share

@@ -91,7 +91,7 @@ def each_member(scene: xr.Dataset, one: Callable[[xr.Dataset], xr.Dataset]) -> x
             part = part.assign(failure=(part["failure"].dims, np.full(part["failure"].shape, reason)))
         parts.append(part)
     joined = xr.concat(parts, "member", join="override")
-    varied = {
+    varied: dict[str, Any] = {
         str(name): variable
         for name, variable in scene.variables.items()
         if variable.dims == ("member",) and name != "member"
