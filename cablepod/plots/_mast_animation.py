@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import Kind, taken
-from cablepod.errors import scene_error
+from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.plots import _style
 from cablepod.plots._animation import MOST_FRAMES, Animation, private_axes
@@ -75,10 +75,16 @@ def animate_mast(
     )
     if moved.shape[-1] != 3 or guys.shape[-1] != 3 or not moved.size or not guys.size:
         raise scene_error("run", guys.shape, MOVING.allowed)
+    for array in (moved, guys, tension):
+        if array.dtype.itemsize < 4:
+            raise SceneError(
+                f"run: given {array.name} of type {array.dtype}; allowed: float32 or float64, {MOVING.allowed}"
+            )
     count = min(MOST_FRAMES if frames is None else integer(least=1)("frames", frames), moved.sizes["time"])
     picked = np.unique(np.linspace(0, moved.sizes["time"] - 1, count).round().astype(int))
-    level = np.asarray(moved["level"].values, dtype=float)
-    displacement, position, force = moved.values[picked], guys.values[picked], 1e-3 * tension.values[picked]
+    level = _style.take("run", run, "level", ("level",), MOVING.allowed).values.astype(float)
+    displacement, position = (array.values[picked].astype(float) for array in (moved, guys))
+    force = 1e-3 * tension.values[picked].astype(float)
     if scale is None:
         scale = DRAWN * float(level[-1]) / max(float(np.abs(displacement).max()), 1e-12)
     else:

@@ -79,7 +79,7 @@ def test_condensed_guys_are_as_good_as_chains_after_a_pull():
     run = cp.mast.simulate(scene, rank=8, step=0.005)
     top = abs(run.displacement - chain.displacement).max() / abs(chain.displacement).max()
     assert float(top) < 0.001
-    assert rms(run, chain).max() < 0.01  # without the vertical reaction of the deflections' inertia 0.02
+    assert rms(run, chain).max() < 0.009  # 0.0104 without the vertical force of the deflections' inertia
     np.testing.assert_allclose(
         run.bending_moment_maximum, chain.bending_moment_maximum, atol=0.01 * float(chain.bending_moment_maximum.max())
     )
