@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import caching
+from numba.core import caching, types
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.registry import CPUDispatcher
 
 #: Sets of fast-math flags; none assumes finite numbers, so that tests for them keep their meaning.
 #: Products and sums in one instruction, where the machine has it.
@@ -94,8 +95,28 @@ class _Noalias(CompilerBase):
         return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
 
 
+class _ForAllIntegers(CPUDispatcher):
+    """Kernel that is compiled for the types of the integers that other kernels give it, not for their values."""
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return the signature of a call by another kernel."""
+        return super().get_call_template(
+            [_without_value(kind) for kind in args], {name: _without_value(kind) for name, kind in kws.items()}
+        )
+
+
+def _without_value(kind: Any) -> Any:
+    """Return the type of a literal integer, and every other type as it is."""
+    return types.unliteral(kind) if isinstance(kind, types.IntegerLiteral) else kind
+
+
 def compiled(
-    function: Callable[..., Any] | None = None, *, noalias: bool = False, counted: bool = True, **options: Any
+    function: Callable[..., Any] | None = None,
+    *,
+    noalias: bool = False,
+    counted: bool = True,
+    literal: bool = True,
+    **options: Any,
 ) -> Any:
     """Compile a kernel with the options that all share: cached, without the GIL, IEEE division; use as a decorator.
 
@@ -108,19 +129,25 @@ def compiled(
     counted
         Whether references to arrays are counted, which a kernel that makes arrays needs.  Of a short kernel with many views the
         counts are half of the time.
+    literal
+        Whether a literal integer that another kernel gives is a type of its own, for which the kernel is compiled anew, as numba
+        does.  False saves that for kernels that are called with many rows of a table.
     **options
         Further options of :func:`numba.njit`, such as ``inline`` and ``fastmath``.
     """
     if function is None:
-        return lambda kernel: compiled(kernel, noalias=noalias, counted=counted, **options)
+        return lambda kernel: compiled(kernel, noalias=noalias, counted=counted, literal=literal, **options)
     if noalias:
         options["pipeline_class"] = _Noalias
     if not counted:
         options["_nrt"] = False
+    options["no_cfunc_wrapper"] = True  # it takes a tenth of the compilation, and nobody calls a kernel from C
     config: Any = numba.config
     given, config.CACHE_LOCATOR_CLASSES = config.CACHE_LOCATOR_CLASSES, _LOCATORS
     try:  # numba reads it where a function with a cache is made, here and nowhere later
         kernel = numba.njit(cache=True, error_model="numpy", nogil=True, **options)(function)
+        if not literal and type(kernel) is CPUDispatcher:  # a plain function where numba is switched off
+            kernel.__class__ = _ForAllIntegers
         if isinstance(
             files := getattr(getattr(kernel, "_cache", None), "_cache_file", None), caching.IndexDataCacheFile
         ):

@@ -33,7 +33,7 @@ MAX_ITERATIONS = 25
 STALLED_RTOL = 1e-11
 
 
-@compiled
+@compiled(literal=False)
 def dot(s, a, i, b, j, spatial):
     """Return the inner product of the vectors in rows `a`, column `i` and rows `b`, column `j`."""
     total = s[a, i] * s[b, j] + s[a + 1, i] * s[b + 1, j]
@@ -48,7 +48,7 @@ def dimensions(spatial):
     return 2 if spatial is None else 3
 
 
-@compiled
+@compiled(literal=False)
 def link_vectors(s, links, spatial, position, unit):
     """Compute link vectors over lengths from the rows `position` into the rows `unit`."""
     for c in range(dimensions(spatial)):
@@ -56,7 +56,7 @@ def link_vectors(s, links, spatial, position, unit):
             s[unit + c, j] = (s[position + c, j + 1] - s[position + c, j]) * s[INVERSE_LENGTH, j]
 
 
-@compiled
+@compiled(literal=False)
 def link_forces(s, links, spatial, multiplier, unit):
     """Compute the forces of the links [N] from the multipliers in the row `multiplier`."""
     for c in range(dimensions(spatial)):
@@ -64,7 +64,7 @@ def link_forces(s, links, spatial, multiplier, unit):
             s[FORCE + c, j + 1] = s[multiplier, j] * s[unit + c, j]
 
 
-@compiled
+@compiled(literal=False)
 def length_error(s, links, spatial, unit):
     """Fill RIGHT with the constraints [m]; returns the maximum relative length error."""
     worst = 0.0
@@ -76,7 +76,7 @@ def length_error(s, links, spatial, unit):
     return worst
 
 
-@compiled
+@compiled(literal=False)
 def solve_tridiagonal(s, links, spatial, left, right):
     """Solve the tridiagonal system with constraint gradients `left`, force directions `right` and right side RIGHT.
 
@@ -140,7 +140,7 @@ def project_positions(s, links, spatial, factor, tolerance, counts):
     return NOT_CONVERGED
 
 
-@compiled
+@compiled(literal=False)
 def project_velocities(s, links, spatial, velocity, unit):
     """Project the velocities in the rows `velocity` so that they stretch no link, by impulses along the links.
 

@@ -63,7 +63,7 @@ from cablepod.rigid._kernels_terms import (
 )
 
 
-@compiled
+@compiled(literal=False)
 def index1_accelerations(s, links, spatial, velocity, unit, damping, stabilise):
     """Compute accelerations by the index-1 form from the velocities `velocity` and link vectors `unit` (rows).
 
@@ -98,7 +98,7 @@ def index1_accelerations(s, links, spatial, velocity, unit, damping, stabilise):
     return True
 
 
-@compiled
+@compiled(literal=False)
 def _stage(s, links, spatial, velocity, unit, ends, patterns, factors, i, damping, stabilise, weight, powers):
     """Compute accelerations at place `i` of the tables, and add the weighted powers [W] of loads, ends and damping."""
     moving = ends.shape[0] > 0

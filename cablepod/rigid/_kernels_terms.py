@@ -43,7 +43,7 @@ def load_accelerations(s, links, spatial, patterns, factors):
                 s[LOAD + c, j] += factor * patterns[load, c, j]
 
 
-@compiled
+@compiled(literal=False)
 def set_ends(s, links, spatial, row, ends):
     """Put values (end, dims) of the held ends into the rows from `row` on."""
     for c in range(dimensions(spatial)):
@@ -53,7 +53,7 @@ def set_ends(s, links, spatial, row, ends):
             s[row + c, links] = ends[1, c]
 
 
-@compiled
+@compiled(literal=False)
 def end_work(s, links, spatial, multiplier, unit, row):
     """Return the forces of the held ends times the vectors in the rows from `row` on: power, or work."""
     total = 0.0
@@ -65,7 +65,7 @@ def end_work(s, links, spatial, multiplier, unit, row):
     return total
 
 
-@compiled
+@compiled(literal=False)
 def kinetic_energy(s, links, spatial, velocity):
     """Return the kinetic energy [J] of the velocities in the rows `velocity`."""
     total = 0.0
@@ -107,7 +107,7 @@ def update_extremes(s, links):
         s[HIGH, j] = max(s[HIGH, j], s[CORRECTION, j])
 
 
-@compiled
+@compiled(literal=False)
 def copy_vectors(s, links, spatial, source, target):
     """Copy the vectors in the rows `source` to the rows `target`."""
     for c in range(dimensions(spatial)):
@@ -115,7 +115,7 @@ def copy_vectors(s, links, spatial, source, target):
             s[target + c, j] = s[source + c, j]
 
 
-@compiled
+@compiled(literal=False)
 def save_state(s, links, save, saved):
     """Save positions and velocities as number `save`."""
     dims = saved.shape[2]

@@ -106,3 +106,28 @@ def test_options_of_users_stay(monkeypatch):
 
     assert before == numba.config.CACHE_LOCATOR_CLASSES
     assert kernel(2.0) == 2.0
+
+
+INTEGERS = """
+from cablepod._jit import compiled
+
+
+@compiled(literal=False)
+def inner(x, row, scale):
+    if scale is None:
+        return x + row
+    return scale * (x + row)
+
+
+@compiled
+def outer(x, rows):
+    return inner(x, 1, None) + inner(x, 2, None) + inner(x, row=3, scale=2.0) + inner(x, rows, None)
+"""
+
+
+def test_a_kernel_is_compiled_once_for_all_integers_and_anew_for_none(tmp_path):
+    (tmp_path / "_kernels_integers.py").write_text(INTEGERS)
+    code = "import _kernels_integers as k; print(k.outer(0.5, 4), len(k.inner.signatures))"
+    done = run_python("-c", code, timeout=120, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["15.5", "2"]  # 1.5 + 2.5 + 2 * 3.5 + 4.5
