@@ -86,6 +86,7 @@ def test_it_survives_being_killed(soft, tmp_path):
     goes_on(folder, soft)
 
 
+@pytest.mark.slow
 def test_it_survives_an_interrupt(soft, ctrl_c, tmp_path):
     folder = tmp_path / "it"
     process = start(folder, tmp_path)
