@@ -119,7 +119,7 @@ def condensed_run(
         Loads on the modes (loads, modes) and their factors (loads, steps + 1), or None.
     samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, guy_wind, guy_drag, sigma, shapes, slopes
         Wind: samples in a step and weights between them, at the nodes of the mast (samples, 2 nodes) and along the guys (samples,
-        3 points lanes) [m/s], see :func:`_mast_drag` and :func:`_guy_drag`; None without wind.
+        3 points lanes) [m/s], see ``_kernels_mast`` and ``_kernels_guys``; None without wind.
     saved, saved_rates, saved_coordinates, saved_force, saved_tension
         Filled at the outputs: modal coordinates, rates half a step before and after, coordinates of the guys and such rates
         (or without rows), force on the mast and tension of each guy.
