@@ -28,6 +28,7 @@ class MemberResults:
         self.failures: list[Exception | None] = [None] * count
         self.shapes: list[dict[str, tuple[int, ...]]] = [{}] * count
         self.done = 0
+        self._first_with: dict[tuple[str, ...], int] = {}  # first member with these attributes
         self._lock = threading.Lock()
 
     def rows(self, first: int, last: int, name: str, dims: tuple[str, ...], shape: tuple[int, ...]) -> np.ndarray:
@@ -46,8 +47,10 @@ class MemberResults:
         for name, (_, values) in variables.items():
             if self.variables[name][1].shape[1:] == self.shapes[i][name]:
                 self.variables[name][1][i] = values
-        for name, value in attrs.items():
-            with self._lock:
+        with self._lock:
+            names = tuple(attrs)
+            self._first_with[names] = min(i, self._first_with.get(names, i))
+            for name, value in attrs.items():
                 self.attrs.setdefault(name, [None] * self.count)[i] = value
 
     def store_chunk(
@@ -93,10 +96,19 @@ class MemberResults:
                 f"{self.shapes[different[0]].get(name)}; allowed: one shape for all, member {successful[0]} has {first[name]}"
             )
 
+    @property
+    def attribute_names(self) -> list[str]:
+        """Names of all attributes in the order of the members, whichever of them ended first."""
+        return list(
+            dict.fromkeys(
+                name for names in sorted(self._first_with, key=self._first_with.__getitem__) for name in names
+            )
+        )
+
     def attributes(self) -> dict[str, Any]:
         """Return the attributes of the first successful member."""
         first = next(i for i, error in enumerate(self.failures) if error is None)
-        return {name: values[first] for name, values in self.attrs.items() if values[first] is not None}
+        return {name: self.attrs[name][first] for name in self.attribute_names if self.attrs[name][first] is not None}
 
     def _allocate(self, variables: Variables) -> None:
         """Allocate arrays for all members, shaped as the variables of one."""
@@ -123,7 +135,8 @@ def to_dataset(stack: MemberResults, scene: xr.Dataset, coords: Any) -> xr.Datas
     """
     variables, attrs, first = dict(stack.variables), {}, stack.attributes()
     successful = [i for i, error in enumerate(stack.failures) if error is None] if any(stack.failures) else None
-    for name, values in stack.attrs.items():
+    for name in stack.attribute_names:
+        values = stack.attrs[name]
         present = values if successful is None else [values[i] for i in successful]
         if _all_same(present):
             attrs[name] = present[0]

@@ -82,7 +82,9 @@ ranges |= {"wind.direction.x": np.cos(np.deg2rad(angle)), "wind.direction.z": np
 ranges["ice.thickness"] = thickness
 ranges = {path: values.tolist() for path, values in ranges.items()}
 scenes = cp.ensemble.design(cp.make_scene(tables), ranges, members=factor.size, sampling="list")
+scenes.sizes["member"]
 
+# %%
 begin = time.perf_counter()
 with warnings.catch_warnings(record=True) as told:
     warnings.simplefilter("always")

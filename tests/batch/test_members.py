@@ -12,6 +12,7 @@ from scenes import everything, full_modes
 import cablepod as cp
 from cablepod import errors
 from cablepod.batch import _members as members
+from cablepod.batch._stack import MemberResults
 from cablepod.condensed._assembly import unit_of
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._rescale import rescaled_model, same_structure
@@ -180,3 +181,11 @@ def test_one_warning_for_all_members_out_of_range(soft):
     ) as caught:
         cp.condensed.simulate(scenes, full_modes(), rank=2, order="leading", step=1e-3, outputs=())
     assert len([item for item in caught if item.category is OutOfRangeWarning]) == 1
+
+
+def test_attributes_are_in_the_order_of_the_members_whichever_ends_first():
+    results = MemberResults(3)
+    for i, names in ((2, ("a", "c")), (0, ("a", "b", "c")), (1, ("d", "a"))):
+        results.store(i, {}, dict.fromkeys(names, float(i)))
+    assert results.attribute_names == ["a", "b", "c", "d"]
+    assert list(results.attrs) != results.attribute_names  # as they came

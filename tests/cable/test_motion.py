@@ -65,7 +65,7 @@ def orders(errors, numbers):
 # --- order ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("law", ["green", "linear"])
+@pytest.mark.parametrize("law", [slow("green"), "linear"])
 @pytest.mark.parametrize(("order", "numbers"), [(1, (16, 32)), (2, (16, 32)), (3, (12, 24)), (4, (8, 16))])
 def test_order_in_space(law, order, numbers, smooth):
     scene = scene_with(smooth)
@@ -184,7 +184,7 @@ def test_planar_is_spatial_bit_for_bit(law, term, scheme, step, smooth):
         assert np.array_equal(flat[name].values, values), name
 
 
-@pytest.mark.parametrize("scheme", ["velocity_verlet", "trapezoidal"])
+@pytest.mark.parametrize("scheme", ["velocity_verlet", slow("trapezoidal")])
 def test_turned_in_space(scheme, smooth):
     # about the vertical: nothing but the coordinates changes
     turn = np.array([[0.6, 0.0, -0.8], [0.0, 1.0, 0.0], [0.8, 0.0, 0.6]])

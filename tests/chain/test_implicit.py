@@ -111,7 +111,7 @@ def test_second_order_with_every_term(soft, scheme, terms):
     np.testing.assert_allclose(orders, 2.0, atol=0.1)
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", slow_but(SCHEMES, "energy_momentum"))
 def test_second_order_with_moving_ends_and_law_21(soft, scheme):
     scene = scene_with(
         soft,

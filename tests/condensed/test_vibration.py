@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 from references.irvine import horizontal, symmetric_roots
 from scenes import LENGTHS, everything, scene_with, spatial
+from suite import slow
 
 import cablepod as cp
 from cablepod.archive import _lineage as lineage
@@ -198,7 +199,7 @@ def test_modes_are_orthonormal_and_labelled(soft, dims, static_modes):
 
 @pytest.mark.parametrize("static_modes", [False, True])
 @pytest.mark.parametrize("order", ["leading", "exact", "inertial"])
-@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("dims", [2, slow(3)])
 def test_all_vibration_modes_give_the_motion_of_any_other_full_basis(soft, dims, order, static_modes):
     mapping = everything(soft, dims) | {"chain": {"link_lengths": LENGTHS}}
     scene = cp.make_scene(mapping)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scenes import spatial
+from suite import slow
 
 import cablepod as cp
 from cablepod.galerkin import _explicit as explicit
@@ -70,8 +71,8 @@ def test_all_modes_and_the_linear_law_are_the_chain(soft, name, layout, weights,
     ("law", "name", "others"),
     [
         *(("linear", name, {}) for name in ("plain", "point load", "initial shape", "unequal links")),
-        # ends at rest, as in the tests of the implicit chain: any other choice of terms would be compiled for seconds
-        ("linear", "mass damping", {"motion": {}, "initial": {"top_tension": 260.0}}),
+        # ends at rest, as in the tests of the implicit chain: another choice of terms, compiled for seconds
+        slow("linear", "mass damping", {"motion": {}, "initial": {"top_tension": 260.0}}),
         ("green", "both ends", {}),
     ],
 )
@@ -524,6 +525,7 @@ def test_it_warns_where_the_laws_are_of_different_materials(soft):
     linear = cp.galerkin.simulate(scene, modes, rank=4, law="linear")  # without a warning
     assert green.attrs["largest_stretch"] == pytest.approx(float(linear.attrs["largest_stretch"]), rel=0.05)
     errors = [float(cp.compare.errors(run, chain).error_max) for run in (green, linear)]
-    # what the warning is for: the estimate is that of the modes, and the motion is that of another law
-    assert errors[0] > 3 * green.attrs["error_estimate"]
+    # what the warning is for: the motion is that of another material, which the estimate contains
+    assert errors[0] == pytest.approx(green.attrs["error_estimate"], rel=0.3)
+    assert errors[0] > 3 * errors[1]
     assert errors[1] < 2 * linear.attrs["error_estimate"] + 1e-4

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mast_scenes import WIND, small
+from suite import slow
 
 import cablepod as cp
 from cablepod import provenance
@@ -108,7 +109,7 @@ def test_a_mast_without_loads_stays_at_rest():
         np.testing.assert_allclose(run.guy_tension, rest.guy_tension.broadcast_like(run.guy_tension), rtol=1e-3)
 
 
-@pytest.mark.parametrize("kind", ["condensed", "chain", "catenary"])
+@pytest.mark.parametrize("kind", ["condensed", slow("chain"), slow("catenary")])
 def test_steady_wind_leaves_a_mast_at_rest(kind):
     def steady(mapping):
         windy(mapping)

@@ -16,7 +16,7 @@ mpl.use("Agg")
 import cablepod as cp
 
 #: Altered calls of a quick test and of all, odd options of each function in both.
-QUICK, ALL, QUICK_OPTIONS, ALL_OPTIONS = 100, 3500, 60, 800
+QUICK, ALL, QUICK_OPTIONS, ALL_OPTIONS = 70, 3500, 60, 800
 # whichever test comes first makes the Datasets
 pytestmark = pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from children import environment, run_python
+from suite import slow
 
 from cablepod import _jit
 
@@ -34,7 +35,7 @@ print(outer(1.0), sum(outer.stats.cache_hits.values()))
 """
 
 
-@pytest.mark.parametrize("options", ["", '(inline="always")'])
+@pytest.mark.parametrize("options", ["", slow('(inline="always")')])
 def test_an_edit_in_another_file_is_seen(tmp_path, options):
     package = tmp_path / "cablepod"
     for name in ("inner", "outer"):
@@ -69,8 +70,8 @@ def test_stamps_cover_every_import():
         assert imported <= found, path
 
 
-@pytest.mark.parametrize("pattern", ["*.nbi", "*.nbc", "*.nb?"])
-@pytest.mark.parametrize("damage", ["truncated", "empty", "other bytes"])
+@pytest.mark.parametrize("pattern", ["*.nbi", slow("*.nbc"), slow("*.nb?")])
+@pytest.mark.parametrize("damage", ["truncated", slow("empty"), "other bytes"])
 def test_a_damaged_cache_is_made_again(pattern, damage, tmp_path):
     package = tmp_path / "cablepod"
     (package / "inner").mkdir(parents=True)
