@@ -113,6 +113,7 @@ study["direction"] = ("member", angle, {"units": "degrees", "long_name": "direct
 for name, text in (("peak", "largest tension"), ("least", "least tension"), ("fatigue", "fatigue range")):
     study[name].attrs = {"units": "kN", "long_name": text}
 
+# %%
 shown = ice[[0, -1]]
 figure, places = plt.subplots(2, 2, figsize=(10.0, 7.5), layout="constrained")
 for row, name in zip(places, ("peak", "fatigue"), strict=True):

@@ -144,7 +144,7 @@ def test_batched_members_equal_single_runs(soft, monkeypatch, case):
     assert_same_bits(run, scenes, options)
 
 
-@pytest.mark.parametrize("case", ["a motion", slow("loads and damping")])
+@pytest.mark.parametrize("case", [slow("a motion"), slow("loads and damping")])
 def test_batched_members_equal_single_runs_in_space(soft, monkeypatch, case):
     tables, varied, options = CASES[case]
     scenes = scenes_of(soft, tables, varied, 3)

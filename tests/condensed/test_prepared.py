@@ -108,7 +108,7 @@ def test_steps_converge_to_simulate_with_order_two(name, order):
     assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.4)
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", with_slow(ORDERS, "exact"))
 def test_end_force_is_the_reaction_of_the_chain(order):
     # the chain's last link and half its load; 12 sines leave 1e-3 of the change of the force
     mapping = copy.deepcopy(GUY)

@@ -43,6 +43,7 @@ def test_any_number_of_workers_gives_the_same_bits(finished, scenes_of, tmp_path
         assert hashes[0] == hashes[1]
 
 
+@pytest.mark.slow  # a reduced model of all modes, compiled for itself; test_models.py has quick ones
 def test_reduced_models_run_too(soft, tmp_path, scenes_of):
     modes = full_modes()
     scenes = scenes_of(5, ranges={"cable.top_tension": [200.0, 300.0], "motion.upper.x.amplitude": [-0.05, 0.01]})

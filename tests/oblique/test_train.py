@@ -295,6 +295,7 @@ def test_the_gain_holds_after_the_training_time(example, trained):
     assert with_tests < 0.5 * plain
 
 
+@pytest.mark.slow
 def test_the_error_estimate_agrees_with_the_training_error(example, trained):
     scene, chain, modes = example
     estimates = [
