@@ -22,6 +22,9 @@ from cablepod.errors import ArchiveError, printable
 
 MANIFEST, SCENES, MODES = "manifest.json", "scenes.nc", "modes.nc"
 KIND = "cablepod ensemble"
+#: Keys of a manifest without checksum, as written by earlier versions.
+KEYS = {"kind", "schema", "version", "id", "model", "modes", "members", "batch", "options", "scenes", "varied"}
+KEYS |= {"attributes", "inputs_history", "files", "done"}
 #: Attributes specific to one batch; other text attributes, if equal in all batches, become attributes of the ensemble.
 BATCH_ATTRIBUTES = ("id", "history", "history_json", "title", "date_created", "source", "summary")
 FAILURE = {"units": "1", "long_name": "why the member failed; empty where it did not"}
@@ -30,12 +33,8 @@ FAILURE = {"units": "1", "long_name": "why the member failed; empty where it did
 def manifest_text(manifest: Mapping[str, Any]) -> str:
     """Return a manifest as the text of its file, with the CRC-32 of the rest."""
     content = {name: value for name, value in manifest.items() if name != "crc32"}
-    return json.dumps({**content, "crc32": _crc(content)}, sort_keys=True)
-
-
-def _crc(content: Mapping[str, Any]) -> str:
-    """Return the CRC-32 of a manifest as text."""
-    return f"{zlib.crc32(json.dumps(content, sort_keys=True).encode()):08x}"
+    crc = zlib.crc32(json.dumps(content, sort_keys=True).encode())
+    return json.dumps({**content, "crc32": f"{crc:08x}"}, sort_keys=True)
 
 
 def read_manifest(folder: Path, *, verify: bool = True) -> dict[str, Any]:
@@ -51,16 +50,17 @@ def read_manifest(folder: Path, *, verify: bool = True) -> dict[str, Any]:
         problem = f"has no {MANIFEST}, so it is no ensemble" if folder.is_dir() else "is no folder"
         raise ArchiveError(f"{folder}: {problem}; give the folder of an ensemble.run")
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        manifest = json.loads(text := path.read_text(encoding="utf-8"))
         if manifest["kind"] != KIND or not isinstance(manifest["schema"], int):
             raise ValueError("it is another kind of file")
     except OSError as error:
         raise ArchiveError(f"{path}: cannot be read: {error.strerror}; check its permissions") from error
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ArchiveError(f"{path}: is damaged ({error}); take it from a backup, or run the ensemble again") from error
-    written = manifest.pop("crc32", None)
-    if verify and written is not None and written != _crc(manifest):
+    as_written = text == manifest_text(manifest) if "crc32" in manifest else manifest.keys() <= KEYS
+    if verify and not as_written:
         raise changed(path, ["its text"])
+    manifest.pop("crc32", None)
     if manifest["schema"] > SCHEMA:
         raise ArchiveError(
             f"{path}: has schema version {manifest['schema']}, this cablepod ({version()}) knows versions up to {SCHEMA}; "

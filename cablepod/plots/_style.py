@@ -108,8 +108,10 @@ def take(key: str, dataset: Any, name: str, dims: tuple[str, ...], allowed: str,
     A dimension lost by the selection of a single time or mode is restored.
     """
     array = taken(key, dataset, drawn_kind(name, dims, allowed))[name]
-    if array.dtype.kind not in "biuf":
-        raise SceneError(f"{key}: given {name} of type {array.dtype}; allowed: real numbers, {allowed}")
+    if array.dtype.kind not in "biuf" or array.dtype == np.float16:
+        raise SceneError(
+            f"{key}: given {name} of type {array.dtype}; allowed: real numbers of at least single precision, {allowed}"
+        )
     if "member" in array.dims:
         raise scene_error(key, f"{array.sizes['member']} members", "one; pick it with .isel(member=0)")
     lost = [dim for dim in ("time", "mode") if dim in dims and dim in array.coords and dim not in array.dims]

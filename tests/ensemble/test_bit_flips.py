@@ -26,6 +26,20 @@ def test_a_flipped_bit_is_seen(name, flips, finished, tmp_path, monkeypatch):
     cp.archive.open_ensemble(folder).load()
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [('"crc32"', '"brc32"'), ('"batch": 4, ', '"batch":4, ')],
+    ids=["name of the checksum", "form"],
+)
+def test_a_changed_manifest_is_seen_though_its_values_are_the_same(old, new, finished, tmp_path):
+    shutil.copytree(finished, folder := tmp_path / "it")
+    text = (folder / "manifest.json").read_text()
+    assert old in text
+    (folder / "manifest.json").write_text(text.replace(old, new))
+    with pytest.raises(cp.ArchiveError, match=r"manifest\.json: changed since it was written"):
+        cp.archive.open_ensemble(folder)
+
+
 def test_an_edit_is_named_when_it_is_read_and_taken_on_demand(finished, tmp_path, monkeypatch):
     netCDF4 = pytest.importorskip("netCDF4")
     shutil.copytree(finished, folder := tmp_path / "it")

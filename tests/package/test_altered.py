@@ -84,6 +84,7 @@ def test_every_function_is_altered_and_every_alteration_applies():
         Attempt("plots.animate_orbit", True, 0, "dimension_picked", 10866384),
         Attempt("plots.parameter_map", True, 0, "kinds: half", 949190542),
         Attempt("mast.frequencies", True, 0, "variable_dropped", 159403329),
+        Attempt("plots.frequency_response", True, 0, "kinds: half", 248768550),
     ],
     ids=lambda attempt: attempt.name,
 )
