@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Container
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,7 @@ def changed(path: Path, names: list[str]) -> ArchiveError:
 def check_bytes(path: Path, *, whole: bool) -> bool:
     """Tell whether all bytes of a file are as written; False if that is not known.
 
-    Unknown is a file that was edited or is of an earlier version, and without `whole` one larger than :data:`WHOLE`.
+    Unknown is a file that was edited, is of an earlier or later version, and without `whole` one larger than :data:`WHOLE`.
 
     Raises
     ------
@@ -48,11 +49,24 @@ def check_bytes(path: Path, *, whole: bool) -> bool:
         If they are not.
     """
     seal = seal_of(path)
-    if seal is None or not (whole or seal.size <= WHOLE):
+    if seal is None or seal.schema > SCHEMA or not (whole or seal.size <= WHOLE):
         return False
     if not is_intact(path, seal):
         raise changed(path, _search(path))
     return True
+
+
+def has_checksums(path: Path, names: Container[Any]) -> bool:
+    """Tell whether a file with global attributes of these names has checksums; those of earlier versions have none, and no seal.
+
+    Raises
+    ------
+    ArchiveError
+        If it has lost them: a sealed file has them.
+    """
+    if CHECKSUMS not in names and seal_of(path) is not None:
+        raise changed(path, [f"attribute {CHECKSUMS}"])
+    return CHECKSUMS in names
 
 
 class CheckedFile(BackendEntrypoint):
@@ -63,9 +77,11 @@ class CheckedFile(BackendEntrypoint):
         path = Path(filename_or_obj)
         opened = NetCDF4BackendEntrypoint().open_dataset(path, decode_times=False, decode_timedelta=False)
         schema = opened.attrs.get("cablepod_schema")
-        if CHECKSUMS not in opened.attrs or (isinstance(schema, np.integer) and schema > SCHEMA):
-            return opened  # of an earlier or a later version
+        if isinstance(schema, np.integer) and schema > SCHEMA:
+            return opened  # of a later version
         try:
+            if not has_checksums(path, opened.attrs):
+                return opened
             checksums = Checksums(opened.attrs[CHECKSUMS])
             names = checksums.changed_heads(opened)
             for name, index in opened.variables.items():
@@ -125,7 +141,7 @@ def blocks_of(path: Path, file: Any, name: str) -> Blocks | None:
     ArchiveError
         If the file has lost the variable.
     """
-    if CHECKSUMS not in file.ncattrs():
+    if not has_checksums(path, file.ncattrs()):
         return None
     status = path.stat()
     checksums = _parsed(path, file.getncattr(CHECKSUMS), status.st_ino, status.st_mtime_ns)

@@ -2,6 +2,7 @@
 
 They stand as JSON in the attribute :data:`CHECKSUMS` of the file: one for each global attribute; for each variable one of its
 dimensions, type and attributes, and one for each block of its values, so that a part of it can be checked when it is read.
+Blocks are folded (:mod:`cablepod.archive._folded`), but in files of schema 1.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+
+from cablepod.archive._folded import FoldedCrc, folded_crc
 
 #: Attribute that holds the checksums of a file.
 CHECKSUMS = "cablepod_checksums"
@@ -57,7 +60,7 @@ class BlockSums:
         self.shape, self.block = variable.shape, block_shape(variable)
         counts = _counts(self.shape, self.block)
         self._inner = list(product(*map(range, counts[1:])))
-        self._sums = [[0] * len(self._inner) for _ in range(counts[0] if counts else 1)]
+        self._sums = [[FoldedCrc() for _ in self._inner] for _ in range(counts[0] if counts else 1)]
         self._start = 0
 
     def update(self, slab: np.ndarray) -> None:
@@ -68,12 +71,12 @@ class BlockSums:
             part = rows[max(number * step - self._start, 0) : (number + 1) * step - self._start]
             sums = self._sums[number]
             for place, index in enumerate(self._inner):
-                sums[place] = _crc(part[(slice(None), *_slices(index, self.block[1:], self.shape[1:]))], sums[place])
+                sums[place].update(_bytes(part[(slice(None), *_slices(index, self.block[1:], self.shape[1:]))]))
         self._start += len(rows)
 
     def digits(self) -> str:
         """Return the checksums as digits."""
-        return "".join(_hex(crc) for sums in self._sums for crc in sums)
+        return "".join(_hex(crc.value()) for sums in self._sums for crc in sums)
 
 
 def as_text(stamped: xr.Dataset, sums: Mapping[str, BlockSums]) -> str:
@@ -85,7 +88,8 @@ def as_text(stamped: xr.Dataset, sums: Mapping[str, BlockSums]) -> str:
         }
         for name, variable in stamped.variables.items()
     }
-    return json.dumps({"variables": variables, "attributes": _of_attributes(stamped.attrs)}, sort_keys=True)
+    tables = {"variables": variables, "attributes": _of_attributes(stamped.attrs), "folded": True}
+    return json.dumps(tables, sort_keys=True)
 
 
 class Checksums:
@@ -96,8 +100,9 @@ class Checksums:
         try:
             tables = json.loads(text)
             self._variables, self._attributes = dict(tables["variables"]), dict(tables["attributes"])
+            self._is_folded = "folded" in tables
         except (ValueError, TypeError, KeyError, RecursionError):
-            self._variables, self._attributes = {}, {}
+            self._variables, self._attributes, self._is_folded = {}, {}, False
         self._blocks: dict[tuple[str, tuple[int, ...]], Blocks] = {}
 
     def changed_heads(self, dataset: xr.Dataset) -> list[str]:
@@ -125,7 +130,8 @@ class Checksums:
             or not all(isinstance(n, int) and n > 0 for n in block)
         ):
             block = [max(size, 1) for size in shape]
-        found = Blocks(tuple(shape), tuple(block), self._digits(name)[DIGITS:])
+        crc = folded_crc if self._is_folded else zlib.crc32
+        found = Blocks(tuple(shape), tuple(block), self._digits(name)[DIGITS:], crc)
         return self._blocks.setdefault((name, tuple(shape)), found)
 
     def __contains__(self, name: str) -> bool:
@@ -141,8 +147,10 @@ class Checksums:
 class Blocks:
     """Checksums of the blocks of one variable; blocks that were found unchanged are not compared again."""
 
-    def __init__(self, shape: tuple[int, ...], block: tuple[int, ...], digits: str) -> None:
-        self.shape, self.block, self.digits = shape, block, digits
+    def __init__(
+        self, shape: tuple[int, ...], block: tuple[int, ...], digits: str, crc: Callable[[Any], int] = folded_crc
+    ) -> None:
+        self.shape, self.block, self.digits, self._crc = shape, block, digits, crc
         self.counts = _counts(shape, block)
         self._unchanged: set[tuple[int, ...]] = set()
 
@@ -176,7 +184,7 @@ class Blocks:
         number = 0
         for place, count in zip(index, self.counts, strict=True):
             number = number * count + place
-        return self.digits[DIGITS * number : DIGITS * (number + 1)] == _hex(_crc(values))
+        return self.digits[DIGITS * number : DIGITS * (number + 1)] == _hex(self._crc(_bytes(values)))
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_unchanged": set()}
@@ -206,14 +214,14 @@ def _plain(value: Any) -> bytes:
     return json.dumps([array.dtype.newbyteorder("<").str, array.tolist()]).encode()
 
 
-def _crc(values: np.ndarray, crc: int = 0) -> int:
-    """Return the CRC-32 of values, continued from that of values before."""
+def _bytes(values: np.ndarray) -> Any:
+    """Return values as a buffer of bytes: those of little-endian numbers, of texts as JSON."""
     values = np.asarray(values)
     if values.dtype.kind in "UO":
-        return zlib.crc32(json.dumps(np.atleast_1d(values).tolist()).encode(), crc)
+        return json.dumps(np.atleast_1d(values).tolist()).encode()
     if not values.size:
-        return crc
-    return zlib.crc32(np.ascontiguousarray(values, values.dtype.newbyteorder("<")).reshape(-1).view(np.uint8).data, crc)
+        return b""
+    return np.ascontiguousarray(values, values.dtype.newbyteorder("<")).reshape(-1).view(np.uint8).data
 
 
 def _hex(crc: int) -> str:

@@ -12,13 +12,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-#: Version of the file layout, raised when an older package would misread new files.
-SCHEMA = 1
-#: Bytes read at a time.
-PIECE = 1 << 18
+from cablepod.archive._folded import PIECE, FoldedCrc
+
+#: Version of the file layout, raised when an older package would misread new files; from 2 on the bytes of a CRC-32 are folded.
+SCHEMA = 2
 #: Maximum length of the line.
 LONGEST = 200
-BEGIN = b"\ncablepod bytes="
+#: Parts of the line: damage of one of them leaves the other one.
+PARTS = (b"\ncablepod bytes=", b" crc32=")
 LINE = re.compile(
     rb"\ncablepod (bytes=(\d{1,18}) crc32=([0-9a-f]{8}) schema=(\d{1,9}) id=(\w{0,64})) ([0-9a-f]{8})\n\Z"
 )
@@ -58,7 +59,7 @@ def seal_of(path: Path) -> Seal | None:
         file.seek(max(0, size - LONGEST))
         tail = file.read(LONGEST)
     found = LINE.search(tail)
-    if found is None and BEGIN not in tail:
+    if found is None and not any(part in tail for part in PARTS):
         return None
     if found is None or zlib.crc32(found[1]) != int(found[6], 16):
         raise ValueError("its last line is not whole")
@@ -74,12 +75,17 @@ def is_intact(path: Path, seal: Seal) -> bool:
 @lru_cache(4096)
 def _is_intact(path: Path, seal: Seal, *_: int) -> bool:
     with path.open("rb") as file:
-        return _crc_of(file, seal.size) == (seal.size, seal.crc) and len(file.read(LONGEST + 1)) <= LONGEST
+        found = _crc_of(file, seal.size, folded=seal.schema > 1)
+        return found == (seal.size, seal.crc) and len(file.read(LONGEST + 1)) <= LONGEST
 
 
-def _crc_of(file: BinaryIO, size: int | None = None) -> tuple[int, int]:
+def _crc_of(file: BinaryIO, size: int | None = None, *, folded: bool = True) -> tuple[int, int]:
     """Return size and CRC-32 of a file, or of its first `size` bytes."""
-    crc, done, piece = 0, 0, memoryview(bytearray(PIECE))
+    total, crc, done, piece = FoldedCrc(), 0, 0, memoryview(bytearray(PIECE))
     while count := file.readinto(piece if size is None else piece[: size - done]):  # type: ignore[attr-defined]
-        crc, done = zlib.crc32(piece[:count], crc), done + count
-    return done, crc
+        if folded:
+            total.update(piece[:count])
+        else:
+            crc = zlib.crc32(piece[:count], crc)
+        done += count
+    return done, total.value() if folded else crc

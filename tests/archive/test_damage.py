@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zlib
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -9,6 +11,9 @@ from damage import flipped, without_seal
 from results import make_modes, make_scene, make_trajectory
 
 from cablepod.archive import ArchiveError, _checked, _checksums, describe, read, write
+from cablepod.archive import _attributes as attributes
+from cablepod.archive import _folded as folded
+from cablepod.archive import _seal as seal
 from cablepod.archive._attributes import with_file_attributes
 
 KINDS = {"scene": make_scene, "modes": make_modes, "trajectory": lambda: make_trajectory(times=200)}
@@ -41,6 +46,86 @@ def test_a_flipped_bit_is_seen(kind, flips, tmp_path, monkeypatch):
                 task(path)
     path.write_bytes(content)
     xr.testing.assert_identical(read(path), read(tmp_path / "it.nc"))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_flipped_bit_of_the_seal_is_seen(kind, tmp_path, monkeypatch):
+    """Also those of its first words: a file without a seal is taken for one that another program edited."""
+    monkeypatch.setattr(_checked, "_search", lambda path: ["something"])
+    content = write(KINDS[kind](), tmp_path / "it.nc").read_bytes()
+    path = tmp_path / "flipped.nc"
+    for bit in range(8 * len(without_seal(content)), 8 * len(content)):
+        changed = bytearray(content)
+        changed[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(changed)
+        with pytest.raises((ArchiveError, ValueError)):  # readers make the second a message
+            assert _checked.check_bytes(path, whole=True) is None, bit
+
+
+def test_a_sealed_file_that_lost_its_checksums_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(_checked, "WHOLE", 0)
+    content = write(make_modes(), tmp_path / "it.nc").read_bytes()
+    path = tmp_path / "lost.nc"
+    path.write_bytes(content)
+    with pytest.importorskip("netCDF4").Dataset(path, "r+") as file:
+        file.renameAttribute(_checksums.CHECKSUMS, "cablepod_checksumt")
+    with path.open("ab") as file:
+        file.write(content[len(without_seal(content)) :])
+    with pytest.raises(ArchiveError, match=r"lost\.nc: changed since it was written: attribute cablepod_checksums;"):
+        lazily(path)
+
+
+def test_files_of_schema_1_are_compared_with_the_plain_crc(tmp_path, monkeypatch):
+    """Their checksums are CRC-32 of the bytes as they are, as an independent program has them."""
+    path = write(make_trajectory(times=2000), tmp_path / "it.nc")
+    wanted = read(path)
+    assert wanted["position"].nbytes > folded.LEAST
+    with monkeypatch.context() as old:
+        old.setattr(folded, "LEAST", 1 << 60)  # nothing is folded
+        old.setattr(seal, "SCHEMA", 1)
+        as_text = _checksums.as_text
+        old.setattr(attributes, "as_text", lambda *given: as_text(*given).replace(', "folded": true', ""))
+        earlier = write(make_trajectory(times=2000), tmp_path / "old.nc")
+    content = earlier.read_bytes()
+    end = len(without_seal(content))
+    assert b"crc32=%08x schema=1" % zlib.crc32(content[:end]) in content[end:]
+    for whole in (1 << 26, 0):
+        monkeypatch.setattr(_checked, "WHOLE", whole)
+        assert lazily(earlier).equals(wanted)
+        assert read(earlier).equals(wanted)
+    edit(earlier)
+    with pytest.raises(ArchiveError, match="changed since it was written: tension;"):
+        read(earlier)
+
+
+@pytest.mark.parametrize("size", [0, 5, folded.LEAST - 1, folded.LEAST, 100_003, folded.PIECE, 2 * folded.PIECE + 4171])
+def test_a_folded_crc_sees_what_changes(size):
+    rng = np.random.default_rng(size)
+    data = rng.bytes(size)
+    whole = folded.folded_crc(data)
+    parts, at = folded.FoldedCrc(), 0
+    for step in rng.integers(1, max(2, size // 3), 20):
+        parts.update(data[at : at + step])
+        at += step
+    parts.update(data[at:])
+    assert parts.value() == whole
+    if size < folded.LEAST:
+        assert whole == zlib.crc32(data)
+    seen = {whole}
+    for bit in rng.integers(0, max(1, 8 * size), min(8 * size, 200)):
+        changed = bytearray(data)
+        changed[bit // 8] ^= 1 << bit % 8
+        assert folded.folded_crc(changed) != whole
+    for row in (*folded.ROWS, 1, 64):  # words that change places, in the same column of a fold or not
+        for first in (0, 7):
+            ends = [8 * first, 8 * (first + row)]
+            if size < ends[1] + 8:
+                continue
+            changed = bytearray(data)
+            a, b = (slice(start, start + 8) for start in ends)
+            changed[a], changed[b] = data[b], data[a]
+            assert folded.folded_crc(changed) not in seen
+            seen.add(folded.folded_crc(changed))
 
 
 @pytest.mark.parametrize("kind", KINDS)
