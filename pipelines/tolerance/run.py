@@ -1,6 +1,7 @@
 """Compare the time error of runs of random scenes with the tolerance asked for.
 
-    python pipelines/tolerance/run.py [--models chain,tension,reduced] [--scenes 250] [--seed 1] [--processes 2] [--readme]
+    python pipelines/tolerance/run.py [--models chain,tension,reduced] [--scenes 250] [--seed 1] [--processes 2]
+        [--part FILE] [--readme]
 
 Each scene runs by each scheme with each tolerance, with one output instant (the last) and with many.  The step that was chosen is
 then run at 401 instants and compared with a truth: the same equations, with steps so short that halving them changes less than a
@@ -14,11 +15,12 @@ for, ``reduced`` the motion of reduced models on three modes.
 from __future__ import annotations
 
 import itertools
+import json
 import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -139,6 +141,34 @@ def judged(model: str, number: int, scene: xr.Dataset | None) -> list[tuple[Any,
     return [] if scene is None else list(_judged(model, number, scene))
 
 
+def judged_all(model: str, scenes: list[xr.Dataset | None], options: Any) -> list[list[tuple[Any, ...]]]:
+    """Return what :func:`judged` gives for each scene; those of the file ``--part`` are read, others are added to it."""
+    done: dict[int, list[tuple[Any, ...]]] = {}
+    place = [model, options.seed]
+    if options.part is not None and options.part.exists():
+        for line in options.part.read_text(encoding="utf-8").splitlines():
+            of, number, runs = json.loads(line)
+            if of == place and number < len(scenes):
+                done[number] = [tuple(run) for run in runs]
+
+    def keep(number: int, runs: list[tuple[Any, ...]]) -> None:
+        done[number] = runs
+        if options.part is not None:
+            with options.part.open("a", encoding="utf-8") as file:
+                file.write(json.dumps([place, number, runs]) + "\n")
+
+    todo = [number for number in range(len(scenes)) if number not in done]
+    if options.processes > 1:
+        with ProcessPoolExecutor(options.processes) as pool:
+            jobs = {pool.submit(judged, model, number, scenes[number]): number for number in todo}
+            for job in as_completed(jobs):
+                keep(jobs[job], job.result())
+    else:
+        for number in todo:
+            keep(number, judged(model, number, scenes[number]))
+    return [done[number] for number in range(len(scenes))]
+
+
 def _judged(model: str, number: int, scene: xr.Dataset) -> Iterator[tuple[Any, ...]]:
     dense, modes = np.linspace(0.0, DURATION, INSTANTS), {}
     for subject in SUBJECTS[model]:
@@ -188,6 +218,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=250)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--part", type=Path, metavar="FILE", help="file of the scenes that are done")
     options = parser.parse_args()
     rng, scenes = np.random.default_rng(options.seed), []
     for _ in range(options.scenes):
@@ -197,12 +228,8 @@ def main() -> None:
             scenes.append(None)
     for model in options.models.split(","):
         found: dict[tuple[Any, ...], list[tuple[float, bool]]] = {}
-        jobs, begin = ([model] * len(scenes), range(len(scenes)), scenes), time.process_time()
-        if options.processes > 1:
-            with ProcessPoolExecutor(options.processes) as pool:
-                results = list(pool.map(judged, *jobs))
-        else:
-            results = list(map(judged, *jobs))
+        begin = time.process_time()
+        results = judged_all(model, scenes, options)
         for name, scheme, tolerance, many, ratio, warned in itertools.chain(*results):
             found.setdefault((name, scheme, tolerance, many), []).append((ratio, warned))
         used, spent = sum(map(bool, results)), time.process_time() - begin
