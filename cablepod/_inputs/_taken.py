@@ -1,125 +1,31 @@
-"""Datasets at the border of the package: read by their labels, in the order and the units of the package, or refused.
-
-Every public function passes the Datasets that it is given through :func:`taken`.  Behind it variables, labels and particles have
-one order and one kind of memory, so that no function depends on the order in which they were given.  Values of scenes and modes
-are checked here; those of snapshots, which may be many and on a disk, in the pass that uses them.
-"""
+"""Datasets read by their labels: variables checked, and put into the order of the package."""
 
 from __future__ import annotations
 
 import json
 import math
 import re
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from cablepod._inputs._kinds import ANY, DIMS, SEPARATE, TABLES_OF_MODES, Dims, Kind
+from cablepod._inputs._labels import orders_of
 from cablepod._resources import defer_sigint, defer_sigint_during_dask
 from cablepod.conventions import ATTRIBUTES, LABELS, VARIABLES
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._checks import LARGEST, point, points
 from cablepod.parameters._key_paths import key_of_variable
 
-Dims = tuple[str, ...]
 FLOAT = np.dtype(float)
-#: Rounding of a number of single precision, which arc lengths and instants may have.
-ROUNDING = 1e-6
-#: Numbers of each mode, and of each coordinate in layout "separate".
-TABLES_OF_MODES = (
-    "singular_value", "singular_value_uncertainty", "mode_uncertainty", "proper_orthogonal_value", "energy_share",
-    "singular_value_share",
-)  # fmt: skip
-#: Dimensions of variables, in their order in the package; a variable may lack some.
-DIMS: dict[str, Dims] = {
-    **dict.fromkeys(("position", "velocity"), ("time", "particle", "coordinate")),
-    "tension": ("time", "link", "particle"),
-    "arc_length": ("particle",),
-    "link_arc_length": ("link",),
-    "time": ("time",),
-    "end_position": ("time", "end", "coordinate"),
-    "scene_feature": ("feature",),
-    "mean": ("particle", "coordinate"),
-    "training_range": ("bound", "feature"),
-    "unstretched_length": (),
-    **{
-        f"{name}{suffix}": dims
-        for suffix in ("", "_out_of_plane")
-        for name, dims in {
-            "amplitude": ("time", "coordinate", "mode"),
-            "mode_shape": ("mode", "particle", "coordinate"),
-            "test_function": ("mode", "particle"),
-            "angular_frequency": ("mode",),
-            **dict.fromkeys(TABLES_OF_MODES, ("coordinate", "mode")),
-            "truncation_error": ("coordinate",),
-        }.items()
-    },
-}
-#: The same in modes of layout "separate".
-SEPARATE: dict[str, Dims] = {"mode_shape": ("coordinate", "mode", "particle")}
 #: Variables that are checked and made floats also of large Datasets.
 PLACES = ("time", "arc_length", "link_arc_length")
 #: Names of units in full, as pint writes them.
 UNITS_IN_FULL = {
     "meter": "m", "metre": "m", "second": "s", "newton": "N", "pascal": "Pa", "radian": "rad", "kilogram": "kg", "joule": "J",
 }  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class Kind:
-    """What an argument may be."""
-
-    allowed: str  #: in the words of messages
-    needs: tuple[tuple[str, Dims], ...] = ()  #: variables that must be there, with dimensions that they must have
-    stages: tuple[str, ...] = ()  #: that the attribute ``stage`` may name, where it is there
-    layouts: tuple[str, ...] = ()  #: of modes
-    further: Dims | None = ()  #: dimensions that variables may have beside those of the package, None for any
-    is_scene: bool = False
-    instead: tuple[str, str] | None = None  #: variable of a scene of another kind, and the message that refuses it
-    is_small: bool = True  #: values are checked and copied here, not where they are used
-    some: bool = False  #: a single coordinate may be left of those, as after a selection, where they are not needed
-
-
-SCENE = Kind(
-    "what make_scene gives",
-    tuple((name, ()) for name in ("gravity", "cable_youngs_modulus", "cable_area"))
-    + tuple((name, ("coordinate",)) for name in ("ends_lower", "ends_upper")),
-    stages=("scene", "scenes"),
-    further=("member",),
-    is_scene=True,
-    instead=("mast_height", "mast: given a scene with a mast; allowed: one with [cable], [ends]; try: mast.simulate"),
-)
-_ARC: tuple[tuple[str, Dims], ...] = (("arc_length", ("particle",)),)
-_PLACES: tuple[tuple[str, Dims], ...] = (("position", ("time", "particle", "coordinate")), *_ARC)
-SNAPSHOTS = Kind("a trajectory", _PLACES, ("trajectory", "rest"), further=None, is_small=False)
-TRAJECTORY = Kind("a trajectory", (*_PLACES, ("time", ("time",))), ("trajectory", "rest"), further=None, is_small=False)
-TIMED = Kind("a Dataset with instants, from a simulate", (("time", ("time",)),), further=None, is_small=False)
-AMPLITUDES = Kind(
-    "amplitudes of pod.project or a reduced model",
-    (("amplitude", ("time", "mode")), ("end_position", ("time", "end", "coordinate")), ("time", ("time",))),
-    ("amplitudes", "trajectory"),
-)
-_SHAPES: tuple[tuple[str, Dims], ...] = (("mode_shape", ("mode", "particle")), *_ARC, ("coordinate", ("coordinate",)))
-MODES = Kind("modes of pod.decompose", _SHAPES, ("modes",), ("separate", "vector", "normal"))
-FIELD_MODES = Kind(
-    "modes of pod.decompose with one of the layouts ('separate', 'vector')", _SHAPES, ("modes",), ("separate", "vector")
-)
-NORMAL_MODES = Kind(
-    'modes of the deflection normal to the chord, pod.decompose(snapshots, layout="normal")', _SHAPES, ("modes",), ("normal",),
-)  # fmt: skip
-PREPARED = Kind("a prepared model, as PreparedModel.dataset() gives it", stages=("prepared model",), further=None)
-WITH_PLACES = Kind("one with arc_length (particle)", _ARC, further=None, is_small=False, some=True)
-MAPPED = Kind("results with the variable and both parameters", further=None, is_small=False)
-ANY = Kind("a Dataset of this package", further=None, is_small=False)
-
-
-@lru_cache
-def drawn_kind(name: str, dims: Dims, allowed: str) -> Kind:
-    """Return the kind of a Dataset of which one variable is drawn; an instant, modes or coordinates may have been picked."""
-    needed = tuple(dim for dim in dims if dim not in ("time", "mode"))
-    return Kind(allowed, ((name, needed),), further=None, is_small=False, some="coordinate" not in dims)
 
 
 def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
@@ -167,7 +73,7 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
             tidy = False
         elif data.dtype is FLOAT and not math.isfinite(np.vdot(data, data)):
             _check_finite(key, name, variable, kind)
-    orders = {} if kind is ANY else _orders(key, variables, some=kind.some)
+    orders = {} if kind is ANY else orders_of(key, variables, some=kind.some)
     return given if tidy and not orders else _tidied(key, given, kind, layout, orders)
 
 
@@ -325,92 +231,6 @@ def _check_finite(key: str, name: str, variable: xr.Variable, kind: Kind) -> Non
     largest = np.abs(data[np.isfinite(data)]).max(initial=0.0)
     if missing.any() or np.isinf(data).any() or largest > LARGEST:
         raise scene_error(f"{key}: {name}", "values that are not finite", f"finite numbers of at most {LARGEST:g}")
-
-
-# --- labels ---------------------------------------------------------------------------------------------------------------
-
-
-def _orders(key: str, variables: Any, *, some: bool) -> dict[str, Any]:
-    """Return the indices that bring labels and particles into their order, by dimension; refuse labels that have none."""
-    orders: dict[str, Any] = {}
-    for dim in LABELS:
-        if (variable := variables.get(dim)) is not None and variable._dims:
-            order = _label_order(key, dim, variable, some=some)
-            if order is not None:
-                orders[dim] = order
-    if (time := variables.get("time")) is not None and time._dims:
-        _check_times(key, time)
-    for name, dim in (("arc_length", "particle"), ("link_arc_length", "link")):
-        if (variable := variables.get(name)) is not None:
-            order = _place_order(key, name, dim, variable, variables.get("unstretched_length"))
-            if order is not None:
-                orders[dim] = order
-    return orders
-
-
-def _label_order(key: str, dim: str, variable: xr.Variable, *, some: bool) -> np.ndarray | None:
-    """Return the indices that bring the labels of a dimension into their order, None where they are in it."""
-    labels = variable._data.array.tolist() if isinstance(variable, xr.IndexVariable) else variable.values.tolist()
-    own = LABELS[dim]
-    if own is None:  # modes
-        if set(map(type, labels)) != {int} or len(set(labels)) < len(labels):
-            raise scene_error(f"{key}: {dim}", labels, "different whole numbers")
-        return None if labels == sorted(labels) else np.argsort(labels)
-    if labels == own[: len(labels)] and len(labels) > 1:
-        return None
-    if dim == "feature" and set(labels) != set(own):
-        return None  # of another version; whoever reads them looks at their names
-    if some and dim == "coordinate" and len(labels) == 1 and labels[0] in own:
-        return None
-    if len(labels) < 2 or sorted(map(str, labels)) != sorted(own[: len(labels)]):
-        raise scene_error(f"{key}: {dim}", labels, f"{' and '.join(own[: max(2, len(labels))])}, each once")
-    return np.array([labels.index(label) for label in own[: len(labels)]])
-
-
-def _check_times(key: str, variable: xr.Variable) -> None:
-    """Refuse instants that are not finite or do not rise."""
-    index = variable._data.array if isinstance(variable, xr.IndexVariable) else variable.to_index()
-    if (
-        index.dtype.kind not in "fiu"
-        or not index.size
-        or not (index.is_monotonic_increasing and index.is_unique)
-        or not math.isfinite(index[0])
-        or not math.isfinite(index[-1])
-    ):
-        raise scene_error(f"{key}: time", index.tolist(), "finite, rising instants [s], each once")
-
-
-def _place_order(key: str, name: str, dim: str, variable: xr.Variable, length: xr.Variable | None) -> np.ndarray | None:
-    """Return the indices that bring particles or links into the order of their arc length, None where they are in it."""
-    arc = np.asarray(variable._data) if isinstance(variable._data, np.ndarray) else variable.values
-    if dim not in variable._dims or arc.dtype.kind not in "fiu":
-        raise scene_error(f"{key}: {name}", f"{variable._dims} of type {arc.dtype}", f"numbers over {dim} [m]")
-    if arc.ndim > 1:
-        return _common_order(
-            np.moveaxis(arc, variable._dims.index(dim), -1).reshape(-1, arc.shape[variable._dims.index(dim)])
-        )
-    order = None
-    if not (arc[1:] > arc[:-1]).all():
-        order = np.argsort(arc)
-        arc = arc[order]
-    allowed = f"those of the {dim}s, rising from the lower end"
-    if arc.size < 2 or not (arc[1:] > arc[:-1]).all() or not math.isfinite(arc[0]) or not math.isfinite(arc[-1]):
-        raise scene_error(f"{key}: {name}", variable.values.tolist(), f"{allowed}, each once")
-    if dim == "particle":
-        last = float(arc[-1])
-        end = float(length.values) if length is not None and not length._dims and length.dtype.kind in "fiu" else last
-        if not (abs(arc[0]) <= ROUNDING * last and abs(last - end) <= ROUNDING * last):
-            given = f"{arc[0]:g} ... {last:g} m of {end:g} m"
-            raise scene_error(f"{key}: {name}", given, f"{allowed}, 0, to the unstretched length")
-    return order
-
-
-def _common_order(rows: np.ndarray) -> np.ndarray | None:
-    """Return the indices that bring all rows into rising order, None where they are in it or have no common one."""
-    if not len(rows) or not (rows[:, 1:] < rows[:, :-1]).any():
-        return None
-    order = np.argsort(rows[0])
-    return order if not (np.diff(rows[:, order], axis=1) < 0).any() else None
 
 
 # --- a Dataset in order -----------------------------------------------------------------------------------------------------
