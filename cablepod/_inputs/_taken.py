@@ -22,6 +22,9 @@ from cablepod.parameters._key_paths import key_of_variable
 FLOAT = np.dtype(float)
 #: Variables that are checked and made floats also of large Datasets.
 PLACES = ("time", "arc_length", "link_arc_length")
+#: Attributes that are numbers, and those that are texts.
+NUMBERS = frozenset(ATTRIBUTES) | {"accepted_time_error", "trained_rank", "trained_quadrature", "trained_second_order"}
+TEXTS = ("id", "values_sha256")
 #: Names of units in full, as pint writes them.
 UNITS_IN_FULL = {
     "meter": "m", "metre": "m", "second": "s", "newton": "N", "pascal": "Pa", "radian": "rad", "kilogram": "kg", "joule": "J",
@@ -120,9 +123,8 @@ def _layout(key: str, given: xr.Dataset, kind: Kind) -> str | None:
         raise scene_error(
             f"{key}: history_json", history, "the stages of the Dataset as the package writes them, or none"
         )
-    for name in ("id", "values_sha256"):
-        if kind is not ANY and not isinstance(given.attrs.get(name, ""), str):
-            raise scene_error(f"{key}: {name}", given.attrs[name], "a text as the package writes it, or none")
+    if kind is not ANY:
+        _check_attributes(key, given.attrs)
     if kind.stages and stage is not None and not (isinstance(stage, str) and stage in kind.stages):
         raise SceneError(f"{key}: given a Dataset of stage {shown(stage)}; allowed: {kind.allowed}")
     if not kind.layouts:
@@ -131,6 +133,15 @@ def _layout(key: str, given: xr.Dataset, kind: Kind) -> str | None:
     if not isinstance(layout, str) or layout not in kind.layouts:
         raise SceneError(f"{key}: given layout {shown(layout)}; allowed: {kind.allowed}")
     return layout
+
+
+def _check_attributes(key: str, attrs: dict[Any, Any]) -> None:
+    """Refuse attributes of other types than the package writes, whether the function reads them or not."""
+    for name, value in attrs.items():
+        if name in NUMBERS and not isinstance(value, int | float | np.integer | np.floating):
+            raise scene_error(f"{key}: {name}", value, "a number as the package writes it, or none")
+        if name in TEXTS and not isinstance(value, str):
+            raise scene_error(f"{key}: {name}", value, "a text as the package writes it, or none")
 
 
 @lru_cache(256)
@@ -155,13 +166,15 @@ def _verdict(kind: Kind, layout: str | None, name: str, dims: Dims, units: str |
     own_units, own_dims, is_number = found
     if units is not None and own_units is not None and units != own_units and powers(units) != powers(own_units):
         return f"units {units!r}", f"{own_units}, the units of the package"
+    is_checked = kind is not ANY and (is_number or (not kind.is_scene and name not in LABELS))
+    legal = "fiu" if own_units is not None else "fiub"  # truth values have no units
+    if is_checked and (dtype.kind not in legal or (dtype.kind == "f" and dtype.itemsize < 4)):
+        return f"values of type {dtype}", "finite numbers of at least single precision"
     if own_dims is None or not _matters(kind, name):
         return None
     must, may = _dims_allowed(kind, layout, name, own_dims)
     if not set(must) <= set(dims) or (may is not None and not set(dims) <= set(may)):
         return f"the dimensions {dims}", f"{must or own_dims}, {kind.allowed}"
-    if is_number and (dtype.kind not in "fiu" or (dtype.kind == "f" and dtype.itemsize < 4)):
-        return f"values of type {dtype}", "finite numbers of at least single precision"
     if name in PLACES:
         return None if dtype is FLOAT else False
     if name in LABELS or not kind.is_small:
@@ -172,7 +185,7 @@ def _verdict(kind: Kind, layout: str | None, name: str, dims: Dims, units: str |
 
 @lru_cache(4096)
 def _known(kind: Kind, layout: str | None, name: str) -> tuple[str | None, Dims | None, bool] | None:
-    """Return units, dimensions and whether it holds numbers of a variable of the package; None for others."""
+    """Return units, dimensions and whether it holds numbers of a variable of the package or of this kind; None for others."""
     if kind.is_scene:
         key = key_of_variable(name)
         if key is None:
@@ -182,7 +195,7 @@ def _known(kind: Kind, layout: str | None, name: str) -> tuple[str | None, Dims 
     units = VARIABLES.get(name, ATTRIBUTES.get(name, (None,)))[0]
     dims = SEPARATE.get(name) if layout == "separate" else None
     dims = DIMS.get(name, dict(kind.needs).get(name)) if dims is None else dims
-    return None if units is None else (units, dims, dims is not None and name not in LABELS)
+    return None if units is None and dims is None else (units, dims, dims is not None and name not in LABELS)
 
 
 def _matters(kind: Kind, name: str) -> bool:

@@ -190,7 +190,7 @@ def animate(
     runs = {"chain": chain} if reduced is None else {"chain": chain, "reduced": reduced}
     positions = _style.positions(runs)
     times = positions["chain"]["time"].values
-    count = min(_count(chain) if frames is None else integer(least=1)("frames", frames), times.size)
+    count = min(_count(chain, times) if frames is None else integer(least=1)("frames", frames), times.size)
     picked = np.unique(np.linspace(0, times.size - 1, count).round().astype(int))
     curves: list[tuple[np.ndarray, np.ndarray]] = []
     for key, position in positions.items():
@@ -234,9 +234,8 @@ def animate(
     return Animation(ax, times[picked], show)
 
 
-def _count(run: xr.Dataset) -> int:
-    """Return the number of frames that shows the fastest driven motion of a run."""
-    times = run["time"].values
+def _count(run: xr.Dataset, times: np.ndarray) -> int:
+    """Return the number of frames that shows the fastest driven motion of a run with these instants [s]."""
     scale = float(run.attrs.get("shortest_time_scale", np.inf))
     return int(np.clip(np.ceil(FRAMES_PER_CHANGE * (times[-1] - times[0]) / scale) + 1, LEAST_FRAMES, MOST_FRAMES))
 

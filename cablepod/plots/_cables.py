@@ -296,14 +296,15 @@ def _factor(position: np.ndarray, first: np.ndarray) -> float:
 def _middles(run: xr.Dataset, tension: xr.DataArray) -> np.ndarray:
     """Return S / L0 [1] of the link centres."""
     sigma = _style.sigma("run", run)
-    if "link_arc_length" in run.variables:
-        arc = np.asarray(run["arc_length"].values)
-        return (run["link_arc_length"].values - arc[0]) / (arc[-1] - arc[0])
+    if "link_arc_length" in tension.coords:
+        arc = _style.take("run", run, "arc_length", ("particle",), _style.TRAJECTORY).values
+        return np.asarray((tension["link_arc_length"].values - arc[0]) / (arc[-1] - arc[0]))
     middles = 0.5 * (sigma[1:] + sigma[:-1])
     if middles.size == tension.sizes["link"]:
         return middles
-    if "link" not in tension.coords:
+    numbers = tension["link"].values if "link" in tension.coords else np.zeros(1)
+    if numbers.dtype.kind not in "iu" or numbers.min() < 1 or numbers.max() > middles.size:
         raise scene_error(
             "run", f"{tension.sizes['link']} links", f"the {middles.size} between its particles, or numbered ones"
         )
-    return middles[tension["link"].values.astype(int) - 1]
+    return middles[numbers - 1]

@@ -60,7 +60,11 @@ def guy_tensions(run: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     tensions = _numbers("run", run, "guy_tension", ("time", "guy"), TENSIONS)
     time, tension = tensions["time"].values, 1e-3 * tensions.values
     ax = _style.axes(ax)
-    tables = run["table"].values if "table" in run else np.ones(tension.shape[1], dtype=int)
+    tables = np.ones(tension.shape[1], dtype=int)
+    if "table" in run:
+        tables = _numbers("run", run, "table", ("guy",), TENSIONS).values
+        if tables.dtype.kind not in "iu":
+            raise SceneError(f"run: given table of type {tables.dtype}; allowed: whole numbers, {TENSIONS.allowed}")
     for g, table in enumerate(tables):
         number = int(np.sum(tables[:g] == table))
         colour, line = COLOURS[int(table - 1) % len(COLOURS)], LINES[number % len(LINES)]
@@ -94,7 +98,7 @@ def bending_moments(result: xr.Dataset, *, component: str = "x", ax: Axes | None
     result = taken("result", result, HEIGHTS)
     choice(*DIRECTIONS)("component", component)
     names = [name for name in ("bending_moment_minimum", "bending_moment_maximum") if name in result]
-    if not names and "bending_moment" in result and "time" not in result["bending_moment"].dims:
+    if not names and "bending_moment" in result and "time" not in result.variables["bending_moment"].dims:
         names = ["bending_moment"]
     if not names:
         raise SceneError(f"result: given a Dataset without bending moments; allowed: {HEIGHTS.allowed}")

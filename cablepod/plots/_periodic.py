@@ -73,30 +73,33 @@ def frequency_response(
         response = response.assign(
             {variable: extreme.reduce(_style.OVER_LINKS[variable], "link").assign_attrs(extreme.attrs)}
         )
-    for name in ("angular_frequency", "branch", "stable", variable):
-        _style.take("response", response, name, ("point",), RESPONSE)
+    columns = {
+        name: _style.take("response", response, name, ("point",), RESPONSE)
+        for name in ("angular_frequency", "branch", "stable", "periods", variable)
+        if name != "periods" or name in response
+    }
     ax = _style.axes(ax)
     if backbone is not None:
         free, size = (
             _style.take("backbone", backbone, name, ("point",), BACKBONE) for name in ("angular_frequency", "amplitude")
         )
         ax.plot(_scale(hertz) * free.values, size.values, color="0.7", linewidth=3.0, label="free vibration", zorder=1)
-    omega, values = _scale(hertz) * response["angular_frequency"].values, response[variable].values
-    stable = response["stable"].values.astype(bool)
-    for k, number in enumerate(np.unique(response["branch"].values)):
-        which = np.flatnonzero(response["branch"].values == number)
+    omega, values = _scale(hertz) * columns["angular_frequency"].values, columns[variable].values
+    stable, branch = columns["stable"].values.astype(bool), columns["branch"].values
+    for k, number in enumerate(np.unique(branch)):
+        which = np.flatnonzero(branch == number)
         colour = _style.COLOURS[(0, 3, 1, 5, 6, 4, 2)[k % 7]]
         for begin, end, solid in _runs(stable[which]):
             part = which[begin : min(end + 1, which.size)]  # up to the first point of the next part
             ax.plot(omega[part], values[part], "-" if solid else "--", color=colour, linewidth=1.3, zorder=2)
-        periods = int(response["periods"].values[which[0]]) if "periods" in response else 1
-        suffix = f", {periods} periods" if periods > 1 else ""
+        periods = columns["periods"].values[which[0]] if "periods" in columns else 1
+        suffix = f", {periods:.0f} periods" if periods > 1 else ""
         ax.plot([], [], "-", color=colour, label=f"branch {number}{suffix}")
     if variable == "deflection_maximum" and "bifurcation_kind" in response:
         _bifurcations(ax, response, _scale(hertz))
     ax.plot([], [], "--", color="0.4", label="unstable")
     ax.set_xlabel(_of_forcing(hertz))
-    _style.label_axis(ax.yaxis, _label(response[variable]), values)
+    _style.label_axis(ax.yaxis, _label(columns[variable]), values)
     return _style.finish(ax)
 
 
@@ -112,7 +115,7 @@ def _of_forcing(hertz: bool) -> str:
 
 def _bifurcations(ax: Axes, response: xr.Dataset, scale: float) -> None:
     """Draw bifurcations as markers, their frequencies times `scale`."""
-    kinds = response["bifurcation_kind"].values
+    kinds = _style.texts("response", response, "bifurcation_kind", "bifurcation", RESPONSE)
     for kind, (marker, colour) in BIFURCATIONS.items():
         which = kinds == kind
         if which.any():
@@ -218,9 +221,10 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", hertz: bool =
         if "growth_out_of_plane" in result:
             values = np.fmax(values, _style.take("result", result, "growth_out_of_plane", dims, MAP).values)
         label = "growth rate of the fastest disturbance [1/s]"
+    amplitude, frequency = (_style.take("result", result, name, (name,), MAP) for name in dims)
     ax = _style.axes(ax)
-    omega, size = _scale(hertz) * result["angular_frequency"].values, result["amplitude"].values
-    unstable = values > ROUNDING * result["angular_frequency"].values
+    omega, size = _scale(hertz) * frequency.values, amplitude.values
+    unstable = values > ROUNDING * frequency.values
     drawn_values = values if variable == "response" else np.where(unstable, values, np.nan)
     drawn: Any = ax.pcolormesh(
         omega, size, np.ma.masked_invalid(drawn_values), cmap="cividis", shading="nearest", rasterized=True
@@ -229,7 +233,7 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", hertz: bool =
     _style.label_axis(bar.ax.yaxis, label, values)
     if "edge_set" in result and variable != "response":
         for name, colour in (("in_plane", _style.COLOURS[1]), ("out_of_plane", _style.COLOURS[0])):
-            which = result["edge_set"].values == name
+            which = _style.texts("result", result, "edge_set", "edge", MAP) == name
             if which.any() and variable in ("growth", f"growth_{name}"):
                 edge = [
                     _style.take("result", result, f"edge_{axis}", ("edge",), MAP).values[which] for axis in dims[::-1]
@@ -241,7 +245,7 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", hertz: bool =
         ax.plot(
             omega[missing[:, 1]], size[missing[:, 0]], "x", color=_style.COLOURS[6], markersize=3, label="no response"
         )
-    ax.set(xlabel=_of_forcing(hertz), ylabel=_label(result["amplitude"]))
+    ax.set(xlabel=_of_forcing(hertz), ylabel=_label(amplitude))
     handles, labels = ax.get_legend_handles_labels()
     if variable != "response":
         from matplotlib.patches import Patch
@@ -327,11 +331,9 @@ def orbit(*orbits: xr.Dataset, sigma: float = 0.5, ax: Axes | None = None) -> Ax
     ax = _style.axes(ax, size=(5.5, 4.2) if spatial else (7.5, 4.2))
     for k, (time, normal, lateral) in enumerate(paths):
         across, up = (lateral, normal) if spatial else (normal, np.gradient(normal, time))
-        label = (
-            f"{float(orbits[k]['angular_frequency']):.4g} rad/s"
-            if "angular_frequency" in orbits[k]
-            else f"orbit {k + 1}"
-        )
+        label = f"orbit {k + 1}"
+        if "angular_frequency" in orbits[k]:
+            label = f"{_style.take('orbits', orbits[k], 'angular_frequency', (), ORBIT).item():.4g} rad/s"
         ax.plot(across, up, label=label, **_style.style(k, k, time.size))
     if spatial:
         ax.set(xlabel="deflection out of the plane [m]", ylabel="deflection in the plane [m]")

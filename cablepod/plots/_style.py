@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from cablepod._inputs import WITH_PLACES, drawn_kind, taken
+from cablepod._inputs import ANY, WITH_PLACES, drawn_kind, taken
 from cablepod.errors import SceneError, scene_error
 from cablepod.pod._snapshots import relative_arc_length
 
@@ -119,6 +119,14 @@ def take(key: str, dataset: Any, name: str, dims: tuple[str, ...], allowed: str,
     if not set(dims) <= set(array.dims) or array.ndim > len(dims) + more or not array.size:
         raise SceneError(f"{key}: given {name} {dict(array.sizes)}; allowed: {dims}, {allowed}")
     return array.transpose(..., *dims)
+
+
+def texts(key: str, dataset: xr.Dataset, name: str, dim: str, allowed: str) -> np.ndarray:
+    """Return a variable of texts along a dimension."""
+    array = taken(key, dataset, ANY)[name]
+    if array.dims != (dim,) or array.dtype.kind not in "UO":
+        raise SceneError(f"{key}: given {name} {dict(array.sizes)} of type {array.dtype}; allowed: texts, {allowed}")
+    return np.asarray(array.values)
 
 
 def positions(runs: dict[str, xr.Dataset]) -> dict[str, xr.DataArray]:

@@ -74,8 +74,9 @@ def wind_field(wind: xr.Dataset, *, component: str | None = None, ax: Axes | Non
 
 def _heights(wind: xr.Dataset) -> tuple[np.ndarray, str]:
     """Return rising or falling places of the points, and their label."""
-    if "position" in wind.variables and "y" in wind["component"].values:
-        height = _numbers(wind, "position", ("point", "component")).sel(component="y").values
+    position = _numbers(wind, "position", ("point", "component")) if "position" in wind.variables else None
+    if position is not None and "y" in position["component"].values:
+        height = position.sel(component="y").values
         change = np.diff(height)
         if (change > 0.0).all() or (change < 0.0).all():
             return height, "height y [m]"
@@ -188,9 +189,9 @@ def tension_cycles(tension: xr.DataArray, cycles: xr.Dataset, *, count: int = 20
     """
     time, values = _series("tension", tension)
     integer(least=1)("count", count)
-    cycles = taken("cycles", cycles, CYCLES)
-    counts, size = cycles["cycle_count"].values, cycles["cycle_range"].values
-    place = [np.searchsorted(time, cycles[f"cycle_{name}"].values[counts > 0.0]) for name in ("start", "end")]
+    checked = taken("cycles", cycles, CYCLES)
+    counts, size = checked["cycle_count"].values, checked["cycle_range"].values
+    place = [np.searchsorted(time, checked[f"cycle_{name}"].values[counts > 0.0]) for name in ("start", "end")]
     if not all((part < time.size).all() for part in place) or not np.allclose(
         np.abs(values[place[1]] - values[place[0]]), size[counts > 0.0]
     ):
