@@ -104,6 +104,9 @@ def bending_moments(result: xr.Dataset, *, component: str = "x", ax: Axes | None
         raise SceneError(f"result: given a Dataset without bending moments; allowed: {HEIGHTS.allowed}")
     ax, height = _style.axes(ax), _numbers("result", result, "node_height", ("node",), HEIGHTS).values
     moments = [_numbers("result", result, name, ("node", "coordinate"), HEIGHTS) for name in names]
+    for moment in moments:
+        if component not in moment["coordinate"].values.tolist():
+            raise scene_error("result", list(moment["coordinate"].values), f"labels of coordinate, with {component}")
     values = [1e-3 * moment.sel(coordinate=component).values for moment in moments]
     for name, numbers, line in zip(names, values, LINES, strict=False):
         ax.plot(numbers, height, color=COLOURS[0], linestyle=line, label=name.replace("bending_moment", "").strip("_"))
