@@ -165,6 +165,32 @@ VARIABLES |= {
         "truncation_error", "proper_orthogonal_value", "energy_share", "singular_value_share", "angular_frequency",
     )
 }  # fmt: skip
+#: Units of further results, of masts, periodic responses and the wind; their sub-packages have the long names.
+UNITS: dict[str, str] = {
+    **dict.fromkeys(
+        (
+            "amplitude_of_mode", "amplitude_of_mode_out_of_plane", "anchor", "bifurcation_deflection_maximum",
+            "deflection_maximum", "displacement", "displacement_maximum", "displacement_mean", "displacement_minimum",
+            "displacement_std", "edge_amplitude", "guy_length", "guy_level", "guy_position", "level", "node_height", "response",
+        ), "m",
+    ),
+    **dict.fromkeys(
+        (
+            "axial_force", "end_force", "guy_force", "guy_tension", "guy_tension_anchor", "guy_tension_maximum",
+            "guy_tension_mean", "guy_tension_minimum", "guy_tension_std",
+        ), "N",
+    ),
+    **dict.fromkeys(("bending_moment", "bending_moment_maximum", "bending_moment_minimum"), "N m"),
+    **dict.fromkeys(
+        (
+            "displacement_maximum_time", "displacement_minimum_time", "guy_tension_maximum_time",
+            "guy_tension_minimum_time",
+        ), "s",
+    ),
+    **dict.fromkeys(("bifurcation_angular_frequency", "edge_angular_frequency"), "rad s-1"),
+    **dict.fromkeys(("growth", "growth_in_plane", "growth_out_of_plane"), "s-1"),
+    **dict.fromkeys(("mean_wind", "wind"), "m s-1"),
+}  # fmt: skip
 
 
 def label(dataset: xr.Dataset, **extra: tuple[str, str]) -> xr.Dataset:

@@ -14,7 +14,7 @@ import xarray as xr
 from cablepod._inputs._kinds import ANY, DIMS, SEPARATE, TABLES_OF_MODES, Dims, Kind
 from cablepod._inputs._labels import orders_of
 from cablepod._resources import defer_sigint, defer_sigint_during_dask
-from cablepod.conventions import ATTRIBUTES, LABELS, VARIABLES
+from cablepod.conventions import ATTRIBUTES, LABELS, UNITS, VARIABLES
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._checks import LARGEST, point, points
 from cablepod.parameters._key_paths import key_of_variable
@@ -192,7 +192,7 @@ def _known(kind: Kind, layout: str | None, name: str) -> tuple[str | None, Dims 
             return None
         vector: dict[Any, Dims] = {point: ("coordinate",), points: (f"{name}_point", "coordinate")}
         return key.units, vector.get(key.check, ()), key.units is not None and not key.is_whole
-    units = VARIABLES.get(name, ATTRIBUTES.get(name, (None,)))[0]
+    units = VARIABLES.get(name, ATTRIBUTES.get(name, (UNITS.get(name),)))[0]
     dims = SEPARATE.get(name) if layout == "separate" else None
     dims = DIMS.get(name, dict(kind.needs).get(name)) if dims is None else dims
     return None if units is None and dims is None else (units, dims, dims is not None and name not in LABELS)

@@ -136,6 +136,8 @@ def _period(key: str, orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
         raise scene_error(
             key, f"{position.sizes['time']} instants", "at least three, from the begin of a period to its end"
         )
+    if not np.isfinite(position.values).all():
+        raise SceneError(f"{key}: given positions that are not finite; allowed: {ORBIT}")
     return position.values, position["time"].values
 
 

@@ -14,6 +14,7 @@ from public_calls import CALLS, datasets
 mpl.use("Agg")
 
 import cablepod as cp
+from cablepod.parameters._key_paths import key_of_variable
 
 #: Altered calls of a quick test and of all, odd options of each function in both.
 QUICK, ALL, QUICK_OPTIONS, ALL_OPTIONS = 70, 3500, 60, 800
@@ -140,6 +141,22 @@ def test_lazy_snapshots_in_any_chunks_have_the_modes_of_those_in_memory():
         lazy = run.chunk(chunks)
         assert contents(cp.pod.decompose(lazy)) == expected
         assert lazy["position"].chunks is not None  # the Dataset of the caller stays lazy
+
+
+@pytest.mark.parametrize("spatial", [False, True], ids=["plane", "space"])
+def test_units_of_every_result_are_known(spatial):
+    """Otherwise units that are not the package's would be taken as they come."""
+    from cablepod.conventions import ATTRIBUTES, UNITS, VARIABLES
+
+    known = {name: units for name, (units, _) in (ATTRIBUTES | VARIABLES).items()} | UNITS
+    for stage, dataset in datasets(spatial).items():
+        if stage == "prepared" or dataset.attrs.get("stage") in ("scene", "scenes"):
+            continue  # the first is checked as a whole, the second have keys
+        units = {str(name): variable.attrs.get("units", "1") for name, variable in dataset.variables.items()}
+        of_scene = {name for name in units if key_of_variable(name) is not None}
+        assert {
+            name: own for name, own in units.items() if own not in (known.get(name), "1") and name not in of_scene
+        } == {}
 
 
 def test_a_dataset_in_order_is_not_copied():
