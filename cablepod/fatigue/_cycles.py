@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,17 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._checks import number
+
+#: Variables of the cycles -> units, or whose, and long name.
+LABELS = {
+    "cycle_range": ("series", "range of the cycle of {of}"),
+    "cycle_mean": ("series", "mean of the cycle of {of}"),
+    "cycle_count": ("1", "1 for a whole cycle, 0.5 for half a cycle"),
+    "cycle_start": ("dim", "{dim} at which the cycle begins"),
+    "cycle_end": ("dim", "{dim} at which the cycle ends"),
+}
+#: Number of samples from which a thread pays (0.1 ms, their hash 0.4 ms).
+MIN_IN_BACKGROUND = 100_000
 
 
 def ranges(series: xr.DataArray, *, dim: str = "time") -> xr.Dataset:
@@ -35,7 +47,8 @@ def ranges(series: xr.DataArray, *, dim: str = "time") -> xr.Dataset:
     Raises
     ------
     SceneError
-        For anything but a DataArray with the dimension `dim`, for fewer than two samples, and for numbers that are not finite.
+        For anything but a DataArray with the dimension `dim`, for fewer than two samples, for numbers that are not finite, and
+        for dimensions and coordinates with names of the result.
 
     Notes
     -----
@@ -51,37 +64,46 @@ def ranges(series: xr.DataArray, *, dim: str = "time") -> xr.Dataset:
     >>> cycles.cycle_range.values.tolist(), cycles.cycle_count.values.tolist()
     ([3.0, 4.0, 4.0, 8.0, 9.0, 8.0, 6.0], [0.5, 0.5, 1.0, 0.5, 0.5, 0.5, 0.5])
     """
+    from xarray.indexes import PandasIndex
+
     from cablepod.fatigue import _kernels_rainflow as kernel  # numba is imported only to compute
 
-    rows, size, dims, coords = _rows(series, dim)
-    starts, ends = np.empty(rows.shape, np.int32), np.empty(rows.shape, np.int32)
-    half, counts = np.empty(rows.shape, np.bool_), np.empty(len(rows), np.int64)
-    kernel.all_cycles(rows, starts, ends, half, counts)
-    counts[np.isnan(size)] = 0
-    most = int(counts.max(initial=0))
-    if (place := series.coords.variables.get(dim)) is not None:
-        places, place_units = np.asarray(place.values, dtype=float), str(place.attrs.get("units", "1"))
-    else:
-        places, place_units = np.arange(rows.shape[1], dtype=float), "1"
-    values = [np.empty((len(rows), most)) for _ in range(5)]
-    kernel.tables(rows, places, starts, ends, half, counts, *values)
-    units, of = str(series.attrs.get("units", "1")), series.attrs.get("long_name", series.name or "the series")
-    shape, dims = (*(series.sizes[name] for name in dims), most), (*dims, "cycle")
-    labels = (
-        ("cycle_range", units, f"range of the cycle of {of}"),
-        ("cycle_mean", units, f"mean of the cycle of {of}"),
-        ("cycle_count", "1", "1 for a whole cycle, 0.5 for half a cycle"),
-        ("cycle_start", place_units, f"{dim} at which the cycle begins"),
-        ("cycle_end", place_units, f"{dim} at which the cycle ends"),
-    )
+    rows, size, dims = _rows(series, dim)
+    if own := {"cycle", *LABELS} & {*dims, *series.coords} - {dim}:
+        raise SceneError(
+            f"series: given one with {min(own)}; allowed: names other than those of the result; try: rename"
+        )
+    with _in_background(rows) as identity:
+        pairs, counts = np.empty((*rows.shape, 2), np.int32), np.empty(len(rows), np.int64)
+        kernel.all_cycles(rows, pairs, counts)
+        counts[np.isnan(size)] = 0
+        most = int(counts.max(initial=0))
+        if (place := series.coords.variables.get(dim)) is not None:
+            places, place_units = np.asarray(place.values, dtype=float), str(place.attrs.get("units", "1"))
+        else:
+            places, place_units = np.arange(rows.shape[1], dtype=float), "1"
+        filled = np.empty((len(LABELS), len(rows), most))
+        kernel.tables(rows, places, pairs, counts, filled)
+    of = series.attrs.get("long_name", series.name or "the series")
+    units = {"series": str(series.attrs.get("units", "1")), "dim": place_units}
+    shape = (*(series.sizes[name] for name in dims), most)
+    index = PandasIndex(np.arange(1, most + 1), "cycle")
     variables = {
-        name: xr.Variable(dims, table.reshape(shape), {"units": unit, "long_name": text}, fastpath=True)
-        for (name, unit, text), table in zip(labels, values, strict=True)
+        name: xr.Variable(
+            (*dims, "cycle"),
+            table.reshape(shape),
+            {"units": units.get(unit, unit), "long_name": text.format(of=of, dim=dim)},
+            fastpath=True,
+        )
+        for (name, (unit, text)), table in zip(LABELS.items(), filled, strict=True)
     }
-    numbers = ("cycle", np.arange(1, most + 1), {"units": "1", "long_name": "number of the cycle"})
-    result = xr.Dataset(variables, coords={**coords, "cycle": numbers})
+    variables |= index.create_variables() | {name: series.coords.variables[name] for name in _without(series, dim)}
+    variables["cycle"].attrs = {"units": "1", "long_name": "number of the cycle"}
+    indexes = {name: kept for name, kept in series.xindexes.items() if name in variables}
+    # twice as fast as a Dataset of variables and coordinates, which xarray aligns
+    result = xr.Coordinates(variables, indexes={**indexes, "cycle": index}).to_dataset().reset_coords(list(LABELS))
     result.attrs.update(title=f"rainflow cycles of {of}", stage="cycles")
-    return provenance.record(result, function="fatigue.ranges", parameters={"series": rows, "dim": dim})
+    return provenance.record(result, function="fatigue.ranges", parameters={"series": identity(), "dim": dim})
 
 
 def equivalent(series: xr.DataArray, *, exponent: float = 4, frequency: float = 1.0, dim: str = "time") -> xr.DataArray:
@@ -126,7 +148,7 @@ def equivalent(series: xr.DataArray, *, exponent: float = 4, frequency: float = 
     from cablepod.fatigue import _kernels_rainflow as kernel
 
     m, reference = number(above=0.0)("exponent", exponent), number(above=0.0)("frequency", frequency)
-    rows, size, dims, coords = _rows(series, dim)
+    rows, size, dims = _rows(series, dim)
     label = series.coords.variables.get(dim)
     if label is None:
         raise SceneError(f"series: given one without the coordinate {dim}; allowed: a DataArray with {dim} [s]")
@@ -147,11 +169,12 @@ def equivalent(series: xr.DataArray, *, exponent: float = 4, frequency: float = 
         "frequency": float(reference),
     }
     values = values.reshape([series.sizes[name] for name in dims])
+    coords = {name: series.coords[name] for name in _without(series, dim)}
     return xr.DataArray(values, dims=dims, coords=coords, attrs=attrs)
 
 
-def _rows(series: Any, dim: str) -> tuple[np.ndarray, np.ndarray, tuple[Hashable, ...], dict[Hashable, xr.DataArray]]:
-    """Return the series as rows (rows, n), the largest size in each, and the other dimensions with their coordinates."""
+def _rows(series: Any, dim: str) -> tuple[np.ndarray, np.ndarray, tuple[Hashable, ...]]:
+    """Return the series as rows (rows, n), the largest size in each, and the other dimensions."""
     if not isinstance(series, xr.DataArray):
         raise scene_error(
             "series", series, 'a DataArray, such as run.tension.sel(link=40), or xr.DataArray(values, dims="time")'
@@ -177,5 +200,21 @@ def _rows(series: Any, dim: str) -> tuple[np.ndarray, np.ndarray, tuple[Hashable
             raise SceneError(
                 f"series: given a value that is not finite at sample {place} along {dim}; allowed: finite numbers"
             )
-    kept = [name for name, variable in series.coords.variables.items() if dim not in variable.dims]
-    return rows, size, dims, {name: series.coords[name] for name in kept}
+    return rows, size, dims
+
+
+def _without(series: xr.DataArray, dim: str) -> list[Hashable]:
+    """Return the names of the coordinates that do not run along `dim`."""
+    return [name for name, variable in series.coords.variables.items() if dim not in variable.dims]
+
+
+@contextmanager
+def _in_background(rows: np.ndarray) -> Iterator[Callable[[], Any]]:
+    """Make what the history keeps of rows, a hash, beside the count, which takes as long; give a function that returns it."""
+    if rows.size < MIN_IN_BACKGROUND:
+        yield lambda: rows
+        return
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(1) as pool:
+        yield pool.submit(provenance.to_json, rows).result

@@ -11,7 +11,7 @@ BLOCK = 1024
 
 
 @compiled
-def cycles(series, stack, values, start, end, half, inverse_scale, exponent):
+def cycles(series, stack, values, pairs, inverse_scale, exponent):
     """Count the cycles of a series, or sum their damage.
 
     Reversals are the samples at which the series turns (of a plateau the last one), and both ends.  With X the newest range of
@@ -28,10 +28,9 @@ def cycles(series, stack, values, start, end, half, inverse_scale, exponent):
         The series.
     stack, values : int and float arrays (n,)
         Workspace: places and values of the stored reversals; the places are None to sum the damage.
-    start, end : int arrays (n,)
-        Filled with the places where each cycle begins and ends; None to sum the damage.
-    half : bool array (n,)
-        Filled: whether it is half a cycle; None to sum the damage.
+    pairs : int array (n, 2)
+        Filled with the places where each cycle begins and ends, of half a cycle the latter as its complement -1 - place; None to
+        sum the damage.
     inverse_scale, exponent : float, number
         Factor of the ranges, and exponent of the damage; None to count.
 
@@ -46,7 +45,7 @@ def cycles(series, stack, values, start, end, half, inverse_scale, exponent):
     places = np.empty(BLOCK + 1, np.int32)
     bottom, top, count, damage = 0, 1, 0, 0.0
     values[0] = series[0]
-    if start is not None:
+    if pairs is not None:
         stack[0] = 0
     before, direction, i = series[0], 0, 1
     while i <= n:
@@ -66,7 +65,7 @@ def cycles(series, stack, values, start, end, half, inverse_scale, exponent):
         for k in range(turns):
             x = series[places[k]]
             values[top] = x
-            if start is not None:
+            if pairs is not None:
                 stack[top] = places[k]
             top += 1
             while top - bottom >= 3:
@@ -74,8 +73,9 @@ def cycles(series, stack, values, start, end, half, inverse_scale, exponent):
                 if abs(x - values[top - 2]) < extent:
                     break
                 is_half = top - bottom == 3
-                if start is not None:
-                    start[count], end[count], half[count] = stack[top - 3], stack[top - 2], is_half
+                if pairs is not None:
+                    pairs[count, 0] = stack[top - 3]
+                    pairs[count, 1] = ~stack[top - 2] if is_half else stack[top - 2]
                 if exponent is not None:
                     part = (extent * inverse_scale) ** exponent
                     damage += 0.5 * part if is_half else part
@@ -84,12 +84,12 @@ def cycles(series, stack, values, start, end, half, inverse_scale, exponent):
                     bottom += 1
                 else:
                     values[top - 3] = x
-                    if start is not None:
+                    if pairs is not None:
                         stack[top - 3] = places[k]
                     top -= 2
     while top - bottom > 1:
-        if start is not None:
-            start[count], end[count], half[count] = stack[bottom], stack[bottom + 1], True
+        if pairs is not None:
+            pairs[count, 0], pairs[count, 1] = stack[bottom], ~stack[bottom + 1]
         if exponent is not None:
             damage += 0.5 * (abs(values[bottom] - values[bottom + 1]) * inverse_scale) ** exponent
         bottom, count = bottom + 1, count + 1
@@ -97,27 +97,28 @@ def cycles(series, stack, values, start, end, half, inverse_scale, exponent):
 
 
 @compiled
-def all_cycles(series, start, end, half, counts):
-    """Count the cycles of many series (rows, n); `start`, `end` and `half` (rows, n) and `counts` (rows,) are filled."""
+def all_cycles(series, pairs, counts):
+    """Count the cycles of many series (rows, n); `pairs` (rows, n, 2) and `counts` (rows,) are filled."""
     stack, values = np.empty(series.shape[1], np.int32), np.empty(series.shape[1])
     for row in range(series.shape[0]):
-        counts[row], _ = cycles(series[row], stack, values, start[row], end[row], half[row], None, None)
+        counts[row], _ = cycles(series[row], stack, values, pairs[row], None, None)
 
 
 @compiled
-def tables(series, places, start, end, half, counts, extent, mean, number, begin, finish):
-    """Fill the tables (rows, cycles) of range, mean, count, begin and end of the cycles; nan and the count 0 beyond the last."""
+def tables(series, places, pairs, counts, filled):
+    """Fill range, mean, count, begin and end of the cycles (5, rows, cycles); nan and the count 0 beyond the last."""
     for row in range(series.shape[0]):
-        for k in range(extent.shape[1]):
-            if k < counts[row]:
-                i, j = start[row, k], end[row, k]
-                extent[row, k] = abs(series[row, i] - series[row, j])
-                mean[row, k] = 0.5 * (series[row, i] + series[row, j])
-                number[row, k] = 0.5 if half[row, k] else 1.0
-                begin[row, k], finish[row, k] = places[i], places[j]
-            else:
-                extent[row, k], mean[row, k], number[row, k] = np.nan, np.nan, 0.0
-                begin[row, k], finish[row, k] = np.nan, np.nan
+        for k in range(counts[row]):
+            i, j = pairs[row, k, 0], pairs[row, k, 1]
+            is_half = j < 0
+            j = ~j if is_half else j
+            filled[0, row, k] = abs(series[row, i] - series[row, j])
+            filled[1, row, k] = 0.5 * (series[row, i] + series[row, j])
+            filled[2, row, k] = 0.5 if is_half else 1.0
+            filled[3, row, k], filled[4, row, k] = places[i], places[j]
+        for k in range(counts[row], filled.shape[2]):
+            filled[0, row, k], filled[1, row, k], filled[2, row, k] = np.nan, np.nan, 0.0
+            filled[3, row, k], filled[4, row, k] = np.nan, np.nan
 
 
 @compiled
@@ -125,4 +126,4 @@ def damage_sums(series, scales, exponent, sums):
     """Fill `sums` (rows,) with the sums of count (range / scale)^exponent over the cycles of each series; scales (rows,)."""
     values = np.empty(series.shape[1])
     for row in range(series.shape[0]):
-        _, sums[row] = cycles(series[row], None, values, None, None, None, 1.0 / scales[row], exponent)
+        _, sums[row] = cycles(series[row], None, values, None, 1.0 / scales[row], exponent)

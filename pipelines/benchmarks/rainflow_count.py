@@ -3,8 +3,8 @@
     python pipelines/benchmarks/rainflow_count.py [--repeats 5] [--readme]
 
 Random walks.  The package takes the values of a labelled array, one series after the other; its equivalent range is the sum over
-its cycles.  cablepod takes and gives labelled arrays, in whole calls.  CPU time of one thread, medians in turns.  Needs the extra
-``test``.
+its cycles.  cablepod takes and gives labelled arrays, in whole calls.  Wall time, medians in turns: of many samples
+``fatigue.ranges`` makes the hash that the history keeps in a second thread.  Needs the extra ``test``.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import cablepod as cp
 
 HERE = Path(__file__).resolve().parent
 #: Number of series and of samples in each.
-SIZES = ((1, 1000), (1, 10000), (1, 100000), (1, 1000000), (100, 1000), (64, 12000))
+SIZES = ((1, 1000), (1, 12000), (1, 100000), (1, 1000000), (64, 12000))
 EXPONENT = 4
 HEAD = (
     "series", "samples", "`rainflow` cycles [ms]", "`fatigue.ranges` [ms]", "ratio", "`rainflow` equivalent [ms]",
@@ -39,10 +39,10 @@ HEAD = (
 
 
 def seconds(job: Callable[[], object]) -> float:
-    """Return the CPU time of a call [s]."""
-    begin = time.process_time()
+    """Return the time of a call [s]."""
+    begin = time.perf_counter()
     job()
-    return time.process_time() - begin
+    return time.perf_counter() - begin
 
 
 def row(count: int, samples: int, repeats: int) -> list[str]:

@@ -89,6 +89,19 @@ def test_a_sine_has_one_cycle_a_period_of_twice_its_amplitude():
         assert found.attrs["units"] == "N"
 
 
+def test_many_samples_are_counted_as_few(monkeypatch):
+    # beyond MIN_IN_BACKGROUND the hash of the history is made in a thread
+    from cablepod.fatigue import _cycles
+
+    values = series_of(np.random.default_rng(4).normal(size=3000), time=0.1 * np.arange(3000), link=40)
+    plain = cp.fatigue.ranges(values)
+    monkeypatch.setattr(_cycles, "MIN_IN_BACKGROUND", 1000)
+    assert cp.fatigue.ranges(values).identical(plain)
+    assert plain.cycle.values.tolist() == list(range(1, plain.sizes["cycle"] + 1))
+    assert plain.sel(cycle=slice(2, 4)).sizes["cycle"] == 3
+    assert int(plain.link) == 40
+
+
 def test_two_samples_are_half_a_cycle():
     cycles = cp.fatigue.ranges(series_of([1.0, 3.0]))
     assert cycles.cycle_range.values.tolist() == [2.0]
@@ -134,6 +147,8 @@ def test_the_equivalent_range_scales_with_the_series():
         (lambda: cp.fatigue.ranges(series_of([1.0, np.nan, 2.0])), "series"),
         (lambda: cp.fatigue.ranges(series_of([1.0, np.inf, 2.0])), "series"),
         (lambda: cp.fatigue.ranges(xr.DataArray(["a", "b"], dims="time")), "series"),
+        (lambda: cp.fatigue.ranges(xr.DataArray(np.ones((2, 3)), dims=("cycle", "time"))), "series"),
+        (lambda: cp.fatigue.ranges(series_of([1, 2, 3], cycle_mean=4.0)), "series"),
         (lambda: cp.fatigue.equivalent(series_of([1, 2, 3])), "series"),
         (lambda: cp.fatigue.equivalent(series_of([1, 2, 3], time=[0.0, 2.0, 1.0])), "series"),
         (lambda: cp.fatigue.equivalent(series_of([1, 2], time=[0.0, 1.0]), exponent=0), "exponent"),
