@@ -34,6 +34,8 @@ LABELS: dict[Any, list[str] | None] = {
     "mode": None,
 }
 OUTPUTS = ("position", "velocity", "tension", "tension_extremes", "tension_peaks", "tension_mean", "tension_rms")
+#: Value of ``failure`` where Ctrl-C came before the point or the member was computed; also the end of a branch.
+INTERRUPTED = "interrupted"
 #: Name -> (units, long name) of results; :mod:`cablepod.parameters._keys` has the parameters of scenes.
 VARIABLES: dict[str, tuple[str, str]] = {
     # coordinates

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import signal
+import sys
 import tomllib
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -28,7 +29,7 @@ from cablepod.scene._make import _make as make_scene
 from cablepod.scene._read import read_scene
 
 #: Files of both commands.
-RESPONSE, BACKBONE, MODES, MAP = "frequency_response.nc", "backbone.nc", "modes.nc", "stability_map.nc"
+RESPONSE, MODES, MAP = "frequency_response.nc", "modes.nc", "stability_map.nc"
 RESPONSE_FIGURES = ("frequency_response.png", "tension.png", "multipliers.png")
 MAP_FIGURES = ("growth.png", "response.png")
 #: Number of vibration modes without a file of modes.
@@ -46,19 +47,19 @@ def respond(
     files = RESPONSE, MODES, *RESPONSE_FIGURES
     folder, dataset, chosen = _prepared(scene, out, modes, rank, files, overwrite, verify)
     low, high = (value * (2.0 * np.pi if hertz else 1.0) for value in frequency)
-    status = 0
-    try:
-        with _saying_of_damping(dataset), Bars() as bars:
-            bars("frequency response", 0.0)
-            result = periodic.frequency_response(
-                dataset, chosen, frequency=(low, high), progress=partial(bars, "frequency response")
+    with _saying_of_damping(dataset), Bars() as bars:
+        bars("frequency response", 0.0)
+        result, status = _kept(
+            partial(
+                periodic.frequency_response,
+                dataset,
+                chosen,
+                frequency=(low, high),
+                progress=partial(bars, "frequency response"),
             )
-    except RunStopped as error:
-        if error.partial is None:
-            raise
-        result, status = error.partial, _group.fail(str(error), status=_process.STATUS[signal.SIGINT])
-    archive.write(chosen, folder / MODES, overwrite=overwrite)
+        )
     archive.write(result, folder / RESPONSE, overwrite=overwrite)
+    archive.write(chosen, folder / MODES, overwrite=overwrite)
     from cablepod import plots
 
     of_tension = partial(plots.frequency_response, variable="tension_maximum", hertz=hertz)
@@ -66,6 +67,7 @@ def respond(
     _figures(folder, zip(RESPONSE_FIGURES, drawings, strict=True), result)
     say(_response_table(result, hertz))
     say(f"\n{folder}: {RESPONSE}, {MODES}, {', '.join(RESPONSE_FIGURES)}")
+    sys.stdout.flush()  # not at the end after a signal
     return status
 
 
@@ -89,20 +91,34 @@ def tongues(
     if not low < high:
         raise SceneError(f"--frequency: given {frequency[0]:g} {frequency[1]:g}; allowed: the lower one first")
     with _saying_of_damping(dataset), Bars() as bars:
-        result = periodic.stability_map(
-            dataset,
-            chosen,
-            frequency=np.linspace(low, high, points),
-            amplitude=amplitude * np.arange(1, points + 1) / points,
-            progress=partial(bars, "stability map"),
+        result, status = _kept(
+            partial(
+                periodic.stability_map,
+                dataset,
+                chosen,
+                frequency=np.linspace(low, high, points),
+                amplitude=amplitude * np.arange(1, points + 1) / points,
+                progress=partial(bars, "stability map"),
+            )
         )
-    archive.write(chosen, folder / MODES, overwrite=overwrite)
     archive.write(result, folder / MAP, overwrite=overwrite)
+    archive.write(chosen, folder / MODES, overwrite=overwrite)
     draw = partial(plots.stability_map, hertz=hertz)
     _figures(folder, zip(MAP_FIGURES, (draw, partial(draw, variable="response")), strict=True), result)
     say(_map_table(result, hertz))
     say(f"\n{folder}: {MAP}, {MODES}, {', '.join(MAP_FIGURES)}")
-    return 0
+    sys.stdout.flush()  # not at the end after a signal
+    return status
+
+
+def _kept(compute: Callable[[], xr.Dataset]) -> tuple[xr.Dataset, int]:
+    """Return a result and status 0, or after Ctrl-C what was computed until then and the status of that."""
+    try:
+        return compute(), 0
+    except RunStopped as error:
+        if error.partial is None:
+            raise
+        return error.partial, _group.fail(str(error), status=_process.STATUS[signal.SIGINT])
 
 
 def _prepared(
@@ -209,7 +225,7 @@ def _map_table(result: xr.Dataset, hertz: bool) -> str:
         rows, columns = np.nonzero(kinds == kind)
         first = int(np.argmin(rows))
         lines.append(
-            f"{str(kind).replace('_', ' '):<18}{100.0 * rows.size / kinds.size:>6.1f} %"
+            f"{str(kind).replace('_', ' ') or 'not computed':<18}{100.0 * rows.size / kinds.size:>6.1f} %"
             f"{result['amplitude'].values[rows[first]]:>22.4g}{omega[columns[first]]:>14.6g}"
         )
     return "\n".join([*lines, "", f"{result.sizes['edge']} edges of stable regions located"])

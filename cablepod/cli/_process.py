@@ -4,7 +4,7 @@ Python runs a handler of signals between two bytecodes of the main thread, which
 for seconds, and KeyboardInterrupt may be lost in a callback.  Therefore a thread of its own receives the number of the signal
 through the wakeup descriptor, prints the line, silences stderr and ends the process after :data:`GRACE`.  Until then
 KeyboardInterrupt in the main thread removes temporary files and releases workers.  Files are whole after an end by force too: all
-are replaced atomically.
+are replaced atomically.  Commands that write what was computed until then have :data:`TIME_TO_KEEP`, or until a second signal.
 
 This module is imported before anything slow and imports only what Python itself has loaded at its start, and :mod:`signal`.
 """
@@ -28,6 +28,10 @@ if TYPE_CHECKING:
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 #: Time for an orderly end [s].
 GRACE = 1.2
+#: Commands that write what was computed before the signal, and their time for that [s].
+KEEPING, TIME_TO_KEEP = ("respond", "tongues"), 10.0
+#: Interval at which a second signal is looked for [s].
+LOOK_EVERY = 0.05
 #: How to go on, by command; the others begin anew.
 GO_ON = {"ensemble": "the same command goes on where it stopped"}
 
@@ -66,6 +70,8 @@ class _Ending:
             number = os.read(source, 1)[0]
             if number in STATUS:
                 self.say(number)
+                if self.command in KEEPING:
+                    wait_for_second(source)
                 time.sleep(GRACE)
                 kill_children()
                 os._exit(self.status())
@@ -97,6 +103,18 @@ class _Ending:
     def status(self) -> int:
         """Return the exit status after the signal."""
         return STATUS[signal.Signals(self.number)]
+
+
+def wait_for_second(source: int) -> None:
+    """Wait for another signal, at most :data:`TIME_TO_KEEP`."""
+    os.set_blocking(source, False)
+    end = time.monotonic() + TIME_TO_KEEP
+    while time.monotonic() < end:
+        try:
+            if os.read(source, 1)[0] in STATUS:
+                return
+        except BlockingIOError:
+            time.sleep(LOOK_EVERY)
 
 
 def kill_children() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import NORMAL_MODES, SCENE, taken
+from cablepod.conventions import INTERRUPTED
 from cablepod.errors import RunStopped, scene_error
 from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._from_scene import Members
@@ -40,6 +42,7 @@ def backbone(
     amplitude: float,
     rank: int | None = None,
     motion: str = "planar",
+    progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Compute frequencies of free vibrations over their amplitude, without damping and forcing.
 
@@ -56,6 +59,8 @@ def backbone(
     motion
         "planar", or "whirling": the motion out of the plane a quarter of a period behind that in it.  It leaves the planar branch
         at ``branch_off`` points; where both frequencies agree at rest it starts there, as a circle.
+    progress
+        Callback receiving the completed fraction, which never falls and ends at 1.
 
     Returns
     -------
@@ -63,15 +68,15 @@ def backbone(
         ``angular_frequency (point)`` [rad/s], ``amplitude (point)`` [m], the largest deflection from its mean over a period,
         ``amplitude_of_mode (point, mode)`` [m], ``smallest_chordwise_force (point)`` [N].  Attributes: ``hardening``
         [rad^2/s^2/m^2], the coefficient of amplitude squared in the squared frequency at small amplitude; ``ended``: "amplitude",
-        "slack", "points" or "diverged"; ``branch_off_amplitude`` [m] and ``branch_off_angular_frequency`` [rad/s], where whirling
-        leaves the planar branch (nan where it does not).
+        "slack", "points", "diverged" or, in what Ctrl-C left, "interrupted"; ``branch_off_amplitude`` [m] and
+        ``branch_off_angular_frequency`` [rad/s], where whirling leaves the planar branch (nan where it does not).
 
     Raises
     ------
     SceneError
         For a scene, modes or options that it does not support; the key is named.
     RunStopped
-        If no vibration is found at small amplitude.
+        If no vibration is found at small amplitude, and on Ctrl-C; `partial` has what was traced.
 
     Notes
     -----
@@ -89,16 +94,24 @@ def backbone(
     model = PeriodicModel.of(forcing, modes, rank=rank, order="leading", out_of_plane=True)
     if mode > model.n_in_plane:
         raise scene_error("mode", mode, f"at most {model.n_in_plane}, the number of modes in the plane")
-    result = _Backbone(model, int(mode), float(amplitude)).result(motion)
+    study = _Backbone(model, int(mode), float(amplitude), progress)
+    result = study.result(motion)
     parameters = {"mode": int(mode), "amplitude": float(amplitude), "rank": rank, "motion": motion}
-    return output.record(result, "periodic.backbone", scene, modes, parameters)
+    result = output.record(result, "periodic.backbone", scene, modes, parameters)
+    if study.interrupted:
+        output.stop_interrupted(result, "periodic.backbone", f"{result.sizes['point']} points")
+    return result
 
 
 class _Backbone:
     """Free vibrations of one scene."""
 
-    def __init__(self, model: PeriodicModel, mode: int, amplitude: float) -> None:
+    def __init__(
+        self, model: PeriodicModel, mode: int, amplitude: float, progress: Callable[[float], None] | None = None
+    ) -> None:
         self.model, self.mode, self.amplitude = model, mode, amplitude
+        self.progress, self._told = progress or (lambda share: None), 0.0
+        self.interrupted = False
         self.solver = Solver(model)
         n = model.n_in_plane
         values, self.vectors = np.linalg.eigh(model.tangent_at_rest[:n, :n])
@@ -149,9 +162,19 @@ class _Backbone:
             raise RunStopped("no free vibration at small amplitude, as Newton's method fails; try another mode or rank")
         return found, direction
 
-    def trace(self, state: State, direction: np.ndarray) -> tuple[list[tuple[State, float, float]], str]:
-        """Follow the branch until its largest deflection reaches the amplitude; state, amplitude and smallest force of each."""
-        rows = [self._row(state)]
+    def trace(
+        self,
+        rows: list[tuple[State, float, float]],
+        state: State,
+        direction: np.ndarray,
+        share: tuple[float, float] = (0.0, 1.0),
+    ) -> str:
+        """Follow the branch until its largest deflection reaches the amplitude; return why it ends.
+
+        State, amplitude and smallest force of each point are appended to `rows`; `share` is the begin and the end of its part of
+        the progress.
+        """
+        rows.append(self._row(state))
         step = FIRST_AMPLITUDE
         for _ in range(MAX_POINTS):
             guess = replace(state, z=state.z + step * direction)
@@ -160,17 +183,24 @@ class _Backbone:
             if iterations < 0 or before @ tangent < 0.95:
                 step *= 0.5
                 if step < 1e-8:
-                    return rows, "diverged"
+                    return "diverged"
                 continue
             rows.append(self._row(found))
             if rows[-1][2] < 0.0:
-                return rows, SLACK
+                return SLACK
             if rows[-1][1] >= self.amplitude:
                 rows[-1] = self._at_amplitude(state, rows[-2][1], found, rows[-1])
-                return rows, AMPLITUDE
+                return AMPLITUDE
+            self._tell(share[0] + (share[1] - share[0]) * rows[-1][1] / self.amplitude)
             state, direction = found, tangent
             step = min(GROWTH * step, LARGEST_CHANGE * max(1.0, float(np.linalg.norm(found.coefficients[1:]))))
-        return rows, "points"
+        return "points"
+
+    def _tell(self, share: float) -> None:
+        """Report the completed fraction, where it has grown."""
+        if share > self._told:
+            self._told = share
+            self.progress(share)
 
     def _at_amplitude(
         self, before: State, size: float, after: State, last: tuple[State, float, float]
@@ -247,20 +277,31 @@ class _Backbone:
         """Return the branch as a Dataset."""
         circular = motion == "whirling"
         degenerate = self.gaps.size > 0 and float(np.abs(self.gaps).min()) < DEGENERATE
-        state, direction = self.start(FIRST_AMPLITUDE, circular and degenerate)
-        rows, ended = self.trace(state, direction)
+        leaves = circular and not degenerate  # from the planar branch, which is traced first
         attrs: dict[str, Any] = {"hardening": self.hardening(circular and degenerate)}
-        leaving = None if degenerate else self.branch_off(rows)
+        planar: list[tuple[State, float, float]] = []
+        rows = [] if leaves else planar
+        leaving, ended = None, INTERRUPTED
+        try:
+            start = self.start(FIRST_AMPLITUDE, circular and degenerate)
+            planar_ended = self.trace(planar, *start, (0.0, 0.5 if leaves else 1.0))
+            ended = INTERRUPTED if leaves else planar_ended
+            leaving = None if degenerate else self.branch_off(planar)
+            if leaves and leaving is None:
+                raise scene_error(
+                    "motion", motion, f'"planar": whirling does not leave this branch below {self.amplitude:g} m'
+                )
+            if leaves and leaving is not None:
+                ended = self.trace(rows, *leaving, (0.5, 1.0))
+            self._tell(1.0)
+        except KeyboardInterrupt:
+            if not rows:
+                raise  # nothing to keep
+            self.interrupted = True
         attrs["branch_off_amplitude"] = 0.0 if degenerate else self._row(leaving[0])[1] if leaving else np.nan
         attrs["branch_off_angular_frequency"] = (
             self.omega if degenerate else leaving[0].omega if leaving else np.nan
         ) * self.model.scales[0]
-        if circular and not degenerate:
-            if leaving is None:
-                raise scene_error(
-                    "motion", motion, f'"planar": whirling does not leave this branch below {self.amplitude:g} m'
-                )
-            rows, ended = self.trace(*leaving)
         return self.labelled(rows, attrs | {"ended": ended})
 
     def labelled(self, rows: list[tuple[State, float, float]], attrs: dict[str, Any]) -> xr.Dataset:

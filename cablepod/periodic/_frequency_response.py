@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import NORMAL_MODES, SCENE, taken
+from cablepod.conventions import INTERRUPTED
 from cablepod.errors import RunStopped, scene_error
 from cablepod.parameters._checks import integer, number
 from cablepod.periodic import _estimate as estimate
@@ -44,8 +45,6 @@ MAX_PERIODS, MAX_DEPTH = 4, 3
 MEETING_RTOL = 5e-3
 #: Work of a study, in unknowns cubed of all linear systems, after which no more points are traced: some seconds.
 MAX_WORK = 5e10
-#: End of a branch by Ctrl-C.
-INTERRUPTED = "interrupted"
 
 
 def frequency_response(
@@ -131,21 +130,20 @@ def frequency_response(
     study.run()
     result = labelled(study, wanted)
     if "error_estimate" in wanted and not study.interrupted:
-        rich, gained = estimate.richer_solver(scene, modes, rank, out_of_plane)
-        errors = estimate.bifurcation_errors(study.solver, study.events, rich)
-        result["bifurcation_error_estimate"] = (("bifurcation",), errors, ERROR_LABEL)
-        result.attrs["error_estimate_by"] = gained
+        try:
+            rich, gained = estimate.richer_solver(scene, modes, rank, out_of_plane)
+            errors = estimate.bifurcation_errors(study.solver, study.events, rich)
+            result["bifurcation_error_estimate"] = (("bifurcation",), errors, ERROR_LABEL)
+            result.attrs["error_estimate_by"] = gained
+        except KeyboardInterrupt:
+            study.interrupted = True
     parameters = {
         "frequency": [low, high], "rank": rank, "order": order, "harmonics": harmonics, "follow": list(names),
         "points": int(points), "out_of_plane": bool(out_of_plane), "outputs": list(wanted),
     }  # fmt: skip
     result = output.record(result, "periodic.frequency_response", scene, modes, parameters)
     if study.interrupted:
-        result.attrs["incomplete"] = 1
-        raise RunStopped(
-            f"periodic.frequency_response was interrupted after {result.sizes['point']} points; try `partial`, which has them",
-            result,
-        )
+        output.stop_interrupted(result, "periodic.frequency_response", f"{result.sizes['point']} points")
     output.warn_of_result(result.attrs, model.damping + model.tension_damping)
     return result
 
@@ -202,6 +200,8 @@ class _Study:
             self._main()
             self._others()
         except KeyboardInterrupt:
+            if not self._count():
+                raise  # nothing to keep
             self.interrupted = True
             for branch in self.branches:
                 branch.ended = branch.ended or INTERRUPTED

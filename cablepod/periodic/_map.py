@@ -19,6 +19,8 @@ HARMONICS, TAIL_RTOL = 5, 1e-5
 MAX_BYTES = 3e8
 #: Number of columns that a thread takes at once.
 COLUMNS = 4
+#: Kind of a point without an orbit, see ``_kernels_map``.
+NO_ORBIT = 4
 
 
 class MapResult(NamedTuple):
@@ -29,7 +31,16 @@ class MapResult(NamedTuple):
     response: np.ndarray  #: largest deflections from the mean (amplitudes, frequencies) [m]
     smallest_force: np.ndarray  #: (amplitudes, frequencies) [N]
     tail: np.ndarray  #: share of the last two harmonics (amplitudes, frequencies)
-    edges: list[tuple[float, int, int, int]]  #: angular frequency [rad/s], amplitude, set and kind of each edge
+    edges: dict[tuple[int, int, int], tuple[float, int]]
+    """Set, amplitude and frequency before the edge -> its angular frequency [rad/s] and kind."""
+    finished: np.ndarray  #: whether a point was computed (amplitudes, frequencies)
+
+    @classmethod
+    def empty(cls, shape: tuple[int, int]) -> MapResult:
+        """Return a map of which no point is finished."""
+        growth, kind = np.full((2, *shape), np.nan), np.full((2, *shape), NO_ORBIT)
+        response, force, tail = (np.full(shape, np.nan) for _ in range(3))
+        return cls(growth, kind, response, force, tail, {}, np.zeros(shape, dtype=bool))
 
 
 @dataclass(eq=False)
@@ -57,9 +68,13 @@ def compute_map(
     models: list[PeriodicModel],
     omega: np.ndarray,
     amplitudes: np.ndarray,
+    result: MapResult,
     progress: Callable[[float], None] = lambda share: None,
-) -> MapResult:
-    """Compute a map for angular frequencies [rad/s] (frequencies,) and models of rising amplitudes, with the scales of `base`."""
+) -> None:
+    """Compute a map for angular frequencies [rad/s] (frequencies,) and models of rising amplitudes, with the scales of `base`.
+
+    After Ctrl-C `result` has the columns that were finished.
+    """
     from cablepod.periodic import _kernels_map as kernel  # numba is imported only to compute
 
     frequency_scale, length_scale, _ = base.scales
@@ -67,17 +82,12 @@ def compute_map(
     split = base.n_in_plane if base.is_planar else base.size
     scaled = omega / frequency_scale
     base.check_period(2.0 * np.pi / scaled[0])
-    shape = (len(models), omega.size)
-    result = MapResult(
-        np.full((2, *shape), np.nan), np.zeros((2, *shape), dtype=np.int64), np.full(shape, np.nan),
-        np.full(shape, np.nan), np.full(shape, np.nan), [],
-    )  # fmt: skip
     kappa = np.stack([model.kappa for model in models])
     sag = np.array([model.sag for model in models])
     equal = _equal_steps(amplitudes)
     shapes = np.concatenate(base.sets)[:n] * length_scale
     most = int(min(MAX_PHASES, MAX_BYTES / (24 * len(models) * base.size**2)))
-    todo, harmonics, edges = np.arange(omega.size), HARMONICS, {}
+    todo, harmonics = np.arange(omega.size), HARMONICS
     while todo.size:
         samples = 4 * harmonics + 4
         again = []
@@ -94,26 +104,44 @@ def compute_map(
                 np.zeros((2, len(models), columns.size), np.int64),
             ]
             more = [np.full((len(models), columns.size), np.nan) for _ in range(3)]
+            computed = np.zeros(columns.size, dtype=bool)
 
             def do(
                 begin: int, columns: np.ndarray = columns, batch: _Batch = batch, rest: np.ndarray = rest,
                 basis: np.ndarray = basis, phases_basis: np.ndarray = phases_basis, stride: int = int(stride),
                 samples: int = samples, orbits: np.ndarray = orbits, parts: list = parts, more: list = more,
+                computed: np.ndarray = computed,
             ) -> None:  # fmt: skip
                 kernel.map_columns(
                     begin, min(begin + COLUMNS, columns.size), scaled[columns], equal, rest.ravel(), batch.plane,
                     batch.stiffness, batch.load, batch.chord_tension, kappa, sag, base.damping, shapes, split, basis,
                     phases_basis, stride, samples, orbits, *parts, *more,
                 )  # fmt: skip
+                computed[begin : begin + COLUMNS] = True
 
-            def told(count: int, before: int = omega.size - todo.size) -> None:
-                progress(min(1.0, (before + COLUMNS * count) / omega.size))
+            def settled(
+                computed: np.ndarray = computed, tail: np.ndarray = more[2], most: bool = harmonics >= MAX_HARMONICS
+            ) -> np.ndarray:
+                return computed & (most | ~(np.nanmax(tail, axis=0, initial=0.0) > TAIL_RTOL))
 
-            map_threads(do, range(0, columns.size, COLUMNS), cores(), done=told)
-            result.growth[:, :, columns], result.kind[:, :, columns] = parts[0] * frequency_scale, parts[1]
-            result.response[:, columns], result.smallest_force[:, columns] = more[0], more[1] * base.force_scale
-            result.tail[:, columns] = more[2]
-            flagged = (np.nanmax(more[2], axis=0, initial=0.0) > TAIL_RTOL) & (harmonics < MAX_HARMONICS)
+            def told(_: int, settled: Callable[[], np.ndarray] = settled) -> None:
+                progress((int(result.finished[0].sum()) + int(settled().sum())) / omega.size)
+
+            try:
+                map_threads(do, range(0, columns.size, COLUMNS), cores(), done=told)
+            finally:  # after Ctrl-C the columns that are settled
+                kept = settled()
+                into = columns[kept]
+                result.growth[:, :, into], result.kind[:, :, into] = (
+                    parts[0][:, :, kept] * frequency_scale,
+                    parts[1][:, :, kept],
+                )
+                result.response[:, into], result.smallest_force[:, into] = (
+                    more[0][:, kept],
+                    more[1][:, kept] * base.force_scale,
+                )
+                result.tail[:, into], result.finished[:, into] = more[2][:, kept], True
+            flagged = ~kept
             again.append(columns[flagged])
             places = [
                 (k, a, f, int(max(parts[1][k, a, f], parts[1][k, a, f + 1])))
@@ -125,22 +153,20 @@ def compute_map(
             def refine(
                 place: tuple[int, int, int, int], orbits: np.ndarray = orbits, batch: _Batch = batch,
                 basis: np.ndarray = basis, phases_basis: np.ndarray = phases_basis, stride: int = int(stride),
-                samples: int = samples,
-            ) -> float:  # fmt: skip
+                samples: int = samples, columns: np.ndarray = columns,
+            ) -> None:  # fmt: skip
                 k, a, f, kind = place
-                return kernel.refine_edge(
+                value = kernel.refine_edge(
                     kind, orbits[a, f], orbits[a, f + 1], *((0, 2 * split) if k == 0 else (2 * split, 2 * base.size)),
                     batch.plane[a], batch.stiffness[a], batch.load[a], batch.chord_tension[a], kappa[a], sag[a],
                     base.damping, split, basis, phases_basis, stride, samples,
                 )  # fmt: skip
-
-            for (k, a, f, kind), value in zip(places, map_threads(refine, places, cores()), strict=True):
                 if np.isfinite(value):
-                    edges[(k, a, int(columns[f]))] = (value * frequency_scale, a, k, kind)
+                    result.edges[(k, a, int(columns[f]))] = (value * frequency_scale, kind)
+
+            map_threads(refine, places, cores())
         todo = np.concatenate(again) if again else np.empty(0, dtype=int)
         harmonics = min(2 * harmonics, MAX_HARMONICS)
-    result.edges.extend(edges[key] for key in sorted(edges))
-    return result
 
 
 def _equal_steps(amplitudes: np.ndarray) -> np.ndarray:

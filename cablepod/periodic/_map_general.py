@@ -23,16 +23,12 @@ def compute_general_map(
     models: list[PeriodicModel],
     omega: np.ndarray,
     amplitudes: np.ndarray,
+    result: MapResult,
     progress: Callable[[float], None] = lambda share: None,
-) -> MapResult:
+) -> None:
     """Do :func:`cablepod.periodic._map.compute_map` with the number of harmonics of single orbits, in one thread."""
     scale = base.scales[0]
     base.check_period(2.0 * np.pi / omega[0] * scale)
-    shape = (amplitudes.size, omega.size)
-    result = MapResult(
-        np.full((2, *shape), np.nan), np.full((2, *shape), 4), np.full(shape, np.nan), np.full(shape, np.nan),
-        np.full(shape, np.nan), [],
-    )  # fmt: skip
     known: list[list[State]] = [[] for _ in omega]  # the last three responses at each frequency, without a gap
     last: list[State | None] = [None for _ in omega]
     for a, model in enumerate(models):
@@ -45,10 +41,10 @@ def compute_general_map(
             last[f] = last[f] if state is None else state
             if state is not None:
                 _judge(solver, state, result, (a, f))
+            result.finished[a, f] = True
             progress((a * omega.size + f + 1) / result.response.size)
         _add_edges(solver, now, result, a)
         model._tables.clear()
-    return result
 
 
 def _found(solver: Solver, omega: float, known: list[State], last: State | None) -> State | None:
@@ -111,7 +107,7 @@ def _add_edges(solver: Solver, states: list[State | None], result: MapResult, a:
             if (kinds[0] > 0) != (kinds[1] > 0) and kinds.max() < 4:
                 omega = _edge(solver, first, second, part, int(kinds.max()))
                 if omega is not None:
-                    result.edges.append((omega * solver.model.scales[0], a, k, int(kinds.max())))
+                    result.edges[(k, a, f)] = (omega * solver.model.scales[0], int(kinds.max()))
 
 
 def _edge(solver: Solver, first: State, second: State, part: slice, kind: int) -> float | None:

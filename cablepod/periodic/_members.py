@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod.conventions import INTERRUPTED
 from cablepod.errors import RunStopped, SceneError, one_of, scene_error
 from cablepod.parameters._from_scene import Members
 from cablepod.periodic._forcing import periodic_forcing
@@ -56,24 +57,29 @@ def one_member(scene: xr.Dataset, function: str) -> None:
         )
 
 
-def each_member(scene: xr.Dataset, one: Callable[[xr.Dataset], xr.Dataset]) -> xr.Dataset:
-    """Compute a scene, or each of its members one by one.
+def each_member(
+    scene: xr.Dataset,
+    one: Callable[[xr.Dataset, Callable[[float], None]], xr.Dataset],
+    progress: Callable[[float], None] | None = None,
+) -> xr.Dataset:
+    """Compute a scene, or each of its members one by one; `one` takes a scene and a callback of the completed fraction.
 
     Members that fail hold nan or no text, and their reason in ``failure``.  Lists of edges are filled up to the longest one.
+    After Ctrl-C the result has what was computed, and the attribute ``incomplete``.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        On Ctrl-C before anything was computed.
     """
     members = Members(scene)
+    told = progress or (lambda share: None)
     if "member" not in scene.dims:
-        return one(scene)
-    results: list[xr.Dataset | None] = []
-    reasons: list[str] = []
-    for i in range(len(members)):
-        try:
-            results.append(one(scene.isel(member=i)))
-            reasons.append("")
-        except (SceneError, RunStopped) as error:
-            results.append(None)
-            reasons.append(str(error))
+        return one(scene, told)
+    results, reasons, interrupted = _results(scene, len(members), one, told)
     found = _of_equal_size([result for result in results if result is not None])
+    if not found and interrupted:
+        raise KeyboardInterrupt
     if not found:
         raise SceneError(
             f"scene: given no member with a result ({reasons[0]}); allowed: members with periodic responses"
@@ -103,7 +109,41 @@ def each_member(scene: xr.Dataset, one: Callable[[xr.Dataset], xr.Dataset]) -> x
         joined["failure"] = ("member", np.array(reasons))
         joined["failure"].attrs.update(units="1", long_name="reason why the member has no result")
     joined["member"].attrs.update(units="1", long_name="number of the member of an ensemble")
+    if interrupted:
+        joined.attrs["incomplete"] = 1
     return joined
+
+
+def _results(
+    scene: xr.Dataset,
+    count: int,
+    one: Callable[[xr.Dataset, Callable[[float], None]], xr.Dataset],
+    told: Callable[[float], None],
+) -> tuple[list[xr.Dataset | None], list[str], bool]:
+    """Return results of members, reasons of those without one, and whether Ctrl-C came before the last of them was complete."""
+
+    def share_of(i: int) -> Callable[[float], None]:
+        return lambda share: told((i + share) / count)
+
+    results: list[xr.Dataset | None] = []
+    reasons: list[str] = []
+    interrupted = False
+    for i in range(count):
+        try:
+            part = one(scene.isel(member=i), share_of(i))
+            results.append(part)
+            reasons.append("")
+            interrupted = "incomplete" in part.attrs
+            told((i + 1) / count)
+        except (SceneError, RunStopped) as error:
+            results.append(None)
+            reasons.append(str(error))
+        except KeyboardInterrupt:
+            interrupted = True
+        if interrupted:
+            break
+    left = count - len(results)
+    return [*results, *[None] * left], [*reasons, *[INTERRUPTED] * left], interrupted
 
 
 def _of_equal_size(results: list[xr.Dataset]) -> list[xr.Dataset]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -42,6 +42,7 @@ def orbit(
     start: xr.Dataset | None = None,
     out_of_plane: bool = True,
     outputs: tuple[str, ...] = ("position", "tension_extremes"),
+    progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Compute a periodic response of the condensed model and its Floquet multipliers.
 
@@ -69,6 +70,8 @@ def orbit(
     outputs
         Some of "position" (at 128 instants of each period of the forcing), "tension", "tension_extremes", "harmonics" and
         "error_estimate", which takes some ten times as long as the orbit.
+    progress
+        Callback receiving the completed fraction of the members, which never falls and ends at 1.
 
     Returns
     -------
@@ -85,7 +88,7 @@ def orbit(
     SceneError
         For a scene, modes or options that it does not support; the key is named.
     RunStopped
-        If no periodic response is found near the start.
+        If no periodic response is found near the start; on Ctrl-C after the first member, where `partial` has those computed.
 
     Warns
     -----
@@ -111,7 +114,7 @@ def orbit(
     if harmonics is not None:
         integer(least=2, most=MAX_HARMONICS * periods)("harmonics", harmonics)
 
-    def one(scene: xr.Dataset) -> xr.Dataset:
+    def one(scene: xr.Dataset, _: Callable[[float], None]) -> xr.Dataset:
         model, omega = model_of(scene, modes, rank=rank, order=order, out_of_plane=out_of_plane)
         solver = solver_of(model)
         state = find(solver, omega / model.scales[0], periods, harmonics, start)
@@ -123,13 +126,19 @@ def orbit(
         output.warn_of_result(result.attrs, model.damping + model.tension_damping)
         return result
 
-    result = each_member(scene, one)
+    result = each_member(scene, one, progress)
+    interrupted = "incomplete" in result.attrs
+    if progress is not None and not interrupted:
+        progress(1.0)
     parameters = {
         "rank": rank, "order": order, "periods": int(periods), "harmonics": harmonics, "out_of_plane": bool(out_of_plane),
         "outputs": list(wanted), **(values_of_members(scene) if "member" in scene.dims else {}),
     }  # fmt: skip
     inputs = () if start is None else (start,)
-    return output.record(result, "periodic.orbit", scene, modes, parameters, inputs)
+    result = output.record(result, "periodic.orbit", scene, modes, parameters, inputs)
+    if interrupted:
+        output.stop_interrupted(result, "periodic.orbit", "some members")
+    return result
 
 
 def find(solver: Solver, omega: float, periods: int, harmonics: int | None, start: xr.Dataset | None) -> State:

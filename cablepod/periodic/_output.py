@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import xarray as xr
 
 from cablepod import provenance
 from cablepod.conventions import COORDINATES, ENDS, label
-from cablepod.errors import OutOfRangeWarning, user_stacklevel
+from cablepod.errors import OutOfRangeWarning, RunStopped, user_stacklevel
 from cablepod.periodic._fields import mode_amplitudes
 from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._solve import State, sets_of
@@ -179,3 +179,9 @@ def record(
             **{name: parameters[name] for name in parameters if parameters[name] is None}
         ),
     )
+
+
+def stop_interrupted(result: xr.Dataset, function: str, kept: str) -> NoReturn:
+    """Raise :class:`cablepod.errors.RunStopped` after Ctrl-C with what was computed, marked as incomplete."""
+    result.attrs = provenance.in_order(result.attrs | {"incomplete": 1})
+    raise RunStopped(f"{function} was interrupted after {kept}; try `partial`, which has them", result)

@@ -10,6 +10,7 @@ import xarray as xr
 
 from cablepod._inputs import NORMAL_MODES, SCENE, taken
 from cablepod.batch._members import values_of_members
+from cablepod.conventions import INTERRUPTED
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import numbers_list
 from cablepod.periodic import _output as output
@@ -69,6 +70,13 @@ def stability_map(
     ------
     SceneError
         For a scene, modes or options that it does not support; the key is named.
+    RunStopped
+        On Ctrl-C; `partial` has the columns that were finished, else nan, no kind, and the ``failure`` "interrupted".
+
+    Warns
+    -----
+    OutOfRangeWarning
+        As :func:`orbit`.
 
     Notes
     -----
@@ -80,26 +88,37 @@ def stability_map(
     scene, modes = taken("scene", scene, SCENE), taken("modes", modes, NORMAL_MODES)
     omegas, amplitudes = _grid("frequency", frequency), _grid("amplitude", amplitude)
 
-    def one(scene: xr.Dataset) -> xr.Dataset:
+    def one(scene: xr.Dataset, progress: Callable[[float], None]) -> xr.Dataset:
         model, _ = model_of(scene, modes, rank=rank, order="leading", out_of_plane=out_of_plane)
         if not model.forcing.amplitude:
             raise scene_error("amplitude", 0.0, "a scene with an amplitude other than 0, which is scaled")
         factors = amplitudes / model.forcing.amplitude
         models = [model.with_amplitude(float(factor)) for factor in factors]
         compute = compute_general_map if model.tension_damping else compute_map
-        found = compute(model, models, omegas, amplitudes, progress or (lambda share: None))
+        found = MapResult.empty((amplitudes.size, omegas.size))
+        try:
+            compute(model, models, omegas, amplitudes, found, progress)
+        except KeyboardInterrupt:
+            if not found.finished.any():
+                raise  # nothing to keep
+            return labelled(model, found, omegas, amplitudes).assign_attrs(incomplete=1)
         result = labelled(model, found, omegas, amplitudes)
         output.warn_of_result(result.attrs, model.damping)
         return result
 
-    result = each_member(scene, one)
-    if progress is not None:
+    result = each_member(scene, one, progress)
+    interrupted = "incomplete" in result.attrs
+    if progress is not None and not interrupted:
         progress(1.0)
     parameters = {
         "frequency": omegas, "amplitude": amplitudes, "rank": rank, "out_of_plane": bool(out_of_plane),
         **(values_of_members(scene) if "member" in scene.dims else {}),
     }  # fmt: skip
-    return output.record(result, "periodic.stability_map", scene, modes, parameters)
+    result = output.record(result, "periodic.stability_map", scene, modes, parameters)
+    if interrupted:
+        count = int((result["failure"] != INTERRUPTED).sum())
+        output.stop_interrupted(result, "periodic.stability_map", f"{count} of {result['failure'].size} points")
+    return result
 
 
 def _grid(key: str, given: Any) -> np.ndarray:
@@ -121,14 +140,18 @@ def labelled(model: PeriodicModel, found: MapResult, omegas: np.ndarray, amplitu
         growth = np.where(np.isnan(found.growth), -np.inf, found.growth)
         fastest = np.where(growth[1] > growth[0], 1, 0)
     number = np.take_along_axis(found.kind, fastest[None], axis=0)[0]
-    edges = found.edges
+    edges = [
+        (omega, a, k, kind)
+        for (k, a, f), (omega, kind) in sorted(found.edges.items())
+        if found.finished[a, f : f + 2].all()
+    ]  # without those beside columns that an interrupted map lacks
     variables: dict[str, Any] = {"growth_in_plane": (grid, found.growth[0])}
     if sets == 2:
         variables["growth_out_of_plane"] = (grid, found.growth[1])
     variables |= {
         "response": (grid, found.response),
-        "kind": (grid, words[fastest, number]),
-        "failure": (grid, np.where(np.isnan(found.response), NO_ORBIT, "")),
+        "kind": (grid, np.where(found.finished, words[fastest, number], "")),
+        "failure": (grid, np.where(found.finished, np.where(np.isnan(found.response), NO_ORBIT, ""), INTERRUPTED)),
         "smallest_chordwise_force": (grid, found.smallest_force),
         "edge_angular_frequency": (("edge",), np.array([edge[0] for edge in edges])),
         "edge_amplitude": (("edge",), np.array([amplitudes[edge[1]] for edge in edges])),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from cablepod.conventions import INTERRUPTED
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import integer
 from cablepod.plots import _style
@@ -209,7 +210,7 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", hertz: bool =
     -------
     matplotlib.axes.Axes
         `ax`, or new ones, with a colour bar: white where all disturbances decay, brighter where they grow faster; edges of stable
-        regions as lines of dots, crosses where there is no response.
+        regions as lines of dots, crosses where there is no response, grey where Ctrl-C left points out.
 
     Raises
     ------
@@ -242,16 +243,22 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", hertz: bool =
                 ]
                 edge[0] = _scale(hertz) * edge[0]
                 ax.plot(*edge, ".", color=colour, markersize=2, label=f"edge, {name.replace('_', ' ')}")
-    missing = np.argwhere(np.isnan(values))
+    left_out = result["failure"].values == INTERRUPTED if "failure" in result else np.zeros(values.shape, dtype=bool)
+    missing = np.argwhere(np.isnan(values) & ~left_out)
     if missing.size:
         ax.plot(
             omega[missing[:, 1]], size[missing[:, 0]], "x", color=_style.COLOURS[6], markersize=3, label="no response"
         )
     ax.set(xlabel=_of_forcing(hertz), ylabel=_label(amplitude))
     handles, labels = ax.get_legend_handles_labels()
-    if variable != "response":
-        from matplotlib.patches import Patch
+    from matplotlib.patches import Patch
 
+    if left_out.any():
+        grey: dict[str, Any] = {"cmap": "gray", "vmin": 0.0, "vmax": 1.0, "shading": "nearest", "rasterized": True}
+        ax.pcolormesh(omega, size, np.where(left_out, 0.8, np.nan), **grey)
+        handles.append(Patch(facecolor="0.8"))
+        labels.append("not computed")
+    if variable != "response":
         handles.insert(0, Patch(facecolor="white", edgecolor="0.5"))
         labels.insert(0, "stable")
     if labels:  # below, where it hides no edge

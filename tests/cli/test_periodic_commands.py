@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 import pytest
 import xarray as xr
+from children import run_python
 
 import cablepod as cp
 from cablepod import cli
@@ -135,3 +136,70 @@ def test_refusals_are_one_line(arguments, match, guy, tmp_path, capsys):
     assert said.startswith("cablepod: ")
     assert said.count("\n") == 1
     assert match in said
+
+
+#: Arguments of the commands, the file of the result, and what its table says of the rest.
+INTERRUPTED = {
+    "respond": (["--frequency", "11", "14", "--rank", "2"], "frequency_response.nc", "interrupted"),
+    "tongues": (
+        ["--frequency", "12", "13", "--amplitude", "0.01", "--points", "40", "--rank", "2"],
+        "stability_map.nc",
+        "not computed",
+    ),
+}
+
+
+@pytest.mark.parametrize("command", INTERRUPTED)
+def test_ctrl_c_leaves_what_was_computed(command, guy, tmp_path, capsys, monkeypatch):
+    class Pressed(_periodic.Bars):
+        def __call__(self, label, fraction):
+            if fraction > 0.2:
+                raise KeyboardInterrupt
+
+    def one_by_one(function, items, workers, done=lambda count: None):
+        for count, item in enumerate(items, start=1):
+            function(item)
+            done(count)
+
+    monkeypatch.setattr(_periodic, "Bars", Pressed)
+    monkeypatch.setattr("cablepod.periodic._map.map_threads", one_by_one)
+    arguments, name, said = INTERRUPTED[command]
+    out = tmp_path / "out"
+    assert cli.main([command, guy, "--out", str(out), *arguments]) == 130
+    told = capsys.readouterr()
+    assert told.err.count("\n") == 1
+    assert "was interrupted after" in told.err
+    assert said in told.out
+    kept = cp.archive.read(out / name)
+    assert kept.attrs["incomplete"] == 1
+    assert len(list(out.iterdir())) > 3  # figures too
+
+
+#: The command, which sends itself the signal while it works.
+PRESSES = """
+import os, signal, sys
+from cablepod.cli import _process, main, _periodic
+class Pressed(_periodic.Bars):
+    def __call__(self, label, fraction):
+        if fraction > 0.0:
+            os.kill(os.getpid(), signal.{number})
+_periodic.Bars = Pressed
+sys.argv = ["cablepod", *{arguments!r}]
+_process.run(main, sys.argv[1:])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("command", INTERRUPTED)
+@pytest.mark.usefixtures("ctrl_c")
+def test_a_signal_leaves_what_was_computed(command, number, guy, tmp_path):
+    arguments, name, said = INTERRUPTED[command]
+    out = tmp_path / "out"
+    more = ["--points", "150"] if command == "tongues" else []  # two seconds of work
+    code = PRESSES.format(number=number, arguments=[command, guy, "--out", str(out), *arguments, *more])
+    done = run_python("-c", code, timeout=120)
+    assert done.returncode == {"SIGINT": 130, "SIGTERM": 143}[number]
+    assert done.stderr.count("\n") == 1
+    assert said in done.stdout
+    assert cp.archive.read(out / name).attrs["incomplete"] == 1

@@ -76,3 +76,56 @@ def test_hardening_turns_to_softening_at_the_known_sag():
 
     assert hardening(2.0) > 0.0 > hardening(5.0)
     assert brentq(hardening, 2.5, 4.0, xtol=1e-3) == pytest.approx(3.068, abs=0.01)
+
+
+def after(share):
+    """A callback that is Ctrl-C after some share of the work, and the shares it was told."""
+    told: list[float] = []
+
+    def stop(done):
+        told.append(done)
+        if done > share:
+            raise KeyboardInterrupt
+
+    return stop, told
+
+
+def leaving():
+    """A sagging cable, of which whirling leaves the planar branch at 0.065 m, with its modes."""
+    scene = parabolic(45.0)
+    return scene, cp.condensed.vibration_modes(scene, rank=3, links=20, static_modes=True), 0.075
+
+
+def string():
+    """A string, of which whirling begins at rest."""
+    scene = mathieu(0.1)
+    return scene, cp.condensed.vibration_modes(scene, rank=2), 2.0
+
+
+@pytest.mark.parametrize(
+    ("case", "motion", "share"), [(string, "planar", 0.25), (string, "whirling", 0.25), (leaving, "whirling", 0.95)]
+)
+def test_what_was_traced_is_kept_after_an_interrupt(case, motion, share, tmp_path):
+    scene, modes, amplitude = case()
+    told: list[float] = []
+    whole = cp.periodic.backbone(scene, modes, amplitude=amplitude, motion=motion, progress=told.append)
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+    stop, _ = after(share)
+    with pytest.raises(cp.RunStopped, match="interrupted") as caught:
+        cp.periodic.backbone(scene, modes, amplitude=amplitude, motion=motion, progress=stop)
+    partial = caught.value.partial
+    count = partial.sizes["point"]
+    assert 1 < count < whole.sizes["point"] - 1
+    for name in ("angular_frequency", "amplitude", "amplitude_of_mode", "smallest_chordwise_force"):
+        assert np.array_equal(partial[name].values, whole[name].values[:count], equal_nan=True), name
+    assert (partial.attrs["ended"], partial.attrs["incomplete"]) == ("interrupted", 1)
+    assert partial.attrs["hardening"] == whole.attrs["hardening"]
+    cp.archive.write(partial, tmp_path / "backbone.nc")
+
+
+def test_an_interrupt_on_the_way_to_whirling_keeps_nothing():
+    scene, modes, amplitude = leaving()
+    stop, _ = after(0.1)
+    with pytest.raises(KeyboardInterrupt):
+        cp.periodic.backbone(scene, modes, amplitude=amplitude, motion="whirling", progress=stop)

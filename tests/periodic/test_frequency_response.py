@@ -167,6 +167,30 @@ def test_what_was_traced_is_kept_after_an_interrupt():
     assert caught.value.partial.attrs["incomplete"] == 1
 
 
+def test_an_interrupt_while_errors_are_estimated_keeps_the_branches(monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    scene = loaded(0.6, 7.0, 0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    monkeypatch.setattr("cablepod.periodic._estimate.bifurcation_errors", stop)
+    with pytest.raises(cp.RunStopped, match="interrupted") as caught:
+        cp.periodic.frequency_response(scene, modes, frequency=(6.5, 11.0), points=20, outputs=("error_estimate",))
+    assert caught.value.partial.sizes["point"] == 20
+    assert "bifurcation_error_estimate" not in caught.value.partial
+
+
+def test_an_interrupt_before_the_first_point_is_one(monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    scene = loaded(0.6, 7.0, 0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    monkeypatch.setattr("cablepod.periodic._frequency_response.grown_from_rest", stop)
+    with pytest.raises(KeyboardInterrupt):
+        cp.periodic.frequency_response(scene, modes, frequency=(6.5, 11.0))
+
+
 def test_a_response_survives_the_archive(whirling, tmp_path):
     *_, response = whirling
     cp.archive.write(response, tmp_path / "response.nc")

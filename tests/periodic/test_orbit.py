@@ -223,3 +223,26 @@ def test_positions_are_those_of_the_run():
     run = cp.condensed.simulate(scene, modes, times=times, step=0.002, outputs=("position",), scheme="numerov")
     difference = np.abs(run.position.values - orbit.position.values[:-1:16]).max()
     assert difference < 1e-4 * float(orbit.deflection_maximum)
+
+
+def test_an_interrupt_keeps_the_members_that_have_an_orbit():
+    scene = guy(damping=0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=1)
+    members = cp.ensemble.design(scene, {"cable.top_tension": [9e3, 15e3]}, members=3, sampling="grid")
+    told: list[float] = []
+
+    def stop(done):
+        told.append(done)
+        if done > 0.5:
+            raise KeyboardInterrupt
+
+    whole = cp.periodic.orbit(members, modes, progress=told.append)
+    assert told[-1] == 1.0
+    with pytest.raises(cp.RunStopped, match="interrupted") as caught:
+        cp.periodic.orbit(members, modes, progress=stop)
+    partial = caught.value.partial
+    assert list(partial.failure.values) == ["", "", "interrupted"]
+    assert partial.attrs["incomplete"] == 1
+    for name in ("position", "multiplier_real", "growth"):
+        assert np.array_equal(partial[name].values[:2], whole[name].values[:2]), name
+        assert np.isnan(partial[name].values[2]).all()
