@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import INTERRUPTED
+from cablepod.conventions import INTERRUPTED, attribute_labels
 from cablepod.errors import RunStopped, SceneError, one_of, scene_error
 from cablepod.parameters._from_scene import Members
 from cablepod.periodic._forcing import periodic_forcing
@@ -64,8 +64,9 @@ def each_member(
 ) -> xr.Dataset:
     """Compute a scene, or each of its members one by one; `one` takes a scene and a callback of the completed fraction.
 
-    Members that fail hold nan or no text, and their reason in ``failure``.  Lists of edges are filled up to the longest one.
-    After Ctrl-C the result has what was computed, and the attribute ``incomplete``.
+    Members that fail hold nan or no text, and their reason in ``failure``.  Lists of edges and harmonics are filled up to the
+    longest one.  Numeric attributes that differ become variables along ``member``, instants that differ ``member_time (member,
+    time)``.  After Ctrl-C the result has what was computed, and the attribute ``incomplete``.
 
     Raises
     ------
@@ -77,7 +78,7 @@ def each_member(
     if "member" not in scene.dims:
         return one(scene, told)
     results, reasons, interrupted = _results(scene, len(members), one, told)
-    found = _of_equal_size([result for result in results if result is not None])
+    found = _with_own_times(_of_equal_size([result for result in results if result is not None]))
     if not found and interrupted:
         raise KeyboardInterrupt
     if not found:
@@ -96,7 +97,8 @@ def each_member(
         if of_points and reason:
             part = part.assign(failure=(part["failure"].dims, np.full(part["failure"].shape, reason)))
         parts.append(part)
-    joined = xr.concat(parts, "member", join="override")
+    joined = xr.concat(parts, "member", join="override", data_vars="all", coords="different", compat="equals")
+    joined = _with_attributes(joined, results)
     varied: dict[str, Any] = {
         str(name): variable
         for name, variable in scene.variables.items()
@@ -147,12 +149,41 @@ def _results(
 
 
 def _of_equal_size(results: list[xr.Dataset]) -> list[xr.Dataset]:
-    """Fill lists of edges up to the longest one, with nan and empty text."""
-    most = max((result.sizes.get("edge", 0) for result in results), default=0)
-    if not any("edge" in result.dims for result in results):
+    """Fill lists of edges up to the longest one, with nan and empty text, and harmonics with 0."""
+    for dim, missing in (("edge", np.nan), ("harmonic", 0.0)):
+        if not any(dim in result.dims for result in results):
+            continue
+        number = max((result[dim].values for result in results), key=np.size)
+        along = {name: v.dtype.kind for name, v in results[0].data_vars.items() if dim in v.dims}
+        fill = {name: "" if kind == "U" else missing for name, kind in along.items()}
+        texts = [name for name, kind in along.items() if kind == "U"]
+        filled = [result.reindex({dim: number}, fill_value=fill) for result in results]
+        results = [result.assign({name: result[name].astype("U15") for name in texts}) for result in filled]
+    return results
+
+
+def _with_own_times(results: list[xr.Dataset]) -> list[xr.Dataset]:
+    """Replace instants that differ between members by the coordinate ``member_time``, over a dimension without labels."""
+    if not results or "time" not in results[0].coords:
         return results
-    number = np.arange(1, most + 1)
-    text = {name: "" for name, v in results[0].data_vars.items() if "edge" in v.dims and v.dtype.kind == "U"}
-    fill = text | {name: np.nan for name, v in results[0].data_vars.items() if "edge" in v.dims and name not in text}
-    filled = [result.reindex(edge=number, fill_value=fill) for result in results]
-    return [result.assign({name: result[name].astype("U15") for name in text}) for result in filled]
+    if all(np.allclose(result["time"], results[0]["time"], rtol=1e-12, atol=0.0) for result in results):
+        return results
+    return [
+        result.drop_vars("time").assign_coords(member_time=("time", result["time"].values, result["time"].attrs))
+        for result in results
+    ]
+
+
+def _with_attributes(joined: xr.Dataset, results: list[xr.Dataset | None]) -> xr.Dataset:
+    """Turn numeric attributes that differ between members into variables along ``member``; leave other such attributes out."""
+    attrs = [result.attrs if result is not None else None for result in results]
+    present = [each for each in attrs if each is not None]
+    for name in dict.fromkeys(name for each in present for name in each):
+        values = [each.get(name) for each in present]
+        if all(value == values[0] for value in values):
+            continue
+        joined.attrs.pop(name, None)
+        if name not in joined and all(isinstance(value, int | float) for value in values):
+            numbers = [np.nan if each is None else float(each[name]) for each in attrs]
+            joined[name] = ("member", numbers, attribute_labels(name))
+    return joined

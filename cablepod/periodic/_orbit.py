@@ -50,7 +50,8 @@ def orbit(
     ----------
     scene
         Scene with both ends held, with motions of the ends or load factors of kind "harmonic" or "one_minus_cosine" and of one
-        angular frequency.  Scenes with ``member`` are computed one by one.
+        angular frequency.  Scenes with ``member`` are computed one by one; where periods differ, the instants of each member are
+        ``member_time (member, time)`` [s] in place of ``time``.
     modes
         Modes of layout "normal", of :func:`cablepod.pod.decompose` or :func:`cablepod.condensed.vibration_modes`.
     rank

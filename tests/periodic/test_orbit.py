@@ -246,3 +246,29 @@ def test_an_interrupt_keeps_the_members_that_have_an_orbit():
     for name in ("position", "multiplier_real", "growth"):
         assert np.array_equal(partial[name].values[:2], whole[name].values[:2]), name
         assert np.isnan(partial[name].values[2]).all()
+
+
+def test_members_have_their_own_instants_attributes_and_harmonics(tmp_path):
+    scene = guy(damping=0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    ranges = {"motion.upper.x.angular_frequency": [5.0, 12.45], "motion.upper.x.amplitude": [0.003, 0.02]}
+    members = cp.ensemble.design(scene, ranges, members=4, sampling="grid")
+    outputs = ("position", "harmonics")
+    result = cp.periodic.orbit(members, modes, outputs=outputs)
+    assert "time" not in result.coords
+    assert len({*result.harmonics.values}) > 1
+    for k in range(4):
+        alone = cp.periodic.orbit(members.isel(member=k), modes, outputs=outputs)
+        here = result.isel(member=k)
+        assert np.array_equal(here.member_time.values, alone.time.values)
+        assert here.member_time.attrs["units"] == "s"
+        for name in ("smallest_chordwise_force", "forcing_over_axial_frequency", "harmonics"):
+            assert float(here[name]) == alone.attrs[name], name
+            assert name not in result.attrs
+        count = alone.sizes["harmonic"]
+        assert np.array_equal(here.harmonic_cosine.values[:count], alone.harmonic_cosine.values)
+        assert not here.harmonic_cosine.values[count:].any()
+        assert np.array_equal(here.position.values, alone.position.values)
+    cp.archive.write(result, tmp_path / "orbits.nc")
+    same = cp.ensemble.design(scene, {"cable.top_tension": [9e3, 15e3]}, members=2, sampling="grid")
+    assert "time" in cp.periodic.orbit(same, modes, outputs=()).coords
