@@ -53,7 +53,7 @@ def backbone(
     mode
         Number of the vibration about rest in the plane, by rising frequency, from which the branch starts.
     amplitude
-        Largest deflection from its mean over a period up to which the branch is followed [m].
+        Largest deflection from its mean over a period up to which the branch is followed [m], at most the length of the cable.
     rank
         Number of modes of each deflection; all by default.
     motion
@@ -92,6 +92,9 @@ def backbone(
     refuse_wind(p)
     forcing = Forcing(unforced(p), 1.0, 0.0, "m")
     model = PeriodicModel.of(forcing, modes, rank=rank, order="leading", out_of_plane=True)
+    length = float(model.condensed.chain.total_length)
+    if amplitude > length:
+        raise scene_error("amplitude", amplitude, f"at most the length of the cable, {length:.6g} m")
     if mode > model.n_in_plane:
         raise scene_error("mode", mode, f"at most {model.n_in_plane}, the number of modes in the plane")
     study = _Backbone(model, int(mode), float(amplitude), progress)

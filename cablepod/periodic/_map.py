@@ -93,6 +93,9 @@ def compute_map(
         again = []
         for stride in np.unique(_strides(scaled[todo], base.fastest_rate, samples, most)):
             columns = todo[_strides(scaled[todo], base.fastest_rate, samples, most) == stride]
+            own = np.ones(columns.size, dtype=bool)
+            if columns[-1] + 1 in todo:  # with other steps; here for the edge before it alone
+                columns, own = np.append(columns, columns[-1] + 1), np.append(own, False)
             phases = samples * int(stride)
             batch = _Batch.of(models, phases, n)
             basis, phases_basis = harmonics_at(samples, 2 * harmonics), harmonics_at(phases, harmonics)
@@ -124,13 +127,14 @@ def compute_map(
             ) -> np.ndarray:
                 return computed & (most | ~(np.nanmax(tail, axis=0, initial=0.0) > TAIL_RTOL))
 
-            def told(_: int, settled: Callable[[], np.ndarray] = settled) -> None:
-                progress((int(result.finished[0].sum()) + int(settled().sum())) / omega.size)
+            def told(_: int, settled: Callable[[], np.ndarray] = settled, own: np.ndarray = own) -> None:
+                progress((int(result.finished[0].sum()) + int((settled() & own).sum())) / omega.size)
 
             try:
                 map_threads(do, range(0, columns.size, COLUMNS), cores(), done=told)
             finally:  # after Ctrl-C the columns that are settled
-                kept = settled()
+                flagged = ~settled()
+                kept = own & ~flagged
                 into = columns[kept]
                 result.growth[:, :, into], result.kind[:, :, into] = (
                     parts[0][:, :, kept] * frequency_scale,
@@ -141,8 +145,7 @@ def compute_map(
                     more[1][:, kept] * base.force_scale,
                 )
                 result.tail[:, into], result.finished[:, into] = more[2][:, kept], True
-            flagged = ~kept
-            again.append(columns[flagged])
+            again.append(columns[flagged & own])
             places = [
                 (k, a, f, int(max(parts[1][k, a, f], parts[1][k, a, f + 1])))
                 for k, found in _changes(parts[1], base.size > split)

@@ -9,12 +9,13 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import NORMAL_MODES, SCENE, taken
+from cablepod._resources import check_bytes
 from cablepod.batch._members import values_of_members
 from cablepod.conventions import INTERRUPTED
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import numbers_list
 from cablepod.periodic import _output as output
-from cablepod.periodic._map import MapResult, compute_map
+from cablepod.periodic._map import HARMONICS, MapResult, compute_map
 from cablepod.periodic._map_general import compute_general_map
 from cablepod.periodic._members import each_member, model_of
 from cablepod.periodic._model import PeriodicModel
@@ -25,6 +26,8 @@ KINDS = (
     ("stable", "fold", "period_doubling", "torus", "none"),
     ("stable", "pitchfork", "period_doubling", "torus", "none"),
 )
+#: Numbers of all tables of an amplitude, for a pair of coordinates: three tables, four steps to a sample.
+SAMPLES = 3 * 4 * (4 * HARMONICS + 4)
 NO_ORBIT = "no periodic response found from rest or from smaller amplitudes"
 
 
@@ -92,6 +95,8 @@ def stability_map(
         model, _ = model_of(scene, modes, rank=rank, order="leading", out_of_plane=out_of_plane)
         if not model.forcing.amplitude:
             raise scene_error("amplitude", 0.0, "a scene with an amplitude other than 0, which is scaled")
+        size = 8.0 * amplitudes.size * (omegas.size * (12 + 2 * HARMONICS) + SAMPLES * model.size) * model.size
+        check_bytes(size, "frequency and amplitude", f"{omegas.size} x {amplitudes.size} points, {size / 1e9:.3g} GB")
         factors = amplitudes / model.forcing.amplitude
         models = [model.with_amplitude(float(factor)) for factor in factors]
         compute = compute_general_map if model.tension_damping else compute_map

@@ -228,3 +228,32 @@ def test_progress_of_a_map_never_falls_and_members_share_it(monkeypatch):
     left_out = is_part_of(caught.value.partial, whole)
     assert not left_out[0].any()
     assert left_out[1].any()
+
+
+def test_an_edge_between_columns_of_different_steps_is_located(monkeypatch):
+    scene = guy(damping=0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=2)
+    grid = {"frequency": np.linspace(12.3, 12.7, 9), "amplitude": np.array([0.002, 0.004, 0.006])}
+    whole = cp.periodic.stability_map(scene, modes, **grid)
+    edges = whole.edge_angular_frequency.values
+    assert edges.size
+
+    scale = float(modes.angular_frequency[0])
+    for last in np.unique(np.searchsorted(grid["frequency"], edges)) - 1:  # before each edge
+        border = grid["frequency"][last] * 1.0001
+
+        def different(omega, highest, samples, most, border=border):
+            return np.where(omega * scale <= border, 8, 4)
+
+        monkeypatch.setattr("cablepod.periodic._map._strides", different)
+        again = cp.periodic.stability_map(scene, modes, **grid)
+        assert again.edge_angular_frequency.values == pytest.approx(edges, rel=1e-8)
+        assert np.array_equal(again.kind.values, whole.kind.values)
+
+
+def test_a_map_that_no_memory_holds_is_refused():
+    scene = guy(damping=0.05)
+    modes = cp.condensed.vibration_modes(scene, rank=1)
+    grid = {"frequency": np.linspace(5.0, 6.0, 10**5), "amplitude": np.linspace(1e-3, 1e-2, 10**5)}
+    with pytest.raises(cp.SceneError, match="frequency and amplitude: given"):
+        cp.periodic.stability_map(scene, modes, **grid)

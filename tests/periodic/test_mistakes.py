@@ -132,7 +132,13 @@ def test_the_grid_of_a_map_is_checked(options, key, modes):
 
 @pytest.mark.parametrize(
     ("options", "key"),
-    [({"amplitude": 0.0}, "amplitude"), ({"mode": 3}, "mode"), ({"mode": 0}, "mode"), ({"motion": "round"}, "motion")],
+    [
+        ({"amplitude": 0.0}, "amplitude"),
+        ({"amplitude": 62.0}, "amplitude"),
+        ({"mode": 3}, "mode"),
+        ({"mode": 0}, "mode"),
+        ({"motion": "round"}, "motion"),
+    ],
 )
 def test_options_of_a_backbone_are_checked(options, key, modes):
     with pytest.raises(SceneError, match=f"^{key}: given .*; allowed: "):
