@@ -183,6 +183,8 @@ def state_of(model: PeriodicModel, start: Any, omega: float, periods: int, harmo
     )
     if not isinstance(start, xr.Dataset):
         raise scene_error("start", type(start).__name__, allowed)
+    if "member_time" in start.coords and start["member_time"].dims == ("time",):  # of a member
+        start = start.assign_coords(time=start["member_time"].values)
     name = "harmonic_cosine" if "harmonic_cosine" in start else "amplitude"
     base = "harmonic" if name == "harmonic_cosine" else "time"
     if name not in start or start[name].dims != (base, "mode") or start.sizes["mode"] < model.n_in_plane:

@@ -139,7 +139,7 @@ def _period(key: str, orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
         )
     if not np.isfinite(position.values).all():
         raise SceneError(f"{key}: given positions that are not finite; allowed: {ORBIT}")
-    return position.values, position["time"].values
+    return position.values, position["member_time" if "member_time" in position.coords else "time"].values
 
 
 def _runs(stable: np.ndarray) -> list[tuple[int, int, bool]]:

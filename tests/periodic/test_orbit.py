@@ -269,6 +269,10 @@ def test_members_have_their_own_instants_attributes_and_harmonics(tmp_path):
         assert np.array_equal(here.harmonic_cosine.values[:count], alone.harmonic_cosine.values)
         assert not here.harmonic_cosine.values[count:].any()
         assert np.array_equal(here.position.values, alone.position.values)
+    last = result.isel(member=3)  # instants of its own, also where it is used
+    again = cp.periodic.orbit(members.isel(member=3), modes, start=last.drop_vars("harmonic_cosine"), outputs=outputs)
+    assert again.position.values == pytest.approx(last.position.values, rel=1e-9)
+    assert cp.plots.animate_orbit(last, frames=8).times[1] == last.member_time.values[16]
     cp.archive.write(result, tmp_path / "orbits.nc")
     same = cp.ensemble.design(scene, {"cable.top_tension": [9e3, 15e3]}, members=2, sampling="grid")
     assert "time" in cp.periodic.orbit(same, modes, outputs=()).coords
