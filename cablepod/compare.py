@@ -61,6 +61,9 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
             "run", list(run["coordinate"].values), f"the coordinates of the truth, {list(truth['coordinate'].values)}"
         )
     order = ("time", "particle", "coordinate")
+    for name, dataset in (("run", run), ("truth", truth)):
+        if set(dataset["position"].dims) != set(order):
+            raise scene_error(f"{name}: position", dataset["position"].dims, f"{order}")
     position, reference = (floats(dataset["position"].transpose(*order).values) for dataset in (run, truth))
     for name, values in (("run", position), ("truth", reference)):
         if not np.isfinite(values).all():

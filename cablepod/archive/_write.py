@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 MAX_UNCOMPRESSED = 16_384
 #: Data types that netCDF-4 can store.
 DTYPES = {np.dtype(code) for code in ("i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8")}
+#: Attributes that are texts where they are there, but for the last one, a number.
+OWN = ("id", "title", "summary", "history", "history_json", "wall_time_s")
 #: Attribute names that xarray decodes on reading.
 RESERVED = (
     "_FillValue",
@@ -155,6 +157,9 @@ def _check_content(dataset: xr.Dataset) -> None:
     """Refuse variables and attributes that netCDF cannot store."""
     for key, value in dataset.attrs.items():
         _check_attribute("dataset", key, value)
+        own = (int, float, np.integer, np.floating) if key == OWN[-1] else str
+        if key in OWN and not isinstance(value, own):
+            raise ArchiveError(f"dataset: attribute {key!r} is {value!r}, which cannot be written; leave it out")
     for name, variable in dataset.variables.items():
         for key, value in variable.attrs.items():
             _check_attribute(f"variable {name!r}", key, value)

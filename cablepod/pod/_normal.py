@@ -11,7 +11,7 @@ import xarray as xr
 
 from cablepod._inputs import floats
 from cablepod.discretisation._chord_frame import ChordFrame, stretch_to_close
-from cablepod.errors import SceneError
+from cablepod.errors import SceneError, scene_error
 
 #: Suffixes of the variables in and out of the plane of chord and vertical.
 SETS = ("", "_out_of_plane")
@@ -50,7 +50,7 @@ def project(
     parts = deflections(position)
     result: dict[str, tuple[tuple[str, ...], np.ndarray]] = {}
     for part, suffix in zip(parts, SETS, strict=False):
-        shape = floats(modes.variables[f"mode_shape{suffix}"].values)
+        shape = _values("modes", modes, f"mode_shape{suffix}", ("mode", "particle"))
         result[f"amplitude{suffix}"] = (("time", "mode"), (part * weight) @ shape.T)
     return result
 
@@ -59,15 +59,28 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset, sigma: np.ndarray) ->
     """Return positions (time, particle, dims) [m] of amplitudes, with the same stretch along the chord in all links."""
     ends = floats(amplitudes["end_position"].values)
     frame = ChordFrame.of(ends[:, 1] - ends[:, 0])
-    rank = amplitudes.sizes["mode"]
+    rank, most = amplitudes.sizes["mode"], modes.sizes["mode"]
+    if rank > most:
+        raise scene_error("amplitudes", f"{rank} modes", f"at most {most}, the number of modes")
     parts = [
-        floats(amplitudes[f"amplitude{suffix}"].values) @ floats(modes[f"mode_shape{suffix}"].values)[:rank]
+        _values("amplitudes", amplitudes, f"amplitude{suffix}", ("time", "mode"))
+        @ _values("modes", modes, f"mode_shape{suffix}", ("mode", "particle"))[:rank]
         for suffix in SETS[: ends.shape[2] - 1]
     ]
-    length = np.diff(sigma) * float(modes["unstretched_length"])
+    length = np.diff(sigma) * float(_values("modes", modes, "unstretched_length", ()))
     slopes = sum((np.diff(part, axis=1) / length) ** 2 for part in parts)
     chordwise_stretch = stretch_to_close(np.asarray(slopes), length, frame.chord)
     along = np.concatenate(
         [np.zeros((len(chordwise_stretch), 1)), np.cumsum(chordwise_stretch * length, axis=1)], axis=1
     )
     return frame.join(ends[:, 0], along, np.stack(parts))
+
+
+def _values(key: str, dataset: xr.Dataset, name: str, dims: tuple[str, ...]) -> np.ndarray:
+    """Return the values of a variable, refused where it is missing or has other dimensions."""
+    variable = dataset.variables.get(name)
+    if variable is None:
+        raise SceneError(f"{key}: given a Dataset without {name}; allowed: one with {name} {dims}")
+    if variable.dims != dims:
+        raise scene_error(f"{key}: {name}", variable.dims, f"{dims}")
+    return floats(variable.values)
