@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cablepod.mast._kernels_layout import LANES
+from cablepod.mast._kernels_layout import NODES_TOGETHER
 from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.wind._air import MIN_REFINED, REFINEMENT, refined
 from cablepod.wind._mast_air import KEPT_FIELDS, MastAir
@@ -32,13 +32,13 @@ def time_weights(samples: int) -> np.ndarray:
 @lru_cache(2 * KEPT_FIELDS)
 def _at_nodes(air: MastAir, height: bytes) -> np.ndarray:
     own = air.at_nodes(np.frombuffer(height), air.velocity)
-    result = np.zeros((len(own), 2, -(-own.shape[1] // LANES) * LANES))
+    result = np.zeros((len(own), 2, -(-own.shape[1] // NODES_TOGETHER) * NODES_TOGETHER))
     result[:, :, : own.shape[1]] = np.swapaxes(own, 1, 2)
     return result.reshape(len(own), -1)
 
 
 def at_nodes(air: MastAir, height: np.ndarray) -> np.ndarray:
-    """Return the velocity at nodes of the mast, in x, then in z, padded to whole lanes (samples, 2 nodes) [m/s]."""
+    """Return the velocity at nodes of the mast, in x, then in z, padded (samples, 2 nodes) [m/s]."""
     with _LOCK:
         return _at_nodes(air, np.ascontiguousarray(height, dtype=float).tobytes())
 
@@ -53,14 +53,14 @@ def _of_places(air: MastAir, velocity: np.ndarray, count: int, lanes: int) -> np
 
 
 @lru_cache(2 * KEPT_FIELDS)
-def _along_guys(air: MastAir, count: int, lanes: int) -> np.ndarray:
-    return _of_places(air, air.velocity, count, lanes).reshape(len(air.velocity), -1)
+def _along_guys(air: MastAir, count: int) -> np.ndarray:
+    return _of_places(air, air.velocity, count, air.guys).reshape(len(air.velocity), -1)
 
 
-def along_guys(air: MastAir, count: int, lanes: int) -> np.ndarray:
-    """Return the velocity at Gauss points of the guys (samples, count 3 lanes) [m/s]."""
+def along_guys(air: MastAir, count: int) -> np.ndarray:
+    """Return the velocity at Gauss points of the guys (samples, count 3 guys) [m/s]."""
     with _LOCK:
-        return _along_guys(air, count, lanes)
+        return _along_guys(air, count)
 
 
 def steady_along_guys(air: MastAir, count: int, lanes: int) -> np.ndarray:

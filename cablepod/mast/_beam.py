@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 
@@ -24,7 +24,9 @@ class Beam:
     Unknowns are displacement and slope of each node, first all in x, then all in z, without those that the base holds.
     """
 
-    p: MastParameters
+    sections: np.ndarray  #: of the mast, see :class:`MastParameters`
+    base: str  #: "pinned" or "clamped"
+    gravity: float  #: [m/s2]
     height: np.ndarray  #: of the nodes (node,) [m]; guys, loads and ends of sections are at nodes
 
     @cached_property
@@ -36,13 +38,13 @@ class Beam:
     def section(self) -> np.ndarray:
         """Rows of the sections of the elements (element, 5)."""
         middle = 0.5 * (self.height[1:] + self.height[:-1])
-        index = np.searchsorted(self.p.sections[:, TOP], middle)
-        return self.p.sections[np.minimum(index, len(self.p.sections) - 1)]
+        index = np.searchsorted(self.sections[:, TOP], middle)
+        return self.sections[np.minimum(index, len(self.sections) - 1)]
 
     @cached_property
     def free(self) -> np.ndarray:
         """Indices of the free unknowns of one direction."""
-        return np.arange(1 if self.p.base == "pinned" else 2, 2 * self.height.size)
+        return np.arange(1 if self.base == "pinned" else 2, 2 * self.height.size)
 
     @property
     def count(self) -> int:
@@ -67,11 +69,29 @@ class Beam:
         levels, pull
             Heights of the guys [m] and their vertical pull on the mast, downwards (guys,) [N].
         """
-        return self._both(self._assembled(1, -self.compression(self._places, levels, pull)))
+        total = self._of_weight.copy()
+        for level, force in zip(levels.tolist(), pull.tolist(), strict=True):
+            total += force * self._of_pull(level)
+        return self._both(total)
+
+    @cached_property
+    def _of_weight(self) -> np.ndarray:
+        """Stiffness of the weight of the mast, of one direction."""
+        return self._assembled(1, -self.compression(self._places, np.zeros(0), np.zeros(0)))
+
+    def _of_pull(self, level: float) -> np.ndarray:
+        """Return the stiffness of a pull of one at a height [m], of one direction."""
+        if level not in self._kept_pulls:
+            self._kept_pulls[level] = self._assembled(1, -1.0 * (level > self._places))
+        return self._kept_pulls[level]
+
+    @cached_property
+    def _kept_pulls(self) -> dict[float, np.ndarray]:
+        return {}
 
     def compression(self, place: np.ndarray, levels: np.ndarray, pull: np.ndarray) -> np.ndarray:
         """Return the axial force at heights [m] within elements, positive in compression: weight and guys above [N]."""
-        weight = self.section[:, MASS] * self.p.gravity
+        weight = self.section[:, MASS] * self.gravity
         above = np.concatenate([np.cumsum((weight * self.length)[::-1])[::-1], [0.0]])
         element = np.clip(np.searchsorted(self.height, place, side="right") - 1, 0, self.length.size - 1)
         own = above[element] - weight[element] * (place - self.height[element])
@@ -121,6 +141,11 @@ class Beam:
         return result
 
     @cached_property
+    def all_rows(self) -> np.ndarray:
+        """Matrix from the unknowns to the displacement of all nodes in x and z (node, 2, count)."""
+        return self.displacement_rows(np.arange(self.height.size))
+
+    @cached_property
     def moment_rows(self) -> np.ndarray:
         """Matrix from the unknowns to the bending moments EI w'' at the nodes in x and z (node, 2, count), mean of both sides."""
         count, single = self.height.size, np.zeros((self.height.size, 2 * self.height.size))
@@ -156,7 +181,14 @@ def beam_of(p: MastParameters) -> Beam:
     while count.sum() < p.elements:
         count[int((spans / count).argmax())] += 1
     parts = [a + (b - a) / n * np.arange(n) for a, b, n in zip(places[:-1], places[1:], count.tolist(), strict=True)]
-    return Beam(p, np.concatenate([*parts, places[-1:]]))
+    height = np.concatenate([*parts, places[-1:]])
+    return _kept_beam(np.ascontiguousarray(p.sections).tobytes(), p.base, p.gravity, height.tobytes())
+
+
+@lru_cache(16)
+def _kept_beam(sections: bytes, base: str, gravity: float, height: bytes) -> Beam:
+    """Return a mesh by its values, as masts that differ in their guys share it with its matrices."""
+    return Beam(np.frombuffer(sections).reshape(-1, DRAG_AREA + 1), base, gravity, np.frombuffer(height))
 
 
 def hermite(xi: np.ndarray, length: float, derivative: int) -> np.ndarray:

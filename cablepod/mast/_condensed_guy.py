@@ -199,14 +199,19 @@ class GuySet:
     def tangent(self, q: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Return the second derivatives of the energy by (q, upper): (guys, 2 r + 3, 2 r + 3), by complex steps."""
         r, step = q.shape[1], 1e-30
-        result = np.empty((self.count, r + 3, r + 3))
-        state = np.concatenate([q, upper], axis=1).astype(complex)
-        for j in range(r + 3):
-            state[:, j] += 1j * step
-            on_q, on_end = self.forces(state[:, :r], state[:, r:])
-            result[:, :, j] = -np.concatenate([on_q, on_end], axis=1).imag / step
-            state[:, j] = state[:, j].real
-        return result
+        count = r + 3
+        state = np.repeat(np.concatenate([q, upper], axis=1).astype(complex)[None], count, axis=0)
+        state[np.arange(count), :, np.arange(count)] += 1j * step
+        on_q, on_end = self._repeated(count).forces(
+            state[..., :r].reshape(-1, r), state[..., r:].reshape(-1, 3)
+        )  # of all columns at once
+        slopes = np.concatenate([on_q, on_end], axis=1).imag.reshape(count, self.count, count)
+        return np.ascontiguousarray(np.moveaxis(-slopes / step, 0, -1))
+
+    def _repeated(self, times: int) -> GuySet:
+        """Return the guys several times, one set after the other."""
+        fields = (self.lower, self.upper, self.length, self.stiffness, self.mass, self.weight, self.strain)
+        return GuySet(*(np.concatenate([values] * times) for values in fields), self.shapes)
 
     def stiffness_of(self, q: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Return the part of :meth:`tangent` that belongs to the coordinates (guys, 2 r, 2 r)."""

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from cablepod.errors import scene_error
-from cablepod.mast._air import along_guys, steady_along_guys, to_gauss
+from cablepod.mast._air import steady_along_guys
 from cablepod.mast._condensed_guy import GuySet, Shapes, guy_set
-from cablepod.mast._drive import drive_of
-from cablepod.mast._kernels_layout import LANES, MODES_TOGETHER
+from cablepod.mast._condensed_lanes import Lanes, run_abreast
+from cablepod.mast._drive import Drive
 from cablepod.mast._model import ModalMast, StepMatrices, sinc_squared
-from cablepod.mast._request import MastRequest, MastTrajectory, empty_trajectory
-from cablepod.wind._air import drag_of
+from cablepod.mast._request import MastRequest, MastTrajectory
+from cablepod.mast._statics import seen_by
 from cablepod.wind._mast_air import MastAir
 
 #: Gauss points of the drag beyond the number of modes.
@@ -56,7 +56,7 @@ class CondensedGuys:
         from cablepod.mast._kernels_guys import AT_X, AT_Z
 
         guys, lanes = self.guys, self.lanes
-        wind = None if self.air is None else steady_along_guys(self.air, self.drag.count, lanes.size)
+        wind = None if self.air is None else steady_along_guys(self.air, self.drag_points, lanes.size)
         ends = np.zeros((6, lanes.size))
         ends[[AT_X, AT_Z], : guys.count] = guys.upper[:, [0, 2]].T
         on_q, on_end = np.empty(lanes.kappa.shape), np.empty((3, lanes.size))
@@ -64,7 +64,7 @@ class CondensedGuys:
         def forces(q: np.ndarray) -> np.ndarray:
             kernel.guy_forces(
                 lanes.numbers, lanes.kappa, lanes.loads, lanes.tilt, lanes.lower, lanes.heights, ends, lanes.coordinates(q),
-                wind, *self.drag.arrays(lanes), lanes.axes, on_q, on_end,
+                wind, *lanes.drag, lanes.axes, on_q, on_end,
             )  # fmt: skip
             return lanes.back(on_q)
 
@@ -81,12 +81,12 @@ class CondensedGuys:
     @cached_property
     def lanes(self) -> Lanes:
         """Arrays of the kernel."""
-        return Lanes(self)
+        return Lanes((self,))
 
-    @cached_property
-    def drag(self) -> Drag:
-        """Drag on the guys; without points in still air."""
-        return Drag(self)
+    @property
+    def drag_points(self) -> int:
+        """Number of Gauss points of the drag on a guy."""
+        return self.rank + self.rank % 2 + EXTRA_POINTS  # the kernel takes two together
 
     @cached_property
     def end_mass(self) -> np.ndarray:
@@ -129,11 +129,10 @@ class CondensedGuys:
         """
         n, r2, count = len(mass), 2 * self.rank, self.guys.count
         total_mass, total = np.eye(n + r2 * count), np.zeros((n + r2 * count,) * 2)
-        total_mass[:n, :n] = mass + np.einsum("gia,gij,gjb->ab", rows, self.end_mass, rows)
-        total[:n, :n] = stiffness
+        total_mass[:n, :n] = mass + seen_by(rows, self.end_mass)
+        total[:n, :n] = stiffness + seen_by(rows, self.tangents[:, r2:, r2:])
         for g in range(count):
             tangent, where = self.tangents[g], slice(n + r2 * g, n + r2 * (g + 1))
-            total[:n, :n] += rows[g].T @ tangent[r2:, r2:] @ rows[g]
             total[where, where] = tangent[:r2, :r2]
             total[where, :n] = tangent[:r2, r2:] @ rows[g]
             total[:n, where] = total[where, :n].T
@@ -141,8 +140,17 @@ class CondensedGuys:
 
     # --- time stepping ------------------------------------------------------------------------------------------------
 
+    @cached_property
+    def _schemes(self) -> dict[float, tuple[StepMatrices, np.ndarray, float]]:
+        return {}
+
     def scheme(self, step: float) -> tuple[StepMatrices, np.ndarray, float]:
         """Return the matrices of the mast, the fitted factors of the guys, and the largest squared phase of a step."""
+        if step not in self._schemes:
+            self._schemes[step] = self._scheme(step)
+        return self._schemes[step]
+
+    def _scheme(self, step: float) -> tuple[StepMatrices, np.ndarray, float]:
         from scipy.linalg import eigh
 
         mast, n, r2 = self.mast, len(self.mast.omega), 2 * self.rank
@@ -177,45 +185,38 @@ class CondensedGuys:
         ------
         SceneError
             For a step above the stability limit.
-        RunStopped
-            If the motion leaves the finite numbers or stiffens beyond the stability limit.
         """
-        from cablepod.mast import _kernels_condensed as kernel
-        from cablepod.mast._kernels_guys import LARGEST_KAPPA
+        return run_abreast((self,), request)[0]
 
-        mast, step, lanes, count = self.mast, request.step, self.lanes, self.guys.count
+    def checked_scheme(self, step: float) -> tuple[StepMatrices, np.ndarray]:
+        """Return the matrices of the mast and the fitted factors of the guys.
+
+        Raises
+        ------
+        SceneError
+            For a step above the stability limit.
+        """
         matrices, fitted, phase = self.scheme(step)
         if not phase < 4.0:
             raise scene_error(
                 "step", step, f"below the stability limit of mast and guys; try: {self.default_step:.4g} s"
             )
-        coordinates, forces = self.rest
-        alpha = mast.rest.p.mass_damping
-        numbers = lanes.numbers.copy()
-        numbers[LARGEST_KAPPA, :count] = (self.guys.kappa * fitted).max(axis=1, initial=0.0)
-        drive = drive_of(mast, self.air, request)
-        constant = drive.constant - np.einsum("gi,gia->a", forces[:, [0, 2]], mast.guy_rows)
-        wind = None if self.air is None else along_guys(self.air, self.drag.count, lanes.size)
-        result = empty_trajectory(request, len(mast.omega), len(mast.heights), count)
-        monitor = np.tile([np.inf, 0.0], (lanes.size, 1))
-        p = lanes.coordinates(coordinates)  # momentum coordinates are the deflections at the displacement of rest
-        saved = np.zeros((request.outputs_count if request.energy or request.keeps_guys else 0, 3, *lanes.kappa.shape))
-        status, at, guy = kernel.condensed_run(
-            step, request.every, request.steps, np.array(request.window_steps), np.zeros(len(mast.omega)),
-            np.zeros(len(mast.omega)),
-            p, np.zeros_like(p), constant, mast.stiffness, matrices.keep, matrices.gain, mast.level_rows, mast.level_rest,
-            lanes.heights, mast.level_of_guy, lanes.lower, lanes.axes, numbers, lanes.kappa, lanes.moments, lanes.loads,
-            lanes.tilt, (1.0 - 0.5 * alpha * step) / (1.0 + 0.5 * alpha * step),
-            lanes.coordinates(step * fitted / (1.0 + 0.5 * alpha * step)), self.reaction_mass, drive.load_vectors, drive.factors,
-            drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows, drive.node_drag, wind,
-            *self.drag.arrays(lanes), result.modal, result.rates, saved, result.force, result.tension, result.level_extremes,
-            result.level_sums, result.tension_extremes, result.tension_sums, monitor,
-        )  # fmt: skip
-        result.finish(status, at, guy, monitor[:count])
-        if request.keeps_guys:
-            result.guy_position = self._positions(result, lanes.back(saved[:, 0]))
-        if request.energy:
-            result.energy = self._energy(result, matrices, fitted, constant, drive.factors, request, lanes.back(saved))
+        return matrices, fitted
+
+    def finished(
+        self,
+        result: MastTrajectory,
+        saved: np.ndarray,
+        matrices: StepMatrices,
+        fitted: np.ndarray,
+        drive: Drive,
+        constant: Any,
+    ) -> MastTrajectory:
+        """Add positions of the guys and energy, for saved coordinates and rates (outputs, 3, guys, 2 r)."""
+        if result.request.keeps_guys:
+            result.guy_position = self._positions(result, saved[:, 0])
+        if result.request.energy:
+            result.energy = self._energy(result, matrices, fitted, constant, drive.factors, result.request, saved)
         return result
 
     def _positions(self, result: MastTrajectory, q: np.ndarray) -> np.ndarray:
@@ -253,74 +254,3 @@ class CondensedGuys:
             upper[:, [0, 2]] += ends[t]
             potential[t] += self.guys.energy(saved[t, 0], upper).sum() - at_rest
         return kinetic + potential
-
-
-class Lanes:
-    """Arrays of the guys for the kernel: guys last, padded to whole groups of lanes, modes too."""
-
-    def __init__(self, model: CondensedGuys) -> None:
-        from cablepod.mast import _kernels_guys as kernel
-
-        guys, self.rank = model.guys, model.rank
-        self.count, self.size = guys.count, -(-max(guys.count, 1) // LANES) * LANES
-        self.modes = -(-self.rank // MODES_TOGETHER) * MODES_TOGETHER
-        self.numbers = np.ones((8, self.size))
-        self.numbers[[kernel.WEIGHT, kernel.STIFFENING, kernel.LARGEST_KAPPA]] = 0.0
-        rows = {
-            kernel.STIFFNESS: guys.stiffness, kernel.LENGTH: guys.length, kernel.WEIGHT: guys.weight,
-            kernel.SOFTENING: 1.0 - 2.0 * guys.strain, kernel.STIFFENING: guys.strain * guys.rest_force,
-            kernel.SCALE: guys.scale, kernel.SLOPE_SCALE: guys.scale / guys.length,
-        }  # fmt: skip
-        for row, values in rows.items():
-            self.numbers[row, : self.count] = values
-        self.kappa, self.moments, self.loads = (
-            self.coordinates(values) for values in (guys.kappa, guys.moments, guys.loads)
-        )
-        r = self.rank
-        self.tilt = np.zeros((2, self.modes, self.modes))
-        self.tilt[0, :r, :r], self.tilt[1, :r, :r] = guys.tilt[:r, :r], guys.tilt[r:, r:]
-        self.lower = np.zeros((3, self.size))
-        self.lower[0] = 1.0  # lanes without a guy have a chord
-        self.lower[:, : self.count] = guys.lower.T
-        self.heights = self.of(guys.upper[:, 1])
-        self.axes = self.of(model.axes.reshape(-1, 9))
-
-    def of(self, values: np.ndarray) -> np.ndarray:
-        """Return values (guys, ...) as (..., lanes)."""
-        result = np.zeros((*values.shape[1:], self.size))
-        result[..., : self.count] = np.moveaxis(values, 0, -1)
-        return result
-
-    def coordinates(self, values: np.ndarray) -> np.ndarray:
-        """Return values of the coordinates (guys, 2 r) as (2, modes, lanes)."""
-        result = np.zeros((2, self.modes, self.size))
-        result[:, : self.rank, : self.count] = np.moveaxis(values.reshape(-1, 2, self.rank), 0, -1)
-        return result
-
-    def back(self, values: np.ndarray) -> np.ndarray:
-        """Return values (..., 2, modes, lanes) of the kernel by guys (..., guys, 2 r)."""
-        own = np.moveaxis(values[..., : self.rank, : self.count], -1, -3)
-        return own.reshape(*own.shape[:-2], 2 * self.rank)
-
-
-class Drag:
-    """Points of the drag on the guys, and shapes there."""
-
-    def __init__(self, model: CondensedGuys) -> None:
-        self.model = model
-        self.count = model.rank + model.rank % 2 + EXTRA_POINTS  # the kernel takes two together
-        self.places, self.weights, _ = to_gauss(self.count)
-
-    def arrays(self, lanes: Lanes) -> tuple[Any, ...]:
-        """Return drag (points, lanes) [kg/m], places, shapes and slopes (2, points, r); None in still air."""
-        model = self.model
-        if model.air is None:
-            return None, None, None, None
-        if "_arrays" not in self.__dict__:
-            drag = np.array([drag_of(guy.p, model.air.density) for guy in model.mast.rest.p.guys]) * model.guys.length
-            shapes, slopes = np.zeros((2, 2, self.places.size, lanes.modes))
-            for part, shape in enumerate(model.shapes):
-                shapes[part, :, : model.rank] = shape.basis(self.places, 0).T
-                slopes[part, :, : model.rank] = shape.basis(self.places, 1).T
-            self._arrays = lanes.of(drag[:, None] * self.weights), self.places, shapes, slopes
-        return self._arrays

@@ -20,7 +20,7 @@ class Drive(NamedTuple):
     factors: Any  #: (loads, steps + 1)
     samples_per_step: float
     table: Any  #: weights of the samples of the air, see :func:`cablepod.mast._air.time_weights`
-    mast_wind: Any  #: at the nodes in x, then in z (samples, 2 nodes) [m/s]
+    mast_wind: Any  #: at the nodes but the foot in x, then in z (samples, 2 nodes) [m/s]
     node_columns: Any  #: displacement of the nodes by the modes (2, modes, nodes)
     node_rows: Any  #: the same (2, nodes, modes)
     node_drag: Any  #: (nodes,) [kg/m]
@@ -44,10 +44,10 @@ def drive_of(mast: ModalMast, air: MastAir | None, request: MastRequest) -> Driv
     drag = 0.5 * air.density * mast.rest.beam.drag_areas
     start = air.at_nodes(height, air.start)
     constant -= np.einsum("nd,nda->a", drag[:, None] * np.linalg.norm(start, axis=1)[:, None] * start, mast.node_rows)
-    wind = at_nodes(air, height)
-    drag = np.pad(drag, (0, wind.shape[1] // 2 - drag.size))
+    wind = at_nodes(air, height[1:])  # the foot does not move
+    drag = np.pad(drag[1:], (0, wind.shape[1] // 2 - drag.size + 1))
     samples = request.step * air.samples_per_second
     rows = np.zeros((2, wind.shape[1] // 2, len(mast.omega)))
-    rows[:, : height.size] = np.swapaxes(mast.node_rows, 0, 1)
+    rows[:, : height.size - 1] = np.swapaxes(mast.node_rows[1:], 0, 1)
     columns = np.ascontiguousarray(np.swapaxes(rows, 1, 2))
     return Drive(constant, vectors, factors, samples, time_weights(len(wind)), wind, columns, rows, drag)

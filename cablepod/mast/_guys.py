@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cablepod.catenary._rest import _rest_of_member
 from cablepod.catenary._statics import load_plane, solve_catenaries, solve_statics
 from cablepod.condensed._host import _gauss, static_stiffness
 from cablepod.parameters._mast import Guy, MastParameters
@@ -70,6 +69,26 @@ class GuyStatics:
             guys[g].at(upper[g]).force()  # says what is wrong
 
     @property
+    def solved(self) -> np.ndarray:
+        """Solutions of the catenaries (guys, 6), see ``cablepod.catenary._kernels_solve``."""
+        return self._solved
+
+    @property
+    def loads(self) -> np.ndarray:
+        """Loads per unstretched length (guys,) [N/m]."""
+        return self._plane[3]
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """Unstretched lengths (guys,) [m]."""
+        return self._length
+
+    @property
+    def frames(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Anchors [m] and unit vectors across and against the load (guys, 3)."""
+        return np.array([guy.p.lower for guy in self._guys]), self._across, self._against
+
+    @property
     def forces(self) -> np.ndarray:
         """Forces on the mast (guys, 3) [N]."""
         horizontal, middle = self._solved[:, 2], self._solved[:, 3]
@@ -126,29 +145,39 @@ def unstretched_length_of(guy: Guy) -> float:
     return float(solve_statics(bare, bare.length_key, bare.length_value, prefix=guy.key)[0])
 
 
-def with_mean_drag(guy: StaticGuy, p: MastParameters, air: MastAir | None = None, number: int = 0) -> StaticGuy:
-    """Return the guy with the mean drag as a uniform load that gives the same moment about the anchor.
+def with_mean_drag(guys: Sequence[StaticGuy], p: MastParameters, air: MastAir | None = None) -> list[StaticGuy]:
+    """Return the guys with the mean drag as a uniform load that gives the same moment about the anchor.
 
-    The wind is that of the scene, or that of guy `number` in a field.
+    The wind is that of the scene, or that of a field.
     """
-    if air is None and (p.wind is None or float(p.wind["ramp"])):
-        return guy
-    drag = drag_of(guy.p, float(p.wind["air_density"]) if air is None else air.density)  # type: ignore[index]
-    sigma = np.linspace(0.0, 1.0, POINTS)
+    if not guys or (air is None and (p.wind is None or float(p.wind["ramp"]))):
+        return list(guys)
+    from cablepod.catenary import _kernels_shape as kernel  # numba is imported only to compute
+
+    sigma, upper = np.linspace(0.0, 1.0, POINTS), np.array([guy.p.upper for guy in guys])
+    density = float(p.wind["air_density"]) if air is None else air.density  # type: ignore[index]
+    drag = np.array([drag_of(guy.p, density) for guy in guys])
+    position, tension = np.empty((len(guys), 3, POINTS)), np.empty(POINTS)
+    if air is not None:
+        points, own = np.linspace(0.0, 1.0, GUY_POINTS), air.of_guys(air.start)
+        wind = np.array([[np.interp(sigma, points, part) for part in along.T] for along in own])
     for _ in range(PASSES):
-        position = _rest_of_member(guy.p, POINTS)[0]
-        reach = np.gradient(position, sigma, axis=0)
-        stretched = np.linalg.norm(reach, axis=1)
+        statics = GuyStatics(guys, upper)
+        x, y = np.empty((2, len(guys), POINTS))
+        for g, guy in enumerate(guys):
+            solved, load, stiffness = statics.solved[g], float(statics.loads[g]), float(guy.p.stiffness)
+            kernel.shape(guy.length * sigma, solved, load, stiffness, x[g], y[g], tension)
+        lower, across, against = statics.frames
+        position = lower[..., None] + x[:, None] * across[..., None] + y[:, None] * against[..., None]
+        reach = np.gradient(position, sigma, axis=2)
+        stretched = np.sqrt((reach * reach).sum(axis=1))
         tangent = reach / stretched[:, None]
-        if air is not None:
-            points = np.linspace(0.0, 1.0, GUY_POINTS)
-            wind = np.stack([np.interp(sigma, points, part) for part in air.of_guys(air.start)[number].T], axis=1)
-        else:
+        if air is None:
             assert p.wind is not None
             speed = mean_speed(p.wind, position[:, 1] - float(p.wind["ground"]))
-            wind = speed[:, None] * direction_of(p.wind)
+            wind = speed[:, None] * direction_of(p.wind)[:, None]
         normal = wind - (wind * tangent).sum(axis=1)[:, None] * tangent
-        force = drag * np.linalg.norm(normal, axis=1)[:, None] * normal * (stretched / guy.length)[:, None]
-        load = 2.0 * np.trapezoid(sigma[:, None] * force, sigma, axis=0)
-        guy = replace(guy, p=replace(guy.p, load=load))
-    return guy
+        size = np.sqrt((normal * normal).sum(axis=1)) * stretched * (drag / statics.lengths)[:, None]
+        loads = 2.0 * np.trapezoid(sigma * size[:, None] * normal, sigma, axis=2)
+        guys = [replace(guy, p=replace(guy.p, load=load)) for guy, load in zip(guys, loads, strict=True)]
+    return list(guys)

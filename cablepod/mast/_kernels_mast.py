@@ -102,6 +102,14 @@ def _add_mast_drag(v, wind, columns, rows, drag, x, z, force):
             )  # fmt: skip
 
 
+@compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
+def _add_loads(k, load_vectors, factors, force):
+    """Add loads with their factors at step `k` to modal forces."""
+    for n in range(factors.shape[0]):
+        for i in range(force.size):
+            force[i] += load_vectors[n, i] * factors[n, k]
+
+
 @compiled(fastmath=REORDERED_FUSED, forceinline=True)
 def _begin_step(
     k, a, v, before, constant, load_vectors, factors, left, weights, mast_wind, node_columns, node_rows, node_drag, work,
@@ -112,9 +120,7 @@ def _begin_step(
         force[i] = constant[i]
         mean_rate[i] = 1.5 * v[i] - 0.5 * before[i]
     if factors is not None:
-        for n in range(factors.shape[0]):
-            for i in range(a.size):
-                force[i] += load_vectors[n, i] * factors[n, k]
+        _add_loads(k, load_vectors, factors, force)
     _move_ends(a, mean_rate, level_rows, level_rest, upper, upper_rate)
     if mast_wind is not None:
         air, x, z = work

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cablepod.mast._statics import MastRest, load_vectors
+from cablepod.mast._statics import MastRest, load_vectors, seen_by
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +24,8 @@ class ModalMast:
 
         rest, p = self.rest, self.rest.p
         mass = rest.beam.mass.copy()
-        for row, guy in zip(rest.rows, rest.bare, strict=True):
-            mass += guy.p.mass * guy.length / 3.0 * row.T @ row
+        thirds = np.array([guy.p.mass * guy.length / 3.0 for guy in rest.bare])
+        mass += seen_by(rest.rows, thirds[:, None, None] * np.eye(2))
         count = min(2 * p.modes, rest.beam.count)
         squared, modes = eigh(rest.stiffness, mass, subset_by_index=[0, count - 1])
         sign = np.sign(modes[np.abs(modes).argmax(axis=0), np.arange(count)])
@@ -80,8 +80,7 @@ class ModalMast:
     @cached_property
     def node_rows(self) -> np.ndarray:
         """Displacement of the nodes by the modes (nodes, 2, modes) [kg^-1/2]."""
-        nodes = np.arange(self.rest.beam.height.size)
-        return np.ascontiguousarray(self.rest.beam.displacement_rows(nodes) @ self.modes)
+        return np.ascontiguousarray(self.rest.beam.all_rows @ self.modes)
 
     @cached_property
     def guy_rows(self) -> np.ndarray:
@@ -101,11 +100,11 @@ class ModalMast:
     @cached_property
     def load_vectors(self) -> np.ndarray:
         """Loads of the mast on the modes for factors of one (loads, modes)."""
-        return load_vectors(self.rest.beam) @ self.modes
+        return load_vectors(self.rest.p, self.rest.beam) @ self.modes
 
     def ends(self, matrices: np.ndarray) -> np.ndarray:
         """Return matrices of the upper ends in x and z (guys, 2, 2), seen by the modes (modes, modes)."""
-        return np.einsum("gia,gij,gjb->ab", self.guy_rows, matrices, self.guy_rows)
+        return seen_by(self.guy_rows, matrices)
 
     def step_matrices(self, mass: np.ndarray, stiffness: np.ndarray, damping: np.ndarray, step: float) -> StepMatrices:
         """Return the matrices of the scheme.

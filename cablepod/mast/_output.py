@@ -77,13 +77,18 @@ def spatial(values: np.ndarray) -> np.ndarray:
     return result
 
 
+def seen_from(rows: np.ndarray, modal: np.ndarray) -> np.ndarray:
+    """Return values at places in x and z (outputs, places, 2), for rows (places, 2, modes) and coordinates (outputs, modes)."""
+    return (modal @ rows.reshape(-1, rows.shape[-1]).T).reshape(-1, *rows.shape[:2])
+
+
 def trajectory(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> xr.Dataset:
     """Return a run as a Dataset, up to where it was computed."""
     p, request, n = mast.rest.p, run.request, run.completed
     variables: dict[str, Any] = {}
     coords: dict[str, Any] = {"time": request.times[:n], "level": mast.heights}
     if "displacement" in outputs:
-        moved = mast.level_rest + np.einsum("lda,ta->tld", mast.level_rows, run.modal[:n])
+        moved = mast.level_rest + seen_from(mast.level_rows, run.modal[:n])
         variables["displacement"] = (("time", "level", "coordinate"), spatial(moved))
     if "guy_tension" in outputs:
         variables["guy_tension"] = (("time", "guy"), run.tension[:n])
@@ -111,7 +116,7 @@ def _moments(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> 
     """Return bending moments, and their extremes over the outputs of the window."""
     request, n = run.request, run.completed
     variables: dict[str, Any] = {}
-    moments = mast.moment_rest + np.einsum("nda,ta->tnd", mast.moment_rows, run.modal[:n])
+    moments = mast.moment_rest + seen_from(mast.moment_rows, run.modal[:n])
     if "bending_moment" in outputs:
         variables["bending_moment"] = (("time", "node", "coordinate"), spatial(moments))
     first, last = (0.0, np.inf) if request.window is None else request.window

@@ -38,7 +38,7 @@ class MastRest:
     @cached_property
     def upper(self) -> np.ndarray:
         """Upper ends of the guys on the displaced mast (guys, 3) [m]."""
-        return upper_ends(self.beam, self.unknowns)
+        return upper_ends(self.p, self.beam, self.unknowns)
 
     @cached_property
     def guys(self) -> list[StaticGuy]:
@@ -48,7 +48,7 @@ class MastRest:
     @cached_property
     def rows(self) -> np.ndarray:
         """Matrix from the unknowns to the displacement of the guys' upper ends in x and z (guys, 2, count)."""
-        return guy_rows(self.beam)
+        return guy_rows(self.p, self.beam)
 
     @cached_property
     def pull(self) -> np.ndarray:
@@ -78,7 +78,7 @@ class MastRest:
     @cached_property
     def stiffness(self) -> np.ndarray:
         """Static stiffness of mast and guys (count, count)."""
-        return self.mast_stiffness + np.einsum("gia,gij,gjb->ab", self.rows, self.guy_stiffness, self.rows)
+        return self.mast_stiffness + seen_by(self.rows, self.guy_stiffness)
 
     @property
     def is_stable(self) -> bool:
@@ -102,44 +102,50 @@ class MastRest:
         return float(1.0 / ratio) if ratio > 0.0 else np.inf
 
 
-def upper_ends(beam: Beam, unknowns: np.ndarray) -> np.ndarray:
+def seen_by(rows: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    """Return the sum of matrices of ends (ends, 2, 2) seen by unknowns that displace them by rows (ends, 2, count)."""
+    count = rows.shape[2]
+    return rows.reshape(-1, count).T @ (matrices @ rows).reshape(-1, count)
+
+
+def upper_ends(p: MastParameters, beam: Beam, unknowns: np.ndarray) -> np.ndarray:
     """Return the upper ends of the guys for unknowns of the mast (guys, 3) [m]."""
-    result = np.zeros((len(beam.p.guys), 3))
-    result[:, [0, 2]] = guy_rows(beam) @ unknowns
-    result[:, 1] = [guy.level for guy in beam.p.guys]
+    result = np.zeros((len(p.guys), 3))
+    result[:, [0, 2]] = guy_rows(p, beam) @ unknowns
+    result[:, 1] = [guy.level for guy in p.guys]
     return result
 
 
-@lru_cache(16)
-def guy_rows(beam: Beam) -> np.ndarray:
+def guy_rows(p: MastParameters, beam: Beam) -> np.ndarray:
     """Return the matrix from the unknowns to the displacement of the guys' upper ends in x and z (guys, 2, count)."""
-    nodes = np.array([beam.node(guy.level) for guy in beam.p.guys], dtype=int)
-    return beam.displacement_rows(nodes)
+    return _rows_of_levels(beam, tuple(guy.level for guy in p.guys))
 
 
-def load_vectors(beam: Beam) -> np.ndarray:
+@lru_cache(16)
+def _rows_of_levels(beam: Beam, levels: tuple[float, ...]) -> np.ndarray:
+    return beam.displacement_rows(np.array([beam.node(level) for level in levels], dtype=int))
+
+
+def load_vectors(p: MastParameters, beam: Beam) -> np.ndarray:
     """Return the loads of the mast on the unknowns, for factors of one (loads, count)."""
-    rows = beam.displacement_rows(np.array([beam.node(load.level) for load in beam.p.loads], dtype=int))
-    return np.array([load.force[[0, 2]] @ row for load, row in zip(beam.p.loads, rows, strict=True)]).reshape(
-        -1, beam.count
-    )
+    rows = beam.displacement_rows(np.array([beam.node(load.level) for load in p.loads], dtype=int))
+    return np.array([load.force[[0, 2]] @ row for load, row in zip(p.loads, rows, strict=True)]).reshape(-1, beam.count)
 
 
-def steady_load(beam: Beam, air: MastAir | None) -> np.ndarray:
+def steady_load(p: MastParameters, beam: Beam, air: MastAir | None) -> np.ndarray:
     """Return loads at time 0 and mean drag on the mast, on the unknowns (count,); in the mean of a field in place of [wind]."""
-    p = beam.p
     total = np.zeros(beam.count)
-    for load, vector in zip(p.loads, load_vectors(beam), strict=True):
+    for load, vector in zip(p.loads, load_vectors(p, beam), strict=True):
         total += vector * (1.0 if load.factor is None else float(load.factor(0.0)))
     if air is not None:
         velocity = air.at_nodes(beam.height, air.start)
         force = 0.5 * air.density * (beam.drag_areas * np.linalg.norm(velocity, axis=1))[:, None] * velocity
-        total += np.einsum("nd,ndc->c", force, beam.displacement_rows(np.arange(beam.height.size)))
+        total += np.tensordot(force, beam.all_rows, 2)
     elif p.wind is not None and not float(p.wind["ramp"]):
         speed = mean_speed(p.wind, beam.height - float(p.wind["ground"]))
         force = 0.5 * float(p.wind["air_density"]) * beam.drag_areas * speed**2
         direction = direction_of(p.wind)[[0, 2]]
-        total += np.einsum("n,d,ndc->c", force, direction, beam.displacement_rows(np.arange(beam.height.size)))
+        total += np.tensordot(force[:, None] * direction, beam.all_rows, 2)
     return total
 
 
@@ -154,8 +160,8 @@ def rest_of(p: MastParameters, air: MastAir | None = None) -> MastRest:
     """
     beam = beam_of(p)
     straight = static_guys(p)
-    guys = [with_mean_drag(guy, p, air, number) for number, guy in enumerate(straight)]
-    load, rows = steady_load(beam, air), guy_rows(beam)
+    guys = with_mean_drag(straight, p, air)
+    load, rows = steady_load(p, beam, air), guy_rows(p, beam)
     unknowns = np.zeros(beam.count)
     upright = _at(p, beam, straight, guys, unknowns, load)
     check_buckling(upright)
@@ -203,5 +209,5 @@ def _at(
     p: MastParameters, beam: Beam, bare: list[StaticGuy], guys: list[StaticGuy], unknowns: np.ndarray, load: np.ndarray
 ) -> MastRest:
     """Return mast and guys with given unknowns of the mast."""
-    statics = GuyStatics(guys, upper_ends(beam, unknowns))
+    statics = GuyStatics(guys, upper_ends(p, beam, unknowns))
     return MastRest(p, beam, bare, guys, unknowns, statics.forces, statics.tensions, load, statics)

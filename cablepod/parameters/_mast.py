@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -177,13 +177,19 @@ def _guys(values: Mapping[str, Any]) -> list[Guy]:
             if name.startswith(tuple(f"{shared.replace('.', '_')}_" for shared in SHARED_TABLES)) or name == "gravity"
         }
         breaks = float(table["breaks"]) if "breaks" in table else None
-        for anchor in anchors_of(table):
-            own = {f"cable_{name}": value for name, value in {**of_cable, **tension}.items()}
-            ends = {"ends_lower": anchor, "ends_upper": np.array([0.0, level, 0.0])}
-            p = _from_values({"chain_links": LINKS, **shared, **own, **ends})
-            guys.append(Guy(path, number, cable, level, p, breaks))
+        anchors = anchors_of(table)
+        own = {f"cable_{name}": value for name, value in {**of_cable, **tension}.items()}
+        ends = {"ends_lower": anchors[0], "ends_upper": np.array([0.0, level, 0.0])}
+        first = _from_values({"chain_links": LINKS, **shared, **own, **ends})
+        guys += [Guy(path, number, cable, level, _anchored(first, anchor), breaks) for anchor in anchors]
         number += 1
     return guys
+
+
+def _anchored(p: Parameters, anchor: np.ndarray) -> Parameters:
+    """Return the parameters of a guy with another anchor [m]."""
+    bare = None if p.bare is None else replace(p.bare, lower=anchor)
+    return replace(p, lower=anchor, bare=bare)
 
 
 def anchors_of(table: Mapping[str, Any]) -> np.ndarray:

@@ -1,0 +1,109 @@
+"""Members of a scene with a mast: those of the same air, structure and steps run abreast."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod.batch._members import BatchPlan
+from cablepod.batch._stack import Variables, arrays_of
+from cablepod.errors import SceneError
+from cablepod.mast._condensed_lanes import members_abreast, run_abreast
+from cablepod.mast._request import MastTrajectory
+from cablepod.mast._runs import MastCase
+from cablepod.parameters._mast import mast_parameters
+
+#: Outputs of runs abreast.
+OUTPUTS = {"displacement", "guy_tension", "guy_force", "bending_moment", "extremes"}
+#: Groups of members abreast that a thread prepares together, as members of different steps or air do not run abreast.
+GROUPS = 2
+#: Outputs of members that a thread keeps at once, all instants of all members.
+MAX_INSTANTS = 300_000
+#: Defaults of the options of :func:`cablepod.mast.simulate` that a case needs.
+DEFAULTS: Mapping[str, Any] = {
+    "guys": "condensed", "rank": None, "links": None, "times": None, "step": None, "tolerance": None, "window": None,
+    "wind": None, "outputs": ("displacement", "guy_tension", "extremes"),
+}  # fmt: skip
+
+
+def plan(scene: xr.Dataset, modes: xr.Dataset | None = None, **options: Any) -> BatchPlan | None:
+    """Return how to run members abreast; None for options and scenes that need a run of each member alone."""
+    asked = {**DEFAULTS, **options}
+    outputs = asked["outputs"]
+    if asked["guys"] != "condensed" or asked["tolerance"] is not None or scene.sizes["member"] < 2:
+        return None
+    if not isinstance(outputs, tuple | list) or not all(isinstance(name, str) for name in outputs):
+        return None
+    if set(outputs) - OUTPUTS:
+        return None
+    try:  # what is wrong is said by the runs of the members
+        p = mast_parameters(scene.isel(member=0, drop=True))
+        instants = p.times().size if asked["times"] is None else np.size(asked["times"])
+    except SceneError:
+        return None
+    abreast = min(members_abreast(len(p.guys)), max(1, MAX_INSTANTS // (GROUPS * max(instants, 1))))
+    if abreast < 2:
+        return None
+    members = Members(scene, modes, asked, abreast)
+    return BatchPlan(members.run, members.first, members.prepare, GROUPS * abreast)
+
+
+class Members:
+    """Members of a scene whose cases a thread prepares and runs abreast before it takes their results one by one."""
+
+    def __init__(self, scene: xr.Dataset, modes: xr.Dataset | None, options: Mapping[str, Any], abreast: int) -> None:
+        self.scene, self.modes, self.options, self.abreast = scene, modes, options, abreast
+        self._done: dict[int, tuple[MastCase, MastTrajectory]] = {}
+        self._first: list[xr.Dataset] = []
+
+    def first(self) -> xr.Dataset:
+        """Return the result of one completed member."""
+        return self._first[0]
+
+    def prepare(self, first: int, last: int, check: Callable[[], None]) -> None:
+        """Run the members `first` ... `last - 1` abreast, but for those that fail, which say so when they run alone."""
+        groups: dict[Any, list[tuple[int, MastCase]]] = {}
+        for i in range(first, last):
+            check()
+            try:
+                case = self._case(i)
+                case.model.checked_scheme(case.request.step)
+            except (SceneError, ValueError, ArithmeticError):
+                continue
+            groups.setdefault(_shared(case), []).append((i, case))
+        for group in groups.values():
+            parts = -(-len(group) // self.abreast)
+            for part in range(parts):
+                check()
+                own = group[part::parts]
+                runs = run_abreast([case.model for _, case in own], own[0][1].request)
+                self._done.update({i: (case, run) for (i, case), run in zip(own, runs, strict=True) if not run.status})
+
+    def run(self, i: int) -> tuple[Variables, Mapping[str, Any]]:
+        """Return variables and attributes of a member."""
+        if i in self._done:
+            case, run = self._done.pop(i)
+            result = case.unlabelled(run, {})
+        else:
+            case = self._case(i)
+            result = case.result(*case.run())
+        if not self._first:
+            self._first.append(result)
+        return arrays_of(result), result.attrs
+
+    def _case(self, i: int) -> MastCase:
+        return MastCase(self.scene.isel(member=i, drop=True), self.modes, **self.options)
+
+
+def _shared(case: MastCase) -> Any:
+    """Return what members abreast have in common."""
+    mast, request = case.mast, case.request
+    varying = [load.factor is not None for load in case.p.loads]
+    return (
+        request.every, request.steps, request.window_steps, id(case.air), len(case.p.guys), case.model.rank, mast.omega.size,
+        mast.level_of_guy.tobytes(), mast.heights.tobytes(), mast.rest.beam.height.tobytes(), case.p.mass_damping,
+        len(varying), any(varying),
+    )  # fmt: skip

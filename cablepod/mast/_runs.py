@@ -1,0 +1,228 @@
+"""A run of a mast: checks of its options, models of its guys, steps that meet a tolerance, its result."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import provenance
+from cablepod._inputs import NORMAL_MODES, taken
+from cablepod._resources import check_memory
+from cablepod.errors import NotConvergedWarning, OutOfRangeWarning, RunStopped, SceneError, scene_error, user_stacklevel
+from cablepod.integrate._request import check_outputs, check_times
+from cablepod.mast import _output as output
+from cablepod.mast._catenary_run import CatenaryGuys
+from cablepod.mast._chain_run import ChainGuys
+from cablepod.mast._condensed_guy import shapes_of
+from cablepod.mast._condensed_run import CondensedGuys
+from cablepod.mast._model import ModalMast
+from cablepod.mast._request import MastRequest, MastTrajectory, request_of
+from cablepod.mast._statics import rest_of
+from cablepod.parameters._checks import choice, integer, number
+from cablepod.parameters._mast import MastParameters, mast_parameters
+from cablepod.wind._mast_air import mast_air
+
+#: Kinds of guys.
+KINDS = ("condensed", "chain", "catenary")
+#: Default number of modes of each deflection of a guy, and of those beyond them in the error estimate.
+RANK, RICHER = 4, 4
+#: Maximum number of halved steps to meet a tolerance.
+MAX_HALVINGS = 6
+
+
+class MastCase:
+    """A scene with checked options, its model and its request; options as of :func:`cablepod.mast.simulate`."""
+
+    def __init__(
+        self, scene: xr.Dataset, modes: xr.Dataset | None, *, guys: str, rank: int | None, links: int | None, times: Any,
+        step: float | None, tolerance: float | None, window: tuple[float, float] | None, wind: xr.Dataset | None,
+        outputs: tuple[str, ...],
+    ) -> None:  # fmt: skip
+        self.wanted = check_outputs(outputs, output.OUTPUTS)
+        choice(*KINDS)("guys", guys)
+        if modes is not None:
+            modes = taken("modes", modes, NORMAL_MODES)
+        self.p = p = mast_parameters(scene)
+        _check_numbers(rank, links, step, tolerance, window)
+        in_wind = p.wind is not None or wind is not None
+        _check_kind(p, guys, self.wanted, in_wind=in_wind, rank=rank, modes=modes, links=links)
+        self.instants = instants = p.times() if times is None else check_times(times)
+        check_memory(instants.size, max(len(p.guys), 1), 3, key="time.interval" if times is None else "times")
+        self.scene, self.modes, self.guys, self.tolerance, self.window = scene, modes, guys, tolerance, window
+        self.wind, self.links, self.count = wind, links, RANK if rank is None else int(rank)
+        self.chosen = provenance.defaulted_options(rank=rank, links=links, times=times, step=step, tolerance=tolerance)
+        self.air = air = mast_air(p, float(instants[-1]), wind)
+        self.mast = ModalMast(rest_of(p, None if air is None or air.has_profile else air))
+        self.model = _model_of(self.mast, guys, modes, self.count, links, air)
+        self.request = request_of(
+            instants, self.model.default_step, step, window, energy="energy" in self.wanted,
+            keeps_guys="guy_position" in self.wanted,
+        )  # fmt: skip
+
+    def run(self) -> tuple[MastTrajectory, dict[str, Any]]:
+        """Run, with an estimate of the error where it is asked; return the trajectory and what is known of its errors."""
+        run, notes = _converged(self.model, self.request, self.tolerance)
+        if "error_estimate" in self.wanted and not run.status:
+            richer = _model_of(self.mast, self.guys, self.modes, self.count + RICHER, self.links, self.air)
+            request = run.request
+            every = max(request.every, int(np.ceil(request.interval / richer.default_step * (1.0 - 1e-9))))
+            finer = richer.run(MastRequest(request.times, every, self.window))
+            notes["error_estimate"] = float(difference(run, finer).max(initial=0.0))
+        return run, notes
+
+    def unlabelled(self, run: MastTrajectory, notes: dict[str, Any]) -> xr.Dataset:
+        """Return the result of a run without its provenance; warn of what is out of range."""
+        result, window, guys = output.trajectory(self.mast, run, self.wanted), self.window, self.guys
+        result.attrs.update(
+            title=f"{self.scene.attrs.get('title', 'scene')}: mast with guys of kind {guys}",
+            stage="mast",
+            guys=guys,
+            scheme="velocity_verlet",
+            step=run.request.step,
+            number_of_steps=run.request.steps,
+            **(
+                {"rank": self.count}
+                if guys == "condensed"
+                else {"links": self.model.links}
+                if isinstance(self.model, ChainGuys)
+                else {}
+            ),
+            **({} if window is None else {"window_start": float(window[0]), "window_end": float(window[1])}),
+            **notes,
+            **_least_force(self.p, run, guys),
+        )
+        return result
+
+    def result(self, run: MastTrajectory, notes: dict[str, Any]) -> xr.Dataset:
+        """Return the result of a run.
+
+        Raises
+        ------
+        RunStopped
+            If the run stopped before its end.
+        """
+        guys, window = self.guys, self.window
+        result = provenance.record(
+            self.unlabelled(run, notes),
+            function="mast.simulate",
+            parameters={
+                "guys": guys, "rank": self.count if guys == "condensed" else None,
+                "links": self.model.links if isinstance(self.model, ChainGuys) else None, "times": self.instants,
+                "step": run.request.step, "tolerance": self.tolerance, "window": None if window is None else list(window),
+                "outputs": list(self.wanted),
+            },
+            inputs=[self.scene, *(given for given in (self.modes, self.wind) if given is not None)],
+            chosen=self.chosen,
+        )  # fmt: skip
+        if run.status:
+            where = self.p.guys[run.guy].key if self.p.guys else "mast"
+            reason = (
+                "left the finite numbers"
+                if run.status == 1
+                else f"stiffened beyond the stability limit of the step ({where})"
+            )
+            result.attrs["incomplete"] = f"stopped at {run.stopped_at:.9g} s"
+            raise RunStopped(
+                f"the mast {reason} at {run.stopped_at:.6g} s; partial holds the result until then; try a shorter step"
+                + (', or guys="chain"' if guys == "condensed" else ""),
+                result,
+            )
+        return result
+
+
+def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], *, in_wind: bool, **options: Any) -> None:
+    """Refuse options and outputs that the kind of guys lacks."""
+    for key, kind in (("rank", "condensed"), ("modes", "condensed"), ("links", "chain")):
+        if options[key] is not None and guys != kind:
+            raise SceneError(f'{key}: given with guys "{guys}"; allowed: none; try: guys="{kind}"')
+    for name in ("energy", "error_estimate", "guy_position"):
+        if name in wanted and guys != "condensed":
+            raise scene_error("outputs", name, f'none with guys "{guys}"; try: guys="condensed"')
+    if "energy" in wanted and in_wind:
+        raise scene_error("outputs", "energy", "none with wind, which supplies energy")
+    for guy in p.guys:
+        if guy.breaks is not None and guys != "chain":
+            raise scene_error(f"{guy.key}.breaks", guy.breaks, f'none with guys "{guys}"; try: guys="chain"')
+
+
+def _check_numbers(rank: Any, links: Any, step: Any, tolerance: Any, window: Any) -> None:
+    """Refuse numbers that are invalid or do not go together."""
+    for key, value, check in (
+        ("rank", rank, integer(least=1, most=60)),
+        ("links", links, integer(least=2, most=10**4)),
+        ("step", step, number(above=0.0)),
+        ("tolerance", tolerance, number(above=0.0, most=1.0)),
+    ):
+        if value is not None:
+            check(key, value)
+    if tolerance is not None and step is not None:
+        raise scene_error("tolerance", tolerance, "none beside step")
+    if window is not None:
+        if not isinstance(window, tuple | list) or len(window) != 2:
+            raise scene_error("window", window, "start and end [s]")
+        start, end = (number(least=0.0)("window", value) for value in window)
+        if not start < end:
+            raise scene_error("window", window, "start and end [s], rising")
+
+
+def _model_of(mast: ModalMast, guys: str, modes: Any, rank: int, links: int | None, air: Any) -> Any:
+    """Return the model of the guys."""
+    if guys == "condensed":
+        if modes is not None:
+            rank = min(rank, modes.sizes["mode"])
+        return CondensedGuys(mast, shapes_of(modes, rank), air)
+    if guys == "chain":
+        return ChainGuys(mast, links or (mast.rest.p.guys[0].p.links if mast.rest.p.guys else 2) or 2, air)
+    return CatenaryGuys(mast, air)
+
+
+def _converged(model: Any, request: MastRequest, tolerance: float | None) -> tuple[MastTrajectory, dict[str, Any]]:
+    """Run, with halved steps until a tolerance is met."""
+    run = model.run(request)
+    if tolerance is None or run.status:
+        return run, {}
+    error = np.inf
+    for _ in range(MAX_HALVINGS):
+        request = replace(request, every=2 * request.every)
+        finer = model.run(request)
+        if finer.status:
+            break
+        error, run = float(difference(run, finer).max(initial=0.0)), finer
+        if error <= tolerance:
+            break
+    else:
+        warnings.warn(
+            f"tensions still differ by {error:.3g} of their standard deviation from those of half the step, more than the "
+            f"tolerance {tolerance:g}; the finest run is returned; try a larger tolerance",
+            NotConvergedWarning,
+            stacklevel=user_stacklevel(),
+        )
+    return run, {"time_error_estimate": error}
+
+
+def difference(run: MastTrajectory, other: MastTrajectory) -> np.ndarray:
+    """Return the rms difference of the guys' tensions over their standard deviation (guys,)."""
+    spread = other.tension.std(axis=0)
+    scale = np.where(spread > 0.0, spread, np.maximum(np.abs(other.tension).mean(axis=0), 1e-300))
+    return np.sqrt(((run.tension - other.tension) ** 2).mean(axis=0)) / scale
+
+
+def _least_force(p: MastParameters, run: MastTrajectory, guys: str) -> dict[str, float]:
+    """Return the least force of a guy and its time as attributes; warn of slack condensed guys."""
+    if not p.guys or guys == "catenary":
+        return {}
+    worst = int(run.monitor[:, 0].argmin())
+    least, time = float(run.monitor[worst, 0]), float(run.monitor[worst, 1]) * run.request.step
+    name = "smallest_chordwise_force" if guys == "condensed" else "smallest_tension"
+    if guys == "condensed" and least < 0.0 and not run.status:
+        warnings.warn(
+            f"{p.guys[worst].key}: the chordwise force of guy {worst + 1} became negative, {least:.3g} N at {time:.6g} s: it "
+            'goes slack, where the condensed model resists compression; compare with guys="chain"',
+            OutOfRangeWarning,
+            stacklevel=user_stacklevel(),
+        )
+    return {name: least, f"time_of_{name}": time}
