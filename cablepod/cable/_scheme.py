@@ -14,15 +14,8 @@ from cablepod.discretisation._chain import square
 from cablepod.errors import NotConvergedWarning, user_stacklevel
 from cablepod.integrate._request import Request
 from cablepod.integrate._run import Trajectory
-from cablepod.integrate._step_control import (
-    STEPS_PER_CHANGE,
-    Solution,
-    choose_scheme,
-    first_implicit_step,
-    observed_order,
-    preferred_steps_per_second,
-    refine_step,
-)
+from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step
+from cablepod.integrate._step_control import STEPS_PER_CHANGE, observed_order, preferred_steps_per_second, refine_step
 
 #: Numbers of elements, tried in turn (multiples of four, for which the loops over elements vectorise best).
 ELEMENT_COUNTS = (4, 8, 12, 16, 24, 32, 48, 64, 96, 128)

@@ -21,7 +21,7 @@ from cablepod.chain._scheme import SCHEMES, ChainRequest, PreparedScene, prepare
 from cablepod.errors import SceneError
 from cablepod.integrate._march import BLOCK
 from cablepod.integrate._run import Trajectory
-from cablepod.integrate._step_control import Solution
+from cablepod.integrate._scheme import Solution
 from cablepod.parameters._from_scene import Members
 
 #: Maximum and minimum number of steps per block (multiples of the period after which tables of sines restart, so that the tables

@@ -22,13 +22,8 @@ from cablepod.errors import NotConvergedWarning, scene_error, user_stacklevel
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._request import Request, check_scheme
 from cablepod.integrate._run import ChainRun, Trajectory
-from cablepod.integrate._step_control import (
-    STEPS_PER_CHANGE,
-    Solution,
-    choose_scheme,
-    first_implicit_step,
-    refine_step,
-)
+from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step
+from cablepod.integrate._step_control import STEPS_PER_CHANGE, refine_step
 from cablepod.parameters._checks import number
 from cablepod.parameters._parameters import Parameters
 from cablepod.wind._air import air_of

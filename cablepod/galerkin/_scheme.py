@@ -14,14 +14,11 @@ from cablepod.galerkin._implicit import ImplicitGalerkinRun
 from cablepod.galerkin._runs import GalerkinRun, GalerkinTrajectory
 from cablepod.integrate._output_times import judged_instants
 from cablepod.integrate._request import REDUCED_TOLERANCE, Request
+from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step, halve_step_while_cheaper
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
     ComparableRuns,
-    Solution,
-    choose_scheme,
-    first_implicit_step,
     fit_step,
-    halve_step_while_cheaper,
     preferred_steps_per_second,
     refine_step,
 )

@@ -1,4 +1,4 @@
-"""Step control by comparison of runs: refinement, halving, observed order."""
+"""Step control by comparison of runs: refinement, observed order."""
 
 from __future__ import annotations
 
@@ -6,12 +6,10 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import xarray as xr
 
-from cablepod.discretisation._chain import LumpedChain
 from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, user_stacklevel
 
 #: Minimum observed order of a converging scheme: runs that differ whatever their steps seem to have 0.1 to 0.7.
@@ -26,19 +24,15 @@ MIN_FACTOR, MIN_FACTOR_UNRESOLVED = 1.25, 1.5
 REFINEMENT_MARGIN, ECONOMICAL_MARGIN, FIRST_MARGIN = 4.0, 1.5, 1.5
 #: Maximum number of steps of a run over that of the first (more steps would take long for a motion that is hardly resolved).
 MAX_GROWTH = 512.0
-#: Maximum steps times links of a run without a given step (half an hour to some hours), and of a trial run with long implicit
-#: steps (a minute or two).  A run with a given step has no such bound.
-MAX_WORK, MAX_TRIAL_WORK = 1e12, 1e9
+#: Maximum steps times links of a run without a given step (half an hour to some hours).  A run with a given step has no such
+#: bound.
+MAX_WORK = 1e12
 #: Minimum number of steps in the shortest time scale of motions and loads: steps that are multiples of a period all see the same
 #: phase, so that two wrong runs would agree.
 STEPS_PER_CHANGE = 8.0
 #: Maximum number of steps of a run over that of the first, and maximum steps times links (0.2 s) where that is more, if
 #: the motion has converged and the tension alone has not: axial waves may need many more, as after a jump of the speed of an end.
 MAX_TENSION_GROWTH, MAX_TENSION_WORK = 32.0, 1e8
-#: Steps of the first implicit run in a period of the first transverse vibration.
-STEPS_PER_PERIOD = 8.0
-#: Tolerance over the distance at which two implicit runs agree: their long steps need not resolve all frequencies.
-HALVING_MARGIN = 4.0
 #: Maximum of damping times an explicit step: the velocity half a step before the start grows by exp(c h / 2), and its square must
 #: stay finite.
 MAX_DAMPING_EXPONENT = 600.0
@@ -59,10 +53,6 @@ def _unchanged(run: Any) -> Any:
 
 def _no_note(run: Any, error: float) -> None:
     """Default of :attr:`ComparableRuns.note_tension`."""
-
-
-#: Minimum explicit run time at which an implicit scheme is tried unless a tolerance is given [s].
-CHOICE_MIN_SECONDS = 0.3
 
 
 @dataclass(frozen=True)
@@ -122,12 +112,6 @@ def preferred_steps_per_second(steps_per_second: float) -> float:
     """Round a number of steps per second up to the next preferred one."""
     power = 10.0 ** math.floor(math.log10(steps_per_second))
     return next(p for p in _PREFERRED_MANTISSAS if p * power >= steps_per_second * (1.0 - 1e-12)) * power
-
-
-def first_implicit_step(chain: LumpedChain, tension: np.ndarray, end_time: float, limit: float) -> float:
-    """Return the first implicit step [s], by the first transverse period at `tension` (links,) [N], not below `limit` [s]."""
-    period = 2.0 * chain.total_length / math.sqrt(max(float(tension.mean()), 1e-300) / chain.p.mass)
-    return max(min(end_time / 20.0, period / STEPS_PER_PERIOD), limit)
 
 
 def motion_scale(position: np.ndarray, initial: np.ndarray, chord: float) -> float:
@@ -321,105 +305,6 @@ def _warn_not_converged(estimate: float, of_tension: float, limit: float, tolera
         NotConvergedWarning,
         stacklevel=user_stacklevel(),
     )
-
-
-def halve_step_while_cheaper(
-    runs: ComparableRuns, tolerance: float, max_steps_per_second: float
-) -> tuple[Any, float, float] | None:
-    """Run with halved long implicit steps until two runs agree well within `tolerance`.
-
-    Long implicit steps do not resolve all frequencies, and so show no order: the distance of two runs counts as it is, and must
-    be smaller than the tolerance by HALVING_MARGIN.  No run has more than `max_steps_per_second`, beyond which explicit steps are
-    cheaper, nor more than MAX_TRIAL_WORK steps times links.
-
-    Returns
-    -------
-    tuple or None
-        The finer of the two runs, its steps per second, their distance; None if no two runs agree.
-    """
-    coarse = None
-    for steps_per_second in halving_rates(runs, max_steps_per_second):
-        try:
-            fine = runs.run(steps_per_second)
-        except RunStopped:
-            fine = None
-        if fine is not None and coarse is not None:
-            motion, tension = runs.distances(fine, coarse)
-            if max(motion, tension) <= tolerance / HALVING_MARGIN:
-                runs.note_tension(fine, tension)
-                return runs.finish(fine), steps_per_second, motion
-        coarse = fine
-    return None
-
-
-def halving_rates(runs: ComparableRuns, max_steps_per_second: float) -> list[float]:
-    """Return the steps per second that :func:`halve_step_while_cheaper` tries in turn."""
-    upper_limit = min(max_steps_per_second, runs.max_steps_per_second(MAX_TRIAL_WORK))
-    rates = [runs.steps_per_second]
-    while rates[-1] <= upper_limit:
-        rates.append(2.0 * rates[-1])
-    return rates[:-1]
-
-
-class Solution(NamedTuple):
-    """A run, its trajectory, and the reason for scheme and step."""
-
-    run: Any
-    trajectory: Any
-    steps_per_second: float
-    time_error: float | None  #: estimate as a fraction of the motion; None for a given step
-    reason: str = "given"  #: for the scheme
-
-    @property
-    def attributes(self) -> dict[str, Any]:
-        """Attributes of the result in addition to those of the run."""
-        estimate = {} if self.time_error is None else {"time_error_estimate": self.time_error}
-        return estimate | {"choice_of_scheme": self.reason}
-
-    def dataset(self) -> xr.Dataset:
-        """Make the result of the run."""
-        result = self.run.dataset(self.trajectory)
-        result.attrs.update(self.attributes)
-        return result
-
-
-def choose_scheme(
-    explicit: ComparableRuns,
-    implicit: ComparableRuns,
-    tolerance: float,
-    *,
-    step_limit: float,
-    explicit_seconds: float | None,
-    max_steps_per_second: float,
-) -> Solution:
-    """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster.
-
-    Parameters
-    ----------
-    explicit, implicit
-        Runs by either scheme.
-    tolerance
-        Time error as a fraction of the motion.
-    step_limit
-        Stability limit of explicit steps [s].
-    explicit_seconds
-        Estimated run time of all explicit runs [s], below which no other scheme is tried; None to try in any case.
-    max_steps_per_second
-        Of implicit runs; beyond it explicit steps are cheaper.
-    """
-    if explicit_seconds is not None and explicit_seconds < CHOICE_MIN_SECONDS:
-        reason = f"explicit: its runs were expected to take {explicit_seconds:.1g} s, too little to try another scheme"
-        return Solution(explicit.run, *refine_step(explicit, tolerance), reason)
-    halved = halve_step_while_cheaper(implicit, tolerance, max_steps_per_second)
-    if halved is not None:
-        ratio = 1.0 / (halved[1] * step_limit)
-        reason = f"implicit: two runs with steps of {ratio:.3g} and {2 * ratio:.3g} times the explicit limit agreed"
-        return Solution(implicit.run, *halved, reason)
-    rates = halving_rates(implicit, max_steps_per_second)
-    reason = f"explicit: no two implicit runs have steps above {1 / max_steps_per_second:.3g} s, where they are cheaper"
-    if len(rates) > 1:
-        reason = f"explicit: implicit runs with steps down to {1 / rates[-1]:.3g} s did not agree"
-    return Solution(explicit.run, *refine_step(explicit, tolerance), reason)
 
 
 def _first_finite_run(runs: ComparableRuns) -> tuple[Any, float]:

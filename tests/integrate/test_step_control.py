@@ -10,6 +10,7 @@ import pytest
 import cablepod as cp
 from cablepod.cable import _runs as cable_runs
 from cablepod.integrate import _output_times as output_times
+from cablepod.integrate import _scheme as schemes
 from cablepod.integrate import _step_control as step_control
 from cablepod.rigid import _runs as rigid_runs
 
@@ -155,8 +156,8 @@ def test_runs_that_choose_their_step_have_bounded_work(first, runs):
 
 def test_trials_of_long_implicit_steps_have_bounded_work():
     artificial = ArtificialRuns(1.0, 0.1)
-    runs = artificial.runs(end_time=step_control.MAX_TRIAL_WORK / (1000.0 * 40), links=40)
-    assert step_control.halve_step_while_cheaper(runs, 1e-6, 1e9) is None
+    runs = artificial.runs(end_time=schemes.MAX_TRIAL_WORK / (1000.0 * 40), links=40)
+    assert schemes.halve_step_while_cheaper(runs, 1e-6, 1e9) is None
     assert artificial.calls == [100.0, 200.0, 400.0, 800.0]
 
 
@@ -173,7 +174,7 @@ def test_a_run_with_too_many_steps_is_refused_before_it_begins(soft, model, monk
         scene = cp.make_scene(soft | {"cable": {**soft["cable"], "unstretched_length": 10.3}})
     simulate = getattr(cp, model).simulate
     monkeypatch.setattr(step_control, "MAX_WORK", 100)
-    monkeypatch.setattr(step_control, "MAX_TRIAL_WORK", 1)
+    monkeypatch.setattr(schemes, "MAX_TRIAL_WORK", 1)
     monkeypatch.setattr(cable_runs, "advance_in_blocks", None)  # nothing is run
     monkeypatch.setattr(rigid_runs.RigidRun, "__call__", None)
     with pytest.raises(
@@ -208,7 +209,7 @@ def test_steps_are_counted_in_doubles(soft):
 
 def halved(size, order, tolerance, max_steps_per_second):
     artificial = ArtificialRuns(size, order)
-    return step_control.halve_step_while_cheaper(artificial.runs(), tolerance, max_steps_per_second), artificial.calls
+    return schemes.halve_step_while_cheaper(artificial.runs(), tolerance, max_steps_per_second), artificial.calls
 
 
 def test_halving_stops_where_two_runs_agree_by_a_margin():
@@ -218,7 +219,7 @@ def test_halving_stops_where_two_runs_agree_by_a_margin():
     (rate, error), same, estimate = accepted
     assert rate == same == 800.0
     assert estimate == pytest.approx(0.75 * 2.5e-4)
-    assert error < estimate <= 1e-3 / step_control.HALVING_MARGIN
+    assert error < estimate <= 1e-3 / schemes.HALVING_MARGIN
 
 
 def test_halving_goes_no_further_than_it_may():
@@ -237,7 +238,7 @@ def test_halving_passes_over_steps_that_break_down():
             raise cp.RunStopped("too long")
         return 0.0
 
-    accepted = step_control.halve_step_while_cheaper(runs_without_error(run), 1e-3, 1e9)
+    accepted = schemes.halve_step_while_cheaper(runs_without_error(run), 1e-3, 1e9)
     assert calls == [100.0, 200.0, 400.0, 800.0]
     assert accepted[1] == 800.0
 
