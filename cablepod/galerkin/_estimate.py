@@ -16,7 +16,7 @@ from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import SceneError
 from cablepod.galerkin._assembly import KEPT_MODELS
 from cablepod.galerkin._model import GalerkinModel
-from cablepod.galerkin._runs import GalerkinTrajectory, Samples
+from cablepod.galerkin._record import GalerkinTrajectory, Samples
 
 #: Relative tolerance of deflections: combinations of modes below it move the cable along the chord only.
 DEFLECTION_RTOL = 1e-6

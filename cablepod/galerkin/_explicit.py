@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cablepod.errors import RunStopped
-from cablepod.galerkin._runs import POLYNOMIAL_COST, GalerkinRun, GalerkinTrajectory, RunRecord
+from cablepod.galerkin._record import GalerkinTrajectory, RunRecord
+from cablepod.galerkin._runs import POLYNOMIAL_COST, GalerkinRun
 from cablepod.integrate._step_control import damped_growth
 
 #: Phase up to which a vibration has its exact frequency in steps of the filtered scheme [rad].

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from cablepod.chain._implicit import MAX_ROTATION, MIN_ROTATION, TENSION_RTOL
-from cablepod.galerkin._runs import MIN_ROW_RATIO, ROUNDING, GalerkinRun, RunRecord
+from cablepod.galerkin._record import RunRecord
+from cablepod.galerkin._runs import MIN_ROW_RATIO, ROUNDING, GalerkinRun
 from cablepod.integrate._march import cut_step, not_converged
 
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from cablepod.errors import RunStopped
 from cablepod.galerkin._implicit import ImplicitGalerkinRun
-from cablepod.galerkin._runs import GalerkinRun, GalerkinTrajectory
+from cablepod.galerkin._record import GalerkinTrajectory
+from cablepod.galerkin._runs import GalerkinRun
 from cablepod.integrate._output_times import judged_instants
 from cablepod.integrate._request import REDUCED_TOLERANCE, Request
 from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step, halve_step_while_cheaper
