@@ -40,8 +40,8 @@ ROOT = Path(__file__).resolve().parents[1]
 MODULES = (
     "cablepod", "cablepod.scene", "cablepod.parameters", "cablepod.discretisation", "cablepod.integrate", "cablepod.reduced",
     "cablepod.batch", "cablepod.cli", "cablepod.paper", "cablepod.examples", r"!cablepod\..*\b_",
-    "cablepod.discretisation._similarity", "cablepod.condensed._estimate", "cablepod.galerkin._estimate",
-    "cablepod.pod._incremental",
+    "cablepod.discretisation._similarity", "cablepod.condensed._error_equation", "cablepod.condensed._estimate",
+    "cablepod.galerkin._estimate", "cablepod.pod._incremental",
 )  # fmt: skip
 #: A reference in a docstring: a role of Sphinx and a name.
 ROLE = re.compile(r":(?:func|class|meth|data|mod|exc):`~?([\w.]+)`")

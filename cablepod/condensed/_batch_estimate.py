@@ -8,14 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cablepod.condensed._estimate import (
-    CORRECTIONS_LEADING,
-    MAX_ERROR,
-    MOTION_SAMPLES,
-    POINTS,
-    POINTS_PER_MODE,
-    unit_coefficients,
-)
+from cablepod.condensed._error_equation import CORRECTIONS_LEADING, unit_coefficients
+from cablepod.condensed._estimate import MAX_ERROR, MOTION_SAMPLES, POINTS, POINTS_PER_MODE
 from cablepod.condensed._waves import chord_direction, waves_of_start
 
 if TYPE_CHECKING:

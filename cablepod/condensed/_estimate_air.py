@@ -12,7 +12,7 @@ from cablepod.condensed._air import EXTRA_POINTS, CondensedAir
 from cablepod.condensed._air_motion import DragOfMotion
 
 if TYPE_CHECKING:
-    from cablepod.condensed._estimate import ErrorEquation
+    from cablepod.condensed._error_equation import ErrorEquation
 
 #: Number of air tables that are kept for the estimates of further runs.
 KEPT_TABLES = 4

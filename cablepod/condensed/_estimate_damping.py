@@ -10,7 +10,7 @@ from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._estimate_air import EnrichedDrag
 
 if TYPE_CHECKING:
-    from cablepod.condensed._estimate import ErrorEquation
+    from cablepod.condensed._error_equation import ErrorEquation
 
 
 def forces_by_rates(

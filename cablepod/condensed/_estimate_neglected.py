@@ -13,7 +13,7 @@ from cablepod.condensed._waves import oscillations
 from cablepod.discretisation._chord_frame import ChordFrame
 
 if TYPE_CHECKING:
-    from cablepod.condensed._estimate import ErrorEquation
+    from cablepod.condensed._error_equation import ErrorEquation
     from cablepod.condensed._model import CondensedModel
 
 #: Number of sines along the cable.

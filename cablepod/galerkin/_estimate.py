@@ -8,7 +8,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from cablepod.condensed._estimate import MAX_ERROR, ErrorEquation, sample_interval
+from cablepod.condensed._error_equation import ErrorEquation
+from cablepod.condensed._estimate import MAX_ERROR, sample_interval
 from cablepod.condensed._fields import close_chord_of, positions_of
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chain import LumpedChain, square
@@ -37,9 +38,9 @@ class GalerkinEstimate:
     The deflection of the particles normal to the chord is a motion of a condensed model of the same links, whose modes are the
     deflections of the mean shape and of all modes.  Its residual in an enriched model, with more modes, the chordwise stretch
     that closes the chord, and chordwise inertia, drives the error equation, see
-    :class:`cablepod.condensed._estimate.ErrorEquation`.  The distance of the particles from their chordwise positions is added.
-    The enriched model has the law of the chain that the run is meant to reproduce: a motion by law (21) has the difference of the
-    laws in its residual.
+    :class:`cablepod.condensed._error_equation.ErrorEquation`.  The distance of the particles from their chordwise positions is
+    added.  The enriched model has the law of the chain that the run is meant to reproduce: a motion by law (21) has the
+    difference of the laws in its residual.
     The time error of the step is not included.
     """
 

@@ -9,7 +9,7 @@ from scenes import spatial
 import cablepod as cp
 from cablepod.condensed import _estimate_neglected as neglected_terms
 from cablepod.condensed._assembly import model_of
-from cablepod.condensed._estimate import ErrorEquation
+from cablepod.condensed._error_equation import ErrorEquation
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.parameters._from_scene import parameters
 

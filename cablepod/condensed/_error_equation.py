@@ -1,0 +1,264 @@
+"""Equation of the error of a motion, driven by its residual in an enriched condensed model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cablepod.condensed._coefficients import Coefficients
+from cablepod.discretisation._chain import LumpedChain
+from cablepod.parameters._parameters import Parameters
+
+#: Number of modes of each deflection that the enriched model has beyond those of the motion (fewer where particles are few).
+EXTRA_MODES = 3
+#: Joint Newton corrections of the closure, for order "leading" and for others (one leaves 1e-2 of the change, two 1e-4).
+CORRECTIONS_LEADING, CORRECTIONS = 1, 2
+
+
+def enriched_modes(sets: Sequence[np.ndarray], sigma: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Complete each set of modes (mode, particle) by EXTRA_MODES sines of the relative arc length (particle,)."""
+    modes = []
+    for psi in sets:
+        count = min(len(psi) + EXTRA_MODES, sigma.size - 2)
+        sines = np.sin(math.pi * np.outer(np.arange(1, count + 1), sigma))
+        basis = np.linalg.qr(np.concatenate([psi, sines]).T)[0].T[:count]
+        basis[:, [0, -1]] = 0.0
+        modes.append(basis)
+    return tuple(modes)
+
+
+class _UnitCable(NamedTuple):
+    """The parameters that coefficients depend on, for a cable of unit mass per length."""
+
+    dims: int
+    motions: bool
+    point_loads: tuple[_PointLoad, ...]
+    mass: float = 1.0
+
+
+class _PointLoad(NamedTuple):
+    fraction: float
+
+
+class _Points(NamedTuple):
+    """Points along a cable of unit length."""
+
+    weights: np.ndarray
+    sigma: np.ndarray
+    masses: np.ndarray
+    share: float  #: part of its own stretch that displaces a point: half between particles, all at the particle above a link
+    patterns: np.ndarray
+    slopes: np.ndarray
+
+
+def unit_coefficients(
+    sets: Sequence[np.ndarray], sigma: np.ndarray, p: Parameters, points: int
+) -> tuple[Coefficients, _Points]:
+    """Return the coefficients of an enriched model of unit length and mass.
+
+    Parameters
+    ----------
+    sets, sigma
+        Modes of each deflection (mode, particle), and relative arc lengths (particle,).
+    p
+        Parameters with the kinds of loads of the scene.
+    points
+        Number of points of a Gauss rule; 0 for the links.
+    """
+    return _unit_coefficients(
+        tuple(np.ascontiguousarray(part, dtype=float).tobytes() for part in sets),
+        np.round(sigma, 12).tobytes(),  # the same for all lengths
+        bool(p.motions),
+        tuple(load.fraction for load in p.point_loads),
+        points,
+    )
+
+
+@lru_cache(maxsize=64)
+def _unit_coefficients(
+    modes: tuple[bytes, ...], sigma: bytes, moving: bool, fractions: tuple[float, ...], points: int
+) -> tuple[Coefficients, _Points]:
+    """Return the coefficients of an enriched model of unit length and mass; cached, as many scenes share modes.
+
+    Parameters
+    ----------
+    modes, sigma
+        Bytes of the modes of each set (mode, particle), and of the relative arc lengths (particle,).
+    moving, fractions
+        Whether ends move; places of the point loads.
+    points
+        Number of points of a Gauss rule; 0 for the links.
+    """
+    places = np.frombuffer(sigma)
+    sets = [np.frombuffer(part).reshape(-1, places.size) for part in modes]
+    p: Any = _UnitCable(len(sets) + 1, moving, tuple(map(_PointLoad, fractions)))
+    chain = LumpedChain(p, np.diff(places), places)
+    unit = Coefficients(chain, "inertial", enriched_modes(sets, places))
+    slopes, patterns = unit.slopes, unit.chordwise_force_patterns
+    if not 0 < points < chain.links:
+        return unit, _Points(chain.length, places[1:], unit.mass[1:], 1.0, patterns, slopes)
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    middles, at = 0.5 * (places[1:] + places[:-1]), 0.5 * (1.0 + nodes)
+    left = np.clip(np.searchsorted(middles, at) - 1, 0, middles.size - 2)
+    fraction = (at - middles[left]) / (middles[left + 1] - middles[left])
+
+    def interpolated(values: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(values[:, left] * (1.0 - fraction) + values[:, left + 1] * fraction)
+
+    return unit, _Points(0.5 * weights, at, 0.5 * weights, 0.5, interpolated(patterns), interpolated(slopes))
+
+
+@dataclass(frozen=True)
+class ErrorEquation:
+    """Error equation of a motion in the enriched model of a chain."""
+
+    chain: LumpedChain
+    arguments: tuple[tuple[Any, ...], ...]  #: constants, points and coefficients of the kernels
+    projection: np.ndarray  #: from deflections at the particles to enriched coordinates (R, particle) [kg^1/2]
+    slopes: np.ndarray  #: slopes of the enriched shapes on the links (R, n)
+    shapes: np.ndarray  #: enriched shapes (R, particle) [kg^-1/2]
+
+    @classmethod
+    def of(
+        cls,
+        chain: LumpedChain,
+        sets: Sequence[np.ndarray],
+        shapes: np.ndarray,
+        in_plane: int,
+        *,
+        leading: bool,
+        points: int = 0,
+    ) -> ErrorEquation:
+        """Prepare the equation for a motion on mass-orthonormal shapes.
+
+        Parameters
+        ----------
+        chain
+            Links and masses.
+        sets
+            Modes of each deflection (mode, particle), which the enriched model contains.
+        shapes, in_plane
+            Shapes of the coordinates of the motion (r, particle), and how many of them are in plane.
+        leading
+            Whether the motion obeys the closure to leading order.
+        points
+            Number of points of a Gauss rule for the residual; 0 for the links.
+        """
+        p, length = chain.p, chain.total_length
+        unit, at = unit_coefficients(sets, chain.arc_length / length, p, points)
+        # powers of mass and length: of the shapes, their slopes, and the loads (point loads do not grow with the length)
+        shape = 1.0 / math.sqrt(p.mass * length)
+        load = np.ones(len(unit.load_patterns))
+        load[: load.size - len(p.point_loads)] = length
+        projection = unit.shapes * unit.mass / shape
+        change = projection @ shapes.T
+        change[: unit.n_in_plane, in_plane:] = change[unit.n_in_plane :, :in_plane] = 0.0
+        slopes = (shape / length) * at.slopes
+        stiffness = (load * shape * shape / length)[:, None, None] * unit.geometric_stiffness
+        constants = (
+            p.stiffness, length, p.mass_damping or 0.0, chain.green, leading,
+            CORRECTIONS_LEADING if leading else CORRECTIONS, in_plane, unit.n_in_plane,
+        )  # fmt: skip
+        arguments = (
+            constants,
+            (
+                length * at.weights, at.sigma, p.mass * length * at.masses, at.share, load[:, None] * at.patterns,
+                np.ascontiguousarray(change.T @ slopes), slopes,
+            ),
+            (
+                change, unit.slope_norms_squared * (shape * shape / length), load * unit.mean_chordwise_forces, stiffness,
+                stiffness @ change, np.tile(load, p.dims - 1)[:, None] * shape * unit.load_projection,
+            ),
+        )  # fmt: skip
+        return cls(chain, arguments, projection, (shape / length) * unit.slopes, shape * unit.shapes)
+
+    @property
+    def change(self) -> np.ndarray:
+        """Matrix from the coordinates of the motion to the enriched ones (R, r)."""
+        return self.arguments[2][0]
+
+    @property
+    def enriched_in_plane(self) -> int:
+        """Number of in-plane coordinates of the enriched model."""
+        return int(self.arguments[0][7])
+
+    def with_forces(self, damping: float = 0.0) -> ErrorEquation:
+        """Return the equation with further forces on the enriched coordinates and further damping of the error [1/s].
+
+        The forces (R) are further columns of the boundary data.
+        """
+        constants, points, coefficients = self.arguments
+        constants = (*constants[:2], constants[2] + damping, *constants[3:])
+        forces = np.concatenate([coefficients[-1], np.eye(len(self.change))])
+        return replace(self, arguments=(constants, points, (*coefficients[:-1], forces)))
+
+    def coordinates(self, deflection: np.ndarray) -> np.ndarray:
+        """Project deflections (normals, particle) [m] onto the enriched coordinates (R,)."""
+        in_plane = self.arguments[0][7]
+        parts = [self.projection[:in_plane] @ deflection[0]]
+        parts += [self.projection[in_plane:] @ part for part in deflection[1:]]
+        return np.concatenate(parts)
+
+    def error_at_rest(self, q: np.ndarray, static_boundary_data: np.ndarray) -> np.ndarray:
+        """Return the distance to the enriched equilibrium from coordinates (r,); zero where Newton's method finds none."""
+        from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
+
+        error = np.empty(len(self.change))
+        found = kernel.error_at_rest(q[None], static_boundary_data[None], *self.arguments, error)
+        return error if found else np.zeros_like(error)
+
+    def mean_squares(
+        self,
+        motion: tuple[np.ndarray, np.ndarray, np.ndarray],
+        boundary_data: np.ndarray,
+        interval: float,
+        initial_error: np.ndarray,
+        initial_rate: np.ndarray,
+    ) -> np.ndarray:
+        """Integrate the equation, driven by the residual of the motion.
+
+        Parameters
+        ----------
+        motion
+            Coordinates of the motion, rates and accelerations (samples, r).
+        boundary_data
+            Those of the samples.
+        interval
+            Interval of the samples [s].
+        initial_error, initial_rate
+            Error at the start, and its rate (R,).
+
+        Returns
+        -------
+        numpy.ndarray
+            Mean square of the error over the length (samples,) [m^2]: that of the deflection, with the part of the chordwise
+            displacement that it has where it is largest; infinite where the error leaves the finite numbers.
+        """
+        from cablepod.condensed import _kernels_error as kernel  # numba is imported only to compute
+
+        squares, largest = np.empty(len(motion[0])), np.zeros(initial_error.size + 1)
+        kernel.error_growth(
+            *motion, boundary_data, interval, *self.arguments, initial_error, initial_rate, squares, largest
+        )
+        squares /= self.chain.p.mass * self.chain.total_length
+        if not squares.max() < math.inf:
+            squares[np.isnan(squares)] = math.inf
+        error = largest[:-1]
+        return squares * (1.0 + self._chordwise_share(error, self.change @ motion[0][int(largest[-1])]))
+
+    def _chordwise_share(self, error: np.ndarray, q: np.ndarray) -> float:
+        """Return the mean square of the chordwise displacement over that of the deflection, for an error (R,) at q (R,)."""
+        square, chain = float(error @ error), self.chain
+        if not 0.0 < square < math.inf:
+            return 0.0
+        in_plane, stretch = self.arguments[0][7], np.zeros(chain.links)
+        for which in (slice(in_plane), slice(in_plane, None)):
+            stretch -= (q[which] @ self.slopes[which]) * (error[which] @ self.slopes[which])
+        along = np.cumsum(stretch * chain.length)
+        along -= chain.arc_length[1:] / chain.total_length * along[-1]
+        return float(chain.p.mass * (chain.tributary_length[1:] @ along**2)) / square
