@@ -92,7 +92,7 @@ def host_coefficients(model: CondensedModel, air: CondensedAir | None = None) ->
         numbers,
         np.ascontiguousarray(model.geometric_stiffness),
         np.vstack([model.slope_norms_squared, moments, slope_moments, model.load_projection]),
-        np.vstack([*by_pattern, model.chordwise_forces_at_candidates.T]),
+        np.ascontiguousarray(np.vstack([*by_pattern, model.chordwise_forces_at_candidates.T])),
         by_point,
         None if air is None else _host_air(air),
     )

@@ -67,7 +67,7 @@ class CondensedStepper:
         self.links = (model.slopes, model.n_in_plane, model.chordwise_force_patterns)
         selected = run.leading and run.links is not None  # to leading order a tension needs no other link
         if selected:
-            slopes, patterns = model.slopes[:, run.links], model.chordwise_force_patterns[:, run.links]
+            slopes, patterns = (table.take(run.links, axis=1) for table in (self.links[0], self.links[2]))  # in C order
             self.links = (slopes, model.n_in_plane, patterns)
         links = self.links[0].shape[1]
         self.wants_extremes = "tension_extremes" in run.outputs
@@ -108,7 +108,7 @@ class CondensedStepper:
         last = np.searchsorted(output_steps, begin + steps + (1 if final and not run.explicit else 0))
         boundary_data = run.model.boundary_data(begin, steps - 1 if run.explicit else steps, self.steps_per_second)
         if self.sample_interval and steps == self.total:
-            self.sampled_boundary_data = boundary_data[:: self.sample_interval]
+            self.sampled_boundary_data = np.ascontiguousarray(boundary_data[:: self.sample_interval])
         outputs = (
             begin, output_steps[first:last], self.saved[first:last], self.half_step_rates[first:last], self.low,
             self.high, self.monitor,

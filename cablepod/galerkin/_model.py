@@ -101,7 +101,7 @@ class GalerkinModel:
     @cached_property
     def active_axes(self) -> np.ndarray:
         """Mask of the axes along which each coordinate displaces the cable (coordinates, dims)."""
-        return np.abs(self.slopes[1]).max(axis=1) > 0.0
+        return np.ascontiguousarray(np.abs(self.slopes[1]).max(axis=1) > 0.0)
 
     @cached_property
     def strain(self) -> np.ndarray:

@@ -190,7 +190,9 @@ def test_a_chain_at_rest_stays_at_rest(soft, scheme):
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_saving_changes_nothing(soft, scheme):
-    scene = pulled(soft)
+    scene = scene_with(
+        soft
+    )  # an end moves, as where lanes have these outputs: another choice of terms compiles for seconds
     few = cp.chain.simulate(scene, scheme=scheme, step=2.5e-3, times=[0.5])
     many = cp.chain.simulate(
         scene, scheme=scheme, step=2.5e-3, times=np.arange(401) * 2.5e-3, outputs=("position", "tension_extremes")
@@ -200,7 +202,7 @@ def test_saving_changes_nothing(soft, scheme):
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_outputs_between_steps(soft, scheme):
-    scene = pulled(soft)
+    scene = scene_with(soft)
     outputs = ("position", "velocity", "tension", "tension_extremes")
     run = cp.chain.simulate(scene, scheme=scheme, step=1e-3, times=[0.1, 0.5003], outputs=outputs)
     fine = cp.chain.simulate(scene, scheme="velocity_verlet", step=1e-5, times=[0.1, 0.5003], outputs=outputs)
@@ -243,7 +245,7 @@ def test_the_energy_momentum_method_keeps_the_energy_of_a_violent_motion(soft):
     assert np.ptp(rough) > 1e3 * np.ptp(found)
 
 
-@pytest.mark.parametrize("law", ["linear", "green"])
+@pytest.mark.parametrize("law", ["linear", slow("green")])
 def test_the_energy_does_not_drift(soft, law):
     scene = pulled(soft).assign(time_duration=1000.0, time_interval=10.0)
     run = cp.chain.simulate(scene, scheme="energy_momentum", step=0.05, law=law, outputs=("position", "velocity"))

@@ -60,7 +60,7 @@ def test_the_error_estimate_tells_the_error_against_the_chain(soft, dims, layout
                 "angular_frequency": 2.0,
             }
         scene = cp.make_scene(mapping)
-        chain = cp.chain.simulate(scene, outputs=("position",), **options)
+        chain = cp.chain.simulate(scene, scheme="velocity_verlet", outputs=("position",), **options)
         modes = cp.pod.decompose(chain, layout=layout) if modes is None else modes
         for rank in (1, 2, 4):
             run = cp.galerkin.simulate(scene, modes, rank=rank, **options)

@@ -9,6 +9,7 @@ import ast
 import io
 import tokenize
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -77,11 +78,23 @@ def statements(node: ast.AST, at_import: bool = True) -> Iterator[tuple[ast.AST,
         yield from statements(child, inside)
 
 
-def imports_of(package: Path) -> Iterator[Import]:
+def imports_of(package: Path) -> tuple[Import, ...]:
     """Imports of every module of a package, from it and from elsewhere, lazy ones too."""
-    modules = modules_of(package)
-    for importer, path in modules.items():
-        for node, at_import in statements(ast.parse(path.read_text())):
+    return _imports(
+        tuple((name, str(path.relative_to(package)), path.read_text()) for name, path in modules_of(package).items())
+    )
+
+
+@lru_cache  # all checks read the same package
+def _imports(files: tuple[tuple[str, str, str], ...]) -> tuple[Import, ...]:
+    """Imports of modules, each given by its dotted name, its file and its text."""
+    return tuple(_each_import(files))
+
+
+def _each_import(files: tuple[tuple[str, str, str], ...]) -> Iterator[Import]:
+    modules = {name for name, _, _ in files}
+    for importer, path, text in files:
+        for node, at_import in statements(ast.parse(text)):
             if isinstance(node, ast.Import):
                 targets = [alias.name for alias in node.names]
             elif isinstance(node, ast.ImportFrom):
@@ -92,7 +105,7 @@ def imports_of(package: Path) -> Iterator[Import]:
                 targets = [item.value for item in node.args[:1] if isinstance(item, ast.Constant)]
             else:
                 continue
-            place = f"{path.relative_to(package)}:{node.lineno}"
+            place = f"{path}:{node.lineno}"
             yield from (Import(importer, target, place, at_import) for target in dict.fromkeys(targets))
 
 
