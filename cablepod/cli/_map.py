@@ -52,7 +52,12 @@ def write(folder: Path, results: xr.Dataset, *, hertz: bool = False) -> str:
 
 def _write_table(path: Path, results: xr.Dataset, parameters: list[str]) -> None:
     """Write a row for each member: parameters, largest and smallest tension, time errors, and what is doubtful."""
-    columns = {f"{name} [{results[name].attrs.get('units', '1')}]": results[name].values for name in parameters}
+    columns: dict[str, Any] = {}
+    for name in parameters:
+        units = results[name].attrs.get("units", "1")
+        columns[f"{name} [{units}]"] = results[name].values
+        if units == "rad s-1":
+            columns[f"{name.replace('angular_', '')} [Hz]"] = results[name].values / (2.0 * np.pi)
     columns["largest tension [N]"] = results["tension_maximum"].max("link").values
     columns["smallest tension [N]"] = results["tension_minimum"].min("link").values
     for name in ("time_error_estimate", "tension_time_error_estimate"):

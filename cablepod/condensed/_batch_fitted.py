@@ -234,7 +234,8 @@ class FittedBatch(MemberCoefficients):
         states = self.states
         factors = states.uniform[part, None] + states.sag[part, None] * rest_profile(unit)
         kernel.fields_of_members(
-            np.ascontiguousarray(q), _rows_of_ends(ends.positions(times)), accelerations, self.load[part], self.reference[part], MAX_COSINE,
+            np.ascontiguousarray(q), _rows_of_ends(ends.positions(times)), accelerations, self.load[part],
+            self.reference[part], MAX_COSINE,
             p.mass[part], p.stiffness[part], total[:, None] * unit.chain.length, self.scaled.named["shapes"][part],
             unit.n_in_plane, self.scaled.named["chordwise_force_patterns"][part], factors,
             np.arange(unit.chain.links) if self.plan.links is None else self.plan.links, part,

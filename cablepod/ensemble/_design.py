@@ -16,6 +16,7 @@ from cablepod.conventions import COORDINATES, VARIABLES
 from cablepod.errors import SceneError, did_you_mean, scene_error, shown
 from cablepod.parameters._key_paths import dotted, flat, variable_name, variable_of
 from cablepod.parameters._keys import ENSEMBLE, join
+from cablepod.scene._hertz import ranges_in_radians
 from cablepod.scene._make import check_scene_numbers
 from cablepod.scene._mast import scene_kind
 from cablepod.scene._ranges import axis_hint, check_values, points_of_grid, with_counts_expanded
@@ -77,6 +78,8 @@ def design(
         ranges, prefix = table["ranges"], "ensemble.ranges"
         options |= {name: table[name] for name, value in options.items() if value is None}
     else:
+        if isinstance(ranges, Mapping):
+            ranges = ranges_in_radians(ranges, sampling, lambda path: variable_of(scene, path) is not None)
         ranges, options = with_counts_expanded(ranges, options)
     options = {
         name: key.default if options[name] is None else key.check(name, options[name]) for name, key in ENSEMBLE.items()

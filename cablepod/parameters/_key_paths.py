@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import chain
 from typing import Any
 
@@ -22,7 +22,7 @@ import xarray as xr
 from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError, named, shown
 from cablepod.parameters._checks import number, numbers_list, text
-from cablepod.parameters._keys import ENSEMBLE, POINT_LOAD, TABLES, TOP, Key, time_function_keys
+from cablepod.parameters._keys import ENSEMBLE, FREQUENCY, POINT_LOAD, TABLES, TOP, Key, time_function_keys
 from cablepod.parameters._mast_keys import GUY, GUY_CABLE, MAST, MAST_LOAD, MAST_SECTION
 
 #: Maximum number of parts of a key path: ``motion.upper.x.amplitude`` has four, ``ensemble.ranges`` holds such paths.
@@ -63,11 +63,16 @@ def _dotted(path: str) -> str:
         return _of_mast(path)
     table, key = (f"point_load.{load[1]}", load[2]) if load else path.split("_", 1) if "_" in path else ("", "")
     known = POINT_LOAD if load else {**TABLES, "ensemble": ENSEMBLE}.get(table, {})
-    factors = {"kind", *chain.from_iterable(time_function_keys("1").values())} if load or table == "load" else set()
-    if key in known or key in factors:
+    if key in known or ((load or table == "load") and key in _keys_of_factors()):
         return f"{table}.{key}"
     vector, _, axis = key.rpartition("_")
     return f"{table}.{vector}.{axis}" if axis in COORDINATES and vector in known else path
+
+
+@cache
+def _keys_of_factors() -> frozenset[str]:
+    """Return the keys that the factor of a load may have, of all kinds."""
+    return frozenset({"kind", FREQUENCY, *chain.from_iterable(time_function_keys("1").values())})
 
 
 def _of_mast(path: str) -> str:
@@ -77,8 +82,7 @@ def _of_mast(path: str) -> str:
         if not found:
             continue
         above, (vector, _, axis) = ".".join(filter(None, (table, found[1]))), found[2].rpartition("_")
-        factors = {"kind", *chain.from_iterable(time_function_keys("1").values())} if table == "mast.load" else ()
-        if found[2] in keys or found[2] in factors:
+        if found[2] in keys or (table == "mast.load" and found[2] in _keys_of_factors()):
             return f"{above}.{found[2]}"
         if axis in COORDINATES and vector in keys:
             return f"{above}.{vector}.{axis}"

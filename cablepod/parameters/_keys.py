@@ -129,6 +129,8 @@ TABLES: Mapping[str, Mapping[str, Key]] = {
     "ice": ICE,
 }
 OTHER_TABLES = ("motion", "point_load", "ensemble")
+#: Frequency of a sine [Hz], which may be given in place of its angular frequency.
+FREQUENCY = "frequency"
 
 
 @lru_cache

@@ -26,6 +26,7 @@ from cablepod.parameters._mast import mast_parameters
 from cablepod.parameters._mast_keys import GUY, GUY_CABLE, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
 from cablepod.parameters._parameters import Parameters, count_instants
 from cablepod.scene._check import check_mapping
+from cablepod.scene._hertz import OMEGA, in_radians
 from cablepod.scene._limits import check_limits
 from cablepod.scene._mast import check_mast, check_mast_numbers, is_mast
 from cablepod.scene._mast_field import check_mast_record
@@ -44,8 +45,8 @@ def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
         Motions and load factors, by `kind`: "one_minus_cosine", amplitude (1 - cos(angular_frequency t)); "harmonic", amplitude
         (sin(angular_frequency t + phase) - sin(phase)); "ramp", amplitude s^3 (10 - 15 s + 6 s^2) with s = t / duration, then
         amplitude; "polynomial", c1 t + c2 t^2 + ... with coefficients [c1, c2, ...]; "file", a spline through a record, minus
-        its value at t = 0 for a motion.  All but "ramp" may have `ramp` [s], which multiplies the change since t = 0 by the same
-        step of that duration.
+        its value at t = 0 for a motion.  The first two take `frequency` [Hz] in place of `angular_frequency` [rad/s].  All but
+        "ramp" may have `ramp` [s], which multiplies the change since t = 0 by the same step of that duration.
 
     Returns
     -------
@@ -110,8 +111,22 @@ def check_scene_numbers(scene: xr.Dataset) -> None:
 
 def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     """Make a scene; paths of records are relative to `folder`."""
-    is_of_mast = is_mast(mapping) or is_mast(nested(mapping) if isinstance(mapping, Mapping) else mapping)
-    tree = check_mast(nested(mapping), folder) if is_of_mast else check_mapping(mapping, folder)
+    if not isinstance(mapping, Mapping):
+        return _of_tables(mapping, folder)
+    tables = nested(mapping)
+    given = in_radians(tables)
+    try:
+        return _of_tables(given, folder)
+    except SceneError as error:
+        if given is not tables and OMEGA in str(error):
+            error.args = (f"{error} ({OMEGA} is 2 pi times the frequency given)",)
+        raise
+
+
+def _of_tables(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
+    """Make a scene from nested tables with angular frequencies."""
+    is_of_mast = is_mast(mapping)
+    tree = check_mast(mapping, folder) if is_of_mast else check_mapping(mapping, folder)
     scene = _mast_to_dataset(tree) if is_of_mast else _to_dataset(tree)
     scene.attrs["title"] = tree.get("title", "untitled scene")
     scene.attrs["stage"] = "scene"
@@ -124,7 +139,7 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
     if is_of_mast:
         check_scene_numbers(scene)
         if "ensemble" in tree:
-            _check_bounds(nested(mapping), tree, folder)
+            _check_bounds(mapping, tree, folder)
         return scene
     p = parameters(scene)
     try:
@@ -133,7 +148,7 @@ def _make(mapping: Mapping[str, Any], folder: Path) -> xr.Dataset:
         error.args = (f"{error}{hint(p)}",)
         raise
     if "ensemble" in tree:
-        _check_bounds(nested(mapping), tree, folder)
+        _check_bounds(mapping, tree, folder)
     return scene
 
 
