@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -49,3 +50,9 @@ def run_python(*arguments: object, timeout: float, **options: Any) -> subprocess
 def call(*arguments: object, timeout: float = 300.0, **options: Any) -> subprocess.CompletedProcess[str]:
     """Run the command until it ends."""
     return run_python("-m", "cablepod", *arguments, timeout=timeout, **options)
+
+
+def without_progress(text: str) -> str:
+    """Leave out the lines that tell of progress and compilation, which depend on the load of the machine and on its caches."""
+    lines = text.splitlines(keepends=True)
+    return "".join(line for line in lines if not re.search(r": \d+ % after \d+ s$|: compiling, once", line))

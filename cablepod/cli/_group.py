@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import signal
 import sys
 import warnings
-from typing import Any, TextIO
+from typing import TextIO
 
 import click
 
 from cablepod.cli import _process
 from cablepod.errors import ArchiveError, RunStopped, SceneError, closest, printable
+
+#: How commands that run the chain name it, which messages of the package name by its function.
+CHAIN = {"ensemble": "the chain (--model chain)", "run": "the chain"}
 
 
 class Group(click.Group):
@@ -39,13 +43,14 @@ class Group(click.Group):
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("always")
-                warnings.showwarning = note  # restored on exit
+                # restored on exit
+                warnings.showwarning = lambda message, *_, **__: note(spoken(message, ctx.invoked_subcommand))
                 return super().invoke(ctx) or 0
         except click.UsageError as error:
             path = " ".join(filter(None, (ctx.command_path, ctx.invoked_subcommand)))
             return fail_usage(error, path)
         except (SceneError, ArchiveError, RunStopped) as error:
-            return fail(str(error).replace("overwrite=True", "--overwrite"))  # the option of every command that writes
+            return fail(spoken(error, ctx.invoked_subcommand))
         except KeyboardInterrupt:
             return interrupted(ctx.invoked_subcommand)
         except BrokenPipeError:  # the reader of the output, such as head, closed it
@@ -108,7 +113,13 @@ def interrupted(command: str | None) -> int:
     return _process.STATUS[signal.SIGINT]
 
 
-def note(message: Warning | str, *_: Any, **__: Any) -> None:
+def spoken(message: Exception | str, command: str | None) -> str:
+    """Return a message of the package in the words of a command: options of the command line for those of Python."""
+    text = str(message).replace("overwrite=True", "--overwrite")  # the option of every command that writes
+    return re.sub(r"\bchain\.simulate\b(?!\()", CHAIN[command], text) if command in CHAIN else text
+
+
+def note(message: Warning | str) -> None:
     """Print a warning as one line, without its location in the code."""
     text = "cablepod: note: " + " ".join(printable(str(message)).split())
     if "tqdm" in sys.modules:  # a bar may be drawn: remove it, print, draw it again

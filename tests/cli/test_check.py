@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import pytest
+from children import without_progress
 from scenes import SOFT_TOML
 
 import cablepod as cp
@@ -16,8 +17,7 @@ from cablepod.cli import _summary
 def said_of(capsys, *arguments):
     status = cli.main(list(arguments))
     said = capsys.readouterr()
-    notes = [line for line in said.err.splitlines(keepends=True) if "compiling, once" not in line]  # of the first run
-    return status, said.out, "".join(notes)
+    return status, said.out, without_progress(said.err)
 
 
 def test_the_table_holds_the_numbers_of_the_summary(capsys):

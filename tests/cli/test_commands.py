@@ -8,13 +8,14 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
-from children import call, finish, python
+from children import call, finish, python, without_progress
 from children import environment as environment_of_children
 from scenes import SOFT_TOML
 
@@ -22,6 +23,7 @@ import cablepod as cp
 from cablepod import cli
 from cablepod import examples as shipped
 from cablepod.cli import _report
+from cablepod.cli._commands import commands
 from cablepod.study import _run as study
 
 
@@ -62,7 +64,7 @@ def test_the_main_job(scene_file, tmp_path, capsys):
     out = tmp_path / "deep" / "out"
     assert cli.main(["run", str(scene_file), "--out", str(out), "--ranks", "1,2"]) == 0
     said = capsys.readouterr()
-    assert said.err == ""
+    assert without_progress(said.err) == ""
     names = {path.name for path in out.iterdir()}
     data = {
         "scene",
@@ -100,9 +102,29 @@ def test_warnings_are_notes_of_one_line(scene_file, tmp_path):
     done = call("run", scene_file, "--out", tmp_path / "out", "--ranks", "2")
     assert done.returncode == 0
     assert (
-        done.stderr
+        without_progress(done.stderr)
         == "cablepod: note: catenary.rest leaves out the point loads of the scene; use chain.rest to include them\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("ensemble", "try: the chain (--model chain) or chain.simulate(scene); give --overwrite"),
+        ("run", "try: the chain or chain.simulate(scene); give --overwrite"),
+        ("info", "try: chain.simulate or chain.simulate(scene); give --overwrite"),
+    ],
+)
+def test_messages_speak_of_the_options_of_the_command(command, said, capsys, monkeypatch):
+    def raise_it(*_, **__):
+        warnings.warn("compare with chain.simulate", cp.OutOfRangeWarning, stacklevel=1)
+        raise cp.SceneError("try: chain.simulate or chain.simulate(scene); give overwrite=True")
+
+    monkeypatch.setattr(commands.commands[command], "callback", raise_it)
+    assert cli.main([command, "file", *(["--out", "out"] if command == "ensemble" else [])]) == 2
+    note, error = capsys.readouterr().err.splitlines()
+    assert note == f"cablepod: note: compare with {said.split('try: ')[1].split(' or ')[0]}"
+    assert error == f"cablepod: {said}"
 
 
 @pytest.mark.parametrize(("duration", "interval"), [(124.0, 1.0), (4.0, 0.3), (1e-7, 2.5e-8), (1e6, 3e3), (0.3, 0.1)])
