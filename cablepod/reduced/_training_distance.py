@@ -30,7 +30,7 @@ def distance_outside_training(
         features above 1, and features far below 1 count as zero.  ``outside_training_feature``: name of that feature, "none"
         inside.  Lists for stacked members.  Empty where the modes have no training range.
     """
-    if modes is None or "training_range" not in modes or modes.variables["feature"].values.tolist() != list(FEATURES):
+    if modes is None or "training_range" not in modes or modes["feature"].values.tolist() != list(FEATURES):
         return {}
     low, high = np.log1p(modes.variables["training_range"].values)
     numbers = features if np.ndim(length) else _kept_features  # stacked members are not hashed
