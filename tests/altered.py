@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -50,6 +50,12 @@ MORE: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
 LEFT_OUT = ("plots.error_against_run_time", "plots.stability", "study.run")
 VARIANTS = {name: call for name, call in (CALLS | MORE).items() if name not in LEFT_OUT}
 SLOW = ("oblique.train", "ensemble.run")
+#: Alterations of one variable, dimension or attribute, of which each is altered in turn.
+OF_EACH = (
+    "units: km", "units: number", "values: nan", "kinds: text", "kinds: dates", "kinds: half", "kinds: complex",
+    "attribute: text", "attribute: list", "attribute: array", "attribute_dropped", "dimension_renamed", "dimension_picked",
+    "dimension_cut", "dimension_added", "variable_dropped", "variable_mean",
+)  # fmt: skip
 
 
 class Altered(NamedTuple):
@@ -83,7 +89,19 @@ def over(table: dict[str, Any]) -> Callable[..., Any]:
     return add
 
 
-def pick(names: Any, rng: np.random.Generator) -> Any:
+class Nth:
+    """In the place of random numbers: picks the n-th of the names that an alteration chooses from."""
+
+    def __init__(self, n: int) -> None:
+        self.n, self.count, self.permutation = n, 0, np.random.default_rng(n).permutation
+
+    def integers(self, count: int) -> int:
+        """The n-th at first, 0 afterwards."""
+        first, self.count = self.count == 0, self.count or count
+        return min(self.n, count - 1) if first else 0
+
+
+def pick(names: Any, rng: Any) -> Any:
     """One of some names, None without any."""
     found = sorted(names, key=str)
     return found[rng.integers(len(found))] if found else None
@@ -533,7 +551,7 @@ class Attempt(NamedTuple):
     spatial: bool
     place: int
     kind: str
-    seed: int
+    seed: int  #: of random numbers; below 0 for :class:`Nth`
 
 
 def attempts(count: int, seed: int) -> list[Attempt]:
@@ -555,7 +573,21 @@ def attempts(count: int, seed: int) -> list[Attempt]:
 def altered(attempt: Attempt) -> Altered | None:
     """The altered argument of a call; None where the alteration does not apply."""
     dataset = datasets(attempt.spatial)[VARIANTS[attempt.name][0][attempt.place]]
-    return ALTERATIONS[attempt.kind](dataset, np.random.default_rng(attempt.seed))
+    rng: Any = np.random.default_rng(attempt.seed) if attempt.seed >= 0 else Nth(-1 - attempt.seed)
+    return ALTERATIONS[attempt.kind](dataset, rng)
+
+
+def each(name: str) -> Iterator[Attempt]:
+    """Calls with each variable, dimension and attribute altered in turn, by the alterations of :data:`OF_EACH`."""
+    spatial = len(name) % 2 == 0
+    for place, stage in enumerate(VARIANTS[name][0]):
+        for kind in OF_EACH:
+            n, count = 0, 1
+            while n < count:
+                nth = Nth(n)
+                if ALTERATIONS[kind](datasets(spatial)[stage], nth) is not None:
+                    yield Attempt(name, spatial, place, kind, -1 - n)
+                n, count = n + 1, nth.count
 
 
 def fault(attempt: Attempt) -> str | None:
