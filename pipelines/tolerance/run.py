@@ -4,9 +4,9 @@
         [--part FILE] [--readme]
 
 Each scene runs by each scheme with each tolerance, with one output instant (the last) and with many.  The step that was chosen is
-then run at 401 instants and compared with a truth: the same equations, with steps so short that halving them changes less than a
-fifth of the smallest tolerance.  Runs of scenes without such a truth are left out, as chaotic.  Counted are errors above the
-tolerance and above three times the tolerance, of runs that did not warn.
+then run at 401 instants and compared with a truth: the same equations, with steps so short that their error is below a fifth of
+the smallest tolerance, which follows from halving them.  Runs of scenes without such a truth are left out, as chaotic.  Counted
+are errors above the tolerance and above three times the tolerance, of runs that did not warn.
 
 ``chain`` judges the motion of chains, ``tension`` the larger one of the errors of motion and link tensions where both are asked
 for, ``reduced`` the motion of reduced models on three modes.
@@ -50,8 +50,8 @@ class Subject:
     name: str
     simulate: Callable[..., xr.Dataset]  #: of scene and modes
     schemes: tuple[str | None, ...]
-    #: Scheme of the truth, its least order (2 where ends move abruptly), and steps per stability limit of the explicit scheme that
-    #: are tried in turn
+    #: Scheme of the truth, its least order (2 where ends move abruptly), and steps per stability limit of the explicit scheme, tried
+    #: in turn
     truth: tuple[str, float, tuple[float, ...]] = ("velocity_verlet", 2.0, (64.0, 512.0))
     layout: str | None = None  #: of the modes
     outputs: tuple[str, ...] = ("position",)
