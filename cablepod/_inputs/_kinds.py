@@ -74,11 +74,7 @@ AMPLITUDES = Kind(
     (("amplitude", ("time", "mode")), ("end_position", ("time", "end", "coordinate")), ("time", ("time",))),
     ("amplitudes", "trajectory"),
 )
-_SHAPES: tuple[tuple[str, Dims], ...] = (
-    ("mode_shape", ("mode", "particle")),
-    *_ARC,
-    *((name, (name,)) for name in ("coordinate", "mode")),
-)
+_SHAPES: tuple[tuple[str, Dims], ...] = (("mode_shape", ("mode", "particle")), *_ARC, ("coordinate", ("coordinate",)))
 MODES = Kind("modes of pod.decompose", _SHAPES, ("modes",), ("separate", "vector", "normal"))
 FIELD_MODES = Kind(
     "modes of pod.decompose with one of the layouts ('separate', 'vector')", _SHAPES, ("modes",), ("separate", "vector")

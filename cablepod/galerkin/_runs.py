@@ -215,7 +215,7 @@ class GalerkinRun:
         labels = {
             "coordinate": np.array(COORDINATES[: model.chain.p.dims]),
             "time": time,
-            "mode": self.modes.variables["mode"].values[:count],
+            "mode": self.modes["mode"].values[:count],
             "end": np.array(ENDS),
         }
         options = {"law": model.law, "rank": count}

@@ -50,8 +50,8 @@ class Subject:
     name: str
     simulate: Callable[..., xr.Dataset]  #: of scene and modes
     schemes: tuple[str | None, ...]
-    #: Scheme of the truth, its least order (2 where ends move abruptly), and steps per stability limit of the explicit scheme, tried
-    #: in turn
+    #: Scheme of the truth, its least order (2 where ends move abruptly), and steps per stability limit of the explicit scheme,
+    #: tried in turn
     truth: tuple[str, float, tuple[float, ...]] = ("velocity_verlet", 2.0, (64.0, 512.0))
     layout: str | None = None  #: of the modes
     outputs: tuple[str, ...] = ("position",)
