@@ -20,6 +20,8 @@ EXTRA_POINTS = 2
 SAMPLES_PER_CHANGE = 40.0
 #: Relative tolerance of the equilibrium in wind, maximum number of Newton iterations, increments of the drag up to its full size.
 DRAG_RTOL, MAX_DRAG_ITERATIONS, INCREMENTS = 1e-12, 100, 4
+#: The kernels take points in such numbers, filled up by points without weight: one vector of eight numbers, or two of four.
+POINTS_IN_VECTOR = 8
 #: Number of models whose shapes at the Gauss points and rest in the mean wind are kept.
 KEPT_MODELS = 16
 #: Maximum number of steps from one evaluation of the drag to the next (two cost no accuracy, three a tenth of the time error),
@@ -37,7 +39,7 @@ def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(16)
 def _projection_matrix(count: int, of_air: bytes) -> np.ndarray:
-    """Return the matrix (count, points) from values at points of the air to those at `count` Gauss points along the cable.
+    """Return the matrix from values at points of the air to those at `count` Gauss points along the cable, filled up.
 
     `of_air` are the bytes of the relative arc lengths of the points of the air, between which values are linear.
     """
@@ -52,7 +54,13 @@ def _projection_matrix(count: int, of_air: bytes) -> np.ndarray:
         for other in np.delete(nodes, g):
             lagrange[g] *= (sigma - other) / (node - other)
     hats = linear_between(given, np.eye(given.size)[:, :, None], sigma)[:, :, 0]
-    return (lagrange * parts) @ hats.T / weights[:, None]
+    return filled_up((lagrange * parts) @ hats.T / weights[:, None])
+
+
+def filled_up(values: np.ndarray) -> np.ndarray:
+    """Return values at points (points, ...) with zeros at the points that the kernels take beyond them."""
+    missing = -len(values) % POINTS_IN_VECTOR
+    return np.concatenate([values, np.zeros((missing, *values.shape[1:]))])
 
 
 def interpolated(
@@ -90,11 +98,21 @@ class CondensedAir:
     @property
     def shapes(self) -> np.ndarray:
         """Shapes, their slopes and test functions at the points (3, points, r)."""
+        return self.shapes_of_kernel.transpose(0, 2, 1)[:, : self.rule[0].size]
+
+    @property
+    def shapes_of_kernel(self) -> np.ndarray:
+        """Shapes, their slopes and test functions at the points, filled up (3, r, points)."""
         return _shapes_at(self.model, self.rule[0].size)
+
+    @property
+    def drag(self) -> np.ndarray:
+        """Quadrature weights times half the density of the air, drag coefficient and diameter, filled up (points,) [kg/m]."""
+        return filled_up(self.air.drag * self.rule[1])
 
     @cached_property
     def _projection(self) -> np.ndarray:
-        """Matrix from the velocity at the points of the air to that at the Gauss points.
+        """Matrix from the velocity at the points of the air to that at the Gauss points, filled up.
 
         Integrals of the velocity times polynomials of a degree below the number of Gauss points are kept.  Single values would
         alias gusts that are shorter than the distance of these points.
@@ -103,7 +121,7 @@ class CondensedAir:
 
     @cached_property
     def _projected(self) -> np.ndarray:
-        """Velocity of the air at the Gauss points (samples of the air, dims, points) [m/s]."""
+        """Velocity of the air at the Gauss points, filled up (samples of the air, dims, points) [m/s]."""
         return np.tensordot(self.air.velocity, self._projection, (1, 1))
 
     @property
@@ -113,16 +131,16 @@ class CondensedAir:
 
     @cached_property
     def at_samples(self) -> tuple[np.ndarray, float]:
-        """Velocity of the air at the Gauss points (samples, points, dims) [m/s], and its samples per second."""
+        """Velocity of the air at the Gauss points, filled up (samples, points, dims) [m/s], and its samples per second."""
         return refined(self._projected).transpose(0, 2, 1), self._rate
 
     @cached_property
     def _sampled(self) -> tuple[np.ndarray, float]:
         """Velocity of the air less that of the line between the ends, in the chord frame, and its samples per second.
 
-        Along the chord and each normal: (samples, 1 + normals, points) [m/s].
+        Along the chord and each normal, at the points filled up: (samples, 1 + normals, points) [m/s].
         """
-        p, sigma = self.model.chain.p, self.rule[0]
+        p, sigma = self.model.chain.p, filled_up(self.rule[0])
         if not p.motions:
             frame = ChordFrame.of(np.diff(p.initial_ends, axis=0), self.model.reference)
             axes = np.concatenate([frame.along, frame.normals[0]])
@@ -158,7 +176,7 @@ class CondensedAir:
         place = np.clip(times * rate, 0.0, len(velocity) - 1.0)
         left = np.minimum(place.astype(int), len(velocity) - 2)
         share = (place - left)[:, None, None]
-        return (1.0 - share) * velocity[left] + share * velocity[left + 1]
+        return ((1.0 - share) * velocity[left] + share * velocity[left + 1])[..., : self.rule[0].size]
 
     @cached_property
     def in_mean_wind(self) -> CondensedAir:
@@ -168,8 +186,9 @@ class CondensedAir:
 
     @property
     def arguments(self) -> tuple[Any, ...]:
-        """Arguments of the kernel: wind, samples per second, drag, shapes."""
-        return *self._sampled, self.air.drag * self.rule[1], self.shapes
+        """Arguments of the kernel: wind (samples, (1 + normals) points), samples per second, drag, shapes."""
+        velocity, rate = self._sampled
+        return velocity.reshape(len(velocity), -1), rate, self.drag, self.shapes_of_kernel
 
     def acceleration(self, q: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return the accelerations of the coordinates (r,) by the drag at the start."""
@@ -181,7 +200,7 @@ class CondensedAir:
             stretch = model.initial_boundary_data[0] / model.chain.total_length
         else:
             stretch, exact = 1.0 + model.force(q, rates, model.initial_boundary_data)[2] / model.chain.p.stiffness, True
-        kernel.drag_force(q, rates, stretch, exact, wind, 0.0, drag, *shapes, model.n_in_plane, f)
+        kernel.drag_force(q, rates, stretch, exact, wind, 0.0, drag, shapes, model.n_in_plane, f)
         return model.accelerations(f, q, rates) if model.inertia.size else f
 
     def hold(self, chord_tension: float, step: float) -> int:
@@ -246,8 +265,8 @@ def _in_mean_wind(model: CondensedModel, points: int | None, drag: float, sigma:
 
 @lru_cache(KEPT_MODELS)
 def _shapes_at(model: CondensedModel, count: int) -> np.ndarray:
-    """Return shapes, their slopes and test functions at `count` Gauss points (3, points, r); kept as long as the model is."""
+    """Return shapes, slopes and test functions at `count` Gauss points, filled up (3, r, points); kept with the model."""
     sigma = 0.5 * (1.0 + _gauss(count)[0])
     shapes, slopes = interpolated(model, model.shapes, sigma, (0, 1))
     tests = shapes if model.test_functions is model.shapes else interpolated(model, model.test_functions, sigma)[0]
-    return np.ascontiguousarray(np.stack([shapes, slopes, tests]))
+    return np.ascontiguousarray(np.stack([filled_up(values).T for values in (shapes, slopes, tests)]))

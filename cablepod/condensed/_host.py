@@ -13,7 +13,7 @@ import xarray as xr
 
 from cablepod.catenary._statics import LoadPlane, load_plane, solve_statics
 from cablepod.condensed import _kernels_host_layout as layout
-from cablepod.condensed._air import CondensedAir
+from cablepod.condensed._air import CondensedAir, filled_up
 from cablepod.condensed._kernels_host_layout import HostAir, HostCoefficients
 from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MONITOR_ROWS, initial_monitor
 from cablepod.condensed._model import CondensedModel
@@ -125,8 +125,8 @@ def end_of_wind(air: CondensedAir) -> float:
 def _host_air(air: CondensedAir) -> HostAir:
     """Collect the air along a cable for the kernels."""
     velocity, rate = air.at_samples
-    sigma, weights = air.rule
-    return HostAir(np.ascontiguousarray(velocity.transpose(0, 2, 1)), rate, air.air.drag * weights, sigma, air.shapes)
+    sigma = filled_up(air.rule[0])
+    return HostAir(np.ascontiguousarray(velocity.transpose(0, 2, 1)), rate, air.drag, sigma, air.shapes_of_kernel)
 
 
 def initial_state(model: CondensedModel, coefficients: HostCoefficients, air: CondensedAir | None = None) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from cablepod._jit import REORDERED_FUSED, compiled
 from cablepod.condensed._kernels_closure import MAX_ITERATIONS, NEWTON_RTOL, _chordwise_momentum, _close
 from cablepod.condensed._kernels_dense import _solve
-from cablepod.condensed._kernels_drag import _add_drag
+from cablepod.condensed._kernels_drag import AIR_ROWS, _add_drag_at
 from cablepod.condensed._kernels_layout import (
     CHORD_TENSION,
     CLOSURE_ROWS,
@@ -271,6 +271,7 @@ def exact_verlet(
     f, rates, mass, no_array = np.empty(r), np.empty(r), np.empty((r, r)), np.empty((0, 0))
     work, slope, slope_rate = np.empty((CLOSURE_ROWS, m)), np.empty((2, m)), np.empty((2, m))
     stretch_jacobian, next_output, predicted, accepted = np.empty((2 * r, m)), 0, stretch[0], stretch[1]
+    air = None if wind is None else np.empty(AIR_ROWS * drag.size)
     for i in range(boundary_data.shape[0]):
         for j in range(r):
             rates[j] = v[j] + 0.5 * step * acceleration[j]
@@ -290,9 +291,9 @@ def exact_verlet(
         if tension_damping is not None:
             _subtract_tension_damping(rates, slopes, test_slopes, n_in_plane, tension_damping, work, slope_rate, f)
         if wind is not None:
-            _add_drag(
+            _add_drag_at(
                 q, rates, 1.0 + chord_tension / stiffness, True, wind, (begin + i) * step * samples_per_second, drag,
-                drag_shapes[0], drag_shapes[1], drag_shapes[2], n_in_plane, None, None, f,
+                drag_shapes, n_in_plane, air, f,
             )  # fmt: skip
         if inertia.size:
             _solve(mass, f)

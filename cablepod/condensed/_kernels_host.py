@@ -252,10 +252,9 @@ def _add_air(air, coefficients, accepted, trial, first_row, end_velocity, step, 
                 relative = before + share * (after - before) - air.sigma[g] * end_velocity[d]
                 total += relative * trial[AXES + k, d]
             trial[first + k, g] = -total if k == 0 else total  # axis 0 points to the lower end
-            trial[first + dims + k, g] = trial[first + k, g]
-    wind = trial[first : first + 2 * dims].reshape(2, dims, trial.shape[1])
     _add_drag(
-        q, rates, stretch, exact, wind, 0.0, air.drag, air.shapes[0], air.shapes[1], air.shapes[2], coefficients.sizes[IN_PLANE],
+        q, rates, stretch, exact, trial[first, :points], trial[first + 1, :points], trial[first + dims - 1, :points],
+        trial[first + dims, :points], trial[first + 2 * dims - 1, :points], air.drag, air.shapes, coefficients.sizes[IN_PLANE],
         air.sigma, trial[first_row + AIR_MOMENTS], f,
     )  # fmt: skip
 

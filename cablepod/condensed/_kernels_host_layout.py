@@ -37,8 +37,8 @@ PREDICTED_STRETCH, LAST_STRETCH, AXES, LEADING_ROWS = 11, 12, 13, 16
 # them anew would take a quarter longer.
 WORK, SLOPE = LEADING_ROWS, LEADING_ROWS + CLOSURE_ROWS
 EXACT_ROWS = SLOPE + 2
-#: Rows that states in wind have beyond these: rates at the end of a step, moments of the drag, and the air in the chord frame,
-#: twice (dims rows each).
+#: Rows that states in wind have beyond these: rates at the end of a step, moments of the drag, and the air in the chord frame
+#: (dims rows), with as many for the slopes at its points.
 AIR_RATES, AIR_MOMENTS, AIR_VELOCITY = 0, 1, 2
 TIME, STEP, COUNT, BETWEEN, FACTOR, IMPULSE = range(6)
 
@@ -52,7 +52,7 @@ class HostAir(NamedTuple):
         np.ndarray
     )  #: quadrature weights [m] times half the density of the air, drag coefficient and diameter (points,)
     sigma: np.ndarray  #: relative arc lengths of the points (points,)
-    shapes: np.ndarray  #: shapes, slopes and test functions at the points (3, points, r)
+    shapes: np.ndarray  #: shapes, slopes and test functions at the points (3, r, points)
 
 
 class HostCoefficients(NamedTuple):

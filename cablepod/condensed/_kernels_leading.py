@@ -9,7 +9,13 @@ import numpy as np
 from cablepod._jit import REORDERED_FUSED, compiled
 from cablepod.condensed._kernels_closure import MAX_ITERATIONS
 from cablepod.condensed._kernels_dense import _solve
-from cablepod.condensed._kernels_drag import _add_drag, _add_tension_damping, _extrapolate_drag
+from cablepod.condensed._kernels_drag import (
+    AIR_ROWS,
+    _add_drag_at,
+    _add_tension_damping,
+    _extrapolate_drag,
+    _weights_of_drag,
+)
 from cablepod.condensed._kernels_layout import (
     LINK_FORCE,
     LINK_ROWS,
@@ -205,7 +211,7 @@ def _link_tensions(
 # --- steps ------------------------------------------------------------------------------------------------------------
 
 
-@compiled
+@compiled(noalias=True)
 def leading_verlet(
     q, v, step, damping_factor, impulse, v_before, tension_damping, wind, samples_per_second, drag, drag_shapes, hold, held,
     boundary_data, stiffness, length, kappa, test_stiffness_defect, mean_chordwise_forces, geometric_stiffness,
@@ -225,8 +231,8 @@ def leading_verlet(
     tension_damping
         Damping by the tension [s]; None without.
     wind, samples_per_second, drag, drag_shapes
-        Wind with its sampling from the start of the run on [1/s], weights, and shapes, slopes and test functions (3, points, r)
-        of :func:`cablepod.condensed._kernels_drag._add_drag`; None without.
+        Wind with its sampling from the start of the run on [1/s], weights, and shapes, slopes and test functions (3, r, points)
+        of :func:`cablepod.condensed._kernels_drag._add_drag_at`; None without.
     hold, held
         Number of steps from one evaluation of the drag to the next; accelerations by it until then, and at the last three
         evaluations (4, r), changed; None without wind.
@@ -254,30 +260,34 @@ def leading_verlet(
     """
     f, work = np.empty(q.size), np.empty((LINK_ROWS, low.size))
     u = f if v_before is None else np.empty(q.size)
+    if wind is not None:
+        air, steps_held, weights = np.empty(AIR_ROWS * drag.size), begin % hold, _weights_of_drag(hold)
+        held_drag, now, before, old = held[0], held[1], held[2], held[3]
     next_output = 0
     for i in range(boundary_data.shape[0]):
         chord_tension = _chord_tension(q, boundary_data, i, kappa, mean_chordwise_forces, stiffness, length)
         _leading_acceleration(q, boundary_data, i, chord_tension, kappa, geometric_stiffness, load_projection, f)
         if test_stiffness_defect is not None:
             _add_test_stiffness(q, chord_tension, test_stiffness_defect, f)
-        if v_before is not None:
+        if v_before is not None and (wind is None or tension_damping is not None or steps_held == 0):
             for j in range(q.size):
                 u[j] = 1.5 * v[j] - 0.5 * v_before[j]
-                v_before[j] = v[j]
         if tension_damping is not None:
             _add_tension_damping(u, boundary_data, i, chord_tension, kappa, geometric_stiffness, tension_damping, f)
         if wind is not None:
-            if (begin + i) % hold == 0:
-                held[1] = 0.0
-                _add_drag(
+            if steps_held == 0:
+                if hold > 1:
+                    now[:] = 0.0
+                _add_drag_at(
                     q, u, boundary_data[i, 0] / length, None, wind, (begin + i) * step * samples_per_second, drag,
-                    drag_shapes[0], drag_shapes[1], drag_shapes[2], n_in_plane, None, None, held[1],
+                    drag_shapes, n_in_plane, air, now if hold > 1 else f,
                 )  # fmt: skip
-                if begin + i == 0:  # the drag before the start is that of the start
-                    held[2], held[3] = held[1], held[1]
-                _extrapolate_drag(hold, held)
-            for j in range(q.size):
-                f[j] += held[0, j]
+                if hold > 1:
+                    _extrapolate_drag(weights, begin + i == 0, now, before, old, held_drag)
+            steps_held = steps_held + 1 if steps_held + 1 < hold else 0
+            if hold > 1:
+                for j in range(q.size):
+                    f[j] += held_drag[j]
         _monitor_step(
             begin + i, q, boundary_data, i, chord_tension, kappa, geometric_stiffness_norms,
             chordwise_forces_at_candidates, stiffness, length, monitor,
@@ -305,6 +315,8 @@ def leading_verlet(
                     j, q, boundary_data, i, chord_tension, slopes, n_in_plane, chordwise_force_patterns
                 )
         for j in range(q.size):
+            if v_before is not None:
+                v_before[j] = v[j]
             v[j] = damping_factor * v[j] + impulse * f[j]
         if is_output:
             for j in range(q.size):
