@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from cablepod._resources import check_bytes
 from cablepod.errors import scene_error
 from cablepod.parameters._mast import MastLoad
 
 #: Maximum relative distance of a number of steps in an interval from a whole number.
 ROUNDING = 1e-9
+#: Memory of a step at least: its time and the factor of a load [bytes].
+BYTES_PER_STEP = 16.0
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,8 @@ def request_of(
         if every < 1 or abs(interval / step - every) > ROUNDING * every:
             raise scene_error("step", step, f"a step that divides the interval of the output, {interval:g} s")
     request = MastRequest(times, every, window, energy, keeps_guys)
+    needed = BYTES_PER_STEP * request.steps
+    check_bytes(needed, "step", f"{request.step:.3g} s, {request.steps} steps, {needed / 1e9:.3g} GB")
     if window is not None:
         if window[1] > float(times[-1]) * (1.0 + ROUNDING):
             raise scene_error("window", window, f"a part of the run, from 0 s to {times[-1]:g} s")

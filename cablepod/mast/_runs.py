@@ -30,6 +30,8 @@ from cablepod.wind._mast_air import mast_air
 KINDS = ("condensed", "chain", "catenary")
 #: Default number of modes of each deflection of a guy, and of those beyond them in the error estimate.
 RANK, RICHER = 4, 4
+#: Displacement over the height of the mast above which slopes are not small.
+LARGE_DISPLACEMENT = 0.1
 #: Maximum number of halved steps to meet a tolerance.
 MAX_HALVINGS = 6
 
@@ -95,6 +97,7 @@ class MastCase:
             **notes,
             **_least_force(self.p, run, guys),
         )
+        _warn_of_displacement(self.p, run)
         return result
 
     def result(self, run: MastTrajectory, notes: dict[str, Any]) -> xr.Dataset:
@@ -226,3 +229,15 @@ def _least_force(p: MastParameters, run: MastTrajectory, guys: str) -> dict[str,
             stacklevel=user_stacklevel(),
         )
     return {name: least, f"time_of_{name}": time}
+
+
+def _warn_of_displacement(p: MastParameters, run: MastTrajectory) -> None:
+    """Warn of displacements that are not small beside the height."""
+    largest = float(np.abs(run.level_extremes[:, :, :2]).max(initial=0.0))
+    if largest > LARGE_DISPLACEMENT * p.height and not run.status:
+        warnings.warn(
+            f"the displacement of the mast reaches {largest:.3g} m, {largest / p.height:.0%} of its height (above "
+            f"{LARGE_DISPLACEMENT:.0%}): it is a beam of small slopes; such displacements only tell that it falls",
+            OutOfRangeWarning,
+            stacklevel=user_stacklevel(),
+        )

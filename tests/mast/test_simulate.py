@@ -204,6 +204,23 @@ def test_slack_condensed_guys_warn():
         cp.mast.simulate(small(strong))
 
 
+def test_large_displacements_warn():
+    def strong(mapping):
+        mapping["mast"]["load"][0]["force"] = [1e5, 0.0, 0.0]
+
+    with (
+        pytest.warns(OutOfRangeWarning, match=r"displacement of the mast reaches .* of its height"),
+        pytest.warns(OutOfRangeWarning, match=r"a guy's end moved"),
+    ):
+        run = cp.mast.simulate(small(strong), guys="catenary")
+    assert float(abs(run.displacement).max()) > 0.1 * float(small().mast_height)
+
+
+def test_more_steps_than_memory_holds_are_refused():
+    with pytest.raises(SceneError, match=r"^step: given 1e-10 s, .* steps"):
+        cp.mast.simulate(small(), step=1e-10)
+
+
 def test_a_run_that_leaves_the_finite_numbers_stops_and_keeps_its_start():
     def huge(mapping):
         mapping["mast"]["load"][0]["force"] = [1e9, 0.0, 0.0]
