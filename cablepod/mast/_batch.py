@@ -11,6 +11,7 @@ import xarray as xr
 from cablepod.batch._members import BatchPlan
 from cablepod.batch._stack import Variables, arrays_of
 from cablepod.errors import SceneError
+from cablepod.mast import _output as output
 from cablepod.mast._condensed_lanes import members_abreast, run_abreast
 from cablepod.mast._request import MastTrajectory
 from cablepod.mast._runs import MastCase
@@ -84,15 +85,13 @@ class Members:
 
     def run(self, i: int) -> tuple[Variables, Mapping[str, Any]]:
         """Return variables and attributes of a member."""
-        if i in self._done:
-            case, run = self._done.pop(i)
-            result = case.unlabelled(run, {})
-        else:
-            case = self._case(i)
-            result = case.result(*case.run())
-        if not self._first:
+        case, run = self._done.pop(i) if i in self._done else (self._case(i), None)
+        if run is None or not self._first:  # a run alone says what is wrong
+            result = case.result(*(case.run() if run is None else (run, {})))
             self._first.append(result)
-        return arrays_of(result), result.attrs
+            attrs = {name: value for name, value in result.attrs.items() if name not in ("id", "history_json")}
+            return arrays_of(result), attrs
+        return output.arrays(case.mast, run, case.wanted), case.attributes(run, {})
 
     def _case(self, i: int) -> MastCase:
         return MastCase(self.scene.isel(member=i, drop=True), self.modes, **self.options)

@@ -210,8 +210,14 @@ class GuySet:
 
     def _repeated(self, times: int) -> GuySet:
         """Return the guys several times, one set after the other."""
-        fields = (self.lower, self.upper, self.length, self.stiffness, self.mass, self.weight, self.strain)
-        return GuySet(*(np.concatenate([values] * times) for values in fields), self.shapes)
+
+        def repeated(values: np.ndarray) -> np.ndarray:
+            return np.concatenate([values] * times)
+
+        return GuySet(
+            repeated(self.lower), repeated(self.upper), repeated(self.length), repeated(self.stiffness), repeated(self.mass),
+            repeated(self.weight), repeated(self.strain), self.shapes,
+        )  # fmt: skip
 
     def stiffness_of(self, q: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Return the part of :meth:`tangent` that belongs to the coordinates (guys, 2 r, 2 r)."""

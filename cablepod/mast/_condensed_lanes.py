@@ -152,7 +152,8 @@ class Lanes:
         if first.air is None:
             return None, None, None, None
         places, weights, _ = to_gauss(first.drag_points)
-        per_length = [drag_of(guy.p, model.air.density) for model in self.models for guy in model.mast.rest.p.guys]
+        density = first.air.density  # masts abreast are in the same air
+        per_length = [drag_of(guy.p, density) for model in self.models for guy in model.mast.rest.p.guys]
         drag = np.array(per_length) * self.of_guys(lambda guys: guys.length)
         shapes, slopes = np.zeros((2, 2, places.size, self.modes))
         for part, shape in enumerate(first.shapes):

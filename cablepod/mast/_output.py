@@ -58,6 +58,12 @@ for _name in ("displacement", "guy_tension", "bending_moment"):
 
 def dataset(p: MastParameters, variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> xr.Dataset:
     """Return a labelled Dataset with the coordinates of the guys."""
+    result = xr.Dataset(dict(variables), coords=_with_guys(p, variables, coordinates))
+    return label(result, **{name: NAMES[name] for name in NAMES if name in result.variables})
+
+
+def _with_guys(p: MastParameters, variables: Mapping[str, Any], coordinates: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the coordinates with those of the axes and of the guys."""
     used = {dim for dims, _ in variables.values() for dim in dims}
     coords: dict[str, Any] = {name: value for name, value in coordinates.items()}
     if "coordinate" in used:
@@ -66,8 +72,7 @@ def dataset(p: MastParameters, variables: Mapping[str, Any], coordinates: Mappin
         coords["guy"] = np.arange(1, len(p.guys) + 1)
         coords["guy_level"] = ("guy", np.array([guy.level for guy in p.guys]))
         coords["table"] = ("guy", np.array([guy.table for guy in p.guys]))
-    result = xr.Dataset(dict(variables), coords=coords)
-    return label(result, **{name: NAMES[name] for name in NAMES if name in result.variables})
+    return coords
 
 
 def spatial(values: np.ndarray) -> np.ndarray:
@@ -84,7 +89,24 @@ def seen_from(rows: np.ndarray, modal: np.ndarray) -> np.ndarray:
 
 def trajectory(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> xr.Dataset:
     """Return a run as a Dataset, up to where it was computed."""
-    p, request, n = mast.rest.p, run.request, run.completed
+    return dataset(mast.rest.p, *_values(mast, run, outputs))
+
+
+def arrays(
+    mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]
+) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
+    """Return dimensions and values of all variables of :func:`trajectory`, which labels cost more than the numbers."""
+    variables, coordinates = _values(mast, run, outputs)
+    result = {}
+    for name, value in {**variables, **_with_guys(mast.rest.p, variables, coordinates)}.items():
+        dims, values = value if isinstance(value, tuple) else (name, value)
+        result[name] = ((dims,) if isinstance(dims, str) else tuple(dims), np.asarray(values))
+    return result
+
+
+def _values(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return variables and coordinates of a run, up to where it was computed."""
+    request, n = run.request, run.completed
     variables: dict[str, Any] = {}
     coords: dict[str, Any] = {"time": request.times[:n], "level": mast.heights}
     if "displacement" in outputs:
@@ -109,7 +131,7 @@ def trajectory(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -
         coords.pop("time")
     if not any("level" in dims for dims, _ in variables.values()):
         coords.pop("level")
-    return dataset(p, variables, coords)
+    return variables, coords
 
 
 def _moments(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> dict[str, Any]:

@@ -76,29 +76,19 @@ class MastCase:
             notes["error_estimate"] = float(difference(run, finer).max(initial=0.0))
         return run, notes
 
-    def unlabelled(self, run: MastTrajectory, notes: dict[str, Any]) -> xr.Dataset:
-        """Return the result of a run without its provenance; warn of what is out of range."""
-        result, window, guys = output.trajectory(self.mast, run, self.wanted), self.window, self.guys
-        result.attrs.update(
-            title=f"{self.scene.attrs.get('title', 'scene')}: mast with guys of kind {guys}",
-            stage="mast",
-            guys=guys,
-            scheme="velocity_verlet",
-            step=run.request.step,
-            number_of_steps=run.request.steps,
-            **(
-                {"rank": self.count}
-                if guys == "condensed"
-                else {"links": self.model.links}
-                if isinstance(self.model, ChainGuys)
-                else {}
-            ),
-            **({} if window is None else {"window_start": float(window[0]), "window_end": float(window[1])}),
-            **notes,
-            **_least_force(self.p, run, guys),
-        )
+    def attributes(self, run: MastTrajectory, notes: dict[str, Any]) -> dict[str, Any]:
+        """Return the attributes of a run; warn of what is out of range."""
+        window, guys = self.window, self.guys
         _warn_of_displacement(self.p, run)
-        return result
+        kind: dict[str, Any] = {"rank": self.count} if guys == "condensed" else {}
+        if isinstance(self.model, ChainGuys):
+            kind = {"links": self.model.links}
+        return {
+            "title": f"{self.scene.attrs.get('title', 'scene')}: mast with guys of kind {guys}", "stage": "mast", "guys": guys,
+            "scheme": "velocity_verlet", "step": run.request.step, "number_of_steps": run.request.steps, **kind,
+            **({} if window is None else {"window_start": float(window[0]), "window_end": float(window[1])}),
+            **notes, **_least_force(self.p, run, guys),
+        }  # fmt: skip
 
     def result(self, run: MastTrajectory, notes: dict[str, Any]) -> xr.Dataset:
         """Return the result of a run.
@@ -109,8 +99,10 @@ class MastCase:
             If the run stopped before its end.
         """
         guys, window = self.guys, self.window
+        result = output.trajectory(self.mast, run, self.wanted)
+        result.attrs.update(self.attributes(run, notes))
         result = provenance.record(
-            self.unlabelled(run, notes),
+            result,
             function="mast.simulate",
             parameters={
                 "guys": guys, "rank": self.count if guys == "condensed" else None,
