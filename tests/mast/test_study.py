@@ -1,0 +1,59 @@
+"""A mast in what scenes of one cable have: studies, ensembles on disk, lineage, plots."""
+
+from __future__ import annotations
+
+
+import numpy as np
+import pytest
+from mast_scenes import small
+
+import cablepod as cp
+from cablepod.archive import _lineage as lineage
+from cablepod.errors import ArchiveError
+
+
+def test_a_study_has_the_numbers_of_its_parts(tmp_path):
+    scene = small()
+    study = cp.study.run(scene, tmp_path / "out")
+    assert list(study.children) == ["scene", "rest", "frequencies", "motion", "guys"]
+    motion, guys = study["motion"].to_dataset(), study["guys"].to_dataset()
+    run = cp.mast.simulate(scene)
+    for name in ("guy_tension_std", "guy_tension_maximum", "guy_tension_minimum"):
+        np.testing.assert_array_equal(guys[name], run[name])
+    np.testing.assert_array_equal(guys["fatigue_range"], cp.fatigue.equivalent(run.guy_tension))
+    np.testing.assert_array_equal(guys["guy_tension_rest"], cp.mast.rest(scene).guy_tension)
+    assert motion.attrs["error_estimate"] > 0.0
+    files = {path.name for path in (tmp_path / "out").iterdir()}
+    assert files == {
+        *(f"{name}.nc" for name in study.children), "tensions.png", "moments.png", "modes.png"
+    }  # fmt: skip
+    assert cp.archive.read(tmp_path / "out" / "guys.nc").fatigue_range.equals(guys.fatigue_range)
+    with pytest.raises(ArchiveError, match=r"^out: "):
+        cp.study.run(scene, tmp_path / "out")
+
+
+def test_an_ensemble_on_disk_goes_on_where_it_was(tmp_path):
+    members = cp.ensemble.design(small(), {"guy.1.top_tension": [4500.0, 5500.0]}, members=3, sampling="grid")
+    kept = cp.ensemble.run(members, tmp_path / "masts", model="mast", step=0.02)
+    again = cp.ensemble.run(members, tmp_path / "masts", model="mast", step=0.02)
+    opened = cp.archive.open_ensemble(tmp_path / "masts")
+    both = cp.mast.simulate(members, step=0.02)
+    for result in (kept, again, opened):
+        np.testing.assert_array_equal(result.guy_tension_maximum, both.guy_tension_maximum)
+        np.testing.assert_array_equal(result.guy_1_top_tension, [4500.0, 5000.0, 5500.0])
+
+
+def test_a_script_makes_a_run_again_bit_by_bit():
+    run = cp.mast.simulate(small(), rank=3, outputs=("guy_tension", "extremes"))
+    body, last = lineage.script(run).rsplit("cp.archive.write(", 1)
+    made: dict = {}
+    exec(compile(body, "lineage", "exec"), made)
+    repeated = made[last.split(",")[0]]
+    assert repeated.attrs["id"] == run.attrs["id"]
+    np.testing.assert_array_equal(repeated.guy_tension, run.guy_tension)
+
+
+def test_spectra_of_tensions_are_drawn():
+    run = cp.mast.simulate(small())
+    ax = cp.plots.spectra(run.guy_tension.isel(guy=0), run.displacement.isel(level=-1, coordinate=0), segments=2)
+    assert len(ax.lines) >= 2
