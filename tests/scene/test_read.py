@@ -199,10 +199,10 @@ FILES = {
 def test_a_bad_scene_file_is_named(scene_folder, name):
     content, match = FILES[name]
     write(scene_folder / "bad.toml", content)
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(cp.SceneError, match=rf"^bad\.toml: {match}") as caught:
         cp.read_scene("bad.toml")
-    assert time.perf_counter() - begin < 2.0
+    assert time.process_time() - begin < 2.0
     assert "\n" not in str(caught.value)
 
 
