@@ -307,10 +307,16 @@ def peak_of(manifest: Mapping[str, Any]) -> Iterator[str]:
         doubt = f", not converged: {errors_text(errors)}" if errors else ""
         units = {name: units for name, (_, _, units) in manifest["varied"].items()}
         at = ", ".join(
-            f"{name} {value:.5g} {units[name] or ''}".rstrip() for name, value in peak["at"].items() if name in units
+            f"{name} {_with_units(value, units[name])}" for name, value in peak["at"].items() if name in units
         )
         where = f" ({at})" if at else ""
         yield f"largest tension  {_digits(peak['value'])} N, in member {peak['member']}{where}{doubt}"
+
+
+def _with_units(value: float, units: str | None) -> str:
+    """Return a value with its units, an angular frequency also in Hz."""
+    hertz = f" ({value / (2.0 * math.pi):.4g} Hz)" if units == "rad s-1" else ""
+    return f"{value:.5g} {units or ''}".rstrip() + hertz
 
 
 def _digits(value: float) -> str:

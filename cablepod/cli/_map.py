@@ -13,6 +13,7 @@ from cablepod.archive._atomic import atomic_file
 from cablepod.archive._figure import write_figure
 from cablepod.archive._manifest import read_manifest, time_errors
 from cablepod.errors import SceneError
+from cablepod.integrate._peak_error import MAX_PEAK_ERROR, peak_errors
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR
 
 TABLE, PICTURE = "map.csv", "map.png"
@@ -63,6 +64,9 @@ def _write_table(path: Path, results: xr.Dataset, parameters: list[str]) -> None
     for name in ("time_error_estimate", "tension_time_error_estimate"):
         if name in results:
             columns[f"{name} [1]"] = results[name].values
+    of_peak = peak_errors(results)
+    if np.isfinite(of_peak).any():
+        columns["time error of the largest tension [1]"] = of_peak
     with atomic_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["member", *columns, "note"])
@@ -79,10 +83,13 @@ def _notes(results: xr.Dataset) -> list[str]:
         slack |= results["smallest_chordwise_force"].values < 0.0
     estimate = results["error_estimate"] if "error_estimate" in results else results["member"] * np.nan
     wrong = (estimate > MAX_ESTIMATED_ERROR).values
-    notes = []
+    of_peak, notes = peak_errors(results), []
     for i, (number, reason) in enumerate(zip(results["member"].values, results["failure"].values, strict=True)):
         parts = [f"failed: {reason}"] if reason else []
-        parts += ["not converged"] if str(number) in doubtful else []
+        if str(number) in doubtful:
+            parts.append(
+                "not converged" if not of_peak[i] <= MAX_PEAK_ERROR else "not converged, but the largest tension is"
+            )
         parts += ["slack at times"] if slack[i] else []
         parts += ["model error above half the motion"] if wrong[i] else []
         notes.append("; ".join(parts))

@@ -11,6 +11,7 @@ import xarray as xr
 from cablepod._inputs import MAPPED, powers, taken
 from cablepod.conventions import VARIABLES
 from cablepod.errors import SceneError, scene_error
+from cablepod.integrate._peak_error import MAX_PEAK_ERROR, peak_errors
 from cablepod.parameters._key_paths import key_of_variable, variable_name
 from cablepod.plots import _style
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR
@@ -87,8 +88,9 @@ def parameter_map(
         `ax`, or new ones, with a colour bar: a map for a full grid of at least three by three, otherwise a dot for each member.
         Members of ensembles are marked: by crosses those without a result, by hatches (squares around dots) those whose estimated
         time error is above ``accepted_time_error`` (0.01 without this attribute) or whose reduced model expects an error above
-        half the motion, by white dots those that go slack.  The title tells the marks that occur.  Labels are long names and
-        units of the variables; forces from 10 kN on are in kN.
+        half the motion, by white dots those that go slack.  In a map of the largest tension members are not marked whose
+        estimated time error of this tension is below a hundredth of it, though the motion has not converged.  The title tells
+        the marks that occur.  Labels are long names and units of the variables; forces from 10 kN on are in kN.
 
     Raises
     ------
@@ -130,13 +132,15 @@ def parameter_map(
     if missing.any():
         ax.plot(across[missing], up[missing], "x", color=_style.COLOURS[1], markersize=6)
         marks.append("crosses: no result")
-    marks += _mark_doubtful(ax, result, across, up, drawn)
+    marks += _mark_doubtful(ax, result, variable, across, up, drawn)
     title = [textwrap.fill(str(result.attrs["title"]), 70)] if "title" in result.attrs else []
     ax.set_title("\n".join([*title, *(["; ".join(marks)] if marks else [])]), fontsize="medium")
     return ax
 
 
-def _mark_doubtful(ax: Axes, result: xr.Dataset, across: np.ndarray, up: np.ndarray, drawn: Any) -> list[str]:
+def _mark_doubtful(
+    ax: Axes, result: xr.Dataset, variable: str, across: np.ndarray, up: np.ndarray, drawn: Any
+) -> list[str]:
     """Mark members that have not converged in time, and those that go slack; return the texts of the marks."""
     count = result.sizes.get("member")
     if count != across.size:
@@ -144,7 +148,11 @@ def _mark_doubtful(ax: Axes, result: xr.Dataset, across: np.ndarray, up: np.ndar
     errors = [_along_members(result, name) for name in ("time_error_estimate", "tension_time_error_estimate")]
     accepted = float(result.attrs.get("accepted_time_error", LARGEST_TIME_ERROR))
     wrong = _along_members(result, "error_estimate") > MAX_ESTIMATED_ERROR
-    doubtful = (errors[0] > accepted) | (errors[1] > accepted) | wrong
+    late = (errors[0] > accepted) | (errors[1] > accepted)
+    if variable == "tension_maximum":  # it may have converged where the motion, or another tension, has not
+        of_peak = peak_errors(result)
+        late &= np.isnan(of_peak) | (of_peak > MAX_PEAK_ERROR)
+    doubtful = late | wrong
     text = "not converged in time" + (f", or model error above {100 * MAX_ESTIMATED_ERROR:g} %" if wrong.any() else "")
     slack = (_along_members(result, "smallest_chordwise_force") < 0.0) | (
         _along_members(result, "tension_minimum") <= 0.0

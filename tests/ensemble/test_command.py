@@ -5,12 +5,14 @@ from __future__ import annotations
 import csv
 
 import numpy as np
+import pytest
 import xarray as xr
 from children import without_progress
 from scenes import SOFT_TOML
 
 import cablepod as cp
 from cablepod import cli
+from cablepod.archive._manifest import peak_of
 from cablepod.cli import _map
 
 TABLE = """
@@ -105,6 +107,31 @@ def test_the_table_of_the_map_tells_what_is_doubtful(tmp_path):
         "1,2,9,0,1e-05,slack at times",
         "2,3,nan,nan,nan,failed: diverged",
     ]
+
+
+def test_the_table_of_the_map_has_frequencies_in_hertz_and_the_error_of_the_peak(tmp_path):
+    # of 1000 N, 1 N of which are motion: 30 % of these are little of the peak; of the second they are a part of it
+    results = xr.Dataset(
+        {
+            "tension_maximum": (("member", "link"), [[990.0, 1000.0], [99.0, 100.0]]),
+            "tension_minimum": (("member", "link"), [[989.0, 999.0], [20.0, 20.0]]),
+            "time_error_estimate": ("member", [0.1, 0.1]),
+            "tension_time_error_estimate": ("member", [0.3, 0.3]),
+            "failure": ("member", ["", ""]),
+        },
+        coords={"member": [0, 1], "x_angular_frequency": ("member", [3.0, 6.0], {"units": "rad s-1"})},
+        attrs={"accepted_time_error": 1e-4},
+    )
+    _map._write_table(tmp_path / "map.csv", results, ["x_angular_frequency"])
+    with (tmp_path / "map.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["x_frequency [Hz]"]) for row in rows] == pytest.approx([3.0 / (2 * np.pi), 6.0 / (2 * np.pi)])
+    of_peak = [float(row["time error of the largest tension [1]"]) for row in rows]
+    assert of_peak == pytest.approx([0.3 * 1.0 / 1000.0, 0.3 * 80.0 / 100.0])
+    manifest = {"done": {"0": {"largest_tension": {"member": 1, "value": 9e3, "at": {"x": 3.0}}, "not_converged": {}}}}
+    (line,) = peak_of({**manifest, "varied": {"x": [1.0, 6.0, "rad s-1"]}})
+    assert line == "largest tension  9000 N, in member 1 (x 3 rad s-1 (0.4775 Hz))"
+    assert [row["note"] for row in rows] == ["not converged, but the largest tension is", "not converged"]
 
 
 def test_the_command_refuses_in_one_line(tmp_path, capsys):
