@@ -108,7 +108,7 @@ class CondensedStepper:
         last = np.searchsorted(output_steps, begin + steps + (1 if final and not run.explicit else 0))
         boundary_data = run.model.boundary_data(begin, steps - 1 if run.explicit else steps, self.steps_per_second)
         if self.sample_interval and steps == self.total:
-            self.sampled_boundary_data = boundary_data[:: self.sample_interval]
+            self.sampled_boundary_data = np.ascontiguousarray(boundary_data[:: self.sample_interval])
         outputs = (
             begin, output_steps[first:last], self.saved[first:last], self.half_step_rates[first:last], self.low,
             self.high, self.monitor,
