@@ -30,7 +30,7 @@ MAX_UNCOMPRESSED = 16_384
 #: Data types that netCDF-4 can store.
 DTYPES = {np.dtype(code) for code in ("i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8")}
 #: Attributes that are texts where they are there, but for the last one, a number.
-OWN = ("id", "title", "summary", "history", "history_json", "wall_time_s")
+OWN = ("id", "stage", "title", "summary", "history", "history_json", "wall_time_s")
 #: Attribute names that xarray decodes on reading.
 RESERVED = (
     "_FillValue",

@@ -67,6 +67,14 @@ def test_attributes_that_netcdf_cannot_hold_are_named(value, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("name", archive.OWN)
+def test_an_array_in_place_of_a_text_or_number_of_the_package_is_named(name, tmp_path):
+    for values in ([1.0, 2.0], ["a", "b"]):
+        with pytest.raises(ArchiveError, match=f"^dataset: attribute '{name}' is array.*leave it out$"):
+            write(make_scene().assign_attrs({name: np.array(values)}), tmp_path / "it.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_names_that_would_be_decoded_and_types_that_change_are_refused(tmp_path):
     scene = make_scene()
     scene["gravity"].attrs["scale_factor"] = 2.0

@@ -226,15 +226,22 @@ def test_json_has_the_numbers_of_the_files(scene_file, tmp_path, capsys):
         ((SOFT_TOML, ""), "the scene file is empty"),
     ],
 )
-def test_bad_scenes_end_with_one_line_and_nothing_written(scene_file, tmp_path, change, match):
+def test_bad_scenes_end_with_one_line_and_nothing_written(scene_file, tmp_path, capsys, change, match):
     scene_file.write_text(SOFT_TOML.replace(*change))
-    done = call("run", scene_file, "--out", tmp_path / "out")
-    assert done.returncode == 2
-    assert done.stdout == ""
-    assert done.stderr.startswith("cablepod: ")
-    assert done.stderr.count("\n") == 1
-    assert match in done.stderr
+    assert cli.main(["run", str(scene_file), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("cablepod: ")
+    assert said.err.count("\n") == 1
+    assert match in said.err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_refusal_is_the_status_of_the_process(scene_file, tmp_path):
+    scene_file.write_text(SOFT_TOML.replace("area = 1.0e-3", "area = -1.0"))
+    done = call("run", scene_file, "--out", tmp_path / "out")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
 
 
 def test_other_bad_input_ends_with_one_line(scene_file, tmp_path, capsys):
