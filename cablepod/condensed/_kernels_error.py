@@ -49,7 +49,7 @@ FORCE, STRETCH, COMPLIANCE, CORRECTION, DISPLACEMENT = 6, 7, 8, 9, 10
 FIELDS = 11
 
 
-@compiled(fastmath=FAST_DIVISION, forceinline=True)
+@compiled(fastmath=FAST_DIVISION, forceinline=True, literal=False)
 def _close_samples(count, constants, points, loads, sums, fields):
     """Fill chordwise force and stretch at the points for given slopes, and the change of H by the exact closure.
 
@@ -107,7 +107,7 @@ def _close_samples(count, constants, points, loads, sums, fields):
                 fields[STRETCH, j, t] += fields[CORRECTION, j, t] + shift * fields[COMPLIANCE, j, t] * sums[REACH, t]
 
 
-@compiled(fastmath=FAST_DIVISION, forceinline=True)
+@compiled(fastmath=FAST_DIVISION, forceinline=True, literal=False)
 def _transverse_forces(count, constants, points, sums, fields):
     """Replace the slopes by slopes times (N - inertia) / zeta' - N to leading order, times the weights.
 
@@ -148,7 +148,7 @@ def _transverse_forces(count, constants, points, sums, fields):
             fields[SLOPE + 1, j, t] *= difference
 
 
-@compiled(fastmath=FAST_DIVISION, forceinline=True)
+@compiled(fastmath=FAST_DIVISION, forceinline=True, literal=False)
 def _residuals(count, constants, points, coefficients, loads, motion, sums, fields, residual):
     """Fill the residual (R, BLOCK) of a block of a motion (3, r, BLOCK): coordinates, rates, accelerations with damping.
 
@@ -206,7 +206,7 @@ def _residuals(count, constants, points, coefficients, loads, motion, sums, fiel
             sums[TENSION_CHANGE, t] = 0.0
 
 
-@compiled(fastmath=FAST_DIVISION, forceinline=True)
+@compiled(fastmath=FAST_DIVISION, forceinline=True, literal=False)
 def _restoring_force(e, q, loads, t, sums, sag_stiffness, kappa, geometric_stiffness, total, force):
     """Fill the force (R,) against the error e, and kappa (q + e) in `total`; return H [N] of the motion with the error.
 

@@ -196,7 +196,7 @@ def spatial_frames_of_lanes(
     _project_on(patterns, normals, 3, 2 * len(patterns), end_accelerations, load, mass, length, loads)
 
 
-@compiled(noalias=True, forceinline=True)
+@compiled(noalias=True, forceinline=True, literal=False)
 def _project_on(patterns, axes, first, row, end_accelerations, load, mass, length, loads):
     """Fill the rows of `loads` from `row` on with the loads along the axis in the rows of `axes` from `first` on."""
     for m in range(mass.size):

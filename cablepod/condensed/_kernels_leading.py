@@ -85,7 +85,7 @@ def _add_test_stiffness(q, chord_tension, test_stiffness_defect, f):
         f[i] -= chord_tension * total
 
 
-@compiled(forceinline=True)
+@compiled(forceinline=True, literal=False)
 def _leading_tangent(q, boundary_data, row, chord_tension, kappa, geometric_stiffness, stiffness, length, tangent):
     """Fill the negative derivative of the accelerations by q (r, r), with the modes as test functions of H."""
     for i in range(q.size):
@@ -97,7 +97,7 @@ def _leading_tangent(q, boundary_data, row, chord_tension, kappa, geometric_stif
         tangent[i, i] += chord_tension * kappa[i]
 
 
-@compiled
+@compiled(literal=False)
 def leading_force(
     q, boundary_data, row, stiffness, length, kappa, test_stiffness_defect, mean_chordwise_forces,
     geometric_stiffness, load_projection, f, tangent,

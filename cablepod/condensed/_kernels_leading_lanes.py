@@ -68,7 +68,7 @@ def _close_lanes(
         least_force_step[m] = step_number if is_least else least_force_step[m]
 
 
-@compiled(noalias=True, forceinline=True)
+@compiled(noalias=True, forceinline=True, literal=False)
 def _fill_amplitudes(modes, first, q, bases, amplitude):
     """Fill the amplitudes of the modes of one set (modes from `first` on, lanes) [m]."""
     for k in range(first, first + len(modes)):
@@ -109,7 +109,7 @@ def _update_extremes(
             high[j, m] = square if square > high[j, m] else high[j, m]
 
 
-@compiled
+@compiled(literal=False)
 def _save_lanes(
     output, first, count, in_plane, out_of_plane, patterns, amplitude, members, chord_tension, loads, slopes,
     force_patterns, amplitudes, amplitudes_out_of_plane, tension_series,
@@ -129,7 +129,7 @@ def _save_lanes(
             tension_series[first + m, output, j] = math.copysign(math.sqrt(abs(square)), square)
 
 
-@compiled
+@compiled(literal=False)
 def _save_positions(
     output, first, count, in_plane, out_of_plane, patterns, amplitude, members, chord, chord_tension, loads, ends, axes,
     normals, shapes, link_shares, rest_profile, all_slopes, all_force_patterns, positions,
@@ -168,7 +168,7 @@ def _save_positions(
                 distance += stretch * link_shares[p] * members[LENGTH, m]
 
 
-@compiled(noalias=True, forceinline=True)
+@compiled(noalias=True, forceinline=True, literal=False)
 def _accelerate_set(
     modes, first, patterns, first_load, q, v, kappa, members, chord_tension, loads, geometric_stiffness, load_projection
 ):

@@ -58,7 +58,7 @@ def _chord_tensions(modes, patterns, q, kappa, members, chord, loads, mean_chord
         chord_tension[m] = force + members[SAG_STIFFNESS, m] * stretching
 
 
-@compiled(noalias=True, forceinline=True)
+@compiled(noalias=True, forceinline=True, literal=False)
 def _forces_of_set(
     modes, first, patterns, first_load, q, kappa, excess, chord_tension, loads, geometric_stiffness, load_projection, f
 ):
@@ -117,7 +117,7 @@ def _move_damped(step, decay, q, v, f, f_before, f_before_that):
             f_before[j, m] = f[j, m]
 
 
-@compiled
+@compiled(literal=False)
 def _save_states(
     output, first, count, at_start, step, damping, decay, q, v, f, f_before, f_before_that, members, chord, loads, saved,
     half_step_rates, boundary_data,

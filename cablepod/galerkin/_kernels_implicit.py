@@ -13,7 +13,7 @@ from cablepod.galerkin._kernels_energy import LINEAR_LINKS, POLYNOMIAL, _strains
 MAX_ITERATIONS = 25
 
 
-@compiled(fastmath=FAST_DIVISION)
+@compiled(fastmath=FAST_DIVISION, literal=False)
 def _rows(y, law, table, offset, first, second, link_form, slopes, e, jacobian):
     """Fill the strains e of the rows and their Jacobian (coordinates, rows), which is linear in y."""
     count = y.size

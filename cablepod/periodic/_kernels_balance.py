@@ -150,7 +150,7 @@ def harmonic_blocks(mean, count, odd, matrix):
                     matrix[ci + a, cj + b] = weight * (cosine_low + cosine_high)
 
 
-@compiled(fastmath=REORDERED_FUSED)
+@compiled(fastmath=REORDERED_FUSED, literal=False)
 def balance(z, basis, damping, periods, force, force_rate, tangent, residual, rate, jacobian):
     """Fill the residual of all harmonics, its derivatives by omega and by X, from forces at the samples.
 
@@ -199,7 +199,7 @@ def balance(z, basis, damping, periods, force, force_rate, tangent, residual, ra
             jacobian[s, c] -= damping * frequency
 
 
-@compiled
+@compiled(literal=False)
 def correct(
     z, active, direction, target, basis, stiffness, load, kappa, sag, damping, periods, stride, samples, tangent_vector
 ):

@@ -256,7 +256,7 @@ def eigenvalues(a, real, imag):
     return True
 
 
-@compiled
+@compiled(literal=False)
 def multipliers(z, basis, stiffness, chord_tension, kappa, sag, damping, periods, split, real, imag, least):
     """Fill the Floquet multipliers of an orbit, of the coordinates before `split` first; False where QR fails.
 
