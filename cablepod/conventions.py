@@ -229,7 +229,8 @@ def labelled_dataset(
     """Make a Dataset with units and long names, as ``label(xr.Dataset(variables, coords))`` does, in a third of the time.
 
     xarray aligns and checks all coordinates of a new Dataset, which costs as much as a thousand steps of a reduced model.  A
-    Dataset with the same names, dimensions, shapes and labels as an earlier one is a copy of that with other values.
+    Dataset with the same names, dimensions, shapes and labels as an earlier one is that with other values; it shares the indexes,
+    which cannot be changed, but no values and attributes.
 
     Parameters
     ----------
@@ -249,10 +250,12 @@ def labelled_dataset(
     labels = tuple((name, array.dtype.str, array.tobytes()) for name, array in indexes.items())
     kept = sum(array.nbytes for array in indexes.values()) <= MAX_TEMPLATE_LABELS
     template = (_template if kept else _template.__wrapped__)(layout, extra, labels)
-    result = template.copy(data=values)
-    for name, array in further.items():
-        result.variables[name].data = array.copy()  # of this Dataset alone: models keep theirs
-    return result
+    arrays: dict[Any, Any] = {**values, **{name: array.copy() for name, array in further.items()}}  # models keep theirs
+    made: dict[Any, Any] = {}
+    for name, variable in template._variables.items():
+        data = arrays.get(name, variable._data)
+        made[name] = type(variable)(variable._dims, data, dict(variable.attrs), fastpath=True)
+    return template._replace(made)  # Dataset.copy would make all indexes anew
 
 
 @lru_cache(64)

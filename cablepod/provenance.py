@@ -218,14 +218,43 @@ def stamp_values(scene: xr.Dataset) -> xr.Dataset:
 
 def digest(dataset: xr.Dataset) -> str:
     """Return a hash of names, dimensions and values of all variables."""
+    from xarray import IndexVariable
+
     parts = []
-    variables = {str(name): variable for name, variable in dataset.variables.items()}
-    for name in sorted(variables):
-        variable = variables[name]
-        value = np.asarray(variable.data)
-        parts.append(f"{name}{variable.dims}{value.shape}".encode())
-        parts.append(str(value.tolist()).encode() if value.dtype.kind in "UO" else value.tobytes())
+    for name, variable in sorted((str(name), variable) for name, variable in dataset.variables.items()):
+        data: Any = variable._data  # Variable.data takes longer than the hash of a scene
+        if isinstance(data, np.ndarray):
+            content = _content(data)
+        elif isinstance(variable, IndexVariable):
+            content = _kept_content(_Labels(variable))
+        else:
+            content = _content(data := np.asarray(variable.data))
+        parts += [f"{name}{variable.dims}{data.shape}".encode(), content]
     return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
+
+
+def _content(values: np.ndarray) -> bytes:
+    """Return the content of an array as bytes."""
+    return str(values.tolist()).encode() if values.dtype.kind in "UO" else values.tobytes()
+
+
+class _Labels:
+    """Labels of a dimension, which cannot be changed and are compared as an object, for Datasets share them."""
+
+    def __init__(self, variable: xr.IndexVariable) -> None:
+        self.variable, self.index, self.dtype = variable, variable._data.array, variable.dtype
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Labels) and self.index is other.index and self.dtype == other.dtype
+
+    def __hash__(self) -> int:
+        return id(self.index)
+
+
+@lru_cache(256)
+def _kept_content(labels: _Labels) -> bytes:
+    """Return the content of labels as bytes; their conversion by pandas takes longer than that of all numbers of a scene."""
+    return _content(np.asarray(labels.variable.data))
 
 
 def with_manual_change(dataset: xr.Dataset, known_digest: str | None = None) -> xr.Dataset:

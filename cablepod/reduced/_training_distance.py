@@ -14,8 +14,6 @@ from cablepod.parameters._parameters import Parameters
 
 #: Maximum distance by rounding: the training scenes themselves are inside.
 ROUNDING = 1e-9
-#: Numbers of the scenes of the last runs, which do not depend on the run.
-_kept_features = lru_cache(64)(features)
 
 
 def distance_outside_training(
@@ -30,11 +28,40 @@ def distance_outside_training(
         features above 1, and features far below 1 count as zero.  ``outside_training_feature``: name of that feature, "none"
         inside.  Lists for stacked members.  Empty where the modes have no training range.
     """
-    if modes is None or "training_range" not in modes or modes["feature"].values.tolist() != list(FEATURES):
+    if modes is None or "training_range" not in modes.variables or _features_of(modes) != list(FEATURES):
         return {}
-    low, high = np.log1p(modes.variables["training_range"].values)
-    numbers = features if np.ndim(length) else _kept_features  # stacked members are not hashed
-    scaled = np.log1p(numbers(p, length, end_time, tension))
+    given = modes.variables["training_range"].values
+    if np.ndim(length):  # stacked members are not hashed
+        return _distance(given, features(p, length, end_time, tension))
+    return dict(_kept_distance(given.shape, given.dtype.str, given.tobytes(), p, length, end_time, tension))
+
+
+def _features_of(modes: xr.Dataset) -> list[Any]:
+    """Return the names of features, none where they have no names; of an index without pandas' conversion to an array."""
+    variable: Any = modes.variables.get("feature", np.empty(0))
+    labels: list[Any] = (variable._data.array if isinstance(variable, xr.IndexVariable) else variable).tolist()
+    return labels
+
+
+@lru_cache(64)
+def _kept_distance(
+    shape: tuple[int, ...],
+    dtype: str,
+    training_range: bytes,
+    p: Parameters,
+    length: float,
+    end_time: float,
+    tension: Any,
+) -> dict[str, Any]:
+    """Return the distance of one scene, which does not depend on the run."""
+    given = np.frombuffer(training_range, dtype).reshape(shape)
+    return _distance(given, features(p, length, end_time, tension))
+
+
+def _distance(training_range: np.ndarray, numbers: np.ndarray) -> dict[str, Any]:
+    """Return the attributes for features within a training range (bound, feature)."""
+    low, high = np.log1p(training_range)
+    scaled = np.log1p(numbers)
     excess = np.maximum(low - scaled, scaled - high)
     largest = excess.max(axis=-1)
     outside = largest > ROUNDING
