@@ -61,16 +61,20 @@ class GalerkinRun:
     judged: np.ndarray | None = None
 
     def __call__(self, steps_per_second: float, *, sampled: bool | None = None) -> GalerkinTrajectory:
-        """Integrate the equations of motion with a given number of steps per second; `sampled` overrides the attribute."""
+        """Integrate the equations of motion with a given number of steps per second.
+
+        `sampled` overrides the attribute; a run with False, which only serves to be compared with a finer one, is not checked.
+        """
         instants = OutputTimes.of(with_judged(self.times, self.judged), steps_per_second)
-        sampled = self.sampled if sampled is None else sampled
-        record = RunRecord(self, instants, self.sample_interval(steps_per_second) if sampled else 0)
+        interval = self.sample_interval(steps_per_second) if sampled or (sampled is None and self.sampled) else 0
+        record = RunRecord(self, instants, interval)
         advance, state, total = self._stepper(record)
         failed_step = advance_in_blocks(advance, state, total, self.progress)
         diagnostics = self._diagnostics()
         if failed_step is not None:
             self._stop(record, failed_step, diagnostics)
-        return self._check(GalerkinTrajectory(record, instants, diagnostics))
+        trajectory = GalerkinTrajectory(record, instants, diagnostics)
+        return trajectory if sampled is False else self._check(trajectory)
 
     def _stepper(self, record: RunRecord) -> tuple[Callable[[int, int], bool], tuple[np.ndarray, ...], int]:
         """Return the function that advances the state by a block of steps, the state, and the number of steps."""
