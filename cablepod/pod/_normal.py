@@ -30,15 +30,16 @@ def sets(modes: xr.Dataset) -> list[tuple[str, np.ndarray]]:
 
     Vibration modes have no singular values, and all of them are kept.
     """
-    largest = modes.variables["singular_value"].values.max() if "singular_value" in modes else None
+    variables = modes.variables
+    largest = variables["singular_value"].values.max() if "singular_value" in variables else None
     result = []
     for suffix in SETS[: modes.sizes.get("coordinate", 2) - 1]:
         names = [f"{name}{suffix}" for name in ("mode_shape", *(("singular_value",) if largest is not None else ()))]
-        if missing := [name for name in names if name not in modes]:
+        if missing := [name for name in names if name not in variables]:
             raise SceneError(f"modes: given a Dataset without {' and '.join(missing)}; allowed: modes of pod.decompose")
-        shape = floats(modes.variables[f"mode_shape{suffix}"].values)
+        shape = floats(variables[f"mode_shape{suffix}"].values)
         if largest is not None:
-            shape = shape[modes.variables[f"singular_value{suffix}"].values > 1e-9 * largest]
+            shape = shape[variables[f"singular_value{suffix}"].values > 1e-9 * largest]
         result.append((suffix, shape))
     return result
 

@@ -38,8 +38,9 @@ def distance_outside_training(
 
 def _features_of(modes: xr.Dataset) -> list[Any]:
     """Return the names of features, none where they have no names; of an index without pandas' conversion to an array."""
-    variable: Any = modes.variables.get("feature", np.empty(0))
-    labels: list[Any] = (variable._data.array if isinstance(variable, xr.IndexVariable) else variable).tolist()
+    if (variable := modes.variables.get("feature")) is None:
+        return []
+    labels: list[Any] = (variable._data.array if isinstance(variable, xr.IndexVariable) else variable.values).tolist()
     return labels
 
 
