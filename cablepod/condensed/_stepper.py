@@ -65,16 +65,16 @@ class CondensedStepper:
         self.saved, self.half_step_rates = np.empty((count, r)), np.empty((count, 2, r))
         #: Slopes (r, n), number of in-plane coordinates and chordwise force patterns (patterns, n) of the links with tensions.
         self.links = (model.slopes, model.n_in_plane, model.chordwise_force_patterns)
-        selected = run.leading and run.links is not None  # to leading order a tension needs no other link
-        if selected:
-            slopes, patterns = (table.take(run.links, axis=1) for table in (self.links[0], self.links[2]))  # in C order
+        chosen = run.links if run.leading else None  # to leading order a tension needs no other link
+        if chosen is not None:
+            slopes, patterns = (table.take(chosen, axis=1) for table in (self.links[0], self.links[2]))  # in C order
             self.links = (slopes, model.n_in_plane, patterns)
         links = self.links[0].shape[1]
         self.wants_extremes = "tension_extremes" in run.outputs
         self.low, self.high = (np.full(links if self.wants_extremes else 0, value) for value in (np.inf, -np.inf))
         #: Whether tensions are saved on the way; otherwise they follow from the saved coordinates.
         self.saves_tension = (
-            selected and run.explicit and "tension" in run.outputs and not self.instants.needs_interpolation
+            chosen is not None and run.explicit and "tension" in run.outputs and not self.instants.needs_interpolation
         )
         self.tension_series = np.empty((count, links if self.saves_tension else 0))
         self.divergence_bound = DIVERGENCE_FACTOR * math.sqrt(model.mass.sum()) * model.chain.total_length
