@@ -148,8 +148,9 @@ def test_steps_of_a_host_in_wind(gusty, order):
         return guy, np.abs(np.array(force)[:: round(interval / step)] - run)[1:].max()
 
     guy, difference = forces(0.002)
-    # the run interpolates the air in the frame of the chord, the host does so at every step
-    assert difference < 2e-5 * 1000.0  # of their standard deviation [N]
+    # the run interpolates the air in the frame of the chord, the host does so at every step; to leading order the run also holds
+    # the drag over two steps
+    assert difference < (4e-5 if order == "leading" else 2e-5) * 1000.0  # of their standard deviation [N]
     resumed = cp.condensed.resume(guy.dataset())
     assert np.array_equal(resumed.state, guy.state)
     with pytest.raises(cp.SceneError, match=r"^step: given 0\.5; allowed: steps until 4 s, where the wind ends"):
