@@ -22,6 +22,6 @@ def peak_errors(results: xr.Dataset) -> np.ndarray:
     if any(name not in results or "member" not in results[name].dims for name in names):
         return np.full(results.sizes["member"], np.nan)
     high, low, error = (results[name] for name in names)
-    largest = np.abs(high.max("link"))
+    largest = abs(high.max("link"))
     ratio = (error * (high - low).max("link") / largest.where(largest > 0.0)).values
     return np.asarray(ratio, dtype=float)
