@@ -51,7 +51,12 @@ def test_an_import_of_a_test_is_found(tmp_path, text):
 def senders_without_ctrl_c(text: str) -> list[str]:
     """Functions that name SIGINT without the fixture `ctrl_c`, which may also be taken by one for the whole module."""
     functions = [node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef)]
-    taking = [function for function in functions if "ctrl_c" in {argument.arg for argument in function.args.args}]
+    taking = [
+        function
+        for function in functions
+        if "ctrl_c" in {argument.arg for argument in function.args.args}
+        or any("usefixtures('ctrl_c')" in ast.unparse(decorator) for decorator in function.decorator_list)
+    ]
     if any("autouse=True" in ast.unparse(decorator) for function in taking for decorator in function.decorator_list):
         return []
     return [function.name for function in functions if function not in taking and "SIGINT" in ast.unparse(function)]
@@ -67,6 +72,7 @@ def test_what_sends_ctrl_c_does_so_in_the_background_too():
     [
         ("def test_it():\n    os.kill(pid, signal.SIGINT)", ["test_it"]),
         ("@parametrize('sign', [signal.SIGINT])\ndef test_it(sign):\n    os.kill(pid, sign)", ["test_it"]),
+        ("@mark.usefixtures('ctrl_c')\ndef test_it():\n    os.kill(pid, signal.SIGINT)", []),
         ("def test_it(ctrl_c):\n    os.kill(pid, signal.SIGINT)", []),
         ("@fixture(autouse=True)\ndef f(ctrl_c):\n    yield\n\ndef test_it():\n    raise_signal(SIGINT)", []),
         ("@fixture\ndef f(ctrl_c):\n    yield\n\ndef test_it():\n    raise_signal(SIGINT)", ["test_it"]),
