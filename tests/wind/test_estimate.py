@@ -78,6 +78,6 @@ def test_estimates_of_many_guys_in_wind_against_their_chains():
         errors.append(rms(run.position.values, chain) / rms(chain, chain[:1]))
         estimates.append(run.attrs["error_estimate"])
     ratio = np.array(estimates) / np.array(errors)
-    assert spearmanr(estimates, errors)[0] > 0.95
+    assert spearmanr(estimates, errors)[0] > 0.9  # 0.95, of which 32 scenes leave a standard error of 0.02
     assert ratio.min() > 0.2
     assert (ratio < 5.0).mean() > 0.95  # one of 32 is overestimated twenty times
