@@ -117,7 +117,7 @@ def test_describe_tells_what_a_file_is_and_how_it_came_about(tmp_path):
     trajectory = make_trajectory(scene=scene).assign_attrs(title="Slow", wall_time_s=2.0)
     path = write(trajectory, tmp_path / "it.nc")
     text = describe(path)
-    assert re.search(r"^file .*it\.nc \(.* MB, schema 1\)$", text, re.MULTILINE)
+    assert re.search(r"^file .*it\.nc \(.* MB, schema 2\)$", text, re.MULTILINE)
     assert re.search(r"^title +Slow$", text, re.MULTILINE)
     assert re.search(r"^stage +chain\.simulate$", text, re.MULTILINE)
     assert re.search(rf"^id +{trajectory.attrs['id']}$", text, re.MULTILINE)
