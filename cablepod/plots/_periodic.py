@@ -116,7 +116,7 @@ def _of_forcing(hertz: bool) -> str:
 
 def _bifurcations(ax: Axes, response: xr.Dataset, scale: float) -> None:
     """Draw bifurcations as markers, their frequencies times `scale`."""
-    kinds = _style.texts("response", response, "bifurcation_kind", "bifurcation", RESPONSE)
+    kinds = _style.texts("response", response, "bifurcation_kind", ("bifurcation",), RESPONSE)
     for kind, (marker, colour) in BIFURCATIONS.items():
         which = kinds == kind
         if which.any():
@@ -236,14 +236,16 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", hertz: bool =
     _style.label_axis(bar.ax.yaxis, label, values)
     if "edge_set" in result and variable != "response":
         for name, colour in (("in_plane", _style.COLOURS[1]), ("out_of_plane", _style.COLOURS[0])):
-            which = _style.texts("result", result, "edge_set", "edge", MAP) == name
+            which = _style.texts("result", result, "edge_set", ("edge",), MAP) == name
             if which.any() and variable in ("growth", f"growth_{name}"):
                 edge = [
                     _style.take("result", result, f"edge_{axis}", ("edge",), MAP).values[which] for axis in dims[::-1]
                 ]
                 edge[0] = _scale(hertz) * edge[0]
                 ax.plot(*edge, ".", color=colour, markersize=2, label=f"edge, {name.replace('_', ' ')}")
-    left_out = result["failure"].values == INTERRUPTED if "failure" in result else np.zeros(values.shape, dtype=bool)
+    left_out = np.zeros(values.shape, dtype=bool)
+    if "failure" in result:
+        left_out = _style.texts("result", result, "failure", dims, MAP) == INTERRUPTED
     missing = np.argwhere(np.isnan(values) & ~left_out)
     if missing.size:
         ax.plot(

@@ -121,12 +121,12 @@ def take(key: str, dataset: Any, name: str, dims: tuple[str, ...], allowed: str,
     return array.transpose(..., *dims)
 
 
-def texts(key: str, dataset: xr.Dataset, name: str, dim: str, allowed: str) -> np.ndarray:
-    """Return a variable of texts along a dimension."""
+def texts(key: str, dataset: xr.Dataset, name: str, dims: tuple[str, ...], allowed: str) -> np.ndarray:
+    """Return a variable of texts over dimensions."""
     array = taken(key, dataset, ANY)[name]
-    if array.dims != (dim,) or array.dtype.kind not in "UO":
+    if set(array.dims) != set(dims) or array.dtype.kind not in "UO":
         raise SceneError(f"{key}: given {name} {dict(array.sizes)} of type {array.dtype}; allowed: texts, {allowed}")
-    return np.asarray(array.values)
+    return np.asarray(array.transpose(*dims).values)
 
 
 def positions(runs: dict[str, xr.Dataset]) -> dict[str, xr.DataArray]:
