@@ -24,6 +24,7 @@ SIGNIFICANT_HARMONIC = 1e-2
 #: Name -> (units, long name) of the variables of this sub-package.
 NAMES: dict[str, tuple[str, str]] = {
     "angular_frequency": ("rad s-1", "angular frequency of the forcing"),
+    "mode": ("1", "number of the mode, from 1, in the order of the modes given"),
     "point": ("1", "number of the point, from 1, along one branch after the other"),
     "branch": ("1", "number of the branch, from 1"),
     "amplitude": ("m", "half of the range of the amplitude of the mode over a period"),

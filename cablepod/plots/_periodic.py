@@ -139,7 +139,9 @@ def _period(key: str, orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
         )
     if not np.isfinite(position.values).all():
         raise SceneError(f"{key}: given positions that are not finite; allowed: {ORBIT}")
-    return position.values, position["member_time" if "member_time" in position.coords else "time"].values
+    if "member_time" in orbit:  # of a member
+        return position.values, _style.take(key, orbit, "member_time", ("time",), ORBIT).values
+    return position.values, position["time"].values
 
 
 def _runs(stable: np.ndarray) -> list[tuple[int, int, bool]]:
@@ -244,8 +246,8 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", hertz: bool =
                 edge[0] = _scale(hertz) * edge[0]
                 ax.plot(*edge, ".", color=colour, markersize=2, label=f"edge, {name.replace('_', ' ')}")
     left_out = np.zeros(values.shape, dtype=bool)
-    if "failure" in result:
-        left_out = _style.texts("result", result, "failure", dims, MAP) == INTERRUPTED
+    if "failure" in result and set(result["failure"].dims) == set(dims):
+        left_out = result["failure"].transpose(*dims).values == INTERRUPTED
     missing = np.argwhere(np.isnan(values) & ~left_out)
     if missing.size:
         ax.plot(
