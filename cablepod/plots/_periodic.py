@@ -246,8 +246,8 @@ def stability_map(result: xr.Dataset, *, variable: str = "growth", hertz: bool =
                 edge[0] = _scale(hertz) * edge[0]
                 ax.plot(*edge, ".", color=colour, markersize=2, label=f"edge, {name.replace('_', ' ')}")
     left_out = np.zeros(values.shape, dtype=bool)
-    if "failure" in result and set(result["failure"].dims) == set(dims):
-        left_out = result["failure"].transpose(*dims).values == INTERRUPTED
+    if "failure" in result:
+        left_out = _style.texts("result", result, "failure", dims, MAP) == INTERRUPTED
     missing = np.argwhere(np.isnan(values) & ~left_out)
     if missing.size:
         ax.plot(

@@ -206,7 +206,11 @@ def test_what_was_computed_is_kept_after_an_interrupt(tension_damping, monkeypat
     if not tension_damping:  # columns are whole
         assert np.array_equal(left_out.any(axis=0), left_out.all(axis=0))
     cp.archive.write(caught.value.partial, tmp_path / "map.nc")
-    cp.plots.stability_map(cp.archive.read(tmp_path / "map.nc"))
+    again = cp.archive.read(tmp_path / "map.nc")
+    labels = [text.get_text() for text in cp.plots.stability_map(again).get_legend().get_texts()]
+    assert "not computed" in labels
+    with pytest.raises(cp.SceneError, match="result: given failure"):
+        cp.plots.stability_map(again.assign(failure=again.failure.isel(amplitude=0)))
 
 
 def test_progress_of_a_map_never_falls_and_members_share_it(monkeypatch):
