@@ -80,4 +80,4 @@ def test_estimates_of_many_guys_in_wind_against_their_chains():
     ratio = np.array(estimates) / np.array(errors)
     assert spearmanr(estimates, errors)[0] > 0.9  # 0.95, of which 32 scenes leave a standard error of 0.02
     assert ratio.min() > 0.2
-    assert (ratio < 5.0).mean() > 0.95  # one of 32 is overestimated twenty times
+    assert (ratio < 5.0).mean() > 0.95  # one of 32 is overestimated seven times
