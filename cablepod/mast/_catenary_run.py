@@ -122,6 +122,8 @@ class CatenaryGuys:
             result.tension_sums, places,
         )  # fmt: skip
         result.finish(status, at, guy, places)
+        if count and not status:
+            self._warn_of_slack(first + spacing * places[:, 0])
         if count and not status and (places[:, 0].min() < 0.0 or places[:, 1].max() > INTERVALS):
             warnings.warn(
                 f"a guy's end moved by more than {REACH:g} of the height, beyond the table of its force, which is a "
@@ -130,3 +132,24 @@ class CatenaryGuys:
                 stacklevel=user_stacklevel(),
             )
         return result
+
+    def _warn_of_slack(self, least: np.ndarray) -> None:
+        """Warn of a guy, taut on the straight mast, whose chord becomes shorter than the guy.
+
+        Parameters
+        ----------
+        least
+            Least horizontal distances of the ends (guys,) [m].
+        """
+        taut = [float(np.linalg.norm(guy.chord)) > guy.length for guy in self.mast.rest.bare]
+        lengths, rises = np.array([[guy.length, guy.chord[1]] for guy in self.guys]).T
+        excess = np.where(taut, np.hypot(least, rises) / lengths - 1.0, np.inf)
+        worst = int(excess.argmin())
+        if excess[worst] < 0.0:
+            warnings.warn(
+                f"{self.mast.rest.p.guys[worst].key}: the chord of guy {worst + 1} became shorter than its unstretched length, "
+                f"by {-excess[worst]:.2g} of it: it goes slack, where a static guy lacks the motion of a real one; compare with "
+                'guys="chain"',
+                OutOfRangeWarning,
+                stacklevel=user_stacklevel(),
+            )

@@ -80,8 +80,8 @@ def simulate(
     Warns
     -----
     OutOfRangeWarning
-        If a condensed guy goes slack, for a motion beyond the table of static guys, and for displacements above a tenth of the
-        height, for which the mast is no beam of small slopes.
+        If a condensed or a static guy goes slack, for a motion beyond the table of static guys, and for displacements above a
+        tenth of the height, for which the mast is no beam of small slopes.
     NotConvergedWarning
         If the tolerance is not met.
 

@@ -195,13 +195,14 @@ def test_slack_guys_are_those_of_finer_chains():
     np.testing.assert_allclose(run.guy_tension_std, finer.guy_tension_std, rtol=0.03)
 
 
-def test_slack_condensed_guys_warn():
+@pytest.mark.parametrize("kind", ["condensed", "catenary"])
+def test_slack_guys_warn(kind):
     def strong(mapping):
         mapping["mast"]["load"][0]["force"] = [5000.0, 0.0, 0.0]
         mapping["mast"]["damping_ratio"] = 0.05
 
-    with pytest.warns(OutOfRangeWarning, match=r"guy\.1: .*slack"):
-        cp.mast.simulate(small(strong))
+    with pytest.warns(OutOfRangeWarning, match=r"guy\.1: .*slack.*guys=\"chain\""):
+        cp.mast.simulate(small(strong), guys=kind)
 
 
 def test_large_displacements_warn():
