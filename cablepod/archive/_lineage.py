@@ -24,10 +24,12 @@ NAMES = {
     "pod.decompose": "modes",
     "ensemble.design": "scenes",
     "ensemble.run": "runs",
+    "wind.field": "wind",
 }
 #: Sub-packages and modules whose functions a script may call; "" is the package itself.
 REPEATED = (
-    "", "cable", "catenary", "chain", "compare", "condensed", "ensemble", "galerkin", "oblique", "paper", "pod", "rigid",
+    "", "cable", "catenary", "chain", "compare", "condensed", "ensemble", "galerkin", "mast", "oblique", "paper", "pod", "rigid",
+    "wind",
 )  # fmt: skip
 #: Module of a stage in older histories -> its present name.
 MOVED = {"paper.statics": "paper.table1", "paper.starts": "paper.initial_shape"}
@@ -131,6 +133,8 @@ def _reproduction(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[st
     if function == "oblique.train":  # scenes, as many trajectories, modes
         half = len(inputs) // 2
         inputs = [f"[{', '.join(inputs[:half])}]", f"[{', '.join(inputs[half:-1])}]", inputs[-1]]
+    if function.endswith(".simulate"):
+        inputs = [f"wind={name}" if name.rstrip("_0123456789") == NAMES["wind.field"] else name for name in inputs]
     if function == "ensemble.run":
         return [*_ensemble(name, inputs, parameters), f"cablepod.lineage.check({name}, {_quoted(stage['id'])})", ""]
     if function == "make_scene":

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mast_scenes import small
+from mast_scenes import WIND, small
 
 import cablepod as cp
 from cablepod.archive import _lineage as lineage
 from cablepod.errors import ArchiveError
+
+
+def windy(mapping):
+    mapping["wind"] = WIND
+    del mapping["mast"]["load"]
 
 
 def test_a_study_has_the_numbers_of_its_parts(tmp_path):
@@ -42,8 +47,11 @@ def test_an_ensemble_on_disk_goes_on_where_it_was(tmp_path):
         np.testing.assert_array_equal(result.guy_1_top_tension, [4500.0, 5000.0, 5500.0])
 
 
-def test_a_script_makes_a_run_again_bit_by_bit():
-    run = cp.mast.simulate(small(), rank=3, outputs=("guy_tension", "extremes"))
+@pytest.mark.parametrize("given", [False, True])
+def test_a_script_makes_a_run_again_bit_by_bit(given):
+    scene = small(windy)
+    options = {"wind": cp.wind.field(scene, seed=5)} if given else {}
+    run = cp.mast.simulate(scene, rank=4, outputs=("guy_tension", "extremes"), **options)
     body, last = lineage.script(run).rsplit("cp.archive.write(", 1)
     made: dict = {}
     exec(compile(body, "lineage", "exec"), made)
