@@ -32,7 +32,7 @@ TIME_ERROR_SHARE = 0.1
 MAX_PASSES = 3
 #: First step of the filtered scheme times the lowest angular frequency about the mean state, for one mode of each coordinate
 #: (inverse to the root of their number: more modes are resolved less well, and stiffen more often beyond a longer step).
-FIRST_PHASE = 0.6
+FIRST_PHASE = 0.5
 #: Cost of an implicit step in explicit steps, and its increase for each amplitude (measured with 40 links).
 IMPLICIT_COST, COST_OF_AMPLITUDE = 4.0, 0.45
 #: Run time of an explicit step, and its increase for each amplitude [s].
