@@ -229,8 +229,8 @@ def _warn_of_displacement(p: MastParameters, run: MastTrajectory) -> None:
     if largest > LARGE_DISPLACEMENT * p.height and not run.status:
         warnings.warn(
             f"the displacement of the mast reaches {largest:.3g} m, {largest / p.height:.0%} of its height (above "
-            f"{LARGE_DISPLACEMENT:.0%}): it is a beam of small slopes, and such displacements only tell that it falls; check guys "
-            "and loads",
+            f"{LARGE_DISPLACEMENT:.0%}): it is a beam of small slopes, and such displacements only tell that it falls; check "
+            "guys and loads",
             OutOfRangeWarning,
             stacklevel=user_stacklevel(),
         )
