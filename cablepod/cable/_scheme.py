@@ -15,7 +15,13 @@ from cablepod.errors import NotConvergedWarning, user_stacklevel
 from cablepod.integrate._request import Request
 from cablepod.integrate._run import Trajectory
 from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step
-from cablepod.integrate._step_control import STEPS_PER_CHANGE, observed_order, preferred_steps_per_second, refine_step
+from cablepod.integrate._step_control import (
+    STEPS_PER_CHANGE,
+    complete,
+    observed_order,
+    preferred_steps_per_second,
+    refine_step,
+)
 
 #: Numbers of elements, tried in turn (multiples of four, for which the loops over elements vectorise best).
 ELEMENT_COUNTS = (4, 8, 12, 16, 24, 32, 48, 64, 96, 128)
@@ -65,13 +71,15 @@ def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> Solution:
     """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
     explicit, implicit = (runs[name] for name in SCHEMES)
     steps_per_second = 1.0 / _first_step(explicit)
-    return choose_scheme(
-        explicit.comparable(_first_step(explicit)),
-        implicit.comparable(_first_step(implicit)),
-        tolerance,
-        step_limit=step_limit_of(explicit),
-        explicit_seconds=3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * NODE_STEP,
-        max_steps_per_second=steps_per_second / IMPLICIT_COST,
+    return complete(
+        choose_scheme(
+            explicit.comparable(_first_step(explicit)),
+            implicit.comparable(_first_step(implicit)),
+            tolerance,
+            step_limit=step_limit_of(explicit),
+            explicit_seconds=3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * NODE_STEP,
+            max_steps_per_second=steps_per_second / IMPLICIT_COST,
+        )
     )
 
 

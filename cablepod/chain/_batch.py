@@ -1,13 +1,14 @@
 """Chains of many members: runs of equal shape advance together in one compiled call.
 
-Each member has the preparation and the checks of the run of its scene alone; only its Dataset is left out.  Explicit members
+Each member has the preparation, the search of its step and the checks of the run of its scene alone; only its Dataset is left
+out.  Explicit members
 have the same loop, and the same bits.  Implicit ones lie in lanes, whose sums over links are added up in another order.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import xarray as xr
 
@@ -17,11 +18,11 @@ from cablepod.batch._stack import Variables
 from cablepod.chain._explicit import ExplicitStepper, PreparedRun
 from cablepod.chain._implicit import ImplicitStepper
 from cablepod.chain._lanes import LANES, ImplicitLanes
-from cablepod.chain._scheme import SCHEMES, ChainRequest, PreparedScene, prepare, solve
-from cablepod.errors import SceneError
+from cablepod.chain._scheme import SCHEMES, ChainRequest, prepare, solution, solve
+from cablepod.errors import RunStopped, SceneError
 from cablepod.integrate._march import BLOCK
-from cablepod.integrate._run import Trajectory
 from cablepod.integrate._scheme import Solution
+from cablepod.integrate._step_control import Search, Wanted, complete
 from cablepod.parameters._from_scene import Members
 
 #: Maximum and minimum number of steps per block (multiples of the period after which tables of sines restart, so that the tables
@@ -40,8 +41,15 @@ def plan(scene: xr.Dataset, **options: Any) -> BatchPlan | None:
     except SceneError:
         return None
     batch = ChainBatch(members, request, str(scene.attrs.get("title", "scene")))
-    in_lanes = request.step is not None and request.scheme not in (None, SCHEMES[0])
+    in_lanes = request.scheme not in (None, SCHEMES[0])
     return BatchPlan(batch.run_member, lambda: batch.first[0], batch.prepare_chunk, LANES if in_lanes else 1)
+
+
+class Begun(NamedTuple):
+    """The search of a member's solution, with the run that it needs next."""
+
+    search: Search[Solution]
+    wanted: Wanted
 
 
 class ChainBatch:
@@ -51,45 +59,77 @@ class ChainBatch:
         self.members, self.request, self.title = members, request, title
         self.first: list[xr.Dataset] = []  #: result of the first member, the template of all others
         self._shared: dict[str, tuple[tuple[str, ...], Any]] = {}  # coordinates that are equal in all members
-        self._ready: dict[int, PreparedScene] = {}
-        self._advanced: dict[int, tuple[Any, int]] = {}
+        self._begun: dict[int, Begun] = {}
+        self._solved: dict[int, Solution] = {}
 
     def prepare_chunk(self, first: int, last: int, check: Callable[[], None]) -> None:
-        """Advance the members `first` ... `last - 1` together, as far as they have a given step.
+        """Advance the members `first` ... `last - 1` together: the runs that their searches of a step need, round by round.
 
+        A member whose next run is like too few others is left to :meth:`run_member`, which goes on with its search alone.
         `check` is called regularly and raises :class:`cablepod.errors.StoppedError` on cancellation.
         """
-        shapes: dict[Any, list[int]] = {}
-        prepared: dict[int, PreparedRun | ImplicitStepper] = {}
-        memory = MAX_KEPT_BYTES
+        ready = []
         for i in range(first, last):
             check()
-            member = self._prepare(i)
-            if member is not None and member.saved_bytes <= memory:
-                memory -= member.saved_bytes
-                prepared[i] = member
-                shapes.setdefault(member.run.shape, []).append(i)
-        for alike in shapes.values():
-            run: Any = prepared[alike[0]].run
-            for places in run.groups([prepared[i] for i in alike]):
-                group = [alike[place] for place in places]
-                stepper = run.together([prepared[i] for i in group])
-                self._advance(stepper, check)
-                # runs that are no longer finite are repeated alone, to find the failing step
-                self._advanced |= {i: (stepper, place) for place, i in enumerate(group) if stepper.is_finite[place]}
+            if self._begin(i):
+                ready.append(i)
+        while ready:
+            ready = [i for group in self._groups(ready, check) for i in self._together(group, check)]
 
-    def _prepare(self, i: int) -> PreparedRun | ImplicitStepper | None:
-        """Prepare a member; None if it has no given step, or fails, which its own run reports."""
+    def _begin(self, i: int) -> bool:
+        """Begin the search of a member; returns False if it runs alone, or fails, which its own run reports."""
         try:
-            ready = self._ready[i] = prepare(self.members[i], self.request, self.title)
-            alone = (
-                ready.run.air is not None or self.request.window is not None or "tension_peaks" in self.request.outputs
-            )
-            return (
-                None if alone or ready.steps_per_second is None else cast(Any, ready.run).begin(ready.steps_per_second)
-            )
+            ready = prepare(self.members[i], self.request, self.title)
+            search = solution(ready, self.request)
+            self._begun[i] = Begun(search, next(search))
         except (ValueError, ArithmeticError):
-            return None
+            return False
+        return ready.run.air is None and self.request.window is None and "tension_peaks" not in self.request.outputs
+
+    def _groups(self, ready: list[int], check: Callable[[], None]) -> list[dict[int, PreparedRun | ImplicitStepper]]:
+        """Prepare the next run of each member `ready`; returns those of each group that advance together."""
+        shapes: dict[Any, dict[int, PreparedRun | ImplicitStepper]] = {}
+        memory = MAX_KEPT_BYTES
+        for i in ready:
+            check()
+            run, steps_per_second = cast(Any, self._begun[i].wanted)
+            try:
+                prepared = run.begin(steps_per_second)
+            except (ValueError, ArithmeticError):
+                continue
+            if prepared.saved_bytes <= memory:
+                memory -= prepared.saved_bytes
+                judged = None if run.judged is None else run.judged.tobytes()
+                shapes.setdefault((run.scheme, run.shape, steps_per_second, judged), {})[i] = prepared
+        groups = []
+        for alike in shapes.values():
+            members, prepared_runs = list(alike), list(alike.values())
+            for places in cast(Any, prepared_runs[0].run).groups(prepared_runs):
+                groups.append({members[place]: prepared_runs[place] for place in places})
+        return groups
+
+    def _together(self, group: Mapping[int, PreparedRun | ImplicitStepper], check: Callable[[], None]) -> list[int]:
+        """Advance runs of equal shape together, and their searches by the results; returns the members that need another run."""
+        first: Any = next(iter(group.values()))
+        stepper = first.run.together(list(group.values()))
+        self._advance(stepper, check)
+        unfinished = []
+        for place, i in enumerate(group):
+            # runs that are no longer finite, or are broken, are repeated alone, to find the failing step
+            if stepper.is_finite[place]:
+                try:
+                    result = cast(Any, self._begun[i].wanted.run).finish(stepper, place)
+                except RunStopped:
+                    continue
+                search = self._begun.pop(i).search
+                try:
+                    self._begun[i] = Begun(search, search.send(result))
+                    unfinished.append(i)
+                except StopIteration as end:
+                    self._solved[i] = end.value
+                except (ValueError, ArithmeticError):
+                    continue  # which the member's own run reports
+        return unfinished
 
     def _advance(self, stepper: ExplicitStepper | ImplicitLanes, check: Callable[[], None]) -> None:
         """Take all steps, block by block."""
@@ -102,11 +142,14 @@ class ChainBatch:
 
     def run_member(self, i: int) -> tuple[Variables, Mapping[str, Any]]:
         """Return the variables and attributes of a member."""
-        ready = self._ready.pop(i, None) or prepare(self.members[i], self.request, self.title)
-        state: Trajectory | None = None
-        if i in self._advanced:
-            state = cast(Any, ready.run).finish(*self._advanced.pop(i))
-        return self._to_variables(solve(ready, self.request, state))
+        solved = self._solved.pop(i, None)
+        if solved is None:
+            begun = self._begun.pop(i, None)
+            if begun is None:
+                solved = solve(prepare(self.members[i], self.request, self.title), self.request)
+            else:
+                solved = complete(begun.search, begun.wanted)
+        return self._to_variables(solved)
 
     def _to_variables(self, solution: Solution) -> tuple[Variables, Mapping[str, Any]]:
         """Return variables and attributes in the order of the first member's Dataset."""

@@ -23,7 +23,7 @@ from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._request import Request, check_scheme
 from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step
-from cablepod.integrate._step_control import STEPS_PER_CHANGE, refine_step
+from cablepod.integrate._step_control import STEPS_PER_CHANGE, Search, Wanted, complete, refinement
 from cablepod.parameters._checks import number
 from cablepod.parameters._parameters import Parameters
 from cablepod.wind._air import air_of
@@ -92,8 +92,13 @@ def prepare(
     return PreparedScene(explicit, run, limit, steps_per_second)
 
 
-def solve(ready: PreparedScene, request: ChainRequest, state: Trajectory | None = None) -> Solution:
-    """Run a scene with the given scheme and step, or with those chosen by tolerance.
+def solve(ready: PreparedScene, request: ChainRequest) -> Solution:
+    """Run a scene as :func:`solution` says."""
+    return complete(solution(ready, request))
+
+
+def solution(ready: PreparedScene, request: ChainRequest) -> Search[Solution]:
+    """Search the solution of a scene: with the given scheme and step, or with those chosen by tolerance.
 
     Parameters
     ----------
@@ -101,8 +106,6 @@ def solve(ready: PreparedScene, request: ChainRequest, state: Trajectory | None 
         The prepared scene.
     request
         Options of the run.
-    state
-        Trajectory with the given step, if it was computed before.
 
     Raises
     ------
@@ -116,7 +119,7 @@ def solve(ready: PreparedScene, request: ChainRequest, state: Trajectory | None 
     """
     explicit, run, limit, steps_per_second = ready
     if steps_per_second is not None:
-        state = run(steps_per_second) if state is None else state
+        state = yield Wanted(run, steps_per_second)
         if state.diagnostics["energy_excess"] > ENERGY_WARN:
             warnings.warn(
                 f"the links hold up to {state.diagnostics['energy_excess']:.2g} times the energy that rest, loads and ends "
@@ -127,12 +130,13 @@ def solve(ready: PreparedScene, request: ChainRequest, state: Trajectory | None 
             )
         return Solution(run, state, steps_per_second, None)
     if request.scheme is not None:
-        return Solution(run, *_refine_in_time(run, limit, request.tolerance))
+        return Solution(run, *(yield from _refine_in_time(run, limit, request.tolerance)))
     trapezoidal = ImplicitChainRun(
         explicit.chain, explicit.times, explicit.initial, explicit.outputs, explicit.progress, explicit.title,
         window=explicit.window, air=explicit.air,
     )  # fmt: skip
-    return _choose_scheme(explicit, trapezoidal, limit, request.tolerance, asked=request.given_tolerance is not None)
+    asked = request.given_tolerance is not None
+    return (yield from _choose_scheme(explicit, trapezoidal, limit, request.tolerance, asked=asked))
 
 
 def _check_radius(radius: float | None, scheme: str | None) -> float:
@@ -152,8 +156,8 @@ LINK_STEP = 2e-9
 
 def _choose_scheme(
     explicit: ExplicitChainRun, trapezoidal: ImplicitChainRun, limit: float, tolerance: float, *, asked: bool
-) -> Solution:
-    """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
+) -> Search[Solution]:
+    """Search scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
     steps_per_second = 1.0 / _first_step(explicit, limit)
     seconds = 3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * LINK_STEP
     return choose_scheme(
@@ -166,10 +170,10 @@ def _choose_scheme(
     )
 
 
-def _refine_in_time(run: ChainRun, limit: float, tolerance: float) -> tuple[Trajectory, float, float]:
-    """Shorten the step until two runs agree; returns the trajectory, its steps per second, the estimate of its error."""
+def _refine_in_time(run: ChainRun, limit: float, tolerance: float) -> Search[tuple[Trajectory, float, float]]:
+    """Shorten the step until two runs agree; ends with the trajectory, its steps per second, the estimate of its error."""
     runs = run.comparable(_first_step(run, limit))
-    return refine_step(replace(runs, resolved=1.0 / limit if isinstance(run, ImplicitChainRun) else 0.0), tolerance)
+    return refinement(replace(runs, resolved=1.0 / limit if isinstance(run, ImplicitChainRun) else 0.0), tolerance)
 
 
 def _first_step(run: ChainRun, limit: float) -> float:

@@ -19,6 +19,7 @@ from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_s
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
     ComparableRuns,
+    complete,
     fit_step,
     preferred_steps_per_second,
     refine_step,
@@ -133,14 +134,16 @@ def _choose_scheme(runs: dict[str, GalerkinRun], limit: float, tolerance: float,
     explicit_runs, amplitudes = _comparable_runs(explicit, limit), explicit.q0.size
     steps_per_second = explicit_runs.steps_per_second
     seconds = 3.0 * float(explicit.times[-1]) * steps_per_second * (STEP_TIME + TIME_OF_AMPLITUDE * amplitudes)
-    return choose_scheme(
-        explicit_runs,
-        _comparable_runs(implicit, limit),
-        tolerance,
-        step_limit=limit,
-        explicit_seconds=None if asked else seconds,
-        # two explicit runs take 1 + 2 times these steps, all implicit ones together at most twice the maximum
-        max_steps_per_second=1.5 * steps_per_second / (IMPLICIT_COST + COST_OF_AMPLITUDE * amplitudes),
+    return complete(
+        choose_scheme(
+            explicit_runs,
+            _comparable_runs(implicit, limit),
+            tolerance,
+            step_limit=limit,
+            explicit_seconds=None if asked else seconds,
+            # two explicit runs take 1 + 2 times these steps, all implicit ones together at most twice the maximum
+            max_steps_per_second=1.5 * steps_per_second / (IMPLICIT_COST + COST_OF_AMPLITUDE * amplitudes),
+        )
     )
 
 
@@ -149,7 +152,7 @@ def _refine_in_time(run: GalerkinRun, limit: float, tolerance: float) -> tuple[G
     runs = _comparable_runs(run, limit)
     if isinstance(run, ImplicitGalerkinRun):
         maximum = TRIAL_RATIO * runs.steps_per_second
-        halved = halve_step_while_cheaper(runs, tolerance, maximum)
+        halved = complete(halve_step_while_cheaper(runs, tolerance, maximum))
         if halved is not None:
             return halved
         runs = replace(runs, steps_per_second=maximum, resolved=1.0 / limit)

@@ -10,7 +10,7 @@ import xarray as xr
 
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.errors import RunStopped
-from cablepod.integrate._step_control import ComparableRuns, refine_step
+from cablepod.integrate._step_control import ComparableRuns, Search, Wanted, refinement
 
 #: Maximum steps times links of a trial run with long implicit steps (a minute or two).
 MAX_TRIAL_WORK = 1e9
@@ -30,8 +30,8 @@ def first_implicit_step(chain: LumpedChain, tension: np.ndarray, end_time: float
 
 def halve_step_while_cheaper(
     runs: ComparableRuns, tolerance: float, max_steps_per_second: float
-) -> tuple[Any, float, float] | None:
-    """Run with halved long implicit steps until two runs agree well within `tolerance`.
+) -> Search[tuple[Any, float, float] | None]:
+    """Search with halved long implicit steps until two runs agree well within `tolerance`.
 
     Long implicit steps do not resolve all frequencies, and so show no order: the distance of two runs counts as it is, and must
     be smaller than the tolerance by HALVING_MARGIN.  No run has more than `max_steps_per_second`, beyond which explicit steps are
@@ -45,7 +45,7 @@ def halve_step_while_cheaper(
     coarse = None
     for steps_per_second in halving_rates(runs, max_steps_per_second):
         try:
-            fine = runs.run(steps_per_second)
+            fine = yield Wanted(runs.run, steps_per_second)
         except RunStopped:
             fine = None
         if fine is not None and coarse is not None:
@@ -96,8 +96,8 @@ def choose_scheme(
     step_limit: float,
     explicit_seconds: float | None,
     max_steps_per_second: float,
-) -> Solution:
-    """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster.
+) -> Search[Solution]:
+    """Search scheme and step for a tolerance: implicit if its steps are long enough to be faster.
 
     Parameters
     ----------
@@ -114,8 +114,8 @@ def choose_scheme(
     """
     if explicit_seconds is not None and explicit_seconds < CHOICE_MIN_SECONDS:
         reason = f"explicit: its runs were expected to take {explicit_seconds:.1g} s, too little to try another scheme"
-        return Solution(explicit.run, *refine_step(explicit, tolerance), reason)
-    halved = halve_step_while_cheaper(implicit, tolerance, max_steps_per_second)
+        return Solution(explicit.run, *(yield from refinement(explicit, tolerance)), reason)
+    halved = yield from halve_step_while_cheaper(implicit, tolerance, max_steps_per_second)
     if halved is not None:
         ratio = 1.0 / (halved[1] * step_limit)
         reason = f"implicit: two runs with steps of {ratio:.3g} and {2 * ratio:.3g} times the explicit limit agreed"
@@ -124,4 +124,4 @@ def choose_scheme(
     reason = f"explicit: no two implicit runs have steps above {1 / max_steps_per_second:.3g} s, where they are cheaper"
     if len(rates) > 1:
         reason = f"explicit: implicit runs with steps down to {1 / rates[-1]:.3g} s did not agree"
-    return Solution(explicit.run, *refine_step(explicit, tolerance), reason)
+    return Solution(explicit.run, *(yield from refinement(explicit, tolerance)), reason)

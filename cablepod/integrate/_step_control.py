@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -39,6 +39,36 @@ MAX_DAMPING_EXPONENT = 600.0
 # Mantissas to which steps per second are rounded up: a step then hits round instants, and no bit of the result depends on the
 # output times.
 _PREFERRED_MANTISSAS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0, 10.0)
+
+
+T = TypeVar("T")
+
+
+class Wanted(NamedTuple):
+    """A run that a search of the step needs next."""
+
+    run: Callable[[float], Any]  #: computes a run from its steps per second; may raise RunStopped
+    steps_per_second: float
+
+
+#: Search of a step: yields the runs it needs and is sent their results, or thrown their RunStopped; so that the runs of many
+#: searches can be computed together.  Ends with its result.
+Search = Generator[Wanted, Any, T]
+
+
+def complete(search: Search[T], wanted: Wanted | None = None) -> T:
+    """Compute the runs that a search needs one after the other, `wanted` first if it has begun; returns its result."""
+    try:
+        wanted = wanted or next(search)
+        while True:
+            try:
+                result = wanted.run(wanted.steps_per_second)
+            except RunStopped as stopped:
+                wanted = search.throw(stopped)
+            else:
+                wanted = search.send(result)
+    except StopIteration as end:
+        return end.value
 
 
 def _without_kinks(run: Any) -> bool:
@@ -177,8 +207,14 @@ def refine_step(runs: ComparableRuns, tolerance: float) -> tuple[Any, float, flo
     NotConvergedWarning
         If shorter steps do not bring the runs together, or only too slowly.
     """
+    return complete(refinement(runs, tolerance))
+
+
+def refinement(runs: ComparableRuns, tolerance: float) -> Search[tuple[Any, float, float]]:
+    """Return the search of :func:`refine_step`."""
     check_work(runs.steps_per_second, runs.end_time, runs.links)
-    return _refine(runs, *_first_finite_run(runs), tolerance, economical=False)
+    coarse, rate = yield from _first_finite_run(runs)
+    return (yield from _refine(runs, coarse, rate, tolerance, economical=False))
 
 
 def fit_step(
@@ -209,22 +245,22 @@ def fit_step(
         As :func:`refine_step`.
     """
     check_work(runs.steps_per_second, runs.end_time, runs.links)
-    coarse, rate = _first_finite_run(runs)
+    coarse, rate = complete(_first_finite_run(runs))
     if not by_second:
         tolerance = tolerance_of(coarse)
-        return (*_refine(runs, coarse, rate, tolerance, economical=True), tolerance)
+        return (*complete(_refine(runs, coarse, rate, tolerance, economical=True)), tolerance)
     told = []
 
     def by_finer(fine: Any) -> float:
         told.append(tolerance_of(fine))
         return told[0]
 
-    return (*_refine(runs, coarse, rate, by_finer, economical=True), told[0])
+    return (*complete(_refine(runs, coarse, rate, by_finer, economical=True)), told[0])
 
 
 def _refine(
     runs: ComparableRuns, coarse: Any, rate: float, tolerance: float | Callable[[Any], float], *, economical: bool
-) -> tuple[Any, float, float]:
+) -> Search[tuple[Any, float, float]]:
     """Refine a first run with `rate` steps per second, see :func:`refine_step` and, economically, :func:`fit_step`.
 
     `tolerance` may be a function of the second run.
@@ -237,7 +273,7 @@ def _refine(
         # the first doubling is exact, so that its runs share their instants; later numbers are preferred ones again
         new_rate = 2.0 * rate if last_factor == math.inf else preferred_steps_per_second(rate * factor)
         factor, rate = new_rate / rate, new_rate
-        fine = runs.run(rate)
+        fine = yield Wanted(runs.run, rate)
         if callable(tolerance):
             tolerance = tolerance(fine)
         distances = runs.distances(fine, coarse)
@@ -307,15 +343,15 @@ def _warn_not_converged(estimate: float, of_tension: float, limit: float, tolera
     )
 
 
-def _first_finite_run(runs: ComparableRuns) -> tuple[Any, float]:
+def _first_finite_run(runs: ComparableRuns) -> Search[tuple[Any, float]]:
     """Run with the first step, or a half or a quarter of it if that breaks down."""
     steps_per_second = runs.steps_per_second
     for _ in range(2):
         try:
-            return runs.run(steps_per_second), steps_per_second
+            return (yield Wanted(runs.run, steps_per_second)), steps_per_second
         except RunStopped:
             steps_per_second *= 2.0
-    return runs.run(steps_per_second), steps_per_second
+    return (yield Wanted(runs.run, steps_per_second)), steps_per_second
 
 
 def observed_order(ratio: float, factor: float, next_factor: float, highest: float = SECOND_ORDER) -> float:

@@ -172,8 +172,15 @@ def chains(number: int, repeats: int) -> None:
     )
 
 
-#: Scheme and step [s] of implicit chains.
-IMPLICIT = (("trapezoidal", 0.1), ("trapezoidal", 0.02), ("generalized_alpha", 0.02), ("energy_momentum", 0.02))
+#: Scheme and step [s], or tolerance, of implicit chains.
+IMPLICIT: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("trapezoidal", {"step": 0.1}),
+    ("trapezoidal", {"step": 0.02}),
+    ("generalized_alpha", {"step": 0.02}),
+    ("energy_momentum", {"step": 0.02}),
+    ("trapezoidal", {"tolerance": 1e-3, "outputs": ("position",)}),
+    ("trapezoidal", {"tolerance": 1e-4, "outputs": ("position",)}),
+)
 
 
 def implicit_chains(number: int, repeats: int) -> None:
@@ -191,8 +198,8 @@ def implicit_chains(number: int, repeats: int) -> None:
         "_kernels_energy_momentum": ("energy_momentum",),
     }
     names = [f"cablepod.chain.{file}.{name}" for file, functions in kernels.items() for name in functions]
-    for scheme, step in IMPLICIT:
-        options: dict[str, Any] = {"scheme": scheme, "step": step, "links": 40}
+    for scheme, accuracy in IMPLICIT:
+        options: dict[str, Any] = {"scheme": scheme, "links": 40, **accuracy}
         ways = {
             "together": lambda options=options: [cp.chain.simulate(scenes, **options)],
             "alone": lambda options=options: [cp.chain.simulate(one, **options) for one in each],
@@ -209,7 +216,7 @@ def implicit_chains(number: int, repeats: int) -> None:
                         times[name].append((loop.seconds, time.process_time() - begin))
         own, single = (np.median(times[name], axis=0) / number * 1e3 for name in ways)
         print(
-            f"implicit chains, {number} of Example 3, n = 40, {scheme}, step {step} s, one thread, ms for each member: "
+            f"implicit chains, {number} of Example 3, n = 40, {scheme}, {accuracy}, one thread, ms for each member: "
             f"loop {own[0]:.2f}, call {own[1]:.2f}; alone: loop {single[0]:.2f}, call {single[1]:.2f}; "
             f"ratios {single[0] / own[0]:.2f}, {single[1] / own[1]:.2f}"
         )

@@ -22,6 +22,7 @@ from cablepod.chain import _explicit as chain_explicit
 from cablepod.chain import _lanes as lanes
 from cablepod.chain._explicit import ExplicitChainRun, ExplicitStepper
 from cablepod.chain._implicit import ImplicitChainRun, ImplicitStepper
+from cablepod.chain._scheme import ChainRequest, prepare
 from cablepod.integrate._run import ChainRun
 
 STEP = 2e-3
@@ -83,11 +84,11 @@ IN_LANES = [
     slow("green", "energy_momentum", 2),
     slow("a motion", "energy_momentum", 3),
 ]
-#: Cases that are not advanced together, but still make no Dataset of each member.
+#: Cases that choose their steps, or are not advanced together, but still make no Dataset of each member.
 ALONE = {
     "default": (ONE, TENSIONS, {}),
     "tolerance": (ONE, TENSIONS, {"tolerance": 1e-3, "scheme": "velocity_verlet", "outputs": ALL}),
-    "implicit": (ONE, TENSIONS, {"scheme": "trapezoidal", "tolerance": 1e-3, "outputs": ALL[:2]}),
+    "implicit": (ONE, TENSIONS, {"scheme": "trapezoidal", "tolerance": 1e-3, "outputs": ALL[:2]}),  # too few members
 }
 
 
@@ -245,6 +246,49 @@ def test_members_of_lanes_that_fail_report_the_reason_of_single_runs(soft):
     assert_equal_members(run.isel(member=good), scenes.isel(member=good), options)
 
 
+@pytest.mark.parametrize(
+    "scheme", ["trapezoidal", slow("generalized_alpha"), slow("energy_momentum"), "velocity_verlet"]
+)
+def test_members_whose_steps_are_chosen_advance_together(soft, monkeypatch, scheme):
+    scenes = scenes_of(soft, ONE, TENSIONS)
+    options = {"scheme": scheme, "tolerance": 1e-3, "outputs": ALL[:2]}
+    monkeypatch.setattr(lanes, "MIN_MEMBERS", 4)  # the copies of one member, where it alone has such steps
+    with monkeypatch.context() as patch:  # no run of any search is left to a single run
+        patch.setattr(ImplicitChainRun, "__call__", None)
+        patch.setattr(ExplicitChainRun, "__call__", None)
+        run = run_batched(scenes, options)
+    for i in range(scenes.sizes["member"]):
+        alone = cp.chain.simulate(scenes.isel(member=i, drop=True), **options)
+        own = {
+            name: run[name].values[i] if name in run else run.attrs[name] for name in ("step", "time_error_estimate")
+        }
+        assert own == pytest.approx({name: alone.attrs[name] for name in own}, rel=1e-6)
+    if scheme == "velocity_verlet":
+        assert_same_bits(run, scenes, options)
+    else:
+        assert_equal_members(run, scenes, options)
+
+
+@pytest.mark.slow
+def test_members_whose_first_step_breaks_down_go_on_alone(soft, monkeypatch):
+    scenes = scenes_of(soft, ONE, {"cable_top_tension": np.linspace(230.0, 231.0, 6)})
+    options = {"scheme": "trapezoidal", "tolerance": 1e-3, "outputs": ALL[:2]}
+    advance, alone, call = lanes.ImplicitLanes.advance, [], ImplicitChainRun.__call__
+
+    def fail(self, start, steps):
+        finite = advance(self, start, steps)
+        finite[: len(finite) - lanes.MIN_MEMBERS] = False  # the first of six; the other five stay together
+        return finite
+
+    monkeypatch.setattr(lanes.ImplicitLanes, "advance", fail)
+    monkeypatch.setattr(ImplicitChainRun, "__call__", lambda self, rate: alone.append(rate) or call(self, rate))
+    with members.thread_limit(1):
+        run = cp.chain.simulate(scenes, **options)
+    monkeypatch.setattr(lanes.ImplicitLanes, "advance", advance)
+    assert len(set(alone)) == len(alone) < 6  # each rate of the one member once
+    assert_equal_members(run, scenes, options)
+
+
 @pytest.mark.slow
 def test_blocks_of_lanes_change_no_bit_and_few_members_run_alone(soft, monkeypatch):
     scenes = scenes_of(soft, BOTH | LOADED, {"cable_top_tension": np.linspace(200.0, 300.0, 7)})
@@ -269,7 +313,10 @@ def test_groups_of_lanes_have_similar_speeds(soft):
     batch = chain_many.plan(
         scenes_of(soft, ONE, {"motion_upper_x_amplitude": amplitude}), scheme="trapezoidal", step=0.02
     )
-    steppers = [batch.run_member.__self__._prepare(i) for i in range(48)]
+    prepared = [
+        prepare(batch.run_member.__self__.members[i], ChainRequest.of(scheme="trapezoidal"), "") for i in range(48)
+    ]
+    steppers = [one.run.begin(50.0) for one in prepared]
     groups = lanes.groups_of_lanes(steppers)
     assert [len(group) for group in groups] == [24, 24]
     assert [set(amplitude[group]) for group in groups] == [{0.0}, {0.1}]
