@@ -25,7 +25,7 @@ TERMS = {
     **SHARED,
     "unequal links": {"chain": {"link_lengths": [1.0, 2.0, 1.0, 0.5, 2.0, 1.0, 1.0, 3.0]}},
 }
-#: Terms for which loops of their own are compiled; quick in the test of the order alone.
+#: Terms for which loops of their own are compiled; of them only the uniform load is quick, in the test of the order.
 COMPILED = ("uniform load", "mass damping")
 
 # a rubber band of 4 m, straight and without weight, pulled to xi = 2
@@ -225,7 +225,7 @@ def test_equilibrium_stays_at_rest(soft):
     assert float(np.abs(run.position - run.position[0]).max()) < 1e-12
 
 
-@pytest.mark.parametrize("name", TERMS)
+@pytest.mark.parametrize("name", with_slow(TERMS, "mass damping"))
 def test_second_order_in_the_step_with_every_term(soft, name):
     scene = cp.make_scene({**soft, **TERMS[name]})
     steps = (1 / 1600, 1 / 3200, 1 / 6400, 1 / 12800)
@@ -259,7 +259,8 @@ def test_energy_is_kept(soft):
     assert spread[500][0] / spread[1000][0] == pytest.approx(4.0, rel=0.15)
 
 
-@pytest.mark.parametrize("name", with_slow(TERMS, *COMPILED))
+@pytest.mark.slow  # loops in space; by the linear law test_motion has the same
+@pytest.mark.parametrize("name", TERMS)
 def test_planar_and_spatial_agree_bit_for_bit(soft, name):
     mapping = {**soft, **copy.deepcopy(TERMS[name])}
     outputs = ("position", "velocity", "tension", "tension_extremes")

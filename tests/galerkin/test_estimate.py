@@ -180,6 +180,7 @@ def test_what_is_off_along_the_chord_counts(soft, modes):
     assert told[1] ** 2 - told[0] ** 2 == pytest.approx(np.mean(bump**2) / moved**2, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_estimate_contains_the_law_of_the_snapshots(soft):
     scene = cp.make_scene(scene_of(soft, tension=600.0) | {"damping": {"mass_proportional": 0.5}})
     chains = {law: cp.chain.simulate(scene, times=TIMES, outputs=("position",), law=law) for law in ("linear", "green")}

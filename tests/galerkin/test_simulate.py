@@ -73,7 +73,7 @@ def test_all_modes_and_the_linear_law_are_the_chain(soft, name, layout, weights,
         *(("linear", name, {}) for name in ("plain", "point load", "initial shape", "unequal links")),
         # ends at rest, as in the tests of the implicit chain: another choice of terms, compiled for seconds
         slow("linear", "mass damping", {"motion": {}, "initial": {"top_tension": 260.0}}),
-        ("green", "both ends", {}),
+        slow("green", "both ends", {}),
     ],
 )
 def test_all_modes_are_the_chain_implicitly_too(soft, law, name, others, scheme, layout, weights):

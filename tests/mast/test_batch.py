@@ -59,6 +59,7 @@ def test_members_of_other_tensions_run_abreast_as_alone(abreast):
     check_single(both, scene, outputs=OUTPUTS, step=0.02)
 
 
+@pytest.mark.slow
 def test_members_of_other_winds_ice_and_loads_are_single_runs(abreast):
     scene = small(lambda mapping: (windy(mapping), mapping.update(ice={"thickness": 0.0})))
     scene = varied(

@@ -100,6 +100,7 @@ def test_energy_is_bounded_without_damping():
     assert abs(coarse[-200:].mean() - coarse[:200].mean()) < 0.2 * np.ptp(coarse)  # no drift
 
 
+@pytest.mark.slow
 def test_a_mast_without_loads_stays_at_rest():
     scene = small(lambda mapping: mapping["mast"].pop("load"))
     rest = cp.mast.rest(scene)
@@ -109,7 +110,7 @@ def test_a_mast_without_loads_stays_at_rest():
         np.testing.assert_allclose(run.guy_tension, rest.guy_tension.broadcast_like(run.guy_tension), rtol=1e-3)
 
 
-@pytest.mark.parametrize("kind", ["condensed", slow("chain"), slow("catenary")])
+@pytest.mark.parametrize("kind", [slow("condensed"), slow("chain"), slow("catenary")])
 def test_steady_wind_leaves_a_mast_at_rest(kind):
     def steady(mapping):
         windy(mapping)

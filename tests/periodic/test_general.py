@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from periodic_scenes import GUY, guy, loaded, multipliers
 from scipy.linalg import expm
+from suite import slow
 
 import cablepod as cp
 from cablepod.periodic._general import GeneralSolver, exponentials, magnus
@@ -62,7 +63,7 @@ def test_derivatives_are_those_of_differences(kind):
 
 
 @pytest.mark.filterwarnings("ignore::cablepod.NotConvergedWarning")
-@pytest.mark.parametrize("kind", ["exact", "tension", "exact, tension"])
+@pytest.mark.parametrize("kind", ["exact", "tension", slow("exact, tension")])
 def test_the_model_settles_on_the_orbit(kind):
     omega, order = 6.2, "leading" if kind == "tension" else "exact"
     scene = guy(angular_frequency=omega, damping=0.5, amplitude=0.02)

@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 from scipy.integrate import solve_bvp
 from scipy.optimize import curve_fit
+from suite import slow
 from wind_scenes import GUY, WIND
 
 import cablepod as cp
@@ -55,7 +56,7 @@ def decay(still, run, mode, axis):
 
 @pytest.mark.parametrize("mode", [1, 3])
 @pytest.mark.parametrize(("axis", "share"), [(2, 1.0), (1, 0.5)])
-@pytest.mark.parametrize("model", ["velocity_verlet", "trapezoidal", "generalized_alpha", "condensed"])
+@pytest.mark.parametrize("model", ["velocity_verlet", slow("trapezoidal"), slow("generalized_alpha"), "condensed"])
 def test_decay_of_a_taut_string_in_wind(model, axis, share, mode):
     scenes = plucked(mode, axis)
     if model == "condensed":
