@@ -7,21 +7,13 @@ import math
 from cablepod._jit import compiled
 from cablepod.chain._kernels_layout import (
     BASE_X,
-    BASE_Y,
-    BASE_Z,
     DRAG_X,
-    DRAG_Y,
-    DRAG_Z,
+    LINE,
+    NEW_DRAG_X,
+    NEW_DRAG_Y,
+    NEW_DRAG_Z,
     OLD_DRAG_X,
-    OLD_DRAG_Y,
-    OLD_DRAG_Z,
     PER_MASS,
-    TX,
-    TY,
-    TZ,
-    UX,
-    UY,
-    UZ,
     VX,
     VY,
     VZ,
@@ -80,76 +72,110 @@ def drag_forces(x, v, wind, place, drag, first, last, force, damping):
 # --- explicit steps -----------------------------------------------------------------------------------------------------
 
 
-@compiled(inline="always")
-def _tangents(s, links, back, spatial):
-    """Compute the vectors from the neighbour below to that above each particle, half a step before."""
-    for j in range(links - 1):
-        s[TX, j + 1] = s[X, j + 2] - s[X, j] - back * (s[VX, j + 2] - s[VX, j])
-        s[TY, j + 1] = s[Y, j + 2] - s[Y, j] - back * (s[VY, j + 2] - s[VY, j])
-        if spatial is not None:
-            s[TZ, j + 1] = s[Z, j + 2] - s[Z, j] - back * (s[VZ, j + 2] - s[VZ, j])
-    for end, below in ((0, 0), (links, links - 1)):
-        s[TX, end] = s[X, below + 1] - s[X, below] - back * (s[VX, below + 1] - s[VX, below])
-        s[TY, end] = s[Y, below + 1] - s[Y, below] - back * (s[VY, below + 1] - s[VY, below])
-        if spatial is not None:
-            s[TZ, end] = s[Z, below + 1] - s[Z, below] - back * (s[VZ, below + 1] - s[VZ, below])
+@compiled(noalias=True, counted=False, literal=False, forceinline=True)
+def _fill_drag(
+    count, back, share, half_drag, per_mass,
+    x_below, x_above, vx_below, vx_above, vx, x_before, x_after, drag_x,
+    y_below, y_above, vy_below, vy_above, vy, y_before, y_after, drag_y,
+    z_below, z_above, vz_below, vz_above, vz, z_before, z_after, drag_z,
+):  # fmt: skip
+    """Fill the velocity increments in a step by the drag on `count` particles: c |t| |u_n| u_n / 2 per mass times the step.
 
+    t is the vector between the neighbours at the time of the velocities, half a step before, and u_n the part normal to t of the
+    air's velocity less the particle's.
 
-@compiled(inline="always")
-def _extrapolate_drag(s, links, drag, target, spatial):
-    """Fill three rows from `target` on with the velocity increments by loads and drag until the next evaluation.
-
-    The drag c |t| |u_n| u_n / 2 per mass follows from the relative velocity U of the air, and is kept with that before.
+    Parameters
+    ----------
+    count : int
+        Number of particles.
+    back, share, half_drag : float
+        Half a step [s]; place between the two samples of the wind; half of c [kg/m2].
+    per_mass : float array (count,)
+        Step over mass [s/kg].
+    x_below, ..., drag_z : float arrays (count,)
+        For each coordinate: positions of both neighbours, their velocities, the particles' velocities, two samples of the air's
+        velocity; filled, the increments [m/s].  None for z in the plane.
     """
-    for j in range(links + 1):
-        tx, ty, ux, uy = s[TX, j], s[TY, j], s[UX, j], s[UY, j]
+    for j in range(count):
+        tx = x_above[j] - x_below[j] - back * (vx_above[j] - vx_below[j])
+        ty = y_above[j] - y_below[j] - back * (vy_above[j] - vy_below[j])
+        ux = x_before[j] + share * (x_after[j] - x_before[j]) - vx[j]
+        uy = y_before[j] + share * (y_after[j] - y_before[j]) - vy[j]
         square, along = tx * tx + ty * ty, ux * tx + uy * ty
-        if spatial is not None:
-            tz, uz = s[TZ, j], s[UZ, j]
+        if z_below is not None:
+            tz = z_above[j] - z_below[j] - back * (vz_above[j] - vz_below[j])
+            uz = z_before[j] + share * (z_after[j] - z_before[j]) - vz[j]
             square += tz * tz
             along += uz * tz
         along /= square
         ux -= along * tx
         uy -= along * ty
         speed_squared = ux * ux + uy * uy
-        if spatial is not None:
+        if z_below is not None:
             uz -= along * tz
             speed_squared += uz * uz
-        factor = 0.5 * drag * s[PER_MASS, j] * math.sqrt(square * speed_squared)
-        now, before = factor * ux, s[DRAG_X, j]
-        s[target, j] = s[BASE_X, j] + NOW * now + BEFORE * before + OLD * s[OLD_DRAG_X, j]
-        s[OLD_DRAG_X, j], s[DRAG_X, j] = before, now
-        now, before = factor * uy, s[DRAG_Y, j]
-        s[target + 1, j] = s[BASE_Y, j] + NOW * now + BEFORE * before + OLD * s[OLD_DRAG_Y, j]
-        s[OLD_DRAG_Y, j], s[DRAG_Y, j] = before, now
-        if spatial is not None:
-            now, before = factor * uz, s[DRAG_Z, j]
-            s[target + 2, j] = s[BASE_Z, j] + NOW * now + BEFORE * before + OLD * s[OLD_DRAG_Z, j]
-            s[OLD_DRAG_Z, j], s[DRAG_Z, j] = before, now
+        factor = half_drag * per_mass[j] * math.sqrt(square * speed_squared)
+        drag_x[j] = factor * ux
+        drag_y[j] = factor * uy
+        if z_below is not None:
+            drag_z[j] = factor * uz
 
 
-@compiled(inline="always")
-def _relative_velocity(s, u, v, links, before, after, share):
-    """Fill a row of relative velocities of the air from two samples of the wind (n + 1,) and the row of velocities."""
-    for j in range(links + 1):
-        s[u, j] = before[j] + share * (after[j] - before[j]) - s[v, j]
+@compiled(counted=False, literal=False, forceinline=True)
+def _drag_on(s, first, below, above, count, back, share, half_drag, before, after, spatial):
+    """Fill the rows of the new drag on `count` particles from `first` on, with neighbours from `below` and `above` on."""
+    _fill_drag(
+        count, back, share, half_drag, s[PER_MASS, first:],
+        s[X, below:], s[X, above:], s[VX, below:], s[VX, above:], s[VX, first:], before[0, first:], after[0, first:],
+        s[NEW_DRAG_X, first:],
+        s[Y, below:], s[Y, above:], s[VY, below:], s[VY, above:], s[VY, first:], before[1, first:], after[1, first:],
+        s[NEW_DRAG_Y, first:],
+        None if spatial is None else s[Z, below:],
+        None if spatial is None else s[Z, above:],
+        None if spatial is None else s[VZ, below:],
+        None if spatial is None else s[VZ, above:],
+        None if spatial is None else s[VZ, first:],
+        None if spatial is None else before[2, first:],
+        None if spatial is None else after[2, first:],
+        None if spatial is None else s[NEW_DRAG_Z, first:],
+    )  # fmt: skip
 
 
-@compiled(inline="always")
+@compiled(noalias=True, counted=False, forceinline=True)
+def _extrapolate_drag(count, now, before, old, base, increments):
+    """Fill the velocity increments by loads and drag until the next evaluation, and keep the last two evaluations.
+
+    Adams and Bashforth: base + 23/12 now - 16/12 before + 5/12 old; then old <- before <- now.
+    """
+    for j in range(count):
+        last = before[j]
+        increments[j] = base[j] + NOW * now[j] + BEFORE * last + OLD * old[j]
+        old[j], before[j] = last, now[j]
+
+
+@compiled(counted=False)
 def _apply_drag(s, links, wind, place, drag, step, target, is_first, spatial):
     """Compute the drag half a step before from the wind (samples, dims, n + 1) [m/s] at a place between its samples.
 
-    The increments of three evaluations are extrapolated to their mean over the steps until the next one.
+    The increments of three evaluations are extrapolated to their mean over the steps until the next one, in the rows from `target`
+    on.  Loops take whole vectors of LINE particles: scalar roots and divisions of a remainder would take as long as the rest.
+    The last vector overlaps the one before it, whose particles it computes again.
     """
     place = min(max(place, 0.0), wind.shape[0] - 1.0)
     sample = min(int(place), wind.shape[0] - 2)
-    share = place - sample
-    _relative_velocity(s, UX, VX, links, wind[sample, 0], wind[sample + 1, 0], share)
-    _relative_velocity(s, UY, VY, links, wind[sample, 1], wind[sample + 1, 1], share)
-    if spatial is not None:
-        _relative_velocity(s, UZ, VZ, links, wind[sample, 2], wind[sample + 1, 2], share)
-    _tangents(s, links, 0.5 * step, spatial)
-    for _ in range(
-        3 if is_first else 1
-    ):  # the drag before the start is that of the start: all three evaluations are this one
-        _extrapolate_drag(s, links, drag, target, spatial)
+    share, back, half_drag = place - sample, 0.5 * step, 0.5 * drag
+    before, after = wind[sample], wind[sample + 1]
+    between, last = links - 1, links - LINE  # particles between the ends, and the first of the last vector of them
+    whole = between // LINE * LINE  # a multiple of LINE, as the compiler sees
+    _drag_on(s, 1, 0, 2, whole, back, share, half_drag, before, after, spatial)
+    if whole == 0:
+        _drag_on(s, 1, 0, 2, between, back, share, half_drag, before, after, spatial)
+    elif whole < between:
+        _drag_on(s, last, last - 1, last + 1, LINE, back, share, half_drag, before, after, spatial)
+    for end, below in ((0, 0), (links, links - 1)):
+        if s[PER_MASS, end] != 0.0:  # a free end, with the direction of its link
+            _drag_on(s, end, below, below + 1, 1, back, share, half_drag, before, after, spatial)
+    columns = (links + LINE) // LINE * LINE
+    for _ in range(3 if is_first else 1):  # the drag before the start is that of the start
+        for c in range(2 if spatial is None else 3):
+            _extrapolate_drag(columns, s[NEW_DRAG_X + c], s[DRAG_X + c], s[OLD_DRAG_X + c], s[BASE_X + c], s[target + c])
