@@ -9,10 +9,6 @@ from cablepod.chain._kernels_layout import (
     BASE_X,
     DRAG_X,
     LINE,
-    NEW_DRAG_X,
-    NEW_DRAG_Y,
-    NEW_DRAG_Z,
-    OLD_DRAG_X,
     PER_MASS,
     VX,
     VY,
@@ -122,14 +118,14 @@ def _fill_drag(
 
 
 @compiled(counted=False, literal=False, forceinline=True)
-def _drag_on(s, first, below, above, count, back, share, half_drag, before, after, spatial):
-    """Fill the rows of the new drag on `count` particles from `first` on, with neighbours from `below` and `above` on."""
+def _drag_on(s, row, first, below, above, count, back, share, half_drag, before, after, spatial):
+    """Fill the rows from `row` on with the drag on `count` particles from `first` on, neighbours from `below`, `above` on."""
     _fill_drag(
         count, back, share, half_drag, s[PER_MASS, first:],
         s[X, below:], s[X, above:], s[VX, below:], s[VX, above:], s[VX, first:], before[0, first:], after[0, first:],
-        s[NEW_DRAG_X, first:],
+        s[row, first:],
         s[Y, below:], s[Y, above:], s[VY, below:], s[VY, above:], s[VY, first:], before[1, first:], after[1, first:],
-        s[NEW_DRAG_Y, first:],
+        s[row + 1, first:],
         None if spatial is None else s[Z, below:],
         None if spatial is None else s[Z, above:],
         None if spatial is None else s[VZ, below:],
@@ -137,45 +133,42 @@ def _drag_on(s, first, below, above, count, back, share, half_drag, before, afte
         None if spatial is None else s[VZ, first:],
         None if spatial is None else before[2, first:],
         None if spatial is None else after[2, first:],
-        None if spatial is None else s[NEW_DRAG_Z, first:],
+        None if spatial is None else s[row + 2, first:],
     )  # fmt: skip
 
 
 @compiled(noalias=True, counted=False, forceinline=True)
 def _extrapolate_drag(count, now, before, old, base, increments):
-    """Fill the velocity increments by loads and drag until the next evaluation, and keep the last two evaluations.
-
-    Adams and Bashforth: base + 23/12 now - 16/12 before + 5/12 old; then old <- before <- now.
-    """
+    """Fill the velocity increments by loads and drag until the next evaluation: base + 23/12 now - 16/12 before + 5/12 old."""
     for j in range(count):
-        last = before[j]
-        increments[j] = base[j] + NOW * now[j] + BEFORE * last + OLD * old[j]
-        old[j], before[j] = last, now[j]
+        increments[j] = base[j] + NOW * now[j] + BEFORE * before[j] + OLD * old[j]
 
 
 @compiled(counted=False)
-def _apply_drag(s, links, wind, place, drag, step, target, is_first, spatial):
+def _apply_drag(s, links, wind, place, drag, step, target, evaluation, spatial):
     """Compute the drag half a step before from the wind (samples, dims, n + 1) [m/s] at a place between its samples.
 
-    The increments of three evaluations are extrapolated to their mean over the steps until the next one, in the rows from `target`
-    on.  Loops take whole vectors of LINE particles: scalar roots and divisions of a remainder would take as long as the rest.
-    The last vector overlaps the one before it, whose particles it computes again.
+    The increments of this evaluation and the two before are extrapolated to their mean over the steps until the next one, in the
+    rows from `target` on.  Evaluations are numbered from 0; each replaces that three before, and those before the start are that
+    of the start.  Loops take whole vectors of LINE particles, as scalar roots and divisions of a remainder would take as long as
+    the rest: the last vector computes some particles of the one before again.
     """
     place = min(max(place, 0.0), wind.shape[0] - 1.0)
     sample = min(int(place), wind.shape[0] - 2)
     share, back, half_drag = place - sample, 0.5 * step, 0.5 * drag
     before, after = wind[sample], wind[sample + 1]
+    now = DRAG_X + 3 * (evaluation % 3)
+    earlier, oldest = DRAG_X + 3 * (max(evaluation - 1, 0) % 3), DRAG_X + 3 * (max(evaluation - 2, 0) % 3)
     between, last = links - 1, links - LINE  # particles between the ends, and the first of the last vector of them
     whole = between // LINE * LINE  # a multiple of LINE, as the compiler sees
-    _drag_on(s, 1, 0, 2, whole, back, share, half_drag, before, after, spatial)
+    _drag_on(s, now, 1, 0, 2, whole, back, share, half_drag, before, after, spatial)
     if whole == 0:
-        _drag_on(s, 1, 0, 2, between, back, share, half_drag, before, after, spatial)
+        _drag_on(s, now, 1, 0, 2, between, back, share, half_drag, before, after, spatial)
     elif whole < between:
-        _drag_on(s, last, last - 1, last + 1, LINE, back, share, half_drag, before, after, spatial)
+        _drag_on(s, now, last, last - 1, last + 1, LINE, back, share, half_drag, before, after, spatial)
     for end, below in ((0, 0), (links, links - 1)):
         if s[PER_MASS, end] != 0.0:  # a free end, with the direction of its link
-            _drag_on(s, end, below, below + 1, 1, back, share, half_drag, before, after, spatial)
+            _drag_on(s, now, end, below, below + 1, 1, back, share, half_drag, before, after, spatial)
     columns = (links + LINE) // LINE * LINE
-    for _ in range(3 if is_first else 1):  # the drag before the start is that of the start
-        for c in range(2 if spatial is None else 3):
-            _extrapolate_drag(columns, s[NEW_DRAG_X + c], s[DRAG_X + c], s[OLD_DRAG_X + c], s[BASE_X + c], s[target + c])
+    for c in range(2 if spatial is None else 3):
+        _extrapolate_drag(columns, s[now + c], s[earlier + c], s[oldest + c], s[BASE_X + c], s[target + c])

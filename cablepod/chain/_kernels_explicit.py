@@ -254,7 +254,7 @@ def _advance(
             if held == 0:
                 place = (start + i - 0.5) * step * samples_per_second
                 target = LOAD_X if patterns is None else STEADY_X
-                _apply_drag(s, links, wind, place, drag, step, target, start + i == 0, spatial)
+                _apply_drag(s, links, wind, place, drag, step, target, (start + i) // hold, spatial)
         _steps(
             s, links, spatial, green, step, damping_factor, viscosity, tension_damping, patterns, factors, rows, columns, ends,
             end_rates, i, last, extremes,

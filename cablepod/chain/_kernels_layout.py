@@ -22,8 +22,6 @@ BX, BY, BZ = range(22, 25)  #: velocities a whole step before VX, VY, VZ [m/s]
 LOW, HIGH = range(25, 27)  #: of T |T| of the links [N^2], which needs no root; with law (21) compression is negative
 # only with wind
 BASE_X, BASE_Y, BASE_Z = range(27, 30)  #: velocity increments by the constant loads in a step without drag [m/s]
-DRAG_X, DRAG_Y, DRAG_Z = range(30, 33)  #: velocity increments by the drag at its last evaluation [m/s]
-OLD_DRAG_X, OLD_DRAG_Y, OLD_DRAG_Z = range(33, 36)  #: velocity increments by the drag at the evaluation before [m/s]
-NEW_DRAG_X, NEW_DRAG_Y, NEW_DRAG_Z = range(36, 39)  #: velocity increments by the drag at a new evaluation [m/s]; 0 at held ends
+DRAG_X = 30  #: velocity increments by the drag [m/s], of the last three evaluations by turns; 0 at held ends
 ROWS = 39
 LINE = 8  #: numbers in a cache line
