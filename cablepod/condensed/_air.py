@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cablepod.chain._start import refuse_rest_in_wind
+from cablepod.condensed._kernels_layout import POINTS_IN_VECTOR
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.wind._air import CableAir, linear_between, refined
@@ -20,8 +21,6 @@ EXTRA_POINTS = 2
 SAMPLES_PER_CHANGE = 40.0
 #: Relative tolerance of the equilibrium in wind, maximum number of Newton iterations, increments of the drag up to its full size.
 DRAG_RTOL, MAX_DRAG_ITERATIONS, INCREMENTS = 1e-12, 100, 4
-#: The kernels take points in such numbers, filled up by points without weight: one vector of eight numbers, or two of four.
-POINTS_IN_VECTOR = 8
 #: Number of models whose shapes at the Gauss points and rest in the mean wind are kept.
 KEPT_MODELS = 16
 #: Maximum number of steps from one evaluation of the drag to the next (two cost no accuracy, three a tenth of the time error),

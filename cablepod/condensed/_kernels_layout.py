@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+#: Kernels take the points of the drag in such numbers, filled up by points without weight: one vector of eight or two of four.
+POINTS_IN_VECTOR = 8
 # Monitor of a run: extremes over its steps, and the last two chord tensions.
 MIN_FORCE, MIN_FORCE_STEP = 0, 1  #: least chordwise force [N] and number of its step
 MAX_OMEGA_SQUARED, OMEGA_SQUARED_LIMIT = 2, 3  #: largest squared frequency so far, largest that the step allows [1/s^2]
