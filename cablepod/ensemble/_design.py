@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,13 +15,28 @@ import xarray as xr
 from cablepod import provenance
 from cablepod._inputs import taken
 from cablepod.conventions import COORDINATES, VARIABLES
-from cablepod.errors import SceneError, did_you_mean, scene_error, shown
-from cablepod.parameters._key_paths import dotted, flat, variable_name, variable_of
+from cablepod.errors import SceneError, scene_error, shown
+from cablepod.parameters._checks import text
+from cablepod.parameters._key_paths import dotted, flat, kind_in, variable_name, variable_of
 from cablepod.parameters._keys import ENSEMBLE, join
+from cablepod.scene._completed import check_vector, checked_table, completed, variables_at
 from cablepod.scene._hertz import ranges_in_radians
 from cablepod.scene._make import check_scene_numbers
 from cablepod.scene._mast import scene_kind
-from cablepod.scene._ranges import axis_hint, check_values, points_of_grid, with_counts_expanded
+from cablepod.scene._ranges import (
+    ALLOWED_PATHS,
+    KEYS_OF_WORDS,
+    are_choices,
+    axis_hint,
+    bounds_of,
+    check_choices,
+    check_values,
+    key_of_range,
+    points_of_grid,
+    shown_value,
+    similar_path,
+    with_counts_expanded,
+)
 
 
 def design(
@@ -87,9 +104,8 @@ def design(
     if options["members"] is None:
         counts = "ranges [low, high, count] without sampling, which give it"
         raise SceneError(f"members: missing; allowed: a whole number of at least 1, or {counts}")
-    checked = _check_ranges(scene, ranges, prefix, options)
-    points = _sample(checked, **options)
-    scenes = _vary(scene, dict(zip(checked, np.ascontiguousarray(points.T), strict=True)))
+    whole, checked = _check_ranges(scene, ranges, prefix, options)
+    scenes = _vary(whole, _sample(checked, **options), checked)
     scenes.attrs = {
         name: value for name, value in scene.attrs.items() if name not in ("values_sha256", "ensemble_json")
     }
@@ -100,63 +116,138 @@ def design(
     )
 
 
-def _check_ranges(scene: xr.Dataset, ranges: Any, prefix: str, options: Mapping[str, Any]) -> dict[str, list[float]]:
-    """Check all values and the scenes at the bounds; return the ranges sorted by key path."""
+def _check_ranges(
+    scene: xr.Dataset, ranges: Any, prefix: str, options: Mapping[str, Any]
+) -> tuple[xr.Dataset, dict[str, list[Any]]]:
+    """Check all values and the scenes at the bounds; return the completed scene, and the ranges sorted by key path."""
     ranges = flat(ranges)
     if not isinstance(ranges, Mapping) or not ranges:
         raise scene_error(prefix, ranges, "a mapping from key paths to [low, high]")
-    checked: dict[str, list[float]] = {}
-    for path, range_values in ranges.items():
-        key, target = join(prefix, path), variable_of(scene, path)
-        if target is None:
-            is_vector = variable_of(scene, f"{path}.x") is not None
-            similar = axis_hint(is_vector, path) or did_you_mean(path, [dotted(str(name)) for name in scene.data_vars])
-            raise SceneError(f"{key}: unknown key path; allowed: the path of a number of this scene{similar}")
-        name, index, vocabulary_key = target
-        values = check_values(key, range_values, members=options["members"], sampling=options["sampling"])
-        is_whole = scene[name].dtype.kind == "i"
-        listed = options["sampling"] == "list" or (options["sampling"] == "grid" and len(values) > 2)
-        if is_whole and not (listed and all(value.is_integer() for value in values)):
-            raise scene_error(key, range_values, 'a list of whole numbers, by sampling "list" or "grid"')
-        for value in sorted({min(values), max(values)}):
-            try:
-                if index is None:
-                    vocabulary_key.check(path, int(value) if is_whole and value.is_integer() else value)
-                varied = _vary(scene, {path: np.array([value])}).isel(member=0, drop=True)
-                check_scene_numbers(varied)
-            except SceneError as error:
-                raise SceneError(f"{key}: given {shown(values)}, at {value:g} no scene: {error}") from None
-        checked[path] = values
+    checked: dict[str, list[Any]] = {}
+    for path, values in ranges.items():
+        checked[path] = _checked_values(scene, join(prefix, path), path, values, options)
+    scene = _completed(scene, checked, prefix)
+    for path, values in checked.items():
+        _check_bounds(scene, join(prefix, path), path, values, ranges, options)
     if options["sampling"] == "grid":
         points_of_grid(checked, options["members"], key="members")
-    return dict(sorted(checked.items()))  # the result does not depend on the order of the ranges
+    return scene, dict(sorted(checked.items()))  # the result does not depend on the order of the ranges
 
 
-def _sample(checked: Mapping[str, list[float]], *, members: int, sampling: str, seed: int) -> np.ndarray:
-    """Return the values of all members (member, range)."""
+def _checked_values(scene: xr.Dataset, key: str, path: Any, values: Any, options: Mapping[str, Any]) -> list[Any]:
+    """Check the values of a range by themselves."""
+    sampling = {"members": options["members"], "sampling": options["sampling"]}
+    if variable_of(scene, path) is not None:
+        return check_values(key, values, **sampling)
+    of = key_of_range(path, values, partial(kind_in, scene), partial(_has_table, scene))
+    if of is None:
+        is_vector = variable_of(scene, f"{path}.x") is not None
+        similar = axis_hint(is_vector, path) or similar_path(path, (dotted(str(name)) for name in scene.data_vars))
+        raise SceneError(f"{key}: unknown key path; allowed: {ALLOWED_PATHS}{similar}")
+    if of.is_number:
+        return check_values(key, values, **sampling)
+    chosen = check_choices(key, values, of, **sampling)
+    if of.check is text:
+        return [str(Path(value).absolute()) for value in chosen]
+    if variable_name(path) in scene:
+        for value in chosen:
+            check_vector(scene, path, value)
+    return chosen
+
+
+def _has_table(scene: xr.Dataset, path: str) -> bool:
+    """Tell whether a scene has a table."""
+    return any(str(name).startswith(f"{variable_name(path)}_") for name in scene.data_vars)
+
+
+def _completed(scene: xr.Dataset, checked: Mapping[str, list[Any]], prefix: str) -> xr.Dataset:
+    """Return the scene with the keys that ranges give and it lacks, at their first values."""
+    lacking = {
+        path: values[0]
+        for path, values in checked.items()
+        if variable_of(scene, path) is None and variable_name(path) not in scene
+    }
+    try:
+        return completed(scene, lacking, checked)
+    except SceneError as error:
+        raise SceneError(f"{prefix}: given {', '.join(lacking)}, which make no scene: {error}") from None
+
+
+def _check_bounds(
+    scene: xr.Dataset, key: str, path: str, values: list[Any], ranges: Mapping[str, Any], options: Mapping[str, Any]
+) -> None:
+    """Check the scenes at the bounds of a range, or with each of its texts and lists."""
+    target, are_words = variable_of(scene, path), are_choices(values)
+    is_whole = target is not None and scene[target[0]].dtype.kind == "i"
+    listed = options["sampling"] == "list" or (options["sampling"] == "grid" and len(values) > 2)
+    if is_whole and not (listed and all(value.is_integer() for value in values)):
+        raise scene_error(key, ranges[path], 'a list of whole numbers, by sampling "list" or "grid"')
+    for value in bounds_of(values):
+        try:
+            if target is not None and target[1] is None:
+                target[2].check(path, int(value) if is_whole and value.is_integer() else value)
+            column = [value] if are_words else np.array([value])
+            varied = _vary(scene, {path: column}, ranges).isel(member=0, drop=True)
+            if are_words:
+                checked_table(varied, path.rpartition(".")[0], ranges)
+            check_scene_numbers(varied)
+        except SceneError as error:
+            raise SceneError(f"{key}: given {shown(values)}, at {shown_value(value)} no scene: {error}") from None
+
+
+def _sample(checked: Mapping[str, list[Any]], *, members: int, sampling: str, seed: int) -> dict[str, Any]:
+    """Return the values of all members by key path: arrays of numbers, lists of texts and lists."""
+    ranges = {  # of texts and lists their numbers from 0
+        path: list(range(len(values))) if are_choices(values) else values for path, values in checked.items()
+    }
+    points = _points(checked, ranges, members=members, sampling=sampling, seed=seed)
+    columns = dict(zip(ranges, np.ascontiguousarray(points.T), strict=True))
+    return {
+        path: [checked[path][int(k)] for k in column] if are_choices(checked[path]) else column
+        for path, column in columns.items()
+    }
+
+
+def _points(
+    checked: Mapping[str, list[Any]], ranges: Mapping[str, list[Any]], *, members: int, sampling: str, seed: int
+) -> np.ndarray:
+    """Return the values of all members (member, range), numbers in place of texts and lists."""
     if sampling == "list":
-        return np.array(list(checked.values())).T
+        return np.array(list(ranges.values())).T
     if sampling == "grid":
         count = points_of_grid(checked, members)
-        axes = [values if len(values) > 2 else np.linspace(values[0], values[1], count) for values in checked.values()]
+        axes = [
+            values if len(values) > 2 or are_choices(checked[path]) else np.linspace(values[0], values[1], count)
+            for path, values in ranges.items()
+        ]
         return np.array(list(itertools.product(*axes)))
     from scipy.stats import qmc  # takes half a second to import
 
-    sampler = (qmc.Sobol if sampling == "sobol" else qmc.LatinHypercube)(len(checked), seed=np.random.default_rng(seed))
+    sampler = (qmc.Sobol if sampling == "sobol" else qmc.LatinHypercube)(len(ranges), seed=np.random.default_rng(seed))
     # Sobol: the same points as random(members), without its warning on numbers that are no power of two
     power = (members - 1).bit_length()
     unit = sampler.random_base2(power)[:members] if sampling == "sobol" else sampler.random(members)
-    low, high = np.array(list(checked.values())).T
-    return low + (high - low) * unit
+    low, high = np.array([(values[0], values[1]) for values in ranges.values()]).T
+    points = low + (high - low) * unit
+    for k, (path, values) in enumerate(ranges.items()):
+        if are_choices(checked[path]):  # equal parts of 0 to 1
+            points[:, k] = np.floor(unit[:, k] * len(values))
+    return points
 
 
-def _vary(scene: xr.Dataset, varied: Mapping[str, np.ndarray]) -> xr.Dataset:
-    """Return the scene with the values of each key path along ``member``."""
+def _vary(scene: xr.Dataset, varied: Mapping[str, Any], ranges: Iterable[str]) -> xr.Dataset:
+    """Return the scene with the values of each key path along ``member``.
+
+    Keys that go with one word only are nan in members with another one, where the key path of the word is among `ranges`.
+    """
     count = len(next(iter(varied.values())))
     units, long_name = VARIABLES["member"]
     variables: dict[str, Any] = {}
     coords: dict[str, Any] = {"member": ("member", np.arange(count), {"units": units, "long_name": long_name})}
     for path, values in varied.items():
+        if isinstance(values, list):
+            variables |= variables_at(scene, path, values)
+            continue
         target = variable_of(scene, path)
         assert target is not None  # _check_ranges refuses unknown key paths
         name, index, _ = target
@@ -169,4 +260,11 @@ def _vary(scene: xr.Dataset, varied: Mapping[str, np.ndarray]) -> xr.Dataset:
         variables[name][1][:, index] = values
         component_attrs = {**attrs, "long_name": f"{attrs.get('long_name', name)}, {COORDINATES[index]}"}
         coords[variable_name(path)] = ("member", values, component_attrs)
-    return scene.assign(variables).assign_coords(coords)
+    scenes = scene.drop_vars([name for name in variables if name in scene]).assign(variables).assign_coords(coords)
+    for path, (chooser, word) in KEYS_OF_WORDS.items():
+        name = variable_name(path)
+        if chooser in ranges and name in scenes:
+            used = np.broadcast_to(scenes[variable_name(chooser)].values == word, count)
+            values = np.where(used, scenes[name].values, np.nan)
+            scenes[name] = ("member", values, scenes[name].attrs)
+    return scenes

@@ -10,7 +10,7 @@ Wherever a key path is taken, its three forms are the same: nested tables, the p
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache, lru_cache
 from itertools import chain
@@ -291,6 +291,17 @@ def keys_of_mast(tables: list[str]) -> Mapping[str, Key] | None:
 
 def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:
     """Return the key at a path; keys of time functions depend on their kind."""
+    return key_at(parts, lambda path: kind_in(scene, path))
+
+
+def kind_in(scene: xr.Dataset, path: str) -> str | None:
+    """Return the kind of the time function at a key path of a scene Dataset; None without one, and where it varies."""
+    name = variable_name(f"{path}.kind")
+    return str(scene[name].values) if name in scene and not scene[name].dims else None
+
+
+def key_at(parts: list[str], kind_of: Callable[[str], str | None]) -> Key | None:
+    """Return the key at a path; `kind_of` tells the kind of the time function at a path."""
     *tables, name = parts or [""]
     if not tables:
         return TOP.get(name)
@@ -302,16 +313,21 @@ def _key_of(scene: xr.Dataset, parts: list[str]) -> Key | None:
     elif len(tables) == 2:
         keys |= TABLES.get(".".join(tables), {})
     keys |= keys_of_mast(tables) or {}
-    kind = variable_name(".".join([*tables, "kind"]))
     if (tables[0] in ("motion", "load", "point_load") or tables[:2] == ["mast", "load"]) and (
-        kind in scene and not scene[kind].dims
+        kind := kind_of(".".join(tables))
     ):
-        keys |= time_function_keys("m" if tables[0] == "motion" else "1")[str(scene[kind].values)]
+        keys |= time_function_keys("m" if tables[0] == "motion" else "1")[kind]
     return keys.get(name)
 
 
 def number_at(tree: Any, path: Any) -> float | None:
     """Return the number at a key path of nested tables; None for any other path."""
+    value = value_at(tree, path)
+    return value if isinstance(value, int | float) and not isinstance(value, bool) else None
+
+
+def value_at(tree: Any, path: Any) -> Any:
+    """Return the value at a key path of nested tables; None for any other path."""
     value, path = tree, dotted(path)
     for part in path.split(".") if isinstance(path, str) else ("",):
         if isinstance(value, Mapping):
@@ -319,7 +335,7 @@ def number_at(tree: Any, path: Any) -> float | None:
         else:
             index = _index(value, part) if isinstance(value, list | tuple) else None
             value = value[index] if index is not None and index < len(value) else None
-    return value if isinstance(value, int | float) and not isinstance(value, bool) else None
+    return value
 
 
 def number_paths(tree: Any, above: str = "") -> list[str]:
@@ -335,12 +351,12 @@ def number_paths(tree: Any, above: str = "") -> list[str]:
     return [path for key, value in parts for path in number_paths(value, f"{above}.{key}" if above else key)]
 
 
-def replaced(tree: Any, path: str, value: float) -> Any:
-    """Replace the number at a key path in a copy of nested tables; missing tables are made."""
+def replaced(tree: Any, path: str, value: Any) -> Any:
+    """Replace the value at a key path in a copy of nested tables; missing tables are made."""
     return _replaced(tree, dotted(path).split("."), value)
 
 
-def _replaced(tree: Any, parts: list[str], value: float) -> Any:
+def _replaced(tree: Any, parts: list[str], value: Any) -> Any:
     if not parts:
         return value
     first, *rest = parts

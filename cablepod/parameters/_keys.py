@@ -22,6 +22,16 @@ class Key:
     default: Any = None
 
     @property
+    def is_number(self) -> bool:
+        """Whether it is a number, not a text or a list."""
+        return self.is_whole or self.check.__qualname__.startswith(f"{number.__name__}.")
+
+    @property
+    def is_choice(self) -> bool:
+        """Whether it is one of some words."""
+        return self.check.__qualname__.startswith(f"{choice.__name__}.")
+
+    @property
     def is_whole(self) -> bool:
         """Whether it is a whole number."""
         return self.check.__qualname__.startswith(f"{integer.__name__}.")

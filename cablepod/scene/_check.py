@@ -66,7 +66,7 @@ def check_mapping(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     if "point_load" in mapping:
         tree["point_load"] = _check_point_loads(mapping["point_load"], dims, folder)
     if "ensemble" in mapping:
-        tree["ensemble"] = check_ensemble(mapping["ensemble"], tree)
+        tree["ensemble"] = check_ensemble(mapping["ensemble"], tree, folder)
     return tree
 
 
@@ -232,7 +232,7 @@ def _check_point_loads(loads: Any, dims: int, folder: Path) -> list[dict[str, An
     return checked
 
 
-def check_ensemble(table: Any, tree: dict[str, Any]) -> dict[str, Any]:
+def check_ensemble(table: Any, tree: dict[str, Any], folder: Path) -> dict[str, Any]:
     if not isinstance(table, Mapping):
         raise scene_error("ensemble", table, "a table with the keys " + ", ".join([*ENSEMBLE, "ranges"]))
     for name in table:
@@ -243,5 +243,5 @@ def check_ensemble(table: Any, tree: dict[str, Any]) -> dict[str, Any]:
     ranges, options = with_counts_expanded(table.get("ranges"), options, prefix="ensemble")
     checked = check_table("ensemble", options, ENSEMBLE)
     count, sampling = checked["members"], checked["sampling"]
-    checked["ranges"] = check_ranges(ranges, tree, members=count, sampling=sampling)
+    checked["ranges"] = check_ranges(ranges, tree, members=count, sampling=sampling, folder=folder)
     return checked

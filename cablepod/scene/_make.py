@@ -20,7 +20,16 @@ from cablepod.conventions import COORDINATES, label
 from cablepod.errors import SceneError, shown
 from cablepod.parameters._checks import point
 from cablepod.parameters._from_scene import parameters
-from cablepod.parameters._key_paths import motion_path, nested, number_at, point_load_path, replaced, variable_name
+from cablepod.parameters._key_paths import (
+    key_at,
+    motion_path,
+    nested,
+    number_at,
+    point_load_path,
+    replaced,
+    value_at,
+    variable_name,
+)
 from cablepod.parameters._keys import POINT_LOAD, TABLES, TOP, Key, time_function_keys
 from cablepod.parameters._mast import mast_parameters
 from cablepod.parameters._mast_keys import GUY, GUY_CABLE, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
@@ -31,6 +40,7 @@ from cablepod.scene._limits import check_limits
 from cablepod.scene._mast import check_mast, check_mast_numbers, is_mast
 from cablepod.scene._mast_field import check_mast_record
 from cablepod.scene._notes import hint
+from cablepod.scene._ranges import are_choices, bounds_of, shown_value, without_unused
 
 
 def make_scene(mapping: Mapping[str, Any]) -> xr.Dataset:
@@ -163,16 +173,26 @@ def _without_places(tree: dict[str, Any]) -> dict[str, Any]:
 
 def _check_bounds(mapping: Mapping[str, Any], tree: Mapping[str, Any], folder: Path) -> None:
     """Refuse a range of an ensemble if the scene at one of its bounds is refused; `tree` is the checked scene."""
-    single = {name: table for name, table in mapping.items() if name != "ensemble"}
-    has_values = tree["ensemble"]["sampling"] in ("grid", "list")
-    for path, values in tree["ensemble"]["ranges"].items():
-        whole = has_values and isinstance(number_at(tree, path), int) and all(map(float.is_integer, values))
-        for bound in sorted({min(values), max(values)}):
+    single: Any = {name: table for name, table in mapping.items() if name != "ensemble"}
+    has_values, ranges = tree["ensemble"]["sampling"] in ("grid", "list"), tree["ensemble"]["ranges"]
+
+    def is_whole(path: str) -> bool:
+        key = key_at(path.split("."), lambda above: value_at(tree, f"{above}.kind"))
+        is_int = isinstance(number_at(tree, path), int) or (key is not None and key.is_whole)
+        return has_values and is_int and all(map(float.is_integer, ranges[path]))
+
+    for path, values in ranges.items():
+        if value_at(tree, path) is None:
+            single = replaced(single, path, int(values[0]) if not are_choices(values) and is_whole(path) else values[0])
+    for path, values in ranges.items():
+        for bound in bounds_of(values):
+            value = int(bound) if not are_choices(values) and is_whole(path) else bound
             try:
-                _make(replaced(single, path, int(bound) if whole else bound), folder)
+                _make(without_unused(replaced(single, path, value), ranges), folder)
             except SceneError as error:
-                text = f"ensemble.ranges.{path}: given {shown(values)}, at {bound:g} no scene: {error}"
-                raise SceneError(text) from None
+                raise SceneError(
+                    f"ensemble.ranges.{path}: given {shown(values)}, at {shown_value(bound)} no scene: {error}"
+                ) from None
 
 
 # --- Dataset --------------------------------------------------------------------------------------------------------

@@ -87,7 +87,7 @@ def check_mast(mapping: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     tree["guy"] = _check_guys(mapping.get("guy", []), tree)
     _check_air(mapping, tree, folder)
     if "ensemble" in mapping:
-        tree["ensemble"] = check_ensemble(mapping["ensemble"], tree)
+        tree["ensemble"] = check_ensemble(mapping["ensemble"], tree, folder)
     return tree
 
 

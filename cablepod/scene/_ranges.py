@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cablepod.conventions import COORDINATES
-from cablepod.errors import SceneError, did_you_mean, scene_error
-from cablepod.parameters._checks import numbers_list
-from cablepod.parameters._key_paths import flat, number_at, number_paths
-from cablepod.parameters._keys import ENSEMBLE, join
+from cablepod.errors import SceneError, did_you_mean, scene_error, shown
+from cablepod.parameters._checks import numbers_list, point, text
+from cablepod.parameters._key_paths import dotted, flat, key_at, number_at, number_paths, replaced, value_at
+from cablepod.parameters._keys import ENSEMBLE, TABLES, Key, join
+
+#: Folder of relative paths of records of scenes made in Python.
+HERE = Path()
+#: Key paths that ranges may have, for messages.
+ALLOWED_PATHS = "the path of a number or of a word of a scene, or of a list of numbers with lists of them"
 
 
 def with_counts_expanded(ranges: Any, options: Mapping[str, Any], *, prefix: str = "") -> tuple[Any, dict[str, Any]]:
@@ -41,10 +47,12 @@ def with_counts_expanded(ranges: Any, options: Mapping[str, Any], *, prefix: str
     """
     options, given = dict(options), flat(ranges)
     sampling, table = options.get("sampling"), join(prefix, "ranges") if prefix else "ranges"
-    if not isinstance(given, Mapping) or sampling not in (None, "latin_hypercube", "sobol"):
+    if not isinstance(given, Mapping) or not given or sampling not in (None, "latin_hypercube", "sobol"):
         return ranges, options
-    counted = {join(table, path): values for path, values in given.items() if _has_count(values)}
-    if not counted:
+    listed = {path: list(values) for path, values in given.items() if are_choices(values)}
+    counted = {join(table, path): values for path, values in given.items() if path not in listed and _has_count(values)}
+    is_full = len(listed) == len(given) and sampling is None and options.get("members") is None
+    if not counted and not is_full:
         return ranges, options
     if sampling is not None:
         key, values = next(iter(counted.items()))
@@ -53,20 +61,53 @@ def with_counts_expanded(ranges: Any, options: Mapping[str, Any], *, prefix: str
     axes: dict[Any, tuple[float, float, int]] = {}
     for path, values in given.items():
         key = join(table, path)
+        if path in listed:
+            continue
         if key not in counted:
             raise scene_error(key, values, f"[low, high, count], as {next(iter(counted))} has a count")
         low, high, count = numbers_list()(key, values)
         if not count.is_integer() or count < 2 or low >= high:
             raise scene_error(key, values, "[low, high, count] with low < high and a whole count of at least 2")
         axes[path] = low, high, int(count)
-    counts, key = [count for _, _, count in axes.values()], join(prefix, "members") if prefix else "members"
+    counts = [len(listed[path]) if path in listed else axes[path][2] for path in given]
+    key = join(prefix, "members") if prefix else "members"
     product = ENSEMBLE["members"].check(key, math.prod(counts))
     given_members = options.get("members")
     if given_members is not None and ENSEMBLE["members"].check(key, given_members) != product:
         factors = " x ".join(map(str, counts))
         raise scene_error(key, given_members, f"{product}, the product of the counts {factors}, or none given")
     options |= {"members": product, "sampling": "grid"}
-    return {path: np.linspace(low, high, count).tolist() for path, (low, high, count) in axes.items()}, options
+    return listed | {path: np.linspace(low, high, count).tolist() for path, (low, high, count) in axes.items()}, options
+
+
+def are_choices(values: Any) -> bool:
+    """Tell whether the values of a range are texts or lists: the first is."""
+    is_list = isinstance(values, list | tuple) or (isinstance(values, np.ndarray) and values.ndim > 0)
+    return is_list and len(values) > 0 and isinstance(values[0], str | list | tuple | np.ndarray)
+
+
+def check_choices(key: str, given: Any, of: Key, *, members: int, sampling: str) -> list[Any]:
+    """Check the texts or lists of a range: one for each member for sampling "list", else at least two different ones.
+
+    Raises
+    ------
+    SceneError
+        For values that the key `of` or `sampling` does not allow, and for lists of different lengths.
+    """
+    what = "texts" if of.is_choice or of.check is text else "lists of numbers"
+    if not isinstance(given, list | tuple | np.ndarray) or not len(given):
+        raise scene_error(key, given, f"a list of {what}")
+    values = [
+        of.check(f"{key}[{k}]", str(value) if isinstance(value, np.str_) else value) for k, value in enumerate(given)
+    ]
+    if any(np.shape(value) != np.shape(values[0]) for value in values):
+        raise scene_error(key, given, "lists of one length")
+    if sampling == "list" and len(values) != members:
+        allowed = f'{members} {what} for sampling "list", as many as members (they are {len(values)})'
+        raise scene_error(key, given, allowed)
+    if sampling != "list" and not 1 < len({repr(value) for value in values}) == len(values):
+        raise scene_error(key, given, f"at least two {what}, all different")
+    return values
 
 
 def _has_count(values: Any) -> bool:
@@ -105,17 +146,17 @@ def check_values(key: str, given: Any, *, members: int, sampling: str) -> list[f
     return values
 
 
-def points_of_grid(ranges: Mapping[str, list[float]], members: int, *, key: str = "ensemble.members") -> int:
+def points_of_grid(ranges: Mapping[str, list[Any]], members: int, *, key: str = "ensemble.members") -> int:
     """Return the number of grid points of each [low, high] in a full factorial design of `members`.
 
-    Lists of more than two values keep their own; 0 if there are only lists.
+    Lists of more than two values, of texts and of lists keep their own; 0 if there are only these.
 
     Raises
     ------
     SceneError
         If no number of points gives that many members; the message names the nearest possible numbers.
     """
-    lists = [len(values) for values in ranges.values() if len(values) > 2]
+    lists = [len(values) for values in ranges.values() if len(values) > 2 or are_choices(values)]
     axes = len(ranges) - len(lists)
     fixed = math.prod(lists)
     if not axes:
@@ -136,8 +177,8 @@ def points_of_grid(ranges: Mapping[str, list[float]], members: int, *, key: str 
 
 
 def check_ranges(
-    given: Any, tree: Any, *, members: int, sampling: str, prefix: str = "ensemble.ranges"
-) -> dict[str, list[float]]:
+    given: Any, tree: Any, *, members: int, sampling: str, prefix: str = "ensemble.ranges", folder: Path = HERE
+) -> dict[str, list[Any]]:
     """Check the ranges of an ensemble against its scene.
 
     Parameters
@@ -150,6 +191,8 @@ def check_ranges(
         Number of members, kind of sampling.
     prefix
         Key path of the table, for messages.
+    folder
+        Folder of the paths of records.
 
     Raises
     ------
@@ -159,18 +202,91 @@ def check_ranges(
     given = flat(given)
     if not isinstance(given, Mapping) or not given:
         raise scene_error(prefix, given, "a table from key paths to [low, high]")
-    checked: dict[str, list[float]] = {}
+    checked: dict[str, list[Any]] = {}
     for path, values in given.items():
-        key = join(prefix, path)
+        key, of = join(prefix, path), None
         if number_at(tree, path) is None:
-            similar = axis_hint(number_at(tree, f"{path}.x") is not None, path) or did_you_mean(
-                path, number_paths(tree)
+            of = key_of_range(
+                path, values, lambda path: value_at(tree, f"{path}.kind"), lambda path: value_at(tree, path) is not None
             )
-            raise SceneError(f"{key}: unknown key path; allowed: the path of a number that this scene has{similar}")
-        checked[path] = check_values(key, values, members=members, sampling=sampling)
+            if of is None:
+                similar = axis_hint(number_at(tree, f"{path}.x") is not None, path) or similar_path(
+                    path, number_paths(tree)
+                )
+                raise SceneError(f"{key}: unknown key path; allowed: {ALLOWED_PATHS}{similar}")
+        if of is None or of.is_number:
+            checked[path] = check_values(key, values, members=members, sampling=sampling)
+            continue
+        checked[path] = check_choices(key, values, of, members=members, sampling=sampling)
+        if of.check is text:
+            checked[path] = [str((folder / value).absolute()) for value in checked[path]]
     if sampling == "grid":
         points_of_grid(checked, members)
     return checked
+
+
+def bounds_of(values: list[Any]) -> list[Any]:
+    """Return the values of a range at which a scene is checked: both bounds of numbers, each text and list once."""
+    if not are_choices(values):
+        return sorted({min(values), max(values)})
+    return [value for k, value in enumerate(values) if value not in values[:k]]
+
+
+def shown_value(value: Any) -> str:
+    """Return a value of a range for a message."""
+    return f"{value:g}" if isinstance(value, int | float) else shown(value)
+
+
+def without_unused(tree: Any, ranges: Iterable[str]) -> Any:
+    """Return nested tables without the keys that go with one word only, where ranges give another one."""
+    for path, (chooser, word) in KEYS_OF_WORDS.items():
+        if chooser in ranges and value_at(tree, path) is not None and value_at(tree, chooser) != word:
+            *tables, name = path.split(".")
+            table = {key: value for key, value in value_at(tree, ".".join(tables)).items() if key != name}
+            tree = replaced(tree, ".".join(tables), table)
+    return tree
+
+
+#: Keys that go with one word of another key; members of an ensemble with another word lack them.
+KEYS_OF_WORDS = {
+    "wind.exponent": ("wind.profile", "power"),
+    "wind.turbulence.intensity": ("wind.turbulence.spectrum", "von_karman"),
+    "wind.turbulence.length_scale": ("wind.turbulence.spectrum", "von_karman"),
+}
+#: Texts that may vary beside words: files of records.
+RECORDS = ("path", "record")
+#: Tables that a range makes with the keys of other ranges and defaults; those with a number or a kind must be there.
+LISTED_TABLES = ("motion", "point_load", "guy", "cables", "mast")
+
+
+def key_of_range(
+    path: Any, values: Any, kind_of: Callable[[str], str | None], has_table: Callable[[str], bool]
+) -> Key | None:
+    """Return the key that a range may vary beside the numbers of a scene; None for all other paths.
+
+    These are numbers that the scene lacks, words, lists of numbers, and files of records.
+
+    Parameters
+    ----------
+    path, values
+        Key path and values of the range.
+    kind_of, has_table
+        Return the kind of the time function at a path, and whether the scene has the table there.
+    """
+    path = dotted(path)
+    *tables, name = path.split(".") if isinstance(path, str) else [""]
+    if not tables or (tables[0] in LISTED_TABLES and not has_table(".".join(tables))):
+        return None
+    of = key_at([*tables, name], kind_of)
+    if of is None or (of.check is text and name not in RECORDS):
+        return None
+    return None if of.check is point and not are_choices(values) else of
+
+
+def similar_path(path: Any, of_scene: Iterable[str]) -> str:
+    """Return the remedy for an unknown key path: a similar one of the scene, or of a table that it may have; else empty."""
+    known = (f"{table}.{key}" for table, keys in TABLES.items() for key in keys)
+    return did_you_mean(path, list(dict.fromkeys([*of_scene, *known])))
 
 
 def axis_hint(is_vector: bool, path: Any) -> str:
