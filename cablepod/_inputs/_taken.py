@@ -235,12 +235,17 @@ def powers(units: str) -> dict[str, int] | None:
 
 
 def _check_finite(key: str, name: str, variable: xr.Variable, kind: Kind) -> None:
-    """Refuse values that are no finite numbers; in scenes rows of nan stand for a variable that a member lacks."""
+    """Refuse values that are no finite numbers; in scenes rows of nan stand for a variable that a member lacks.
+
+    Records of members end with nan where those of others are longer.
+    """
     data = variable.values
     missing = np.isnan(data)
     if kind.is_scene and missing.any():
         rows = missing.reshape(-1, 1 if variable.dims[-1:] in ((), ("member",)) else data.shape[-1])
         missing = rows.any(axis=1) & ~rows.all(axis=1)
+        if "member" in variable.dims and str(variable.dims[-1]).endswith("_sample"):
+            missing = np.diff(rows.astype(int), axis=1) < 0
     largest = np.abs(data[np.isfinite(data)]).max(initial=0.0)
     if missing.any() or np.isinf(data).any() or largest > LARGEST:
         raise scene_error(f"{key}: {name}", "values that are not finite", f"finite numbers of at most {LARGEST:g}")

@@ -189,9 +189,11 @@ def _largest_tension(batch: xr.Dataset) -> dict[str, Any] | None:
     of_members = np.nanmax(batch["tension_maximum"].values, axis=1, initial=-np.inf)
     row = int(of_members.argmax())
     at = {
-        str(name): float(column[row])
+        str(name): float(column[row]) if column.dtype.kind in "if" else str(column[row].values)
         for name, column in batch.coords.items()
-        if name != "member" and column.dims == ("member",) and column.dtype.kind in "if"
+        if name != "member"
+        and column.dims == ("member",)
+        and column.values[row] == column.values[row]  # nan: no such key
     }
     return {"member": int(batch["member"][row]), "value": float(of_members[row]), "at": at}
 
@@ -275,7 +277,11 @@ def _description(folder: Path, brief: bool, *, verify: bool) -> Iterator[str]:
     if not brief:
         yield from peak_of(manifest)
     yield "varied"
-    for name, (low, high, units) in manifest["varied"].items():
+    for name, values in manifest["varied"].items():
+        if isinstance(values, dict):
+            yield f"  {name}: {', '.join(map(str, values['choices']))}"
+            continue
+        low, high, units = values
         yield f"  {name} from {low:g} to {high:g}" + (f" {units}" if units and units != "1" else "")
     if not brief:
         yield "history"
@@ -305,7 +311,7 @@ def peak_of(manifest: Mapping[str, Any]) -> Iterator[str]:
         peak = max(peaks, key=lambda peak: peak["value"])
         errors = (merged_time_errors(manifest["done"].values()) or {}).get(str(peak["member"]))
         doubt = f", not converged: {errors_text(errors)}" if errors else ""
-        units = {name: units for name, (_, _, units) in manifest["varied"].items()}
+        units = {name: None if isinstance(values, dict) else values[2] for name, values in manifest["varied"].items()}
         at = ", ".join(
             f"{name} {_with_units(value, units[name])}" for name, value in peak["at"].items() if name in units
         )
@@ -313,8 +319,10 @@ def peak_of(manifest: Mapping[str, Any]) -> Iterator[str]:
         yield f"largest tension  {_digits(peak['value'])} N, in member {peak['member']}{where}{doubt}"
 
 
-def _with_units(value: float, units: str | None) -> str:
-    """Return a value with its units, an angular frequency also in Hz."""
+def _with_units(value: float | str, units: str | None) -> str:
+    """Return a value with its units, an angular frequency also in Hz; a text as it is."""
+    if isinstance(value, str):
+        return value
     hertz = f" ({value / (2.0 * math.pi):.4g} Hz)" if units == "rad s-1" else ""
     return f"{value:.5g} {units or ''}".rstrip() + hertz
 

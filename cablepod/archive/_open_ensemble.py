@@ -18,6 +18,7 @@ from cablepod.archive._checked import blocks_of, changed, check_bytes
 from cablepod.archive._folder import path_of
 from cablepod.archive._manifest import FAILURE, SCENES, check_batch, file_of, read_entry, read_manifest, sizes_of
 from cablepod.archive._read import READ_ERRORS, damaged, netcdf_lock, opened_file, read, restored
+from cablepod.batch._stack import is_varied
 from cablepod.errors import ArchiveError
 
 #: Maximum bytes of a dask chunk; longer batches are split along time.
@@ -165,7 +166,7 @@ class _EnsembleAssembler:
         variables, attrs = {"failure": self._failures()}, provenance.abridged(self.manifest["attributes"])
         coords: dict[str, xr.Variable] = {}
         for name, values in self.scenes.variables.items():
-            if values.dims == ("member",):
+            if is_varied(values):
                 coords[str(name)] = values
         for template in self._templates():
             for name, variable in template.variables.items():

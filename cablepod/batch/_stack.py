@@ -153,10 +153,17 @@ def to_dataset(stack: MemberResults, scene: xr.Dataset, coords: Any) -> xr.Datas
     varied = {
         str(name): variable.copy()
         for name, variable in scene.variables.items()
-        if variable.dims == ("member",) and name != "member"
+        if name != "member" and is_varied(variable)
     }
     number = {"member": scene["member"].variable} if "member" in scene.coords else {}
     return joined.assign_coords({**varied, **number})
+
+
+def is_varied(variable: xr.Variable) -> bool:
+    """Tell whether a variable of scenes is a number or text of each member, or a list of numbers that is no vector."""
+    return variable.dims == ("member",) or (
+        variable.ndim == 2 and variable.dims[0] == "member" and str(variable.dims[1]).endswith("_item")
+    )
 
 
 def _all_same(values: list[Any]) -> bool:

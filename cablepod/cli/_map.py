@@ -12,6 +12,7 @@ import xarray as xr
 from cablepod.archive._atomic import atomic_file
 from cablepod.archive._figure import write_figure
 from cablepod.archive._manifest import read_manifest, time_errors
+from cablepod.batch._stack import is_varied
 from cablepod.errors import SceneError
 from cablepod.integrate._peak_error import MAX_PEAK_ERROR, peak_errors
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR
@@ -40,21 +41,35 @@ def write(folder: Path, results: xr.Dataset, *, hertz: bool = False) -> str:
         return 'map       none, as "tension_extremes" is not among the outputs'
     results = results[[name for name in READ if name in results]].load()
     parameters = list(read_manifest(folder)["varied"])
-    parameters = [name for name in parameters if name in results.coords and results[name].dims == ("member",)]
+    parameters = [name for name in parameters if name in results.coords and is_varied(results[name].variable)]
     _write_table(folder / TABLE, results, parameters)
-    if len(parameters) != 2:
-        return f"map       {folder / TABLE}; a picture needs two varied parameters, here {len(parameters)}"
+    numbers = [name for name in parameters if _is_number(results[name])]
+    if len(numbers) != 2:
+        words = (
+            f" numbers, and {len(parameters) - len(numbers)} of words or lists"
+            if len(numbers) < len(parameters)
+            else ""
+        )
+        return f"map       {folder / TABLE}; a picture needs two varied parameters, here {len(numbers)}{words}"
     try:
-        _draw(folder / PICTURE, results, *parameters, hertz=hertz)
+        _draw(folder / PICTURE, results, *numbers, hertz=hertz)
     except SceneError as error:  # members that share both parameters
         return f"map       {folder / TABLE}; no picture: {error}"
     return f"map       {folder / PICTURE}, {folder / TABLE}"
+
+
+def _is_number(parameter: xr.DataArray) -> bool:
+    """Tell whether a varied parameter is a number, not a text or a list."""
+    return parameter.dims == ("member",) and parameter.dtype.kind in "if"
 
 
 def _write_table(path: Path, results: xr.Dataset, parameters: list[str]) -> None:
     """Write a row for each member: parameters, largest and smallest tension, time errors, and what is doubtful."""
     columns: dict[str, Any] = {}
     for name in parameters:
+        if not _is_number(results[name]):
+            columns[name] = [str(value) for value in results[name].values.tolist()]
+            continue
         units = results[name].attrs.get("units", "1")
         columns[f"{name} [{units}]"] = results[name].values
         if units == "rad s-1":
@@ -72,7 +87,7 @@ def _write_table(path: Path, results: xr.Dataset, parameters: list[str]) -> None
         writer.writerow(["member", *columns, "note"])
         rows = zip(results["member"].values.tolist(), *columns.values(), _notes(results), strict=True)
         for number, *values, note in rows:
-            writer.writerow([number, *(f"{value:.10g}" for value in values), note])
+            writer.writerow([number, *(value if isinstance(value, str) else f"{value:.10g}" for value in values), note])
 
 
 def _notes(results: xr.Dataset) -> list[str]:

@@ -8,8 +8,8 @@ import math
 import xarray as xr
 
 from cablepod.parameters._from_scene import parameters
-from cablepod.parameters._key_paths import variable_of
-from cablepod.scene._ranges import points_of_grid
+from cablepod.parameters._key_paths import key_of_variable, variable_name, variable_of
+from cablepod.scene._ranges import are_choices, points_of_grid
 
 #: Lines of the table: text, name, unit as printed, factor from SI.
 LINES = (
@@ -87,8 +87,14 @@ def ensemble_of(scene: xr.Dataset) -> str:
     points = points_of_grid(ranges, members) if grid else 0
     lines = [f"  {'ensemble':<32}{members} members, {str(table['sampling']).replace('_', ' ')}"]
     for path, values in ranges.items():
-        target = variable_of(scene, path)
-        units = str(scene[target[0]].attrs.get("units", "")) if target else ""
+        if are_choices(values):
+            shown = dict.fromkeys(
+                value if isinstance(value, str) else f"[{', '.join(map(str, value))}]" for value in values
+            )
+            lines.append(f"  {path:<31} {', '.join(shown)}" + (f", {len(values)} values" if grid else ""))
+            continue
+        target, key = variable_of(scene, path), key_of_variable(variable_name(path))
+        units = str(scene[target[0]].attrs.get("units", "")) if target else (key.units or "" if key else "")
         count = f", {len(values) if len(values) > 2 else points} values" if grid else ""
         lines.append(f"  {path:<31} {_digits(min(values))} to {_digits(max(values))} {units}{count}")
     return "\n".join(lines)

@@ -27,6 +27,7 @@ from cablepod.archive._manifest import (
 )
 from cablepod.archive._write import check_target
 from cablepod.batch._members import stop_when, thread_limit
+from cablepod.batch._stack import is_varied
 from cablepod.conventions import attribute_labels
 from cablepod.ensemble._collect_warnings import Note, collect_warnings
 from cablepod.ensemble._models import MODELS
@@ -66,7 +67,7 @@ def compute(
         Results of all members, nan for failed ones; only ``failure (member)`` and the parameters if all failed.
     """
     result, reasons = _simulate_members(scenes, MODELS[model], () if modes is None else (modes,), options, progress)
-    varied = {name: variable for name, variable in scenes.variables.items() if variable.dims == ("member",)}
+    varied = {name: variable for name, variable in scenes.variables.items() if is_varied(variable)}
     if result is None:
         failures = xr.Dataset({"failure": ("member", np.array(reasons, dtype=str), FAILURE)}, varied)
         return failures.assign_attrs(title=str(scenes.attrs.get("title", "scenes")))

@@ -33,12 +33,15 @@ from cablepod.archive._manifest import (
 from cablepod.archive._read import version
 from cablepod.archive._seal import SCHEMA
 from cablepod.archive._write import check_target, reason
+from cablepod.batch._stack import is_varied
 from cablepod.ensemble._models import accepted_time_error
 from cablepod.errors import ArchiveError, shown
 
 LOCK = ".cablepod-lock"
 #: Minimum time between two writes of the manifest [s]; after a crash, later batches are found by their files.
 SAVE_INTERVAL = 1.0
+#: Maximum number of texts or lists of a key that the manifest names.
+MAX_CHOICES = 64
 #: Key of a plan -> name in messages.
 PLAN_NAMES = {
     "model": "the model",
@@ -179,9 +182,9 @@ def plan_of(
         inputs=[scenes] if modes is None else [scenes, modes],
     )
     varied = {
-        str(name): [float(variable.values.min()), float(variable.values.max()), variable.attrs.get("units")]
+        str(name): _varied(variable)
         for name, variable in scenes.variables.items()
-        if variable.dims == ("member",) and name != "member" and variable.dtype.kind in "if"
+        if name != "member" and is_varied(variable)
     }
     return {
         **arguments,
@@ -189,6 +192,14 @@ def plan_of(
         "varied": varied,
         "title": f"{scenes.attrs.get('title', 'scenes')}: {model}",
     }
+
+
+def _varied(variable: xr.Variable) -> Any:
+    """Return least and largest value and units of a varied number, or the different texts and lists of another key."""
+    if variable.dims == ("member",) and variable.dtype.kind in "if":
+        return [float(np.nanmin(variable.values)), float(np.nanmax(variable.values)), variable.attrs.get("units")]
+    values = variable.values.tolist()
+    return {"choices": [value for k, value in enumerate(values) if value not in values[:k]][:MAX_CHOICES]}
 
 
 def _folder(path: str | os.PathLike[str]) -> Path:

@@ -244,6 +244,9 @@ def _time_function(values: Mapping[str, Any], path: str, *, keeps_start: bool = 
     table = table_at(values, path, RECORD if kind == "file" else keys)
     needed = tuple(name for name, key in keys.items() if key.required or key.default is not None)
     _check_present(path, table, RECORD[:2] if kind == "file" else needed)
+    if kind == "file":  # of members with records of other lengths, nan after the last instant
+        last = int(np.isfinite(table["time"]).sum())
+        table |= {column: table[column][:last] for column in RECORD[:2]}
     return TimeFunction(kind, table, keeps_start)
 
 

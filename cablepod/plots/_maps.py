@@ -270,12 +270,13 @@ def _check_pairs(result: xr.Dataset, across: np.ndarray, up: np.ndarray, x: str,
     others = [
         str(name)
         for name, column in result.coords.items()
-        if column.dims == ("member",) and name not in ("member", x, y) and np.unique(column.values[here]).size > 1
+        if column.dims == ("member",) and name not in ("member", x, y) and len(set(column.values[here].tolist())) > 1
     ]
     cure = "pick some with .isel(member=...)"
     if others:
         value = result[others[0]].values[here[0]]
-        names, part = ", ".join(others), f"result.{others[0]}.values == {value:.6g}"
+        shown_value = repr(str(value)) if result[others[0]].dtype.kind not in "if" else f"{value:.6g}"
+        names, part = ", ".join(others), f"result.{others[0]}.values == {shown_value}"
         cure = f"one map for each value of {names}, as of result.isel(member={part})"
     raise scene_error(
         "result",
