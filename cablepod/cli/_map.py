@@ -39,17 +39,14 @@ def write(folder: Path, results: xr.Dataset, *, hertz: bool = False) -> str:
     """
     if "tension_maximum" not in results:
         return 'map       none, as "tension_extremes" is not among the outputs'
-    results = results[[name for name in READ if name in results]].load()
     parameters = list(read_manifest(folder)["varied"])
     parameters = [name for name in parameters if name in results.coords and is_varied(results[name].variable)]
+    results = results[[*(name for name in READ if name in results), *parameters]].load()
     _write_table(folder / TABLE, results, parameters)
     numbers = [name for name in parameters if _is_number(results[name])]
     if len(numbers) != 2:
-        words = (
-            f" numbers, and {len(parameters) - len(numbers)} of words or lists"
-            if len(numbers) < len(parameters)
-            else ""
-        )
+        others = len(parameters) - len(numbers)
+        words = f" beside {others} of words or lists" if others else ""
         return f"map       {folder / TABLE}; a picture needs two varied parameters, here {len(numbers)}{words}"
     try:
         _draw(folder / PICTURE, results, *numbers, hertz=hertz)

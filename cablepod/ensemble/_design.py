@@ -54,7 +54,8 @@ def design(
     scene
         One scene; parameters outside `ranges` are the same in all members.
     ranges
-        Key path of a number -> [low, high]; the order has no effect.  If all ranges are [low, high, count], without `sampling`,
+        Key path of a number -> [low, high], of a word, list of numbers or record -> its values; the order has no effect.  Keys
+        that the scene lacks are made, with the defaults of their tables.  If all ranges are [low, high, count], without `sampling`,
         the members are all combinations of `count` equally spaced values of each, ends included.  For sampling "grid" and
         "list": values.  A path has points, ``_`` (``"cable_top_tension"``) or is nested (``{"cable": {"top_tension": [low,
         high]}}``).  Components of vectors are named by their axis (``"ends.upper.x"``), point loads by their number
@@ -80,8 +81,8 @@ def design(
     Raises
     ------
     SceneError
-        For unknown key paths, reversed ranges, bounds that give no valid scene, ranges with a count beside others without, a
-        missing number of members, or one that does not fit the grid.
+        For unknown key paths, reversed ranges, bounds, words and lists that give no valid scene, tables that lack required keys,
+        ranges with a count beside others without, a missing number of members, or one that does not fit the grid.
     """
     scene = taken("scene", scene, scene_kind(scene))
     if "member" in scene.dims:

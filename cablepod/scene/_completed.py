@@ -88,16 +88,16 @@ def _samples(scene: xr.Dataset, path: str, values: list[Any], *, of_members: boo
     """Make the variables of the instants and values of records, nan after the last of shorter ones."""
     above = path.rpartition(".")[0]
     records = [read_record(path, Path(value)) for value in values]
-    count, result = max(len(record["time"]) for record in records), {}
+    count = max(len(record["time"]) for record in records)
+    result: Variables = {}
     for column in ("time", "value"):
         rows = np.full((len(records), count), np.nan)
         for row, record in zip(rows, records, strict=True):
             row[: len(record[column])] = record[column]
         name = variable_name(f"{above}.{column}")
         dims = (variable_name(f"{above}.sample"),)
-        result[name] = (
-            (("member", *dims), rows, scene[name].attrs) if of_members else (dims, rows[0], scene[name].attrs)
-        )
+        attrs: dict[str, str] = dict(scene[name].attrs)
+        result[name] = (("member", *dims), rows, attrs) if of_members else (dims, rows[0], attrs)
     return result
 
 

@@ -185,7 +185,7 @@ def test_a_run_with_words_goes_on_and_refuses_others(words, tmp_path):
 def test_the_map_is_a_table_with_words(words):
     _, folder, whole = words
     line = _map.write(folder, whole)
-    assert "a picture needs two varied parameters, here 1 numbers, and 2 of words or lists" in line
+    assert "a picture needs two varied parameters, here 1 beside 2 of words or lists" in line
     with (folder / "map.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["wind_turbulence_spectrum"] for row in rows] == whole["wind_turbulence_spectrum"].values.tolist()
