@@ -55,9 +55,9 @@ def design(
         One scene; parameters outside `ranges` are the same in all members.
     ranges
         Key path of a number -> [low, high], of a word, list of numbers or record -> its values; the order has no effect.  Keys
-        that the scene lacks are made, with the defaults of their tables.  If all ranges are [low, high, count], without `sampling`,
-        the members are all combinations of `count` equally spaced values of each, ends included.  For sampling "grid" and
-        "list": values.  A path has points, ``_`` (``"cable_top_tension"``) or is nested (``{"cable": {"top_tension": [low,
+        that the scene lacks are made, with the defaults of their tables.  If all ranges are [low, high, count], without
+        `sampling`, the members are all combinations of `count` equally spaced values of each, ends included.  For sampling "grid"
+        and "list": values.  A path has points, ``_`` (``"cable_top_tension"``) or is nested (``{"cable": {"top_tension": [low,
         high]}}``).  Components of vectors are named by their axis (``"ends.upper.x"``), point loads by their number
         (``"point_load.1.force.y"``).  By default the table ``[ensemble]`` of the scene file gives the ranges and all options
         that are None.

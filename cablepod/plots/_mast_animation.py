@@ -80,9 +80,13 @@ def animate_mast(
             raise SceneError(
                 f"run: given {array.name} of type {array.dtype}; allowed: float32 or float64, {MOVING.allowed}"
             )
+    heights = _style.take("run", run, "level", ("level",), MOVING.allowed)
+    for array in (heights, moved, guys, tension):
+        if not np.isfinite(array.values).all():
+            raise SceneError(f"run: given {array.name} that is not finite; allowed: finite numbers, {MOVING.allowed}")
     count = min(MOST_FRAMES if frames is None else integer(least=1)("frames", frames), moved.sizes["time"])
     picked = np.unique(np.linspace(0, moved.sizes["time"] - 1, count).round().astype(int))
-    level = _style.take("run", run, "level", ("level",), MOVING.allowed).values.astype(float)
+    level = heights.values.astype(float)
     displacement, position = (array.values[picked].astype(float) for array in (moved, guys))
     force = 1e-3 * tension.values[picked].astype(float)
     if scale is None:

@@ -90,7 +90,7 @@ def error_against_run_time(
     result
         Dataset written by ``pipelines/error_vs_runtime/run.py``: over (scene, setting) ``error_max`` [1], ``kernel_time`` and
         ``call_time`` [s], ``on_front`` and ``measured_again``; over setting ``model``, ``scheme`` and ``family``; over
-        (scene, level) ``time_ratio`` and ``call_ratio``.
+        (scene, error_level) ``time_ratio`` and ``call_ratio``.
     scene
         Name of one of its scenes; optional if there is only one.
     time
@@ -127,9 +127,9 @@ def error_against_run_time(
     if time == "kernel_time":
         _fronts(ax, part, milliseconds, error)
     ratio = "time_ratio" if time == "kernel_time" else "call_ratio"
-    for level in part["level"].values if ratio in part else ():
+    for level in part["error_level"].values if ratio in part else ():
         ax.axhline(level, color="0.6", lw=0.6, zorder=0)
-        value = float(part[ratio].sel(level=level))
+        value = float(part[ratio].sel(error_level=level))
         if np.isfinite(value):
             text = f"× {value:.0f}" if value >= 10.0 else f"× {value:.1f}"
             ax.annotate(text, (0.98, level), xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=9)

@@ -222,11 +222,11 @@ def study(names: list[str], *, quick: bool, repeats: int, folder: Path) -> xr.Da
     for key in ("measured_again", "on_front"):
         result[key] = result[key].astype(np.int8)
     for key, of in (("time_ratio", "kernel_time"), ("call_ratio", "call_time")):
-        result[key] = (("scene", "level"), np.array([ratios(result.sel(scene=name), of) for name in names]))
+        result[key] = (("scene", "error_level"), np.array([ratios(result.sel(scene=name), of) for name in names]))
     trained = [ratios(result.sel(scene=name), families=("full", "trained")) for name in names]
-    result["trained_ratio"] = (("scene", "level"), np.array(trained))
+    result["trained_ratio"] = (("scene", "error_level"), np.array(trained))
     result["truth_difference"] = (("scene", "law"), np.array(apart))
-    result = result.assign_coords(level=list(LEVELS), law=laws)
+    result = result.assign_coords(error_level=list(LEVELS), law=laws)
     label(
         result,
         error_max=("1", "largest error over time"),
@@ -241,7 +241,7 @@ def study(names: list[str], *, quick: bool, repeats: int, folder: Path) -> xr.Da
         call_ratio=("1", "time of a call of the full model whose call is shortest over that of the reduced one"),
         trained_ratio=("1", "kernel time of the best full model over that of the best with trained test functions"),
         truth_difference=("1", "largest difference of the truth from the one on file, where there is one"),
-        level=("1", "error that both keep"),
+        error_level=("1", "error that both keep"),
         law=("1", "law of elasticity"),
         scene=("1", "scene"),
         trained_on=("1", "scenes that the modes of reduced models come from"),
@@ -287,9 +287,9 @@ def rows_of(result: xr.Dataset) -> list[dict[str, Any]]:
         {
             "scene": name,
             "level": level,
-            "ratio": float(of["time_ratio"].sel(level=level)),
-            "call_ratio": float(of["call_ratio"].sel(level=level)),
-            "trained_ratio": float(of["trained_ratio"].sel(level=level)),
+            "ratio": float(of["time_ratio"].sel(error_level=level)),
+            "call_ratio": float(of["call_ratio"].sel(error_level=level)),
+            "trained_ratio": float(of["trained_ratio"].sel(error_level=level)),
             "best": {
                 family: None if (i := best(of, family, level)) is None else of.isel(setting=i) for family in FAMILIES
             },

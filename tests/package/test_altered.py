@@ -102,6 +102,7 @@ def test_every_function_is_altered_and_every_alteration_applies():
         Attempt("plots.bending_moments", False, 0, "variable_dropped", -3),
         Attempt("plots.frequency_response", True, 0, "units: km", -6),
         Attempt("plots.animate_orbit", False, 0, "values: nan", -7),
+        Attempt("plots.animate_mast", True, 0, "values: nan", -1),
         Attempt("archive.write", False, 0, "attribute: array", -5),
         Attempt("compare.errors", True, 0, "dimension_added", -5),
         Attempt("pod.project/normal", True, 1, "variable_dropped", -9),
@@ -216,3 +217,16 @@ def test_a_scene_that_lacks_a_variable_is_refused_or_complete(name):
         # clear errors are returned, others raised
         outcome = run(name, [datasets(True)[stage].drop_vars(variable)])
         assert not isinstance(outcome, Exception) or len(str(outcome)) > 10, variable
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", ["displacement", "guy_position", "guy_tension", "level"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_mast_that_is_not_finite_is_refused(name, value):
+    run = datasets()["mast motion"].copy(deep=True)
+    if name == "level":
+        run = run.assign_coords(level=("level", [*run["level"].values[:-1], value], run["level"].attrs))
+    else:
+        run[name].values.flat[-1] = value
+    with pytest.raises(cp.SceneError, match=f"^run: .*{name}.* finite"):
+        cp.plots.animate_mast(run, frames=2)
