@@ -38,6 +38,8 @@ DIMS: dict[str, Dims] = {
 }
 #: The same in modes of layout "separate".
 SEPARATE: dict[str, Dims] = {"mode_shape": ("coordinate", "mode", "particle")}
+#: Variables that are checked and made floats also of large Datasets.
+PLACES = ("time", "arc_length", "link_arc_length")
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import weakref
 from typing import Any
 
 import numpy as np
@@ -13,18 +14,46 @@ from cablepod.errors import scene_error
 
 #: Rounding of a number of single precision, which arc lengths and instants may have.
 ROUNDING = 1e-6
+#: Variables with an index that is checked.
+INDEXED = (*LABELS, "time")
+#: Indexes whose labels or instants are in order, by name of the variable and identity: an index cannot be changed.
+_known: dict[Any, dict[int, weakref.ref[Any]]] = {name: {} for name in INDEXED}
 
 
-def orders_of(key: str, variables: Any, *, some: bool) -> dict[str, Any]:
-    """Return the indices that bring labels and particles into their order, by dimension; refuse labels that have none."""
+def is_known(name: str, index: Any) -> bool:
+    """Tell whether an index was found in order as the variable of this name."""
+    found = _known[name].get(id(index))
+    return found is not None and found() is index
+
+
+def _note(name: str, index: Any) -> None:
+    """Keep that an index is in order, as long as it exists."""
+    known, number = _known[name], id(index)
+    known[number] = weakref.ref(index, lambda _: known.pop(number, None))
+
+
+def label_orders(key: str, variables: Any, *, some: bool) -> dict[str, Any]:
+    """Return the indices that bring labels into their order, by dimension; refuse labels that have none, and instants."""
     orders: dict[str, Any] = {}
-    for dim in LABELS:
-        if (variable := variables.get(dim)) is not None and variable._dims:
-            order = _label_order(key, dim, variable, some=some)
-            if order is not None:
-                orders[dim] = order
-    if (time := variables.get("time")) is not None and time._dims:
-        _check_times(key, time)
+    for name in INDEXED:
+        if (variable := variables.get(name)) is None or not variable._dims:
+            continue
+        index = variable._data.array if isinstance(variable, xr.IndexVariable) else None
+        if index is not None and is_known(name, index):
+            continue
+        if name == "time":
+            _check_times(key, variable)
+        elif (order := _label_order(key, name, variable, some=some)) is not None:
+            orders[name] = order
+            continue
+        if index is not None and not some:
+            _note(name, index)
+    return orders
+
+
+def place_orders(key: str, variables: Any) -> dict[str, Any]:
+    """Return the indices that bring particles and links into the order of their arc length; refuse those that have none."""
+    orders: dict[str, Any] = {}
     for name, dim in (("arc_length", "particle"), ("link_arc_length", "link")):
         if (variable := variables.get(name)) is not None:
             order = _place_order(key, name, dim, variable, variables.get("unstretched_length"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from functools import lru_cache
@@ -11,17 +10,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod._inputs._kinds import ANY, DIMS, SEPARATE, TABLES_OF_MODES, Dims, Kind
-from cablepod._inputs._labels import orders_of
+from cablepod._inputs._kinds import ANY, DIMS, PLACES, SEPARATE, TABLES_OF_MODES, Dims, Kind
+from cablepod._inputs._labels import label_orders, place_orders
+from cablepod._inputs._seen import FLOAT, is_history, is_like_one_in_order, note_in_order
 from cablepod._resources import defer_sigint, defer_sigint_during_dask
 from cablepod.conventions import ATTRIBUTES, LABELS, UNITS, VARIABLES
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._checks import LARGEST, point, points
 from cablepod.parameters._key_paths import key_of_variable
 
-FLOAT = np.dtype(float)
-#: Variables that are checked and made floats also of large Datasets.
-PLACES = ("time", "arc_length", "link_arc_length")
 #: Attributes that are numbers, and those that are texts.
 NUMBERS = frozenset(ATTRIBUTES) | {"accepted_time_error", "trained_rank", "trained_quadrature", "trained_second_order"}
 TEXTS = ("id", "values_sha256")
@@ -57,6 +54,8 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
     if not isinstance(given, xr.Dataset):
         name = type(given).__name__
         raise SceneError(f"{key}: given {'an' if name[:1].lower() in 'aeiou' else 'a'} {name}; allowed: {kind.allowed}")
+    if kind is not ANY and is_like_one_in_order(key, given, kind):
+        return given
     if not kind.is_small:
         given = _loaded(given)
     variables: dict[Any, Any] = given._variables
@@ -76,8 +75,13 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
             tidy = False
         elif data.dtype is FLOAT and not math.isfinite(np.vdot(data, data)):
             _check_finite(key, name, variable, kind)
-    orders = {} if kind is ANY else orders_of(key, variables, some=kind.some)
-    return given if tidy and not orders else _tidied(key, given, kind, layout, orders)
+    if kind is ANY:
+        return given if tidy else _tidied(key, given, kind, layout, {})
+    orders = label_orders(key, variables, some=kind.some) | place_orders(key, variables)
+    if not tidy or orders:
+        return _tidied(key, given, kind, layout, orders)
+    note_in_order(given, kind)
+    return given
 
 
 def several(key: str, given: Any, kind: Kind) -> list[xr.Dataset]:
@@ -119,7 +123,7 @@ def _layout(key: str, given: xr.Dataset, kind: Kind) -> str | None:
         of_stage = "" if stage is None else f" of stage {shown(stage)}"
         raise SceneError(f"{key}: given a Dataset{of_stage} without {' and '.join(missing)}; allowed: {kind.allowed}")
     history = given.attrs.get("history_json", "[]")
-    if kind is not ANY and not (isinstance(history, str) and _is_history(history)):
+    if kind is not ANY and not (isinstance(history, str) and is_history(history)):
         raise scene_error(
             f"{key}: history_json", history, "the stages of the Dataset as the package writes them, or none"
         )
@@ -142,19 +146,6 @@ def _check_attributes(key: str, attrs: dict[Any, Any]) -> None:
             raise scene_error(f"{key}: {name}", value, "a number as the package writes it, or none")
         if name in TEXTS and not isinstance(value, str):
             raise scene_error(f"{key}: {name}", value, "a text as the package writes it, or none")
-
-
-@lru_cache(256)
-def _is_history(text: str) -> bool:
-    """Tell whether a text is a list of stages."""
-    try:
-        stages = json.loads(text)
-    except (ValueError, RecursionError):
-        return False
-    return isinstance(stages, list) and all(
-        isinstance(stage, dict) and isinstance(stage.get("id"), str) and isinstance(stage.get("function"), str)
-        for stage in stages
-    )
 
 
 @lru_cache(4096)

@@ -27,7 +27,7 @@ from cablepod.pod._snapshots import (
     relative_arc_length,
     weight_roots,
 )
-from cablepod.pod._stream import Stream
+from cablepod.pod._stream import Stream, add_checked
 from cablepod.pod._training_range import range_of
 
 #: Maximum bytes of lazy snapshots that are read at once instead of in blocks.
@@ -108,7 +108,7 @@ def decompose(
     if len(parts) > 1 or (method == "svd" and _use_stream(position_of(parts[0]), layout, rank)):
         stream = Stream(layout=layout, weights=weights, center=center)
         for part in parts:
-            stream.update(part)
+            add_checked(stream, part)
         return stream.modes(rank=rank, energy=energy, function="pod.decompose")
     return _decompose_matrix(parts[0], (rank, energy), layout, method, weights, center and layout != "normal")
 

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
+from cablepod._inputs import floats
 from cablepod.conventions import ENDS, label
 from cablepod.discretisation._laws import law_of
 from cablepod.errors import SceneError, did_you_mean, scene_error
@@ -107,8 +108,9 @@ def labelled(
     if layout != "normal":
         variables["mean"] = (("particle", "coordinate"), mean)
     variables["unstretched_length"] = ((), arc_length[-1])
+    # views of the tables of all modes would keep these in memory, and take longer to check
     result = xr.Dataset(
-        variables,
+        {name: (dims, floats(array)) for name, (dims, array) in variables.items()},
         coords={
             "mode": np.arange(1, kept + 1),
             "coordinate": like["coordinate"].values,
@@ -156,7 +158,7 @@ def amplitude_dataset(
     """Label amplitudes, name -> (dimensions, values [m]), and positions of the ends (time, 2, coordinate) [m]."""
     rank = variables["amplitude"][1].shape[-1]
     result = xr.Dataset(
-        {**variables, "end_position": (("time", "end", "coordinate"), ends)},
+        {**variables, "end_position": (("time", "end", "coordinate"), floats(ends))},
         coords={
             "time": time,
             "mode": modes["mode"].values[:rank],

@@ -62,11 +62,10 @@ class Stream:
             unchanged.
         """
         with defer_sigint_during_dask(snapshots):
-            return self._update(snapshots)
+            return self._update(taken("snapshots", snapshots, SNAPSHOTS))
 
     def _update(self, snapshots: xr.Dataset) -> Stream:
-        """Add snapshots to copies of the sums, and keep these if there was no error."""
-        snapshots = taken("snapshots", snapshots, SNAPSHOTS)
+        """Add checked snapshots to copies of the sums, and keep these if there was no error."""
         position = position_of(snapshots)
         sigma = relative_arc_length(snapshots)
         dims, width = position.sizes["coordinate"], sigma.size - 2
@@ -208,6 +207,12 @@ class Stream:
             stub = xr.Dataset(attrs={key: dataset.attrs[key] for key in ("id", "history_json") if key in dataset.attrs})
             self._inputs.setdefault(str(dataset.attrs.get("id", "unknown")), stub)
         return self
+
+
+def add_checked(stream: Stream, snapshots: xr.Dataset) -> None:
+    """Add snapshots that :func:`cablepod._inputs.taken` gave to a stream."""
+    with defer_sigint_during_dask(snapshots):
+        stream._update(snapshots)
 
 
 def _add_in_threads(thread_sums: list[list[IncrementalSVD]], block: np.ndarray, row_options: tuple[Any, ...]) -> None:
