@@ -1,0 +1,278 @@
+"""A Dataset like one that was in order is recognised, and every change of it in place is still seen."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from public_calls import datasets
+
+import cablepod as cp
+from cablepod._inputs import AMPLITUDES, FIELD_MODES, NORMAL_MODES, SCENE, SNAPSHOTS, TRAJECTORY, _seen, _taken, taken
+
+KINDS = {
+    "scene": SCENE, "members": SCENE, "chain": TRAJECTORY, "condensed": SNAPSHOTS, "modes": FIELD_MODES,
+    "vector modes": FIELD_MODES, "normal modes": NORMAL_MODES, "amplitudes": AMPLITUDES,
+}  # fmt: skip
+# whichever test comes first makes the Datasets
+pytestmark = pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")
+
+
+def seen(stage: str, spatial: bool = False) -> xr.Dataset:
+    """A Dataset of one's own, after a call that accepted and one that recognised it."""
+    dataset = datasets(spatial)[stage].copy(deep=True)
+    for _ in range(2):
+        assert taken("it", dataset, KINDS[stage]) is dataset
+    return dataset
+
+
+def other_than(dataset: xr.Dataset, factor: float) -> xr.Dataset:
+    """The same with other values, instants and attributes."""
+    other = dataset.copy(deep=True)
+    for name, variable in other.variables.items():
+        if variable.dtype.kind == "f" and variable.dims and name not in other.indexes and name != "arc_length":
+            variable.values[...] *= factor
+    if "time" in other.indexes:
+        other = other.assign_coords(time=("time", factor * other["time"].values, other["time"].attrs))
+    other.attrs = {name: factor * value if type(value) is float else value for name, value in other.attrs.items()}
+    return other
+
+
+@pytest.fixture
+def only_recognised(monkeypatch):
+    """Function after which each Dataset that is not recognised fails."""
+
+    def fail(*arguments: Any) -> None:
+        raise AssertionError("checked anew")
+
+    return lambda: monkeypatch.setattr(_taken, "_layout", fail)
+
+
+@pytest.mark.parametrize("spatial", [False, True], ids=["plane", "space"])
+@pytest.mark.parametrize("stage", KINDS)
+def test_a_dataset_seen_before_is_recognised(only_recognised, stage, spatial):
+    dataset = seen(stage, spatial)
+    assert taken("it", other_than(dataset, 0.5), KINDS[stage]).identical(other_than(dataset, 0.5))
+    other = other_than(dataset, 0.25)
+    only_recognised()
+    assert taken("it", dataset, KINDS[stage]) is dataset
+    for one in (dataset.copy(), other, dataset, other):
+        assert taken("it", one, KINDS[stage]) is one
+
+
+def put(name: str, value: Any) -> Callable[[xr.Dataset], None]:
+    """Put a number in the place of the last of an array, in place."""
+
+    def change(dataset: xr.Dataset) -> None:
+        dataset[name].values.reshape(-1)[-1] = value
+
+    return change
+
+
+def exchange(first: str, second: str) -> Callable[[xr.Dataset], None]:
+    """Exchange two variables."""
+
+    def change(dataset: xr.Dataset) -> None:
+        one, other = dataset[first].variable, dataset[second].variable
+        dataset[first], dataset[second] = other, one
+
+    return change
+
+
+def set_attrs(name: str, **attrs: Any) -> Callable[[xr.Dataset], None]:
+    """Change attributes of a variable."""
+    return lambda dataset: dataset[name].attrs.update(attrs)
+
+
+def array_of(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[xr.Dataset], None]:
+    """Put another array into a variable."""
+
+    def put_array(dataset: xr.Dataset) -> None:
+        dataset.variables[name].data = change(dataset.variables[name].values)
+
+    return put_array
+
+
+def coords(**labels: Any) -> Callable[[xr.Dataset], None]:
+    """Give other labels."""
+
+    def change(dataset: xr.Dataset) -> None:
+        for name, value in labels.items():
+            dataset.coords[name] = value(dataset[name].values) if callable(value) else value
+
+    return change
+
+
+CHANGES: list[tuple[str, Callable[[xr.Dataset], Any], str]] = [
+    ("chain", coords(time=lambda t: t[::-1]), "it: time: given .* rising instants"),
+    ("chain", coords(time=lambda t: np.r_[t[:-1], np.nan]), "it: time: given .* rising instants"),
+    ("chain", coords(time=lambda t: np.arange(t.size).astype("M8[s]")), "it: time: given values of type date"),
+    ("chain", coords(coordinate=["x", "x"]), r"it: coordinate: given \['x', 'x'\]"),
+    ("chain", coords(coordinate=[0, 1]), r"it: coordinate: given \[0, 1\]"),
+    ("chain", set_attrs("position", units="km"), "it: position: given units 'km'"),
+    ("chain", set_attrs("velocity", units="m"), "it: velocity: given units 'm'"),
+    ("chain", set_attrs("arc_length", units=np.array(["m"])), "it: arc_length: given units"),
+    ("chain", set_attrs("tension", units=3), "it: tension: given units"),
+    ("chain", exchange("position", "velocity"), "it: position: given units 'm s-1'"),
+    ("chain", exchange("position", "tension"), "it: position: given units 'N'"),
+    ("chain", lambda run: run.update({"position": run["position"].mean("time")}), "it: position: given the dimensions"),
+    ("chain", lambda run: run.update({"position": run["position"].mean("time").expand_dims(t=9)}), "dimensions"),
+    ("chain", array_of("position", lambda a: a + 1j), "it: position: given values of type complex"),
+    ("chain", array_of("position", lambda a: a.astype(str)), "it: position: given values of type <U"),
+    ("chain", array_of("position", lambda a: a.astype("f2")), "it: position: given values of type float16"),
+    ("chain", put("arc_length", np.nan), "it: arc_length: given"),
+    ("chain", put("arc_length", 0.0), "it: arc_length: given"),
+    ("chain", put("unstretched_length", 7.0), "it: arc_length: given .* of 7 m"),
+    ("chain", lambda run: run.__delitem__("arc_length"), "it: given a Dataset of stage 'trajectory' without arc_length"),
+    ("chain", lambda run: run.attrs.update(stage="comparison"), "it: given a Dataset of stage 'comparison'"),
+    ("chain", lambda run: run.attrs.update(stage=["trajectory"]), "it: given a Dataset of stage"),
+    ("chain", lambda run: run.attrs.update(stage=np.array(["trajectory"])), "it: given a Dataset of stage"),
+    ("chain", lambda run: run.attrs.update(history_json="?"), r"it: history_json: given '\?'"),
+    ("chain", lambda run: run.attrs.update(history_json=None), "it: history_json: given None"),
+    ("chain", lambda run: run.attrs.update(step=np.array(run.attrs["step"])), "it: step: given array"),
+    ("chain", lambda run: run.attrs.update(id=3), "it: id: given 3"),
+    ("chain", lambda run: run.attrs.update(rank="two"), "it: rank: given 'two'"),
+    ("modes", put("mode_shape", np.nan), "it: mode_shape: given 'values that are not finite'"),
+    ("modes", put("mean", np.inf), "it: mean: given 'values that are not finite'"),
+    ("modes", put("singular_value", -1e300), "it: singular_value: given 'values that are not finite'"),
+    ("modes", coords(mode=[1, 1, 2]), r"it: mode: given \[1, 1, 2\]"),
+    ("modes", coords(mode=[1.0, 2.0, np.nan]), "it: mode: given"),
+    ("modes", coords(bound=["least", "most"]), "it: bound: given"),
+    ("modes", exchange("mode_shape", "mean"), "it: mode_shape: given"),
+    ("modes", lambda modes: modes.attrs.update(layout="normal"), "it: given layout 'normal'"),
+    ("modes", lambda modes: modes.attrs.update(layout=np.array(["separate"])), "it: given layout"),
+    ("modes", lambda modes: modes.attrs.__delitem__("layout"), "it: given layout None"),
+    ("amplitudes", put("amplitude", np.nan), "it: amplitude: given 'values that are not finite'"),
+    ("amplitudes", coords(end=["left", "right"]), "it: end: given"),
+    ("scene", put("ends_upper", np.inf), "it: ends_upper: given 'values that are not finite'"),
+    ("scene", put("cable_area", np.inf), "it: cable_area: given 'values that are not finite'"),
+    ("scene", set_attrs("gravity", units="km s-2"), "it: gravity: given units"),
+    ("scene", lambda scene: scene.attrs.update(stage="modes"), "it: given a Dataset of stage 'modes'"),
+    ("scene", lambda scene: scene.__delitem__("gravity"), "it: given a Dataset of stage 'scene' without gravity"),
+    ("members", put("ends_upper", np.inf), "it: ends_upper: given 'values that are not finite'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("stage", "change", "message"), CHANGES)
+def test_a_change_in_place_after_an_accepted_call_is_refused(stage, change, message):
+    dataset = seen(stage)
+    change(dataset)
+    for _ in range(2):
+        with pytest.raises(cp.SceneError, match=message):
+            taken("it", dataset, KINDS[stage])
+    # what was refused is not in the way of the Dataset as it was
+    seen(stage)
+
+
+def test_a_public_call_refuses_what_was_changed_after_the_first():
+    run, modes = (datasets()[stage].copy(deep=True) for stage in ("chain", "modes"))
+    expected = cp.pod.project(run, modes)
+    assert cp.pod.project(run, modes).identical(expected)
+    run["position"].attrs["units"] = "km"
+    with pytest.raises(cp.SceneError, match="snapshots: position: given units 'km'"):
+        cp.pod.project(run, modes)
+    run["position"].attrs["units"] = "m"
+    modes["mode_shape"].values[0, 0, 1] = np.nan
+    with pytest.raises(cp.SceneError, match="modes: mode_shape: given 'values that are not finite'"):
+        cp.pod.project(run, modes)
+
+
+@pytest.mark.parametrize("size", [4, 4000], ids=["few", "many"])
+def test_values_of_modes_are_looked_at_in_each_call(size):
+    """Small arrays are compared, for large ones a product tells."""
+    modes = datasets()["modes"].isel(mode=[0]).copy(deep=True)
+    count = modes.sizes["particle"]
+    more = np.interp(np.linspace(0.0, count - 1.0, size), np.arange(count), modes["arc_length"].values)
+    modes = modes.interp(particle=np.linspace(0.0, count - 1.0, size)).drop_vars("particle")
+    modes = modes.assign_coords(arc_length=("particle", more, {"units": "m"}))
+    modes = taken("it", modes, FIELD_MODES)
+    for _ in range(2):
+        assert taken("it", modes, FIELD_MODES) is modes
+    assert (modes["mode_shape"].nbytes > _seen.MAX_BYTES) == (size == 4000)
+    modes["mode_shape"].values[0, 0, 1] = np.nan
+    with pytest.raises(cp.SceneError, match="it: mode_shape: given 'values that are not finite'"):
+        taken("it", modes, FIELD_MODES)
+
+
+@pytest.mark.parametrize(
+    ("stage", "change"),
+    [
+        ("chain", coords(coordinate=["y", "x"])),
+        ("chain", array_of("arc_length", lambda s: s[::-1].copy())),
+        ("chain", array_of("arc_length", lambda s: s.astype("f4"))),
+        ("chain", coords(time=lambda t: t.astype("f4"))),
+        ("modes", coords(mode=[3, 2, 1])),
+        ("modes", array_of("mode_shape", lambda a: a.astype(">f8"))),
+        ("scene", array_of("ends_upper", lambda a: np.repeat(a, 2)[::2])),
+        ("scene", lambda scene: scene["ends_upper"].values.setflags(write=False)),
+    ],
+)
+def test_a_change_in_place_that_is_legal_is_put_in_order(stage, change):
+    dataset = seen(stage)
+    change(dataset)
+    found = taken("it", dataset, KINDS[stage])
+    assert found is not dataset
+    assert found.identical(taken("it", dataset.copy(deep=True), KINDS[stage]))
+    assert taken("it", found, KINDS[stage]) is found
+
+
+def test_lengths_of_another_cable_are_looked_at():
+    run = seen("chain")
+    longer = run.assign_coords(arc_length=2.0 * run["arc_length"]).assign(
+        unstretched_length=2.0 * run.unstretched_length
+    )
+    for dataset in (run, longer, run, longer):
+        assert taken("it", dataset, TRAJECTORY) is dataset
+    longer["arc_length"].values[1] = longer["arc_length"].values[2]
+    with pytest.raises(cp.SceneError, match=r"it: arc_length: given"):
+        taken("it", longer, TRAJECTORY)
+
+
+def test_lazy_snapshots_are_recognised_and_stay_lazy(only_recognised):
+    run = datasets()["chain"].copy(deep=True)
+    lazy = run.assign(
+        position=run["position"].chunk(time=2), velocity=run["velocity"].chunk(), tension=run["tension"].chunk()
+    )
+    assert taken("it", lazy, TRAJECTORY) is lazy
+    only_recognised()
+    assert taken("it", lazy, TRAJECTORY) is lazy
+    assert lazy["position"].chunks is not None
+    with pytest.raises(AssertionError, match="checked anew"):
+        taken("it", lazy.chunk(), TRAJECTORY)  # places must be read
+
+
+def test_neither_arrays_nor_indexes_are_kept():
+    run = seen("chain")
+    run = run.assign_coords(time=("time", run["time"].values + 1.0, run["time"].attrs))
+    assert taken("it", run, TRAJECTORY) is run
+    kept = [weakref.ref(run["position"].values), weakref.ref(run.indexes["time"])]
+    assert all(ref() is not None for ref in kept)
+    del run
+    gc.collect()
+    assert all(ref() is None for ref in kept)
+
+
+def test_records_are_few():
+    modes = datasets()["modes"]
+    for number in range(2 * _seen.MAX_RECORDS):
+        assert taken("it", modes.assign_attrs({f"mine_{number}": 1}), FIELD_MODES)
+    assert len(_seen._records) <= _seen.MAX_RECORDS
+
+
+def test_trajectories_of_a_decomposition_are_checked_once(monkeypatch):
+    count = []
+
+    def counted(key: str, given: Any, kind: Any) -> Any:
+        count.append(key)
+        return taken(key, given, kind)
+
+    for module in ("cablepod._inputs._taken", "cablepod.pod._stream"):
+        monkeypatch.setattr(f"{module}.taken", counted)
+    run = datasets()["chain"]
+    cp.pod.decompose([run, run])
+    assert count == ["snapshots[0]", "snapshots[1]"]
