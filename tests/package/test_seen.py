@@ -14,6 +14,7 @@ from public_calls import datasets
 
 import cablepod as cp
 from cablepod._inputs import AMPLITUDES, FIELD_MODES, NORMAL_MODES, SCENE, SNAPSHOTS, TRAJECTORY, _seen, _taken, taken
+from cablepod.provenance import Abridged
 
 KINDS = {
     "scene": SCENE, "members": SCENE, "chain": TRAJECTORY, "condensed": SNAPSHOTS, "modes": FIELD_MODES,
@@ -133,6 +134,7 @@ CHANGES: list[tuple[str, Callable[[xr.Dataset], Any], str]] = [
     ("chain", lambda run: run.attrs.update(stage=["trajectory"]), "it: given a Dataset of stage"),
     ("chain", lambda run: run.attrs.update(stage=np.array(["trajectory"])), "it: given a Dataset of stage"),
     ("chain", lambda run: run.attrs.update(history_json="?"), r"it: history_json: given '\?'"),
+    ("chain", lambda run: run.attrs.update(history_json=Abridged("[{}]")), r"it: history_json: given '\[{}\]'"),
     ("chain", lambda run: run.attrs.update(history_json=None), "it: history_json: given None"),
     ("chain", lambda run: run.attrs.update(step=np.array(run.attrs["step"])), "it: step: given array"),
     ("chain", lambda run: run.attrs.update(id=3), "it: id: given 3"),
