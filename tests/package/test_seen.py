@@ -104,7 +104,22 @@ def coords(**labels: Any) -> Callable[[xr.Dataset], None]:
 
     def change(dataset: xr.Dataset) -> None:
         for name, value in labels.items():
-            dataset.coords[name] = value(dataset[name].values) if callable(value) else value
+            new = value(dataset[name].values) if callable(value) else value
+            dataset.coords[name] = (name, new, dataset[name].attrs)
+
+    return change
+
+
+def first_of(name: str, dim: str) -> Callable[[xr.Dataset], None]:
+    """Take the first of a dimension of a variable, which loses it."""
+    return lambda dataset: dataset.update({name: dataset[name].variable.isel({dim: 0}).copy(deep=True)})
+
+
+def renamed_attribute(old: str, new: str) -> Callable[[xr.Dataset], None]:
+    """Rename an attribute, in its place among the others."""
+
+    def change(dataset: xr.Dataset) -> None:
+        dataset.attrs = {new if name == old else name: value for name, value in dataset.attrs.items()}
 
     return change
 
@@ -121,8 +136,8 @@ CHANGES: list[tuple[str, Callable[[xr.Dataset], Any], str]] = [
     ("chain", set_attrs("tension", units=3), "it: tension: given units"),
     ("chain", exchange("position", "velocity"), "it: position: given units 'm s-1'"),
     ("chain", exchange("position", "tension"), "it: position: given units 'N'"),
-    ("chain", lambda run: run.update({"position": run["position"].mean("time")}), "it: position: given the dimensions"),
-    ("chain", lambda run: run.update({"position": run["position"].mean("time").expand_dims(t=9)}), "dimensions"),
+    ("chain", first_of("position", "time"), "it: position: given the dimensions"),
+    ("chain", renamed_attribute("title", "rank"), "it: rank: given"),
     ("chain", array_of("position", lambda a: a + 1j), "it: position: given values of type complex"),
     ("chain", array_of("position", lambda a: a.astype(str)), "it: position: given values of type <U"),
     ("chain", array_of("position", lambda a: a.astype("f2")), "it: position: given values of type float16"),
@@ -142,6 +157,7 @@ CHANGES: list[tuple[str, Callable[[xr.Dataset], Any], str]] = [
     ("modes", put("mode_shape", np.nan), "it: mode_shape: given 'values that are not finite'"),
     ("modes", put("mean", np.inf), "it: mean: given 'values that are not finite'"),
     ("modes", put("singular_value", -1e300), "it: singular_value: given 'values that are not finite'"),
+    ("modes", first_of("mean", "coordinate"), "it: mean: given the dimensions"),
     ("modes", coords(mode=[1, 1, 2]), r"it: mode: given \[1, 1, 2\]"),
     ("modes", coords(mode=[1.0, 2.0, np.nan]), "it: mode: given"),
     ("modes", coords(bound=["least", "most"]), "it: bound: given"),
@@ -223,13 +239,46 @@ def test_a_change_in_place_that_is_legal_is_put_in_order(stage, change):
     assert taken("it", found, KINDS[stage]) is found
 
 
-def test_lengths_of_another_cable_are_looked_at():
+def test_arrays_in_another_memory_order_are_looked_at(only_recognised):
+    modes = seen("modes")
+    modes.variables["singular_value"].data = np.asfortranarray(modes["singular_value"].values)
+    for _ in range(2):
+        assert taken("it", modes, FIELD_MODES) is modes
+    modes["singular_value"].values[0, 0] = np.nan
+    with pytest.raises(cp.SceneError, match="it: singular_value: given 'values that are not finite'"):
+        taken("it", modes, FIELD_MODES)
+    modes["singular_value"].values[0, 0] = 1.0
+    only_recognised()
+    assert taken("it", modes, FIELD_MODES) is modes
+
+
+def test_a_kind_is_not_taken_for_another_one():
+    for stage, kind in (("chain", AMPLITUDES), ("chain", SCENE), ("modes", NORMAL_MODES), ("amplitudes", TRAJECTORY)):
+        dataset = seen(stage)
+        with pytest.raises(cp.SceneError, match="it: given"):
+            taken("it", dataset, kind)
+
+
+def test_instants_without_an_index_are_looked_at():
+    run = seen("chain")
+    other = run.drop_indexes("time")
+    assert taken("it", other, TRAJECTORY) is other
+    other.variables["time"].data = other["time"].values[::-1].copy()
+    assert list(other.variables) == list(run.variables)
+    with pytest.raises(cp.SceneError, match=r"it: time: given .* rising instants"):
+        taken("it", other, TRAJECTORY)
+
+
+def test_lengths_of_another_cable_are_looked_at_once(monkeypatch):
     run = seen("chain")
     longer = run.assign_coords(arc_length=2.0 * run["arc_length"]).assign(
         unstretched_length=2.0 * run.unstretched_length
     )
     for dataset in (run, longer, run, longer):
         assert taken("it", dataset, TRAJECTORY) is dataset
+    with monkeypatch.context() as patch:
+        patch.setattr(_seen, "place_orders", None)
+        assert taken("it", longer, TRAJECTORY) is longer
     longer["arc_length"].values[1] = longer["arc_length"].values[2]
     with pytest.raises(cp.SceneError, match=r"it: arc_length: given"):
         taken("it", longer, TRAJECTORY)
