@@ -14,32 +14,25 @@ from cablepod.errors import scene_error
 
 #: Rounding of a number of single precision, which arc lengths and instants may have.
 ROUNDING = 1e-6
-#: Variables with an index that is checked.
-INDEXED = (*LABELS, "time")
-#: Indexes whose labels or instants are in order, by name of the variable and identity: an index cannot be changed.
-_known: dict[Any, dict[int, weakref.ref[Any]]] = {name: {} for name in INDEXED}
-
-
-def is_known(name: str, index: Any) -> bool:
-    """Tell whether an index was found in order as the variable of this name."""
-    found = _known[name].get(id(index))
-    return found is not None and found() is index
+#: Indexes whose labels or instants are in order, by name of the variable and identity.  An index cannot be changed, and an entry
+#: is removed as the index goes, before another object can have its identity.
+IN_ORDER: dict[Any, dict[int, weakref.ref[Any]]] = {name: {} for name in (*LABELS, "time")}
 
 
 def _note(name: str, index: Any) -> None:
     """Keep that an index is in order, as long as it exists."""
-    known, number = _known[name], id(index)
+    known, number = IN_ORDER[name], id(index)
     known[number] = weakref.ref(index, lambda _: known.pop(number, None))
 
 
 def label_orders(key: str, variables: Any, *, some: bool) -> dict[str, Any]:
     """Return the indices that bring labels into their order, by dimension; refuse labels that have none, and instants."""
     orders: dict[str, Any] = {}
-    for name in INDEXED:
+    for name, known in IN_ORDER.items():
         if (variable := variables.get(name)) is None or not variable._dims:
             continue
         index = variable._data.array if isinstance(variable, xr.IndexVariable) else None
-        if index is not None and is_known(name, index):
+        if index is not None and id(index) in known:
             continue
         if name == "time":
             _check_times(key, variable)

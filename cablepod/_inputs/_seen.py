@@ -18,13 +18,13 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs._kinds import PLACES, Kind
-from cablepod._inputs._labels import INDEXED, is_known, label_orders, place_orders
+from cablepod._inputs._labels import IN_ORDER, label_orders, place_orders
 from cablepod.conventions import LABELS
 
 FLOAT = np.dtype(float)
 #: Maximum number of records, bytes of an array of values that are compared (a product shows faster that more are finite), and
 #: bytes that are compared of a Dataset.
-MAX_RECORDS, MAX_BYTES, MAX_CONTENT = 64, 1 << 13, 1 << 16
+MAX_RECORDS, MAX_BYTES, MAX_CONTENT = 64, 1 << 14, 1 << 16
 #: Variables whose values decide on the order of others.
 ORDERING = frozenset((*LABELS, *PLACES, "unstretched_length"))
 #: What is done with the array of a variable: nothing, its bytes are compared, its values are looked at, its index is looked up.
@@ -44,7 +44,7 @@ class Record(NamedTuple):
     layout: Any
     variables: list[Expected]
     content: bytes  #: of the arrays that are compared
-    indexes: list[str]  #: names of the variables whose index is looked up
+    indexes: list[dict[int, Any]]  #: where the index of each variable that has one is looked up
 
 
 _records: dict[tuple[Any, ...], Record] = {}
@@ -80,8 +80,8 @@ def is_like_one_in_order(key: str, given: xr.Dataset, kind: Kind) -> bool:
             return False
         _records[_names(given, kind)] = record._replace(content=content)
         return True
-    for name, index in zip(record.indexes, indexes, strict=True):
-        if not is_known(name, index.array):
+    for known, index in zip(record.indexes, indexes, strict=True):
+        if id(index.array) not in known:
             return not label_orders(key, given._variables, some=kind.some)
     return True
 
@@ -120,7 +120,7 @@ def note_in_order(given: xr.Dataset, kind: Kind) -> None:
         if what == COMPARED:
             compared.append(array)
         elif what == INDEX:
-            indexes.append(str(name))
+            indexes.append(IN_ORDER[name])
     if sum(array.nbytes for array in compared) > MAX_CONTENT:
         return
     if len(_records) >= MAX_RECORDS:
@@ -133,7 +133,7 @@ def note_in_order(given: xr.Dataset, kind: Kind) -> None:
 def _what(name: Any, variable: xr.Variable, kind: Kind) -> int | None:
     """Tell what is done with the array of a variable to recognise it; None if that cannot be."""
     array, decides = variable._data, name in ORDERING
-    if decides and isinstance(variable, xr.IndexVariable) and name in INDEXED:
+    if decides and isinstance(variable, xr.IndexVariable) and name in IN_ORDER:
         return INDEX
     if type(array) is not np.ndarray:
         return None if decides else NOTHING

@@ -51,7 +51,7 @@ def another(dataset: xr.Dataset) -> xr.Dataset:
 def forget() -> None:
     """Forget all Datasets that were seen."""
     _seen._records.clear()
-    for known in _labels._known.values():
+    for known in _labels.IN_ORDER.values():
         known.clear()
 
 

@@ -13,7 +13,19 @@ import xarray as xr
 from public_calls import datasets
 
 import cablepod as cp
-from cablepod._inputs import AMPLITUDES, FIELD_MODES, NORMAL_MODES, SCENE, SNAPSHOTS, TRAJECTORY, _seen, _taken, taken
+from cablepod._inputs import (
+    AMPLITUDES,
+    FIELD_MODES,
+    NORMAL_MODES,
+    SCENE,
+    SNAPSHOTS,
+    TRAJECTORY,
+    WITH_PLACES,
+    _labels,
+    _seen,
+    _taken,
+    taken,
+)
 from cablepod.provenance import Abridged
 
 KINDS = {
@@ -259,6 +271,14 @@ def test_a_kind_is_not_taken_for_another_one():
             taken("it", dataset, kind)
 
 
+def test_a_coordinate_left_of_a_selection_is_in_order_only_where_it_may_be():
+    run = datasets()["chain"].isel(coordinate=[0])
+    for _ in range(2):
+        assert taken("it", run, WITH_PLACES) is run
+    with pytest.raises(cp.SceneError, match=r"it: coordinate: given \['x'\]"):
+        taken("it", run, TRAJECTORY)
+
+
 def test_instants_without_an_index_are_looked_at():
     run = seen("chain")
     other = run.drop_indexes("time")
@@ -302,10 +322,13 @@ def test_neither_arrays_nor_indexes_are_kept():
     run = run.assign_coords(time=("time", run["time"].values + 1.0, run["time"].attrs))
     assert taken("it", run, TRAJECTORY) is run
     kept = [weakref.ref(run["position"].values), weakref.ref(run.indexes["time"])]
+    number = id(run.indexes["time"])
     assert all(ref() is not None for ref in kept)
+    assert number in _labels.IN_ORDER["time"]
     del run
     gc.collect()
     assert all(ref() is None for ref in kept)
+    assert number not in _labels.IN_ORDER["time"]
 
 
 def test_records_are_few():
