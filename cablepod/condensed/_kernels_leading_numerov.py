@@ -58,6 +58,48 @@ def _undamped_force(q, straight, sag_stiffness, load, load_stiffness, kappa, tes
 
 
 @compiled
+def start_numerov(
+    q, v, f, f_before, second, step, damping, boundary_data, stiffness, length, kappa, test_stiffness_defect,
+    mean_chordwise_forces, geometric_stiffness, load_projection,
+):  # fmt: skip
+    """Change v from the rates at the start to (u(h) - u) / h, and fill f_before with the force one step before, extrapolated.
+
+    `f` are the forces at the start, `second` is work (r,); the others as in :func:`leading_numerov`.
+    """
+    r, last_row = q.size, boundary_data.shape[0] - 1
+    vectors, load_stiffness = np.empty((3, r)), np.empty((r, r))
+    new_q, new_f, load = vectors
+    sag_stiffness = 0.5 * stiffness / length
+    growth, excess, half_damping = math.exp(0.5 * damping * step), 0.25 * damping * damping, 0.5 * damping
+    decay = 1.0 / growth
+    for j in range(r):
+        v[j] += half_damping * q[j]
+        f_before[j] = v[j] + 0.5 * step * f[j]
+    for _ in range(START_CORRECTIONS):
+        for j in range(r):
+            new_q[j] = decay * (q[j] + step * f_before[j])
+        straight = _collect_loads(
+            boundary_data, 1, mean_chordwise_forces, geometric_stiffness, load_projection, stiffness, length, excess,
+            load, load_stiffness,
+        )  # fmt: skip
+        _undamped_force(new_q, straight, sag_stiffness, load, load_stiffness, kappa, test_stiffness_defect, new_f)
+        for j in range(r):
+            new_f[j] *= growth
+            new_q[j] = decay * decay * (q[j] + step * (2.0 * f_before[j] + step * new_f[j]))
+        straight = _collect_loads(
+            boundary_data, min(2, last_row), mean_chordwise_forces, geometric_stiffness, load_projection, stiffness,
+            length, excess, load, load_stiffness,
+        )  # fmt: skip
+        _undamped_force(new_q, straight, sag_stiffness, load, load_stiffness, kappa, test_stiffness_defect, second)
+        for j in range(r):
+            second[j] *= growth * growth
+            f_before[j] = v[j] + step / 24.0 * (7.0 * f[j] + 6.0 * new_f[j] - second[j])
+    for j in range(r):
+        v[j] = f_before[j]
+        f_before[j] = growth * (3.0 * f[j] - 3.0 * new_f[j] + second[j])
+
+
+@compiled
 def leading_numerov(
     q, v, f_before, f_before_that, step, damping, boundary_data, stiffness, length, kappa, test_stiffness_defect,
     mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms,
@@ -129,37 +171,10 @@ def leading_numerov(
         if i == last_row:
             break
         if at_start:
-            # v becomes (u(h) - u) / h
-            second = f_before_that
-            for j in range(r):
-                v[j] += half_damping * q[j]
-                f_before[j] = v[j] + 0.5 * step * f[j]
-            for _ in range(START_CORRECTIONS):
-                for j in range(r):
-                    new_q[j] = decay * (q[j] + step * f_before[j])
-                straight = _collect_loads(
-                    boundary_data, 1, mean_chordwise_forces, geometric_stiffness, load_projection, stiffness, length,
-                    excess, load, load_stiffness,
-                )  # fmt: skip
-                _undamped_force(
-                    new_q, straight, sag_stiffness, load, load_stiffness, kappa, test_stiffness_defect, new_f
-                )
-                for j in range(r):
-                    new_f[j] *= growth
-                    new_q[j] = decay * decay * (q[j] + step * (2.0 * f_before[j] + step * new_f[j]))
-                straight = _collect_loads(
-                    boundary_data, min(2, last_row), mean_chordwise_forces, geometric_stiffness, load_projection,
-                    stiffness, length, excess, load, load_stiffness,
-                )  # fmt: skip
-                _undamped_force(
-                    new_q, straight, sag_stiffness, load, load_stiffness, kappa, test_stiffness_defect, second
-                )
-                for j in range(r):
-                    second[j] *= growth * growth
-                    f_before[j] = v[j] + step / 24.0 * (7.0 * f[j] + 6.0 * new_f[j] - second[j])
-            for j in range(r):
-                v[j] = f_before[j]
-                f_before[j] = growth * (3.0 * f[j] - 3.0 * new_f[j] + second[j])  # extrapolated to one step before
+            start_numerov(
+                q, v, f, f_before, f_before_that, step, damping, boundary_data, stiffness, length, kappa,
+                test_stiffness_defect, mean_chordwise_forces, geometric_stiffness, load_projection,
+            )  # fmt: skip
         straight = _collect_loads(
             boundary_data, i + 1, mean_chordwise_forces, geometric_stiffness, load_projection, stiffness, length, excess,
             load, load_stiffness,

@@ -139,9 +139,12 @@ class CondensedStepper:
             return None
         damping = model.chain.p.damping
         if self.run.scheme == FOURTH_ORDER:
-            from cablepod.condensed import _kernels_leading_numerov as kernel_numerov
+            if self.q.size == 2 and model.test_stiffness_defect is None:
+                from cablepod.condensed._kernels_numerov_of_two import numerov_of_two as march
+            else:
+                from cablepod.condensed._kernels_leading_numerov import leading_numerov as march
 
-            kernel_numerov.leading_numerov(
+            march(
                 self.q, self.v, self.acceleration, self.previous_acceleration, self.step, damping, boundary_data, *rest
             )
             return None
