@@ -32,6 +32,8 @@ MAX_HISTORY_ITEMS = 64
 MAX_HISTORY_FLOATS = 4096
 #: Maximum depth of the parameters of a stage, and length of its texts.
 MAX_DEPTH, MAX_TEXT = 32, 4096
+#: Texts of a stage, and of what its ``id`` follows from; ``json.dumps`` would make such an object in each call.
+SORTED, COMPACT = json.JSONEncoder(sort_keys=True), json.JSONEncoder(sort_keys=True, separators=(",", ":"))
 #: Function of a stage that records a change of values outside the package.
 CHANGED = "changed by hand"
 #: In place of the time of a stage that no file holds yet; sorted after all times.
@@ -84,16 +86,30 @@ def to_json(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):
-        if value.size > MAX_HISTORY_ITEMS:
-            for way, candidate in _equidistant(value):
-                if np.array_equal(candidate, value):
-                    return {"equidistant": way, "first": float(value[0]), "last": float(value[-1]), "count": value.size}
-            if value.ndim == 1 and value.dtype.kind == "f" and value.size <= MAX_HISTORY_FLOATS:
-                return value.tolist()  # non-uniform time array
-            digest = hashlib.sha256(np.ascontiguousarray(value).data).hexdigest()[:16]
-            return {"shape": list(value.shape), "dtype": str(value.dtype), "sha256": digest}
-        return value.tolist()
+        if value.size <= MAX_HISTORY_ITEMS:
+            return value.tolist()
+        if value.size > MAX_HISTORY_FLOATS or value.dtype.kind != "f":
+            return _array_to_json(value)
+        found = _kept_array_to_json(value.tobytes(), value.dtype, value.shape)
+        return found.copy()  # the caller may change it
     return value
+
+
+def _array_to_json(value: np.ndarray) -> Any:
+    """Convert a long array to JSON types, see :func:`to_json`."""
+    for way, candidate in _equidistant(value):
+        if np.array_equal(candidate, value):
+            return {"equidistant": way, "first": float(value[0]), "last": float(value[-1]), "count": value.size}
+    if value.ndim == 1 and value.dtype.kind == "f" and value.size <= MAX_HISTORY_FLOATS:
+        return value.tolist()  # non-uniform time array
+    digest = hashlib.sha256(np.ascontiguousarray(value).data).hexdigest()[:16]
+    return {"shape": list(value.shape), "dtype": str(value.dtype), "sha256": digest}
+
+
+@lru_cache(64)
+def _kept_array_to_json(content: bytes, dtype: np.dtype, shape: tuple[int, ...]) -> Any:
+    """Do :func:`_array_to_json` once for the same content: many runs have the same instants."""
+    return _array_to_json(np.frombuffer(content, dtype).reshape(shape))
 
 
 def _equidistant(value: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
@@ -163,11 +179,11 @@ def record(
     inputs = [with_manual_change(dataset, None if i else scene_digest) for i, dataset in enumerate(inputs)]
     parents = [str(dataset.attrs.get("id", "unknown")) for dataset in inputs]
     identifying = resolved if identity is None else {key: to_json(value) for key, value in identity.items()}
-    key = json.dumps([function, identifying, parents], sort_keys=True, separators=(",", ":"))
+    key = COMPACT.encode([function, identifying, parents])
     identifier = hashlib.sha256(key.encode()).hexdigest()[:20]
     stages = merged_stages(dataset.attrs.get("history_json", "[]") for dataset in inputs)
     stage = {"id": identifier, "function": function, "parameters": resolved, "inputs": parents}
-    stages[identifier] = json.dumps(stage | ({"chosen": sorted(chosen)} if chosen else {}), sort_keys=True)
+    stages[identifier] = SORTED.encode(stage | ({"chosen": sorted(chosen)} if chosen else {}))
     attrs = {name: value for name, value in result.attrs.items() if name not in ("id", "history_json")}
     history = Abridged(f"[{', '.join(stages.values())}]")
     result.attrs = {**in_order(attrs), "id": identifier, "history_json": history}
@@ -192,7 +208,7 @@ def merged_stages(histories: Iterable[str]) -> dict[str, str]:
 def _texts_of_stages(history: str) -> tuple[tuple[str, str, str], ...]:
     """Return id, JSON text and time of each stage of a history (kept, as many results share the history of their inputs)."""
     return tuple(
-        (stage["id"], json.dumps(stage, sort_keys=True), str(stage.get("written", NOT_WRITTEN)))
+        (stage["id"], SORTED.encode(stage), str(stage.get("written", NOT_WRITTEN)))
         for stage in checked_stages(history)
     )
 
@@ -221,7 +237,7 @@ def digest(dataset: xr.Dataset) -> str:
     from xarray import IndexVariable
 
     parts = []
-    for name, variable in sorted((str(name), variable) for name, variable in dataset.variables.items()):
+    for name, variable in sorted((str(name), variable) for name, variable in dataset._variables.items()):
         data: Any = variable._data  # Variable.data takes longer than the hash of a scene
         if isinstance(data, np.ndarray):
             content = _content(data)

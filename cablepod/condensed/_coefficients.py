@@ -74,6 +74,11 @@ class Coefficients:
         return self.chain.p.mass * self.chain.tributary_length
 
     @cached_property
+    def root_total_mass(self) -> float:
+        """Root of the mass of the cable [kg^1/2]."""
+        return float(np.sqrt(self.mass.sum()))
+
+    @cached_property
     def spectral_basis(self) -> tuple[list[np.ndarray], np.ndarray]:
         """Matrices from modes to coordinates, set by set, and squared slope norms of the coordinates (r,) [1/(kg m)].
 

@@ -93,9 +93,10 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
     rate = state.instants.steps_per_second / interval
     motion = state.saved[rows], state.saved_rates[rows], state.saved_accelerations[rows]
     equation, error, error_rate = _error_at_start(model, air)
-    boundary_data = state.sampled_boundary_data
-    if boundary_data is None:
+    if state.boundary_data is None:
         boundary_data = model.boundary_data(0, len(motion[0]) - 1, rate)
+    else:
+        boundary_data = state.boundary_data[rows]
     displaced: Any = 0.0
     times, further = np.arange(len(motion[0])) / rate, []
     if model.order != "leading" and times.size > 2:
@@ -150,28 +151,22 @@ def motion_of(model: CondensedModel, state: CondensedTrajectory) -> float:
 
     Displacements of the ends and changes of the deflection count, normal to the initial chord.
     """
-    q = state.saved[state.samples]
+    from cablepod.condensed import _kernels_fields as kernel  # numba is imported only to compute
+
+    q, p = state.saved[state.samples], model.chain.p
     stride = -(-len(q) // MOTION_SAMPLES)
-    q = q[::stride]
-    times = np.arange(len(q)) * (stride * state.sample_interval / state.instants.steps_per_second)
-    p, change = model.chain.p, q - q[0]
-    square = (change * change).sum(axis=1) / (p.mass * model.chain.total_length)
+    count = -(-len(q) // stride)
+    ends = np.empty((0, 2, p.dims))
     if p.motions:
-        ends = p.end_positions(times)
-        moved = ends - ends[0]
-        lower, upper = moved[:, 0], moved[:, 1]
-        square += ((lower + upper) * lower + upper * upper).sum(axis=1) / 3.0  # a linear displacement along the cable
-        for which, normal, of_lower, of_upper in _means_of_shapes(model):
-            part = change[:, which]
-            square += 2.0 * ((lower @ normal) * (part @ of_lower) + (upper @ normal) * (part @ of_upper))
-    largest = math.sqrt(max(float(square.max()), 0.0))
-    chord = float(np.linalg.norm(p.upper - p.lower))
+        ends = p.end_positions(np.arange(count) * (stride * state.sample_interval / state.instants.steps_per_second))
+    square = kernel.largest_motion(q, stride, ends, p.mass * model.chain.total_length, *_means_of_shapes(model))
+    largest, chord = math.sqrt(square), math.dist(p.lower, p.upper)
     return largest if largest > 1e-9 * chord else chord
 
 
 @lru_cache(KEPT_EQUATIONS)
-def _means_of_shapes(model: CondensedModel) -> list[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
-    """Return for each deflection its coordinates, its normal, and means over the length of two products of its shapes.
+def _means_of_shapes(model: CondensedModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return of each coordinate the normal (r, dims), and means over the length of two products of its shape (r,).
 
     The first is that with 1 - sigma, which moves with the lower end, the second that with sigma.  Normals are those at the start.
     """
@@ -181,4 +176,4 @@ def _means_of_shapes(model: CondensedModel) -> list[tuple[slice, np.ndarray, np.
     weighted = model.shapes * model.mass
     of_upper = weighted @ (chain.arc_length / chain.total_length) / mass
     of_lower = weighted.sum(axis=1) / mass - of_upper
-    return [(which, n, of_lower[which], of_upper[which]) for which, n in zip(model.sets, normals, strict=True)]
+    return np.repeat(normals, [len(of_lower[which]) for which in model.sets], axis=0), of_lower, of_upper

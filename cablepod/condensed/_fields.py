@@ -28,11 +28,11 @@ class CondensedTrajectory:
     #: Tensions of the selected links at the instants (times, links) [N]; None where they were not computed on the way
     tension: np.ndarray | None = None
     sample_interval: int = 0  #: number of steps between the samples of the error estimate, all saved; 0 without samples
-    sampled_boundary_data: np.ndarray | None = None  #: boundary data of the samples; None for runs of several blocks
+    boundary_data: np.ndarray | None = None  #: boundary data of the saved steps (steps, columns); None where not kept
     peak_times: tuple[float, float] | None = None  #: of the smallest and the largest tension [s]; None if not requested
     window: tuple[float, float] | None = None  #: part of the run of extremes and means [s]; None for all
 
-    @property
+    @cached_property
     def samples(self) -> slice | np.ndarray:
         """Rows of the saved steps that are samples of the error estimate."""
         remainder = self.instants.steps % self.sample_interval
@@ -70,6 +70,13 @@ class CondensedTrajectory:
         i, s = self.instants.left, self.instants.fraction[:, None]
         after = np.minimum(i + 1, len(v) - 1)
         return np.where(s > 0, (1 - s) * v[i] + s * v[after], v[i])
+
+
+def boundary_data_of(model: CondensedModel, state: CondensedTrajectory, ends: np.ndarray) -> np.ndarray:
+    """Return the boundary data at the instants of the output (times, columns), where the run had them those of its steps."""
+    if state.boundary_data is None or state.instants.needs_interpolation:
+        return model.boundary_data_at(state.instants.times, ends)
+    return state.boundary_data[state.instants.left]
 
 
 def close_chord(

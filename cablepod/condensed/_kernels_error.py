@@ -25,7 +25,7 @@ from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.condensed._kernels_dense import _solve
 
 #: Number of samples that are computed side by side.
-BLOCK = 64
+BLOCK = 96
 #: Maximum number of Newton iterations for the error at the start, and its tolerance: last correction over the error.
 START_ITERATIONS, START_RTOL = 20, 1e-9
 #: Mass that is added to unresolved modes, over their stiffness times the squared step (stable above a quarter), and part of the

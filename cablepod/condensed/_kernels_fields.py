@@ -39,6 +39,41 @@ def deflections(q, shapes, n_in_plane, length, deflection, squared):
                 squared[i, j] = slope * slope + (0.0 if plane == 0 else squared[i, j])
 
 
+@compiled(fastmath=FUSED)
+def largest_motion(q, stride, ends, mass, normals, of_lower, of_upper):
+    """Return the largest mean square displacement from the start: of the line between the ends and of the deflection [m^2].
+
+    With displacements a and b of the ends and changes d of the coordinates it is (a.a + a.b + b.b) / 3 plus the sums of
+    2 d (a.n u + b.n v) and of d^2 over the mass.
+
+    Parameters
+    ----------
+    q, stride
+        Coordinates (samples, r), and the number of samples from one that counts to the next.
+    ends
+        Positions of the ends at the samples that count (counting, 2, dims) [m]; none where no end moves.
+    mass
+        Mass of the cable [kg].
+    normals, of_lower, of_upper
+        Normal of each coordinate (r, dims); means u and v of its shape times 1 - sigma and sigma (r,) [kg^-1/2].
+    """
+    largest = 0.0
+    for k in range((q.shape[0] + stride - 1) // stride):
+        square = 0.0
+        for j in range(q.shape[1]):
+            change = q[k * stride, j] - q[0, j]
+            square += change * change / mass
+        if ends.shape[0]:
+            for d in range(ends.shape[2]):
+                lower, upper = ends[k, 0, d] - ends[0, 0, d], ends[k, 1, d] - ends[0, 1, d]
+                square += ((lower + upper) * lower + upper * upper) / 3.0
+                for j in range(q.shape[1]):
+                    change = q[k * stride, j] - q[0, j]
+                    square += 2.0 * change * normals[j, d] * (lower * of_lower[j] + upper * of_upper[j])
+        largest = max(largest, square)
+    return largest
+
+
 @compiled(fastmath=REORDERED_FUSED)
 def close_leading(squared, tau, length, chord, stiffness, chord_tension, stretch):
     """Close the chord to leading order: zeta' = 1 + (H + tau) / K - w'^2 / 2, whose integral is the chord.

@@ -10,7 +10,8 @@ import xarray as xr
 
 from cablepod.condensed._fields import (
     CondensedTrajectory,
-    close_chord,
+    boundary_data_of,
+    close_chord_of,
     link_tensions,
     positions_of,
     selected_tensions,
@@ -63,7 +64,7 @@ def variables(
     result["end_position"] = (("time", "end", "coordinate"), ends)
     result["unstretched_length"] = ((), chain.total_length)
     if {"position", "velocity"} & set(outputs):
-        stretch, force, squared, deflection = close_chord(model, q, times, ends)
+        stretch, force, squared, deflection = close_chord_of(model, q, boundary_data_of(model, state, ends))
         values: dict[str, Callable[[], np.ndarray]] = {
             "position": lambda: positions_of(model, stretch, deflection, ends),
             "velocity": lambda: velocities(model, stretch, deflection, state.rates, times),

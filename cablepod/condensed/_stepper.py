@@ -42,7 +42,6 @@ class CondensedStepper:
         #: Steps to take; an explicit run takes one more, for the rates half a step after the last instant.
         self.total = int(self.instants.steps[-1]) + (1 if run.explicit else 0)
         self.sample_interval = run.sample_interval(steps_per_second)
-        self.sampled_boundary_data: np.ndarray | None = None
         if self.sample_interval:
             self.instants = self.instants.with_multiples(self.sample_interval)
         self.instants = with_steps_of_means(self.instants, run.outputs, run.window)
@@ -63,6 +62,8 @@ class CondensedStepper:
         self.monitor = initial_monitor(limit, run.start.chord_tension)
         count, r = self.instants.steps.size, len(model.shapes)
         self.saved, self.half_step_rates = np.empty((count, r)), np.empty((count, 2, r))
+        #: Boundary data of the saved steps (steps, columns).
+        self.boundary_data = np.empty((count, 1 + len(model.load_patterns) * model.chain.p.dims))
         #: Slopes (r, n), number of in-plane coordinates and chordwise force patterns (patterns, n) of the links with tensions.
         self.links = (model.slopes, model.n_in_plane, model.chordwise_force_patterns)
         chosen = run.links if run.leading else None  # to leading order a tension needs no other link
@@ -77,7 +78,7 @@ class CondensedStepper:
             chosen is not None and run.explicit and "tension" in run.outputs and not self.instants.needs_interpolation
         )
         self.tension_series = np.empty((count, links if self.saves_tension else 0))
-        self.divergence_bound = DIVERGENCE_FACTOR * math.sqrt(model.mass.sum()) * model.chain.total_length
+        self.divergence_bound = DIVERGENCE_FACTOR * model.root_total_mass * model.chain.total_length
 
     @property
     def changed(self) -> tuple[np.ndarray, ...]:
@@ -89,8 +90,9 @@ class CondensedStepper:
         """Return q, rates (explicit: half a step before the start), accelerations (r,), and chordwise stretch (2, m)."""
         model, start = self.run.model, self.run.start
         damping = model.chain.p.damping
-        m = 0 if self.run.leading else model.rule[2].size
-        stretch = np.full((2, m), model.stretch_guess(model.initial_boundary_data))
+        stretch = np.empty((2, 0))
+        if not self.run.leading:
+            stretch = np.full((2, model.rule[2].size), model.stretch_guess(model.initial_boundary_data))
         damped = start.acceleration - damping * start.rates
         if self.run.scheme not in EXPLICIT:
             return start.q.copy(), start.rates.copy(), damped, stretch
@@ -106,9 +108,9 @@ class CondensedStepper:
         final = begin + steps == self.total
         first = np.searchsorted(output_steps, begin)
         last = np.searchsorted(output_steps, begin + steps + (1 if final and not run.explicit else 0))
-        boundary_data = run.model.boundary_data(begin, steps - 1 if run.explicit else steps, self.steps_per_second)
-        if self.sample_interval and steps == self.total:
-            self.sampled_boundary_data = np.ascontiguousarray(boundary_data[:: self.sample_interval])
+        table = run.model.boundary_data if run.boundary_data is None else run.boundary_data
+        boundary_data = table(begin, steps - 1 if run.explicit else steps, self.steps_per_second)
+        self.boundary_data[first:last] = boundary_data[output_steps[first:last] - begin]
         outputs = (
             begin, output_steps[first:last], self.saved[first:last], self.half_step_rates[first:last], self.low,
             self.high, self.monitor,
@@ -117,8 +119,8 @@ class CondensedStepper:
             done = self._advance_leading(boundary_data, outputs, self.tension_series[first:last])
         else:
             done = self._advance_exact(boundary_data, outputs)
-        largest = float(np.abs(self.q).max())
-        return done in (None, steps) and bool(np.isfinite(self.q).all()) and largest < self.divergence_bound
+        # not a number is not below the bound either
+        return done in (None, steps) and float(np.abs(self.q).max()) < self.divergence_bound
 
     def _advance_leading(
         self, boundary_data: np.ndarray, outputs: tuple[Any, ...], tension_series: np.ndarray
@@ -187,5 +189,5 @@ class CondensedStepper:
         tension = self.tension_series[self.instants.left] if self.saves_tension else None
         return CondensedTrajectory(
             self.instants, self.saved, self.half_step_rates, extremes, self.monitor, run.scheme, tension,
-            self.sample_interval, self.sampled_boundary_data, peak_times, run.window,
+            self.sample_interval, self.boundary_data, peak_times, run.window,
         )  # fmt: skip

@@ -116,8 +116,10 @@ class ComparableRuns:
         They are the largest rms distance of the particles over the motion of the finer run, and the largest rms difference of
         the tensions over their range in it.
         """
-        gap = self.position(fine) - self.position(coarse)
-        motion = math.sqrt((gap * gap).sum(axis=-1).mean(axis=-1).max()) / self.scale(fine)
+        fine_position = self.position(fine)
+        gap = fine_position - self.position(coarse)
+        gap = gap.reshape(gap.shape[0], -1)
+        motion = math.sqrt(np.einsum("ij,ij->i", gap, gap).max() / fine_position.shape[-2]) / self.scale(fine)
         if self.tension is None:
             return motion, 0.0
         tension = self.tension(fine)
