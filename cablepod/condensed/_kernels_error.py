@@ -24,8 +24,9 @@ import numpy as np
 from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.condensed._kernels_dense import _solve
 
-#: Number of samples that are computed side by side.
-BLOCK = 96
+#: Number of samples that are computed side by side (a multiple of the vectors of processors; no power of two, as rows would then
+#: share lines of the cache).
+BLOCK = 136
 #: Maximum number of Newton iterations for the error at the start, and its tolerance: last correction over the error.
 START_ITERATIONS, START_RTOL = 20, 1e-9
 #: Mass that is added to unresolved modes, over their stiffness times the squared step (stable above a quarter), and part of the
@@ -46,10 +47,126 @@ SUMS = 6
 # Fields of a block (FIELDS, m, BLOCK); slopes and their rates take two rows, in and out of plane.
 SLOPE, SLOPE_RATE, SLOPE_ACCELERATION = 0, 2, 4
 FORCE, STRETCH, COMPLIANCE, CORRECTION, DISPLACEMENT = 6, 7, 8, 9, 10
+INVERSE = 8  #: later, in place of COMPLIANCE: 1 / zeta'
 FIELDS = 11
 
 
-@compiled(fastmath=FAST_DIVISION, forceinline=True, literal=False)
+# --- one point, all samples of a block: loops whose arrays share no memory are vectorised ------------------------------------
+
+
+@compiled(fastmath=FAST_DIVISION, noalias=True, forceinline=True)
+def _add(factor, source, total):
+    """Add a multiple of `source` to `total` (samples,)."""
+    for t in range(total.size):
+        total[t] += factor * source[t]
+
+
+@compiled(fastmath=FAST_DIVISION, noalias=True, forceinline=True)
+def _add_three(factor, first, second, third, of_first, of_second, of_third):
+    """Add a multiple of three arrays to three others (samples,)."""
+    for t in range(first.size):
+        of_first[t] += factor * first[t]
+        of_second[t] += factor * second[t]
+        of_third[t] += factor * third[t]
+
+
+@compiled(fastmath=FAST_DIVISION, noalias=True, forceinline=True)
+def _add_product(factor, first, second, total):
+    """Add a multiple of the product of two arrays to `total` (samples,)."""
+    for t in range(total.size):
+        total[t] += factor * first[t] * second[t]
+
+
+@compiled(fastmath=FAST_DIVISION, noalias=True, forceinline=True)
+def _start_stretch(green, weight, flexibility, x, y, force, stretch, chord, largest_force):
+    """Fill the stretch for slopes x, y and chordwise force; add that to leading order to the chord (samples,)."""
+    for t in range(force.size):
+        squared, strain = x[t] * x[t] + y[t] * y[t], force[t] * flexibility
+        leading = 1.0 + strain - 0.5 * squared
+        chord[t] += weight * leading
+        largest_force[t] = force[t] if force[t] > largest_force[t] else largest_force[t]
+        inner = 1.0 - squared + 2.0 * strain / leading if green else (1.0 + strain) * (1.0 + strain) - squared
+        stretch[t] = math.sqrt(inner)
+
+
+@compiled(fastmath=FAST_DIVISION, noalias=True, forceinline=True)
+def _correct_green(
+    weight, flexibility, x, y, force, tension_change, stretch, compliance, correction, reach, of_tension
+):
+    """Fill the Newton correction of the stretch by law (21), and its derivative by N; add both to their integrals (samples,)."""
+    for t in range(force.size):
+        squared, strain = x[t] * x[t] + y[t] * y[t], (force[t] + tension_change[t]) * flexibility
+        total = stretch[t] * stretch[t] + squared - 1.0
+        derivative = 2.0 / (2.0 * stretch[t] * stretch[t] + total)
+        correction[t] = (strain - 0.5 * stretch[t] * total) * derivative
+        compliance[t] = derivative * flexibility
+        reach[t] += weight * (stretch[t] + correction[t])
+        of_tension[t] += weight * compliance[t]
+
+
+@compiled(fastmath=FAST_DIVISION, noalias=True, forceinline=True)
+def _correct_linear(
+    weight, flexibility, x, y, force, tension_change, stretch, compliance, correction, reach, of_tension
+):
+    """Do :func:`_correct_green` by the linear law (1 - 1 / xi) zeta' = N / K with xi^2 = zeta'^2 + w'^2, with one division."""
+    for t in range(force.size):
+        squared, strain = x[t] * x[t] + y[t] * y[t], (force[t] + tension_change[t]) * flexibility
+        square = stretch[t] * stretch[t] + squared
+        xi = math.sqrt(square)
+        factor = square / (square * xi - squared)
+        correction[t] = ((strain - stretch[t]) * xi + stretch[t]) * factor
+        compliance[t] = xi * factor * flexibility
+        reach[t] += weight * (stretch[t] + correction[t])
+        of_tension[t] += weight * compliance[t]
+
+
+@compiled(fastmath=FAST_DIVISION, noalias=True, forceinline=True)
+def _apply_correction(shift, correction, compliance, change, stretch):
+    """Add the Newton correction and that by the change of H to the stretch (samples,)."""
+    for t in range(stretch.size):
+        stretch[t] += correction[t] + shift * compliance[t] * change[t]
+
+
+@compiled(fastmath=FAST_DIVISION, noalias=True, forceinline=True)
+def _add_second_rate(
+    weight, share, stretch, x, y, x_rate, y_rate, x_acceleration, y_acceleration, reach, inverse, displacement
+):
+    """Fill 1 / zeta' and the second rate of the displacement of a point; add that of its stretch to the reach (samples,)."""
+    for t in range(stretch.size):
+        own = 1.0 / stretch[t]
+        stretch_rate = (x[t] * x_rate[t] + y[t] * y_rate[t]) * own
+        second_rate = x[t] * x_acceleration[t] + y[t] * y_acceleration[t]
+        second_rate += x_rate[t] * x_rate[t] + y_rate[t] * y_rate[t] + stretch_rate * stretch_rate
+        second_rate *= -own * weight
+        inverse[t] = own
+        displacement[t] = reach[t] + share * second_rate
+        reach[t] += second_rate
+
+
+@compiled(fastmath=FAST_DIVISION, noalias=True, forceinline=True)
+def _add_inertia(mass, sigma, reach, displacement, above):
+    """Replace the second rate of the displacement of a point by its inertia; add what the ends bear of it (samples,)."""
+    for t in range(reach.size):
+        displacement[t] = mass * (displacement[t] - sigma * reach[t])
+        above[t] -= sigma * displacement[t]
+
+
+@compiled(fastmath=FAST_DIVISION, noalias=True, forceinline=True)
+def _take_difference(weight, share, shift, force, tension_change, inverse, inertia, above, x, y):
+    """Replace the slopes of a point by their forces less those to leading order, times the weight (samples,)."""
+    for t in range(force.size):
+        of_inertia = above[t] + share * inertia[t]
+        above[t] += inertia[t]
+        exact = (force[t] + shift * tension_change[t] - of_inertia) * inverse[t]
+        difference = (exact - force[t]) * weight
+        x[t] *= difference
+        y[t] *= difference
+
+
+# --- all points ---------------------------------------------------------------------------------------------------------
+
+
+@compiled(fastmath=FAST_DIVISION)
 def _close_samples(count, constants, points, loads, sums, fields):
     """Fill chordwise force and stretch at the points for given slopes, and the change of H by the exact closure.
 
@@ -60,54 +177,46 @@ def _close_samples(count, constants, points, loads, sums, fields):
     shift = 0.0 if constants[4] else 1.0  # a motion to leading order has the tension to leading order
     weights, patterns = points[0], points[4]
     m, flexibility = weights.size, 1.0 / stiffness
-    for t in range(count):
-        sums[TENSION_CHANGE, t] = 0.0
-        sums[CHORD, t] = 0.0
-        sums[LARGEST_FORCE, t] = -np.inf
+    tension, tension_change, largest_force = sums[LEADING_TENSION], sums[TENSION_CHANGE], sums[LARGEST_FORCE]
+    chord, reach, of_tension = sums[CHORD], sums[REACH], sums[FLEXIBILITY]
+    tension_change[:] = 0.0
+    chord[:] = 0.0
+    largest_force[:] = -np.inf
     for j in range(m):
-        for t in range(count):
-            fields[FORCE, j, t] = sums[LEADING_TENSION, t]
+        force = fields[FORCE, j, :count]
+        force[:] = tension[:count]
         for a in range(patterns.shape[0]):
-            for t in range(count):
-                fields[FORCE, j, t] += loads[1 + a, t] * patterns[a, j]
-        for t in range(count):
-            squared = fields[SLOPE, j, t] ** 2 + fields[SLOPE + 1, j, t] ** 2
-            strain = fields[FORCE, j, t] * flexibility
-            leading = 1.0 + strain - 0.5 * squared
-            sums[CHORD, t] += weights[j] * leading
-            sums[LARGEST_FORCE, t] = max(sums[LARGEST_FORCE, t], fields[FORCE, j, t])
-            inner = 1.0 - squared + 2.0 * strain / leading if green else (1.0 + strain) * (1.0 + strain) - squared
-            fields[STRETCH, j, t] = math.sqrt(inner)
+            _add(patterns[a, j], loads[1 + a, :count], force)
+        _start_stretch(
+            green, weights[j], flexibility, fields[SLOPE, j, :count], fields[SLOPE + 1, j, :count], force,
+            fields[STRETCH, j, :count], chord, largest_force,
+        )  # fmt: skip
     for _ in range(corrections):
-        for t in range(count):
-            sums[REACH, t] = 0.0
-            sums[FLEXIBILITY, t] = 0.0
+        reach[:] = 0.0
+        of_tension[:] = 0.0
         for j in range(m):
-            for t in range(count):
-                squared = fields[SLOPE, j, t] ** 2 + fields[SLOPE + 1, j, t] ** 2
-                stretch = fields[STRETCH, j, t]
-                strain = (fields[FORCE, j, t] + sums[TENSION_CHANGE, t]) * flexibility
-                if green:
-                    total = stretch * stretch + squared - 1.0
-                    compliance = 2.0 / (2.0 * stretch * stretch + total)
-                    correction = (strain - 0.5 * stretch * total) * compliance
-                else:
-                    inverse = 1.0 / math.sqrt(stretch * stretch + squared)
-                    compliance = 1.0 / (1.0 - squared * inverse * inverse * inverse)
-                    correction = (strain - stretch * (1.0 - inverse)) * compliance
-                fields[COMPLIANCE, j, t] = compliance * flexibility
-                fields[CORRECTION, j, t] = correction
-                sums[REACH, t] += weights[j] * (stretch + correction)
-                sums[FLEXIBILITY, t] += weights[j] * fields[COMPLIANCE, j, t]
+            x, y, force = fields[SLOPE, j, :count], fields[SLOPE + 1, j, :count], fields[FORCE, j, :count]
+            stretch, compliance, correction = fields[STRETCH, j], fields[COMPLIANCE, j], fields[CORRECTION, j]
+            if green:
+                _correct_green(
+                    weights[j], flexibility, x, y, force, tension_change, stretch, compliance, correction, reach,
+                    of_tension,
+                )  # fmt: skip
+            else:
+                _correct_linear(
+                    weights[j], flexibility, x, y, force, tension_change, stretch, compliance, correction, reach,
+                    of_tension,
+                )  # fmt: skip
         for t in range(count):
-            sums[REACH, t] = (sums[CHORD, t] - sums[REACH, t]) / sums[FLEXIBILITY, t]
-            sums[TENSION_CHANGE, t] += sums[REACH, t]
+            reach[t] = (chord[t] - reach[t]) / of_tension[t]
+            tension_change[t] += reach[t]
         for j in range(m):
-            for t in range(count):
-                fields[STRETCH, j, t] += fields[CORRECTION, j, t] + shift * fields[COMPLIANCE, j, t] * sums[REACH, t]
+            _apply_correction(
+                shift, fields[CORRECTION, j], fields[COMPLIANCE, j], reach, fields[STRETCH, j, :count]
+            )
 
 
-@compiled(fastmath=FAST_DIVISION, forceinline=True, literal=False)
+@compiled(fastmath=FAST_DIVISION)
 def _transverse_forces(count, constants, points, sums, fields):
     """Replace the slopes by slopes times (N - inertia) / zeta' - N to leading order, times the weights.
 
@@ -117,38 +226,26 @@ def _transverse_forces(count, constants, points, sums, fields):
     """
     weights, sigma, masses, share = points[0], points[1], points[2], points[3]
     m, shift = weights.size, 0.0 if constants[4] else 1.0
-    for t in range(count):
-        sums[REACH, t] = 0.0
+    reach, above = sums[REACH, :count], sums[FLEXIBILITY]  # from here on the inertia above a point
+    reach[:] = 0.0
+    above[:] = 0.0
     for j in range(m):
-        for t in range(count):
-            inverse = 1.0 / fields[STRETCH, j, t]
-            x, y = fields[SLOPE, j, t], fields[SLOPE + 1, j, t]
-            x_rate, y_rate = fields[SLOPE_RATE, j, t], fields[SLOPE_RATE + 1, j, t]
-            stretch_rate = (x * x_rate + y * y_rate) * inverse
-            second_rate = x * fields[SLOPE_ACCELERATION, j, t] + y * fields[SLOPE_ACCELERATION + 1, j, t]
-            second_rate += x_rate * x_rate + y_rate * y_rate + stretch_rate * stretch_rate
-            second_rate *= -inverse * weights[j]
-            fields[DISPLACEMENT, j, t] = sums[REACH, t] + share * second_rate
-            sums[REACH, t] += second_rate
-    for t in range(count):
-        sums[FLEXIBILITY, t] = 0.0  # from here on the inertia above a point
+        _add_second_rate(
+            weights[j], share, fields[STRETCH, j, :count], fields[SLOPE, j], fields[SLOPE + 1, j], fields[SLOPE_RATE, j],
+            fields[SLOPE_RATE + 1, j], fields[SLOPE_ACCELERATION, j], fields[SLOPE_ACCELERATION + 1, j], reach,
+            fields[INVERSE, j], fields[DISPLACEMENT, j],
+        )  # fmt: skip
     for j in range(m):
-        for t in range(count):
-            inertia = masses[j] * (fields[DISPLACEMENT, j, t] - sigma[j] * sums[REACH, t])
-            fields[DISPLACEMENT, j, t] = inertia
-            sums[FLEXIBILITY, t] -= sigma[j] * inertia
+        _add_inertia(masses[j], sigma[j], reach, fields[DISPLACEMENT, j], above)
     for back in range(m):
         j = m - 1 - back
-        for t in range(count):
-            above = sums[FLEXIBILITY, t] + share * fields[DISPLACEMENT, j, t]
-            sums[FLEXIBILITY, t] += fields[DISPLACEMENT, j, t]
-            exact = (fields[FORCE, j, t] + shift * sums[TENSION_CHANGE, t] - above) / fields[STRETCH, j, t]
-            difference = (exact - fields[FORCE, j, t]) * weights[j]
-            fields[SLOPE, j, t] *= difference
-            fields[SLOPE + 1, j, t] *= difference
+        _take_difference(
+            weights[j], share, shift, fields[FORCE, j, :count], sums[TENSION_CHANGE], fields[INVERSE, j],
+            fields[DISPLACEMENT, j], above, fields[SLOPE, j], fields[SLOPE + 1, j],
+        )  # fmt: skip
 
 
-@compiled(fastmath=FAST_DIVISION, forceinline=True, literal=False)
+@compiled(fastmath=FAST_DIVISION)
 def _residuals(count, constants, points, coefficients, loads, motion, sums, fields, residual):
     """Fill the residual (R, BLOCK) of a block of a motion (3, r, BLOCK): coordinates, rates, accelerations with damping.
 
@@ -158,50 +255,45 @@ def _residuals(count, constants, points, coefficients, loads, motion, sums, fiel
     slopes_of_motion, slopes = points[5], points[6]
     change, kappa, mean_forces, _, geometric_stiffness, load_projection = coefficients
     r, patterns, m = motion.shape[1], mean_forces.size, slopes.shape[1]
+    tension = sums[LEADING_TENSION]
     for t in range(count):
-        sums[LEADING_TENSION, t] = stiffness * (loads[0, t] / length - 1.0)
+        tension[t] = stiffness * (loads[0, t] / length - 1.0)
     for a in range(patterns):
-        for t in range(count):
-            sums[LEADING_TENSION, t] -= mean_forces[a] * loads[1 + a, t]
+        _add(-mean_forces[a], loads[1 + a], tension[:count])
     for i in range(kappa.size):
+        coordinate = sums[REACH, :count]
+        coordinate[:] = 0.0
+        for j in range(r):
+            _add(change[i, j], motion[0, j], coordinate)
         sag = 0.5 * stiffness / length * kappa[i]
         for t in range(count):
-            coordinate = 0.0
-            for j in range(r):
-                coordinate += change[i, j] * motion[0, j, t]
-            sums[LEADING_TENSION, t] += sag * coordinate * coordinate
+            tension[t] += sag * coordinate[t] * coordinate[t]
     for j in range(m):
         for row in range(6):
-            for t in range(count):
-                fields[row, j, t] = 0.0
+            fields[row, j, :count] = 0.0
         for i in range(r):
-            row, slope = 0 if i < in_plane else 1, slopes_of_motion[i, j]
-            for t in range(count):
-                fields[SLOPE + row, j, t] += slope * motion[0, i, t]
-                fields[SLOPE_RATE + row, j, t] += slope * motion[1, i, t]
-                fields[SLOPE_ACCELERATION + row, j, t] += slope * motion[2, i, t]
+            row = 0 if i < in_plane else 1
+            _add_three(
+                slopes_of_motion[i, j], motion[0, i, :count], motion[1, i], motion[2, i], fields[SLOPE + row, j],
+                fields[SLOPE_RATE + row, j], fields[SLOPE_ACCELERATION + row, j],
+            )  # fmt: skip
     _close_samples(count, constants, points, loads, sums, fields)
     _transverse_forces(count, constants, points, sums, fields)
     for i in range(kappa.size):
-        row = 0 if i < enriched_in_plane else 1
-        for t in range(count):
-            residual[i, t] = 0.0
+        row, own = 0 if i < enriched_in_plane else 1, residual[i, :count]
+        own[:] = 0.0
         for a in range(load_projection.shape[0]):
-            for t in range(count):
-                residual[i, t] += loads[1 + patterns + a, t] * load_projection[a, i]
+            _add(load_projection[a, i], loads[1 + patterns + a], own)
         for j in range(m):
-            for t in range(count):
-                residual[i, t] -= slopes[i, j] * fields[SLOPE + row, j, t]
+            _add(-slopes[i, j], fields[SLOPE + row, j], own)
         for j in range(r):
-            for t in range(count):
-                string = sums[LEADING_TENSION, t] * kappa[i] * motion[0, j, t]
-                residual[i, t] -= change[i, j] * (motion[2, j, t] + string)
+            _add(-change[i, j], motion[2, j], own)
+            _add_product(-change[i, j] * kappa[i], tension, motion[0, j], own)
             for a in range(patterns):
-                for t in range(count):
-                    residual[i, t] -= loads[1 + a, t] * geometric_stiffness[a, i, j] * motion[0, j, t]
+                _add_product(-geometric_stiffness[a, i, j], loads[1 + a], motion[0, j], own)
     if not constants[4]:
         for t in range(count):  # the motion obeys the exact closure
-            sums[LEADING_TENSION, t] += sums[TENSION_CHANGE, t]
+            tension[t] += sums[TENSION_CHANGE, t]
             sums[LARGEST_FORCE, t] += sums[TENSION_CHANGE, t]
             sums[TENSION_CHANGE, t] = 0.0
 
