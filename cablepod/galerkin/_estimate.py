@@ -149,15 +149,14 @@ class GalerkinEstimate:
 
         The derivatives are relative to the line between the ends, which the enriched model adds.
         """
+        from cablepod.condensed import _kernels_fields as kernel  # numba is imported only to compute
+
         mean, fields = self._projection
         by_axis = samples.states.reshape(-1, len(fields)) @ fields.reshape(len(fields), -1)
         by_axis = by_axis.reshape(3, samples.count, *mean.shape)
         by_axis[0] += mean
         result = np.empty((3, samples.count, mean.shape[1]))
-        for k, rows in enumerate(self.condensed.sets):
-            result[:, :, rows] = sum(
-                by_axis[:, :, axis, rows] * frame.normals[:, k, axis, None] for axis in range(len(mean))
-            )
+        kernel.project_on_normals(by_axis, frame.normals, self.condensed.n_in_plane, result)
         return result[0], result[1], result[2]
 
     def _chordwise(
@@ -172,14 +171,16 @@ class GalerkinEstimate:
 
         It is infinite where they run back along the chord.
         """
+        from cablepod.condensed import _kernels_fields as kernel  # numba is imported only to compute
+
         model, states = self.model, samples.states[0, chosen]
         position = (states @ model.fields_of_projections.reshape(states.shape[1], -1)).reshape(-1, *model.shape.shape)
         position += model.shape
-        along = ((position - position[:, :1]) @ frame.along[chosen, :, None])[:, :, 0]
-        ordered = np.diff(along, axis=1).min(axis=1) > 0.0
         stretch, _, _, deflection = close_chord_of(self.condensed, coordinates[chosen], boundary_data[chosen])
         closed = positions_of(self.condensed, stretch, deflection, np.ascontiguousarray(position[:, [0, -1]]))
-        return np.where(ordered, square(closed - position).mean(axis=1), np.inf)
+        squares = np.empty(len(position))
+        kernel.distances_along_chord(position, closed, frame.along[chosen], squares)
+        return squares
 
 
 @lru_cache(maxsize=KEPT_MODELS)

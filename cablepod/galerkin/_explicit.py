@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from cablepod.errors import RunStopped
+from cablepod.galerkin._model import GalerkinModel
 from cablepod.galerkin._record import GalerkinTrajectory, RunRecord
 from cablepod.galerkin._runs import POLYNOMIAL_COST, GalerkinRun
+from cablepod.integrate._output_times import distinct
 from cablepod.integrate._step_control import damped_growth
 
 #: Phase up to which a vibration has its exact frequency in steps of the filtered scheme [rad].
@@ -19,6 +21,8 @@ FITTED_PHASE = 1.0
 #: Squared frequency times squared step to which stiffer vibrations are slowed; 4 is the stability limit, and the rest is
 #: left for the change of the stiffness during the run.
 SLOWED = 3.0
+#: Number of filters that are kept between calls.
+KEPT_FILTERS = 64
 
 
 class StepFilter(NamedTuple):
@@ -45,28 +49,23 @@ class StepFilter(NamedTuple):
         return cls(root @ root.T, root, (shapes * resolved) @ shapes.T)
 
 
+@lru_cache(KEPT_FILTERS)
+def _filter_of(model: GalerkinModel, end_time: float, step: float) -> StepFilter:
+    """Return the filter of a model, about its mean state until `end_time` [s], for a step [s]; kept as long as the model is."""
+    return StepFilter.of(*model.mean_vibrations(end_time), step)
+
+
 class ExplicitGalerkinRun(GalerkinRun):
     """Velocity Verlet: second order, symplectic, stable for steps below 2 over the highest angular frequency.
 
     As "filtered_verlet" it slows the vibrations that its step does not resolve, see :class:`StepFilter`.
     """
 
-    @cached_property
-    def vibrations(self) -> tuple[np.ndarray, np.ndarray]:
-        """Squared angular frequencies and shapes of small vibrations about the mean state of the run."""
-        return self.model.mean_vibrations(float(self.times[-1]))
-
-    @cached_property
-    def _filters(self) -> dict[float, StepFilter]:
-        return {}
-
     def filter(self, step: float) -> StepFilter | None:
         """Filter for a step [s]; None for plain velocity Verlet."""
         if self.scheme != "filtered_verlet":
             return None
-        if step not in self._filters:
-            self._filters[step] = StepFilter.of(*self.vibrations, step)
-        return self._filters[step]
+        return _filter_of(self.model, float(self.times[-1]), step)
 
     @property
     def use_polynomial_form(self) -> bool:
@@ -120,7 +119,7 @@ class ExplicitGalerkinRun(GalerkinRun):
     def _check(self, trajectory: GalerkinTrajectory) -> GalerkinTrajectory:
         """Raise RunStopped if the step exceeds the stability limit at up to 50 output instants."""
         steps_per_second = trajectory.instants.steps_per_second
-        checked = np.unique(np.linspace(0, len(trajectory.q) - 1, 50).astype(int))
+        checked = distinct(np.linspace(0, len(trajectory.q) - 1, 50).astype(int))
         times = trajectory.instants.times[checked]
         state = np.concatenate([trajectory.q[checked], trajectory.displacements[checked]], axis=1)
         hessians = self.model.gradients(state)[1]

@@ -53,6 +53,13 @@ class GalerkinModel:
         return np.linalg.cholesky(np.einsum("ipc,p,kpc->ik", inner, self.mass, inner))
 
     @cached_property
+    def amplitudes_of_orthonormal(self) -> np.ndarray:
+        """Matrix (modes, modes) from mass-orthonormal amplitudes, in rows, to those of the modes as given [kg^-1/2]."""
+        from scipy.linalg import solve_triangular  # costly to import
+
+        return solve_triangular(self.mass_cholesky, np.eye(len(self.modes)), lower=True)
+
+    @cached_property
     def fields(self) -> np.ndarray:
         """Mass-orthonormal modes (modes, particle, dims) [kg^-1/2]."""
         from scipy.linalg import solve_triangular  # costly to import

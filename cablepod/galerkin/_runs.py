@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import COORDINATES, ENDS, labelled_dataset
+from cablepod.conventions import COORDINATES, ENDS, labelled_dataset, values_of_index
 from cablepod.galerkin._model import GalerkinModel
 from cablepod.galerkin._record import GalerkinTrajectory, RunRecord
 from cablepod.integrate._march import advance_in_blocks
@@ -187,10 +187,8 @@ class GalerkinRun:
 
     def dataset(self, trajectory: GalerkinTrajectory) -> xr.Dataset:
         """Convert a trajectory to a labelled Dataset."""
-        from scipy.linalg import solve_triangular  # costly to import
-
         model, time = self.model, trajectory.instants.times
-        amplitude = solve_triangular(model.mass_cholesky, trajectory.q.T, lower=True, trans="T").T
+        amplitude = trajectory.q @ model.amplitudes_of_orthonormal
         lead: tuple[str, ...] = ()
         count = len(model.modes)
         if model.layout == "separate":
@@ -219,7 +217,7 @@ class GalerkinRun:
         labels = {
             "coordinate": np.array(COORDINATES[: model.chain.p.dims]),
             "time": time,
-            "mode": self.modes["mode"].values[:count],
+            "mode": values_of_index(self.modes.variables["mode"])[:count],
             "end": np.array(ENDS),
         }
         options = {"law": model.law, "rank": count}
