@@ -403,6 +403,7 @@ COMPILED = (
     "cablepod.condensed._kernels_frame.frames",
     "cablepod.condensed._kernels_leading.leading_verlet",
     "cablepod.condensed._kernels_leading_numerov.leading_numerov",
+    "cablepod.condensed._kernels_numerov_of_two.numerov_of_two",
     "cablepod.condensed._kernels_leading_implicit.leading_implicit",
     "cablepod.condensed._kernels_exact.exact_verlet",
     "cablepod.condensed._kernels_exact.exact_implicit",

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import everything, full_modes, spatial
 
+import cablepod as cp
 from cablepod.condensed import _kernels_closure as kernel
+from cablepod.condensed import _kernels_leading_numerov, _kernels_numerov_of_two
 
 
 @pytest.mark.parametrize("green", [False, True])
@@ -37,3 +40,40 @@ def test_solutions_close_the_chord_and_satisfy_the_law(green):
         off = np.abs(force[:, None] + tau[good] - law).max(axis=1)
         assert (off <= 1e-8 * np.abs(force) + 1e-13 * stiffness).all()
     assert solved > 5500  # of 6000; under strong compression there is no solution
+
+
+@pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")  # modes of another cable; the ends come near
+@pytest.mark.parametrize("case", ["everything", "one of each deflection", "at rest", "unstable"])
+def test_the_kernel_of_two_coordinates_takes_the_steps_of_the_other(soft, monkeypatch, case):
+    """Loads that vary, damping, several blocks of loads, extremes; the order of the sums differs, and nothing else."""
+    mapping, rank, rate = everything(soft), 2, 500
+    if case == "one of each deflection":
+        mapping, rank = spatial({**soft, "damping": {"mass_proportional": 0.8}}), 1
+    elif case == "at rest":
+        mapping = soft
+    elif case == "unstable":  # the tension grows with the distance of the ends
+        mapping, rate = {**soft, "motion": {"upper": {"x": {"kind": "ramp", "amplitude": 0.3, "duration": 1.0}}}}, 4
+    scene, modes = cp.make_scene(mapping), full_modes(dims=3 if rank == 1 else 2)
+    options = {"scheme": "numerov", "step": 1.0 / rate, "times": np.linspace(0.0, 2.0, 41)}
+    outputs = ("velocity", "tension_extremes")
+    called = []
+
+    def run():
+        try:
+            return cp.condensed.simulate(scene, modes, rank=rank, outputs=outputs, **options)
+        except cp.RunStopped as stopped:
+            return str(stopped)
+
+    one, march = run(), _kernels_leading_numerov.leading_numerov
+    monkeypatch.setattr(_kernels_numerov_of_two, "numerov_of_two", lambda *given: (called.append(1), march(*given))[1])
+    other = run()
+    assert called
+    if case == "unstable":
+        assert one == other
+        assert "its stability limit is below the step" in one
+        return
+    # rounding, which the sums of a thousand steps add up to 1e-12 of the motion
+    for name in ("amplitude", "velocity", "tension_minimum", "tension_maximum"):
+        np.testing.assert_allclose(one[name], other[name], rtol=1e-9, atol=1e-10 * float(np.abs(other[name]).max()))
+    for name in ("smallest_chordwise_force", "time_of_smallest_force"):
+        assert one.attrs[name] == pytest.approx(other.attrs[name], rel=1e-9)

@@ -64,6 +64,7 @@ for dims in (2, 3):
     outputs = ("position", "tension", "tension_extremes")
     cp.condensed.simulate(scenes, modes, rank=2, step=0.01, times=[0.0, 0.02], outputs=outputs)
     cp.condensed.simulate(scenes, modes, rank=2, times=[0.0, 0.3], outputs=outputs)
+    cp.condensed.simulate(scenes.isel(member=0), modes, rank=2, times=[0.0, 0.3])
 """,
     "chain": """
 from cablepod.chain import _lanes
@@ -76,7 +77,10 @@ for dims in (2, 3):
 }
 #: Kernels that each run must call.
 KERNELS = {
-    "condensed": ("_kernels_leading_lanes", "_kernels_leading_numerov_lanes", "_kernels_frame", "_kernels_sines"),
+    "condensed": (
+        "_kernels_leading_lanes", "_kernels_leading_numerov_lanes", "_kernels_frame", "_kernels_sines",
+        "_kernels_numerov_of_two", "_kernels_error",
+    ),
     "chain": ("_kernels_lanes", "_kernels_lane_steps"),
 }
 

@@ -130,7 +130,8 @@ def test_kernel_is_recorded_whole_and_once(pipeline):
         (models.Setting("full", "cable", "trapezoidal", 1, "7", step=0.1), "trapezoidal"),
         (models.Setting("reduced", "condensed", "trapezoidal", 10, "leading", 2, step=0.1), "leading_implicit"),
         (models.Setting("reduced", "condensed", "velocity_verlet", 40, "exact", 1, 6, step=0.05), "exact_verlet"),
-        (models.Setting("reduced", "condensed", "numerov", 10, "leading", 2, step=0.05), "leading_numerov"),
+        (models.Setting("reduced", "condensed", "numerov", 10, "leading", 2, step=0.05), "numerov_of_two"),
+        (models.Setting("reduced", "condensed", "numerov", 10, "leading", 3, step=0.05), "leading_numerov"),
     ):
         job = models.job_of(given, setting, setting.step, training)
         calls, _ = models.kernel_calls(job, times, setting)
