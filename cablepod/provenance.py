@@ -208,8 +208,7 @@ def merged_stages(histories: Iterable[str]) -> dict[str, str]:
 def _texts_of_stages(history: str) -> tuple[tuple[str, str, str], ...]:
     """Return id, JSON text and time of each stage of a history (kept, as many results share the history of their inputs)."""
     return tuple(
-        (stage["id"], SORTED.encode(stage), str(stage.get("written", NOT_WRITTEN)))
-        for stage in checked_stages(history)
+        (stage["id"], SORTED.encode(stage), str(stage.get("written", NOT_WRITTEN))) for stage in checked_stages(history)
     )
 
 
@@ -242,11 +241,17 @@ def digest(dataset: xr.Dataset) -> str:
         if isinstance(data, np.ndarray):
             content = _content(data)
         elif isinstance(variable, IndexVariable):
-            content = _kept_content(_Labels(variable))
+            content = _kept_content(Labels(variable))
         else:
             content = _content(data := np.asarray(variable.data))
-        parts += [f"{name}{variable.dims}{data.shape}".encode(), content]
+        parts += [_described(name, variable._dims, data.shape), content]
     return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
+
+
+@lru_cache(1024)
+def _described(name: str, dims: tuple[Any, ...], shape: tuple[int, ...]) -> bytes:
+    """Return name, dimensions and shape of a variable as bytes (kept: to write tuples takes as long as to hash a scene)."""
+    return f"{name}{dims}{shape}".encode()
 
 
 def _content(values: np.ndarray) -> bytes:
@@ -254,21 +259,21 @@ def _content(values: np.ndarray) -> bytes:
     return str(values.tolist()).encode() if values.dtype.kind in "UO" else values.tobytes()
 
 
-class _Labels:
+class Labels:
     """Labels of a dimension, which cannot be changed and are compared as an object, for Datasets share them."""
 
     def __init__(self, variable: xr.IndexVariable) -> None:
         self.variable, self.index, self.dtype = variable, variable._data.array, variable.dtype
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Labels) and self.index is other.index and self.dtype == other.dtype
+        return isinstance(other, Labels) and self.index is other.index and self.dtype == other.dtype
 
     def __hash__(self) -> int:
         return id(self.index)
 
 
 @lru_cache(256)
-def _kept_content(labels: _Labels) -> bytes:
+def _kept_content(labels: Labels) -> bytes:
     """Return the content of labels as bytes; their conversion by pandas takes longer than that of all numbers of a scene."""
     return _content(np.asarray(labels.variable.data))
 

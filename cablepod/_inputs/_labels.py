@@ -96,12 +96,13 @@ def _place_order(key: str, name: str, dim: str, variable: xr.Variable, length: x
         return _common_order(
             np.moveaxis(arc, variable._dims.index(dim), -1).reshape(-1, arc.shape[variable._dims.index(dim)])
         )
-    order = None
-    if not (arc[1:] > arc[:-1]).all():
+    order, rises = None, (arc[1:] > arc[:-1]).all()
+    if not rises:
         order = np.argsort(arc)
         arc = arc[order]
+        rises = (arc[1:] > arc[:-1]).all()
     allowed = f"those of the {dim}s, rising from the lower end"
-    if arc.size < 2 or not (arc[1:] > arc[:-1]).all() or not math.isfinite(arc[0]) or not math.isfinite(arc[-1]):
+    if arc.size < 2 or not rises or not math.isfinite(arc[0]) or not math.isfinite(arc[-1]):
         raise scene_error(f"{key}: {name}", variable.values.tolist(), f"{allowed}, each once")
     if dim == "particle":
         last = float(arc[-1])

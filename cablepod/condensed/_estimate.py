@@ -93,10 +93,8 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
     rate = state.instants.steps_per_second / interval
     motion = state.saved[rows], state.saved_rates[rows], state.saved_accelerations[rows]
     equation, error, error_rate = _error_at_start(model, air)
-    if state.boundary_data is None:
-        boundary_data = model.boundary_data(0, len(motion[0]) - 1, rate)
-    else:
-        boundary_data = state.boundary_data[rows]
+    kept = state.boundary_data
+    boundary_data = model.boundary_data(0, len(motion[0]) - 1, rate) if kept is None else kept[rows]
     displaced: Any = 0.0
     times, further = np.arange(len(motion[0])) / rate, []
     if model.order != "leading" and times.size > 2:

@@ -211,9 +211,7 @@ def _close_samples(count, constants, points, loads, sums, fields):
             reach[t] = (chord[t] - reach[t]) / of_tension[t]
             tension_change[t] += reach[t]
         for j in range(m):
-            _apply_correction(
-                shift, fields[CORRECTION, j], fields[COMPLIANCE, j], reach, fields[STRETCH, j, :count]
-            )
+            _apply_correction(shift, fields[CORRECTION, j], fields[COMPLIANCE, j], reach, fields[STRETCH, j, :count])
 
 
 @compiled(fastmath=FAST_DIVISION)

@@ -174,8 +174,9 @@ def numerov_of_two(
             change_x = half_step * (f_x - excess * x - damping * rate_x)
             change_y = half_step * (f_y - excess * y - damping * rate_y)
             saved[next_output, 0], saved[next_output, 1] = x, y
-            half_step_rates[next_output, 0, 0], half_step_rates[next_output, 0, 1] = rate_x - change_x, rate_y - change_y
-            half_step_rates[next_output, 1, 0], half_step_rates[next_output, 1, 1] = rate_x + change_x, rate_y + change_y
+            rates = half_step_rates[next_output]
+            rates[0, 0], rates[0, 1] = rate_x - change_x, rate_y - change_y
+            rates[1, 0], rates[1, 1] = rate_x + change_x, rate_y + change_y
             next_output += 1
             next_step = output_steps[next_output] if next_output < output_steps.size else -1
     q[0], q[1], v[0], v[1] = x, y, v_x, v_y

@@ -17,10 +17,10 @@ from cablepod.condensed._fields import CondensedTrajectory, positions
 from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE, UNSTABLE_STEP
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._output import attributes, dataset
-from cablepod.condensed._stepper import FOURTH_ORDER, CondensedStepper
+from cablepod.condensed._stepper import FOURTH_ORDER, BoundaryDataOfTwo, CondensedStepper
 from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import scene_error
-from cablepod.integrate._march import BLOCK, advance_in_blocks
+from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import stop
 from cablepod.integrate._output_times import judged_instants
 from cablepod.integrate._peaks import PeakSearch, Watch, peak_times
@@ -246,31 +246,6 @@ def _unforced_step(run: CondensedRun, omega_squared: float) -> float:
     chord_tension = max(run.model.omega_taut_squared(end_time), 1e-300) / kappa.max()
     omega_min = math.sqrt(max(chord_tension, 1e-9 * run.model.chain.p.stiffness) * kappa.min())
     return min(max(end_time, 1e-300) / MIN_STEPS, PHASE_PER_STEP / omega_min)
-
-
-class BoundaryDataOfTwo:
-    """Boundary data of a run and of the next one with twice the steps: the first has every second row of the second.
-
-    Parameters
-    ----------
-    model
-        Model of the runs.
-    steps_per_second
-        Of the first run [1/s].
-    """
-
-    def __init__(self, model: CondensedModel, steps_per_second: float) -> None:
-        self.model, self.steps_per_second = model, steps_per_second
-        self.rows = np.empty((0, 0))  #: of the second run
-
-    def __call__(self, begin: int, steps: int, steps_per_second: float) -> np.ndarray:
-        """Return the boundary data of the steps `begin` ... `begin + steps`, both included."""
-        if begin == 0 and 2 * steps < BLOCK and steps_per_second == self.steps_per_second:
-            self.rows = self.model.boundary_data(0, 2 * steps, 2.0 * steps_per_second)
-            return self.rows[::2].copy()
-        if begin == 0 and steps < len(self.rows) and steps_per_second == 2.0 * self.steps_per_second:
-            return self.rows[: steps + 1]
-        return self.model.boundary_data(begin, steps, steps_per_second)
 
 
 class InitialState(NamedTuple):

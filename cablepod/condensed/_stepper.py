@@ -9,11 +9,13 @@ import numpy as np
 
 from cablepod.condensed._fields import CondensedTrajectory
 from cablepod.condensed._kernels_layout import initial_monitor
+from cablepod.integrate._march import BLOCK
 from cablepod.integrate._means import with_steps_of_means
 from cablepod.integrate._output_times import OutputTimes, with_judged
 from cablepod.integrate._step_control import damped_growth
 
 if TYPE_CHECKING:
+    from cablepod.condensed._model import CondensedModel
     from cablepod.condensed._runs import CondensedRun
 
 #: Name of the scheme of fourth order.
@@ -22,6 +24,31 @@ FOURTH_ORDER = "numerov"
 EXPLICIT = ("velocity_verlet", FOURTH_ORDER)
 #: Coordinates beyond this multiple of sqrt(mass) times length have diverged.
 DIVERGENCE_FACTOR = 1e6
+
+
+class BoundaryDataOfTwo:
+    """Boundary data of a run and of the next one with twice the steps: the first has every second row of the second.
+
+    Parameters
+    ----------
+    model
+        Model of the runs.
+    steps_per_second
+        Of the first run [1/s].
+    """
+
+    def __init__(self, model: CondensedModel, steps_per_second: float) -> None:
+        self.model, self.steps_per_second = model, steps_per_second
+        self.rows = np.empty((0, 0))  #: of the second run
+
+    def __call__(self, begin: int, steps: int, steps_per_second: float) -> np.ndarray:
+        """Return the boundary data of the steps `begin` ... `begin + steps`, both included."""
+        if begin == 0 and 2 * steps < BLOCK and steps_per_second == self.steps_per_second:
+            self.rows = self.model.boundary_data(0, 2 * steps, 2.0 * steps_per_second)
+            return self.rows[::2].copy()
+        if begin == 0 and steps < len(self.rows) and steps_per_second == 2.0 * self.steps_per_second:
+            return self.rows[: steps + 1]
+        return self.model.boundary_data(begin, steps, steps_per_second)
 
 
 class CondensedStepper:

@@ -213,7 +213,9 @@ def _validity_attributes(model: GalerkinModel, modes: xr.Dataset, result: xr.Dat
         share = modes.variables["energy_share"]
         kept = share.values.take(range(result.sizes["mode"]), share.dims.index("mode"))
         attributes["energy_share_kept"] = float(kept.sum(share.dims.index("mode")).min())
-    return attributes | distance_outside_training(modes, p, length, float(values_of_index(result.variables["time"])[-1]))
+    return attributes | distance_outside_training(
+        modes, p, length, float(values_of_index(result.variables["time"])[-1])
+    )
 
 
 def _warn_of_energy_defect(defect: float, scheme: str) -> None:

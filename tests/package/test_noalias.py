@@ -78,8 +78,12 @@ for dims in (2, 3):
 #: Kernels that each run must call.
 KERNELS = {
     "condensed": (
-        "_kernels_leading_lanes", "_kernels_leading_numerov_lanes", "_kernels_frame", "_kernels_sines",
-        "_kernels_numerov_of_two", "_kernels_error",
+        "_kernels_leading_lanes",
+        "_kernels_leading_numerov_lanes",
+        "_kernels_frame",
+        "_kernels_sines",
+        "_kernels_numerov_of_two",
+        "_kernels_error",
     ),
     "chain": ("_kernels_lanes", "_kernels_lane_steps"),
 }
