@@ -214,10 +214,11 @@ class GalerkinRun:
             arc_length = model.chain.arc_length
             middles = 0.5 * (arc_length[1:] + arc_length[:-1])
             variables |= peak_variables(trajectory.extremes, (least, largest), middles)
+        numbers = self.modes.variables.get("mode")
         labels = {
             "coordinate": np.array(COORDINATES[: model.chain.p.dims]),
             "time": time,
-            "mode": values_of_index(self.modes.variables["mode"])[:count],
+            "mode": (np.arange(count) if numbers is None else values_of_index(numbers))[:count],
             "end": np.array(ENDS),
         }
         options = {"law": model.law, "rank": count}
