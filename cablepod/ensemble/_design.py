@@ -19,7 +19,7 @@ from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._checks import text
 from cablepod.parameters._key_paths import dotted, flat, kind_in, variable_name, variable_of
 from cablepod.parameters._keys import ENSEMBLE, join
-from cablepod.scene._completed import check_vector, checked_table, completed, variables_at
+from cablepod.scene._completed import check_vector, checked_table, completed, may_have, variables_at
 from cablepod.scene._hertz import ranges_in_radians
 from cablepod.scene._make import check_scene_numbers
 from cablepod.scene._mast import scene_kind
@@ -145,6 +145,10 @@ def _checked_values(scene: xr.Dataset, key: str, path: Any, values: Any, options
         is_vector = variable_of(scene, f"{path}.x") is not None
         similar = axis_hint(is_vector, path) or similar_path(path, (dotted(str(name)) for name in scene.data_vars))
         raise SceneError(f"{key}: unknown key path; allowed: {ALLOWED_PATHS}{similar}")
+    if not may_have(scene, dotted(path)):
+        raise scene_error(
+            key, values, f"no such key in a scene of {'a mast' if 'mast_height' in scene else 'one cable'}"
+        )
     if of.is_number:
         return check_values(key, values, **sampling)
     chosen = check_choices(key, values, of, **sampling)
@@ -247,7 +251,13 @@ def _vary(scene: xr.Dataset, varied: Mapping[str, Any], ranges: Iterable[str]) -
     coords: dict[str, Any] = {"member": ("member", np.arange(count), {"units": units, "long_name": long_name})}
     for path, values in varied.items():
         if isinstance(values, list):
-            variables |= variables_at(scene, path, values)
+            made = variables_at(scene, path, values)
+            variables |= made
+            dims, vectors, vector_attrs = made[variable_name(path)]
+            if dims == ("member", "coordinate"):
+                for number, axis in enumerate(COORDINATES[: vectors.shape[1]]):
+                    component_attrs = {**vector_attrs, "long_name": f"{vector_attrs['long_name']}, {axis}"}
+                    coords[variable_name(f"{path}.{axis}")] = ("member", vectors[:, number], component_attrs)
             continue
         target = variable_of(scene, path)
         assert target is not None  # _check_ranges refuses unknown key paths

@@ -90,7 +90,8 @@ def parameter_map(
         time error is above ``accepted_time_error`` (0.01 without this attribute) or whose reduced model expects an error above
         half the motion, by white dots those that go slack.  In a map of the largest tension members are not marked whose
         estimated time error of this tension is below a hundredth of it, though the motion has not converged.  The title tells
-        the marks that occur.  Labels are long names and units of the variables; forces from 10 kN on are in kN.
+        the marks that occur, and how many members have no `x` or `y` and are left out.  Labels are long names and units of the
+        variables; forces from 10 kN on are in kN.
 
     Raises
     ------
@@ -101,6 +102,10 @@ def parameter_map(
     x, y = (variable_name(name) if isinstance(name, str) else name for name in (x, y))
     result = taken("result", result, MAPPED)
     across, up, values = _flat_columns(result, variable, x, y)
+    lacking = ~(np.isfinite(across) & np.isfinite(up))
+    if lacking.any() and not lacking.all() and result.sizes.get("member") == lacking.size:
+        result = result.isel(member=~lacking)
+        across, up, values = _flat_columns(result, variable, x, y)
     _check_pairs(result, across, up, x, y)
     in_hertz = [hertz and result[name].attrs.get("units") == "rad s-1" for name in (x, y)]
     across, up = (part / (2.0 * np.pi) if of else part for part, of in zip((across, up), in_hertz, strict=True))
@@ -128,7 +133,7 @@ def parameter_map(
         (bar.ax.yaxis, variable, values, False),
     ):
         _style.label_axis(axis, _label(result, name, hertz=of), drawn_values)
-    marks = []
+    marks = [f"{lacking.sum()} members without {x} or {y} left out"] if across.size < lacking.size else []
     if missing.any():
         ax.plot(across[missing], up[missing], "x", color=_style.COLOURS[1], markersize=6)
         marks.append("crosses: no result")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,11 @@ from cablepod.conventions import COORDINATES
 from cablepod.errors import SceneError
 from cablepod.parameters._key_paths import key_at, kind_in, variable_name
 from cablepod.parameters._keys import TABLES, TURBULENCE, WIND, Key, check_table
+from cablepod.parameters._mast_keys import SHARED_TABLES
 from cablepod.scene._check import check_cable, check_chain, check_time
 from cablepod.scene._files import read_record
 from cablepod.scene._make import Variables, _variable
+from cablepod.scene._mast import MAST_TABLES
 from cablepod.scene._ranges import KEYS_OF_WORDS
 from cablepod.scene._wind import check_wind
 
@@ -44,6 +47,15 @@ def completed(scene: xr.Dataset, lacking: Mapping[str, Any], varied: Iterable[st
             if variable_name(path) not in scene:
                 scene = scene.assign(variables_at(scene, path, [value], of_members=False))
     return scene
+
+
+def may_have(scene: xr.Dataset, path: str) -> bool:
+    """Tell whether a scene of its kind, of one cable or of a mast, may have the key at a path."""
+    table, _, name = path.rpartition(".")
+    if "mast_height" not in scene:
+        return table.partition(".")[0] not in MAST_TABLES
+    is_shared = table in SHARED_TABLES and name not in ("link_viscosity", "tension_proportional", "link_lengths")
+    return is_shared or table.partition(".")[0] in MAST_TABLES
 
 
 def key_in(scene: xr.Dataset, path: str) -> Key:
@@ -131,9 +143,19 @@ def checked_table(scene: xr.Dataset, table: str, varied: Iterable[str]) -> dict[
         check_chain(tree)
     if table == "time":
         check_time(tree)
-    if table == "ice" and "mast_height" not in scene and "cable_diameter" not in scene:
-        raise SceneError("cable.diameter: missing; allowed: a diameter [m], on which the ice grows")
+    if table == "ice":
+        for cable in _cables_of(scene):
+            if variable_name(f"{cable}.diameter") not in scene:
+                raise SceneError(f"{cable}.diameter: missing; allowed: a diameter [m], on which the ice grows")
     return {f"{table}.{name}": value for name, value in checked.items()}
+
+
+def _cables_of(scene: xr.Dataset) -> list[str]:
+    """Return the key paths of the cables of a scene."""
+    if "mast_height" not in scene:
+        return ["cable"]
+    names = [re.fullmatch(r"cables_(\w+)_youngs_modulus", str(name)) for name in scene.data_vars]
+    return [f"cables.{found[1]}" for found in names if found]
 
 
 def _checked_wind(scene: xr.Dataset, varied: Iterable[str]) -> dict[str, Any]:
@@ -148,7 +170,8 @@ def _checked_wind(scene: xr.Dataset, varied: Iterable[str]) -> dict[str, Any]:
         of_table = tables[table]
         if chooser in varied and of_table.get(chooser.rpartition(".")[2]) != word and name in of_table:
             key_in(scene, path).check(path, of_table.pop(name))
-    cable = {"diameter": 1.0} if "mast_height" in scene or "cable_diameter" in scene else {}
+    has_diameter = "mast_height" in scene or "cable_diameter" in scene  # guys are checked with their parameters
+    cable = {"diameter": 1.0} if has_diameter else {}
     given = tables["wind"] | ({"turbulence": tables["wind.turbulence"]} if tables["wind.turbulence"] else {})
     checked = check_wind(given, cable, scene.sizes["coordinate"], Path())
     gusts = checked.pop("turbulence", {})

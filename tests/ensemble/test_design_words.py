@@ -8,6 +8,7 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
+from mast_scenes import small
 from wind_scenes import GUY, KAIMAL, WIND
 
 import cablepod as cp
@@ -200,6 +201,30 @@ def test_members_that_differ_in_words_share_no_pair_of_a_map():
     whole = cp.chain.simulate(scenes, **STEP)
     with pytest.raises(cp.SceneError, match=r"wind_turbulence_spectrum\.values == 'kaimal'"):
         cp.plots.parameter_map(whole, "tension_maximum", x="wind.speed", y="cable.diameter")
+
+
+def test_a_map_leaves_out_members_that_lack_a_key():
+    words = {"wind.profile": ["logarithmic", "power"], "wind.exponent": [0.1, 0.2], "wind.speed": [10, 20]}
+    whole = cp.chain.simulate(design(WINDY, words, members=6), **STEP)
+    ax = cp.plots.parameter_map(whole, "tension_maximum", x="wind.exponent", y="wind.speed")
+    assert ax.get_title().endswith("3 members without wind_exponent or wind_speed left out")
+    assert len(ax.collections[0].get_offsets()) == 3
+
+
+def test_vectors_given_as_lists_have_their_components_as_coordinates():
+    scenes = design(WINDY, {"wind.direction": [[1.0, 0.0, 0.0], [0.6, 0.0, 0.8]]})
+    assert scenes["wind_direction_z"].dims == ("member",)
+    assert scenes.coords["wind_direction_z"].values.tolist() == [0.0, 0.8]
+
+
+def test_keys_that_a_mast_lacks_are_made_or_refused():
+    mast = small()
+    iced = cp.ensemble.design(mast, {"ice.thickness": [0.0, 0.01]}, members=2)
+    assert iced["ice_thickness"].dims == ("member",)
+    with pytest.raises(cp.SceneError, match=r"^ranges\.damping\.tension_proportional: given .*; allowed: no such key"):
+        cp.ensemble.design(mast, {"damping.tension_proportional": [0.0, 0.01]}, members=2)
+    with pytest.raises(cp.SceneError, match=r"^ranges\.mast\.height: unknown key path"):
+        design(WINDY, {"mast.height": [1.0, 2.0]}, members=2)
 
 
 def _record(path, count, height):
