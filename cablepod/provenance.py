@@ -241,7 +241,7 @@ def digest(dataset: xr.Dataset) -> str:
         if isinstance(data, np.ndarray):
             content = _content(data)
         elif isinstance(variable, IndexVariable):
-            content = _kept_content(Labels(variable))
+            content = _kept_content(_Labels(variable))
         else:
             content = _content(data := np.asarray(variable.data))
         parts += [_described(name, variable._dims, data.shape), content]
@@ -259,21 +259,21 @@ def _content(values: np.ndarray) -> bytes:
     return str(values.tolist()).encode() if values.dtype.kind in "UO" else values.tobytes()
 
 
-class Labels:
+class _Labels:
     """Labels of a dimension, which cannot be changed and are compared as an object, for Datasets share them."""
 
     def __init__(self, variable: xr.IndexVariable) -> None:
         self.variable, self.index, self.dtype = variable, variable._data.array, variable.dtype
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Labels) and self.index is other.index and self.dtype == other.dtype
+        return isinstance(other, _Labels) and self.index is other.index and self.dtype == other.dtype
 
     def __hash__(self) -> int:
         return id(self.index)
 
 
 @lru_cache(256)
-def _kept_content(labels: Labels) -> bytes:
+def _kept_content(labels: _Labels) -> bytes:
     """Return the content of labels as bytes; their conversion by pandas takes longer than that of all numbers of a scene."""
     return _content(np.asarray(labels.variable.data))
 
