@@ -36,6 +36,12 @@ KINDS = {
 pytestmark = pytest.mark.filterwarnings("ignore::cablepod.OutOfRangeWarning")
 
 
+@pytest.fixture(autouse=True)
+def no_records(monkeypatch):
+    """Begin without records, of which there may be so many that the next one clears them."""
+    monkeypatch.setattr(_seen, "_records", {})
+
+
 def seen(stage: str, spatial: bool = False) -> xr.Dataset:
     """A Dataset of one's own, after a call that accepted and one that recognised it."""
     dataset = datasets(spatial)[stage].copy(deep=True)
