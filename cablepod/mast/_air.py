@@ -53,14 +53,14 @@ def _of_places(air: MastAir, velocity: np.ndarray, count: int, lanes: int) -> np
 
 
 @lru_cache(2 * KEPT_FIELDS)
-def _along_guys(air: MastAir, count: int) -> np.ndarray:
-    return _of_places(air, air.velocity, count, air.guys).reshape(len(air.velocity), -1)
+def _along_guys(air: MastAir, count: int, lanes: int) -> np.ndarray:
+    return _of_places(air, air.velocity, count, lanes).reshape(len(air.velocity), -1)
 
 
-def along_guys(air: MastAir, count: int) -> np.ndarray:
-    """Return the velocity at Gauss points of the guys (samples, count 3 guys) [m/s]."""
+def along_guys(air: MastAir, count: int, lanes: int) -> np.ndarray:
+    """Return the velocity at Gauss points of the guys (samples, count 3 lanes) [m/s]."""
     with _LOCK:
-        return _along_guys(air, count)
+        return _along_guys(air, count, lanes)
 
 
 def steady_along_guys(air: MastAir, count: int, lanes: int) -> np.ndarray:

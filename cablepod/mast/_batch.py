@@ -12,7 +12,8 @@ from cablepod.batch._members import BatchPlan
 from cablepod.batch._stack import Variables, arrays_of
 from cablepod.errors import SceneError
 from cablepod.mast import _output as output
-from cablepod.mast._condensed_lanes import members_abreast, run_abreast
+from cablepod.mast._abreast_run import run_abreast
+from cablepod.mast._kernels_layout import ABREAST
 from cablepod.mast._request import MastTrajectory
 from cablepod.mast._runs import MastCase
 from cablepod.parameters._mast import mast_parameters
@@ -20,7 +21,7 @@ from cablepod.parameters._mast import mast_parameters
 #: Outputs of runs abreast.
 OUTPUTS = {"displacement", "guy_tension", "guy_force", "bending_moment", "extremes"}
 #: Groups of members abreast that a thread prepares together, as members of different steps or air do not run abreast.
-GROUPS = 2
+GROUPS = 4
 #: Outputs of members that a thread keeps at once, all instants of all members.
 MAX_INSTANTS = 300_000
 #: Defaults of the options of :func:`cablepod.mast.simulate` that a case needs.
@@ -45,7 +46,7 @@ def plan(scene: xr.Dataset, modes: xr.Dataset | None = None, **options: Any) -> 
         instants = p.times().size if asked["times"] is None else np.size(asked["times"])
     except SceneError:
         return None
-    abreast = min(members_abreast(len(p.guys)), max(1, MAX_INSTANTS // (GROUPS * max(instants, 1))))
+    abreast = min(ABREAST, max(1, MAX_INSTANTS // (GROUPS * max(instants, 1))))
     if abreast < 2:
         return None
     members = Members(scene, modes, asked, abreast)
@@ -102,7 +103,7 @@ def _shared(case: MastCase) -> Any:
     mast, request = case.mast, case.request
     varying = [load.factor is not None for load in case.p.loads]
     return (
-        request.every, request.steps, request.window_steps, id(case.air), len(case.p.guys), case.model.rank, mast.omega.size,
+        request.every, request.steps, case.model.steps_of_drag(request.step), request.window_steps, id(case.air), len(case.p.guys), case.model.rank, mast.omega.size,
         mast.level_of_guy.tobytes(), mast.heights.tobytes(), mast.rest.beam.height.tobytes(), case.p.mass_damping,
         len(varying), any(varying),
     )  # fmt: skip

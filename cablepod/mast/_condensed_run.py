@@ -11,7 +11,7 @@ import numpy as np
 from cablepod.errors import scene_error
 from cablepod.mast._air import steady_along_guys
 from cablepod.mast._condensed_guy import GuySet, Shapes, guy_set
-from cablepod.mast._condensed_lanes import Lanes, run_abreast
+from cablepod.mast._condensed_lanes import Lanes, run_alone
 from cablepod.mast._drive import Drive
 from cablepod.mast._model import ModalMast, StepMatrices, sinc_squared
 from cablepod.mast._request import MastRequest, MastTrajectory
@@ -22,6 +22,9 @@ from cablepod.wind._mast_air import MastAir
 EXTRA_POINTS = 2
 #: Steps in the shortest period of the guys' modes, and the maximum step over the stability limit.
 STEPS_PER_PERIOD, MAX_STEP_OVER_LIMIT = 9.0, 0.8
+#: Steps over which drag is held, and its least evaluations in the shortest period of the guys' modes: with fewer the damping of
+#: these modes is wrong.
+STEPS_OF_DRAG, EVALUATIONS_PER_PERIOD = 2, 4.0
 #: Points of a guy whose positions are an output.
 DRAWN_POINTS = 21
 
@@ -81,7 +84,7 @@ class CondensedGuys:
     @cached_property
     def lanes(self) -> Lanes:
         """Arrays of the kernel."""
-        return Lanes((self,))
+        return Lanes(self)
 
     @property
     def drag_points(self) -> int:
@@ -167,16 +170,24 @@ class CondensedGuys:
         return matrices, fitted, float(phase[0])
 
     @cached_property
+    def highest_frequency(self) -> float:
+        """Highest angular frequency of the guys' modes, of the mast without guys [rad/s]."""
+        tangents = self.tangents[:, : 2 * self.rank, : 2 * self.rank]
+        of_mast = self.mast.omega[-1] ** 2 if not len(tangents) else 0.0
+        return float(np.sqrt(np.linalg.eigvalsh(tangents).max(initial=of_mast)))
+
+    @cached_property
     def default_step(self) -> float:
         """Step by the shortest period of the guys' modes [s], stable with a margin."""
-        tangents = self.tangents[:, : 2 * self.rank, : 2 * self.rank]
-        omega = np.sqrt(
-            np.linalg.eigvalsh(tangents).max(initial=self.mast.omega[-1] ** 2 if not len(tangents) else 0.0)
-        )
-        step = 2.0 * np.pi / (STEPS_PER_PERIOD * float(omega))
+        step = 2.0 * np.pi / (STEPS_PER_PERIOD * self.highest_frequency)
         while self.scheme(step)[2] > 4.0 * MAX_STEP_OVER_LIMIT**2:
             step *= 0.8
         return step
+
+    def steps_of_drag(self, step: float) -> int:
+        """Return the number of steps over which the drag is held: two, but one where they are long beside a period."""
+        resolved = self.highest_frequency * step * STEPS_OF_DRAG <= 2.0 * np.pi / EVALUATIONS_PER_PERIOD
+        return STEPS_OF_DRAG if resolved and self.scheme(step)[2] <= 4.0 * MAX_STEP_OVER_LIMIT**2 else 1
 
     def run(self, request: MastRequest) -> MastTrajectory:
         """Run from rest.
@@ -186,7 +197,7 @@ class CondensedGuys:
         SceneError
             For a step above the stability limit.
         """
-        return run_abreast((self,), request)[0]
+        return run_alone(self, request)
 
     def checked_scheme(self, step: float) -> tuple[StepMatrices, np.ndarray]:
         """Return the matrices of the mast and the fitted factors of the guys.

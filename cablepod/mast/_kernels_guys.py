@@ -40,9 +40,9 @@ def _deflections(p, p_out, moments, moments_out, rest_axes, ends, moved, moved_o
 
 @compiled(noalias=True, forceinline=True, fastmath=FAST_DIVISION)
 def _own_rates(
-    rates, rates_out, before, before_out, moments, moments_out, rest_axes, ends, along, normal, binormal, own, own_out
+    ahead, rates, rates_out, before, before_out, moments, moments_out, rest_axes, ends, along, normal, binormal, own, own_out
 ):  # fmt: skip
-    """Fill velocities of the ends along the axes (lanes,) and rates of the deflections (r, lanes), predicted to the step."""
+    """Fill velocities of the ends along the axes (lanes,) and rates of the deflections (r, lanes), `ahead` steps after the last."""
     lanes = along.size
     for g in range(lanes):
         along[g] = rest_axes[0, g] * ends[RATE_X, g] + rest_axes[2, g] * ends[RATE_Z, g]
@@ -50,8 +50,8 @@ def _own_rates(
         binormal[g] = rest_axes[6, g] * ends[RATE_X, g] + rest_axes[8, g] * ends[RATE_Z, g]
     for i in range(own.shape[0]):
         for g in range(lanes):
-            own[i, g] = 1.5 * rates[i, g] - 0.5 * before[i, g] - moments[i, g] * normal[g]
-            own_out[i, g] = 1.5 * rates_out[i, g] - 0.5 * before_out[i, g] - moments_out[i, g] * binormal[g]
+            own[i, g] = (1.0 + ahead) * rates[i, g] - ahead * before[i, g] - moments[i, g] * normal[g]
+            own_out[i, g] = (1.0 + ahead) * rates_out[i, g] - ahead * before_out[i, g] - moments_out[i, g] * binormal[g]
 
 
 @compiled(noalias=True, forceinline=True, fastmath=FAST_DIVISION)

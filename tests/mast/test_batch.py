@@ -1,4 +1,4 @@
-"""Members of a scene with a mast: those that run abreast are single runs, bit by bit."""
+"""Members of a scene with a mast: those that run abreast are single runs up to rounding, whatever runs beside them."""
 
 from __future__ import annotations
 
@@ -39,14 +39,19 @@ def abreast(monkeypatch):
 
 
 def check_single(both, scene, **options):
-    """Each member has the bits of its single run."""
+    """Each member is its single run: sums of another order differ by rounding (1e-12), and with it the times of still levels."""
     for i in range(scene.sizes["member"]):
         single = cp.mast.simulate(scene.isel(member=i, drop=True), **options)
         for name in single.data_vars:
-            np.testing.assert_array_equal(both[name].isel(member=i), single[name], err_msg=name)
+            if name.startswith("displacement") and name.endswith("time"):
+                continue
+            own, alone = both[name].isel(member=i).values, single[name].values
+            alike = [single[other] for other in single.data_vars if single[other].attrs["units"] == single[name].attrs["units"]]
+            scale = max(float(np.abs(values).max()) for values in alike)
+            np.testing.assert_allclose(own, alone, rtol=0.0, atol=1e-9 * scale, err_msg=name)
         for name in ("step", "number_of_steps", "smallest_chordwise_force", "time_of_smallest_chordwise_force"):
             own = both[name].isel(member=i) if name in both else both.attrs[name]
-            assert float(own) == single.attrs[name], name
+            assert float(own) == pytest.approx(single.attrs[name], rel=1e-9), name
         for name in ("rank", "guys", "scheme", "title"):
             assert both.attrs[name] == single.attrs[name], name
 
@@ -57,6 +62,16 @@ def test_members_of_other_tensions_run_abreast_as_alone(abreast):
     assert sum(abreast) == 5
     assert max(abreast) > 1
     check_single(both, scene, outputs=OUTPUTS, step=0.02)
+
+
+def test_a_mast_does_not_depend_on_those_beside_it():
+    scene = small(windy)
+    scene = varied(scene, guy_1_top_tension=[4900.0, 5000.0, 5100.0, 5050.0], mast_drag_area=[0.2, 0.3, 0.4, 1.0])
+    both = cp.mast.simulate(scene, outputs=OUTPUTS, step=0.02)
+    for order in ([3, 2, 1, 0], [1, 2]):
+        other = cp.mast.simulate(scene.isel(member=order), outputs=OUTPUTS, step=0.02)
+        for name in ("displacement", "guy_tension", "guy_force", "guy_tension_maximum", "smallest_chordwise_force"):
+            np.testing.assert_array_equal(other[name], both[name].isel(member=order), err_msg=name)
 
 
 @pytest.mark.slow
