@@ -103,7 +103,7 @@ def _shared(case: MastCase) -> Any:
     mast, request = case.mast, case.request
     varying = [load.factor is not None for load in case.p.loads]
     return (
-        request.every, request.steps, case.model.steps_of_drag(request.step), request.window_steps, id(case.air), len(case.p.guys), case.model.rank, mast.omega.size,
-        mast.level_of_guy.tobytes(), mast.heights.tobytes(), mast.rest.beam.height.tobytes(), case.p.mass_damping,
-        len(varying), any(varying),
+        request.every, request.steps, case.model.steps_of_drag(request.step), request.window_steps, id(case.air),
+        len(case.p.guys), case.model.rank, mast.omega.size, mast.level_of_guy.tobytes(), mast.heights.tobytes(),
+        mast.rest.beam.height.tobytes(), case.p.mass_damping, len(varying), any(varying),
     )  # fmt: skip

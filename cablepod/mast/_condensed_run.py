@@ -144,30 +144,38 @@ class CondensedGuys:
     # --- time stepping ------------------------------------------------------------------------------------------------
 
     @cached_property
-    def _schemes(self) -> dict[float, tuple[StepMatrices, np.ndarray, float]]:
+    def _schemes(self) -> dict[float, tuple[StepMatrices, np.ndarray]]:
         return {}
 
-    def scheme(self, step: float) -> tuple[StepMatrices, np.ndarray, float]:
-        """Return the matrices of the mast, the fitted factors of the guys, and the largest squared phase of a step."""
+    def scheme(self, step: float) -> tuple[StepMatrices, np.ndarray]:
+        """Return the matrices of the mast and the fitted factors of the guys."""
         if step not in self._schemes:
-            self._schemes[step] = self._scheme(step)
+            mast, n, r2 = self.mast, len(self.mast.omega), 2 * self.rank
+            mass, total = self._about_rest
+            damping = mast.rest.p.mass_damping * mast.ends(self.end_mass)
+            omega = np.sqrt(np.maximum(np.diag(total)[n:], 0.0)).reshape(self.guys.count, r2)
+            matrices = mast.step_matrices(mass[:n, :n], total[:n, :n], damping, step)
+            self._schemes[step] = matrices, sinc_squared(omega * step)
         return self._schemes[step]
 
-    def _scheme(self, step: float) -> tuple[StepMatrices, np.ndarray, float]:
-        from scipy.linalg import eigh
+    @cached_property
+    def _about_rest(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mass and stiffness of mast and guys in the modes of the mast and the coordinates of the guys."""
+        return self.system(self.mast.guy_rows, self.mast.mass, self.mast.stiffness)
 
-        mast, n, r2 = self.mast, len(self.mast.omega), 2 * self.rank
-        mass, total = self.system(mast.guy_rows, mast.mass, mast.stiffness)
-        damping = mast.rest.p.mass_damping * mast.ends(self.end_mass)
-        matrices = mast.step_matrices(mass[:n, :n], total[:n, :n], damping, step)
-        omega = np.sqrt(np.maximum(np.diag(total)[n:], 0.0)).reshape(self.guys.count, r2)
-        fitted = sinc_squared(omega * step)
-        scale = np.concatenate([np.ones(n), np.sqrt(fitted).ravel()])
-        mass[:n, :n] = matrices.fitted_mass
-        phase = eigh(
-            scale[:, None] * total * scale * step * step, mass, eigvals_only=True, subset_by_index=[len(total) - 1] * 2
-        )
-        return matrices, fitted, float(phase[0])
+    def has_phases_below(self, step: float, limit: float) -> bool:
+        """Tell whether all squared phases of a step are below a limit (stability: 4): limit M - step^2 K is positive definite."""
+        matrices, fitted = self.scheme(step)
+        n = len(self.mast.omega)
+        scale = step * np.concatenate([np.ones(n), np.sqrt(fitted).ravel()])
+        mass, total = self._about_rest
+        difference = limit * mass - scale[:, None] * total * scale
+        difference[:n, :n] += limit * (matrices.fitted_mass - mass[:n, :n])
+        try:
+            np.linalg.cholesky(difference)
+        except np.linalg.LinAlgError:
+            return False
+        return True
 
     @cached_property
     def highest_frequency(self) -> float:
@@ -180,14 +188,14 @@ class CondensedGuys:
     def default_step(self) -> float:
         """Step by the shortest period of the guys' modes [s], stable with a margin."""
         step = 2.0 * np.pi / (STEPS_PER_PERIOD * self.highest_frequency)
-        while self.scheme(step)[2] > 4.0 * MAX_STEP_OVER_LIMIT**2:
+        while not self.has_phases_below(step, 4.0 * MAX_STEP_OVER_LIMIT**2):
             step *= 0.8
         return step
 
     def steps_of_drag(self, step: float) -> int:
         """Return the number of steps over which the drag is held: two, but one where they are long beside a period."""
         resolved = self.highest_frequency * step * STEPS_OF_DRAG <= 2.0 * np.pi / EVALUATIONS_PER_PERIOD
-        return STEPS_OF_DRAG if resolved and self.scheme(step)[2] <= 4.0 * MAX_STEP_OVER_LIMIT**2 else 1
+        return STEPS_OF_DRAG if resolved and self.has_phases_below(step, 4.0 * MAX_STEP_OVER_LIMIT**2) else 1
 
     def run(self, request: MastRequest) -> MastTrajectory:
         """Run from rest.
@@ -207,12 +215,11 @@ class CondensedGuys:
         SceneError
             For a step above the stability limit.
         """
-        matrices, fitted, phase = self.scheme(step)
-        if not phase < 4.0:
+        if not self.has_phases_below(step, 4.0):
             raise scene_error(
                 "step", step, f"below the stability limit of mast and guys; try: {self.default_step:.4g} s"
             )
-        return matrices, fitted
+        return self.scheme(step)
 
     def finished(
         self,

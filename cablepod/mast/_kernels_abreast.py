@@ -1,8 +1,8 @@
 """Compiled run of masts with condensed guys, several abreast in the same air: one loop for all of them.
 
-Arrays have rows of one number for each mast, which are loaded as vectors.  The mass matrix of the coordinates p of the guys and of
-the modal coordinates of the mast is constant and block diagonal, so that no step has an iteration.  Every mast is computed as if it
-were alone, so that its result does not depend on the others.
+The terms and steps are those of :mod:`cablepod.mast._kernels_condensed`, which runs one mast.  Arrays have rows of one number for
+each mast, which are loaded as vectors.  Every mast is computed as if it were alone, so that its result does not depend on the
+others; all of a step is done for one guy after the other, whose vectors stay in registers and the fastest cache.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
+from cablepod.mast._kernels_condensed import DIVERGED, DONE, UNSTABLE
 from cablepod.mast._kernels_guy import _advance_guy, _end_tension, _guy_drag, _guy_forces
-from cablepod.mast._kernels_mast import TAPS, _interpolate, _sample_weights
+from cablepod.mast._kernels_mast import TAPS as TAPS
+from cablepod.mast._kernels_mast import _interpolate, _sample_weights
 from cablepod.mast._kernels_vectors import all_lanes, all_less, load, root, size_of, store, where_less
-
-DONE, DIVERGED, UNSTABLE = range(3)
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
@@ -150,47 +150,87 @@ def _save(row, values, saved):
 
 
 @compiled(counted=False, forceinline=True)
-def _stop(k, where, values, limit, status, stopped):
-    """Note masts of which a value (masts,) has left its limit or the finite numbers."""
+def _stop(k, row, guy, values, limit, reason, status, stopped):
+    """Note masts of which the magnitude of a row has left its limit, or the finite numbers."""
     for m in range(status.size):
-        if status[m] == DONE and not values[where, m] < limit:
-            status[m] = UNSTABLE if values[where, m] < np.inf and limit < np.inf else DIVERGED
-            stopped[m, 0], stopped[m, 1] = k, where
+        size = abs(values[row, m])
+        if status[m] == DONE and not size < limit:
+            status[m] = reason if size < np.inf else DIVERGED
+            stopped[m, 0], stopped[m, 1] = k, guy
 
 
 @compiled(counted=False, forceinline=True)
 def _all_stopped(status):
     """Tell whether all masts have stopped."""
+    running = 0
     for m in range(status.size):
-        if status[m] == DONE:
-            return False
-    return True
+        running += status[m] == DONE
+    return running == 0
 
 
 @compiled(counted=False, fastmath=FAST_DIVISION)
 def masts_run(
-    step, every, steps, hold, window, r, p, rates, before_rates, guy_gain, guy_keep, numbers, shared, sigma, guy_level,
-    a, v, before, constant, stiffness, keep, gain, level_rows, level_rest, load_vectors, factors,
-    samples_per_step, table, mast_wind, node_rows, node_drag, guy_wind, guy_weights, work, saved, saved_force, saved_tension,
+    step, every, steps, hold, window, r, p, rates, before_rates, guy_gain, guy_keep, numbers, shared, guy_level, a, v, before,
+    constant, stiffness, keep, gain, level_rows, level_rest, load_vectors, factors, samples_per_step, table, mast_wind,
+    node_rows, node_drag, guy_wind, sigma, guy_weights, air, guy_air, weights, work, saved, saved_force, saved_tension,
     level_extremes, tension_extremes, monitor, status, stopped,
 ):  # fmt: skip
-    """Run masts with condensed guys from rest, all with the same steps and in the same air."""
+    """Run masts with condensed guys from rest, all with the same steps and in the same air.
+
+    Parameters
+    ----------
+    step, every, steps, hold, window
+        Step [s], steps from one output to the next, number of steps, number of those over which drag is held, first and last
+        step of extremes and sums (2,).
+    r
+        Number of modes of each deflection, even.
+    p, rates, before_rates
+        Coordinates of the guys, in and out of their planes, their rates and those a step before (guys 2 r, masts); changed.
+    guy_gain, guy_keep
+        Factors of forces in a step (guys 2 r, masts), factor of rates.
+    numbers, shared
+        Numbers of the guys (guys GUY_ROWS, masts) and of the shapes (rows, 2 r), see :mod:`cablepod.mast._kernels_guy`.
+    guy_level
+        Level of each guy of a mast (guys,).
+    a, v, before
+        Modal coordinates of the masts, their rates and those a step before (modes, masts); changed.
+    constant, stiffness, keep, gain
+        Constant modal forces (modes, masts), stiffness and the matrices A1 and A2 of the step (modes modes, masts).
+    level_rows, level_rest
+        Displacement of the levels in x and z by the modes (2 levels modes, masts), at rest (2 levels, masts) [m].
+    load_vectors, factors
+        Loads on the modes (loads modes, masts) and their factors (steps + 1 times loads, masts), or None.
+    samples_per_step, table, mast_wind, node_rows, node_drag, guy_wind, sigma, guy_weights
+        Wind: samples in a step and weights between them, at the nodes of the mast (samples, 2 nodes), displacement of the nodes
+        by the modes (nodes 2 modes, masts), their drag (nodes, masts) [kg/m], wind along the guys of a mast
+        (samples, 3 points guys) [m/s], places and weights of its points; arrays of the wind are None without it.
+    air, guy_air, weights, work
+        Work arrays: air at the nodes and along the guys, weights of samples, and rows of vectors.
+    saved, saved_force, saved_tension
+        Filled at the outputs (masts, outputs, ...): modal coordinates, forces on the mast (3 guys), tensions of the guys [N].
+    level_extremes, tension_extremes
+        Filled: least and largest value, their steps, sum and sum of squares (6 levels 2, masts) and (6 guys, masts).
+    monitor
+        Least H of the guys [N] and its step (2 guys, masts).
+    status, stopped
+        Filled: status of each mast (masts,), step and guy at which it was found (masts, 2).
+    """
+    (
+        force, mean_rate, change, held, upper, upper_rate, level_force, acceleration, q, on_q, own, drag, held_q, held_end,
+        on_end, tension, squared, stretch,
+    ) = work  # fmt: skip
     modes, places, guys = a.shape[0], level_rest.shape[0], guy_level.size
-    force, mean_rate, change, upper, upper_rate, level_force, acceleration, q, on_q, own, on_end, tension, omega, drag, weights, guy_air, air, held, held_q, held_end = work
     largest = 4.0 / (step * step)
-    limit = all_lanes(largest)
-    stable = True
     ahead = 0.5 * hold  # from the last rates to the middle of the steps over which drag is held
     for k in range(steps + 1):
-        fresh = k % hold == 0
+        fresh, output, counts = k % hold == 0, k % every == 0, window[0] <= k <= window[1]
         if fresh:
             for i in range(modes):
                 store(mean_rate, i, (1.0 + ahead) * load(v, i) - ahead * load(before, i))
                 store(held, i, all_lanes(0.0))
         _move(a, mean_rate, level_rows, level_rest, upper, upper_rate)
         if mast_wind is not None and fresh:
-            middle = (k + ahead - 0.5) * samples_per_step
-            left = _sample_weights(middle, mast_wind.shape[0], table, weights)
+            left = _sample_weights((k + ahead - 0.5) * samples_per_step, mast_wind.shape[0], table, weights)
             _interpolate(mast_wind, left, weights, air)
             _interpolate(guy_wind, left, weights, guy_air)
             _add_node_drag(mean_rate, air, node_rows, node_drag, held)
@@ -200,46 +240,41 @@ def masts_run(
             _add_loads(k, load_vectors, factors, force)
         for n in range(places):
             store(level_force, n, all_lanes(0.0))
+        stable = True
         for g in range(guys):
             n = 2 * guy_level[g]
             _guy_forces(
-                g, n, r, p, numbers, shared, upper, upper_rate, level_rest, q, on_q, on_end, omega, monitor, k
-            )
-            stable = stable and all_less(load(omega, g), limit)
+                k, g, n, r, p, numbers, shared, upper, level_rest, q, on_q, on_end, squared, stretch, monitor
+            )  # fmt: skip
+            stable = stable and all_less(load(squared, g), all_lanes(largest))
             if guy_wind is not None and fresh:
                 _guy_drag(
-                    g, n, r, ahead, rates, before_rates, numbers, shared, sigma, guy_weights, guy_air, omega, upper_rate, q, own,
-                    drag, held_q, held_end,
+                    g, n, r, ahead, rates, before_rates, numbers, shared, sigma, guy_weights, guy_air, stretch, upper_rate, q,
+                    own, drag, held_q, held_end,
                 )  # fmt: skip
             _advance_guy(
-                k == 0, step, g, n, r, p, rates, before_rates, guy_gain, guy_keep, numbers, shared, on_q, held_q, on_end, held_end,
-                level_force,
+                k == 0, step, g, n, r, p, rates, before_rates, guy_gain, guy_keep, numbers, shared, on_q, held_q, on_end,
+                held_end, level_force,
             )  # fmt: skip
-        if not stable:
-            for g in range(guys):
-                _stop(k, g, omega, largest, status, stopped)
-            stable = True
-            if _all_stopped(status):
-                return
-        if k % every == 0:
+        if output:
             _save(k // every, a, saved)
-        if window[0] <= k <= window[1]:
-            for n in range(places):
-                _record(k, n, load(upper, n), level_extremes)
         finite = _advance(
             k == 0, step, a, v, before, force, stiffness, keep, gain, level_rows, level_force, change, acceleration
         )
         for g in range(guys):
-            tension_of = _end_tension(g, 2 * guy_level[g], numbers, acceleration, on_end)
-            store(tension, g, tension_of)
-            if window[0] <= k <= window[1]:
-                _record(k, g, tension_of, tension_extremes)
-        if k % every == 0:
+            store(tension, g, _end_tension(g, 2 * guy_level[g], numbers, acceleration, on_end))
+        if counts:
+            for n in range(places):
+                _record(k, n, load(upper, n), level_extremes)
+            for g in range(guys):
+                _record(k, g, load(tension, g), tension_extremes)
+        if output:
             _save(k // every, tension, saved_tension)
-            if saved_force.shape[1]:
-                _save(k // every, on_end, saved_force)
-        if not finite:
+            _save(k // every, on_end, saved_force)
+        if not (stable and finite):
+            for g in range(guys):
+                _stop(k, g, g, squared, largest, UNSTABLE, status, stopped)
             for i in range(modes):
-                _stop(k, i, v, np.inf, status, stopped)
+                _stop(k, i, 0, v, np.inf, DIVERGED, status, stopped)
             if _all_stopped(status):
                 return

@@ -287,8 +287,8 @@ def condensed_run(
             _interpolate(mast_wind, left, weights, air)
             _interpolate(guy_wind, left, weights, guy_air)
         _begin_mast(
-            k, fresh, ahead, a, v, before, held, constant, load_vectors, factors, air, node_columns, node_rows, node_drag, x, z, level_rows,
-            level_rest, guy_level, mean_rate, force, upper, upper_rate, ends,
+            k, fresh, ahead, a, v, before, held, constant, load_vectors, factors, air, node_columns, node_rows, node_drag, x, z,
+            level_rows, level_rest, guy_level, mean_rate, force, upper, upper_rate, ends,
         )  # fmt: skip
         _deflections(p[0], p[1], moments[0], moments[1], rest_axes, ends, moved, moved_out, q[0], q[1])
         _axes(ends, lower, heights, numbers[LENGTH], axes, chord, stretch)

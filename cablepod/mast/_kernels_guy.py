@@ -7,7 +7,8 @@ upper end.  The energy of a guy, its chord c = |upper - lower| and its load g al
 
 and the force H e + (q.B q h/2 + P.q g) n/c + half of the weight on its upper end at fixed q.
 
-Coordinates are those in the plane, then those out of it (2 r).  Shapes are shared by all guys: `shared` holds rows of 2 r numbers.
+Coordinates are those in the plane, then those out of it (2 r).  Rows of arrays hold a number for each mast.  All guys have the
+same shapes: `shared` holds rows of 2 r numbers.
 """
 
 from __future__ import annotations
@@ -15,22 +16,27 @@ from __future__ import annotations
 from cablepod._jit import FAST_DIVISION, compiled
 from cablepod.mast._kernels_vectors import all_lanes, load, root, size_of, store, where_less
 
-#: Rows of the numbers of a guy
+#: Rows of the numbers of a guy: K [N], K/L [N/m], 1/L [1/m], weight [N/m] and half of the whole [N], 1 - 2 e, e N0 [N], scale of
+#: the shapes [kg^-1/2] and its inverse, its square over L [1/(kg m)], L times it [m kg^-1/2], drag [kg/m], largest fitted kappa.
 (
     STIFFNESS, SPRING, INVERSE_LENGTH, WEIGHT, HALF_WEIGHT, SOFTENING, STIFFENING, SCALE, INVERSE_SCALE, KAPPA, LOAD, DRAG,
     FITTED_KAPPA,
 ) = range(13)  # fmt: skip
-AXES, LOWER, END_MASS = 13, 22, 25
-GUY_ROWS = 31
-LARGEST_KAPPA_ROW = FITTED_KAPPA
-#: Rows of the numbers of the shapes (rows, 2 r).
-SLOPE_NORMS, MOMENTS, MEANS = range(3)
-TILT = 3
+#: First rows of the axes at rest (9), of the anchor less the height of the end (3) [m], of the mass of the end without that of
+#: the coordinates, force in x, y, z by acceleration in x and z (6) [kg]; and number of all rows.
+AXES, LOWER, END_MASS, GUY_ROWS = 13, 22, 25, 31
+#: Rows of the numbers of the shapes of unit length: squared slope norms, moments, means, and the first of the tilt (r); shapes
+#: and slopes at the points of the drag follow.
+SLOPE_NORMS, MOMENTS, MEANS, TILT = range(4)
 
 
 @compiled(noalias=True, counted=False, forceinline=True, fastmath=FAST_DIVISION)
-def _guy_forces(g, n, r, p, numbers, shared, upper, upper_rate, level_rest, q, on_q, on_end, omega, monitor, k):
-    """Fill deflections, the forces on them (2 r, masts) and on the end (3 guys, masts)."""
+def _guy_forces(k, g, n, r, p, numbers, shared, upper, level_rest, q, on_q, on_end, squared, stretch_of, monitor):
+    """Fill deflections and the forces on them (2 r, masts), forces on the ends (3 guys, masts) [N]; update the least H.
+
+    Filled are also the squared frequencies (guys, masts) [1/s2] and the chord over the length (guys, masts); `n` is the row of
+    the level of the guy in `upper` and `level_rest`.
+    """
     at, first = GUY_ROWS * g, 2 * r * g
     # deflections
     at_x, at_z = load(upper, n), load(upper, n + 1)
@@ -40,7 +46,8 @@ def _guy_forces(g, n, r, p, numbers, shared, upper, upper_rate, level_rest, q, o
     moved_out = inverse_scale * (load(numbers, at + AXES + 6) * x + load(numbers, at + AXES + 8) * z)
     stretching, sag, linear = all_lanes(0.0), all_lanes(0.0), all_lanes(0.0)
     for i in range(r):
-        own, out = load(p, first + i) - shared[MOMENTS, i] * moved, load(p, first + r + i) - shared[MOMENTS, r + i] * moved_out
+        own = load(p, first + i) - shared[MOMENTS, i] * moved
+        out = load(p, first + r + i) - shared[MOMENTS, r + i] * moved_out
         a, b = shared[SLOPE_NORMS, i] * own, shared[SLOPE_NORMS, r + i] * out
         stretching = stretching + a * own + b * out
         sag = sag + a * a + b * b
@@ -63,7 +70,8 @@ def _guy_forces(g, n, r, p, numbers, shared, upper, upper_rate, level_rest, q, o
     softening, scale, weight = load(numbers, at + SOFTENING), load(numbers, at + SCALE), load(numbers, at + WEIGHT)
     stretch = square * inverse * load(numbers, at + INVERSE_LENGTH)
     tension = stiffness * (stretch - 1.0) + 0.5 * spring * softening * factor * stretching
-    store(omega, g, size_of(tension) * load(numbers, at + FITTED_KAPPA) + spring * factor * factor * sag)
+    store(stretch_of, g, stretch)
+    store(squared, g, size_of(tension) * load(numbers, at + FITTED_KAPPA) + spring * factor * factor * sag)
     straight = factor * (tension * softening + load(numbers, at + STIFFENING))
     along, normal = scale * scale * weight * y, -1.0 * weight * flat * load(numbers, at + LOAD)
     quadratic = all_lanes(0.0)
@@ -87,7 +95,6 @@ def _guy_forces(g, n, r, p, numbers, shared, upper, upper_rate, level_rest, q, o
     store(on_end, 3 * g, tension * x + turning * nx)
     store(on_end, 3 * g + 1, tension * y + turning * flat - load(numbers, at + HALF_WEIGHT))
     store(on_end, 3 * g + 2, tension * z + turning * nz)
-    store(omega, omega.shape[0] - 1, stretch)
     least = load(monitor, 2 * g)
     store(monitor, 2 * g + 1, where_less(tension, least, all_lanes(1.0 * k), load(monitor, 2 * g + 1)))
     store(monitor, 2 * g, where_less(tension, least, tension, least))
@@ -97,9 +104,13 @@ def _guy_forces(g, n, r, p, numbers, shared, upper, upper_rate, level_rest, q, o
 def _guy_drag(
     g, n, r, ahead, rates, before, numbers, shared, sigma, weights, air, stretch_of, upper_rate, q, own, drag, held_q, held_end
 ):  # fmt: skip
-    """Add the drag on a guy at points along it to the forces on its coordinates and on its upper end."""
+    """Fill the drag on a guy, c |t| |u_n| u_n at points along it: forces on its coordinates and on its upper end, to be held.
+
+    u_n is the part normal to the tangent t of the air less the velocity of the guy, whose rates are those `ahead` steps after
+    the last.
+    """
     at, first, places = GUY_ROWS * g, 2 * r * g, sigma.size
-    scale, inverse_scale, stretch = load(numbers, at + SCALE), load(numbers, at + INVERSE_SCALE), load(stretch_of, stretch_of.shape[0] - 1)
+    scale, inverse_scale, stretch = load(numbers, at + SCALE), load(numbers, at + INVERSE_SCALE), load(stretch_of, g)
     a0, a1, a2 = load(numbers, at + AXES), load(numbers, at + AXES + 1), load(numbers, at + AXES + 2)
     a3, a4, a5 = load(numbers, at + AXES + 3), load(numbers, at + AXES + 4), load(numbers, at + AXES + 5)
     a6, a7, a8 = load(numbers, at + AXES + 6), load(numbers, at + AXES + 7), load(numbers, at + AXES + 8)
@@ -180,9 +191,12 @@ def _advance_guy(
     inverse_scale = load(numbers, at + INVERSE_SCALE)
     taken, taken_out = taken * inverse_scale, taken_out * inverse_scale
     j = at + AXES
-    x = load(on_end, 3 * g) + load(held_end, 3 * g) - taken * load(numbers, j + 3) - taken_out * load(numbers, j + 6)
-    y = load(on_end, 3 * g + 1) + load(held_end, 3 * g + 1) - taken * load(numbers, j + 4) - taken_out * load(numbers, j + 7)
-    z = load(on_end, 3 * g + 2) + load(held_end, 3 * g + 2) - taken * load(numbers, j + 5) - taken_out * load(numbers, j + 8)
+    x = load(on_end, 3 * g) + load(held_end, 3 * g)
+    y = load(on_end, 3 * g + 1) + load(held_end, 3 * g + 1)
+    z = load(on_end, 3 * g + 2) + load(held_end, 3 * g + 2)
+    x = x - taken * load(numbers, j + 3) - taken_out * load(numbers, j + 6)
+    y = y - taken * load(numbers, j + 4) - taken_out * load(numbers, j + 7)
+    z = z - taken * load(numbers, j + 5) - taken_out * load(numbers, j + 8)
     store(on_end, 3 * g, x)
     store(on_end, 3 * g + 1, y)
     store(on_end, 3 * g + 2, z)

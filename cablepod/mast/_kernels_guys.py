@@ -42,7 +42,7 @@ def _deflections(p, p_out, moments, moments_out, rest_axes, ends, moved, moved_o
 def _own_rates(
     ahead, rates, rates_out, before, before_out, moments, moments_out, rest_axes, ends, along, normal, binormal, own, own_out
 ):  # fmt: skip
-    """Fill velocities of the ends along the axes (lanes,) and rates of the deflections (r, lanes), `ahead` steps after the last."""
+    """Fill velocities of the ends along the axes (lanes,), rates of the deflections (r, lanes) `ahead` steps after the last."""
     lanes = along.size
     for g in range(lanes):
         along[g] = rest_axes[0, g] * ends[RATE_X, g] + rest_axes[2, g] * ends[RATE_Z, g]

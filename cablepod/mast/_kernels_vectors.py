@@ -1,8 +1,8 @@
 """Vectors of numbers in compiled kernels, one for each mast abreast: a row of an array is loaded, computed with and stored whole.
 
-Loops over so few lanes are not vectorised well, and outer loops over them not at all.  A vector is a number of its own type here:
-``load(rows, i) * load(other, j) + 2.0`` holds for all lanes, in one register of 512 bits or two of 256.  Sums may be reordered and
-fused with products, as with ``FAST_DIVISION``; a lane has the same bits whatever the others hold.
+Loops over so few lanes are not vectorised well, and outer loops over them not at all.  A vector is a number of a type of its
+own here: ``load(rows, i) * load(other, j) + 2.0`` holds for all lanes, in one register of 512 bits or two of 256.  Sums may be
+reordered and fused with products, as with ``FAST_DIVISION``; a lane has the same bits whatever the others hold.
 """
 
 from __future__ import annotations
@@ -13,12 +13,14 @@ from typing import Any
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.datamodel import PrimitiveModel
-from numba.core.extending import intrinsic, lower_builtin, register_model
+from numba.core.extending import intrinsic as _intrinsic
+from numba.core.extending import lower_builtin, register_model
 from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 
 from cablepod._jit import FAST_DIVISION
 from cablepod.mast._kernels_layout import ABREAST
 
+intrinsic: Any = _intrinsic  # a kernel calls what it makes without the context of types
 _FLAGS = tuple(sorted(FAST_DIVISION))
 _DOUBLES = ir.VectorType(ir.DoubleType(), ABREAST)
 _NUMBER = ir.IntType(32)
@@ -61,7 +63,7 @@ def _pointer(context: Any, builder: Any, kind: Any, array: Any, row: Any) -> Any
     return builder.bitcast(place, _DOUBLES.as_pointer())
 
 
-@intrinsic  # type: ignore[misc]
+@intrinsic
 def load(_: Any, rows: Any, i: Any) -> Any:
     """Return row `i` of an array (rows, lanes)."""
 
@@ -71,7 +73,7 @@ def load(_: Any, rows: Any, i: Any) -> Any:
     return signature(VECTOR, rows, types.intp), generate
 
 
-@intrinsic  # type: ignore[misc]
+@intrinsic
 def store(_: Any, rows: Any, i: Any, vector: Any) -> Any:
     """Write row `i` of an array (rows, lanes)."""
 
@@ -82,7 +84,7 @@ def store(_: Any, rows: Any, i: Any, vector: Any) -> Any:
     return signature(types.void, rows, types.intp, VECTOR), generate
 
 
-@intrinsic  # type: ignore[misc]
+@intrinsic
 def all_lanes(_: Any, number: Any) -> Any:
     """Return a vector of equal numbers."""
 
@@ -92,7 +94,7 @@ def all_lanes(_: Any, number: Any) -> Any:
     return signature(VECTOR, types.float64), generate
 
 
-@intrinsic  # type: ignore[misc]
+@intrinsic
 def root(_: Any, vector: Any) -> Any:
     """Return square roots."""
 
@@ -102,7 +104,7 @@ def root(_: Any, vector: Any) -> Any:
     return signature(VECTOR, VECTOR), generate
 
 
-@intrinsic  # type: ignore[misc]
+@intrinsic
 def where_less(_: Any, a: Any, b: Any, x: Any, y: Any) -> Any:
     """Return x in the lanes where a < b, y in the others, those that are not numbers among them."""
 
@@ -112,7 +114,7 @@ def where_less(_: Any, a: Any, b: Any, x: Any, y: Any) -> Any:
     return signature(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR), generate
 
 
-@intrinsic  # type: ignore[misc]
+@intrinsic
 def all_less(_: Any, a: Any, b: Any) -> Any:
     """Tell whether a < b in all lanes; not where a lane is not a number."""
 
@@ -124,7 +126,7 @@ def all_less(_: Any, a: Any, b: Any) -> Any:
     return signature(types.boolean, VECTOR, VECTOR), generate
 
 
-@intrinsic  # type: ignore[misc]
+@intrinsic
 def size_of(_: Any, vector: Any) -> Any:
     """Return magnitudes."""
 
@@ -139,15 +141,15 @@ def _define(operation: Any, instruction: str) -> None:
 
     @infer_global(operation)
     class _Cases(ConcreteTemplate):
-        cases = [
+        cases = (
             signature(VECTOR, VECTOR, VECTOR),
             signature(VECTOR, VECTOR, types.float64),
             signature(VECTOR, types.float64, VECTOR),
-        ]
+        )
 
-    @lower_builtin(operation, VECTOR, VECTOR)  # type: ignore[misc]
-    @lower_builtin(operation, VECTOR, types.float64)  # type: ignore[misc]
-    @lower_builtin(operation, types.float64, VECTOR)  # type: ignore[misc]
+    @lower_builtin(operation, VECTOR, VECTOR)
+    @lower_builtin(operation, VECTOR, types.float64)
+    @lower_builtin(operation, types.float64, VECTOR)
     def _generate(context: Any, builder: Any, kind: Any, given: Any) -> Any:
         a, b = (
             value if own == VECTOR else _all_lanes(builder, value) for value, own in zip(given, kind.args, strict=True)

@@ -46,7 +46,11 @@ def check_single(both, scene, **options):
             if name.startswith("displacement") and name.endswith("time"):
                 continue
             own, alone = both[name].isel(member=i).values, single[name].values
-            alike = [single[other] for other in single.data_vars if single[other].attrs["units"] == single[name].attrs["units"]]
+            alike = [
+                single[other]
+                for other in single.data_vars
+                if single[other].attrs["units"] == single[name].attrs["units"]
+            ]
             scale = max(float(np.abs(values).max()) for values in alike)
             np.testing.assert_allclose(own, alone, rtol=0.0, atol=1e-9 * scale, err_msg=name)
         for name in ("step", "number_of_steps", "smallest_chordwise_force", "time_of_smallest_chordwise_force"):
@@ -66,7 +70,7 @@ def test_members_of_other_tensions_run_abreast_as_alone(abreast):
 
 def test_a_mast_does_not_depend_on_those_beside_it():
     scene = small(windy)
-    scene = varied(scene, guy_1_top_tension=[4900.0, 5000.0, 5100.0, 5050.0], mast_drag_area=[0.2, 0.3, 0.4, 1.0])
+    scene = varied(scene, guy_1_top_tension=[4900.0, 5000.0, 5100.0, 5050.0], mast_drag_area=[0.2, 0.3, 0.25, 0.1])
     both = cp.mast.simulate(scene, outputs=OUTPUTS, step=0.02)
     for order in ([3, 2, 1, 0], [1, 2]):
         other = cp.mast.simulate(scene.isel(member=order), outputs=OUTPUTS, step=0.02)

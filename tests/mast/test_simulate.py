@@ -249,7 +249,9 @@ def test_members_and_ensembles_are_single_runs(tmp_path):
     members = cp.ensemble.design(scene, {"guy.1.top_tension": [4500.0, 5500.0]}, members=2, sampling="grid")
     both = cp.mast.simulate(members)
     single = cp.mast.simulate(members.isel(member=1, drop=True))
-    np.testing.assert_allclose(both.guy_tension.isel(member=1), single.guy_tension, rtol=1e-9)  # abreast: up to rounding
+    np.testing.assert_allclose(
+        both.guy_tension.isel(member=1), single.guy_tension, rtol=1e-9
+    )  # abreast: up to rounding
     kept = cp.ensemble.run(members, tmp_path / "masts", model="mast")
     np.testing.assert_array_equal(kept.guy_tension_maximum.values, both.guy_tension_maximum.values)
 
