@@ -35,6 +35,7 @@ def abreast(monkeypatch):
 
     run_abreast = _batch.run_abreast
     monkeypatch.setattr(_batch, "run_abreast", counted)
+    monkeypatch.setattr(_batch, "LEAST_ABREAST", 1)
     return counts
 
 
@@ -68,7 +69,7 @@ def test_members_of_other_tensions_run_abreast_as_alone(abreast):
     check_single(both, scene, outputs=OUTPUTS, step=0.02)
 
 
-def test_a_mast_does_not_depend_on_those_beside_it():
+def test_a_mast_does_not_depend_on_those_beside_it(abreast):
     scene = small(windy)
     scene = varied(scene, guy_1_top_tension=[4900.0, 5000.0, 5100.0, 5050.0], mast_drag_area=[0.2, 0.3, 0.25, 0.1])
     both = cp.mast.simulate(scene, outputs=OUTPUTS, step=0.02)
@@ -76,6 +77,14 @@ def test_a_mast_does_not_depend_on_those_beside_it():
         other = cp.mast.simulate(scene.isel(member=order), outputs=OUTPUTS, step=0.02)
         for name in ("displacement", "guy_tension", "guy_force", "guy_tension_maximum", "smallest_chordwise_force"):
             np.testing.assert_array_equal(other[name], both[name].isel(member=order), err_msg=name)
+    assert sum(abreast) == 10
+
+
+def test_few_members_run_faster_alone(abreast, monkeypatch):
+    monkeypatch.undo()
+    monkeypatch.setattr(_batch, "run_abreast", None)  # any call of it fails
+    scene = varied(small(), guy_1_top_tension=[4900.0, 5100.0])
+    check_single(cp.mast.simulate(scene, step=0.02), scene, step=0.02)
 
 
 @pytest.mark.slow

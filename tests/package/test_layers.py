@@ -41,7 +41,7 @@ ALIASES = {"lineage": "archive", "shipped": "examples"}
 #: Science works on Datasets: only these know the files of results.
 USERS_OF_ARCHIVE = ("archive", "ensemble", "study", "paper", "cli", "lineage", *TOP)
 #: What a kernel imports, beside other kernels.
-IMPORTS_OF_KERNELS = ("__future__", "math", "typing", "numpy", "numba", "llvmlite")
+IMPORTS_OF_KERNELS = ("__future__", "math", "operator", "typing", "numpy", "numba", "llvmlite")
 MAX_TOP_MODULES = 12
 MAX_CODE_LINES = 400
 MAX_LINES = 450
