@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod.batch._blas import one_blas_thread
 from cablepod.batch._members import BatchPlan
 from cablepod.batch._stack import Variables, arrays_of
 from cablepod.errors import SceneError
@@ -68,6 +69,7 @@ class Members:
         """Return the result of one completed member."""
         return self._first[0]
 
+    @one_blas_thread()
     def prepare(self, first: int, last: int, check: Callable[[], None]) -> None:
         """Run the members `first` ... `last - 1` abreast, but for those that fail, which say so when they run alone."""
         groups: dict[Any, list[tuple[int, MastCase]]] = {}
@@ -90,6 +92,7 @@ class Members:
                     runs = run_abreast([case.model for _, case in own], own[0][1].request)
                 self._done.update({i: (case, run) for (i, case), run in zip(own, runs, strict=True) if not run.status})
 
+    @one_blas_thread()
     def run(self, i: int) -> tuple[Variables, Mapping[str, Any]]:
         """Return variables and attributes of a member."""
         case, run = self._done.pop(i) if i in self._done else (self._case(i), None)

@@ -7,6 +7,7 @@ from typing import Any
 
 import xarray as xr
 
+from cablepod.batch._blas import one_blas_thread
 from cablepod.batch._members import over_members_by
 from cablepod.mast._batch import plan
 from cablepod.mast._runs import MastCase
@@ -99,11 +100,12 @@ def simulate(
     >>> run.guy_tension.dims, run.displacement.dims, run.attrs["guys"]
     (('time', 'guy'), ('time', 'level', 'coordinate'), 'condensed')
     """
-    case = MastCase(
-        scene, modes, guys=guys, rank=rank, links=links, times=times, step=step, tolerance=tolerance, window=window, wind=wind,
-        outputs=outputs,
-    )  # fmt: skip
-    result = case.result(*case.run())
+    with one_blas_thread():  # the matrices are small
+        case = MastCase(
+            scene, modes, guys=guys, rank=rank, links=links, times=times, step=step, tolerance=tolerance, window=window,
+            wind=wind, outputs=outputs,
+        )  # fmt: skip
+        result = case.result(*case.run())
     if progress is not None:
         progress(1.0)
     return result
