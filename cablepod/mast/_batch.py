@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from cablepod._resources import cores
 from cablepod.batch._blas import one_blas_thread
 from cablepod.batch._members import BatchPlan
 from cablepod.batch._stack import Variables, arrays_of
@@ -54,7 +56,8 @@ def plan(scene: xr.Dataset, modes: xr.Dataset | None = None, **options: Any) -> 
     if abreast < 2:
         return None
     members = Members(scene, modes, asked, abreast)
-    return BatchPlan(members.run, members.first, members.prepare, GROUPS * abreast)
+    share = -(-scene.sizes["member"] // cores())  # all threads end together
+    return BatchPlan(members.run, members.first, members.prepare, min(GROUPS * abreast, max(abreast, share)))
 
 
 class Members:
@@ -64,6 +67,8 @@ class Members:
         self.scene, self.modes, self.options, self.abreast = scene, modes, options, abreast
         self._done: dict[int, tuple[MastCase, MastTrajectory]] = {}
         self._first: list[xr.Dataset] = []
+        #: One thread prepares a group while others run theirs: together they would wait for the interpreter, then for the cores.
+        self._preparing = threading.Lock()
 
     def first(self) -> xr.Dataset:
         """Return the result of one completed member."""
@@ -73,24 +78,38 @@ class Members:
     def prepare(self, first: int, last: int, check: Callable[[], None]) -> None:
         """Run the members `first` ... `last - 1` abreast, but for those that fail, which say so when they run alone."""
         groups: dict[Any, list[tuple[int, MastCase]]] = {}
-        for i in range(first, last):
-            check()
-            try:
-                case = self._case(i)
-                case.model.checked_scheme(case.request.step)
-            except (SceneError, ValueError, ArithmeticError):
-                continue
-            groups.setdefault(_shared(case), []).append((i, case))
+        members = iter(range(first, last))
+        while (full := self._full_group(members, groups, check)) is not None:
+            self._advance(full)
         for group in groups.values():
-            parts = -(-len(group) // self.abreast)
-            for part in range(parts):
+            check()
+            self._advance(group)
+
+    def _full_group(
+        self, members: Iterator[int], groups: dict[Any, list[tuple[int, MastCase]]], check: Callable[[], None]
+    ) -> list[tuple[int, MastCase]] | None:
+        """Sort cases of members into groups; take and return the first that is full, None at the end of the members."""
+        with self._preparing:
+            for i in members:
                 check()
-                own = group[part::parts]
-                if len(own) < LEAST_ABREAST:
-                    runs = [case.model.run(case.request) for _, case in own]
-                else:
-                    runs = run_abreast([case.model for _, case in own], own[0][1].request)
-                self._done.update({i: (case, run) for (i, case), run in zip(own, runs, strict=True) if not run.status})
+                try:
+                    case = self._case(i)
+                    case.model.checked_scheme(case.request.step)
+                except (SceneError, ValueError, ArithmeticError):
+                    continue
+                key = _shared(case)
+                groups.setdefault(key, []).append((i, case))
+                if len(groups[key]) == self.abreast:
+                    return groups.pop(key)
+        return None
+
+    def _advance(self, group: list[tuple[int, MastCase]]) -> None:
+        """Run a group, abreast where it is large enough."""
+        if len(group) < LEAST_ABREAST:
+            runs = [case.model.run(case.request) for _, case in group]
+        else:
+            runs = run_abreast([case.model for _, case in group], group[0][1].request)
+        self._done.update({i: (case, run) for (i, case), run in zip(group, runs, strict=True) if not run.status})
 
     @one_blas_thread()
     def run(self, i: int) -> tuple[Variables, Mapping[str, Any]]:
