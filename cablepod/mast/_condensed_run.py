@@ -165,6 +165,8 @@ class CondensedGuys:
 
     def has_phases_below(self, step: float, limit: float) -> bool:
         """Tell whether all squared phases of a step are below a limit (stability: 4): limit M - step^2 K is positive definite."""
+        if (step, limit) in self._kept_phases:
+            return self._kept_phases[step, limit]
         matrices, fitted = self.scheme(step)
         n = len(self.mast.omega)
         scale = step * np.concatenate([np.ones(n), np.sqrt(fitted).ravel()])
@@ -173,9 +175,15 @@ class CondensedGuys:
         difference[:n, :n] += limit * (matrices.fitted_mass - mass[:n, :n])
         try:
             np.linalg.cholesky(difference)
+            below = True
         except np.linalg.LinAlgError:
-            return False
-        return True
+            below = False
+        self._kept_phases[step, limit] = below
+        return below
+
+    @cached_property
+    def _kept_phases(self) -> dict[tuple[float, float], bool]:
+        return {}
 
     @cached_property
     def highest_frequency(self) -> float:
