@@ -357,8 +357,8 @@ def test_members_with_other_instants_are_refused(soft):
 
 def test_inactive_members_are_not_advanced(soft):
     batch = chain_many.plan(scenes_of(soft, ONE, TENSIONS), step=STEP)
-    prepared = [batch.run_member.__self__._prepare(i) for i in range(3)]
-    stepper = ExplicitStepper(prepared)
+    ready = [prepare(batch.run_member.__self__.members[i], ChainRequest.of(), "") for i in range(3)]
+    stepper = ExplicitStepper([one.run.begin(1.0 / STEP) for one in ready])
     assert stepper.states.ctypes.data % 64 == 0
     assert stepper.states.strides[0] % 64 == stepper.states.strides[1] % 64 == 0
     stepper.is_finite[1] = False

@@ -12,6 +12,7 @@ from cablepod.cable import _runs as cable_runs
 from cablepod.integrate import _output_times as output_times
 from cablepod.integrate import _scheme as schemes
 from cablepod.integrate import _step_control as step_control
+from cablepod.integrate._step_control import complete
 from cablepod.rigid import _runs as rigid_runs
 
 
@@ -157,7 +158,7 @@ def test_runs_that_choose_their_step_have_bounded_work(first, runs):
 def test_trials_of_long_implicit_steps_have_bounded_work():
     artificial = ArtificialRuns(1.0, 0.1)
     runs = artificial.runs(end_time=schemes.MAX_TRIAL_WORK / (1000.0 * 40), links=40)
-    assert schemes.halve_step_while_cheaper(runs, 1e-6, 1e9) is None
+    assert complete(schemes.halve_step_while_cheaper(runs, 1e-6, 1e9)) is None
     assert artificial.calls == [100.0, 200.0, 400.0, 800.0]
 
 
@@ -209,7 +210,9 @@ def test_steps_are_counted_in_doubles(soft):
 
 def halved(size, order, tolerance, max_steps_per_second):
     artificial = ArtificialRuns(size, order)
-    return schemes.halve_step_while_cheaper(artificial.runs(), tolerance, max_steps_per_second), artificial.calls
+    return complete(
+        schemes.halve_step_while_cheaper(artificial.runs(), tolerance, max_steps_per_second)
+    ), artificial.calls
 
 
 def test_halving_stops_where_two_runs_agree_by_a_margin():
@@ -238,7 +241,7 @@ def test_halving_passes_over_steps_that_break_down():
             raise cp.RunStopped("too long")
         return 0.0
 
-    accepted = schemes.halve_step_while_cheaper(runs_without_error(run), 1e-3, 1e9)
+    accepted = complete(schemes.halve_step_while_cheaper(runs_without_error(run), 1e-3, 1e9))
     assert calls == [100.0, 200.0, 400.0, 800.0]
     assert accepted[1] == 800.0
 
