@@ -11,11 +11,7 @@ from cablepod.chain._kernels_layout import (
     LINE,
     PER_MASS,
     VX,
-    VY,
-    VZ,
     X,
-    Y,
-    Z,
 )
 
 #: Weights of Adams and Bashforth for the last three evaluations of the drag.
@@ -69,71 +65,68 @@ def drag_forces(x, v, wind, place, drag, first, last, force, damping):
 
 
 @compiled(noalias=True, counted=False, literal=False, forceinline=True)
-def _fill_drag(
-    count, back, share, half_drag, per_mass,
-    x_below, x_above, vx_below, vx_above, vx, x_before, x_after, drag_x,
-    y_below, y_above, vy_below, vy_above, vy, y_before, y_after, drag_y,
-    z_below, z_above, vz_below, vz_above, vz, z_before, z_after, drag_z,
-):  # fmt: skip
-    """Fill the velocity increments in a step by the drag on `count` particles: c |t| |u_n| u_n / 2 per mass times the step.
+def _trace_back(count, back, x, v, earlier):
+    """Fill earlier[j + 1] with the coordinate x - back v of particle j half a step `back` [s] before, at the time of v [m]."""
+    for j in range(count):
+        earlier[j + 1] = x[j] - back * v[j]
 
-    t is the vector between the neighbours at the time of the velocities, half a step before, and u_n the part normal to t of the
-    air's velocity less the particle's.
+
+@compiled(noalias=True, counted=False, literal=False, forceinline=True)
+def _subtract(count, share, before, after, v, u):
+    """Fill u with the air's velocity, at a place between two samples, less that of the particles [m/s]."""
+    for j in range(count):
+        u[j] = before[j] + share * (after[j] - before[j]) - v[j]
+
+
+@compiled(noalias=True, counted=False, literal=False, forceinline=True)
+def _resist(count, half_drag, per_mass, x, ux, y, uy, z, uz):
+    """Replace relative velocities by the velocity increments by drag in a step: c |t| |u_n| u_n / 2 per mass times the step.
+
+    t is the vector between the neighbours, and u_n the part of the relative velocity u normal to it.
 
     Parameters
     ----------
     count : int
         Number of particles.
-    back, share, half_drag : float
-        Half a step [s]; place between the two samples of the wind; half of c [kg/m2].
+    half_drag : float
+        Half of c [kg/m2].
     per_mass : float array (count,)
         Step over mass [s/kg].
-    x_below, ..., drag_z : float arrays (count,)
-        For each coordinate: positions of both neighbours, their velocities, the particles' velocities, two samples of the air's
-        velocity; filled, the increments [m/s].  None for z in the plane.
+    x, y, z : float arrays (count + 2,)
+        Coordinates of the particles, from the one before the first to the one after the last [m]; z None in the plane.
+    ux, uy, uz : float arrays (count,)
+        Relative velocities; replaced by the increments [m/s].
     """
     for j in range(count):
-        tx = x_above[j] - x_below[j] - back * (vx_above[j] - vx_below[j])
-        ty = y_above[j] - y_below[j] - back * (vy_above[j] - vy_below[j])
-        ux = x_before[j] + share * (x_after[j] - x_before[j]) - vx[j]
-        uy = y_before[j] + share * (y_after[j] - y_before[j]) - vy[j]
-        square, along = tx * tx + ty * ty, ux * tx + uy * ty
-        if z_below is not None:
-            tz = z_above[j] - z_below[j] - back * (vz_above[j] - vz_below[j])
-            uz = z_before[j] + share * (z_after[j] - z_before[j]) - vz[j]
+        tx, ty = x[j + 2] - x[j], y[j + 2] - y[j]
+        wx, wy = ux[j], uy[j]
+        square, along = tx * tx + ty * ty, wx * tx + wy * ty
+        if z is not None:
+            tz, wz = z[j + 2] - z[j], uz[j]
             square += tz * tz
-            along += uz * tz
+            along += wz * tz
         along /= square
-        ux -= along * tx
-        uy -= along * ty
-        speed_squared = ux * ux + uy * uy
-        if z_below is not None:
-            uz -= along * tz
-            speed_squared += uz * uz
+        wx -= along * tx
+        wy -= along * ty
+        speed_squared = wx * wx + wy * wy
+        if z is not None:
+            wz -= along * tz
+            speed_squared += wz * wz
         factor = half_drag * per_mass[j] * math.sqrt(square * speed_squared)
-        drag_x[j] = factor * ux
-        drag_y[j] = factor * uy
-        if z_below is not None:
-            drag_z[j] = factor * uz
+        ux[j] = factor * wx
+        uy[j] = factor * wy
+        if z is not None:
+            uz[j] = factor * wz
 
 
 @compiled(counted=False, literal=False, forceinline=True)
-def _drag_on(s, row, first, below, above, count, back, share, half_drag, before, after, spatial):
-    """Fill the rows from `row` on with the drag on `count` particles from `first` on, neighbours from `below`, `above` on."""
-    _fill_drag(
-        count, back, share, half_drag, s[PER_MASS, first:],
-        s[X, below:], s[X, above:], s[VX, below:], s[VX, above:], s[VX, first:], before[0, first:], after[0, first:],
-        s[row, first:],
-        s[Y, below:], s[Y, above:], s[VY, below:], s[VY, above:], s[VY, first:], before[1, first:], after[1, first:],
-        s[row + 1, first:],
-        None if spatial is None else s[Z, below:],
-        None if spatial is None else s[Z, above:],
-        None if spatial is None else s[VZ, below:],
-        None if spatial is None else s[VZ, above:],
-        None if spatial is None else s[VZ, first:],
-        None if spatial is None else before[2, first:],
-        None if spatial is None else after[2, first:],
-        None if spatial is None else s[row + 2, first:],
+def _drag_on(s, scratch, row, first, count, share, half_drag, before, after, spatial):
+    """Fill the rows from `row` on with the drag on `count` particles from `first` on; their coordinates are in `scratch`."""
+    for c in range(2 if spatial is None else 3):
+        _subtract(count, share, before[c, first:], after[c, first:], s[VX + c, first:], s[row + c, first:])
+    _resist(
+        count, half_drag, s[PER_MASS, first:], s[scratch, first:], s[row, first:], s[scratch + 1, first:], s[row + 1, first:],
+        None if spatial is None else s[scratch + 2, first:], None if spatial is None else s[row + 2, first:],
     )  # fmt: skip
 
 
@@ -155,20 +148,21 @@ def _apply_drag(s, links, wind, place, drag, step, target, evaluation, spatial):
     """
     place = min(max(place, 0.0), wind.shape[0] - 1.0)
     sample = min(int(place), wind.shape[0] - 2)
-    share, back, half_drag = place - sample, 0.5 * step, 0.5 * drag
+    share, half_drag = place - sample, 0.5 * drag
     before, after = wind[sample], wind[sample + 1]
     now = DRAG_X + 3 * (evaluation % 3)
     earlier, oldest = DRAG_X + 3 * (max(evaluation - 1, 0) % 3), DRAG_X + 3 * (max(evaluation - 2, 0) % 3)
-    between, last = links - 1, links - LINE  # particles between the ends, and the first of the last vector of them
-    whole = between // LINE * LINE  # a multiple of LINE, as the compiler sees
-    _drag_on(s, now, 1, 0, 2, whole, back, share, half_drag, before, after, spatial)
+    for c in range(2 if spatial is None else 3):  # at the ends the direction is that of their links
+        _trace_back(links + 1, 0.5 * step, s[X + c], s[VX + c], s[target + c])
+        s[target + c, 0], s[target + c, links + 2] = s[target + c, 1], s[target + c, links + 1]
+    first = 1 if s[PER_MASS, 0] == 0.0 else 0  # of the free particles
+    count = (links if s[PER_MASS, links] == 0.0 else links + 1) - first
+    whole, last = count // LINE * LINE, first + count - LINE  # a multiple of LINE, as the compiler sees
+    _drag_on(s, target, now, first, whole, share, half_drag, before, after, spatial)
     if whole == 0:
-        _drag_on(s, now, 1, 0, 2, between, back, share, half_drag, before, after, spatial)
-    elif whole < between:
-        _drag_on(s, now, last, last - 1, last + 1, LINE, back, share, half_drag, before, after, spatial)
-    for end, below in ((0, 0), (links, links - 1)):
-        if s[PER_MASS, end] != 0.0:  # a free end, with the direction of its link
-            _drag_on(s, now, end, below, below + 1, 1, back, share, half_drag, before, after, spatial)
+        _drag_on(s, target, now, first, count, share, half_drag, before, after, spatial)
+    elif whole < count:
+        _drag_on(s, target, now, last, LINE, share, half_drag, before, after, spatial)
     columns = (links + LINE) // LINE * LINE
     for c in range(2 if spatial is None else 3):
         _extrapolate_drag(columns, s[now + c], s[earlier + c], s[oldest + c], s[BASE_X + c], s[target + c])

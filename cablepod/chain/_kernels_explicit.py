@@ -51,12 +51,12 @@ from cablepod.chain._kernels_layout import (
 
 
 def new_states(chains, links):
-    """Allocate states of zeros (chains, ROWS, at least links + 2).
+    """Allocate states of zeros (chains, ROWS, at least links + 3).
 
     Rows are aligned to cache lines, which saves a tenth of the time.  An odd number of lines per row keeps equal columns of
     different rows out of the same cache set.
     """
-    shape = (chains, ROWS, LINE * ((links + 1 + LINE) // LINE | 1))
+    shape = (chains, ROWS, LINE * ((links + 2 + LINE) // LINE | 1))
     memory = np.zeros(math.prod(shape) + LINE)
     first = -(memory.ctypes.data // memory.itemsize) % LINE
     return memory[first : first + math.prod(shape)].reshape(shape)
@@ -246,15 +246,16 @@ def _advance(
 ):  # fmt: skip
     """Take the steps begin ... end - 1 of the tables, without saving, so that the compiler sees a plain loop."""
     i = begin
+    evaluation = 0 if wind is None else (start + begin + hold - 1) // hold  # number of the next one
     while i < end:
         last = end
         if wind is not None:
-            held = (start + i) % hold
-            last = min(i + hold - held, end)
-            if held == 0:
+            if start + i == evaluation * hold:
                 place = (start + i - 0.5) * step * samples_per_second
                 target = LOAD_X if patterns is None else STEADY_X
-                _apply_drag(s, links, wind, place, drag, step, target, (start + i) // hold, spatial)
+                _apply_drag(s, links, wind, place, drag, step, target, evaluation, spatial)
+                evaluation += 1
+            last = min(evaluation * hold - start, end)
         _steps(
             s, links, spatial, green, step, damping_factor, viscosity, tension_damping, patterns, factors, rows, columns, ends,
             end_rates, i, last, extremes,
