@@ -109,7 +109,7 @@ def rows_of(name: str, repeats: int) -> list[list[str]]:
             f"{rivals[best][0]:.1e}",
             rivals[best][1],
         ]
-        rows.append([*row, f"{own / rival:.2f}"])
+        rows.append([*row, f"{own / rival:.3f}"])
     return rows
 
 
