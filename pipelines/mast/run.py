@@ -1,6 +1,6 @@
 """Compare the guys of a mast in a storm: chains, condensed models and static catenaries.
 
-    python pipelines/mast/run.py [--seeds 1 2 3] [--direction 0] [--scene mast120] [--quick] [--readme]
+    python pipelines/mast/run.py [--seeds 1 2 3] [--direction 0] [--ice 0] [--scene mast120] [--quick] [--readme]
 
 The mast of 120 m with nine guys runs 660 s in turbulent wind, of which the last 600 s count.  In the reference each guy is a
 chain of 80 links.  Written are means over the winds: rms difference of the tension of the median guy over its standard deviation;
@@ -88,6 +88,13 @@ def errors(run: xr.Dataset, truth: xr.Dataset, start: float) -> list[float]:
     ]
 
 
+def iced(scene: xr.Dataset, thickness: float) -> xr.Dataset:
+    """Return a scene with ice of a thickness [m] on the guys."""
+    return cp.ensemble.design(scene, {"ice.thickness": [thickness]}, members=1, sampling="list").isel(
+        member=0, drop=True
+    )
+
+
 def draw(results: dict[str, list[list[float]]]) -> Figure:
     """Draw four errors over the time of a call, one marker for each kind of guys."""
     kinds = {"chain": ("s", "#555555"), "condensed": ("o", "#0072B2"), "static": ("^", "#D55E00")}
@@ -117,9 +124,12 @@ def main() -> None:
     parser = command_line(__doc__, readme=True, quick="60 s of one wind")
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3], help="seeds of the winds")
     parser.add_argument("--direction", type=float, default=0.0, help="degrees by which the wind is turned")
+    parser.add_argument("--ice", type=float, default=0.0, help="radial thickness of ice on the guys [m]")
     parser.add_argument("--scene", default="mast120", help="a shipped scene, or a file")
     options = parser.parse_args()
     base = cp.read_scene(examples.scene_path(options.scene))
+    if options.ice:
+        base = iced(base, options.ice)
     duration, start = (90.0, 30.0) if options.quick else (660.0, 60.0)
     seeds = options.seeds[:1] if options.quick else options.seeds
     times = 0.1 * np.arange(round(duration / 0.1) + 1)
@@ -154,8 +164,9 @@ def main() -> None:
         means = [f"{short(100.0 * statistics.mean(column))} %" for column in columns[:5]]
         rows.append([name, *means, *(f"{statistics.median(column):.3g}" for column in columns[5:])])
     table = markdown_table(["guys", *COLUMNS], rows)
-    show_table("turned" if options.direction else "storm", table, HERE if options.readme else None)
-    if options.readme and not options.direction:
+    name = "turned" if options.direction else "iced" if options.ice else "storm"
+    show_table(name, table, HERE if options.readme else None)
+    if options.readme and name == "storm":
         draw(results).savefig(HERE / "mast.png", dpi=75)
 
 
