@@ -73,10 +73,15 @@ class CondensedTrajectory:
 
 
 def boundary_data_of(model: CondensedModel, state: CondensedTrajectory, ends: np.ndarray) -> np.ndarray:
-    """Return the boundary data at the instants of the output (times, columns), where the run had them those of its steps."""
-    if state.boundary_data is None or state.instants.needs_interpolation:
-        return model.boundary_data_at(state.instants.times, ends)
-    return state.boundary_data[state.instants.left]
+    """Return the boundary data at the instants of the output (times, columns), between steps for given `ends`."""
+    instants = state.instants
+    if instants.needs_interpolation:
+        return model.boundary_data_at(instants.times, ends)
+    if (
+        state.boundary_data is None
+    ):  # at the instants of the steps, which may differ from those asked for in the last bit
+        return model.boundary_data_at(instants.steps[instants.left] / instants.steps_per_second)
+    return state.boundary_data[instants.left]
 
 
 def close_chord(

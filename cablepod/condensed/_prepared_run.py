@@ -12,7 +12,13 @@ import xarray as xr
 from cablepod.condensed import _kernels_host_layout as layout
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._air_motion import DragOfMotion
-from cablepod.condensed._fields import CondensedTrajectory, close_chord_of, positions, selected_tensions
+from cablepod.condensed._fields import (
+    CondensedTrajectory,
+    boundary_data_of,
+    close_chord_of,
+    positions_of,
+    selected_tensions,
+)
 from cablepod.condensed._host import CHORD_RANGE, CHORD_TURN_TEXT, chord_range_text
 from cablepod.condensed._kernels_layout import MIN_FORCE, MIN_FORCE_STEP, UNSTABLE_STEP, initial_monitor
 from cablepod.condensed._model import CondensedModel, end_tables
@@ -252,7 +258,9 @@ class PreparedRunner:
             if air is not None:
                 force += end_forces_by_drag(variant, air, times, q, state.rates)
         if "position" in outputs:
-            position = positions(variant.model, q, times)
+            ends = variant.p.end_positions(times)
+            stretch, _, _, deflection = close_chord_of(variant.model, q, boundary_data_of(variant.model, state, ends))
+            position = positions_of(variant.model, stretch, deflection, ends)
         if "tension" in outputs:
             tension = selected_tensions(variant.model, q, times, links)
         smallest = float(state.monitor[MIN_FORCE])
