@@ -112,6 +112,8 @@ class PreparedRunner:
 
     def _cable_air(self, p: Parameters, end_time: float) -> CableAir | None:
         """Return the air along the cable; that of the prepared scene, which is kept, unless what fixes it has changed."""
+        if p.wind is None and self.wind is None:
+            return None
         base = self.model.chain.p
         same = all(np.array_equal(getattr(p, name), getattr(base, name)) for name in FIXING_AIR)
         is_kept = same and p.wind is base.wind and p.turbulence is base.turbulence
