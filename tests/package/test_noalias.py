@@ -54,8 +54,12 @@ def scenes_of(dims, links, count):
     if dims == 3:
         mapping = spatial(mapping)
         mapping["ends"]["upper"][2] = 1.0
+    mapping["cable"] = {**mapping["cable"], "diameter": 0.02}
     scene = cp.make_scene(mapping)
     return scene.assign(cable_top_tension=("member", np.linspace(220.0, 240.0, count), scene["cable_top_tension"].attrs))
+
+def windy(dims):
+    return {"wind.speed": [10.0], "wind.direction": [[1.0, 0.0, 0.5][:dims]]}
 """
 RUNS = {
     "condensed": """
@@ -73,6 +77,10 @@ for dims in (2, 3):
     for scheme in ("trapezoidal", "generalized_alpha", "energy_momentum"):
         outputs = ("position", "tension_extremes")
         cp.chain.simulate(scenes_of(dims, 3, 2), scheme=scheme, step=0.05, times=[0.0, 0.1], outputs=outputs)
+    for links in (3, 11):  # fewer particles than a vector has numbers, and more
+        scene = scenes_of(dims, links, 1).isel(member=0)
+        scene = cp.ensemble.design(scene, windy(dims), members=1, sampling="list").isel(member=0)
+        cp.chain.simulate(scene, step=1e-3, times=[0.0, 0.05], outputs=outputs)
 """,
 }
 #: Kernels that each run must call.
@@ -83,9 +91,9 @@ KERNELS = {
         "_kernels_frame",
         "_kernels_sines",
         "_kernels_numerov_of_two",
-        "_kernels_error",
+        "_kernels_error_point",
     ),
-    "chain": ("_kernels_lanes", "_kernels_lane_steps"),
+    "chain": ("_kernels_lanes", "_kernels_lane_steps", "_kernels_drag"),
 }
 
 
