@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._inputs import ROUNDING, TRAJECTORY, floats, taken
+from cablepod._inputs import MOTION, ROUNDING, floats, taken
 from cablepod.conventions import label
 from cablepod.errors import SceneError, scene_error
 from cablepod.integrate._step_control import motion_scale
@@ -52,7 +52,7 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     >>> round(100 * float(error.error_max), 1)  # per cent
     0.1
     """
-    run, truth = taken("run", run, TRAJECTORY), taken("truth", truth, TRAJECTORY)
+    run, truth = taken("run", run, MOTION), taken("truth", truth, MOTION)
     if "member" in run.dims or "member" in truth.dims:
         return _member_errors(run, truth)
     _check_instants(run["time"].values, truth["time"].values)

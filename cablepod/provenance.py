@@ -186,8 +186,37 @@ def record(
     stages[identifier] = SORTED.encode(stage | ({"chosen": sorted(chosen)} if chosen else {}))
     attrs = {name: value for name, value in result.attrs.items() if name not in ("id", "history_json")}
     history = Abridged(f"[{', '.join(stages.values())}]")
+    _keep_verdict(history, True)
     result.attrs = {**in_order(attrs), "id": identifier, "history_json": history}
     return result
+
+
+#: Whether texts are histories, of those that were asked for or made last, and the maximum number of them.
+_verdicts: dict[str, bool] = {}
+MAX_VERDICTS = 256
+
+
+def is_history(text: str) -> bool:
+    """Tell whether a text is a list of stages."""
+    verdict = _verdicts.get(text)
+    if verdict is None:
+        try:
+            stages = json.loads(text)
+        except (ValueError, RecursionError):
+            stages = None
+        verdict = isinstance(stages, list) and all(
+            isinstance(stage, dict) and isinstance(stage.get("id"), str) and isinstance(stage.get("function"), str)
+            for stage in stages
+        )
+        _keep_verdict(text, verdict)
+    return verdict
+
+
+def _keep_verdict(text: str, verdict: bool) -> None:
+    """Keep whether a text is a history: to read a long one takes longer than all other checks of a Dataset."""
+    if len(_verdicts) >= MAX_VERDICTS:
+        _verdicts.clear()
+    _verdicts[text] = verdict
 
 
 def merged_stages(histories: Iterable[str]) -> dict[str, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 Dims = tuple[str, ...]
@@ -54,6 +54,7 @@ class Kind:
     is_scene: bool = False
     instead: tuple[str, str] | None = None  #: variable of a scene of another kind, and the message that refuses it
     is_small: bool = True  #: values are checked and copied here, not where they are used
+    reads: Dims | None = None  #: all variables that the functions read, None for any; others are not looked at
     some: bool = False  #: a single coordinate may be left of those, as after a selection, where they are not needed
 
 
@@ -70,6 +71,8 @@ _ARC: tuple[tuple[str, Dims], ...] = (("arc_length", ("particle",)),)
 _PLACES: tuple[tuple[str, Dims], ...] = (("position", ("time", "particle", "coordinate")), *_ARC)
 SNAPSHOTS = Kind("a trajectory", _PLACES, ("trajectory", "rest"), further=None, is_small=False)
 TRAJECTORY = Kind("a trajectory", (*_PLACES, ("time", ("time",))), ("trajectory", "rest"), further=None, is_small=False)
+#: Of which the positions alone are read.
+MOTION = replace(TRAJECTORY, reads=("position", "arc_length", "time", "coordinate", "unstretched_length"))
 TIMED = Kind("a Dataset with instants, from a simulate", (("time", ("time",)),), further=None, is_small=False)
 AMPLITUDES = Kind(
     "amplitudes of pod.project or a reduced model",

@@ -8,9 +8,7 @@ through a writable view of its array.
 
 from __future__ import annotations
 
-import json
 import math
-from functools import lru_cache
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -18,8 +16,9 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs._kinds import PLACES, Kind
-from cablepod._inputs._labels import IN_ORDER, label_orders, place_orders
-from cablepod.conventions import LABELS
+from cablepod._inputs._labels import label_orders, place_orders
+from cablepod.conventions import IN_ORDER, LABELS
+from cablepod.provenance import is_history
 
 FLOAT = np.dtype(float)
 #: Maximum number of records, bytes of an array of values that are compared (a product shows faster that more are finite), and
@@ -29,11 +28,14 @@ MAX_RECORDS, MAX_BYTES, MAX_CONTENT = 64, 1 << 14, 1 << 16
 ORDERING = frozenset((*LABELS, *PLACES, "unstretched_length"))
 #: What is done with the array of a variable: nothing, its bytes are compared, its values are looked at, its index is looked up.
 NOTHING, COMPARED, FINITE, INDEX = range(4)
+#: Attributes that all functions read.
+ALWAYS_READ = ("stage", "layout", "id", "history_json", "values_sha256")
 is_writable_c = attrgetter("flags.carray")
 
 
-#: Dimensions, type of the array and of its numbers, units of a variable, and what is done with it.
-Expected = tuple[tuple[Any, ...], type, Any, str | None, int]
+#: Name, dimensions, units and type of the array of a variable, type of its numbers (None for any), what is done with it, and
+#: where its index is looked up.
+Expected = tuple[Any, tuple[Any, ...], str | None, Any, Any, int, dict[int, Any]]
 
 
 class Record(NamedTuple):
@@ -44,7 +46,7 @@ class Record(NamedTuple):
     layout: Any
     variables: list[Expected]
     content: bytes  #: of the arrays that are compared
-    indexes: list[dict[int, Any]]  #: where the index of each variable that has one is looked up
+    has_labels: bool  #: whether there are labels among these
 
 
 _records: dict[tuple[Any, ...], Record] = {}
@@ -58,13 +60,16 @@ def is_like_one_in_order(key: str, given: xr.Dataset, kind: Kind) -> bool:
     SceneError
         For labels, instants and places that are not legal.
     """
-    record = _records.get(_names(given, kind))
-    if record is None or not _has_attributes(given.attrs, record, kind):
+    # each public call passes here, with cold caches: private attributes, as the properties take three times as long
+    variables, attrs = given._variables, given._attrs or {}
+    names = _names(given, kind)
+    record = _records.get(names)
+    if record is None or not _has_attributes(attrs, record, kind):
         return False
-    found = _arrays(given, record)
+    found = _arrays(variables, record)
     if found is None:
         return False
-    _, compared, finite, indexes = found
+    compared, finite, is_known = found
     if kind.is_scene and not all(map(is_writable_c, compared + finite)):
         return False
     try:
@@ -72,62 +77,77 @@ def is_like_one_in_order(key: str, given: xr.Dataset, kind: Kind) -> bool:
     except TypeError:  # not in the memory order of C
         return False
     is_changed = content != record.content
-    for array in finite + compared if is_changed else finite:
+    # of snapshots only places and labels are compared, which are looked at below
+    for array in finite + compared if is_changed and kind.is_small else finite:
         if array.dtype is FLOAT and not math.isfinite(np.vdot(array, array)):
             return False
+    if (not is_known or (is_changed and record.has_labels)) and label_orders(
+        key, read_by(kind, variables), some=kind.some
+    ):
+        return False
     if is_changed:
-        if label_orders(key, given._variables, some=kind.some) or place_orders(key, given._variables):
+        if place_orders(key, read_by(kind, variables)):
             return False
-        _records[_names(given, kind)] = record._replace(content=content)
-        return True
-    for known, index in zip(record.indexes, indexes, strict=True):
-        if id(index.array) not in known:
-            return not label_orders(key, given._variables, some=kind.some)
+        _records[names] = record._replace(content=content)
     return True
 
 
-def _arrays(given: xr.Dataset, record: Record) -> tuple[list[Any], ...] | None:
-    """Return the arrays of all variables by what is done with them; None for other dimensions, types or units."""
-    found: tuple[list[Any], ...] = ([], [], [], [])
-    for variable, (dims, array_type, numbers, units, what) in zip(
-        given._variables.values(), record.variables, strict=True
-    ):
-        # not public, but a third of the time of the properties, which wrap what they return
-        array, attrs = variable._data, variable._attrs
+def _arrays(variables: dict[Any, Any], record: Record) -> tuple[list[Any], list[Any], bool] | None:
+    """Return the arrays that are compared, those whose values are looked at, and whether all indexes are known to be in order.
+
+    None for other dimensions, types or units.
+    """
+    compared: list[Any] = []
+    finite: list[Any] = []
+    is_known = True
+    for name, dims, units, array_type, numbers, what, known in record.variables:
+        variable: Any = variables.get(name)
+        if variable is None:
+            return None
+        array: Any = variable._data
+        attrs = variable._attrs
         own = attrs.get("units") if attrs else None
         if (
-            variable._dims != dims
-            or array.__class__ is not array_type
-            or (array.dtype is not numbers and array.dtype != numbers)
-            or (own is not units and (own.__class__ is not str or own != units))
+            (variable._dims is not dims and variable._dims != dims)
+            or type(array) is not array_type
+            or (own is not units and (type(own) is not str or own != units))
+            or (numbers is not None and array.dtype is not numbers and array.dtype != numbers)
         ):
             return None
-        found[what].append(array)
-    return found
+        if what == INDEX:
+            is_known = is_known and id(array.array) in known
+        elif what == COMPARED:
+            compared.append(array)
+        elif what == FINITE:
+            finite.append(array)
+    return compared, finite, is_known
 
 
 def note_in_order(given: xr.Dataset, kind: Kind) -> None:
     """Keep what decides on a Dataset that is in order, unless that cannot be compared."""
-    attrs, variables, indexes = given.attrs, [], []
+    attrs = given.attrs
+    variables: list[Expected] = []
     compared: list[Any] = []
-    for name, variable in given._variables.items():
+    for name, variable in read_by(kind, given._variables).items():
         units = variable.attrs.get("units")
         array: Any = variable._data
         what = _what(name, variable, kind)
         if what is None or not (units is None or type(units) is str):
             return
-        variables.append((variable._dims, type(array), array.dtype, units, what))
+        numbers = None if what == INDEX and name in LABELS else array.dtype
+        variables.append((name, variable._dims, units, type(array), numbers, what, IN_ORDER.get(name, {})))
         if what == COMPARED:
             compared.append(array)
-        elif what == INDEX:
-            indexes.append(IN_ORDER[name])
     if sum(array.nbytes for array in compared) > MAX_CONTENT:
         return
     if len(_records) >= MAX_RECORDS:
         _records.clear()
-    types = [*map(type, attrs.values())]
+    has_labels = any(what == COMPARED and name in IN_ORDER for name, *_, what, _ in variables)
+    types = _types(attrs, kind)
     content = b"".join(compared)
-    _records[_names(given, kind)] = Record(types, attrs.get("stage"), attrs.get("layout"), variables, content, indexes)
+    _records[_names(given, kind)] = Record(
+        types, attrs.get("stage"), attrs.get("layout"), variables, content, has_labels
+    )
 
 
 def _what(name: Any, variable: xr.Variable, kind: Kind) -> int | None:
@@ -145,33 +165,30 @@ def _what(name: Any, variable: xr.Variable, kind: Kind) -> int | None:
     return COMPARED if contiguous and array.dtype.kind in "fiubU" else None
 
 
+def read_by(kind: Kind, variables: dict[Any, Any]) -> dict[Any, Any]:
+    """Return the variables that functions of a kind read."""
+    return variables if kind.reads is None else {name: variables[name] for name in kind.reads if name in variables}
+
+
 def _names(given: xr.Dataset, kind: Kind) -> tuple[Any, ...]:
-    """Return the kind, and the names of variables, attributes and dimensions with their sizes."""
+    """Return the kind, the names of dimensions with their sizes, and of variables and attributes where all are read."""
     sizes = given._dims
+    if kind.reads is not None:
+        return (kind, *sizes, *sizes.values())
     return (kind, *given._variables, *given.attrs, *sizes, *sizes.values())
+
+
+def _types(attrs: dict[Any, Any], kind: Kind) -> list[type]:
+    """Return the types of the attributes that functions of a kind read."""
+    return [*map(type, attrs.values() if kind.reads is None else map(attrs.get, ALWAYS_READ))]
 
 
 def _has_attributes(attrs: dict[Any, Any], record: Record, kind: Kind) -> bool:
     """Tell whether attributes of the names of a record have its types, stage and layout, and a history."""
     # types first, so that what compares in its own way, such as an array, is not compared with a text
-    if [*map(type, attrs.values())] != record.types:
+    if _types(attrs, kind) != record.types:
         return False
-    if kind.stages and attrs.get("stage") != record.stage:
-        return False
-    if kind.layouts and attrs.get("layout") != record.layout:
+    if (kind.stages and attrs.get("stage") != record.stage) or (kind.layouts and attrs.get("layout") != record.layout):
         return False
     history = attrs.get("history_json")
     return history is None or is_history(history)
-
-
-@lru_cache(256)
-def is_history(text: str) -> bool:
-    """Tell whether a text is a list of stages."""
-    try:
-        stages = json.loads(text)
-    except (ValueError, RecursionError):
-        return False
-    return isinstance(stages, list) and all(
-        isinstance(stage, dict) and isinstance(stage.get("id"), str) and isinstance(stage.get("function"), str)
-        for stage in stages
-    )

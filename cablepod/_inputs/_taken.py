@@ -12,12 +12,13 @@ import xarray as xr
 
 from cablepod._inputs._kinds import ANY, DIMS, PLACES, SEPARATE, TABLES_OF_MODES, Dims, Kind
 from cablepod._inputs._labels import label_orders, place_orders
-from cablepod._inputs._seen import FLOAT, is_history, is_like_one_in_order, note_in_order
+from cablepod._inputs._seen import ALWAYS_READ, FLOAT, is_like_one_in_order, note_in_order, read_by
 from cablepod._resources import defer_sigint, defer_sigint_during_dask
 from cablepod.conventions import ATTRIBUTES, LABELS, UNITS, VARIABLES
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._checks import LARGEST, point, points
 from cablepod.parameters._key_paths import key_of_variable
+from cablepod.provenance import is_history
 
 #: Types of a number; a tuple is tested ten times as fast as a union.
 REAL = (float, int, np.integer, np.floating)
@@ -60,7 +61,7 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
         return given
     if not kind.is_small:
         given = _loaded(given)
-    variables: dict[Any, Any] = given._variables
+    variables: dict[Any, Any] = read_by(kind, given._variables)
     layout = _layout(key, given, kind)
     tidy = True
     for name, variable in variables.items():
@@ -132,7 +133,7 @@ def _layout(key: str, given: xr.Dataset, kind: Kind) -> str | None:
             f"{key}: history_json", history, "the stages of the Dataset as the package writes them, or none"
         )
     if kind is not ANY:
-        _check_attributes(key, given.attrs)
+        _check_attributes(key, given.attrs, kind)
     if kind.stages and stage is not None and not (isinstance(stage, str) and stage in kind.stages):
         raise SceneError(f"{key}: given a Dataset of stage {shown(stage)}; allowed: {kind.allowed}")
     if not kind.layouts:
@@ -143,9 +144,11 @@ def _layout(key: str, given: xr.Dataset, kind: Kind) -> str | None:
     return layout
 
 
-def _check_attributes(key: str, attrs: dict[Any, Any]) -> None:
-    """Refuse attributes of other types than the package writes, whether the function reads them or not."""
+def _check_attributes(key: str, attrs: dict[Any, Any], kind: Kind) -> None:
+    """Refuse attributes of other types than the package writes: all, or those that functions of a kind read."""
     for name, value in attrs.items():
+        if kind.reads is not None and name not in ALWAYS_READ:
+            continue
         if name in NUMBERS and not isinstance(value, REAL):
             raise scene_error(f"{key}: {name}", value, "a number as the package writes it, or none")
         if name in TEXTS and not isinstance(value, str):
@@ -253,7 +256,7 @@ def _tidied(key: str, given: xr.Dataset, kind: Kind, layout: str | None, orders:
     """Return a copy with labels, particles, dimensions and arrays as in the package."""
     result = given.isel(orders) if orders else given.copy()
     variables: dict[Any, xr.Variable] = {}
-    for name, variable in result.variables.items():
+    for name, variable in read_by(kind, result._variables).items():
         own = LABELS.get(name)
         if name in LABELS and variable.dims == (name,):
             if own is not None and variable.dtype.kind == "O":

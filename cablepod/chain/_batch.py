@@ -58,7 +58,6 @@ class ChainBatch:
     def __init__(self, members: Members, request: ChainRequest, title: str) -> None:
         self.members, self.request, self.title = members, request, title
         self.first: list[xr.Dataset] = []  #: result of the first member, the template of all others
-        self._shared: dict[str, tuple[tuple[str, ...], Any]] = {}  # coordinates that are equal in all members
         self._begun: dict[int, Begun] = {}
         self._solved: dict[int, Solution] = {}
 
@@ -163,10 +162,6 @@ class ChainBatch:
 
     def _array(self, name: str, variable: Any) -> tuple[tuple[str, ...], Any]:
         """Return dimensions and values; an xarray.Variable would cost as much as a thousand steps of a chain."""
-        if isinstance(variable, xr.Variable):
-            if name not in self._shared:
-                self._shared[name] = cast(tuple[str, ...], variable.dims), variable.values
-            return self._shared[name]
         if isinstance(variable, tuple):
             dims, values = variable
             return (dims,) if isinstance(dims, str) else dims, values

@@ -11,7 +11,7 @@ from cablepod import provenance
 from cablepod._inputs import SCENE, taken
 from cablepod.chain._air import ChainAir
 from cablepod.chain._start import rest_shape
-from cablepod.conventions import COORDINATES, FEATURES, label
+from cablepod.conventions import COORDINATES, FEATURES, label, shared_coordinates
 from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.discretisation._laws import LAWS, check_law
@@ -113,7 +113,7 @@ def vibration_modes(
         "coordinate": list(COORDINATES[: p.dims]),
         "arc_length": ("particle", chain.arc_length),
     }
-    result = xr.Dataset(variables, coords=coords)
+    result = xr.Dataset(variables, coords=shared_coordinates(coords))
     add_training_range(result, np.tile(_features_at_rest(p, chain.total_length), (2, 1)))
     names = {
         "mode_shape": ("1", "shape of the vibration, of unit norm in the mass of the inner particles over its mean")

@@ -7,11 +7,9 @@ all runs.  Modes carry the range of their training scenes, and reduced runs thei
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from cablepod.catenary._statics import solve_statics
 from cablepod.conventions import FEATURES
@@ -19,12 +17,6 @@ from cablepod.parameters._parameters import Parameters
 
 #: Number of instants at which motions and loads are sampled.
 INSTANTS = 201
-
-
-@lru_cache
-def feature_index() -> xr.IndexVariable:
-    """Return the coordinate of FEATURES (cached: it costs as much as a thousand steps)."""
-    return xr.IndexVariable("feature", list(FEATURES))
 
 
 def features(p: Parameters, length: Any, end_time: float, tension: Any = None) -> np.ndarray:
@@ -96,4 +88,4 @@ def describe(
 
     Both belong in the constructor of the Dataset: adding them later costs as much as a short run.
     """
-    return {"scene_feature": ("feature", features(p, length, end_time, tension))}, {"feature": feature_index()}
+    return {"scene_feature": ("feature", features(p, length, end_time, tension))}, {"feature": np.array(FEATURES)}

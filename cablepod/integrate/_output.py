@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from functools import lru_cache
 from typing import Any, NoReturn
 
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import COORDINATES, label
+from cablepod.conventions import COORDINATES, label, shared_coordinates
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.errors import RunStopped
 from cablepod.integrate._means import MEANS, Means
@@ -26,13 +25,7 @@ DIMS = {"position": PARTICLES, "velocity": PARTICLES, "tension": LINKS}
 
 def chain_coordinates(chain: LumpedChain) -> dict[str, Any]:
     """Return the coordinates of a result on the particles of a chain, or on the output particles of a mesh."""
-    return {"arc_length": ("particle", chain.particles), "coordinate": _axes(chain.p.dims)}
-
-
-@lru_cache
-def _axes(dims: int) -> xr.IndexVariable:
-    """Return the index of the axes (cached: it costs as much as a hundred steps of a chain)."""
-    return xr.IndexVariable("coordinate", list(COORDINATES[:dims]))
+    return {"arc_length": ("particle", chain.particles), "coordinate": np.array(COORDINATES[: chain.p.dims])}
 
 
 def law_suffix(chain: LumpedChain) -> str:
@@ -133,8 +126,9 @@ def rest_dataset(
         Attributes, the title first.
     """
     scalars = {**scalars, "residual": float(np.sqrt(square(unbalanced)).max(initial=0.0))}
-    variables = {"position": (PARTICLES[1:], position), "tension": (LINKS[1:], tension)}
-    result = xr.Dataset({**variables, **{name: ((), value) for name, value in scalars.items()}}, coords=coords)
+    variables: dict[str, Any] = {"position": (PARTICLES[1:], position), "tension": (LINKS[1:], tension)}
+    variables |= {name: ((), value) for name, value in scalars.items()}
+    result = xr.Dataset(variables, coords=shared_coordinates(coords))
     result.attrs = {"stage": "rest", **attrs}
     return label(result)
 

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._resources import check_memory
-from cablepod.conventions import label
+from cablepod.conventions import label, shared_coordinates
 from cablepod.discretisation._chain import LumpedChain, square
 from cablepod.discretisation._similarity import describe
 from cablepod.integrate._energy_check import ENERGY_STOP, check_energy, max_energy_of_run
@@ -343,8 +343,8 @@ class ChainRun:
 
     def dataset(self, state: Trajectory) -> xr.Dataset:
         """Make the result of a run: variables with units, attributes."""
-        result = xr.Dataset(*self.arrays(state))
-        label(result)
+        variables, coords = self.arrays(state)
+        result = label(xr.Dataset(variables, coords=shared_coordinates(coords)))
         result.attrs.update(self.attributes(state))
         return result
 

@@ -9,7 +9,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod._inputs import floats
-from cablepod.conventions import ENDS, label
+from cablepod.conventions import ENDS, label, shared_coordinates
 from cablepod.discretisation._laws import law_of
 from cablepod.errors import SceneError, did_you_mean, scene_error
 from cablepod.parameters._checks import integer, number
@@ -111,11 +111,13 @@ def labelled(
     # views of the tables of all modes would keep these in memory, and take longer to check
     result = xr.Dataset(
         {name: (dims, floats(array)) for name, (dims, array) in variables.items()},
-        coords={
-            "mode": np.arange(1, kept + 1),
-            "coordinate": like["coordinate"].values,
-            "arc_length": ("particle", arc_length),
-        },
+        coords=shared_coordinates(
+            {
+                "mode": np.arange(1, kept + 1),
+                "coordinate": like["coordinate"].values,
+                "arc_length": ("particle", arc_length),
+            }
+        ),
     )
     label(add_training_range(result, trained))
     result.attrs.update(
@@ -159,12 +161,14 @@ def amplitude_dataset(
     rank = variables["amplitude"][1].shape[-1]
     result = xr.Dataset(
         {**variables, "end_position": (("time", "end", "coordinate"), floats(ends))},
-        coords={
-            "time": time,
-            "mode": modes["mode"].values[:rank],
-            "coordinate": modes["coordinate"].values,
-            "end": list(ENDS),
-        },
+        coords=shared_coordinates(
+            {
+                "time": time,
+                "mode": modes["mode"].values[:rank],
+                "coordinate": modes["coordinate"].values,
+                "end": list(ENDS),
+            }
+        ),
     )
     return label(result)
 

@@ -7,8 +7,8 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from cablepod import provenance
-from cablepod._inputs import AMPLITUDES, FIELD_MODES, MODES, ROUNDING, TIMED, TRAJECTORY, floats, taken
-from cablepod.conventions import label
+from cablepod._inputs import AMPLITUDES, FIELD_MODES, MODES, MOTION, ROUNDING, TIMED, floats, taken
+from cablepod.conventions import label, shared_coordinates
 from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._checks import choice, integer
 from cablepod.pod import _normal as pod_normal
@@ -105,7 +105,7 @@ def project(snapshots: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
     SceneError
         If the particles differ, or positions are missing or not finite.
     """
-    snapshots, modes = taken("snapshots", snapshots, TRAJECTORY), taken("modes", modes, MODES)
+    snapshots, modes = taken("snapshots", snapshots, MOTION), taken("modes", modes, MODES)
     sigma, snapshot_sigma = relative_arc_length(modes), relative_arc_length(snapshots)
     if sigma.shape != snapshot_sigma.shape or np.abs(sigma - snapshot_sigma).max() > ROUNDING:
         raise SceneError(
@@ -177,11 +177,13 @@ def reconstruct(amplitudes: xr.Dataset, modes: xr.Dataset) -> xr.Dataset:
         position = compose(amplitude, ends, fields, mean_of(modes), relative_arc_length(modes))
     result = xr.Dataset(
         {"position": (("time", "particle", "coordinate"), position)},
-        coords={
-            "time": amplitudes["time"].values,
-            "coordinate": modes["coordinate"].values,
-            "arc_length": ("particle", modes["arc_length"].values),
-        },
+        coords=shared_coordinates(
+            {
+                "time": amplitudes["time"].values,
+                "coordinate": modes["coordinate"].values,
+                "arc_length": ("particle", modes["arc_length"].values),
+            }
+        ),
     )
     label(result)
     result.attrs.update(title=f"{amplitudes.attrs.get('title', 'amplitudes')}: snapshots", stage="trajectory")

@@ -2,19 +2,10 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 import xarray as xr
 
-from cablepod.conventions import FEATURES
-from cablepod.discretisation._similarity import feature_index
-
-
-@lru_cache
-def _bounds() -> xr.IndexVariable:
-    """Return the coordinate ``bound``."""
-    return xr.IndexVariable("bound", ["least", "largest"])
+from cablepod.conventions import FEATURES, LABELS, shared_coordinates
 
 
 def range_of(snapshots: xr.Dataset) -> np.ndarray:
@@ -40,5 +31,5 @@ def add_training_range(modes: xr.Dataset, trained: np.ndarray | None) -> xr.Data
     """Add ``training_range (bound, feature)`` to modes in place, if it is known, and return them."""
     if trained is not None and np.isfinite(trained).all():
         modes["training_range"] = (("bound", "feature"), trained)
-        modes.coords["feature"], modes.coords["bound"] = feature_index(), _bounds()
+        modes.coords.update(shared_coordinates({name: LABELS[name] for name in ("feature", "bound")}))
     return modes

@@ -16,7 +16,7 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod._resources import check_memory
-from cablepod.conventions import COORDINATES, label
+from cablepod.conventions import COORDINATES, label, shared_coordinates
 from cablepod.errors import SceneError, shown
 from cablepod.parameters._checks import point
 from cablepod.parameters._from_scene import parameters
@@ -217,7 +217,7 @@ def _to_dataset(tree: dict[str, Any]) -> xr.Dataset:
         variables |= _table_variables(path, load, POINT_LOAD)
         variables |= _time_function_variables(path, load, "1", f"factor of point load {number}")
     dims = len(tree["ends"]["lower"])
-    scene = xr.Dataset(variables, coords={"coordinate": list(COORDINATES[:dims])})
+    scene = xr.Dataset(variables, coords=shared_coordinates({"coordinate": list(COORDINATES[:dims])}))
     label(scene[["coordinate"]])
     return scene
 
@@ -242,7 +242,7 @@ def _mast_to_dataset(tree: dict[str, Any]) -> xr.Dataset:
     for table in SHARED_TABLES:
         values = tree.get("wind", {}).get("turbulence", {}) if table == "wind.turbulence" else tree.get(table, {})
         add(table, values, TABLES[table])
-    scene = xr.Dataset(variables, coords={"coordinate": list(COORDINATES)})
+    scene = xr.Dataset(variables, coords=shared_coordinates({"coordinate": list(COORDINATES)}))
     label(scene[["coordinate"]])
     return scene
 

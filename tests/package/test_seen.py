@@ -13,15 +13,16 @@ import xarray as xr
 from public_calls import datasets
 
 import cablepod as cp
+from cablepod import conventions
 from cablepod._inputs import (
     AMPLITUDES,
     FIELD_MODES,
+    MOTION,
     NORMAL_MODES,
     SCENE,
     SNAPSHOTS,
     TRAJECTORY,
     WITH_PLACES,
-    _labels,
     _seen,
     _taken,
     taken,
@@ -277,6 +278,62 @@ def test_a_kind_is_not_taken_for_another_one():
             taken("it", dataset, kind)
 
 
+#: Variables of a trajectory that comparing and projecting it does not read.
+UNREAD = {
+    "units": set_attrs("tension", units="kN"),
+    "type": array_of("velocity", lambda a: a + 1j),
+    "labels": coords(feature=list("abcdef")),
+    "dimensions": first_of("velocity", "time"),
+    "attribute": lambda run: run.attrs.update(rank="two"),
+    "missing": lambda run: run.__delitem__("tension"),
+}
+
+
+@pytest.mark.parametrize("change", UNREAD.values(), ids=UNREAD)
+def test_what_a_comparison_does_not_read_is_not_looked_at(change):
+    """Whether a Dataset like it was seen before or not."""
+    run, model = (datasets()[stage].copy(deep=True) for stage in ("chain", "condensed"))
+    expected = [cp.compare.errors(model, run).error, cp.pod.project(run, datasets()["modes"]).amplitude]
+    change(run)
+    for _ in range(2):
+        found = [cp.compare.errors(model, run).error, cp.pod.project(run, datasets()["modes"]).amplitude]
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+        _seen._records.clear()
+    assert taken("it", run, MOTION) is run
+
+
+def test_what_a_comparison_does_not_read_is_not_put_in_order():
+    run = datasets()["chain"]
+    expected = cp.compare.errors(run, run).error
+    other = run.isel(coordinate=[1, 0]).assign_coords(link_arc_length=("link", ["a"] * run.sizes["link"]))
+    np.testing.assert_array_equal(cp.compare.errors(other, run).error, expected)
+    with pytest.raises(cp.SceneError, match="snapshots: link_arc_length: given"):
+        cp.pod.decompose(other)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (change, message)
+        for stage, change, message in CHANGES
+        if stage == "chain" and not any(name in message for name in ("velocity", "tension", "rank", "step"))
+    ],
+)
+def test_what_a_comparison_reads_is_looked_at_in_each_call(change, message):
+    run = datasets()["chain"].copy(deep=True)
+    for _ in range(2):
+        assert taken("it", run, MOTION) is run
+    changed = run.copy(deep=True)
+    change(changed)
+    for dataset in (changed, changed, run):
+        if dataset is run:
+            assert taken("it", dataset, MOTION) is run
+            continue
+        with pytest.raises(cp.SceneError, match=message):
+            taken("it", dataset, MOTION)
+
+
 def test_a_coordinate_left_of_a_selection_is_in_order_only_where_it_may_be():
     run = datasets()["chain"].isel(coordinate=[0])
     for _ in range(2):
@@ -291,6 +348,12 @@ def test_instants_without_an_index_are_looked_at():
     assert taken("it", other, TRAJECTORY) is other
     other.variables["time"].data = other["time"].values[::-1].copy()
     assert list(other.variables) == list(run.variables)
+    with pytest.raises(cp.SceneError, match=r"it: time: given .* rising instants"):
+        taken("it", other, TRAJECTORY)
+    other["time"].values[...] = run["time"].values
+    for _ in range(2):
+        assert taken("it", other, TRAJECTORY) is other
+    other["time"].values[1] = other["time"].values[2]
     with pytest.raises(cp.SceneError, match=r"it: time: given .* rising instants"):
         taken("it", other, TRAJECTORY)
 
@@ -330,11 +393,11 @@ def test_neither_arrays_nor_indexes_are_kept():
     kept = [weakref.ref(run["position"].values), weakref.ref(run.indexes["time"])]
     number = id(run.indexes["time"])
     assert all(ref() is not None for ref in kept)
-    assert number in _labels.IN_ORDER["time"]
+    assert number in conventions.IN_ORDER["time"]
     del run
     gc.collect()
     assert all(ref() is None for ref in kept)
-    assert number not in _labels.IN_ORDER["time"]
+    assert number not in conventions.IN_ORDER["time"]
 
 
 def test_records_are_few():
