@@ -1,26 +1,27 @@
 """Measure what the checks of Datasets at the border of public functions cost.
 
-    python pipelines/benchmarks/labels.py [--repeats 9] [--readme]
+    python pipelines/benchmarks/labels.py [--repeats 25] [--readme]
 
-One thread, processor time, the least of the repeats.  The first table has the time that :func:`cablepod._inputs.taken` takes for
-a Dataset in the order of the package, called again and again.  The second has the part of all such checks in whole calls, where
-they find colder caches, beside the time of the call.
+One thread.  The first table has the time that :func:`cablepod._inputs.taken` takes for a Dataset in the order of the package, the
+second the part of all such checks in whole calls, where they find colder caches, beside the time of the call.
 
 first
-    no Dataset of these names was seen before.
-other
-    a Dataset of other values, lengths and instants than the one before; no array and no index was seen before.
+    no Dataset of these names was seen before; least time.
+new
+    what was just made by calls of the package, each time of another scene, with its own values, instants and indexes; medians.
 same
-    the Dataset of the call before.
+    the Datasets of the call before; least time of a check, medians of whole calls.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+import tomllib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 if __name__ == "__main__":
@@ -32,119 +33,136 @@ from _study import command_line, markdown_table, percent, show_table, time_insid
 
 import cablepod as cp
 from cablepod import _inputs, examples
-from cablepod._inputs import _labels, _seen
+from cablepod._inputs import _seen
+from cablepod.conventions import IN_ORDER
 
 HERE = Path(__file__).resolve().parent
-#: Calls of a check of one measurement.
-CALLS = 200
+TREE = tomllib.loads(examples.scene_path("example2").read_text())
+OUTPUTS = ("position", "velocity", "tension")
+#: Calls of a check of one measurement, and of whole calls with the same Datasets per repeat.
+CALLS, SAME = 200, 20
+#: Makes a Dataset of its own for each number.
+Make = Callable[[int], xr.Dataset]
 
 
-def another(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a Dataset with other numbers, in which no array and no index is one of `dataset`."""
-    other = dataset.copy(deep=True)
-    for name, variable in other.variables.items():
-        if variable.dtype.kind == "f" and name not in other.indexes:
-            variable.values[...] *= 1.0 + 1e-9
-    return other
+def scene_of(number: int) -> xr.Dataset:
+    """Return Example 2 with its own tension."""
+    return cp.make_scene(TREE | {"cable": TREE["cable"] | {"top_tension": 15e3 + number}})
+
+
+def members_of(number: int) -> xr.Dataset:
+    """Return a hundred scenes of which no other number has one."""
+    return cp.ensemble.design(scene_of(number), {"cable.area": [1e-4, 1.2e-4]}, members=100, seed=number)
+
+
+def times_of(number: int, instants: int) -> np.ndarray:
+    """Return instants that no other number has [s]."""
+    return np.linspace(0.0, 124.0 - 1e-3 * number, instants)
+
+
+def run_of(number: int, instants: int = 125, links: int = 40) -> xr.Dataset:
+    """Return a run of the chain."""
+    times, step = times_of(number, instants), 0.0125 / links
+    return cp.chain.simulate(scene_of(number), links=links, times=times, step=step, outputs=OUTPUTS)
 
 
 def forget() -> None:
     """Forget all Datasets that were seen."""
     _seen._records.clear()
-    for known in _labels.IN_ORDER.values():
+    for known in IN_ORDER.values():
         known.clear()
 
 
-def least(call: Callable[..., Any], make: Callable[[], Any], repeats: int) -> float:
-    """Return the least processor time of a call with what is made for it [s]."""
-    found = []
+def least(call: Callable[[], Any], repeats: int) -> float:
+    """Return the least time of a call [s]."""
+    times = []
     for _ in range(repeats):
-        given = [make() for _ in range(CALLS)]
-        begin = time.process_time()
-        for one in given:
-            call(one)
-        found.append((time.process_time() - begin) / CALLS)
-    return min(found)
+        begin = time.perf_counter()
+        for _ in range(CALLS):
+            call()
+        times.append((time.perf_counter() - begin) / CALLS)
+    return min(times)
 
 
-def checked(dataset: xr.Dataset, kind: _inputs.Kind, repeats: int) -> list[str]:
-    """Return the times of a check as texts: of a first, of other and of the same Dataset."""
+def checked(make: Make, kind: _inputs.Kind, repeats: int) -> list[str]:
+    """Return the times of a check as texts: of a first, of new ones and of the same Dataset."""
+    dataset, new = make(0), []
 
-    def first(one: xr.Dataset) -> None:
+    def first() -> None:
         forget()
-        _inputs.taken("it", one, kind)
+        _inputs.taken("it", dataset, kind)
 
-    def again(one: xr.Dataset) -> None:
-        _inputs.taken("it", one, kind)
+    def same() -> None:
+        _inputs.taken("it", dataset, kind)
 
-    times = [
-        least(first, lambda: dataset, repeats) - least(lambda _: forget(), lambda: dataset, repeats),
-        least(again, lambda: another(dataset), repeats),
-        least(again, lambda: dataset, repeats),
-    ]
-    return [f"{1e6 * seconds:.1f} µs" for seconds in times]
+    unseen = least(first, repeats) - least(forget, repeats)
+    seen = least(same, repeats)
+    for number in range(1, repeats + 1):
+        other = make(number)
+        begin = time.perf_counter()
+        _inputs.taken("it", other, kind)
+        new.append(time.perf_counter() - begin)
+    return [f"{1e6 * seconds:.1f} µs" for seconds in (unseen, median(new), seen)]
 
 
-def share(call: Callable[..., Any], make: Callable[[], list[xr.Dataset]], repeats: int) -> tuple[float, float]:
-    """Return the processor time of a call with what is made for it [s], and the part that its checks take, both least."""
-    call(*make())
-    times, parts = [], []
-    # wrapped once, as this goes through all modules
-    with time_inside("cablepod._inputs.taken", clock=time.process_time) as inside:
-        for _ in range(repeats):
-            given, before = make(), inside.seconds
-            begin = time.process_time()
-            call(*given)
-            times.append(time.process_time() - begin)
-            parts.append(inside.seconds - before)
-    return min(times), min(parts)
+def share(call: Callable[..., Any], make: Callable[[int], tuple[xr.Dataset, ...]], repeats: int) -> list[str]:
+    """Return the time of a call as a text, and that of its checks with new and with the same Datasets."""
+    texts = []
+    # wrapped once, as this goes through all modules; reading the processor's time would take as long as half a check
+    with time_inside("cablepod._inputs.taken") as inside:
+        for counted in (range(1, repeats + 1), [0] * (SAME * repeats)):
+            given, times, parts = make(0), [], []
+            for number in counted:
+                given = make(number) if number else given
+                before, begin = inside.seconds, time.perf_counter()
+                call(*given)
+                times.append(time.perf_counter() - begin)
+                parts.append(inside.seconds - before)
+            whole, part = median(times), median(parts)
+            texts.append(f"{1e6 * part:.0f} µs of {1e3 * whole:.2f} ms, {percent(part / whole)}")
+    return texts
 
 
 def shares(instants: int, links: int, repeats: int) -> list[list[str]]:
     """Return the rows of the second table for a run of so many instants and links."""
-    scene = examples.scene("example2")
-    times = np.linspace(0.0, 124.0, instants)
-    run = cp.chain.simulate(scene, links=links, times=times, outputs=("position", "velocity", "tension"))
-    separate, normal = (cp.pod.decompose(run, rank=6, layout=layout) for layout in ("separate", "normal"))
-    model = cp.condensed.simulate(scene, normal, times=times)
-    calls: dict[str, tuple[Callable[..., Any], list[xr.Dataset]]] = {
-        "pod.decompose": (cp.pod.decompose, [run]),
-        "pod.decompose, normal": (partial(cp.pod.decompose, layout="normal"), [run]),
-        "pod.project": (cp.pod.project, [run, separate]),
-        "pod.reconstruct": (cp.pod.reconstruct, [cp.pod.project(run, separate), separate]),
-        "compare.errors": (cp.compare.errors, [model, run]),
-        "condensed.simulate": (partial(cp.condensed.simulate, times=times), [scene, normal]),
+    run = partial(run_of, instants=instants, links=links)
+    separate, normal = (cp.pod.decompose(run(0), rank=6, layout=layout) for layout in ("separate", "normal"))
+
+    def condensed(number: int) -> xr.Dataset:
+        return cp.condensed.simulate(scene_of(number), normal, times=times_of(number, instants))
+
+    calls: dict[str, tuple[Callable[..., Any], Callable[[int], tuple[xr.Dataset, ...]]]] = {
+        "pod.decompose": (cp.pod.decompose, lambda number: (run(number),)),
+        "pod.decompose, normal": (partial(cp.pod.decompose, layout="normal"), lambda number: (run(number),)),
+        "pod.project": (cp.pod.project, lambda number: (run(number), separate)),
+        "pod.reconstruct": (cp.pod.reconstruct, lambda number: (cp.pod.project(run(number), separate), separate)),
+        "compare.errors": (cp.compare.errors, lambda number: (condensed(number), run(number))),
+        "condensed.simulate": (cp.condensed.simulate, lambda number: (scene_of(number), normal)),
     }
-    rows = []
-    for name, (call, given) in calls.items():
-        whole, same = share(call, lambda given=given: given, repeats)
-        _, other = share(call, lambda given=given: [another(one) for one in given], repeats)
-        parts = [f"{1e6 * part:.0f} µs, {percent(part / whole)}" for part in (other, same)]
-        rows.append([name, f"{instants} x {links + 1}", f"{1e3 * whole:.2f} ms", *parts])
-    return rows
+    return [[name, f"{instants} x {links + 1}", *share(call, make, repeats)] for name, (call, make) in calls.items()]
 
 
 def main() -> None:
     """Run the benchmark and print its tables."""
     options = command_line(__doc__, readme=True, repeats=25).parse_args()
     page = HERE if options.readme else None
-    scene = examples.scene("example2")
-    members = cp.ensemble.design(scene, {"cable.top_tension": [14e3, 16e3]}, members=100, seed=1)
-    run = cp.chain.simulate(scene, outputs=("position", "velocity", "tension"))
-    modes = {layout: cp.pod.decompose(run, rank=6, layout=layout) for layout in ("separate", "vector", "normal")}
-    given: dict[str, tuple[Any, _inputs.Kind]] = {
-        "scene": (scene, _inputs.SCENE),
-        "100 members": (members, _inputs.SCENE),
-        **{f"modes, {layout}": (one, _inputs.MODES) for layout, one in modes.items()},
-        "amplitudes": (cp.pod.project(run, modes["separate"]), _inputs.AMPLITUDES),
-        "snapshots": (run, _inputs.SNAPSHOTS),
-        "trajectory": (run, _inputs.TRAJECTORY),
+
+    def modes_of(number: int, layout: str) -> xr.Dataset:
+        return cp.pod.decompose(run_of(number), rank=6, layout=layout)
+
+    separate = modes_of(0, "separate")
+    given: dict[str, tuple[Make, _inputs.Kind]] = {
+        "scene": (scene_of, _inputs.SCENE),
+        "100 members": (members_of, _inputs.SCENE),
+        **{f"modes, {layout}": (partial(modes_of, layout=layout), _inputs.MODES) for layout in ("separate", "normal")},
+        "amplitudes": (lambda number: cp.pod.project(run_of(number), separate), _inputs.AMPLITUDES),
+        "snapshots": (run_of, _inputs.SNAPSHOTS),
+        "snapshots, positions alone": (run_of, _inputs.MOTION),
     }
     rows = [[name, *checked(one, kind, options.repeats)] for name, (one, kind) in given.items()]
-    show_table("labels", markdown_table(["Dataset", "first", "other", "same"], rows), page)
+    show_table("labels", markdown_table(["Dataset", "first", "new", "same"], rows), page)
     rows = [row for size in ((125, 40), (1001, 80)) for row in shares(*size, options.repeats)]
-    head = ["call", "instants x particles", "time", "checks, other Datasets", "checks, same"]
-    show_table("label shares", markdown_table(head, rows), page)
+    show_table("label shares", markdown_table(["call", "instants x particles", "new", "same"], rows), page)
 
 
 if __name__ == "__main__":
