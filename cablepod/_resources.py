@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,12 +47,17 @@ def check_bytes(needed: float, key: str, given: str) -> None:
     SceneError
         The message names the needed and the available memory.
     """
+    if needed > 0.5 * memory():
+        raise SceneError(f"{key}: given {given}; allowed: half of this machine's memory, {0.5 * memory() / 1e9:.3g} GB")
+
+
+@cache
+def memory() -> float:
+    """Return the memory of this machine [bytes] (kept: to ask the system takes as long as a hundred steps of a chain)."""
     try:
-        memory = float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
+        return float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
     except (AttributeError, OSError, ValueError):  # unknown on this system
-        memory = 16e9
-    if needed > 0.5 * memory:
-        raise SceneError(f"{key}: given {given}; allowed: half of this machine's memory, {0.5 * memory / 1e9:.3g} GB")
+        return 16e9
 
 
 def cores() -> int:

@@ -87,10 +87,19 @@ class Parameters:
         return self.weight + factor * self.load
 
     def times(self) -> np.ndarray:
-        """Return the times of the snapshots [s]: 0, interval, ... up to the duration."""
-        if self.duration is None or self.interval is None:
+        """Return the times of the snapshots [s]: 0, interval, ... up to the duration; one array, which cannot be changed."""
+        if self._times is None:
             raise SceneError("time: missing; allowed: a table with duration and interval [s], or the argument times")
-        return self.interval * np.arange(count_instants(self.duration, self.interval))
+        return self._times
+
+    @cached_property
+    def _times(self) -> np.ndarray | None:
+        """Times of the snapshots [s]; None without a duration and an interval."""
+        if self.duration is None or self.interval is None:
+            return None
+        times: np.ndarray = self.interval * np.arange(count_instants(self.duration, self.interval))
+        times.setflags(write=False)
+        return times
 
     def end_positions(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Return prescribed positions of both ends, or a derivative of them: (time, end, dims) [m]."""
