@@ -96,11 +96,12 @@ def estimate(model: CondensedModel, state: CondensedTrajectory, scale: float, ai
     kept = state.boundary_data
     boundary_data = model.boundary_data(0, len(motion[0]) - 1, rate) if kept is None else kept[rows]
     displaced: Any = 0.0
-    times, further = np.arange(len(motion[0])) / rate, []
-    if model.order != "leading" and times.size > 2:
-        forces, displaced = Neglected(model, equation).of(motion, times)
+    further = []
+    if model.order != "leading" and len(motion[0]) > 2:
+        forces, displaced = Neglected(model, equation).of(motion, np.arange(len(motion[0])) / rate)
         further.append((forces, 0.0))
     if air is not None or model.chain.p.tension_damping is not None:
+        times = np.arange(len(motion[0])) / rate
         q, rates, accelerations = motion
         forces, damping = forces_by_rates(equation, air, times, q, rates, boundary_data)
         motion = q, rates, accelerations - damping * rates  # the kernel adds the damping of the error to the motion

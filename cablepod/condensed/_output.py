@@ -75,8 +75,10 @@ def variables(
     else:
         saved = state.tension
         values = {"tension": lambda: selected_tensions(model, q, times, links) if saved is None else saved}
-    middles = 0.5 * (chain.arc_length[1:] + chain.arc_length[:-1])
-    peaks = peak_variables(state.extremes, state.peak_times, middles if links is None else middles[links])
+    peaks = {}
+    if state.peak_times is not None:
+        middles = 0.5 * (chain.arc_length[1:] + chain.arc_length[:-1])
+        peaks = peak_variables(state.extremes, state.peak_times, middles if links is None else middles[links])
     means = mean_variables(outputs, tension_means(model, state, links) if wants_means(outputs) else None)
     return result | trajectory_variables(outputs, state.extremes, values) | peaks | means
 

@@ -203,13 +203,12 @@ def _fitted(run: CondensedRun, steps_per_second: float, limit: float) -> Condens
     model, end_time, scale = run.model, float(run.times[-1]), 1.0
     error, root_mass = 0.0, math.sqrt(model.chain.p.mass * model.chain.total_length)
     run = replace(run, boundary_data=BoundaryDataOfTwo(model, steps_per_second))
-    unsampled, runs_done = replace(run, sampled_omega_squared=0.0), 0
+    runs_done = 0
 
     def integrate(steps_per_second: float) -> CondensedTrajectory:
         nonlocal runs_done
-        state = (run if runs_done == 1 else unsampled)(steps_per_second)
         runs_done += 1
-        return state
+        return run(steps_per_second, samples=runs_done == 2)
 
     def tolerance_of(state: CondensedTrajectory) -> float:
         nonlocal error, scale
@@ -302,15 +301,15 @@ class CondensedRun:
         """Whether the model is of order "leading"."""
         return self.model.order == "leading"
 
-    def __call__(self, steps_per_second: float) -> CondensedTrajectory:
-        """Integrate with a fixed number of steps per second.
+    def __call__(self, steps_per_second: float, *, samples: bool = True) -> CondensedTrajectory:
+        """Integrate with a fixed number of steps per second, with samples for the error estimate where it has some.
 
         Raises
         ------
         RunStopped
             Where the frequencies outgrow the step, the coordinates diverge, or Newton's method fails.
         """
-        stepper = CondensedStepper(self, steps_per_second)
+        stepper = CondensedStepper(self, steps_per_second, samples=samples)
         total = max(stepper.total, 1) if self.explicit else stepper.total
         watch, low, high = None, stepper.low, stepper.high
         if low.size:

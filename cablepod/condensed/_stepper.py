@@ -60,15 +60,17 @@ class CondensedStepper:
         Model, initial state, scheme and outputs.
     steps_per_second
         Inverse of the step [1/s].
+    samples
+        Whether to save samples for the error estimate, where the run has some.
     """
 
-    def __init__(self, run: CondensedRun, steps_per_second: float) -> None:
+    def __init__(self, run: CondensedRun, steps_per_second: float, *, samples: bool = True) -> None:
         model, self.run = run.model, run
         self.steps_per_second, self.step = steps_per_second, 1.0 / steps_per_second
         self.instants = OutputTimes.of(with_judged(run.times, run.judged), steps_per_second)
         #: Steps to take; an explicit run takes one more, for the rates half a step after the last instant.
         self.total = int(self.instants.steps[-1]) + (1 if run.explicit else 0)
-        self.sample_interval = run.sample_interval(steps_per_second)
+        self.sample_interval = run.sample_interval(steps_per_second) if samples else 0
         if self.sample_interval:
             self.instants = self.instants.with_multiples(self.sample_interval)
         self.instants = with_steps_of_means(self.instants, run.outputs, run.window)

@@ -88,7 +88,8 @@ class TimeFunction:
     def __call__(self, time: ArrayLike, derivative: int = 0) -> Array:
         """Evaluate the function (`derivative` 0), or its first or second derivative, at `time` [s]."""
         time = np.asarray(time, dtype=float)
-        if not np.any(self.ramp):
+        ramp = self.ramp
+        if not (ramp if isinstance(ramp, float) else ramp.any()):
             return self._unramped(time, derivative)
         change = [self._unramped(time, order) for order in range(derivative + 1)]
         if self.keeps_start:
