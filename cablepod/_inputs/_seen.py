@@ -9,6 +9,7 @@ through a writable view of its array.
 from __future__ import annotations
 
 import math
+from itertools import repeat
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -30,6 +31,13 @@ ORDERING = frozenset((*LABELS, *PLACES, "unstretched_length"))
 NOTHING, COMPARED, FINITE, INDEX = range(4)
 #: Attributes that all functions read.
 ALWAYS_READ = ("stage", "layout", "id", "history_json", "values_sha256")
+
+
+class Missing:
+    """In place of the value of an attribute that a Dataset lacks: None would be a value, which is refused."""
+
+
+MISSING = Missing()
 is_writable_c = attrgetter("flags.carray")
 
 
@@ -171,16 +179,16 @@ def read_by(kind: Kind, variables: dict[Any, Any]) -> dict[Any, Any]:
 
 
 def _names(given: xr.Dataset, kind: Kind) -> tuple[Any, ...]:
-    """Return the kind, the names of dimensions with their sizes, and of variables and attributes where all are read."""
+    """Return the kind, dimensions with their sizes, and names of the variables that are read and, where all are, attributes."""
     sizes = given._dims
     if kind.reads is not None:
-        return (kind, *sizes, *sizes.values())
+        return (kind, *sizes, *sizes.values(), *filter(given._variables.__contains__, kind.reads))
     return (kind, *given._variables, *given.attrs, *sizes, *sizes.values())
 
 
 def _types(attrs: dict[Any, Any], kind: Kind) -> list[type]:
     """Return the types of the attributes that functions of a kind read."""
-    return [*map(type, attrs.values() if kind.reads is None else map(attrs.get, ALWAYS_READ))]
+    return [*map(type, attrs.values() if kind.reads is None else map(attrs.get, ALWAYS_READ, repeat(MISSING)))]
 
 
 def _has_attributes(attrs: dict[Any, Any], record: Record, kind: Kind) -> bool:

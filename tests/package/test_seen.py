@@ -334,6 +334,35 @@ def test_what_a_comparison_reads_is_looked_at_in_each_call(change, message):
             taken("it", dataset, MOTION)
 
 
+@pytest.mark.parametrize("name", ["history_json", "id", "values_sha256"])
+def test_an_attribute_without_a_value_is_none_that_lacks(name):
+    run = datasets()["chain"].copy(deep=True)
+    for attribute in ("history_json", "id", "values_sha256"):
+        run.attrs.pop(attribute, None)
+    for _ in range(2):
+        assert taken("it", run, MOTION) is run
+    with pytest.raises(cp.SceneError, match=f"it: {name}: given None"):
+        taken("it", run.assign_attrs({name: None}), MOTION)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("coordinate", coords(coordinate=["x", "x"]), r"it: coordinate: given \['x', 'x'\]"),
+        ("unstretched_length", put("unstretched_length", 7.0), "it: arc_length: given .* of 7 m"),
+    ],
+)
+def test_what_a_dataset_before_lacked_is_looked_at(name, change, message):
+    run = datasets()["chain"].copy(deep=True)
+    for _ in range(2):
+        assert taken("it", run.drop_vars(name), MOTION)
+    reversed_run = run.isel(coordinate=[1, 0])
+    assert list(taken("it", reversed_run, MOTION)["coordinate"].values) == ["x", "y"]
+    change(run)
+    with pytest.raises(cp.SceneError, match=message):
+        taken("it", run, MOTION)
+
+
 def test_a_coordinate_left_of_a_selection_is_in_order_only_where_it_may_be():
     run = datasets()["chain"].isel(coordinate=[0])
     for _ in range(2):

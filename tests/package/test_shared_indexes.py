@@ -42,8 +42,8 @@ def test_results_of_all_models_share_labels_and_instants():
 
 def test_a_new_result_needs_no_check_of_labels_and_history(monkeypatch):
     scene = examples.scene("example2")
-    for _ in range(2):  # the first may be the first of its kind
-        run = cp.chain.simulate(scene, links=10, times=np.linspace(0.0, 9.0 + np.random.default_rng().random(), 19))
+    for end in (9.3, 9.6):  # the first may be the first of its kind
+        run = cp.chain.simulate(scene, links=10, times=np.linspace(0.0, end, 19))
         assert taken("run", run, TRAJECTORY) is run
         assert taken("scene", scene, SCENE) is scene
         monkeypatch.setattr(_seen, "label_orders", None)
