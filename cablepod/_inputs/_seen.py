@@ -9,16 +9,15 @@ through a writable view of its array.
 from __future__ import annotations
 
 import math
-from itertools import repeat
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from cablepod._inputs._kinds import PLACES, Kind
 from cablepod._inputs._labels import label_orders, place_orders
-from cablepod.conventions import IN_ORDER, LABELS
+from cablepod.conventions import IN_ORDER, LABELS, PLACES_IN_ORDER, keep_places
 from cablepod.provenance import is_history
 
 FLOAT = np.dtype(float)
@@ -27,10 +26,13 @@ FLOAT = np.dtype(float)
 MAX_RECORDS, MAX_BYTES, MAX_CONTENT = 64, 1 << 14, 1 << 16
 #: Variables whose values decide on the order of others.
 ORDERING = frozenset((*LABELS, *PLACES, "unstretched_length"))
-#: What is done with the array of a variable: nothing, its bytes are compared, its values are looked at, its index is looked up.
-NOTHING, COMPARED, FINITE, INDEX = range(4)
+#: Arrays whose bytes, one after the other, are looked up among places in order, and their dimensions; both are needed.
+PLACED: dict[Any, Any] = {"arc_length": ("particle",), "unstretched_length": ()}
+#: What is done with the array of a variable: its bytes are compared; the same, and its values are looked at if they changed; its
+#: bytes are looked up; its values are looked at; its index is looked up; nothing.
+COMPARED, NUMBERS, PLACE, FINITE, INDEX, NOTHING = range(6)
 #: Attributes that all functions read.
-ALWAYS_READ = ("stage", "layout", "id", "history_json", "values_sha256")
+ALWAYS_READ = ("stage", "id", "history_json", "values_sha256")
 
 
 class Missing:
@@ -42,22 +44,31 @@ is_writable_c = attrgetter("flags.carray")
 
 
 #: Name, dimensions, units and type of the array of a variable, type of its numbers (None for any), what is done with it, and
-#: where its index is looked up.
-Expected = tuple[Any, tuple[Any, ...], str | None, Any, Any, int, dict[int, Any]]
+#: where its index is looked up; dimensions None of a variable that a Dataset lacks.
+Expected = tuple[Any, Any, str | None, Any, Any, int, dict[int, Any]]
 
 
-class Record(NamedTuple):
+class Record:
     """What was read of a Dataset that was in order."""
 
-    types: list[type]  #: of attributes
-    stage: Any
-    layout: Any
-    variables: list[Expected]
-    content: bytes  #: of the arrays that are compared
-    has_labels: bool  #: whether there are labels among these
+    __slots__ = ("attributes", "content", "has_orders", "variables")
+
+    def __init__(self, given: xr.Dataset, kind: Kind, variables: list[Expected], content: bytes) -> None:
+        attrs, decide = given.attrs, {"stage": kind.stages, "layout": kind.layouts}
+        #: name, type and, of those that decide, text of an attribute
+        self.attributes = [
+            (name, type(attrs.get(name, MISSING)), attrs.get(name) if decide.get(name) else None)
+            for name in (attrs if kind.reads is None else ALWAYS_READ)
+        ]
+        self.variables = variables
+        self.content = content  #: of the arrays that are compared
+        decides = ORDERING if "arc_length" in given._variables else ORDERING - {"unstretched_length"}
+        #: whether some of these decide on the order of others
+        self.has_orders = any(what == COMPARED and name in decides for name, *_, what, _ in variables)
 
 
-_records: dict[tuple[Any, ...], Record] = {}
+#: By kind or, where all variables are read, by names.
+_records: dict[Any, Record] = {}
 
 
 def is_like_one_in_order(key: str, given: xr.Dataset, kind: Kind) -> bool:
@@ -68,94 +79,100 @@ def is_like_one_in_order(key: str, given: xr.Dataset, kind: Kind) -> bool:
     SceneError
         For labels, instants and places that are not legal.
     """
-    # each public call passes here, with cold caches: private attributes, as the properties take three times as long
+    # each public call passes here, with cold caches: few calls, and private attributes, as properties take three times as long
     variables, attrs = given._variables, given._attrs or {}
-    names = _names(given, kind)
-    record = _records.get(names)
-    if record is None or not _has_attributes(attrs, record, kind):
+    record = _records.get(_names(given, kind) if kind.reads is None else kind)
+    if record is None:
         return False
-    found = _arrays(variables, record)
-    if found is None:
-        return False
-    compared, finite, is_known = found
-    if kind.is_scene and not all(map(is_writable_c, compared + finite)):
-        return False
-    try:
-        content = b"".join(compared)
-    except TypeError:  # not in the memory order of C
-        return False
-    is_changed = content != record.content
-    # of snapshots only places and labels are compared, which are looked at below
-    for array in finite + compared if is_changed and kind.is_small else finite:
-        if array.dtype is FLOAT and not math.isfinite(np.vdot(array, array)):
+    for name, own_type, text in record.attributes:
+        value = attrs.get(name, MISSING)
+        if type(value) is not own_type or (text is not None and value is not text and value != text):
             return False
-    if (not is_known or (is_changed and record.has_labels)) and label_orders(
-        key, read_by(kind, variables), some=kind.some
-    ):
+    history = attrs.get("history_json")
+    if history is not None and not is_history(history):
         return False
-    if is_changed:
-        if place_orders(key, read_by(kind, variables)):
-            return False
-        _records[names] = record._replace(content=content)
-    return True
-
-
-def _arrays(variables: dict[Any, Any], record: Record) -> tuple[list[Any], list[Any], bool] | None:
-    """Return the arrays that are compared, those whose values are looked at, and whether all indexes are known to be in order.
-
-    None for other dimensions, types or units.
-    """
-    compared: list[Any] = []
-    finite: list[Any] = []
+    found: tuple[list[Any], ...] = ([], [], [], [])
     is_known = True
-    for name, dims, units, array_type, numbers, what, known in record.variables:
+    for name, dims, units, array_type, dtype, what, known in record.variables:
         variable: Any = variables.get(name)
         if variable is None:
-            return None
+            if dims is None:
+                continue
+            return False
         array: Any = variable._data
-        attrs = variable._attrs
-        own = attrs.get("units") if attrs else None
+        own = variable._attrs.get("units") if variable._attrs else None
         if (
             (variable._dims is not dims and variable._dims != dims)
             or type(array) is not array_type
             or (own is not units and (type(own) is not str or own != units))
-            or (numbers is not None and array.dtype is not numbers and array.dtype != numbers)
+            or (dtype is not None and array.dtype is not dtype and array.dtype != dtype)
         ):
-            return None
+            return False
         if what == INDEX:
             is_known = is_known and id(array.array) in known
-        elif what == COMPARED:
-            compared.append(array)
-        elif what == FINITE:
-            finite.append(array)
-    return compared, finite, is_known
+        elif what != NOTHING:
+            found[what].append(array)
+    return _are_in_order(key, variables, kind, record, found, is_known)
+
+
+def _are_in_order(
+    key: str, variables: dict[Any, Any], kind: Kind, record: Record, found: tuple[list[Any], ...], is_known: bool
+) -> bool:
+    """Tell whether arrays, by what is done with them, are in order; False also where that is not known.
+
+    `is_known` tells whether all indexes are known to be in order.
+    """
+    compared, numbers, places, finite = found
+    if kind.is_scene and not all(map(is_writable_c, (*compared, *numbers, *finite))):
+        return False
+    try:
+        number = b"".join(numbers) if numbers else b""
+        content = number + b"".join(compared) if compared else number
+        place = b"".join(places)
+    except TypeError:  # not in the memory order of C
+        return False
+    is_changed = content != record.content
+    if is_changed and number:
+        finite.append(np.frombuffer(number))
+    for array in finite:
+        if not math.isfinite(np.vdot(array, array)):
+            return False
+    may_differ = is_changed and record.has_orders
+    if (not is_known or may_differ) and label_orders(key, read_by(kind, variables), some=kind.some):
+        return False
+    if may_differ or (place and place not in PLACES_IN_ORDER):
+        if place_orders(key, read_by(kind, variables)):
+            return False
+        keep_places(place)
+    record.content = content
+    return True
 
 
 def note_in_order(given: xr.Dataset, kind: Kind) -> None:
     """Keep what decides on a Dataset that is in order, unless that cannot be compared."""
-    attrs = given.attrs
     variables: list[Expected] = []
-    compared: list[Any] = []
-    for name, variable in read_by(kind, given._variables).items():
+    read = read_by(kind, given._variables)
+    placed = PLACED if all(name in read and _is_placed(read[name], dims) for name, dims in PLACED.items()) else ()
+    for name, variable in read.items():
         units = variable.attrs.get("units")
-        array: Any = variable._data
-        what = _what(name, variable, kind)
+        what = PLACE if name in placed else _what(name, variable, kind)
         if what is None or not (units is None or type(units) is str):
             return
-        numbers = None if what == INDEX and name in LABELS else array.dtype
-        variables.append((name, variable._dims, units, type(array), numbers, what, IN_ORDER.get(name, {})))
-        if what == COMPARED:
-            compared.append(array)
-    if sum(array.nbytes for array in compared) > MAX_CONTENT:
+        dtype = None if what == INDEX and name in LABELS else variable._data.dtype
+        variables.append((name, variable._dims, units, type(variable._data), dtype, what, IN_ORDER.get(name, {})))
+    variables.sort(key=lambda expected: expected[0] == "unstretched_length")  # after the arc lengths
+    variables += (
+        (name, None, None, None, None, NOTHING, {}) for name in kind.reads or () if name not in given._variables
+    )
+    compared: list[Any] = [
+        read[name]._data for comparison in (NUMBERS, COMPARED) for name, *_, what, _ in variables if what == comparison
+    ]
+    content = b"".join(compared)
+    if len(content) > MAX_CONTENT:
         return
     if len(_records) >= MAX_RECORDS:
         _records.clear()
-    has_labels = any(what == COMPARED and name in IN_ORDER for name, *_, what, _ in variables)
-    types = _types(attrs, kind)
-    content = b"".join(compared)
-    _records[_names(given, kind)] = Record(
-        types, attrs.get("stage"), attrs.get("layout"), variables, content, has_labels
-    )
+    _records[_names(given, kind) if kind.reads is None else kind] = Record(given, kind, variables, content)
 
 
 def _what(name: Any, variable: xr.Variable, kind: Kind) -> int | None:
@@ -168,9 +185,15 @@ def _what(name: Any, variable: xr.Variable, kind: Kind) -> int | None:
     if not (decides or kind.is_small):
         return NOTHING
     contiguous = array.flags.c_contiguous
-    if not decides and array.dtype is FLOAT and (array.nbytes > MAX_BYTES or not contiguous):
-        return FINITE
+    if not decides and array.dtype is FLOAT:
+        return NUMBERS if contiguous and array.nbytes <= MAX_BYTES else FINITE
     return COMPARED if contiguous and array.dtype.kind in "fiubU" else None
+
+
+def _is_placed(variable: xr.Variable, dims: tuple[str, ...]) -> bool:
+    """Tell whether a variable can be looked up among places in order."""
+    array: Any = variable._data
+    return type(array) is np.ndarray and array.dtype is FLOAT and array.flags.c_contiguous and variable._dims == dims
 
 
 def read_by(kind: Kind, variables: dict[Any, Any]) -> dict[Any, Any]:
@@ -179,24 +202,5 @@ def read_by(kind: Kind, variables: dict[Any, Any]) -> dict[Any, Any]:
 
 
 def _names(given: xr.Dataset, kind: Kind) -> tuple[Any, ...]:
-    """Return the kind, dimensions with their sizes, and names of the variables that are read and, where all are, attributes."""
-    sizes = given._dims
-    if kind.reads is not None:
-        return (kind, *sizes, *sizes.values(), *filter(given._variables.__contains__, kind.reads))
-    return (kind, *given._variables, *given.attrs, *sizes, *sizes.values())
-
-
-def _types(attrs: dict[Any, Any], kind: Kind) -> list[type]:
-    """Return the types of the attributes that functions of a kind read."""
-    return [*map(type, attrs.values() if kind.reads is None else map(attrs.get, ALWAYS_READ, repeat(MISSING)))]
-
-
-def _has_attributes(attrs: dict[Any, Any], record: Record, kind: Kind) -> bool:
-    """Tell whether attributes of the names of a record have its types, stage and layout, and a history."""
-    # types first, so that what compares in its own way, such as an array, is not compared with a text
-    if _types(attrs, kind) != record.types:
-        return False
-    if (kind.stages and attrs.get("stage") != record.stage) or (kind.layouts and attrs.get("layout") != record.layout):
-        return False
-    history = attrs.get("history_json")
-    return history is None or is_history(history)
+    """Return the kind, all names and the sizes, on which it depends what is compared."""
+    return (kind, *given._variables, *given.attrs, *given._dims.values())

@@ -29,7 +29,7 @@ if __name__ == "__main__":
 
 import numpy as np
 import xarray as xr
-from _study import command_line, markdown_table, percent, show_table, time_inside
+from _study import command_line, markdown_table, percent, show_table, wrapped
 
 import cablepod as cp
 from cablepod import _inputs, examples
@@ -106,20 +106,34 @@ def checked(make: Make, kind: _inputs.Kind, repeats: int) -> list[str]:
 
 
 def share(call: Callable[..., Any], make: Callable[[int], tuple[xr.Dataset, ...]], repeats: int) -> list[str]:
-    """Return the time of a call as a text, and that of its checks with new and with the same Datasets."""
+    """Return as texts the time of the checks of snapshots and of all Datasets beside that of a call: new ones, then the same."""
     texts = []
+    seconds = dict.fromkeys((False, True), 0.0)  # of snapshots, of other Datasets
+
+    def watched(function: Callable[..., Any]) -> Callable[..., Any]:
+        def run(key: str, given: xr.Dataset, kind: _inputs.Kind) -> xr.Dataset:
+            begin = time.perf_counter()
+            result = function(key, given, kind)
+            seconds[kind.is_small] += time.perf_counter() - begin
+            return result
+
+        return run
+
     # wrapped once, as this goes through all modules; reading the processor's time would take as long as half a check
-    with time_inside("cablepod._inputs.taken") as inside:
+    with wrapped(watched, "cablepod._inputs.taken"):
         for counted in (range(1, repeats + 1), [0] * (SAME * repeats)):
             given, times, parts = make(0), [], []
             for number in counted:
                 given = make(number) if number else given
-                before, begin = inside.seconds, time.perf_counter()
+                seconds.update({False: 0.0, True: 0.0})
+                begin = time.perf_counter()
                 call(*given)
                 times.append(time.perf_counter() - begin)
-                parts.append(inside.seconds - before)
-            whole, part = median(times), median(parts)
-            texts.append(f"{1e6 * part:.0f} µs of {1e3 * whole:.2f} ms, {percent(part / whole)}")
+                parts.append((seconds[False], sum(seconds.values())))
+            whole = median(times)
+            of_snapshots, of_all = (median(column) for column in zip(*parts, strict=True))
+            texts.append(f"{1e6 * of_snapshots:.0f} µs, {percent(of_snapshots / whole)}" if of_snapshots else "")
+            texts.append(f"{1e6 * of_all:.0f} µs of {1e3 * whole:.2f} ms, {percent(of_all / whole)}")
     return texts
 
 
@@ -162,7 +176,8 @@ def main() -> None:
     rows = [[name, *checked(one, kind, options.repeats)] for name, (one, kind) in given.items()]
     show_table("labels", markdown_table(["Dataset", "first", "new", "same"], rows), page)
     rows = [row for size in ((125, 40), (1001, 80)) for row in shares(*size, options.repeats)]
-    show_table("label shares", markdown_table(["call", "instants x particles", "new", "same"], rows), page)
+    header = ["call", "instants x particles", "new: snapshots", "new: all", "same: snapshots", "same: all"]
+    show_table("label shares", markdown_table(header, rows), page)
 
 
 if __name__ == "__main__":

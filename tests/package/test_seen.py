@@ -402,6 +402,49 @@ def test_lengths_of_another_cable_are_looked_at_once(monkeypatch):
         taken("it", longer, TRAJECTORY)
 
 
+def test_arc_lengths_are_not_taken_for_fewer_and_the_unstretched_length():
+    """Bytes of three arc lengths are those of two and of an unstretched length, which must be the second."""
+    run = datasets()["chain"]
+    count = run.sizes["particle"]
+    arc = np.linspace(0.0, 3.0, count)
+    without = run.drop_vars("unstretched_length").assign_coords(arc_length=("particle", arc, {"units": "m"}))
+    fewer = run[["position", "unstretched_length"]].isel(particle=slice(0, -1))
+    good = fewer.assign_coords(arc_length=("particle", arc[:-1], {"units": "m"}))
+    good["unstretched_length"] = ((), arc[-2], {"units": "m"})
+    bad = good.copy(deep=True)
+    bad["unstretched_length"].values[...] = arc[-1]
+    for dataset in (without, good, without, good):
+        assert taken("it", dataset, MOTION) is dataset
+        with pytest.raises(cp.SceneError, match="it: arc_length: given"):
+            taken("it", bad, MOTION)
+
+
+def test_an_unstretched_length_that_is_no_float_is_looked_at():
+    run = datasets()["chain"].copy(deep=True)
+    arc = np.linspace(0.0, 8.0, run.sizes["particle"])
+    run = run.assign_coords(arc_length=("particle", arc, {"units": "m"})).assign(
+        unstretched_length=((), np.int64(8), {"units": "m"})
+    )
+    for _ in range(2):
+        assert taken("it", run, MOTION) is run
+    same_bytes = run.assign(unstretched_length=((), run["unstretched_length"].values.view(float), {"units": "m"}))
+    run["unstretched_length"].values[...] = 9
+    for bad in (run, same_bytes):
+        with pytest.raises(cp.SceneError, match="it: arc_length: given"):
+            taken("it", bad, MOTION)
+
+
+def test_lengths_of_which_no_place_is_known_are_not_looked_at(monkeypatch):
+    """Amplitudes have no particles: an unstretched length of their own decides on nothing."""
+    amplitudes = seen("amplitudes").assign(unstretched_length=((), 7.0, {"units": "m"}))
+    assert taken("it", amplitudes, AMPLITUDES) is amplitudes
+    monkeypatch.setattr(_seen, "place_orders", None)
+    monkeypatch.setattr(_seen, "label_orders", None)
+    for name in ("amplitude", "unstretched_length"):
+        amplitudes[name].values[...] *= 2.0
+    assert taken("it", amplitudes, AMPLITUDES) is amplitudes
+
+
 def test_lazy_snapshots_are_recognised_and_stay_lazy(only_recognised):
     run = datasets()["chain"].copy(deep=True)
     lazy = run.assign(
