@@ -62,9 +62,10 @@ class Record:
         ]
         self.variables = variables
         self.content = content  #: of the arrays that are compared
-        decides = ORDERING if "arc_length" in given._variables else ORDERING - {"unstretched_length"}
         #: whether some of these decide on the order of others
-        self.has_orders = any(what == COMPARED and name in decides for name, *_, what, _ in variables)
+        self.has_orders = any(
+            what == COMPARED and (name in LABELS or name in PLACES) for name, *_, what, _ in variables
+        )
 
 
 #: By kind or, where all variables are read, by names.

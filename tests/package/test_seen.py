@@ -427,7 +427,11 @@ def test_an_unstretched_length_that_is_no_float_is_looked_at():
     )
     for _ in range(2):
         assert taken("it", run, MOTION) is run
-    same_bytes = run.assign(unstretched_length=((), run["unstretched_length"].values.view(float), {"units": "m"}))
+    # a Dataset of floats like it, so that one with the same bytes as numbers in order could be taken for that
+    assert taken("it", run.assign(unstretched_length=((), 8.0, {"units": "m"})), MOTION)
+    same_bytes = run.assign(
+        unstretched_length=((), run["unstretched_length"].values.view(float).copy(), {"units": "m"})
+    )
     run["unstretched_length"].values[...] = 9
     for bad in (run, same_bytes):
         with pytest.raises(cp.SceneError, match="it: arc_length: given"):
