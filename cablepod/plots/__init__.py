@@ -9,7 +9,8 @@ from cablepod.plots._maps import parameter_map, stability
 from cablepod.plots._mast import bending_moments, guy_tensions, mast_shapes
 from cablepod.plots._mast_animation import animate_mast
 from cablepod.plots._modes import amplitudes, modes, singular_values
-from cablepod.plots._periodic import animate_orbit, backbone, frequency_response, multipliers, orbit, stability_map
+from cablepod.plots._orbits import animate_orbit, orbit
+from cablepod.plots._periodic import backbone, frequency_response, multipliers, stability_map
 from cablepod.plots._reports import error_against_run_time, error_over_time
 from cablepod.plots._style import COLOURS, LINES, MARKERS, SIGMA
 from cablepod.plots._wind import spectra, tension_cycles, wind_field

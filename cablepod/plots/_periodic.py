@@ -1,4 +1,4 @@
-"""Draw periodic responses: branches over frequency, backbones, maps of stability, multipliers, orbits."""
+"""Draw periodic responses: branches over frequency, backbones, maps of stability, multipliers."""
 
 from __future__ import annotations
 
@@ -9,11 +9,9 @@ import numpy as np
 import xarray as xr
 
 from cablepod.conventions import INTERRUPTED
-from cablepod.errors import SceneError, scene_error
-from cablepod.parameters._checks import integer
+from cablepod.errors import SceneError
 from cablepod.plots import _style
-from cablepod.plots._animation import Animation, private_axes
-from cablepod.plots._style import MAX_DOTS
+from cablepod.plots._orbits import ORBIT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,14 +23,11 @@ BIFURCATIONS = {
     "period_doubling": ("^", "#D55E00"),
     "torus": ("D", "#CC79A7"),
 }
-#: Number of paths in an animation of an orbit.
-PATHS = 12
 #: Growth rate over the angular frequency of the forcing that counts as none, 1e-9 over a period (without damping it is rounding).
 ROUNDING = 1e-9 / (2.0 * np.pi)
 RESPONSE = "what periodic.frequency_response gives"
 BACKBONE = "what periodic.backbone gives"
 MAP = "what periodic.stability_map gives"
-ORBIT = "what periodic.orbit gives"
 
 
 def frequency_response(
@@ -128,20 +123,6 @@ def _bifurcations(ax: Axes, response: xr.Dataset, scale: float) -> None:
             ax.plot(
                 *place, marker, color=colour, markerfacecolor="white", markersize=6, label=kind.replace("_", " "), zorder=3,
             )  # fmt: skip
-
-
-def _period(key: str, orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions (time, particle, coordinate) [m] of an orbit, and its instants [s]."""
-    position = _style.take(key, orbit, "position", ("time", *_style.PLACE), f"{ORBIT} with output position")
-    if position.sizes["time"] < 3:
-        raise scene_error(
-            key, f"{position.sizes['time']} instants", "at least three, from the begin of a period to its end"
-        )
-    if not np.isfinite(position.values).all():
-        raise SceneError(f"{key}: given positions that are not finite; allowed: {ORBIT}")
-    if "member_time" in orbit:  # of a member
-        return position.values, _style.take(key, orbit, "member_time", ("time",), ORBIT).values
-    return position.values, position["time"].values
 
 
 def _runs(stable: np.ndarray) -> list[tuple[int, int, bool]]:
@@ -307,121 +288,3 @@ def multipliers(result: xr.Dataset, *, ax: Axes | None = None) -> Axes:
     ax.set(xlabel="real part [1]", ylabel="imaginary part [1]")
     ax.set_aspect("equal", adjustable="datalim")
     return _style.finish(ax)
-
-
-def orbit(*orbits: xr.Dataset, sigma: float = 0.5, ax: Axes | None = None) -> Axes:
-    """Draw the path of one particle over a period: out of the plane over in the plane, or velocity over deflection.
-
-    Parameters
-    ----------
-    orbits
-        Results of :func:`cablepod.periodic.orbit` with output "position".
-    sigma
-        Relative arc length of the particle, the nearest one is drawn.
-    ax
-        Axes to draw on; new ones by default.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        `ax`, or new ones.  If one orbit leaves the plane, the path is seen along the chord; else it is a phase portrait of the
-        deflection normal to the chord.
-
-    Raises
-    ------
-    SceneError
-        For another Dataset, and for none.
-    """
-    if not orbits:
-        raise SceneError(f"orbits: given none; allowed: {ORBIT}")
-    paths = []
-    for one in orbits:
-        _style.take("orbits", one, "multiplier_real", ("multiplier",), ORBIT)  # not any trajectory: a period
-        position, time = _period("orbits", one)
-        k = int(np.argmin(np.abs(_style.sigma("orbits", one) - sigma)))
-        paths.append((time, *_path(position, k)))
-    spatial = any(np.abs(lateral).max() > 1e-12 * max(np.abs(normal).max(), 1e-300) for _, normal, lateral in paths)
-    ax = _style.axes(ax, size=(5.5, 4.2) if spatial else (7.5, 4.2))
-    for k, (time, normal, lateral) in enumerate(paths):
-        across, up = (lateral, normal) if spatial else (normal, np.gradient(normal, time))
-        label = f"orbit {k + 1}"
-        if "angular_frequency" in orbits[k]:
-            label = f"{_style.take('orbits', orbits[k], 'angular_frequency', (), ORBIT).item():.4g} rad/s"
-        ax.plot(across, up, label=label, **_style.style(k, k, time.size))
-    if spatial:
-        ax.set(xlabel="deflection out of the plane [m]", ylabel="deflection in the plane [m]")
-        ax.set_aspect("equal", adjustable="datalim")
-    else:
-        ax.set(xlabel="deflection in the plane [m]", ylabel="its rate [m/s]")
-    return _style.finish(ax)
-
-
-def animate_orbit(orbit: xr.Dataset, *, frames: int = 48, ax: Axes | None = None) -> Animation:
-    """Animate an orbit seen along the chord: the cable as a line with dots, the paths of some particles.
-
-    Parameters
-    ----------
-    orbit
-        Result of :func:`cablepod.periodic.orbit` with output "position".
-    frames
-        Number of frames of the period, at most one for each instant of the orbit.
-    ax
-        Axes to draw on; their figure is redrawn for each frame.
-
-    Returns
-    -------
-    Animation
-        Shown as a GIF by a notebook, which repeats without a jump; ``animate_orbit(...).save("whirling.gif")`` writes it.
-
-    Raises
-    ------
-    SceneError
-        For another Dataset, and fewer than two frames.
-
-    Notes
-    -----
-    Both axes show the deflection normal to the chord of the moment, with the same scale.
-    """
-    _style.take("orbit", orbit, "multiplier_real", ("multiplier",), ORBIT)
-    position, time = _period("orbit", orbit)
-    time = time[:-1]
-    count = min(integer(least=2)("frames", frames), time.size)
-    picked = np.unique(np.linspace(0, time.size, count, endpoint=False).astype(int))
-    paths = [_path(position, k) for k in range(position.shape[1])]
-    inside, lateral = (np.stack([path[k] for path in paths], axis=1) for k in (0, 1))
-    ax = private_axes() if ax is None else ax
-    size = 1.1 * max(float(np.ptp(inside)), float(np.ptp(lateral)), 1e-300) / 2.0
-    every = max(1, len(paths) // MAX_DOTS)
-    for k in range(0, len(paths), max(1, len(paths) // PATHS)):
-        ax.plot(
-            lateral[:, k], inside[:, k], color="0.8", linewidth=0.8, zorder=0, label="" if k else "paths of particles"
-        )
-    (line,) = ax.plot(
-        lateral[0], inside[0], color=_style.COLOURS[0], marker=_style.MARKERS[0], markersize=4, markevery=every, linewidth=1.0,
-        label="cable, seen along the chord",
-    )  # fmt: skip
-    middles = [0.5 * float(part.max() + part.min()) for part in (lateral, inside)]
-    ax.set(xlabel="deflection out of the plane [m]", ylabel="deflection in the plane [m]")
-    ax.set(xlim=(middles[0] - size, middles[0] + size), ylim=(middles[1] - size, middles[1] + size))
-    ax.set_aspect("equal", adjustable="box")
-    _style.finish(ax)
-
-    def show(i: int) -> None:
-        line.set_data(lateral[picked[i]], inside[picked[i]])
-
-    return Animation(ax, time[picked], show)
-
-
-def _path(position: np.ndarray, particle: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return deflections of one particle normal to the chord, in the plane of chord and vertical and out of it (time,) [m]."""
-    chord = position[:, -1] - position[:, 0]
-    along = chord / np.linalg.norm(chord, axis=1, keepdims=True)
-    place = position[:, particle] - position[:, 0]
-    vertical = np.zeros(position.shape[2])
-    vertical[1 if abs(along[0, 1]) < 0.999 else 0] = 1.0
-    normal = vertical - along * (along @ vertical)[:, None]
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    inside = (place * normal).sum(axis=1)
-    if position.shape[2] == 2:
-        return inside, np.zeros_like(inside)
-    return inside, (place * np.cross(along, normal)).sum(axis=1)
