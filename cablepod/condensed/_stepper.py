@@ -187,8 +187,6 @@ class CondensedStepper:
 
     def _advance_exact(self, boundary_data: np.ndarray, outputs: tuple[Any, ...]) -> int | None:
         """Advance with the exact chordwise stretch; return the steps done, None for an explicit run, which does all."""
-        from cablepod.condensed import _kernels_exact as kernel
-
         model, p = self.run.model, self.run.model.chain.p
         norms = model.geometric_stiffness_norms / model.frequency_amplification
         slopes, patterns, weights = model.rule
@@ -199,9 +197,13 @@ class CondensedStepper:
         )  # fmt: skip
         state = (self.q, self.v, self.acceleration, self.step)
         if self.run.explicit:
+            from cablepod.condensed import _kernels_exact as kernel
+
             kernel.exact_verlet(*state, *self._damping_factors, *self._velocity_terms[1:], boundary_data, *rest)
             return None
-        return kernel.exact_implicit(*state, p.damping, boundary_data, *rest)
+        from cablepod.condensed import _kernels_exact_implicit as kernel_implicit
+
+        return kernel_implicit.exact_implicit(*state, p.damping, boundary_data, *rest)
 
     @property
     def _damping_factors(self) -> tuple[float, float]:

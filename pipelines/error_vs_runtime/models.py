@@ -406,7 +406,7 @@ COMPILED = (
     "cablepod.condensed._kernels_numerov_of_two.numerov_of_two",
     "cablepod.condensed._kernels_leading_implicit.leading_implicit",
     "cablepod.condensed._kernels_exact.exact_verlet",
-    "cablepod.condensed._kernels_exact.exact_implicit",
+    "cablepod.condensed._kernels_exact_implicit.exact_implicit",
 )
 TABLES = (
     "cablepod.parameters._time_functions.TimeFunction.__call__",
