@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -13,6 +13,18 @@ from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import SceneError
 from cablepod.parameters._key_paths import motion_path
 from cablepod.parameters._time_functions import TimeFunction
+
+
+class InWind(Protocol):
+    """What stands in the wind: a cable or a mast."""
+
+    @property
+    def wind(self) -> Mapping[str, Any] | None:
+        """Values of the table [wind]; None for still air."""
+
+    @property
+    def turbulence(self) -> Mapping[str, Any] | None:
+        """Values of the table [wind.turbulence]; None for steady wind."""
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,10 @@ def in_radians(tree: Mapping[str, Any]) -> Mapping[str, Any]:
         tree = _replaced(tree, keys, _with_omega(path, table))
     ensemble = tree.get("ensemble")
     if isinstance(ensemble, Mapping) and isinstance(ensemble.get("ranges"), Mapping):
-        is_number: Callable[[str], bool] = lambda path: number_at(tree, path) is not None  # noqa: E731
+
+        def is_number(path: str) -> bool:
+            return number_at(tree, path) is not None
+
         sampling, table = ensemble.get("sampling"), ensemble["ranges"]
         ranges = ranges_in_radians(table, sampling, is_number, prefix="ensemble.ranges")
         if ranges is not table:

@@ -56,7 +56,7 @@ def check_mast_record(p: MastParameters) -> None:
         The message begins with the key of the record.
     """
     if p.turbulence is not None and "record" in p.turbulence:
-        at_mast_points(p, p.duration or 0.0, field_of_record(p.turbulence), key_of_record(p))  # type: ignore[arg-type]
+        at_mast_points(p, p.duration or 0.0, field_of_record(p.turbulence), key_of_record(p))
 
 
 def at_mast_points(

@@ -14,7 +14,7 @@ import xarray as xr
 from cablepod._inputs import powers
 from cablepod.catenary._rest import _rest_of_member
 from cablepod.errors import SceneError, named, scene_error
-from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._parameters import InWind, Parameters
 from cablepod.scene._files import read_bytes
 
 #: Key of the record.
@@ -80,7 +80,7 @@ def check_above_ground(p: Parameters, position: np.ndarray | None = None) -> Non
         raise scene_error("wind.ground", ground, f"at most the lowest point of the cable at rest, {lowest:g} m")
 
 
-def key_of_record(p: Parameters) -> str:
+def key_of_record(p: InWind) -> str:
     """Return key and name of the record, for messages."""
     assert p.turbulence is not None
     return f"{RECORD}: {named(str(p.turbulence['record']))}"

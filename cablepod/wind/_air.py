@@ -14,7 +14,7 @@ import xarray as xr
 
 from cablepod.catenary._rest import _rest_of_member
 from cablepod.errors import SceneError, user_stacklevel
-from cablepod.parameters._parameters import Parameters
+from cablepod.parameters._parameters import InWind, Parameters
 from cablepod.scene._wind_field import RECORD, check_above_ground, checked_field, field_of_record, key_of_record
 from cablepod.wind._profile import mean_speed
 from cablepod.wind._turbulence import across_of, direction_of, gusts
@@ -135,7 +135,7 @@ def mean_air_of(p: Parameters) -> CableAir | None:
     return _of_scene(p if has_record(p) else replace(p, turbulence=None), 0.0).steady
 
 
-def has_record(p: Parameters) -> bool:
+def has_record(p: InWind) -> bool:
     """Tell whether the wind of a scene is that of a file."""
     return p.turbulence is not None and "record" in p.turbulence
 
@@ -209,7 +209,7 @@ def _halved(speed: np.ndarray, parts: int) -> np.ndarray:
     return np.array(chosen)
 
 
-def mean_velocity(p: Parameters, position: np.ndarray) -> np.ndarray:
+def mean_velocity(p: InWind, position: np.ndarray) -> np.ndarray:
     """Return the mean velocity of the air (points, dims) [m/s]."""
     assert p.wind is not None
     return mean_speed(p.wind, position[:, 1] - float(p.wind["ground"]))[:, None] * direction_of(p.wind)
@@ -249,7 +249,7 @@ def _kept_turbulence(content: _Content, end_time: float) -> np.ndarray:
     return turbulence_at(content.p, content.position, end_time)
 
 
-def turbulence_at(p: Parameters, position: np.ndarray, end_time: float) -> np.ndarray:
+def turbulence_at(p: InWind, position: np.ndarray, end_time: float) -> np.ndarray:
     """Return the velocity of the turbulence (samples, points, dims) [m/s], sampled from 0 to `end_time` or later."""
     from scipy.fft import next_fast_len
 

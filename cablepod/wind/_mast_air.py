@@ -129,17 +129,17 @@ def _of_scene(content: _Content) -> MastAir:
     """Return the air of the tables [wind] and [wind.turbulence]."""
     p, end_time = content.p, content.end_time
     assert p.wind is not None
-    if has_record(p):  # type: ignore[arg-type]
+    if has_record(p):
         return _of_record(p, end_time)
     position = mast_points(p)[0]
-    mean, ramp = mean_velocity(p, position), float(p.wind["ramp"])  # type: ignore[arg-type]
+    mean, ramp = mean_velocity(p, position), float(p.wind["ramp"])
     if p.turbulence is None and not ramp:
         velocity = np.repeat(mean[None], 2, axis=0)
     else:
         count = instants_until(end_time)
         velocity = np.tile(mean, (count, 1, 1))
         if p.turbulence is not None and float(p.wind["speed"]):
-            velocity += turbulence_at(p, position, end_time)[:count]  # type: ignore[arg-type]
+            velocity += turbulence_at(p, position, end_time)[:count]
     return _ramped(p, MastAir(position, velocity, 1.0 / INTERVAL, mean, mean, float(p.wind["air_density"]), True))
 
 
@@ -149,7 +149,7 @@ def _of_field(content: _Content) -> MastAir:
     p, (rate, velocity, mean) = content.p, content.field
     position = mast_points(p)[0]
     density = 1.25 if p.wind is None else float(p.wind["air_density"])
-    profile = mean_velocity(p, position) if p.wind is not None else None  # type: ignore[arg-type]
+    profile = mean_velocity(p, position) if p.wind is not None else None
     has_profile = profile is not None and bool(np.allclose(mean, profile, rtol=1e-9, atol=1e-9))
     return MastAir(position, velocity, rate, mean, mean, density, has_profile)
 
@@ -157,8 +157,8 @@ def _of_field(content: _Content) -> MastAir:
 def _of_record(p: MastParameters, end_time: float) -> MastAir:
     """Return the air of wind.turbulence.record, with the ramp of the scene."""
     assert p.turbulence is not None
-    air = _of_field(_Content(p, end_time, field_of_record(p.turbulence), key_of_record(p)))  # type: ignore[arg-type]
-    stated = mean_velocity(p, air.positions)  # type: ignore[arg-type]
+    air = _of_field(_Content(p, end_time, field_of_record(p.turbulence), key_of_record(p)))
+    stated = mean_velocity(p, air.positions)
     difference = float(np.linalg.norm(air.mean - stated, axis=-1).mean())
     speed = float(np.linalg.norm(stated, axis=-1).mean())
     if difference > MAX_DIFFERENCE * speed:
