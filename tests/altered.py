@@ -490,12 +490,13 @@ def ordered(ds: xr.Dataset) -> dict[str, Any]:
 def drawn(ax: Any) -> list[Any]:
     """Data of the lines, points and maps of a figure, with its labels."""
     import matplotlib as mpl
+    import matplotlib.pyplot as plt
 
     found: list[Any] = [ax.get_xlabel(), ax.get_ylabel()]
     found += [np.asarray(line.get_xydata(), float).tobytes() for line in ax.findobj(mpl.lines.Line2D)]
     found += [np.asarray(item.get_offsets(), float).tobytes() for item in ax.findobj(mpl.collections.PathCollection)]
     found += [text.get_text() for legend in ax.findobj(mpl.legend.Legend) for text in legend.get_texts()]
-    mpl.pyplot.close(ax.figure)
+    plt.close(ax.figure)
     return found
 
 
