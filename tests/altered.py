@@ -7,6 +7,8 @@ which the call gives the same bits.  Or it is not legal, and the call either say
 from __future__ import annotations
 
 import inspect
+import math
+import pickle
 import shutil
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -110,6 +112,11 @@ def pick(names: Any, rng: Any) -> Any:
 def numeric(ds: xr.Dataset) -> list[str]:
     """Names of the variables of numbers with dimensions, but for labels."""
     return [str(n) for n, v in ds.variables.items() if v.dtype.kind == "f" and v.ndim and n not in ds.indexes]
+
+
+def scalars(ds: xr.Dataset) -> list[str]:
+    """Names of the variables that are a single number."""
+    return [str(n) for n, v in ds.variables.items() if v.dtype.kind == "f" and not v.ndim]
 
 
 def changed(ds: xr.Dataset, change: Callable[[np.ndarray], Any], names: Any = None) -> xr.Dataset:
@@ -234,6 +241,17 @@ def labels_as_objects(ds, rng):
         if names
         else None
     )
+
+
+@over(
+    {
+        "unpickled": lambda dtype: pickle.loads(pickle.dumps(dtype)),
+        "metadata": lambda dtype: np.dtype(dtype, metadata={"a": 1}),
+    }
+)
+def types(ds, rng, change):
+    """Types of numbers that are equal to numpy's, and other objects, as from another process."""
+    return Altered(changed(ds, lambda a: a.view(change(a.dtype)), numeric(ds) + scalars(ds)), ds)
 
 
 @alteration
@@ -369,6 +387,22 @@ def values(ds, rng, value):
     return Altered(changed(ds, put, [name]), None if value != 1e300 else "other")
 
 
+@over({"nan": np.nan, "inf": np.inf, "huge": 1e200, "negative": -7.0})
+def scalar(ds, rng, value):
+    """A single number that is none, or another one."""
+    name = pick(scalars(ds), rng)
+    if name is None:
+        return None
+    return Altered(changed(ds, lambda a: np.full_like(a, value), [name]), None if math.isnan(value) else "other")
+
+
+@over({"1e200": 1e200, "1e-200": 1e-200})
+def lengths(ds, rng, factor):
+    """Lengths of another cable."""
+    names = [name for name in ("arc_length", "link_arc_length", "unstretched_length") if name in ds.variables]
+    return Altered(changed(ds, lambda a: a * factor, names), "other") if names else None
+
+
 @over({
     "text": lambda a: a.astype(str), "object": lambda a: a.astype(object), "complex": lambda a: a + 1j,
     "truth": lambda a: a > 0, "dates": lambda a: np.zeros(a.shape, "datetime64[s]"), "half": lambda a: a.astype("f2"),
@@ -378,6 +412,31 @@ def kinds(ds, rng, change):
     """Arrays of something else than numbers, or of too few digits."""
     name = pick(numeric(ds), rng)
     return None if name is None else Altered(changed(ds, change, [name]), None)
+
+
+@over({"elsewhere": ("my",), "of a dimension": None})
+def labels_over(ds, rng, dims):
+    """Labels of a dimension that they do not belong to."""
+    name = pick(set(ds.indexes) - {"time", "particle", "link"}, rng)
+    others = [dim for dim in ds.dims if dim != name]
+    if name is None or (dims is None and not others):
+        return None
+    dims = (pick(others, rng),) if dims is None else dims
+    labels = ds[name].values[::-1] if dims == ("my",) else np.resize(ds[name].values, ds.sizes[dims[0]])
+    return Altered(ds.drop_vars(name).assign({name: (dims, labels)}), "other")
+
+
+@alteration
+def labels_as_a_variable(ds, rng):
+    """Labels that are no coordinate."""
+    name = pick(ds.indexes, rng)
+    return None if name is None else Altered(ds.drop_indexes(name).reset_coords(name), "other")
+
+
+@over({"number": 1, "tuple": (1, 2)})
+def name_of_a_variable(ds, rng, name):
+    """A variable whose name is no text."""
+    return Altered(ds.assign({name: 3.0}), "other")
 
 
 @alteration
@@ -455,6 +514,23 @@ def attribute_dropped(ds, rng):
     result = ds.copy()
     result.attrs = {key: value for key, value in ds.attrs.items() if key != name}
     return Altered(result, "other")
+
+
+class Unhashable(str):
+    """A text that is no key."""
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+@over({
+    "no list of inputs": '[{"id": "a", "function": "f", "inputs": 3}]', "number": '[{"id": "a", "function": "f", "x": 1}]',
+    "twice": '[{"id": "a", "function": "f"}, {"id": "a", "function": "f"}]', "no id": '[{"id": "", "function": "f"}]',
+    "no table": '[{"id": "a", "function": "f", "parameters": []}]', "unhashable": Unhashable("[]"),
+    "numpy": np.str_("[]"), "deep": "[" * 100_000,
+})  # fmt: skip
+def history(ds, rng, text):
+    """A history of another form."""
+    return Altered(ds.assign_attrs(history_json=text), "other") if "history_json" in ds.attrs else None
 
 
 @over({"None": None, "number": 3, "array": np.zeros(2), "text": "text", "list": [1, "a"]})

@@ -22,6 +22,8 @@ def label_orders(key: str, variables: Any, *, some: bool) -> dict[str, Any]:
     for name, known in IN_ORDER.items():
         if (variable := variables.get(name)) is None or not variable._dims:
             continue
+        if variable._dims != (name,):
+            raise scene_error(f"{key}: {name}", f"the dimensions {variable._dims}", f"labels over the dimension {name}")
         index = variable._data.array if isinstance(variable, xr.IndexVariable) else None
         if index is not None and id(index) in known:
             continue
@@ -55,7 +57,7 @@ def _label_order(key: str, dim: str, labels: list[Any], *, some: bool) -> np.nda
         if set(map(type, labels)) != {int} or len(set(labels)) < len(labels):
             raise scene_error(f"{key}: {dim}", labels, "different whole numbers")
         return None if labels == sorted(labels) else np.argsort(labels)
-    if dim == "feature" and set(labels) != set(own):
+    if dim == "feature" and sorted(map(str, labels)) != sorted(own):
         return None  # of another version; whoever reads them looks at their names
     if some and dim == "coordinate" and len(labels) == 1 and labels[0] in own:
         return None

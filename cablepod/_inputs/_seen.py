@@ -20,6 +20,7 @@ from cablepod._inputs._labels import label_orders, place_orders
 from cablepod.conventions import IN_ORDER, LABELS, PLACES_IN_ORDER, keep_places
 from cablepod.provenance import is_history
 
+#: Compared with ``==``: a type that was unpickled, or has metadata, is another object.
 FLOAT = np.dtype(float)
 #: Maximum number of records, bytes of an array of values that are compared (a product shows faster that more are finite), and
 #: bytes that are compared of a Dataset.
@@ -51,9 +52,9 @@ Expected = tuple[Any, Any, str | None, Any, Any, int, dict[int, Any]]
 class Record:
     """What was read of a Dataset that was in order."""
 
-    __slots__ = ("attributes", "content", "has_orders", "variables")
+    __slots__ = ("attributes", "content", "has_orders", "shapes", "variables")
 
-    def __init__(self, given: xr.Dataset, kind: Kind, variables: list[Expected], content: bytes) -> None:
+    def __init__(self, given: xr.Dataset, kind: Kind, variables: list[Expected], content: bytes, shapes: Any) -> None:
         attrs, decide = given.attrs, {"stage": kind.stages, "layout": kind.layouts}
         #: name, type and, of those that decide, text of an attribute
         self.attributes = [
@@ -61,7 +62,7 @@ class Record:
             for name in (attrs if kind.reads is None else ALWAYS_READ)
         ]
         self.variables = variables
-        self.content = content  #: of the arrays that are compared
+        self.content, self.shapes = content, shapes  #: of the arrays that are compared; shapes say where one ends
         #: whether some of these decide on the order of others
         self.has_orders = any(
             what == COMPARED and (name in LABELS or name in PLACES) for name, *_, what, _ in variables
@@ -132,9 +133,12 @@ def _are_in_order(
         place = b"".join(places)
     except TypeError:  # not in the memory order of C
         return False
-    is_changed = content != record.content
+    shapes = [array.shape for array in compared]
+    is_changed = content != record.content or shapes != record.shapes
     if is_changed and number:
         finite.append(np.frombuffer(number))
+    if kind.is_small:
+        finite += places
     for array in finite:
         if not math.isfinite(np.vdot(array, array)):
             return False
@@ -145,7 +149,7 @@ def _are_in_order(
         if place_orders(key, read_by(kind, variables)):
             return False
         keep_places(place)
-    record.content = content
+    record.content, record.shapes = content, shapes
     return True
 
 
@@ -165,15 +169,17 @@ def note_in_order(given: xr.Dataset, kind: Kind) -> None:
     variables += (
         (name, None, None, None, None, NOTHING, {}) for name in kind.reads or () if name not in given._variables
     )
-    compared: list[Any] = [
-        read[name]._data for comparison in (NUMBERS, COMPARED) for name, *_, what, _ in variables if what == comparison
-    ]
-    content = b"".join(compared)
+    numbers, compared = (
+        [read[name]._data for name, *_, what, _ in variables if what == kept] for kept in (NUMBERS, COMPARED)
+    )
+    content = b"".join(numbers + compared)
     if len(content) > MAX_CONTENT:
         return
     if len(_records) >= MAX_RECORDS:
         _records.clear()
-    _records[_names(given, kind) if kind.reads is None else kind] = Record(given, kind, variables, content)
+    _records[_names(given, kind) if kind.reads is None else kind] = Record(
+        given, kind, variables, content, [array.shape for array in compared]
+    )
 
 
 def _what(name: Any, variable: xr.Variable, kind: Kind) -> int | None:
@@ -186,7 +192,7 @@ def _what(name: Any, variable: xr.Variable, kind: Kind) -> int | None:
     if not (decides or kind.is_small):
         return NOTHING
     contiguous = array.flags.c_contiguous
-    if not decides and array.dtype is FLOAT:
+    if not decides and array.dtype == FLOAT:
         return NUMBERS if contiguous and array.nbytes <= MAX_BYTES else FINITE
     return COMPARED if contiguous and array.dtype.kind in "fiubU" else None
 
@@ -194,7 +200,7 @@ def _what(name: Any, variable: xr.Variable, kind: Kind) -> int | None:
 def _is_placed(variable: xr.Variable, dims: tuple[str, ...]) -> bool:
     """Tell whether a variable can be looked up among places in order."""
     array: Any = variable._data
-    return type(array) is np.ndarray and array.dtype is FLOAT and array.flags.c_contiguous and variable._dims == dims
+    return type(array) is np.ndarray and array.dtype == FLOAT and array.flags.c_contiguous and variable._dims == dims
 
 
 def read_by(kind: Kind, variables: dict[Any, Any]) -> dict[Any, Any]:

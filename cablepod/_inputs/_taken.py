@@ -76,7 +76,7 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
             raise SceneError(f"{key}: {name}: given {verdict[0]}; allowed: {verdict[1]}")
         if verdict is not True or type(data) is not np.ndarray or (kind.is_scene and not data.flags.carray):
             tidy = False
-        elif data.dtype is FLOAT and not math.isfinite(np.vdot(data, data)):
+        elif data.dtype == FLOAT and not math.isfinite(np.vdot(data, data)):
             _check_finite(key, name, variable, kind)
     if kind is ANY:
         return given if tidy else _tidied(key, given, kind, layout, {})
@@ -96,7 +96,7 @@ def several(key: str, given: Any, kind: Kind) -> list[xr.Dataset]:
 
 def floats(array: Any) -> np.ndarray:
     """Return numbers as floats of this machine in the memory order of C, which decides on the last bits of sums."""
-    if type(array) is np.ndarray and array.dtype is FLOAT and array.flags.carray:  # ten times as fast as numpy's test
+    if type(array) is np.ndarray and array.dtype == FLOAT and array.flags.carray:  # ten times as fast as numpy's test
         return array
     return np.require(array, float, ("C", "ALIGNED", "WRITEABLE"))
 
@@ -104,7 +104,7 @@ def floats(array: Any) -> np.ndarray:
 def _loaded(given: xr.Dataset) -> xr.Dataset:
     """Return a Dataset whose lazy variables without instants, such as the places of particles, are in memory."""
     variables: dict[Any, xr.Variable] = given._variables
-    lazy = {name for name, variable in variables.items() if type(variable._data) is not np.ndarray}
+    lazy = {name for name, variable in variables.items() if not variable._in_memory}
     small = [name for name in lazy - set(given._indexes) if "time" not in variables[name].dims]
     if not small:
         return given
@@ -174,18 +174,18 @@ def _verdict(kind: Kind, layout: str | None, name: str, dims: Dims, units: str |
     if not set(must) <= set(dims) or (may is not None and not set(dims) <= set(may)):
         return f"the dimensions {dims}", f"{must or own_dims}, {kind.allowed}"
     if name in PLACES:
-        return None if dtype is FLOAT else False
+        return None if dtype == FLOAT else False
     if name in LABELS or not kind.is_small:
         return None
     order = (*(dim for dim in dims if dim not in own_dims), *(dim for dim in own_dims if dim in dims))
-    return order == dims and (not is_number or dtype is FLOAT)
+    return order == dims and (not is_number or dtype == FLOAT)
 
 
 @lru_cache(4096)
 def _known(kind: Kind, layout: str | None, name: str) -> tuple[str | None, Dims | None, bool] | None:
     """Return units, dimensions and whether it holds numbers of a variable of the package or of this kind; None for others."""
     if kind.is_scene:
-        key = key_of_variable(name)
+        key = key_of_variable(name) if isinstance(name, str) else None
         if key is None:
             return None
         vector: dict[Any, Dims] = {point: ("coordinate",), points: (f"{name}_point", "coordinate")}

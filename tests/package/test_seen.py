@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import pickle
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -495,3 +496,61 @@ def test_trajectories_of_a_decomposition_are_checked_once(monkeypatch):
     run = datasets()["chain"]
     cp.pod.decompose([run, run])
     assert count == ["snapshots[0]", "snapshots[1]"]
+
+
+def trajectory(arc: list[float], time: list[float], first: str = "time") -> xr.Dataset:
+    """A trajectory without an index of instants and without an unstretched length; `first` is its first dimension."""
+    sizes = {"time": len(time), "particle": len(arc), "coordinate": 2}
+    dims = sorted(sizes, key=lambda dim: dim != first)
+    run = xr.Dataset({"position": (dims, np.random.default_rng(0).normal(size=[sizes[dim] for dim in dims]))})
+    run = run.assign_coords(datasets()["chain"].coords.to_dataset()[["coordinate"]].coords)
+    run = run.assign_coords(arc_length=("particle", np.array(arc)))
+    coords = xr.Coordinates({"time": ("time", np.array(time))}, indexes={})
+    return run.assign_coords(coords).transpose("time", "particle", "coordinate")
+
+
+@pytest.mark.parametrize("kind", [MOTION, TRAJECTORY])
+def test_arrays_are_not_taken_for_others_of_the_same_bytes_in_a_row(kind):
+    """Three particles and two instants, then two particles and three instants, of which the first is the third place."""
+    for _ in range(2):
+        assert taken("it", trajectory([0.0, 1.0, 2.0], [0.0, 1.0]), kind)
+    with pytest.raises(cp.SceneError, match="it: time: given"):
+        taken("it", trajectory([0.0, 1.0], [2.0, 0.0, 1.0]), kind)
+
+
+def test_dimensions_of_exchanged_sizes_are_told_apart():
+    for _ in range(2):
+        assert taken("it", trajectory([0.0, 1.0, 2.0], [0.0, 1.0, 2.0, 3.0, 4.0]), TRAJECTORY)
+    with pytest.raises(cp.SceneError, match="it: arc_length: given"):
+        taken("it", trajectory([0.0, 1.0, 2.0, 0.0, 1.0], [2.0, 3.0, 4.0], "particle"), TRAJECTORY)
+
+
+@pytest.mark.parametrize("dtype", [pickle.loads(pickle.dumps(np.dtype(float))), np.dtype(float, metadata={"a": 1})])
+def test_types_that_equal_those_of_numpy_are_taken_for_them(dtype):
+    assert dtype is not np.dtype(float)
+    modes = datasets()["modes"].copy(deep=True)
+    other = modes.copy(deep=True)
+    for name, variable in other.variables.items():
+        if variable.dtype == dtype and name not in other.indexes:
+            variable.data = variable.values.view(dtype)
+    assert other["mode_shape"].dtype is dtype
+    for first, second in ((modes, other), (other, modes)):
+        _taken._verdict.cache_clear()
+        _seen._records.clear()
+        bad = second.copy(deep=True)
+        bad["mode_shape"].values[0, 0, 1] = np.nan
+        for _ in range(2):
+            assert taken("it", first, FIELD_MODES) is first
+            assert taken("it", second, FIELD_MODES) is second
+            with pytest.raises(cp.SceneError, match="it: mode_shape: given 'values that are not finite'"):
+                taken("it", bad, FIELD_MODES)
+
+
+def test_lengths_of_modes_are_looked_at():
+    modes = seen("modes")
+    for factor in (1e200, np.nan):
+        other = modes.copy(deep=True)
+        for name in ("arc_length", "unstretched_length"):
+            other[name].values[...] *= factor
+        with pytest.raises(cp.SceneError, match=r"it: \w+_length: given"):
+            taken("it", other, FIELD_MODES)

@@ -12,6 +12,7 @@ from altered import ALTERATIONS
 from public_calls import datasets
 
 import cablepod as cp
+from cablepod import provenance
 from cablepod._inputs import (
     AMPLITUDES,
     FIELD_MODES,
@@ -24,6 +25,7 @@ from cablepod._inputs import (
     TRAJECTORY,
     WITH_PLACES,
     _seen,
+    _taken,
     taken,
 )
 from cablepod.conventions import IN_ORDER, PLACES_IN_ORDER
@@ -55,6 +57,9 @@ def _own_tables(monkeypatch):
 def forget() -> None:
     """Forget all Datasets, indexes and places that were seen."""
     _seen._records.clear()
+    _taken._verdict.cache_clear()
+    _taken._known.cache_clear()
+    provenance._verdicts.clear()
     PLACES_IN_ORDER.clear()
     for known in IN_ORDER.values():
         known.clear()
