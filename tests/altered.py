@@ -56,7 +56,8 @@ SLOW = ("oblique.train", "ensemble.run")
 OF_EACH = (
     "units: km", "units: number", "values: nan", "kinds: text", "kinds: dates", "kinds: half", "kinds: complex",
     "attribute: text", "attribute: list", "attribute: array", "attribute_dropped", "dimension_renamed", "dimension_picked",
-    "dimension_cut", "dimension_added", "variable_dropped", "variable_mean",
+    "dimension_cut", "dimension_added", "variable_dropped", "variable_mean", "scalar: nan", "scalar: negative",
+    "labels_over: elsewhere", "labels_over: of a dimension", "labels_as_a_variable",
 )  # fmt: skip
 
 
@@ -694,7 +695,7 @@ def fault(attempt: Attempt) -> str | None:
         ) or "cannot be written" in text
         return f"refused: {text}" if isinstance(given.equivalent, xr.Dataset) and not rounded else None
     # what is not there is left out of a figure, and a member that lacks a variable fails alone
-    gap = kind.startswith("values") and (name.startswith("plots.") or "member" in given.dataset.dims)
+    gap = kind.startswith(("values", "scalar")) and (name.startswith("plots.") or "member" in given.dataset.dims)
     if given.equivalent == "other" or gap:
         return None
     if name.startswith("archive."):

@@ -111,6 +111,8 @@ def is_like_one_in_order(key: str, given: xr.Dataset, kind: Kind) -> bool:
         ):
             return False
         if what == INDEX:
+            if name not in given._indexes:
+                return False
             is_known = is_known and id(array.array) in known
         elif what != NOTHING:
             found[what].append(array)

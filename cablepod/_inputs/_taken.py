@@ -14,7 +14,7 @@ from cablepod._inputs._kinds import ANY, DIMS, PLACES, SEPARATE, TABLES_OF_MODES
 from cablepod._inputs._labels import label_orders, place_orders
 from cablepod._inputs._seen import ALWAYS_READ, FLOAT, is_like_one_in_order, note_in_order, read_by
 from cablepod._resources import defer_sigint, defer_sigint_during_dask
-from cablepod.conventions import ATTRIBUTES, LABELS, UNITS, VARIABLES
+from cablepod.conventions import ATTRIBUTES, IN_ORDER, LABELS, UNITS, VARIABLES
 from cablepod.errors import SceneError, scene_error, shown
 from cablepod.parameters._checks import LARGEST, point, points
 from cablepod.parameters._key_paths import key_of_variable
@@ -63,7 +63,7 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
         given = _loaded(given)
     variables: dict[Any, Any] = read_by(kind, given._variables)
     layout = _layout(key, given, kind)
-    tidy = True
+    tidy = kind is ANY or given._coord_names.issuperset(filter(IN_ORDER.__contains__, variables))
     for name, variable in variables.items():
         data, attrs = variable._data, variable._attrs
         units = attrs.get("units") if attrs else None
@@ -255,6 +255,9 @@ def _check_finite(key: str, name: str, variable: xr.Variable, kind: Kind) -> Non
 def _tidied(key: str, given: xr.Dataset, kind: Kind, layout: str | None, orders: dict[str, Any]) -> xr.Dataset:
     """Return a copy with labels, particles, dimensions and arrays as in the package."""
     result = given.isel(orders) if orders else given.copy()
+    result = result.set_coords(
+        [name for name in IN_ORDER if name in result._variables and name not in result._coord_names]
+    )
     variables: dict[Any, xr.Variable] = {}
     for name, variable in read_by(kind, result._variables).items():
         own = LABELS.get(name)

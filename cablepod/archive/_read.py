@@ -123,6 +123,7 @@ def restored(opened: xr.Dataset) -> xr.Dataset:
 def fixed_width_texts(dataset: xr.Dataset) -> xr.Dataset:
     """Return a shallow copy with all strings as fixed-width arrays in memory."""
     texts = {name: variable for name, variable in dataset.variables.items() if variable.dtype.kind in "UO"}
+    dataset = dataset.set_coords([name for name in texts if name in dataset.dims])  # xarray merges no others
     return dataset.assign(
         {name: (variable.dims, variable.values.astype(str), variable.attrs) for name, variable in texts.items()}
     )

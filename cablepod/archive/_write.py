@@ -161,6 +161,8 @@ def _check_content(dataset: xr.Dataset) -> None:
         if key in OWN and not isinstance(value, own):
             raise ArchiveError(f"dataset: attribute {key!r} is {value!r}, which cannot be written; leave it out")
     for name, variable in dataset.variables.items():
+        if not isinstance(name, str):
+            raise ArchiveError(f"variable {name!r}: a name that is no text cannot be written; leave it out")
         for key, value in variable.attrs.items():
             _check_attribute(f"variable {name!r}", key, value)
         kind = variable.dtype.kind

@@ -14,7 +14,7 @@ import xarray as xr
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.errors import SceneError
 from cablepod.parameters._checks import choice
-from cablepod.parameters._key_paths import motion_path, point_load_path, table_at, variable_name, whole_table_at
+from cablepod.parameters._key_paths import dotted, motion_path, point_load_path, table_at, variable_name, whole_table_at
 from cablepod.parameters._keys import (
     CABLE,
     ICE,
@@ -29,6 +29,7 @@ from cablepod.parameters._keys import (
     time_function_keys,
 )
 from cablepod.parameters._parameters import Parameters, PointLoad
+from cablepod.parameters._scene_values import check_values
 from cablepod.parameters._time_functions import SINES, TimeFunction
 from cablepod.provenance import digest
 
@@ -36,6 +37,8 @@ from cablepod.provenance import digest
 RECORD = ("time", "value", "ramp")
 #: Beginnings of the variables that stacked parameters hold, and variables of terms that these do not cover.
 STACKED_TABLES = ("gravity", "cable_", "ends_", "load_", "motion_", "damping_")
+#: Variables that each member has.
+NEEDED = ("gravity", "cable_youngs_modulus", "cable_area", "ends_lower", "ends_upper")
 UNSTACKED_TERMS = ("ends_free", "load_kind", "point_load_1_force")
 
 
@@ -99,6 +102,7 @@ class Members(Sequence[Parameters]):
             elif not _is_gap(value := variable.values[()]):
                 self.fixed[str(name)] = value
         self._count = scene.sizes.get("member", 1)
+        check_values(self.fixed, self.varied | self.gapped)
 
     def __len__(self) -> int:
         return self._count
@@ -167,6 +171,9 @@ def _is_gap(value: Any) -> bool:
 
 def _from_values(values: Mapping[str, Any], number: Callable[[Any], Any] = float) -> Parameters:
     """Make parameters from the values of scene variables by name, converted by `number`."""
+    for name in NEEDED:
+        if name not in values:
+            raise SceneError(f"{dotted(name)}: missing; allowed: a number, as make_scene gives it")
     cable = table_at(values, "cable", CABLE)
     length_key = exactly_one("cable", cable, LENGTH_KEYS)
     weight_key = exactly_one("cable", cable, WEIGHT_KEYS)

@@ -16,6 +16,7 @@ from cablepod.parameters._key_paths import table_at, whole_table_at
 from cablepod.parameters._keys import TABLES, TURBULENCE, WIND
 from cablepod.parameters._mast_keys import GUY, GUY_CABLE, GUY_LENGTH_KEYS, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
 from cablepod.parameters._parameters import Parameters, count_instants
+from cablepod.parameters._scene_values import check_values
 from cablepod.parameters._time_functions import TimeFunction
 
 #: Quantities of a cross-section.
@@ -92,10 +93,10 @@ def mast_parameters(scene: xr.Dataset) -> MastParameters:
 
 @lru_cache(16)
 def _kept(content: SceneContent) -> MastParameters:
-    scene = content.scene
-    return mast_from_values(
-        {str(name): variable.values[()] for name, variable in scene.variables.items() if not _is_gap(variable.values)}
-    )
+    variables = content.scene.variables.items()
+    values = {str(name): variable.values[()] for name, variable in variables if not _is_gap(variable.values)}
+    check_values(values, {})
+    return mast_from_values(values)
 
 
 def mast_from_values(values: Mapping[str, Any]) -> MastParameters:

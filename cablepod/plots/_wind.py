@@ -90,6 +90,9 @@ def _heights(wind: xr.Dataset) -> tuple[np.ndarray, str]:
 def _numbers(wind: xr.Dataset, name: str, dims: tuple[str, ...]) -> xr.DataArray:
     """Return a variable of a field, checked to hold numbers."""
     array = _style.take("wind", wind, name, dims, FIELD)
+    labels = array["component"] if "component" in dims else None
+    if labels is not None and labels.dims != ("component",):
+        raise SceneError(f"wind: given component over {labels.dims}; allowed: {FIELD}")
     for part in (array, *(array[dim] for dim in ("time",) if dim in dims)):
         if part.dtype.kind not in "iuf":
             raise SceneError(f"wind: given {part.name} of type {part.dtype}; allowed: {FIELD}")
