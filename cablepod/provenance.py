@@ -192,7 +192,7 @@ def record(
 
 
 #: Whether texts are histories, of those that were asked for or made last, and the maximum number of them.
-_verdicts: dict[str, bool] = {}
+VERDICTS: dict[str, bool] = {}
 MAX_VERDICTS = 256
 
 
@@ -200,7 +200,7 @@ def is_history(text: str) -> bool:
     """Tell whether a text is a list of stages, as :func:`checked_stages` asks."""
     if type(text) not in (str, Abridged, np.str_):  # which may compare and hash in its own way
         return False
-    verdict = _verdicts.get(text)
+    verdict = VERDICTS.get(text)
     if verdict is None:
         try:
             checked_stages(text)
@@ -213,9 +213,9 @@ def is_history(text: str) -> bool:
 
 def _keep_verdict(text: str, verdict: bool) -> None:
     """Keep whether a text is a history: to read a long one takes longer than all other checks of a Dataset."""
-    if len(_verdicts) >= MAX_VERDICTS:
-        _verdicts.clear()
-    _verdicts[text] = verdict
+    if len(VERDICTS) >= MAX_VERDICTS:
+        VERDICTS.clear()
+    VERDICTS[text] = verdict
 
 
 def merged_stages(histories: Iterable[str]) -> dict[str, str]:

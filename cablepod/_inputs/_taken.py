@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from xarray import Dataset
 
 from cablepod._inputs._kinds import ANY, DIMS, PLACES, SEPARATE, TABLES_OF_MODES, Dims, Kind
 from cablepod._inputs._labels import label_orders, place_orders
@@ -54,7 +55,7 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
         For something else than a Dataset, for missing variables and dimensions, labels that are repeated or not the package's,
         instants that do not rise, particles without their arc length, other units, and values that are no finite numbers.
     """
-    if not isinstance(given, xr.Dataset):
+    if not isinstance(given, Dataset):
         name = type(given).__name__
         raise SceneError(f"{key}: given {'an' if name[:1].lower() in 'aeiou' else 'a'} {name}; allowed: {kind.allowed}")
     if kind is not ANY and is_like_one_in_order(key, given, kind):

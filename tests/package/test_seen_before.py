@@ -59,7 +59,7 @@ def forget() -> None:
     _seen._records.clear()
     _taken._verdict.cache_clear()
     _taken._known.cache_clear()
-    provenance._verdicts.clear()
+    provenance.VERDICTS.clear()
     PLACES_IN_ORDER.clear()
     for known in IN_ORDER.values():
         known.clear()

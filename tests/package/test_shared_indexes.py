@@ -189,7 +189,7 @@ def test_verdicts_on_histories_are_few():
     assert provenance.is_history(text)
     for number in range(2 * provenance.MAX_VERDICTS):
         assert not provenance.is_history(str(number))
-    assert len(provenance._verdicts) <= provenance.MAX_VERDICTS
+    assert len(provenance.VERDICTS) <= provenance.MAX_VERDICTS
     assert provenance.is_history(text)
     for bad in ("", "{}", "[1]", "[{}]", '[{"id": 1, "function": "f"}]', '[{"id": "a"}]', "[" * 100_000):
         assert not provenance.is_history(bad)
