@@ -394,7 +394,9 @@ def scalar(ds, rng, value):
     name = pick(scalars(ds), rng)
     if name is None:
         return None
-    return Altered(changed(ds, lambda a: np.full_like(a, value), [name]), None if math.isnan(value) else "other")
+    lacks = "scene" in str(ds.attrs.get("stage"))  # nan there: a key that a member lacks
+    legal = None if math.isnan(value) and not lacks else "other"
+    return Altered(changed(ds, lambda a: np.full_like(a, value), [name]), legal)
 
 
 @over({"1e200": 1e200, "1e-200": 1e-200})
@@ -693,7 +695,9 @@ def fault(attempt: Attempt) -> str | None:
         rounded = (
             name == "condensed.resume" and kind in ("float32", "relabelled_modes", "swapped_labels")
         ) or "cannot be written" in text
-        return f"refused: {text}" if isinstance(given.equivalent, xr.Dataset) and not rounded else None
+        if not isinstance(given.equivalent, xr.Dataset) or rounded or str(call(given.equivalent)) == text:
+            return None
+        return f"refused: {text}"
     # what is not there is left out of a figure, and a member that lacks a variable fails alone
     gap = kind.startswith(("values", "scalar")) and (name.startswith("plots.") or "member" in given.dataset.dims)
     if given.equivalent == "other" or gap:

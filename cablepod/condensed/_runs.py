@@ -207,8 +207,9 @@ def _fitted(run: CondensedRun, steps_per_second: float, limit: float) -> Condens
 
     def integrate(steps_per_second: float) -> CondensedTrajectory:
         nonlocal runs_done
-        runs_done += 1
-        return run(steps_per_second, samples=runs_done == 2)
+        state = run(steps_per_second, samples=runs_done == 1)
+        runs_done += 1  # those that stop do not count
+        return state
 
     def tolerance_of(state: CondensedTrajectory) -> float:
         nonlocal error, scale

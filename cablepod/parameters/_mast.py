@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.errors import SceneError
-from cablepod.parameters._from_scene import SceneContent, _from_values, _is_gap, _time_function
+from cablepod.parameters._from_scene import SceneContent, _check_present, _from_values, _is_gap, _time_function
 from cablepod.parameters._key_paths import table_at, whole_table_at
 from cablepod.parameters._keys import TABLES, TURBULENCE, WIND
 from cablepod.parameters._mast_keys import GUY, GUY_CABLE, GUY_LENGTH_KEYS, MAST, MAST_LOAD, MAST_SECTION, SHARED_TABLES
@@ -129,6 +129,8 @@ def _mast_from_values(values: Mapping[str, Any]) -> MastParameters:
         factor = _time_function(values, path, keeps_start=True)
         loads.append(MastLoad(path, float(load["level"]), np.asarray(load["force"], dtype=float), factor))
         number += 1
+    if load:
+        _check_present(path, load, ("level",))
     return MastParameters(
         height=float(table["height"]),
         base=str(table["base"]),
@@ -154,6 +156,8 @@ def _sections(values: Mapping[str, Any], table: Mapping[str, Any]) -> np.ndarray
         numbers = [float(section.get(name, table[name])) for name in SECTION_KEYS]
         given.append([float(section["from"]), float(section["to"]), *numbers])
         number += 1
+    if section:
+        _check_present(f"mast.section.{number}", section, ("to",))
     rows, bottom = [], 0.0
     for row in sorted(given):
         if row[0] > bottom:
@@ -184,6 +188,8 @@ def _guys(values: Mapping[str, Any]) -> list[Guy]:
         first = _from_values({"chain_links": LINKS, **shared, **own, **ends})
         guys += [Guy(path, number, cable, level, _anchored(first, anchor), breaks) for anchor in anchors]
         number += 1
+    if table:
+        _check_present(path, table, ("level",))
     return guys
 
 

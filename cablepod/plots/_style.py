@@ -108,7 +108,7 @@ def take(key: str, dataset: Any, name: str, dims: tuple[str, ...], allowed: str,
     A dimension lost by the selection of a single time or mode is restored.
     """
     array = taken(key, dataset, drawn_kind(name, dims, allowed))[name]
-    if array.dtype.kind not in "biuf" or array.dtype == np.float16:
+    if array.dtype.kind not in ("biuf" if name == "stable" else "iuf") or array.dtype == np.float16:
         raise SceneError(
             f"{key}: given {name} of type {array.dtype}; allowed: real numbers of at least single precision, {allowed}"
         )

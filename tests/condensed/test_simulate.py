@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from public_calls import datasets
 from references.condensed_ode import Reference
 from scenes import LENGTHS, everything, full_modes, spatial
 
@@ -386,3 +387,15 @@ def test_velocity_verlet_conserves_energy(soft, modes, order):
     assert drift[0] < 0.02
     # bounded, and of second order in the step
     assert drift[0] / drift[1] == pytest.approx(4.0, rel=0.1)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("in_space", [True, False])
+def test_a_default_call_whose_second_run_stops_has_an_estimate(in_space):
+    """The end moves by a third of the chord, towards the other one: runs with long steps stop, and do not count."""
+    given = datasets(in_space)
+    motion = given["scene"]["motion_upper_x_amplitude"]
+    scene = given["scene"].assign(motion_upper_x_amplitude=((), -3.0, motion.attrs))
+    run = cp.condensed.simulate(scene, given["normal modes"])
+    assert 0.5 < run.attrs["error_estimate"] < np.inf  # no cable moves so
+    assert np.isfinite(run["position"]).all()

@@ -65,6 +65,8 @@ def examples_tree() -> dict[str, object]:
         ("mast_damping_ratio", -0.1, "mast.damping_ratio: given -0.1"),
         ("mast_base", "floating", "mast.base: given 'floating'"),
         ("wind_speed", -5.0, "wind.speed: given -5.0"),
+        ("guy_1_level", np.nan, "guy.1.level: missing; allowed: a number"),
+        ("mast_load_1_level", np.nan, "mast.load.1.level: missing; allowed: a number"),
     ],
 )
 def test_a_value_that_no_mast_has_is_refused(name, value, message):
