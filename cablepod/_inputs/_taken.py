@@ -256,9 +256,8 @@ def _check_finite(key: str, name: str, variable: xr.Variable, kind: Kind) -> Non
 def _tidied(key: str, given: xr.Dataset, kind: Kind, layout: str | None, orders: dict[str, Any]) -> xr.Dataset:
     """Return a copy with labels, particles, dimensions and arrays as in the package."""
     result = given.isel(orders) if orders else given.copy()
-    result = result.set_coords(
-        [name for name in IN_ORDER if name in result._variables and name not in result._coord_names]
-    )
+    of_dims = [name for name in result._dims if name in result._variables]
+    result = result.set_coords(of_dims)  # xarray merges no labels that are plain variables
     variables: dict[Any, xr.Variable] = {}
     for name, variable in read_by(kind, result._variables).items():
         own = LABELS.get(name)
