@@ -142,6 +142,10 @@ def compiled(
     if not counted:
         options["_nrt"] = False
     options["no_cfunc_wrapper"] = True  # it takes a tenth of the compilation, and nobody calls a kernel from C
+    if function.__name__.startswith("_"):
+        options.setdefault(
+            "no_cpython_wrapper", True
+        )  # called by kernels only; a wrapper for Python takes 10 ms for each array
     config: Any = numba.config
     given, config.CACHE_LOCATOR_CLASSES = config.CACHE_LOCATOR_CLASSES, _LOCATORS
     try:  # numba reads it where a function with a cache is made, here and nowhere later

@@ -42,7 +42,7 @@ SERIES = (
 
 
 @compiled
-def _sag(eta):
+def sag_excess(eta):
     """Return A - 1 and dA/deta for A = eta coth(eta); by the Taylor series if the closed form cancels."""
     if eta < 0.5:
         s = eta * eta
@@ -59,7 +59,7 @@ def _sag(eta):
 @compiled
 def _sigma(eta, e, de):
     """Return sigma and dsigma/deta for the mean strain `e` and its derivative `de` with respect to eta."""
-    excess, slope = _sag(eta)
+    excess, slope = sag_excess(eta)
     g1 = excess / (1.0 + e)
     g = 1.0 + g1
     dg = (slope - g1 * de) / (1.0 + e)
@@ -188,7 +188,7 @@ def _from_force(a, b, q, stiffness, force):
             low = e
             new = e - (math.log(2.0 * left) - eta) / (1.0 / e - deta)
         else:
-            excess, slope = _sag(eta)
+            excess, slope = sag_excess(eta)
             g1 = excess / (1.0 + e)
             dg = (slope * deta - g1) / (1.0 + e)
             ch = math.cosh(eta)
@@ -275,7 +275,7 @@ def _by_force(a, b, q, stiffness, force):
     if not good:
         return NOT_FOUND, eta, 0.0, 0.0, 0.0
     mean = e * stiffness
-    excess, _ = _sag(eta)
+    excess, _ = sag_excess(eta)
     stretched_mean = a * (mean / force) / (1.0 + excess / (1.0 + e))
     return FOUND, eta, mean, stretched_mean / (1.0 + e), stretched_mean
 
@@ -350,7 +350,7 @@ def solve(a, b, c, q, stiffness, kind, value, out):
             out[4], out[5] = (opposite, value) if kind == UPPER_TENSION else (value, opposite)
         return FOUND if np.isfinite(out).all() else NOT_FOUND
     e = mean / stiffness
-    excess, _ = _sag(eta)
+    excess, _ = sag_excess(eta)
     w = 0.5 * q * length
     mid = mean * (b / stretched_mean)
     force = a * mean / (stretched_mean * (1.0 + excess / (1.0 + e)))

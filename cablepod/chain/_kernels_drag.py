@@ -138,7 +138,7 @@ def _extrapolate_drag(count, now, before, old, base, increments):
 
 
 @compiled(counted=False)
-def _apply_drag(s, links, wind, place, drag, step, target, evaluation, spatial):
+def apply_drag(s, links, wind, place, drag, step, target, evaluation, spatial):
     """Compute the drag half a step before from the wind (samples, dims, n + 1) [m/s] at a place between its samples.
 
     The increments of this evaluation and the two before are extrapolated to their mean over the steps until the next one, in the

@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from cablepod._jit import compiled
-from cablepod.chain._kernels_drag import _apply_drag
+from cablepod.chain._kernels_drag import apply_drag
 from cablepod.chain._kernels_layout import (
     BX,
     BY,
@@ -253,7 +253,7 @@ def _advance(
             if start + i == evaluation * hold:
                 place = (start + i - 0.5) * step * samples_per_second
                 target = LOAD_X if patterns is None else STEADY_X
-                _apply_drag(s, links, wind, place, drag, step, target, evaluation, spatial)
+                apply_drag(s, links, wind, place, drag, step, target, evaluation, spatial)
                 evaluation += 1
             last = min(evaluation * hold - start, end)
         _steps(

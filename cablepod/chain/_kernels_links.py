@@ -108,7 +108,7 @@ def _fill3(s, p, t, g, dx, dy, dz):
 
 
 @compiled(forceinline=True)
-def _secant(square0, square1, k, length, inverse_squares):
+def energy_secant(square0, square1, k, length, inverse_squares):
     """Return the difference quotient of a link's energy, 2 (W1 - W0) / (|R1|^2 - |R0|^2) [N/m], and its derivative by |R1|^2 / 2.
 
     The form avoids cancellation for nearly equal lengths.
@@ -142,7 +142,7 @@ def conserving_moduli(square0, square1, middle_square, stretching, k, length, in
     The squared lengths are those at both ends of the step and that of the mean vector; `stretching` is the product of the mean
     vector and its change.
     """
-    t, g = _secant(square0, square1, k, length, inverse_square)
+    t, g = energy_secant(square0, square1, k, length, inverse_square)
     if viscosity is not None:
         damper = viscosity * k * per_step / middle_square
         total = t + damper * stretching

@@ -11,7 +11,7 @@ from cablepod.chain._kernels_explicit import green_strain, secant_modulus
 
 
 @compiled
-def _end_gap(force, loads, length, stiffness, green, gap, hessian):
+def end_gap(force, loads, length, stiffness, green, gap, hessian):
     """Add the end position of a chain with a given first link force to `gap`, and compute the Jacobian `hessian`.
 
     Returns the complementary energy without its linear part, sum l c(|F|), with c = T + T^2 / (2 K) by the linear law and
@@ -72,7 +72,7 @@ def _solve_small(matrix, right):
 def equilibrium(chord, loads, length, stiffness, green, force):
     """Solve for the force in the first link of a chain at rest between two points, by Newton's method.
 
-    The force minimises the strictly convex complementary energy, sum l c(|F|) - F . chord, with c as in :func:`_end_gap`.  Steps
+    The force minimises the strictly convex complementary energy, sum l c(|F|) - F . chord, with c as in :func:`end_gap`.  Steps
     are shortened until the energy decreases, so that the method converges from any start unless a link has no force at rest.
 
     Parameters
@@ -98,7 +98,7 @@ def equilibrium(chord, loads, length, stiffness, green, force):
     dims = chord.size
     gap, trial_gap = -chord, np.empty(dims)
     hessian, trial_hessian = np.empty((dims, dims)), np.empty((dims, dims))
-    energy = _end_gap(force, loads, length, stiffness, green, gap, hessian)
+    energy = end_gap(force, loads, length, stiffness, green, gap, hessian)
     energy -= _dot(force, chord)
     for _ in range(200):
         move = -gap
@@ -109,7 +109,7 @@ def equilibrium(chord, loads, length, stiffness, green, force):
         for _ in range(60):
             trial = force + fraction * move
             trial_gap[:] = -chord
-            trial_energy = _end_gap(trial, loads, length, stiffness, green, trial_gap, trial_hessian)
+            trial_energy = end_gap(trial, loads, length, stiffness, green, trial_gap, trial_hessian)
             trial_energy -= _dot(trial, chord)
             if trial_energy <= energy + 1e-4 * fraction * slope or _max_norm(trial_gap) < 0.5 * gap_norm:
                 break

@@ -61,7 +61,7 @@ INVERSE = 8  #: later, in place of COMPLIANCE: 1 / zeta'
 FIELDS = 11
 
 
-@compiled(fastmath=FAST_DIVISION)
+@compiled(fastmath=FAST_DIVISION, literal=False)
 def _close_samples(count, constants, points, loads, sums, fields):
     """Fill chordwise force and stretch at the points for given slopes, and the change of H by the exact closure.
 
@@ -79,7 +79,8 @@ def _close_samples(count, constants, points, loads, sums, fields):
     largest_force[:] = -np.inf
     for j in range(m):
         force = fields[FORCE, j, :count]
-        force[:] = tension[:count]
+        for t in range(count):
+            force[t] = tension[t]
         for a in range(patterns.shape[0]):
             _add(patterns[a, j], loads[1 + a, :count], force)
         _start_stretch(
@@ -109,7 +110,7 @@ def _close_samples(count, constants, points, loads, sums, fields):
             _apply_correction(shift, fields[CORRECTION, j], fields[COMPLIANCE, j], reach, fields[STRETCH, j, :count])
 
 
-@compiled(fastmath=FAST_DIVISION)
+@compiled(fastmath=FAST_DIVISION, literal=False)
 def _transverse_forces(count, constants, points, sums, fields):
     """Replace the slopes by slopes times (N - inertia) / zeta' - N to leading order, times the weights.
 
@@ -138,7 +139,7 @@ def _transverse_forces(count, constants, points, sums, fields):
         )  # fmt: skip
 
 
-@compiled(fastmath=FAST_DIVISION)
+@compiled(fastmath=FAST_DIVISION, literal=False)
 def _residuals(count, constants, points, coefficients, loads, motion, sums, fields, residual):
     """Fill the residual (R, BLOCK) of a block of a motion (3, r, BLOCK): coordinates, rates, accelerations with damping.
 
@@ -271,7 +272,8 @@ def error_growth(
             mean_squares[begin + t] = square
             if square > furthest:
                 furthest = square
-                largest[:size] = e
+                for i in range(size):
+                    largest[i] = e[i]
                 largest[size] = begin + t
             _restoring_force(e, enriched_q, loads, t, sums, sag_stiffness, kappa, geometric_stiffness, total, force)
             stiffest, need, cross, dyad = squared_step * max(sums[LARGEST_FORCE, t], 0.0), 0.0, 0.0, 0.0
@@ -303,10 +305,16 @@ def error_at_rest(q, boundary_data, constants, points, coefficients, e):
     r, size, m = q.shape[1], kappa.size, points[0].size
     loads, motion = np.empty((boundary_data.shape[1], BLOCK)), np.zeros((3, r, BLOCK))
     sums, fields, residual = np.empty((SUMS, BLOCK)), np.empty((FIELDS, m, BLOCK)), np.empty((size, BLOCK))
-    loads[:, 0] = boundary_data[0]
-    motion[0, :, 0] = q[0]
+    for k in range(boundary_data.shape[1]):
+        loads[k, 0] = boundary_data[0, k]
+    for j in range(r):
+        motion[0, j, 0] = q[0, j]
     _residuals(1, constants, points, coefficients, loads, motion, sums, fields, residual)
-    enriched_q, total, force, tangent = change @ q[0], np.empty(size), np.empty(size), np.empty((size, size))
+    enriched_q, total, force, tangent = np.empty(size), np.empty(size), np.empty(size), np.empty((size, size))
+    for i in range(size):
+        enriched_q[i] = 0.0
+        for j in range(r):
+            enriched_q[i] += change[i, j] * q[0, j]
     sag_stiffness = constants[0] / constants[1]
     e[:] = 0.0
     for _ in range(START_ITERATIONS):

@@ -126,7 +126,9 @@ def leading_rest(
 ):  # fmt: skip
     """Change q into the equilibrium near it by Newton's method; False where it fails, or converges to another one."""
     f, tangent, first = np.empty(q.size), np.empty((q.size, q.size)), q.copy()
-    scale = np.abs(q).max()
+    scale = 0.0
+    for i in range(q.size):
+        scale = max(scale, abs(q[i]))
     for _ in range(2 * MAX_ITERATIONS):
         leading_force(
             q, boundary_data, 0, stiffness, length, kappa, test_stiffness_defect, mean_chordwise_forces,
@@ -143,7 +145,10 @@ def leading_rest(
         if change <= ROUNDING_RTOL * scale:
             break
     # an equilibrium further away than the deflection is that of the cable turned over
-    return change <= EQUILIBRIUM_RTOL * scale and np.abs(q - first).max() <= scale
+    furthest = 0.0
+    for i in range(q.size):
+        furthest = max(furthest, abs(q[i] - first[i]))
+    return change <= EQUILIBRIUM_RTOL * scale and furthest <= scale
 
 
 # --- monitor and tensions ---------------------------------------------------------------------------------------------

@@ -160,7 +160,7 @@ def _solve_again(
 
 
 @compiled
-def _moved(last, n, size, share, z):
+def scaled_and_turned(last, n, size, share, z):
     """Fill z with an orbit of other size that runs later by a share of the period."""
     columns = (z.size - 1) // n
     for a in range(n):
@@ -262,7 +262,7 @@ def map_columns(
                 elif attempt == 3:
                     z[:-1] = rest
                 elif attempt > 3 and known:
-                    _moved(last, n, 2.0 ** ((attempt - 4) % SIZES), (attempt - 4) // SIZES / TURNS, z)
+                    scaled_and_turned(last, n, 2.0 ** ((attempt - 4) % SIZES), (attempt - 4) // SIZES / TURNS, z)
                 else:
                     continue
                 solved, factored = _solve_again(
@@ -295,7 +295,7 @@ def map_columns(
 
 
 @compiled
-def _test(kind, real, imag, duration):
+def signed_stability(kind, real, imag, duration):
     """Return a number of the multipliers of one set that changes sign at an edge of a kind."""
     if kind == COMPLEX:
         return growth_of(real, imag, duration)[0]
@@ -350,7 +350,7 @@ def refine_edge(
         multipliers(
             full, phases_basis, stiffness, chord_tension, kappa, sag, damping, 1, split, real, imag, smallest
         )  # fmt: skip
-        value = _test(kind, real[begin:end], imag[begin:end], 2.0 * math.pi / omega)
+        value = signed_stability(kind, real[begin:end], imag[begin:end], 2.0 * math.pi / omega)
         if evaluation == 0:
             value_low = value
             continue

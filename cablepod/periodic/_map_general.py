@@ -60,7 +60,7 @@ def _found(solver: Solver, omega: float, known: list[State], last: State | None)
 
 def _guesses(solver: Solver, omega: float, known: list[State], last: State | None) -> Iterator[State]:
     """Yield first guesses: along the last three or two responses, the last one, rest, others, as the compiled map does."""
-    from cablepod.periodic._kernels_map import SIZES, TURNS, _moved  # numba is imported only to compute
+    from cablepod.periodic._kernels_map import SIZES, TURNS, scaled_and_turned  # numba is imported only to compute
 
     if known:
         most = max(state.harmonics for state in known)
@@ -76,7 +76,7 @@ def _guesses(solver: Solver, omega: float, known: list[State], last: State | Non
     if last is not None:
         for k in range(SIZES * TURNS):
             other = last.z.copy()
-            _moved(last.z, last.size, 2.0 ** (k % SIZES), k // SIZES / TURNS, other)
+            scaled_and_turned(last.z, last.size, 2.0 ** (k % SIZES), k // SIZES / TURNS, other)
             yield last.changed(other[:-1].reshape(-1, last.size))
 
 
@@ -114,7 +114,7 @@ def _edge(solver: Solver, first: State, second: State, part: slice, kind: int) -
     """Return the frequency between two responses at which multipliers of a set cross the unit circle; None for none."""
     from scipy.optimize import brentq  # costly to import
 
-    from cablepod.periodic._kernels_map import _test
+    from cablepod.periodic._kernels_map import signed_stability
 
     most = max(first.harmonics, second.harmonics)
     first, second = first.resized(most), second.resized(most)
@@ -129,7 +129,7 @@ def _edge(solver: Solver, first: State, second: State, part: slice, kind: int) -
             failed = True
             return 0.0  # ends the search
         mu = solver.stability(state).multipliers[part]
-        return float(_test(kind, mu.real.copy(), mu.imag.copy(), 2.0 * np.pi / state.omega))
+        return float(signed_stability(kind, mu.real.copy(), mu.imag.copy(), 2.0 * np.pi / state.omega))
 
     if not value(0.0) * value(1.0) < 0.0:
         return None

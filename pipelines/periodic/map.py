@@ -44,7 +44,7 @@ from cablepod.chain._start import rest_shape
 from cablepod.discretisation._chain import chain_of
 from cablepod.parameters._from_scene import Members
 from cablepod.periodic._forcing import periodic_forcing, scaled
-from cablepod.periodic._kernels_map import NO_GROWTH, SIZES, TURNS, _moved
+from cablepod.periodic._kernels_map import NO_GROWTH, SIZES, TURNS, scaled_and_turned
 from cablepod.periodic._map import HARMONICS, TAIL_RTOL
 from cablepod.periodic._members import model_of
 from cablepod.periodic._model import PeriodicModel
@@ -155,7 +155,7 @@ def _guesses(states: list[State | None], solver: ChainSolver, omega: float) -> I
     yield rest
     for k in range(SIZES * TURNS if earlier is not None else 0):
         z = rest.z.copy()
-        _moved(earlier.z, earlier.size, 2.0 ** (k % SIZES), k // SIZES / TURNS, z)
+        scaled_and_turned(earlier.z, earlier.size, 2.0 ** (k % SIZES), k // SIZES / TURNS, z)
         yield _with(rest, z)
 
 

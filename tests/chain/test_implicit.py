@@ -82,7 +82,7 @@ def test_the_difference_quotient_conserves_energy_in_every_case():
     # taut, slack, slackening, tightening, hardly changing
     for size0, size1 in [(2.5, 3.0), (1.0, 1.5), (2.5, 1.0), (1.0, 2.5), (2.3, 2.3 + 1e-9), (2.0 - 1e-9, 2.0 + 1e-9)]:
         for inverse in (None, 0.25):
-            value, _ = kernels_links._secant(size0**2, size1**2, 3.0, 2.0, inverse)
+            value, _ = kernels_links.energy_secant(size0**2, size1**2, 3.0, 2.0, inverse)
             gained = 0.5 * value * (size1**2 - size0**2)
             assert gained == pytest.approx(energy(size1**2, inverse) - energy(size0**2, inverse), rel=1e-9, abs=1e-16)
 

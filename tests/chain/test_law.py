@@ -175,7 +175,7 @@ def test_gap_and_hessian_of_the_rest_are_derivatives_of_its_energy(law_is_green)
 
     def at(force):
         gap, hessian = np.zeros(3), np.empty((3, 3))
-        energy = kernels_rest._end_gap(force, loads, length, 9.0, law_is_green, gap, hessian)  # strains of some 0.5
+        energy = kernels_rest.end_gap(force, loads, length, 9.0, law_is_green, gap, hessian)  # strains of some 0.5
         return energy, gap, hessian
 
     h = 1e-5

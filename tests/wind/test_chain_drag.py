@@ -8,7 +8,7 @@ from wind_scenes import GUY, WIND
 
 import cablepod as cp
 from cablepod.chain import _kernels_layout as layout
-from cablepod.chain._kernels_drag import _apply_drag, drag_forces
+from cablepod.chain._kernels_drag import apply_drag, drag_forces
 from cablepod.chain._kernels_explicit import new_states
 
 DRAG, STEP = 0.012, 1e-3
@@ -28,7 +28,7 @@ def increments(links: int, dims: int, free: str, evaluations: int) -> tuple[np.n
         v = generator.normal(size=(dims, links + 1))
         wind = 20.0 + generator.normal(size=(2, dims, links + 1))
         state[layout.X : layout.X + dims, particles], state[layout.VX : layout.VX + dims, particles] = x, v
-        _apply_drag(state, links, wind, 0.3, DRAG, STEP, layout.LOAD_X, evaluation, True if dims == 3 else None)
+        apply_drag(state, links, wind, 0.3, DRAG, STEP, layout.LOAD_X, evaluation, True if dims == 3 else None)
         force, damping = np.empty((dims, links + 1)), np.empty(links + 1)
         drag_forces(x - 0.5 * STEP * v, v, wind, 0.3, DRAG, first, last, force, damping)
         # a free end has half of the distance of its neighbours, which is the link, as every particle
