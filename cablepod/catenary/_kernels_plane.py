@@ -42,16 +42,16 @@ def load_planes(chords, loads, planes, across, against):
         q = _norm(loads[i])
         for k in range(chords.shape[1]):
             against[i, k] = -loads[i, k] / q if q > 0.0 else 1.0 * (k == 1)
-        across[i] = chords[i]
+            across[i, k] = chords[i, k]
         b = _dot(chords[i], against[i])
         for repeat in range(2):  # the first difference may have cancelled
             along = _dot(across[i], against[i]) if repeat else b
             for k in range(chords.shape[1]):
                 across[i, k] -= along * against[i, k]
         a, c = _norm(across[i]), _norm(chords[i])
-        if a <= 1e-15 * c:
-            a, b, across[i] = 0.0, math.copysign(c, b), 0.0
-        else:
-            for k in range(chords.shape[1]):
-                across[i, k] /= a
+        along_load = a <= 1e-15 * c
+        for k in range(chords.shape[1]):
+            across[i, k] = 0.0 if along_load else across[i, k] / a
+        if along_load:
+            a, b = 0.0, math.copysign(c, b)
         planes[0, i], planes[1, i], planes[2, i], planes[3, i] = a, b, c, q

@@ -96,19 +96,23 @@ def equilibrium(chord, loads, length, stiffness, green, force):
         Largest component of the remaining gap [m].
     """
     dims = chord.size
-    gap, trial_gap = -chord, np.empty(dims)
+    gap, trial_gap, move, trial = np.empty(dims), np.empty(dims), np.empty(dims), np.empty(dims)
     hessian, trial_hessian = np.empty((dims, dims)), np.empty((dims, dims))
+    for c in range(dims):
+        gap[c] = -chord[c]
     energy = end_gap(force, loads, length, stiffness, green, gap, hessian)
     energy -= _dot(force, chord)
     for _ in range(200):
-        move = -gap
+        for c in range(dims):
+            move[c] = -gap[c]
         _solve_small(hessian.copy(), move)
         slope = _dot(gap, move)
         fraction = 1.0
         gap_norm = _max_norm(gap)
         for _ in range(60):
-            trial = force + fraction * move
-            trial_gap[:] = -chord
+            for c in range(dims):
+                trial[c] = force[c] + fraction * move[c]
+                trial_gap[c] = -chord[c]
             trial_energy = end_gap(trial, loads, length, stiffness, green, trial_gap, trial_hessian)
             trial_energy -= _dot(trial, chord)
             if trial_energy <= energy + 1e-4 * fraction * slope or _max_norm(trial_gap) < 0.5 * gap_norm:
@@ -116,9 +120,10 @@ def equilibrium(chord, loads, length, stiffness, green, force):
             fraction *= 0.5
         if not _max_norm(trial_gap) < gap_norm and _max_norm(move) <= 1e-9 * _max_norm(force):
             break  # the gap is at rounding
-        force[:] = trial
-        gap[:] = trial_gap
-        hessian[:] = trial_hessian
+        for c in range(dims):
+            force[c], gap[c] = trial[c], trial_gap[c]
+            for d in range(dims):
+                hessian[c, d] = trial_hessian[c, d]
         energy = trial_energy
         if _max_norm(gap) == 0.0:
             break

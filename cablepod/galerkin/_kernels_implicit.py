@@ -18,7 +18,9 @@ def _rows(y, law, table, offset, first, second, link_form, slopes, e, jacobian):
     """Fill the strains e of the rows and their Jacobian (coordinates, rows), which is linear in y."""
     count = y.size
     if law == POLYNOMIAL:
-        jacobian[:] = table[:count]
+        for k in range(count):
+            for i in range(offset.size):
+                jacobian[k, i] = table[k, i]
         for pair in range(first.size):
             a, b = first[pair], second[pair]
             ya, yb = y[a], y[b]
@@ -26,7 +28,8 @@ def _rows(y, law, table, offset, first, second, link_form, slopes, e, jacobian):
                 jacobian[a, i] += table[count + pair, i] * yb
             for i in range(offset.size):
                 jacobian[b, i] += table[count + pair, i] * ya
-        e[:] = offset
+        for i in range(offset.size):
+            e[i] = offset[i]
         for k in range(count):
             half = 0.5 * y[k]
             for i in range(offset.size):
@@ -266,7 +269,8 @@ def implicit(
             save += 1
         for k in range(modes):
             if start + i == 0:
-                history[:, k] = loads[now, k] - gradient[k] - damping * velocity[k]
+                for m in range(history.shape[0]):
+                    history[m, k] = loads[now, k] - gradient[k] - damping * velocity[k]
             # extrapolation that is exact for linear change (resolved) and for alternating signs (unresolved)
             mean = history[0, k] + history[1, k] - history[2, k]
             increment[k] = step * (velocity[k] + 0.5 * step * mean)

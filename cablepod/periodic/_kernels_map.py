@@ -254,13 +254,17 @@ def map_columns(
                 4 + SIZES * TURNS
             ):  # along the last three or two orbits, from the last one, from rest, from others
                 if attempt == 0 and good > 2 and equal[a]:
-                    z[:] = 3.0 * (orbits[a - 1, f] - orbits[a - 2, f]) + orbits[a - 3, f]
+                    for k in range(z.size):
+                        z[k] = 3.0 * (orbits[a - 1, f, k] - orbits[a - 2, f, k]) + orbits[a - 3, f, k]
                 elif attempt == 1 and good > 1:
-                    z[:] = 2.0 * orbits[a - 1, f] - orbits[a - 2, f]
+                    for k in range(z.size):
+                        z[k] = 2.0 * orbits[a - 1, f, k] - orbits[a - 2, f, k]
                 elif attempt == 2 and known:
-                    z[:] = last
+                    for k in range(z.size):
+                        z[k] = last[k]
                 elif attempt == 3:
-                    z[:-1] = rest
+                    for k in range(rest.size):
+                        z[k] = rest[k]
                 elif attempt > 3 and known:
                     scaled_and_turned(last, n, 2.0 ** ((attempt - 4) % SIZES), (attempt - 4) // SIZES / TURNS, z)
                 else:
@@ -273,13 +277,14 @@ def map_columns(
                     break
             if not solved:
                 good = 0
-                orbits[a, f] = np.nan
+                orbits[a, f, :] = np.nan
                 growth[0, a, f], growth[1, a, f], response[a, f] = np.nan, np.nan, np.nan
                 kind[0, a, f], kind[1, a, f] = FAILED, FAILED
                 least[a, f], tail[a, f] = np.nan, np.nan
                 continue
             good, known = good + 1, True
-            orbits[a, f], last[:] = z, z
+            for k in range(z.size):
+                orbits[a, f, k], last[k] = z[k], z[k]
             tail[a, f] = _tail(z, n)
             _embed(z, n, r, full)
             multipliers(
@@ -340,7 +345,8 @@ def refine_edge(
             share = (low * value_high - high * value_low) / (value_high - value_low)
             if evaluation % 6 == 5 or not low < share < high:
                 share = 0.5 * (low + high)
-        z[:] = first + share * (second - first)
+        for k in range(unknowns):
+            z[k] = first[k] + share * (second[k] - first[k])
         omega = z[-1]
         if not _solve_at(
             z, omega, basis, load_stiffness, load, kappa, sag, damping, stride, samples, n, active, direction, tangent
