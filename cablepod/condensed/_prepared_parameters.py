@@ -38,7 +38,8 @@ OF_MOTIONS = ("ends", "shortest_time_scale", "initial_ends", "initial_end_rates"
 TABLES = ("cable", "gravity", "ends", "load", "motion", "damping", "wind")
 #: Properties of a model that depend on motions and positions of the ends, and are made anew.
 OF_ENDS = (
-    "initial_boundary_data", "static_boundary_data", "first_guess", "initial_state", "start_deflection_rates",
+    "initial_boundary_data", "static_boundary_data", "first_guess", "initial_state", "initial_forces",
+    "start_deflection_rates",
 )  # fmt: skip
 #: The same of loads and damping too.
 OF_LOADS = (*OF_ENDS, "unstable_growth_rate", "rest_tension")

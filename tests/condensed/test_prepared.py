@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 import re
 import warnings
@@ -576,6 +577,36 @@ def test_run_along_given_positions():
         assert given.amplitude.shape == (round(8.0 / step) + 1, 4)
     assert errors[1] < 1e-4 * 8000.0
     assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.5)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_runs_do_not_depend_on_the_calls_before_them(order):
+    modes, scene = sines(2), cp.make_scene(GUY)
+    path = path_of_steps(0.02)
+    calls = {
+        "own": lambda guy: guy.run(),
+        "path": lambda guy: guy.run(end_position=path),
+        "motion": lambda guy: guy.run({"motion.upper.x.amplitude": 0.08}),
+        "cable": lambda guy: guy.run({"cable.top_tension": 7000.0}),
+        "both": lambda guy: guy.run({"damping.mass_proportional": 0.3}, end_position=path),
+        "step": lambda guy: guy.step(guy.end_position + [0.01, 0.0], [0.2, 0.0], 0.01),
+    }
+
+    def result(guy: Any, name: str) -> np.ndarray:
+        done = calls[name](guy)
+        return done if name == "step" else done.amplitude
+
+    alone = {name: result(cp.condensed.prepare(scene, modes, order=order, step=0.02), name) for name in calls}
+    for names in itertools.permutations(calls, 3):
+        guy = cp.condensed.prepare(scene, modes, order=order, step=0.02)
+        for name in names:
+            np.testing.assert_array_equal(result(guy, name), alone[name], err_msg=f"{name} in {names}")
+
+
+def path_of_steps(step: float) -> np.ndarray:
+    """Return positions of the upper end (steps + 1, dims) [m] that begin elsewhere, and with a velocity."""
+    times = np.arange(201) * step
+    return np.array([50.1, 35.0]) + np.stack([0.1 * np.sin(1.3 * times), 0.05 * np.sin(0.7 * times)], axis=1)
 
 
 def test_a_run_does_not_go_beyond_the_records_of_its_motions(tmp_path):
