@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod.errors import SceneError
+from cablepod.errors import SceneError, scene_error
 from cablepod.parameters._from_scene import SceneContent, _check_present, _from_values, _is_gap, _time_function
 from cablepod.parameters._key_paths import table_at, whole_table_at
 from cablepod.parameters._keys import TABLES, TURBULENCE, WIND
@@ -181,16 +181,42 @@ def _guys(values: Mapping[str, Any]) -> list[Guy]:
             for name, value in values.items()
             if name.startswith(tuple(f"{shared.replace('.', '_')}_" for shared in SHARED_TABLES)) or name == "gravity"
         }
-        breaks = float(table["breaks"]) if "breaks" in table else None
         anchors = anchors_of(table)
+        breaks: list[float | None] = [None] * len(anchors)
+        if (broken := broken_guy(path, table)) is not None:
+            breaks[broken] = float(table["breaks"])
         own = {f"cable_{name}": value for name, value in {**of_cable, **tension}.items()}
         ends = {"ends_lower": anchors[0], "ends_upper": np.array([0.0, level, 0.0])}
         first = _from_values({"chain_links": LINKS, **shared, **own, **ends})
-        guys += [Guy(path, number, cable, level, _anchored(first, anchor), breaks) for anchor in anchors]
+        guys += [
+            Guy(path, number, cable, level, _anchored(first, anchor), time)
+            for anchor, time in zip(anchors, breaks, strict=True)
+        ]
         number += 1
     if table:
         _check_present(path, table, ("level",))
     return guys
+
+
+def broken_guy(prefix: str, table: Mapping[str, Any]) -> int | None:
+    """Return which guy of a table [[guy]] breaks, from 0; None for none.
+
+    Raises
+    ------
+    SceneError
+        Where the table does not say which of several guys breaks.
+    """
+    count, key = int(table.get("count", 1)), f"{prefix}.breaks_number"
+    number = int(table.get("breaks_number", 1))
+    if "breaks" not in table:
+        if "breaks_number" in table:
+            raise scene_error(key, number, f"none without {prefix}.breaks, the time [s]")
+        return None
+    if count > 1 and "breaks_number" not in table:
+        raise SceneError(f"{key}: missing; allowed: 1 to {count}, the guy of the table that breaks")
+    if number > count:
+        raise scene_error(key, number, f"1 to {count}, the guys of the table")
+    return number - 1
 
 
 def _anchored(p: Parameters, anchor: np.ndarray) -> Parameters:

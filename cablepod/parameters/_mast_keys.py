@@ -40,7 +40,8 @@ GUY = {
     "direction": Key(point, "1", "horizontal direction from the mast to the first anchor"),
     "anchor": Key(point, "m", "anchor of a single guy"),
     **{name: CABLE[name] for name in GUY_LENGTH_KEYS},
-    "breaks": Key(number(above=0.0), "s", "time at which the guys break"),
+    "breaks": Key(number(above=0.0), "s", "time at which the guy breaks"),
+    "breaks_number": Key(integer(least=1), "1", "which guy of the table breaks, from 1"),
 }
 #: Keys of a cable of guys: those of a cable but what determines its length.
 GUY_CABLE = {name: key for name, key in CABLE.items() if name not in LENGTH_KEYS}

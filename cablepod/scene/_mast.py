@@ -14,7 +14,7 @@ from cablepod._inputs import SCENE, Kind
 from cablepod.catenary._statics import solve_statics
 from cablepod.errors import SceneError, did_you_mean, named, scene_error
 from cablepod.parameters._keys import TABLES, TOP, check_table, exactly_one
-from cablepod.parameters._mast import MastParameters, anchors_of
+from cablepod.parameters._mast import MastParameters, anchors_of, broken_guy
 from cablepod.parameters._mast_keys import (
     GUY,
     GUY_CABLE,
@@ -183,6 +183,7 @@ def _check_guys(tables: Any, tree: Mapping[str, Any]) -> list[dict[str, Any]]:
                     f"another level or anchor than that of guy.{places[place]}: two guys cannot take the same place",
                 )  # fmt: skip
             places[place] = number
+        broken_guy(prefix, guy)
         checked.append(guy)
     if not checked and tree["mast"]["base"] == "pinned":
         raise scene_error("guy", [], 'at least one [[guy]], or mast.base "clamped": a pinned mast does not stand alone')

@@ -162,6 +162,22 @@ def test_error_estimate_is_of_the_size_of_the_error():
     assert 0.5 * actual < run.attrs["error_estimate"] < 2.0 * actual
 
 
+def test_one_guy_of_a_table_breaks():
+    def breaking(mapping, **keys):
+        mapping["guy"][0].update(breaks=1.0, **keys)
+
+    run = cp.mast.simulate(
+        small(lambda mapping: breaking(mapping, breaks_number=2)), guys="chain", times=np.arange(8) * 0.2
+    )
+    pulls = (run.guy_tension.sel(time=slice(1.1, None)) > 0.0).all("time")
+    assert pulls.values.tolist() == [True, False, True]
+    for keys, text in (({}, "missing; allowed: 1 to 3"), ({"breaks_number": 4}, "given 4; allowed: 1 to 3")):
+        with pytest.raises(SceneError, match=rf"^guy\.1\.breaks_number: {text}"):
+            small(lambda mapping, keys=keys: breaking(mapping, **keys))
+    with pytest.raises(SceneError, match=r"^guy\.1\.breaks_number: given 1; allowed: none without guy\.1\.breaks"):
+        small(lambda mapping: mapping["guy"][0].update(breaks_number=1))
+
+
 def test_a_broken_guy_pulls_no_more():
     def breaking(mapping):
         mapping["guy"][0]["count"] = 1
