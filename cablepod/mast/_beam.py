@@ -74,6 +74,10 @@ class Beam:
             total += force * self._of_pull(level)
         return self._both(total)
 
+    def of_pull(self, level: float) -> np.ndarray:
+        """Return the geometric stiffness of a downward pull of one at a height [m] (count, count) [1/m]."""
+        return self._both(self._of_pull(level))
+
     @cached_property
     def _of_weight(self) -> np.ndarray:
         """Stiffness of the weight of the mast, of one direction."""

@@ -109,16 +109,16 @@ class CatenaryGuys:
             reaction = refined(self._reaction(self.air.velocity))
             forces = forces + self._reaction(self.air.start[None])[0]
         constant = drive.constant - np.einsum("gi,gia->a", forces, mast.guy_rows)
-        result = empty_trajectory(request, len(mast.omega), len(mast.heights), count)
+        result = empty_trajectory(request, mast, drive.node_drag)
         places = np.tile([np.inf, -np.inf], (count, 1))
         anchors = np.array([guy.p.lower[[0, 2]] for guy in self.guys]).reshape(-1, 2)
         status, at, guy = kernel.catenary_run(
             step, request.every, request.steps, np.array(request.window_steps), np.zeros(len(mast.omega)),
-            np.zeros(len(mast.omega)), constant, mast.stiffness, matrices.keep, matrices.gain, mast.level_rows, mast.level_rest,
-            mast.level_of_guy, anchors, first, spacing, horizontal, vertical, mass, drive.load_vectors, drive.factors,
-            drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows, drive.node_drag,
-            drive.refined_samples_per_step, reaction, result.modal, result.rates,
-            result.force, result.tension, result.level_extremes, result.level_sums, result.tension_extremes,
+            np.zeros(len(mast.omega)), constant, mast.stiffness, mast.pulls(), matrices.keep, matrices.gain, mast.level_rows,
+            mast.level_rest, mast.level_of_guy, anchors, first, spacing, horizontal, vertical, mass, drive.load_vectors,
+            drive.factors, drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows,
+            drive.node_drag, drive.refined_samples_per_step, reaction, result.modal, result.rates, result.force,
+            result.tension, result.drag, result.level_extremes, result.level_sums, result.tension_extremes,
             result.tension_sums, places,
         )  # fmt: skip
         result.finish(status, at, guy, places)

@@ -98,17 +98,18 @@ class ChainGuys:
             forces[g] = upper[[0, 2]] + (0.0 if self.air is None else self._top_drag(g, x[g])[[0, 2]])
         constant = drive.constant - np.einsum("gi,gia->a", forces, mast.guy_rows)
         breaks = [np.inf if guy.breaks is None else guy.breaks / step for guy in p.guys]
-        result = empty_trajectory(request, len(mast.omega), len(mast.heights), count)
+        result = empty_trajectory(request, mast, drive.node_drag)
         monitor = np.tile([np.inf, 0.0], (count, 1))
         status, at, guy = kernel.chain_run(
             step, request.every, request.steps, max(1, min(MAX_HOLD, int(MAX_HOLD_TIME / step))), np.array(request.window_steps),
-            np.zeros(len(mast.omega)), np.zeros(len(mast.omega)), x, np.zeros_like(x), constant, mast.stiffness, matrices.keep,
-            matrices.gain, mast.level_rows, mast.level_rest, mast.level_of_guy,
+            np.zeros(len(mast.omega)), np.zeros(len(mast.omega)), x, np.zeros_like(x), constant, mast.stiffness, mast.pulls(),
+            matrices.keep, matrices.gain, mast.level_rows, mast.level_rest, mast.level_of_guy,
             np.array([chain.p.stiffness for chain in self.chains]), self.link_lengths,
             mass, VISCOSITY * limit, p.gravity, p.mass_damping, np.array(breaks), drive.load_vectors, drive.factors,
             drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows, drive.node_drag,
             drive.refined_samples_per_step, wind, drag, result.modal, result.rates, result.force,
-            result.tension, result.level_extremes, result.level_sums, result.tension_extremes, result.tension_sums, monitor,
+            result.tension, result.drag, result.level_extremes, result.level_sums, result.tension_extremes, result.tension_sums,
+            monitor,
         )  # fmt: skip
         result.finish(status, at, guy, monitor)
         return result

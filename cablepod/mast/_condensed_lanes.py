@@ -35,24 +35,25 @@ def run_alone(model: CondensedGuys, request: MastRequest) -> MastTrajectory:
     numbers = lanes.numbers.copy()
     numbers[LARGEST_KAPPA, :count] = (model.guys.kappa * fitted).max(axis=1, initial=0.0)
     alpha, modes, levels = mast.rest.p.mass_damping, len(mast.omega), len(mast.heights)
-    result = empty_trajectory(request, modes, levels, count)
+    result = empty_trajectory(request, mast, drive.node_drag)
     keeps = request.energy or request.keeps_guys
     coordinates = np.zeros((request.outputs_count if keeps else 0, 3, *lanes.kappa.shape))
     level_extremes, level_sums = _empty_extremes(levels * 2)
     tension_extremes, tension_sums = _empty_extremes(lanes.size)
     monitor = np.zeros((2, lanes.size))
     monitor[0] = np.inf
+    breaks = np.array([np.inf if guy.breaks is None else guy.breaks / step for guy in mast.rest.p.guys])
     p = lanes.coordinates(model.rest[0])  # momentum coordinates are the deflections at the displacement of rest
     status, at, guy = kernel.condensed_run(
         step, request.every, request.steps, model.steps_of_drag(step), np.array(request.window_steps), np.zeros(modes),
-        np.zeros(modes), p, np.zeros_like(p), constant, mast.stiffness, matrices.keep, matrices.gain, mast.level_rows,
-        mast.level_rest, lanes.heights, mast.level_of_guy, lanes.lower, lanes.axes, numbers, lanes.kappa, lanes.moments,
-        lanes.loads, lanes.tilt, (1.0 - 0.5 * alpha * step) / (1.0 + 0.5 * alpha * step),
+        np.zeros(modes), p, np.zeros_like(p), constant, mast.stiffness, mast.pulls(), matrices.keep, matrices.gain,
+        mast.level_rows, mast.level_rest, lanes.heights, mast.level_of_guy, breaks, lanes.lower, lanes.axes, numbers, lanes.kappa,
+        lanes.moments, lanes.loads, lanes.tilt, (1.0 - 0.5 * alpha * step) / (1.0 + 0.5 * alpha * step),
         lanes.coordinates(step * fitted / (1.0 + 0.5 * alpha * step)), lanes.end_mass, drive.load_vectors, drive.factors,
         drive.samples_per_step, drive.table, drive.mast_wind, drive.node_columns, drive.node_rows, drive.node_drag,
         None if model.air is None else along_guys(model.air, model.drag_points, lanes.size), *lanes.drag, result.modal,
-        result.rates, coordinates, result.force, result.tension, level_extremes, level_sums, tension_extremes, tension_sums,
-        monitor,
+        result.rates, coordinates, result.force, result.tension, result.drag, level_extremes, level_sums, tension_extremes,
+        tension_sums, monitor,
     )  # fmt: skip
     result.level_extremes = level_extremes.T.reshape(levels, 2, 4)
     result.level_sums = level_sums.T.reshape(levels, 2, 2)

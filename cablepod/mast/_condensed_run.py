@@ -60,7 +60,7 @@ class CondensedGuys:
 
         guys, lanes = self.guys, self.lanes
         wind = None if self.air is None else steady_along_guys(self.air, self.drag_points, lanes.size)
-        ends = np.zeros((6, lanes.size))
+        ends = np.zeros((7, lanes.size))
         ends[[AT_X, AT_Z], : guys.count] = guys.upper[:, [0, 2]].T
         on_q, on_end = np.empty(lanes.kappa.shape), np.empty((3, lanes.size))
 
@@ -250,6 +250,7 @@ class CondensedGuys:
         sigma, r, guys = np.linspace(0.0, 1.0, DRAWN_POINTS), self.rank, self.guys
         upper = np.repeat(guys.upper[None], len(q), axis=0)
         upper[..., [0, 2]] += np.einsum("gia,ta->tgi", self.mast.guy_rows, result.modal)
+        times = result.request.times
         positions = np.empty((len(q), guys.count, DRAWN_POINTS, 3))
         basis = [part.basis(sigma, 0) for part in self.shapes]
         for t, ends in enumerate(upper):
@@ -259,6 +260,10 @@ class CondensedGuys:
                 deflection = guys.scale[:, None] * (q[t, :, part * r : (part + 1) * r] @ basis[part])
                 moved = moved + deflection[..., None] * normals[:, part, None]
             positions[t] = moved
+        broken = np.array(
+            [[guy.breaks is not None and guy.breaks <= time for guy in self.mast.rest.p.guys] for time in times]
+        )
+        positions[broken] = np.nan
         return positions
 
     def _energy(
@@ -270,7 +275,13 @@ class CondensedGuys:
         before, after = result.rates[:, 0], result.rates[:, 1]
         kinetic = 0.5 * np.einsum("ta,ab,tb->t", before, matrices.fitted_mass, after)
         kinetic += 0.5 * np.einsum("tgi,tgi,gi->t", saved[:, 1], saved[:, 2], 1.0 / fitted)
-        potential = 0.5 * np.einsum("ta,ab,tb->t", result.modal, mast.stiffness, result.modal) - result.modal @ constant
+        geometric, geometric_rest, _, _, _ = mast.pulls()
+        pull = -np.bincount(
+            mast.level_of_guy, self.rest[1][:, 1], len(mast.heights)
+        )  # which the energy of the guys has
+        stiffness = mast.stiffness - np.tensordot(pull, geometric, 1)
+        potential = 0.5 * np.einsum("ta,ab,tb->t", result.modal, stiffness, result.modal)
+        potential -= result.modal @ (constant + pull @ geometric_rest)
         if factors is not None:
             potential -= np.einsum("ta,na,nt->t", result.modal, mast.load_vectors, factors[:, :: request.every])
         ends = np.einsum("gia,ta->tgi", mast.guy_rows, result.modal)
@@ -278,5 +289,7 @@ class CondensedGuys:
         for t in range(len(result.modal)):
             upper = self.guys.upper.copy()
             upper[:, [0, 2]] += ends[t]
+            a = result.modal[t]
+            upper[:, 1] += (geometric_rest @ a + 0.5 * (geometric @ a) @ a)[mast.level_of_guy]
             potential[t] += self.guys.energy(saved[t, 0], upper).sum() - at_rest
         return kinetic + potential

@@ -36,10 +36,11 @@ def _spline(table, place):
 
 @compiled(fastmath=FAST_DIVISION)
 def catenary_run(
-    step, every, steps, window, a, v, constant, mast_stiffness, keep, gain, level_rows, level_rest, guy_level, anchors, first,
-    spacing, horizontal, vertical, end_mass, load_vectors, factors, samples_per_step, table, mast_wind, node_columns,
+    step, every, steps, window, a, v, constant, mast_stiffness, pulls, keep, gain, level_rows, level_rest, guy_level, anchors,
+    first, spacing, horizontal, vertical, end_mass, load_vectors, factors, samples_per_step, table, mast_wind, node_columns,
     node_rows, node_drag, reaction_per_step, reaction,
-    saved, saved_rates, saved_force, saved_tension, level_extremes, level_sums, tension_extremes, tension_sums, monitor,
+    saved, saved_rates, saved_force, saved_tension, saved_drag, level_extremes, level_sums, tension_extremes, tension_sums,
+    monitor,
 ):  # fmt: skip
     """Run a mast on static guys from rest; return the status, the step and the guy at which it was found.
 
@@ -56,14 +57,14 @@ def catenary_run(
         wind.
     monitor
         Least and largest place in the tables, in intervals (guys, 2).
-    step, every, steps, window, a, v, constant, mast_stiffness, keep, gain, level_rows, level_rest, guy_level, load_vectors, \
-factors, samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, saved, saved_rates, saved_force, \
-saved_tension, level_extremes, level_sums, tension_extremes, tension_sums
+    step, every, steps, window, a, v, constant, mast_stiffness, pulls, keep, gain, level_rows, level_rest, guy_level, \
+load_vectors, factors, samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, saved, saved_rates, saved_force, \
+saved_tension, saved_drag, level_extremes, level_sums, tension_extremes, tension_sums
         As in :func:`cablepod.mast._kernels_condensed.condensed_run`.
     """
     count, levels = anchors.shape[0], level_rest.shape[0]
     force, before, mean_rate = np.empty(a.size), v.copy(), np.empty(a.size)
-    upper, upper_rate, level_force = np.empty((levels, 2)), np.empty((levels, 2)), np.empty((levels, 2))
+    upper, upper_rate, level_force = np.empty((levels, 2)), np.empty((levels, 2)), np.empty((levels, 3))
     acceleration, guy_force, tension = np.empty((levels, 2)), np.empty((count, 3)), np.empty(count)
     work, weights, left = _air_work(node_drag), np.empty(TAPS), 0
     for k in range(steps + 1):
@@ -71,7 +72,7 @@ saved_tension, level_extremes, level_sums, tension_extremes, tension_sums
             left = _sample_weights(k * samples_per_step, mast_wind.shape[0], table, weights)
         _begin_step(
             k, a, v, before, constant, load_vectors, factors, left, weights, mast_wind, node_columns, node_rows, node_drag, work,
-            level_rows, level_rest, mean_rate, force, upper, upper_rate, level_force,
+            level_rows, level_rest, pulls, mean_rate, force, upper, upper_rate, level_force,
         )  # fmt: skip
         for g in range(count):
             m = guy_level[g]
@@ -92,14 +93,30 @@ saved_tension, level_extremes, level_sums, tension_extremes, tension_sums
                     guy_force[g, 2 * d] += low + (at - sample) * (high - low)
             level_force[m, 0] += guy_force[g, 0]
             level_force[m, 1] += guy_force[g, 2]
+            level_force[m, 2] += guy_force[g, 1]
         _advance_mast(
-            k == 0, step, a, v, before, force, mast_stiffness, keep, gain, level_rows, level_force, acceleration
+            k == 0,
+            step,
+            a,
+            v,
+            before,
+            force,
+            mast_stiffness,
+            pulls[2],
+            pulls[4],
+            keep,
+            gain,
+            level_rows,
+            level_force,
+            acceleration,
         )
         for g in range(count):
             guy_force[g, 0] -= end_mass[g] * acceleration[guy_level[g], 0]
             guy_force[g, 2] -= end_mass[g] * acceleration[guy_level[g], 1]
         _record(k, window, upper, tension, level_extremes, level_sums, tension_extremes, tension_sums)
-        _save(k, every, a, v, before, guy_force, tension, saved, saved_rates, saved_force, saved_tension)
+        _save(
+            k, every, a, v, before, guy_force, tension, work, saved, saved_rates, saved_force, saved_tension, saved_drag
+        )  # fmt: skip
         if not _is_finite(v):
             return DIVERGED, k, 0
         for i in range(a.size):

@@ -74,10 +74,11 @@ def _drag_forces(x, v, wind, place, g, drag, links, forces):
 
 @compiled(fastmath=FAST_DIVISION)
 def chain_run(
-    step, every, steps, hold, window, a, v, x, rates, constant, mast_stiffness, keep, gain, level_rows, level_rest, guy_level,
-    stiffness, length, mass, viscosity, gravity, mass_damping, breaks, load_vectors, factors, samples_per_step,
+    step, every, steps, hold, window, a, v, x, rates, constant, mast_stiffness, pulls, keep, gain, level_rows, level_rest,
+    guy_level, stiffness, length, mass, viscosity, gravity, mass_damping, breaks, load_vectors, factors, samples_per_step,
     table, mast_wind, node_columns, node_rows, node_drag, guy_samples_per_step, guy_wind, guy_drag,
-    saved, saved_rates, saved_force, saved_tension, level_extremes, level_sums, tension_extremes, tension_sums, monitor,
+    saved, saved_rates, saved_force, saved_tension, saved_drag, level_extremes, level_sums, tension_extremes, tension_sums,
+    monitor,
 ):  # fmt: skip
     """Run a mast with chains from rest; return the status, the step and the guy at which it was found.
 
@@ -95,9 +96,9 @@ def chain_run(
         [m/s2, 1/s]
     breaks
         Steps from which the upper links carry no force (guys,).
-    step, every, steps, window, a, v, constant, mast_stiffness, keep, gain, level_rows, level_rest, guy_level, load_vectors, \
-factors, samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, saved, saved_rates, saved_force, \
-saved_tension, level_extremes, level_sums, tension_extremes, tension_sums
+    step, every, steps, window, a, v, constant, mast_stiffness, pulls, keep, gain, level_rows, level_rest, guy_level, \
+load_vectors, factors, samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, saved, saved_rates, saved_force, \
+saved_tension, saved_drag, level_extremes, level_sums, tension_extremes, tension_sums
         As in :func:`cablepod.mast._kernels_condensed.condensed_run`.
     guy_samples_per_step, guy_wind, guy_drag
         Samples in a step; air along the guys, see :func:`_drag_forces`; half the density of the air times drag coefficient and
@@ -107,25 +108,26 @@ saved_tension, level_extremes, level_sums, tension_extremes, tension_sums
     """
     count, n, levels = x.shape[0], x.shape[2] - 1, level_rest.shape[0]
     force, before, mean_rate = np.empty(a.size), v.copy(), np.empty(a.size)
-    upper, upper_rate, level_force = np.empty((levels, 2)), np.empty((levels, 2)), np.empty((levels, 2))
+    upper, upper_rate, level_force = np.empty((levels, 2)), np.empty((levels, 2)), np.empty((levels, 3))
     acceleration = np.empty((levels, 2))
     forces, drags = np.empty((3, n)), np.zeros((count, 3, n + 1))
     guy_force, tension = np.empty((count, 3)), np.empty(count)
     factor = (1.0 - 0.5 * mass_damping * step) / (1.0 + 0.5 * mass_damping * step)
     impulse = step / (1.0 + 0.5 * mass_damping * step)
     work, weights, left = _air_work(node_drag), np.empty(TAPS), 0
+    heights = x[:, 1, n].copy()
     for k in range(steps + 1):
         if mast_wind is not None:
             left = _sample_weights(k * samples_per_step, mast_wind.shape[0], table, weights)
         _begin_step(
             k, a, v, before, constant, load_vectors, factors, left, weights, mast_wind, node_columns, node_rows, node_drag, work,
-            level_rows, level_rest, mean_rate, force, upper, upper_rate, level_force,
+            level_rows, level_rest, pulls, mean_rate, force, upper, upper_rate, level_force,
         )  # fmt: skip
         for g in range(count):
             m = guy_level[g]
             held = k < breaks[g]
             if held:
-                x[g, 0, n], x[g, 2, n] = upper[m, 0], upper[m, 1]
+                x[g, 0, n], x[g, 1, n], x[g, 2, n] = upper[m, 0], heights[g] + pulls[3][m], upper[m, 1]
                 rates[g, 0, n], rates[g, 2, n] = upper_rate[m, 0], upper_rate[m, 1]
             _link_forces(x[g], rates[g], stiffness[g], length[g], viscosity, forces)
             if not held:
@@ -154,8 +156,22 @@ saved_tension, level_extremes, level_sums, tension_extremes, tension_sums
                     guy_force[g, d] = -forces[d, n - 1] + drags[g, d, n] + 0.5 * mass[g] * weight
             level_force[m, 0] += guy_force[g, 0]
             level_force[m, 1] += guy_force[g, 2]
+            level_force[m, 2] += guy_force[g, 1]
         _advance_mast(
-            k == 0, step, a, v, before, force, mast_stiffness, keep, gain, level_rows, level_force, acceleration
+            k == 0,
+            step,
+            a,
+            v,
+            before,
+            force,
+            mast_stiffness,
+            pulls[2],
+            pulls[4],
+            keep,
+            gain,
+            level_rows,
+            level_force,
+            acceleration,
         )
         for g in range(count):
             m = guy_level[g]
@@ -164,7 +180,9 @@ saved_tension, level_extremes, level_sums, tension_extremes, tension_sums
                 guy_force[g, 2] -= 0.5 * mass[g] * acceleration[m, 1]
             tension[g] = math.sqrt(guy_force[g, 0] ** 2 + guy_force[g, 1] ** 2 + guy_force[g, 2] ** 2)
         _record(k, window, upper, tension, level_extremes, level_sums, tension_extremes, tension_sums)
-        _save(k, every, a, v, before, guy_force, tension, saved, saved_rates, saved_force, saved_tension)
+        _save(
+            k, every, a, v, before, guy_force, tension, work, saved, saved_rates, saved_force, saved_tension, saved_drag
+        )  # fmt: skip
         if not _is_finite(v):
             return DIVERGED, k, 0
         if k % every == 0:

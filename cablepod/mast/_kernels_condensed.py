@@ -19,6 +19,7 @@ from cablepod.mast._kernels_guys import (
     RATE_X,
     RATE_Z,
     X,
+    Y,
     Z,
     _advance_guys,
     _axes,
@@ -37,8 +38,10 @@ from cablepod.mast._kernels_mast import (
     _air_work,
     _interpolate,
     _is_finite,
+    _lower_levels,
     _move_ends,
     _sample_weights,
+    _save_drag,
 )
 
 DONE, DIVERGED, UNSTABLE = range(3)
@@ -88,7 +91,7 @@ def guy_forces(
 @compiled(counted=False, fastmath=REORDERED_FUSED)
 def _begin_mast(
     k, fresh, ahead, a, v, before, held, constant, load_vectors, factors, air, node_columns, node_rows, node_drag, x, z,
-    level_rows, level_rest, guy_level, mean_rate, force, upper, upper_rate, ends,
+    level_rows, level_rest, pulls, guy_level, mean_rate, force, upper, upper_rate, ends,
 ):  # fmt: skip
     """Fill modal forces of loads and drag at step `k`, displacements and rates of the levels and of the guys' ends."""
     for i in range(a.size):
@@ -97,6 +100,7 @@ def _begin_mast(
     if factors is not None:
         _add_loads(k, load_vectors, factors, force)
     _move_ends(a, mean_rate, level_rows, level_rest, upper, upper_rate)
+    _lower_levels(a, pulls[0], pulls[1], pulls[2], pulls[3])
     if air is not None:
         if fresh:
             for i in range(a.size):
@@ -107,6 +111,7 @@ def _begin_mast(
     for g in range(guy_level.size):
         n = guy_level[g]
         ends[X, g] = upper[n, 0] - level_rest[n, 0]
+        ends[Y, g] = pulls[3][n]
         ends[Z, g] = upper[n, 1] - level_rest[n, 1]
         ends[AT_X, g], ends[AT_Z, g] = upper[n, 0], upper[n, 1]
         ends[RATE_X, g], ends[RATE_Z, g] = upper_rate[n, 0], upper_rate[n, 1]
@@ -114,17 +119,19 @@ def _begin_mast(
 
 @compiled(counted=False, fastmath=FAST_DIVISION)
 def _advance(
-    first, step, a, v, before, force, stiffness, keep, gain, level_rows, guy_level, on_end, level_force, acceleration, at_guys
+    first, step, a, v, before, force, stiffness, pulls, keep, gain, level_rows, guy_level, on_end, level_force, acceleration,
+    at_guys
 ):  # fmt: skip
     """Advance the rates of the mast by the forces of its guys; fill accelerations in x and z of the guys' ends."""
     for n in range(level_force.shape[0]):
-        level_force[n, 0] = level_force[n, 1] = 0.0
+        level_force[n, 0] = level_force[n, 1] = level_force[n, 2] = 0.0
     for g in range(guy_level.size):
         n = guy_level[g]
         level_force[n, 0] += on_end[0, g]
         level_force[n, 1] += on_end[2, g]
+        level_force[n, 2] += on_end[1, g]
     _advance_mast(
-        first, step, a, v, before, force, stiffness, keep, gain, level_rows, level_force, acceleration
+        first, step, a, v, before, force, stiffness, pulls[2], pulls[4], keep, gain, level_rows, level_force, acceleration
     )  # fmt: skip
     for g in range(guy_level.size):
         n = guy_level[g]
@@ -170,6 +177,18 @@ def _watch(k, largest, chordwise, sag, kappa, least, least_step):
         least_step[g] = k if less else least_step[g]
         beyond += 0.0 if abs(force) * kappa[g] + sag[g] < largest else 1.0
     return beyond > 0.0
+
+
+@compiled(forceinline=True)
+def _release(k, breaks, rates, on_q, on_end, chordwise, sag, least):
+    """Take guys that are broken at step `k` out: they rest, carry no force, and are not watched."""
+    for g in range(breaks.size):
+        if k >= breaks[g]:
+            for j in range(on_q.shape[0]):
+                for i in range(on_q.shape[1]):
+                    on_q[j, i, g] = rates[j, i, g] = 0.0
+            on_end[0, g] = on_end[1, g] = on_end[2, g] = 0.0
+            chordwise[g], sag[g] = least[g], 0.0
 
 
 @compiled(forceinline=True)
@@ -219,11 +238,11 @@ def _add(held_q, held_end, on_q, on_end):
 
 @compiled(fastmath=FAST_DIVISION)
 def condensed_run(
-    step, every, steps, hold, window, a, v, p, rates, constant, mast_stiffness, keep, gain, level_rows, level_rest, heights,
-    guy_level, lower, rest_axes, numbers, kappa, moments, loads, tilt, guy_keep, guy_gain, end_mass, load_vectors, factors,
-    samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, guy_wind, guy_drag, sigma, shapes, slopes,
-    saved, saved_rates, saved_coordinates, saved_force, saved_tension, level_extremes, level_sums, tension_extremes,
-    tension_sums, monitor,
+    step, every, steps, hold, window, a, v, p, rates, constant, mast_stiffness, pulls, keep, gain, level_rows, level_rest,
+    heights, guy_level, breaks, lower, rest_axes, numbers, kappa, moments, loads, tilt, guy_keep, guy_gain, end_mass,
+    load_vectors, factors, samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, guy_wind, guy_drag,
+    sigma, shapes, slopes, saved, saved_rates, saved_coordinates, saved_force, saved_tension, saved_drag, level_extremes,
+    level_sums, tension_extremes, tension_sums, monitor,
 ):  # fmt: skip
     """Run a mast with condensed guys from rest; return status, step and guy at which it was found.
 
@@ -238,11 +257,14 @@ def condensed_run(
         Coordinates of the guys and their rates (2, r, lanes), in and out of their planes; changed.
     constant, mast_stiffness, keep, gain
         Constant modal forces (modes,), stiffness and the transposed matrices A1 and A2 of the step (modes, modes).
+    pulls
+        See :func:`cablepod.mast._kernels_mast._advance_mast`.
     level_rows, level_rest, heights
         Displacement of the levels in x and z by the modes (levels, 2, modes), at rest (levels, 2) [m]; heights of the guys
         (lanes,) [m].
-    guy_level, lower, rest_axes
-        Level of each guy (guys,), anchors (3, lanes) [m], axes of the guys at rest (9, lanes).
+    guy_level, breaks, lower, rest_axes
+        Level of each guy and the step from which on it carries no force (guys,), anchors (3, lanes) [m], axes of the guys at rest
+        (9, lanes).
     numbers, kappa, moments, loads, tilt
         Coefficients of the guys (..., lanes), see :mod:`cablepod.mast._kernels_guys`, and tilt of shapes of unit mass (2, r, r).
     guy_keep, guy_gain
@@ -255,9 +277,9 @@ def condensed_run(
     samples_per_step, table, mast_wind, node_columns, node_rows, node_drag, guy_wind, guy_drag, sigma, shapes, slopes
         Wind: samples in a step and weights between them, at the nodes of the mast (samples, 2 nodes) and along the guys
         (samples, 3 points lanes) [m/s], see ``_kernels_mast`` and ``_kernels_guys``; None without wind.
-    saved, saved_rates, saved_coordinates, saved_force, saved_tension
+    saved, saved_rates, saved_coordinates, saved_force, saved_tension, saved_drag
         Filled at the outputs: modal coordinates, rates half a step before and after, coordinates of the guys and such rates
-        (or without rows), force on the mast and tension of each guy.
+        (or without rows), force on the mast and tension of each guy, drag on the nodes (or without rows).
     level_extremes, level_sums, tension_extremes, tension_sums
         Filled: extremes and their steps (4, 2 levels) and (4, lanes), sums and sums of squares (2, ...).
     monitor
@@ -265,9 +287,9 @@ def condensed_run(
     """
     count, r, lanes, levels = guy_level.size, p.shape[1], p.shape[2], level_rest.shape[0]
     force, before, held, mean_rate = np.empty(a.shape), v.copy(), np.zeros(a.shape), np.empty(a.shape)
-    upper, upper_rate, level_force = np.empty((levels, 2)), np.empty((levels, 2)), np.empty((levels, 2))
+    upper, upper_rate, level_force = np.empty((levels, 2)), np.empty((levels, 2)), np.empty((levels, 3))
     acceleration, at_guys, tension = np.empty((levels, 2)), np.zeros((2, lanes)), np.empty(lanes)
-    rates_before, ends, on_end = rates.copy(), np.zeros((6, lanes)), np.empty((3, lanes))
+    rates_before, ends, on_end = rates.copy(), np.zeros((7, lanes)), np.empty((3, lanes))
     q, on_q, own = np.empty((2, r, lanes)), np.empty((2, r, lanes)), np.zeros((2, r, lanes))
     held_q, held_end = np.zeros(q.shape), np.zeros(on_end.shape)
     points = 0 if sigma is None else sigma.size
@@ -288,7 +310,7 @@ def condensed_run(
             _interpolate(guy_wind, left, weights, guy_air)
         _begin_mast(
             k, fresh, ahead, a, v, before, held, constant, load_vectors, factors, air, node_columns, node_rows, node_drag, x, z,
-            level_rows, level_rest, guy_level, mean_rate, force, upper, upper_rate, ends,
+            level_rows, level_rest, pulls, guy_level, mean_rate, force, upper, upper_rate, ends,
         )  # fmt: skip
         _deflections(p[0], p[1], moments[0], moments[1], rest_axes, ends, moved, moved_out, q[0], q[1])
         _axes(ends, lower, heights, numbers[LENGTH], axes, chord, stretch)
@@ -296,6 +318,7 @@ def condensed_run(
             numbers, kappa[0], kappa[1], loads[0], tilt, q[0], q[1], axes, chord, stretch, terms, chordwise, sag, on_q[0],
             on_q[1], on_end[0], on_end[1], on_end[2],
         )  # fmt: skip
+        _release(k, breaks, rates, on_q, on_end, chordwise, sag, monitor[0])
         if _watch(k, largest, chordwise, sag, numbers[LARGEST_KAPPA], monitor[0], monitor[1]):
             status, guy = _stopped_by(largest, chordwise, sag, numbers[LARGEST_KAPPA], count)
             if status != DONE:
@@ -312,16 +335,20 @@ def condensed_run(
             )  # fmt: skip
         if guy_wind is not None:
             _add(held_q, held_end, on_q, on_end)
+            _release(k, breaks, rates, on_q, on_end, chordwise, sag, monitor[0])
         _advance_guys(
             k == 0, step, guy_keep, guy_gain[0], guy_gain[1], moments[0], moments[1], on_q[0], on_q[1], moved, moved_out,
             rates[0], rates[1], rates_before[0], rates_before[1], p[0], p[1],
         )  # fmt: skip
         _hand_over(rest_axes, moved, moved_out, on_end[0], on_end[1], on_end[2])
         _advance(
-            k == 0, step, a, v, before, force, mast_stiffness, keep, gain, level_rows, guy_level, on_end, level_force,
+            k == 0, step, a, v, before, force, mast_stiffness, pulls, keep, gain, level_rows, guy_level, on_end, level_force,
             acceleration, at_guys,
         )  # fmt: skip
         _take_inertia(end_mass, at_guys, on_end[0], on_end[1], on_end[2], tension)
+        for g in range(count):
+            if k >= breaks[g]:
+                on_end[0, g] = on_end[1, g] = on_end[2, g] = tension[g] = 0.0
         if window[0] <= k <= window[1]:
             _record_rows(
                 k, flat_upper, level_extremes[LEAST], level_extremes[LARGEST], level_extremes[LEAST_STEP],
@@ -333,6 +360,8 @@ def condensed_run(
             )  # fmt: skip
         if k % every == 0:
             _save(k // every, a, v, before, on_end, tension, saved, saved_rates, saved_force, saved_tension)
+            if mast_wind is not None:
+                _save_drag(k // every, work, saved_drag)
             if saved_coordinates.shape[0]:
                 saved_coordinates[k // every, 0] = q
                 saved_coordinates[k // every, 1] = rates_before

@@ -21,8 +21,8 @@ from cablepod._jit import FAST_DIVISION, compiled
 #: Rows of the numbers of the guys: K [N], L [m], weight [N/m], 1 - 2 e, e N0 [N], largest fitted kappa [1/(kg m)], scale of the
 #: shapes [kg^-1/2] and of their slopes [kg^-1/2 1/m].
 STIFFNESS, LENGTH, WEIGHT, SOFTENING, STIFFENING, LARGEST_KAPPA, SCALE, SLOPE_SCALE = range(8)
-#: Rows of the ends of the guys: displacement in x and z from rest [m], position in x and z [m], rates in x and z [m/s].
-X, Z, AT_X, AT_Z, RATE_X, RATE_Z = range(6)
+#: Rows of the ends of the guys: displacement in x, y, z from rest [m], position in x and z [m], rates in x and z [m/s].
+X, Y, Z, AT_X, AT_Z, RATE_X, RATE_Z = range(7)
 
 
 @compiled(noalias=True, forceinline=True, fastmath=FAST_DIVISION)
@@ -30,8 +30,8 @@ def _deflections(p, p_out, moments, moments_out, rest_axes, ends, moved, moved_o
     """Fill the deflections q = p - m n.u in and out of the plane (r, lanes) [kg^1/2 m]."""
     lanes = moved.size
     for g in range(lanes):
-        moved[g] = rest_axes[3, g] * ends[X, g] + rest_axes[5, g] * ends[Z, g]
-        moved_out[g] = rest_axes[6, g] * ends[X, g] + rest_axes[8, g] * ends[Z, g]
+        moved[g] = rest_axes[3, g] * ends[X, g] + rest_axes[4, g] * ends[Y, g] + rest_axes[5, g] * ends[Z, g]
+        moved_out[g] = rest_axes[6, g] * ends[X, g] + rest_axes[7, g] * ends[Y, g] + rest_axes[8, g] * ends[Z, g]
     for i in range(q.shape[0]):
         for g in range(lanes):
             q[i, g] = p[i, g] - moments[i, g] * moved[g]
@@ -94,7 +94,7 @@ def _axes(ends, lower, heights, lengths, axes, chord, stretch):
     """Fill the axes along the chords and normal to them, chord lengths [m] and their ratio to the unstretched ones (lanes,)."""
     ax, ay, az, flat, nx, nz = axes
     for g in range(chord.size):
-        x, y, z = lower[0, g] - ends[AT_X, g], lower[1, g] - heights[g], lower[2, g] - ends[AT_Z, g]
+        x, y, z = lower[0, g] - ends[AT_X, g], lower[1, g] - heights[g] - ends[Y, g], lower[2, g] - ends[AT_Z, g]
         size = math.sqrt(x * x + y * y + z * z)
         inverse = 1.0 / size
         chord[g] = size

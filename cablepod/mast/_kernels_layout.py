@@ -6,5 +6,3 @@ from __future__ import annotations
 LEAST, LARGEST, LEAST_STEP, LARGEST_STEP = range(4)
 #: Lanes of guys, modes of guys and nodes of masts are padded to multiples of these numbers.
 LANES, MODES_TOGETHER, NODES_TOGETHER = 16, 4, 8
-#: Masts that run abreast: as many as the widest registers hold numbers, and few enough for the cache of a core.
-ABREAST = 8

@@ -31,6 +31,26 @@ def _move_ends(a, v, level_rows, level_rest, upper, upper_rate):
 
 
 @compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
+def _lower_levels(a, geometric, geometric_rest, gradient, vertical):
+    """Fill the vertical displacement of each level from rest, y = a.G u0 + a.G a / 2, as slopes shorten a mast of given length.
+
+    `geometric` is the geometric stiffness G of a unit pull at each level (levels, modes, modes), `geometric_rest` the same times
+    the displacement at rest (levels, modes); filled are the derivative of y by a (levels, modes) and y (levels,) [m].  With y the
+    pull of the guys is conservative.
+    """
+    for k in range(vertical.size):
+        for i in range(a.size):
+            gradient[k, i] = geometric_rest[k, i]
+        for j in range(0, a.size, 2):
+            for i in range(a.size):
+                gradient[k, i] += geometric[k, j, i] * a[j] + geometric[k, j + 1, i] * a[j + 1]
+        y = 0.0
+        for i in range(a.size):
+            y += 0.5 * a[i] * (geometric_rest[k, i] + gradient[k, i])
+        vertical[k] = y
+
+
+@compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
 def _sample_weights(place, count, table, weights):
     """Fill the weights of the samples of the air at a place in samples; return the number of the third of them.
 
@@ -113,7 +133,7 @@ def _add_loads(k, load_vectors, factors, force):
 @compiled(fastmath=REORDERED_FUSED, forceinline=True)
 def _begin_step(
     k, a, v, before, constant, load_vectors, factors, left, weights, mast_wind, node_columns, node_rows, node_drag, work,
-    level_rows, level_rest, mean_rate, force, upper, upper_rate, level_force,
+    level_rows, level_rest, pulls, mean_rate, force, upper, upper_rate, level_force,
 ):  # fmt: skip
     """Fill modal forces of loads and drag at step `k`, displacements and rates of the levels; clear the forces of the guys."""
     for i in range(a.size):
@@ -122,12 +142,13 @@ def _begin_step(
     if factors is not None:
         _add_loads(k, load_vectors, factors, force)
     _move_ends(a, mean_rate, level_rows, level_rest, upper, upper_rate)
+    _lower_levels(a, pulls[0], pulls[1], pulls[2], pulls[3])
     if mast_wind is not None:
         air, x, z = work
         _interpolate(mast_wind, left, weights, air)
         _add_mast_drag(mean_rate, air, node_columns, node_rows, node_drag, x, z, force)
     for n in range(level_force.shape[0]):
-        level_force[n, 0] = level_force[n, 1] = 0.0
+        level_force[n, 0] = level_force[n, 1] = level_force[n, 2] = 0.0
 
 
 @compiled(forceinline=True)
@@ -140,9 +161,12 @@ def _air_work(node_drag):
 
 @compiled(noalias=True, forceinline=True, fastmath=REORDERED_FUSED)
 def _advance_mast(
-    first, step, a, v, before, force, stiffness, keep, gain, level_rows, level_force, acceleration
+    first, step, a, v, before, force, stiffness, gradient, at_rest, keep, gain, level_rows, level_force, acceleration
 ):  # fmt: skip
     """Add stiffness and guys to the modal forces, advance the rates, fill accelerations of the levels.
+
+    The axial force follows the guys: `stiffness` holds that of rest, `gradient` is that of :func:`_lower_levels`, `at_rest` the
+    vertical forces of the guys at rest (levels,), filled in the first step.  `level_force` (levels, 3) is in x, z and upwards.
 
     `keep` and `gain` are transposed, v[i] <- sum of keep[j, i] v[j] + gain[j, i] F[j]; in the first step, from rest, half of the
     impulse counts, of which the half before is the opposite.  The number of modes is even.
@@ -152,8 +176,15 @@ def _advance_mast(
         for i in range(modes):
             force[i] -= stiffness[j, i] * a[j] + stiffness[j + 1, i] * a[j + 1]
     for k in range(level_rows.shape[0]):
+        if first:
+            at_rest[k] = level_force[k, 2]
+        pull = at_rest[k] - level_force[k, 2]
         for i in range(modes):
-            force[i] += level_rows[k, 0, i] * level_force[k, 0] + level_rows[k, 1, i] * level_force[k, 1]
+            force[i] += (
+                level_rows[k, 0, i] * level_force[k, 0]
+                + level_rows[k, 1, i] * level_force[k, 1]
+                - pull * gradient[k, i]
+            )
     for i in range(modes):
         before[i] = v[i]
     last, impulse = 1.0, 1.0
@@ -203,11 +234,13 @@ def _record(k, window, upper, tension, level_extremes, level_sums, tension_extre
 
 
 @compiled(forceinline=True)
-def _save(k, every, a, v, before, guy_force, tension, saved, saved_rates, saved_force, saved_tension):
+def _save(k, every, a, v, before, guy_force, tension, work, saved, saved_rates, saved_force, saved_tension, saved_drag):
     """Save the state at the steps of the output."""
     if k % every:
         return
     row = k // every
+    if work is not None:
+        _save_drag(row, work, saved_drag)
     for i in range(a.size):
         saved[row, i] = a[i]
         saved_rates[row, 0, i], saved_rates[row, 1, i] = before[i], v[i]
@@ -215,6 +248,15 @@ def _save(k, every, a, v, before, guy_force, tension, saved, saved_rates, saved_
         saved_tension[row, g] = tension[g]
         for d in range(3):
             saved_force[row, g, d] = guy_force[g, d]
+
+
+@compiled(forceinline=True)
+def _save_drag(row, work, saved_drag):
+    """Save the drag on the nodes in x and z, where there is room (outputs, 2, nodes) [N]."""
+    _, x, z = work
+    if row < saved_drag.shape[0]:
+        for n in range(x.size):
+            saved_drag[row, 0, n], saved_drag[row, 1, n] = x[n], z[n]
 
 
 @compiled(forceinline=True)

@@ -18,16 +18,30 @@ class ModalMast:
     rest: MastRest
 
     @cached_property
+    def mass_with_guys(self) -> np.ndarray:
+        """Mass of the mast with a third of each guy's at its upper end (count, count)."""
+        thirds = np.array([guy.p.mass * guy.length / 3.0 for guy in self.rest.bare])
+        return self.rest.beam.mass + seen_by(self.rest.rows, thirds[:, None, None] * np.eye(2))
+
+    @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Angular frequencies (modes,) [rad/s] and unit-mass modes (count, modes)."""
+        """Angular frequencies (modes,) [rad/s] and unit-mass modes (count, modes).
+
+        Where a guy breaks, those of the space that also has the static displacements by forces at its level: a mast without
+        the guy is then as well described as one with it.
+        """
         from scipy.linalg import eigh
 
         rest, p = self.rest, self.rest.p
-        mass = rest.beam.mass.copy()
-        thirds = np.array([guy.p.mass * guy.length / 3.0 for guy in rest.bare])
-        mass += seen_by(rest.rows, thirds[:, None, None] * np.eye(2))
         count = min(2 * p.modes, rest.beam.count)
-        squared, modes = eigh(rest.stiffness, mass, subset_by_index=[0, count - 1])
+        squared, modes = eigh(rest.stiffness, self.mass_with_guys, subset_by_index=[0, count - 1])
+        broken = np.unique([guy.level for guy in p.guys if guy.breaks is not None])
+        if broken.size and count + 2 * broken.size <= rest.beam.count:
+            rows = rest.beam.displacement_rows(np.array([rest.beam.node(level) for level in broken]))
+            space = np.hstack([modes, np.linalg.solve(rest.stiffness, rows.reshape(-1, rest.beam.count).T)])
+            space /= np.sqrt(np.einsum("ia,ij,ja->a", space, self.mass_with_guys, space))
+            squared, turned = eigh(space.T @ rest.stiffness @ space, space.T @ self.mass_with_guys @ space)
+            modes, count = space @ turned, space.shape[1]
         sign = np.sign(modes[np.abs(modes).argmax(axis=0), np.arange(count)])
         return np.sqrt(squared), modes * sign
 
@@ -76,6 +90,23 @@ class ModalMast:
     def level_rest(self) -> np.ndarray:
         """Displacement of the levels at rest (levels, 2) [m]."""
         return np.ascontiguousarray(self._levels @ self.rest.unknowns)
+
+    @cached_property
+    def pull_stiffness(self) -> np.ndarray:
+        """Geometric stiffness of a unit pull of the guys at each level, downwards, by the modes (levels, modes, modes)."""
+        of_levels = [self.modes.T @ self.rest.beam.of_pull(height) @ self.modes for height in self.heights.tolist()]
+        return np.ascontiguousarray(of_levels)
+
+    @cached_property
+    def pull_at_rest(self) -> np.ndarray:
+        """The same times the displacement at rest (levels, modes)."""
+        displaced = [self.rest.beam.of_pull(height) @ self.rest.unknowns for height in self.heights.tolist()]
+        return np.ascontiguousarray(displaced @ self.modes)
+
+    def pulls(self) -> tuple[np.ndarray, ...]:
+        """Return both for the kernels, with work arrays, see :func:`cablepod.mast._kernels_mast._lower_levels`."""
+        levels, modes = self.pull_at_rest.shape
+        return self.pull_stiffness, self.pull_at_rest, np.zeros((levels, modes)), np.zeros(levels), np.zeros(levels)
 
     @cached_property
     def node_rows(self) -> np.ndarray:

@@ -11,6 +11,7 @@ import xarray as xr
 from cablepod.conventions import COORDINATES, label
 from cablepod.mast._kernels_layout import LARGEST, LARGEST_STEP, LEAST, LEAST_STEP
 from cablepod.mast._model import ModalMast
+from cablepod.mast._moments import bending_moments
 from cablepod.mast._request import MastTrajectory
 from cablepod.parameters._mast import MastParameters
 
@@ -92,18 +93,6 @@ def trajectory(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -
     return dataset(mast.rest.p, *_values(mast, run, outputs))
 
 
-def arrays(
-    mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]
-) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
-    """Return dimensions and values of all variables of :func:`trajectory`, which labels cost more than the numbers."""
-    variables, coordinates = _values(mast, run, outputs)
-    result = {}
-    for name, value in {**variables, **_with_guys(mast.rest.p, variables, coordinates)}.items():
-        dims, values = value if isinstance(value, tuple) else (name, value)
-        result[name] = ((dims,) if isinstance(dims, str) else tuple(dims), np.asarray(values))
-    return result
-
-
 def _values(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return variables and coordinates of a run, up to where it was computed."""
     request, n = run.request, run.completed
@@ -138,7 +127,7 @@ def _moments(mast: ModalMast, run: MastTrajectory, outputs: tuple[str, ...]) -> 
     """Return bending moments, and their extremes over the outputs of the window."""
     request, n = run.request, run.completed
     variables: dict[str, Any] = {}
-    moments = mast.moment_rest + seen_from(mast.moment_rows, run.modal[:n])
+    moments = bending_moments(mast, run)
     if "bending_moment" in outputs:
         variables["bending_moment"] = (("time", "node", "coordinate"), spatial(moments))
     first, last = (0.0, np.inf) if request.window is None else request.window

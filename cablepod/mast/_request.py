@@ -10,6 +10,7 @@ import numpy as np
 
 from cablepod._resources import check_bytes
 from cablepod.errors import scene_error
+from cablepod.mast._model import ModalMast
 from cablepod.parameters._mast import MastLoad
 
 #: Maximum relative distance of a number of steps in an interval from a whole number.
@@ -27,6 +28,7 @@ class MastRequest:
     window: tuple[float, float] | None  #: of extremes and means [s]
     energy: bool = False  #: whether the energy is computed
     keeps_guys: bool = False  #: whether the coordinates of condensed guys are kept
+    keeps_drag: bool = False  #: whether the drag on the nodes is kept, which bending moments need
     lone_step: float = 1.0  #: step of a run with the start alone [s]
 
     @property
@@ -73,6 +75,7 @@ def request_of(
     *,
     energy: bool = False,
     keeps_guys: bool = False,
+    keeps_drag: bool = False,
 ) -> MastRequest:
     """Place the instants of the output on steps.
 
@@ -82,7 +85,7 @@ def request_of(
         For instants that are not equally spaced from 0 on, and a step that does not divide their interval.
     """
     if times.size == 1 and times[0] == 0.0:
-        return MastRequest(times, 1, None, energy, keeps_guys, default_step if step is None else step)
+        return MastRequest(times, 1, None, energy, keeps_guys, keeps_drag, default_step if step is None else step)
     interval = float(times[1] - times[0]) if times.size > 1 else float(times[0])
     if times[0] != 0.0 or times.size < 2 or np.abs(np.diff(times) / interval - 1.0).max() > ROUNDING * times.size:
         raise scene_error("times", times, "equally spaced instants from 0 on [s]")
@@ -91,7 +94,7 @@ def request_of(
         every = round(interval / step)
         if every < 1 or abs(interval / step - every) > ROUNDING * every:
             raise scene_error("step", step, f"a step that divides the interval of the output, {interval:g} s")
-    request = MastRequest(times, every, window, energy, keeps_guys)
+    request = MastRequest(times, every, window, energy, keeps_guys, keeps_drag)
     needed = BYTES_PER_STEP * request.steps
     check_bytes(needed, "step", f"{request.step:.3g} s, {request.steps} steps, {needed / 1e9:.3g} GB")
     if window is not None:
@@ -112,6 +115,7 @@ class MastTrajectory:
     rates: np.ndarray  #: rates half a step before and after (outputs, 2, modes)
     force: np.ndarray  #: of the guys on the mast (outputs, guys, 3) [N]
     tension: np.ndarray  #: at the mast (outputs, guys) [N]
+    drag: np.ndarray  #: on the nodes but the foot, and padding (outputs or 0, 2, nodes) [N]
     level_extremes: np.ndarray  #: (levels, 2, 4): least, largest displacement and their steps
     level_sums: np.ndarray  #: (levels, 2, 2): sums and sums of squares over the steps of the window
     tension_extremes: np.ndarray  #: (guys, 4)
@@ -142,16 +146,18 @@ class MastTrajectory:
         return last - first + 1
 
 
-def empty_trajectory(request: MastRequest, modes: int, levels: int, guys: int) -> MastTrajectory:
-    """Return the arrays of a run before it."""
+def empty_trajectory(request: MastRequest, mast: ModalMast, node_drag: np.ndarray | None) -> MastTrajectory:
+    """Return the arrays of a run before it; `node_drag` has an entry for each node with drag, None in still air."""
     start = np.array([np.inf, -np.inf, 0.0, 0.0])
-    n = request.outputs_count
+    n, nodes = request.outputs_count, 0 if node_drag is None else node_drag.size
+    modes, levels, guys = len(mast.omega), len(mast.heights), len(mast.rest.p.guys)
     return MastTrajectory(
         request,
         np.zeros((n, modes)),
         np.zeros((n, 2, modes)),
         np.zeros((n, guys, 3)),
         np.zeros((n, guys)),
+        np.zeros((n if request.keeps_drag and nodes else 0, 2, nodes)),
         np.tile(start, (levels, 2, 1)),
         np.zeros((levels, 2, 2)),
         np.tile(start, (guys, 1)),

@@ -30,8 +30,8 @@ from cablepod.wind._mast_air import mast_air
 KINDS = ("condensed", "chain", "catenary")
 #: Default number of modes of each deflection of a guy, and of those beyond them in the error estimate.
 RANK, RICHER = 4, 4
-#: Displacement over the height of the mast above which slopes are not small.
-LARGE_DISPLACEMENT = 0.1
+#: Slope of the mast above which it is not small: its square is about the relative error of the beam's equations.
+LARGE_SLOPE = 0.1
 #: Maximum number of halved steps to meet a tolerance.
 MAX_HALVINGS = 6
 
@@ -62,7 +62,7 @@ class MastCase:
         self.model = _model_of(self.mast, guys, modes, self.count, links, air)
         self.request = request_of(
             instants, self.model.default_step, step, window, energy="energy" in self.wanted,
-            keeps_guys="guy_position" in self.wanted,
+            keeps_guys="guy_position" in self.wanted, keeps_drag=bool({"bending_moment", "extremes"} & set(self.wanted)),
         )  # fmt: skip
 
     def run(self) -> tuple[MastTrajectory, dict[str, Any]]:
@@ -79,7 +79,7 @@ class MastCase:
     def attributes(self, run: MastTrajectory, notes: dict[str, Any]) -> dict[str, Any]:
         """Return the attributes of a run; warn of what is out of range."""
         window, guys = self.window, self.guys
-        _warn_of_displacement(self.p, run)
+        _warn_of_slopes(self.mast, run)
         kind: dict[str, Any] = {"rank": self.count} if guys == "condensed" else {}
         if isinstance(self.model, ChainGuys):
             kind = {"links": self.model.links}
@@ -140,8 +140,8 @@ def _check_kind(p: MastParameters, guys: str, wanted: tuple[str, ...], *, in_win
     if "energy" in wanted and in_wind:
         raise scene_error("outputs", "energy", "none with wind, which supplies energy")
     for guy in p.guys:
-        if guy.breaks is not None and guys != "chain":
-            raise scene_error(f"{guy.key}.breaks", guy.breaks, f'none with guys "{guys}"; try: guys="chain"')
+        if guy.breaks is not None and guys == "catenary":
+            raise scene_error(f"{guy.key}.breaks", guy.breaks, 'none with guys "catenary"; try: guys="condensed"')
 
 
 def _check_numbers(rank: Any, links: Any, step: Any, tolerance: Any, window: Any) -> None:
@@ -223,14 +223,22 @@ def _least_force(p: MastParameters, run: MastTrajectory, guys: str) -> dict[str,
     return {name: least, f"time_of_{name}": time}
 
 
-def _warn_of_displacement(p: MastParameters, run: MastTrajectory) -> None:
-    """Warn of displacements that are not small beside the height."""
-    largest = float(np.abs(run.level_extremes[:, :, :2]).max(initial=0.0))
-    if largest > LARGE_DISPLACEMENT * p.height and not run.status:
+def _warn_of_slopes(mast: ModalMast, run: MastTrajectory) -> None:
+    """Warn of slopes of the mast that are not small."""
+    beam, n = mast.rest.beam, run.completed
+    if run.status or not n:
+        return
+    by_modes = np.diff(mast.node_rows, axis=0) / beam.length[:, None, None]
+    slopes = np.diff(beam.all_rows @ mast.rest.unknowns, axis=0) / beam.length[:, None] + output.seen_from(
+        by_modes, run.modal[:n]
+    )
+    squares = np.einsum("tnd,tnd->tn", slopes, slopes)
+    at, element = np.unravel_index(int(squares.argmax()), squares.shape)
+    if (largest := float(np.sqrt(squares[at, element]))) > LARGE_SLOPE:
         warnings.warn(
-            f"the displacement of the mast reaches {largest:.3g} m, {largest / p.height:.0%} of its height (above "
-            f"{LARGE_DISPLACEMENT:.0%}): it is a beam of small slopes, and such displacements only tell that it falls; check "
-            "guys and loads",
+            f"the mast slopes by {largest:.3g} (above {LARGE_SLOPE:g}) at {run.request.times[at]:.6g} s, "
+            f"{beam.height[element]:.4g} m above its foot: its equations hold for small slopes and err by about their "
+            f"square, {largest**2:.0%}; check guys and loads",
             OutOfRangeWarning,
             stacklevel=user_stacklevel(),
         )

@@ -8,13 +8,12 @@ from typing import Any
 import xarray as xr
 
 from cablepod.batch._blas import one_blas_thread
-from cablepod.batch._members import over_members_by
-from cablepod.mast._batch import plan
+from cablepod.batch._members import no_plan, over_members_by
 from cablepod.mast._runs import MastCase
 from cablepod.scene._mast import MAST_SCENE
 
 
-@over_members_by(plan, kind=MAST_SCENE)
+@over_members_by(no_plan, kind=MAST_SCENE)
 def simulate(
     scene: xr.Dataset,
     modes: xr.Dataset | None = None,
@@ -68,21 +67,22 @@ def simulate(
         ``displacement (time, level, coordinate)`` [m], ``guy_tension (time, guy)`` [N] at the mast, ``guy_force (time, guy,
         coordinate)`` [N] on the mast, ``guy_position (time, guy, point, coordinate)`` [m] from anchor to mast,
         ``bending_moment (time, node, coordinate)`` [N m]; with "extremes" least and largest
-        values, their times, means and standard deviations over all steps (of bending moments, over the outputs).  Attributes:
+        values, their times, means and standard deviations over all steps (of bending moments, over the outputs).  Of a guy that
+        breaks, tension and force are 0 afterwards.  Attributes:
         kind of guys, step [s], number of steps, least chordwise force of the guys [N] (chains: least tension).
 
     Raises
     ------
     SceneError
-        For invalid options, a step above the stability limit, guys that break without chains, and as :func:`rest`.
+        For invalid options, a step above the stability limit, static guys that break, and as :func:`rest`.
     RunStopped
         If the motion leaves the finite numbers or stiffens beyond the stability limit; ``partial`` is the result until then.
 
     Warns
     -----
     OutOfRangeWarning
-        If a condensed or a static guy goes slack, for a motion beyond the table of static guys, and for displacements above a
-        tenth of the height, for which the mast is no beam of small slopes.
+        If a condensed or a static guy goes slack, for a motion beyond the table of static guys, and for slopes of the mast above
+        a tenth, for which it is no beam of small slopes.
     NotConvergedWarning
         If the tolerance is not met.
 

@@ -3,8 +3,8 @@
     python pipelines/benchmarks/first_calls.py [--repeats 3] [--readme]
 
 A fresh process with an empty numba cache for each call; scene and modes are read from files, so that only the call compiles.  CPU
-time of the call, one thread, median.  `prepare` contains a first ``.step``, batches are 32 members.  "Kernels" are compiled functions of
-the package, "all" also those of numba that they need.
+time of the call, one thread, median.  `prepare` contains a first ``.step``, batches are 32 members.  "Kernels" are compiled
+functions of the package, "all" also those of numba that they need.
 """
 
 from __future__ import annotations

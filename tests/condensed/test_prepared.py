@@ -589,7 +589,7 @@ def test_runs_do_not_depend_on_the_calls_before_them(order):
         "motion": lambda guy: guy.run({"motion.upper.x.amplitude": 0.08}),
         "cable": lambda guy: guy.run({"cable.top_tension": 7000.0}),
         "both": lambda guy: guy.run({"damping.mass_proportional": 0.3}, end_position=path),
-        "step": lambda guy: guy.step(guy.end_position + [0.01, 0.0], [0.2, 0.0], 0.01),
+        "step": lambda guy: guy.step(guy.end_position + np.array([0.01, 0.0]), [0.2, 0.0], 0.01),
     }
 
     def result(guy: Any, name: str) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Members of a scene with a mast: those that run abreast are single runs up to rounding, whatever runs beside them."""
+"""Members of a scene with a mast: each is its single run, whatever runs beside it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from mast_scenes import WIND, small
 
 import cablepod as cp
 from cablepod.errors import MemberFailedWarning, OutOfRangeWarning, SceneError
-from cablepod.mast import _batch
 
 OUTPUTS = ("displacement", "guy_tension", "guy_force", "bending_moment", "extremes")
 
@@ -24,23 +23,8 @@ def varied(scene, **values):
     return scene.assign({name: (("member", *scene[name].dims), np.asarray(column)) for name, column in values.items()})
 
 
-@pytest.fixture
-def abreast(monkeypatch):
-    """Numbers of members that ran abreast."""
-    counts = []
-
-    def counted(models, request):
-        counts.append(len(models))
-        return run_abreast(models, request)
-
-    run_abreast = _batch.run_abreast
-    monkeypatch.setattr(_batch, "run_abreast", counted)
-    monkeypatch.setattr(_batch, "LEAST_ABREAST", 1)
-    return counts
-
-
 def check_single(both, scene, **options):
-    """Each member is its single run: sums of another order differ by rounding (1e-12), and with it the times of still levels."""
+    """Each member is its single run."""
     for i in range(scene.sizes["member"]):
         single = cp.mast.simulate(scene.isel(member=i, drop=True), **options)
         for name in single.data_vars:
@@ -61,34 +45,14 @@ def check_single(both, scene, **options):
             assert both.attrs[name] == single.attrs[name], name
 
 
-def test_members_of_other_tensions_run_abreast_as_alone(abreast):
+def test_members_of_other_tensions_are_single_runs():
     scene = varied(small(), guy_1_top_tension=np.linspace(4500.0, 5500.0, 5), mast_drag_area=np.linspace(0.0, 1.0, 5))
     both = cp.mast.simulate(scene, outputs=OUTPUTS, step=0.02)
-    assert sum(abreast) == 5
-    assert max(abreast) > 1
     check_single(both, scene, outputs=OUTPUTS, step=0.02)
 
 
-def test_a_mast_does_not_depend_on_those_beside_it(abreast):
-    scene = small(windy)
-    scene = varied(scene, guy_1_top_tension=[4900.0, 5000.0, 5100.0, 5050.0], mast_drag_area=[0.2, 0.3, 0.25, 0.1])
-    both = cp.mast.simulate(scene, outputs=OUTPUTS, step=0.02)
-    for order in ([3, 2, 1, 0], [1, 2]):
-        other = cp.mast.simulate(scene.isel(member=order), outputs=OUTPUTS, step=0.02)
-        for name in ("displacement", "guy_tension", "guy_force", "guy_tension_maximum", "smallest_chordwise_force"):
-            np.testing.assert_array_equal(other[name], both[name].isel(member=order), err_msg=name)
-    assert sum(abreast) == 10
-
-
-def test_few_members_run_faster_alone(abreast, monkeypatch):
-    monkeypatch.undo()
-    monkeypatch.setattr(_batch, "run_abreast", None)  # any call of it fails
-    scene = varied(small(), guy_1_top_tension=[4900.0, 5100.0])
-    check_single(cp.mast.simulate(scene, step=0.02), scene, step=0.02)
-
-
 @pytest.mark.slow
-def test_members_of_other_winds_ice_and_loads_are_single_runs(abreast):
+def test_members_of_other_winds_ice_and_loads_are_single_runs():
     scene = small(lambda mapping: (windy(mapping), mapping.update(ice={"thickness": 0.0})))
     scene = varied(
         scene,
@@ -98,36 +62,24 @@ def test_members_of_other_winds_ice_and_loads_are_single_runs(abreast):
         ice_thickness=[0.0, 0.01, 0.0, 0.01, 0.0, 0.005],
     )
     both = cp.mast.simulate(scene, outputs=OUTPUTS)
-    assert sum(abreast) == 6
-    assert max(abreast) == 2  # those of one wind
     check_single(both, scene, outputs=OUTPUTS)
     assert float(both.guy_tension_maximum.std("member").min()) > 0.0
 
 
-def test_members_with_steps_of_their_own_do_not_run_abreast_of_others(abreast):
-    scene = varied(small(), guy_1_top_tension=[3000.0, 9000.0, 3010.0, 9010.0])
-    both = cp.mast.simulate(scene)
-    assert len(set(both.step.values.tolist())) == 2
-    assert sorted(abreast) == [2, 2]
-    check_single(both, scene)
-
-
-def test_a_member_that_fails_leaves_the_others_alone(abreast):
+def test_a_member_that_fails_leaves_the_others_alone():
     scene = varied(small(), guy_1_top_tension=[4500.0, 20.0, 5500.0], mast_damping_ratio=[0.01, 0.01, 0.02])
     with pytest.warns(MemberFailedWarning, match=r"member 1: guy\.1\.top_tension"):
         both = cp.mast.simulate(scene, step=0.02)
-    assert abreast == [2]
     assert np.isnan(both.guy_tension.isel(member=1)).all()
     assert str(both.failure.values[1]).startswith("guy.1.top_tension")
     check_single(both.isel(member=[0, 2]), scene.isel(member=[0, 2]), step=0.02)
 
 
-def test_a_member_that_diverges_abreast_says_so_as_alone(abreast):
+def test_a_member_that_diverges_says_so_as_alone():
     force = np.array([[1000.0, 0.0, 400.0], [1e9, 0.0, 0.0], [900.0, 0.0, 0.0]])
     scene = varied(small(), mast_load_1_force=force)
     with pytest.warns(MemberFailedWarning, match=r"member 1: the mast .* at [0-9.]+ s"):
         both = cp.mast.simulate(scene, step=0.02)
-    assert abreast == [3]
     check_single(both.isel(member=[0, 2]), scene.isel(member=[0, 2]), step=0.02)
 
 
@@ -137,17 +89,6 @@ def test_slack_members_warn():
     with pytest.warns(OutOfRangeWarning, match=r"guy\.1: .*slack"):
         both = cp.mast.simulate(scene, step=0.02)
     assert float(both.smallest_chordwise_force[0]) < 0.0 < float(both.smallest_chordwise_force[1])
-
-
-@pytest.mark.parametrize(
-    "options", [{"guys": "catenary"}, {"tolerance": 0.5}, {"outputs": ("guy_tension", "error_estimate")}]
-)
-def test_other_options_run_member_by_member(abreast, options):
-    scene = varied(small(), guy_1_top_tension=[4800.0, 5200.0])
-    both = cp.mast.simulate(scene, times=[0.0, 0.5, 1.0], **options)
-    assert abreast == []
-    single = cp.mast.simulate(scene.isel(member=1, drop=True), times=[0.0, 0.5, 1.0], **options)
-    np.testing.assert_array_equal(both.guy_tension.isel(member=1), single.guy_tension)
 
 
 def test_wrong_options_are_refused_by_key():

@@ -97,7 +97,7 @@ def test_energy_is_bounded_without_damping():
     assert np.ptp(energy) < 1e-4 * motion
     coarse = cp.mast.simulate(scene, outputs=("energy",), step=0.01).energy.values[1:]
     assert np.ptp(coarse) > 2.0 * np.ptp(energy)  # of second order
-    assert abs(coarse[-200:].mean() - coarse[:200].mean()) < 0.2 * np.ptp(coarse)  # no drift
+    assert abs(coarse[-200:].mean() - coarse[:200].mean()) < 0.5 * np.ptp(coarse)  # no drift, but a slow beat
 
 
 @pytest.mark.slow
@@ -186,12 +186,76 @@ def test_a_broken_guy_pulls_no_more():
             mapping["guy"].append({**guy, "direction": [np.cos(angle), 0.0, np.sin(angle)]})
         mapping["guy"][3]["breaks"] = 1.0
 
-    run = cp.mast.simulate(small(breaking), guys="chain", times=np.arange(11) * 0.2)
-    tension = run.guy_tension.isel(guy=3)
-    assert float(tension.sel(time=slice(0.0, 0.9)).min()) > 1000.0
-    assert float(abs(tension.sel(time=slice(1.1, 2.0))).max()) == 0.0
-    with pytest.raises(SceneError, match=r"^guy\.4\.breaks: .*chain"):
-        cp.mast.simulate(small(breaking))
+    for kind in ("condensed", "chain"):
+        run = cp.mast.simulate(small(breaking), guys=kind, times=np.arange(11) * 0.2)
+        tension = run.guy_tension.isel(guy=3)
+        assert float(tension.sel(time=slice(0.0, 0.9)).min()) > 1000.0
+        assert float(abs(tension.sel(time=slice(1.1, 2.0))).max()) == 0.0
+    with pytest.raises(SceneError, match=r"^guy\.4\.breaks: .*condensed"):
+        cp.mast.simulate(small(breaking), guys="catenary")
+
+
+def rupture(*, built=True, modes=8, **breaks):
+    """A mast of two levels in the wind, whose windward guy of the upper level breaks, or is not built."""
+    directions = np.array([[-1.0, 0.0, 0.0], [0.5, 0.0, 0.75**0.5], [0.5, 0.0, -(0.75**0.5)]])
+    guys = [
+        {"cable": "steel", "level": level, "anchor": (radius * direction).tolist(), "top_tension": tension}
+        for level, radius, tension in ((30.0, 30.0, 12000.0), (58.0, 40.0, 15000.0))
+        for direction in directions
+    ]
+    guys[3].update(breaks)
+    return cp.make_scene(
+        {
+            "mast": {
+                "height": 60.0, "bending_stiffness": 6e7, "mass": 40.0, "drag_area": 0.4, "modes": modes, "damping_ratio": 0.1,
+            },
+            "cables": {"steel": {"youngs_modulus": 1.5e11, "area": 1.13e-4, "density": 8000.0, "diameter": 0.012}},
+            "guy": guys if built else [*guys[:3], *guys[4:]],
+            "wind": {"speed": 24.0, "direction": [1.0, 0.0, 0.0]},
+            "damping": {"mass_proportional": 0.3},
+            "time": {"duration": 60.0, "interval": 0.2},
+            "chain": {"links": 16},
+        }
+    )  # fmt: skip
+
+
+def settled(run):
+    """Mean of the end of a run."""
+    return run.sel(time=slice(50.0, None)).mean("time")
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:guy... the chordwise force:cablepod.errors.OutOfRangeWarning")  # as the mast swings
+@pytest.mark.parametrize("kind", ["condensed", "chain"])
+def test_a_mast_whose_guy_breaks_becomes_the_mast_without_it(kind):
+    outputs = ("displacement", "bending_moment", "guy_force")
+    without = cp.mast.rest(rupture(built=False))
+    tops, moments = [], []
+    for modes in (4, 16):
+        run = settled(cp.mast.simulate(rupture(breaks=2.0, modes=modes), guys=kind, outputs=outputs))
+        tops.append(float(run.displacement[-1, 0]))
+        moments.append(run.bending_moment[:, 0].values)
+        largest = float(abs(without.bending_moment[:, 0]).max())
+        # guys of four modes or sixteen links, far from their rest, differ from catenaries by up to 3 %
+        assert tops[-1] == pytest.approx(float(without.displacement[-1, 0]), rel=0.035)
+        np.testing.assert_allclose(moments[-1], without.bending_moment[:, 0], atol=0.035 * largest)
+    assert tops[0] == pytest.approx(tops[1], rel=1e-3)
+    np.testing.assert_allclose(
+        moments[0], moments[1], atol=2e-3 * largest
+    )  # they were 325 and 37 kN m with 8 and 24 modes
+    # moment at the lower level by hand: wind, guys and weight above it, at their displaced places
+    y = np.linspace(30.0, 60.0, 3001)
+    speed = 24.0 * np.log(y / 0.03) / np.log(10.0 / 0.03)
+    end = settled(cp.mast.simulate(rupture(breaks=2.0), guys=kind, outputs=outputs))
+    x = end.displacement[:, 0]
+    upper = end.guy_force[3:].sum("guy").values
+    by_hand = np.trapezoid(0.5 * 1.25 * 0.4 * speed**2 * (y - 30.0), y) + upper[0] * 28.0
+    by_hand -= upper[1] * float(x.sel(level=58.0) - x.sel(level=30.0))
+    by_hand += 40.0 * 9.81 * 30.0 * 0.5 * float(x.sel(level=60.0) - x.sel(level=30.0))  # nearly straight above the guys
+    at = int(abs(end.node_height.values - 30.0).argmin())
+    assert float(end.bending_moment[at, 0]) == pytest.approx(by_hand, abs=0.02 * largest)
+    six = cp.mast.rest(rupture())
+    assert float(without.displacement[-1, 0]) > 10.0 * float(six.displacement[-1, 0])
 
 
 @pytest.mark.slow  # 20 s
@@ -200,7 +264,8 @@ def test_slack_guys_are_those_of_finer_chains():
         windy(mapping)
         mapping["wind"] = {**WIND, "speed": 55.0, "direction": [-1.0, 0.0, 0.0]}
         mapping["time"].update(duration=60.0, interval=0.05)
-        mapping["guy"][0]["top_tension"] = 1500.0
+        mapping["guy"][0]["top_tension"] = 900.0
+        mapping["mast"]["bending_stiffness"] = 2.5e7  # it does not buckle under its guys
 
     scene = small(gusty)
     chain = cp.mast.simulate(scene, guys="chain", links=20)
@@ -224,10 +289,11 @@ def test_slack_guys_warn(kind):
 
 def test_large_displacements_warn():
     def strong(mapping):
-        mapping["mast"]["load"][0]["force"] = [1e5, 0.0, 0.0]
+        mapping["mast"]["load"][0]["force"] = [2e5, 0.0, 0.0]
+        mapping["mast"]["bending_stiffness"] = 4e8  # it does not buckle under its guys
 
     with (
-        pytest.warns(OutOfRangeWarning, match=r"displacement of the mast reaches .* of its height"),
+        pytest.warns(OutOfRangeWarning, match=r"the mast slopes by .* small slopes"),
         pytest.warns(OutOfRangeWarning, match=r"a guy's end moved"),
         pytest.warns(OutOfRangeWarning, match=r"chord of guy 1 .*goes slack"),
     ):

@@ -1,6 +1,6 @@
-"""Time masts as members of one call, whose guys run abreast, beside calls one after the other.
+"""Time masts as members of one call, beside calls one after the other.
 
-    python pipelines/mast/abreast.py [--members 56] [--readme]
+    python pipelines/mast/members.py [--members 56] [--readme]
 
 The mast of 120 m with nine guys, 600 s of turbulent wind, with other tensions of two tables of guys.  All members share one wind,
 which is made before.  Written are wall-clock and processor time of a mast (medians of three calls, taken in turns), with the step
@@ -69,7 +69,7 @@ def main() -> None:
             wall, processor = (1e3 * statistics.median(one[k][j] for one in found) for j in range(2))
             rows.append([text, name, f"{wall:.0f} ms", f"{processor:.0f} ms"])
     heads = ["step", "masts", "wall clock, a mast", "processor, a mast"]
-    show_table("abreast", markdown_table(heads, rows), HERE if options.readme else None)
+    show_table("members", markdown_table(heads, rows), HERE if options.readme else None)
 
 
 if __name__ == "__main__":
