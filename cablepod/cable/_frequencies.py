@@ -9,10 +9,11 @@ import numpy as np
 import xarray as xr
 
 from cablepod.batch._members import over_members
+from cablepod.cable._air import MeshAir
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of
 from cablepod.cable._scheme import element_counts
 from cablepod.cable._simulate import LAW, element_count, record
-from cablepod.cable._start import catenary_nodes, solve_equilibrium
+from cablepod.cable._start import catenary_nodes, equilibrium_in_wind, solve_equilibrium
 from cablepod.conventions import label
 from cablepod.discretisation._chain import square
 from cablepod.discretisation._gll import gll_rule
@@ -22,6 +23,8 @@ from cablepod.integrate._output import chain_coordinates, law_suffix
 from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
+from cablepod.wind._air import mean_air_of
+from cablepod.wind._profile import air_at_rest
 
 #: Relative tolerance of the frequencies between two numbers of elements.
 FREQUENCY_RTOL = 1e-8
@@ -37,12 +40,13 @@ def frequencies(
     law: str = LAW,
     points: Any = None,
 ) -> xr.Dataset:
-    """Compute the lowest frequencies and mode shapes of small undamped vibrations about equilibrium.
+    """Compute the lowest frequencies and mode shapes of small undamped vibrations about rest, in the mean wind of the scene.
 
     Parameters
     ----------
     scene
-        A scene with both ends held, with or without ``member``.  Positions of the ends and loads are those at time 0.
+        A scene with both ends held, with or without ``member``.  Positions of the ends, loads and mean wind are those at time 0
+        (with ``wind.ramp`` that is still air).
     count
         Number of frequencies.
     elements
@@ -72,7 +76,8 @@ def frequencies(
     -----
     The tangent stiffness in equilibrium is a sum of squares, K = B^T B.  The angular frequencies are therefore the singular
     values of B M^-1/2 with the diagonal mass matrix M.  The rounding error is 1e-16 of the highest frequency, not of its square,
-    so that nearly inextensible cables lose no digits.
+    so that nearly inextensible cables lose no digits.  Mean wind acts by the tension and shape that its drag gives; the change of
+    the drag with the motion, which damps, is left out.
 
     Examples
     --------
@@ -118,6 +123,7 @@ def frequencies(
     result.attrs.update(
         title=f"{scene.attrs.get('title', 'scene')}: small vibrations of the continuous cable{law_suffix(mesh)}",
         stage="frequencies",
+        air=air_at_rest(p.wind),
         law=law,
         elements=mesh.sizes.size,
         element_order=mesh.order,
@@ -174,7 +180,13 @@ def vibrations(mesh: SpectralMesh, count: int, *, out_of_plane: bool = False) ->
     from scipy.linalg import svd  # costly to import
 
     p, order = mesh.p, mesh.order
-    g = mesh.gradient(solve_equilibrium(mesh, catenary_nodes(mesh))[0])
+    air = mean_air_of(p)
+    position = (
+        solve_equilibrium(mesh, catenary_nodes(mesh))[0]
+        if air is None
+        else equilibrium_in_wind(mesh, MeshAir(mesh, air))
+    )
+    g = mesh.gradient(position)
     stretch = np.sqrt(square(g))
     if not stretch.min() > 1.0:
         raise SceneError(

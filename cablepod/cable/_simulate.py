@@ -29,6 +29,7 @@ from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._notes import warn_of_unusual
 from cablepod.wind._air import CableAir, air_of, mean_air_of
+from cablepod.wind._profile import air_at_rest
 
 #: Default law, eq. (21) of the paper.
 LAW = LAWS[1]
@@ -111,6 +112,7 @@ def rest(
         scalars,
         title=f"{scene.attrs.get('title', 'scene')}: continuous cable at rest in {count} elements{law_suffix(mesh)}",
         law=law,
+        air=air_at_rest(p.wind),
         elements=count,
         element_order=mesh.order,
         space_error_estimate=error,

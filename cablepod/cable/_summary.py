@@ -11,17 +11,29 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod._inputs import SCENE, taken
+from cablepod.cable._air import MeshAir
 from cablepod.cable._frequencies import converged_vibrations
+from cablepod.cable._mesh import mesh_of
+from cablepod.cable._simulate import element_count
+from cablepod.cable._start import equilibrium_in_wind
 from cablepod.catenary._statics import load_plane
 from cablepod.conventions import label
+from cablepod.discretisation._chain import square
 from cablepod.discretisation._similarity import features
 from cablepod.errors import SceneError
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._notes import StaticNumbers, likely_keys, notes_of, static_numbers
+from cablepod.wind._air import CableAir, mean_air_of
 
 #: Number of frequencies in the plane and out of it.
 FREQUENCIES = 3
+#: Names of the frequencies, and points of the shape in the wind.
+PLANES, POINTS = ("angular_frequency_in_plane", "angular_frequency_out_of_plane"), 401
+#: Numbers that differ in still air, with the ending ``_still_air`` where the scene has wind.
+AT_REST = (
+    "stretched_length", "tension_lower", "tension_upper", "stress", "strain", "sag", "sag_over_chord", "utilisation", *PLANES,
+)  # fmt: skip
 #: Name -> (units, long name) of the numbers of a summary.
 NUMBERS = {
     "chord": ("m", "distance of the ends"),
@@ -79,8 +91,9 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
 
     Notes
     -----
-    Rest is the elastic catenary under weight and uniform load at time 0, linear law; point loads are not in it.  Frequencies
-    are those of :func:`cablepod.cable.frequencies` by the linear law about the equilibrium under all loads at time 0, nan for a
+    Rest is the elastic catenary under weight and uniform load at time 0, linear law; point loads are not in it.  In wind it is
+    the cable in the mean wind (point loads included), and the numbers of the catenary bear the ending ``_still_air``.
+    Frequencies are those of :func:`cablepod.cable.frequencies` by the linear law about rest under all loads at time 0, nan for a
     free end or a cable that is not taut.  The first axial frequency is pi / L0 sqrt(EA / mu).  lambda squared is
     (q_n L0 / T)^2 EA / T with the load per length q_n normal to the chord and the mean tension T of both ends.  Loads and
     motions are bounds of their absolute values during the run.  The thresholds of the notes are constants of
@@ -110,17 +123,19 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
     if not single:
         varied = {name: variable for name, variable in scene.variables.items() if variable.dims == ("member",)}
         result = result.assign_coords({name: variable.copy() for name, variable in varied.items()})
-    hertz = {
-        name.removeprefix("angular_") if "angular" in name else f"{name}_hertz": ("Hz", text.replace("angular ", ""))
-        for name, (_, text) in FREQUENCY_NUMBERS.items()
-    }
-    for name, (of, _) in zip(hertz, FREQUENCY_NUMBERS.items(), strict=True):
-        result[name] = result[of] / (2.0 * math.pi)
+    named = {name: names for name, names in {**NUMBERS, **FREQUENCY_NUMBERS}.items() if name in result}
+    for name in AT_REST:
+        if f"{name}_still_air" in result:
+            units, text = named[name]
+            named |= {name: (units, f"{text}, in the mean wind"), f"{name}_still_air": (units, f"{text}, in still air")}
+    for name, (_, text) in list(named.items()):
+        if "frequency" in name:
+            of_hertz = name.removeprefix("angular_") if "angular" in name else f"{name}_hertz"
+            result[of_hertz] = result[name] / (2.0 * math.pi)
+            named[of_hertz] = ("Hz", text.replace("angular ", ""))
     label(
         result,
-        **NUMBERS,
-        **FREQUENCY_NUMBERS,
-        **hertz,
+        **named,
         mode=("1", "number of the mode, from 1, by rising frequency"),
         note=("1", "what is unusual, one note a line"),
     )
@@ -143,30 +158,79 @@ def _numbers_of_member(p: Parameters) -> dict[str, Any]:
         "density": numbers.density,
         "axial_stiffness": p.stiffness,
         "unstretched_length": numbers.length,
-        "stretched_length": statics[1],
-        "tension_lower": statics[4],
-        "tension_upper": statics[5],
         "horizontal_force": statics[2],
-        "stress": numbers.tension / p.area,
-        "strain": numbers.tension / p.stiffness,
-        "sag": sag,
-        "sag_over_chord": sag / chord,
         "irvine_parameter": float(features(p, numbers.length, 0.0, 0.5 * float(statics[4] + statics[5]))[0]),
         "load_over_weight": numbers.load / (weight * numbers.length) if weight > 0.0 else math.nan,
         "motion_over_chord": numbers.motion / chord,
     }
     if p.breaking_strength is not None:
-        result |= {"breaking_strength": p.breaking_strength, "utilisation": numbers.tension / p.breaking_strength}
-    in_plane, out_of_plane = _frequencies(p, numbers.length)
+        result |= {"breaking_strength": p.breaking_strength}
+    still = _at_rest(p, chord, statics[1], (statics[4], statics[5], numbers.tension), sag)
+    still |= dict(zip(PLANES, _frequencies(p, numbers.length), strict=True))
+    air = mean_air_of(p)
+    if p.wind is not None:
+        result |= {f"{name}_still_air": value for name, value in still.items()}
+    result |= still if air is None or not air.mean.any() else _in_wind(p, numbers.length, air)
     result |= {
-        "angular_frequency_in_plane": in_plane,
-        "angular_frequency_out_of_plane": out_of_plane,
         "first_axial_frequency": math.pi / numbers.length * math.sqrt(p.stiffness / p.mass),
     }
     notes = [f"{note.key}: {note.text}" for note in notes_of(p)]
     if notes:
         notes += [f"perhaps {text}" for _, text in likely_keys(p)]
     return result | {"note": "\n".join(notes)}
+
+
+def _at_rest(
+    p: Parameters, chord: float, stretched_length: float, tension: tuple[float, float, float], sag: float
+) -> dict[str, Any]:
+    """Return the numbers of a shape at rest by name, for the tension at both ends and the largest one [N]."""
+    result = {
+        "stretched_length": stretched_length,
+        "tension_lower": tension[0],
+        "tension_upper": tension[1],
+        "stress": tension[2] / p.area,
+        "strain": tension[2] / p.stiffness,
+        "sag": sag,
+        "sag_over_chord": sag / chord,
+    }
+    return result if p.breaking_strength is None else result | {"utilisation": tension[2] / p.breaking_strength}
+
+
+def _in_wind(p: Parameters, length: float, air: CableAir) -> dict[str, Any]:
+    """Return the numbers of the rest in the mean wind by name, with frequencies in and out of the plane of chord and load."""
+    p = replace(p, motions={}, length_key="unstretched_length", length_value=length, initial={})
+    mesh = mesh_of(p, element_count(None, p), None, "linear", POINTS)
+    position = equilibrium_in_wind(mesh, MeshAir(mesh, air))
+    stretch = mesh.stretch(position)
+    tension = p.stiffness * (stretch - 1.0)
+    shape = mesh.interpolate(position)
+    reach = shape[-1] - shape[0]
+    along = reach / np.linalg.norm(reach)
+    off = shape - shape[0]
+    sag = float(np.sqrt(square(off - (off @ along)[:, None] * along)).max())
+    ends = float(tension[0]), float(tension[-1]), float(tension.max())
+    result = _at_rest(p, float(np.linalg.norm(reach)), float(mesh.length @ stretch), ends, sag)
+    load = mesh.loads(0.0) + MeshAir(mesh, air).at_rest(position)
+    return result | dict(zip(PLANES, _frequencies_in_wind(p, reach, load.sum(axis=0)), strict=True))
+
+
+def _frequencies_in_wind(p: Parameters, reach: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first angular frequencies in the plane of chord and total load, and out of it, in the mean wind [rad/s]."""
+    try:
+        if p.dims == 2:
+            within, across = (
+                converged_vibrations(p, FREQUENCIES, law="linear", out_of_plane=out_of_plane)[1]
+                for out_of_plane in (False, True)
+            )
+            return within, across
+        _, values, vectors, _ = converged_vibrations(p, 3 * FREQUENCIES, law="linear")
+    except SceneError:  # not taut
+        return np.full(FREQUENCIES, math.nan), np.full(FREQUENCIES, math.nan)
+    normal = np.cross(reach, load)
+    normal /= np.linalg.norm(normal)
+    share = ((vectors.T.reshape(values.size, -1, 3) @ normal) ** 2).sum(axis=1)
+    pads = np.full(FREQUENCIES, math.nan)
+    return tuple(np.concatenate([values[chosen], pads])[:FREQUENCIES] for chosen in (share < 0.5, share >= 0.5))  # type: ignore[return-value]
 
 
 def _sag(p: Parameters, numbers: StaticNumbers) -> float:
@@ -215,4 +279,6 @@ def _in_plane(p: Parameters, length: float) -> Parameters:
         length_key="unstretched_length",
         length_value=length,
         initial={},
+        wind=None,
+        turbulence=None,
     )

@@ -48,23 +48,48 @@ def check_text(scene: xr.Dataset) -> str:
     from cablepod.mast import summary
 
     numbers = summary(scene)
-    hertz = numbers["frequency"].values
-    lines = [
-        f"  {'axial force at the foot':<32}{float(numbers['axial_force_foot']):.5g} N",
-        f"  {'critical factor of buckling':<32}{float(numbers['buckling_factor']):.4g}",
-        f"  {'largest displacement at rest':<32}{float(numbers['displacement_largest']):.4g} m",
-        f"  {'largest bending moment at rest':<32}{float(numbers['bending_moment_largest']):.4g} N m",
-        f"  {'first frequencies':<32}{'  '.join(f'{value:.4g}' for value in hertz)} Hz",
-        "",
-        f"  {'guy':>3}{'level [m]':>11}{'length [m]':>12}{'anchor [kN]':>13}{'mast [kN]':>11}",
-    ]
+    states = {"_still_air": "still air", "": "mean wind"} if "frequency_still_air" in numbers else {"": "at rest"}
+    lines = []
+    for text, name, unit, factor in (
+        ("axial force at the foot", "axial_force_foot", "kN", 1e-3), ("critical factor of buckling", "buckling_factor", "", 1.0),
+        ("largest displacement", "displacement_largest", "m", 1.0),
+        ("largest bending moment", "bending_moment_largest", "kN m", 1e-3), ("first frequencies", "frequency", "Hz", 1.0),
+    ):  # fmt: skip
+        for number, (ending, state) in enumerate(states.items()):
+            values = "  ".join(_number(factor * value) for value in np.atleast_1d(numbers[f"{name}{ending}"].values))
+            lines.append(f"  {'' if number else text:<28}{state:<11}{values} {unit}".rstrip())
+    ends = {"guy_tension_anchor": "anchor [kN]", "guy_tension": "mast [kN]"}
+    lines.append("")
+    if len(states) > 1:
+        lines.append(" " * 59 + "".join(f"{state:>22}" for state in states.values()))
+    columns = [(f"{name}{ending}", text) for ending in states for name, text in ends.items()]
+    heads = "".join(f"{text:>{12 - n % 2 * 2}}" for n, (_, text) in enumerate(columns))
+    lines.append(f"  {'guy':>3}{'level [m]':>11}{'towards':>10}{'anchor [m]':>21}{'length [m]':>12}{heads}")
     for g in range(numbers.sizes.get("guy", 0)):
-        lower, upper = (1e-3 * float(numbers[name][g]) for name in ("guy_tension_anchor", "guy_tension"))
+        anchor = numbers["anchor"][g].values
         lines.append(
-            f"  {g + 1:>3}{float(numbers['guy_level'][g]):>11g}{float(numbers['guy_length'][g]):>12.4f}{lower:>13.3f}"
-            f"{upper:>11.3f}"
+            f"  {g + 1:>3}{float(numbers['guy_level'][g]):>11g}{direction(anchor):>10}{place(anchor):>21}"
+            f"{float(numbers['guy_length'][g]):>12.4f}"
+            + "".join(f"{1e-3 * float(numbers[name][g]):>{12 - n % 2 * 2}.3f}" for n, (name, _) in enumerate(columns))
         )
+    if numbers.sizes.get("guy", 0):
+        lines.append("  (towards: angle of the anchor from +x to +z, seen from the mast)")
     return "\n".join([*lines, *(f"  note: {note}" for note in str(numbers["note"].values).split("\n") if note)])
+
+
+def _number(value: float) -> str:
+    """Return four digits; rounding of a number that is 0 is not shown."""
+    return "0" if abs(value) < 1e-9 else f"{value:.4g}"
+
+
+def direction(anchor: np.ndarray) -> str:
+    """Return the horizontal direction from the mast to an anchor, from +x to +z."""
+    return f"{round(math.degrees(math.atan2(anchor[2], anchor[0])), 1) % 360.0:g} deg"
+
+
+def place(anchor: np.ndarray) -> str:
+    """Return the coordinates of an anchor [m]."""
+    return "(" + ", ".join(f"{value:.4g}" for value in anchor + 0.0) + ")"
 
 
 def as_json(study: xr.DataTree) -> str:
@@ -75,12 +100,12 @@ def as_json(study: xr.DataTree) -> str:
 
 def text(study: xr.DataTree, folder: Path) -> str:
     """Return what the command prints: answers, and tensions of each guy."""
-    found, rows = answers(study), table_of_guys(study)
+    found, rows, rest = answers(study), table_of_guys(study), study["rest"]
     factor = "none" if found["buckling_factor"] is None else f"{found['buckling_factor']:.3g}"
     lines = [
         str(study.attrs["title"]),
         "",
-        f"at rest      critical factor of buckling {factor}",
+        f"at rest      critical factor of buckling {factor}, in {rest.attrs['air']}",
         f"frequencies  {'  '.join(f'{value:.4g}' for value in found['frequencies_hertz'])} Hz, with the guys",
     ]
     if found["frequencies_of_the_mast_hertz"]:
@@ -92,13 +117,17 @@ def text(study: xr.DataTree, folder: Path) -> str:
         f"             step {found['step']:.4g} s, {found['wall_time_s']:.2g} s of run time"
         + ("" if found["error_estimate"] is None else f", estimated error of tensions {100.0 * found['error_estimate']:.2g} %"),
         "",
-        f"{'guy':>3}{'level [m]':>11}{'rest [kN]':>11}{'mean':>9}{'std':>9}{'least':>9}{'peak':>9}{'at [s]':>9}{'fatigue':>10}"
+        f"tension of the guys at the mast [kN], at rest in {rest.attrs['air']}; fatigue: equivalent range of one cycle a second, "
+        f"exponent {study['guys'].attrs['exponent']:g}" if rows else "",
+        f"{'guy':>3}{'level [m]':>11}{'towards':>10}{'rest':>9}"
+        + "".join(f"{head:>9}" for head in ("mean", "std", "least", "peak", "at [s]")) + f"{'fatigue':>10}"
         + (f"{'used':>8}" if rows and "utilisation" in rows[0] else ""),
     ]  # fmt: skip
     for row in rows:
         kilo = [1e-3 * row[name] for name in ("mean", "std", "least", "peak")]
         numbers = "".join(f"{value:>9.3f}" for value in kilo)
-        line = f"{row['guy']:>3}{row['level']:>11g}{1e-3 * row['rest']:>11.3f}{numbers}{row['peak_time']:>9.2f}"
+        line = f"{row['guy']:>3}{row['level']:>11g}{direction(np.array(row['anchor'])):>10}{1e-3 * row['rest']:>9.3f}{numbers}"
+        line += f"{row['peak_time']:>9.2f}"
         line += f"{1e-3 * row['fatigue_range']:>10.3f}"
         if "utilisation" in row:
             line += f"{100.0 * row['utilisation']:>6.1f} %"
@@ -116,6 +145,7 @@ def table_of_guys(study: xr.DataTree) -> list[dict[str, Any]]:
         {
             "guy": g + 1,
             "level": float(guys["guy_level"][g]),
+            "anchor": guys["anchor"][g].values.tolist(),
             **{
                 name: float(np.asarray(guys[variable][g]))
                 for name, variable in (

@@ -40,20 +40,31 @@ FREQUENCIES = (
 
 def table(summary: xr.Dataset) -> str:
     """Return the numbers of a summary one a line, its frequencies in Hz and rad/s, and its notes."""
-    lines = [
-        f"  {text:<32}{_digits(factor * float(summary[name]))} {unit}".rstrip()
-        for text, name, unit, factor in LINES
-        if name in summary and not math.isnan(float(summary[name]))
-    ]
+    lines = []
+    for text, name, unit, factor in LINES:
+        if name in summary and not math.isnan(float(summary[name])):
+            values = [f"{_digits(factor * float(summary[key]))} {unit}".rstrip() for key, _ in _states(summary, name)]
+            lines.append(f"  {text:<32}" + _side_by_side(values))
     for text, plane in FREQUENCIES:
-        hertz, omega = (
-            "  ".join(map(_digits, summary[f"{kind}_{plane}"].values)) for kind in ("frequency", "angular_frequency")
-        )
-        lines.append(f"  {text:<32}{hertz} Hz  ({omega} rad/s)" if "nan" not in hertz else f"  {text:<32}none")
+        for key, state in _states(summary, f"frequency_{plane}"):
+            hertz, omega = ("  ".join(map(_digits, summary[name].values)) for name in (key, f"angular_{key}"))
+            found = "none" if "nan" in hertz else f"{hertz} Hz  ({omega} rad/s){state and f' in {state}'}"
+            lines.append(f"  {text:<32}{found}")
     hertz, omega = (_digits(float(summary[f"first_axial_frequency{end}"])) for end in ("_hertz", ""))
     lines.append(f"  {'first axial frequency':<32}{hertz} Hz  ({omega} rad/s)")
     notes = [line for line in str(summary["note"].values).split("\n") if line]
     return "\n".join([*lines, *(f"  note: {note}" for note in notes)])
+
+
+def _states(summary: xr.Dataset, name: str) -> list[tuple[str, str]]:
+    """Return the names of a number at rest, and in which air: both where the scene has wind."""
+    still = f"{name}_still_air"
+    return [(still, "still air"), (name, "the mean wind")] if still in summary else [(name, "")]
+
+
+def _side_by_side(values: list[str]) -> str:
+    """Return one value, or those in still air and in the mean wind."""
+    return values[0] if len(values) == 1 else f"{values[0]} in still air, {values[1]} in the mean wind"
 
 
 def remarks(scene: xr.Dataset) -> str:

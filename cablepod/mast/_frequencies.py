@@ -18,6 +18,8 @@ from cablepod.mast._statics import rest_of
 from cablepod.parameters._checks import choice, integer
 from cablepod.parameters._mast import mast_parameters
 from cablepod.scene._mast import MAST_SCENE
+from cablepod.wind._mast_air import mean_mast_air
+from cablepod.wind._profile import air_at_rest
 
 #: Kinds of guys: with their own motion, as springs.
 KINDS = ("condensed", "catenary")
@@ -25,7 +27,7 @@ KINDS = ("condensed", "catenary")
 
 @over_members_by(no_plan, kind=MAST_SCENE)
 def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str = "condensed", rank: int = 8) -> xr.Dataset:
-    """Compute the lowest frequencies of mast and guys about rest, without damping.
+    """Compute the lowest frequencies of mast and guys about rest in the mean wind of the scene, without damping.
 
     Parameters
     ----------
@@ -52,7 +54,8 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str = "condensed", 
 
     Notes
     -----
-    All unknowns of the beam are kept, no modes of it are left out.
+    All unknowns of the beam are kept, no modes of it are left out.  The tension of the guys contains that of the mean drag on
+    them; the change of the drag with the motion, which damps, is left out.
 
     Examples
     --------
@@ -71,7 +74,7 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str = "condensed", 
     at_rest = rest_of(p)
     n, r2 = at_rest.beam.count, 2 * rank if guys == "condensed" else 0
     if guys == "condensed":
-        model = CondensedGuys(ModalMast(at_rest), (sines(rank),) * 2, None)
+        model = CondensedGuys(ModalMast(at_rest), (sines(rank),) * 2, mean_mast_air(p))
         mass, stiffness = model.system(at_rest.rows, at_rest.beam.mass, at_rest.mast_stiffness)
     else:
         stiffness, mass = at_rest.stiffness, at_rest.beam.mass.copy()
@@ -109,7 +112,12 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str = "condensed", 
     }
     result = dataset(p, variables, coords)
     result["mode"].attrs["long_name"] = "number of the mode, from 1, by rising frequency"
-    result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: frequencies", stage="mast frequencies", guys=guys)
+    result.attrs.update(
+        title=f"{scene.attrs.get('title', 'scene')}: frequencies",
+        stage="mast frequencies",
+        guys=guys,
+        air=air_at_rest(p.wind),
+    )
     return provenance.record(
         result,
         function="mast.frequencies",

@@ -13,6 +13,7 @@ from cablepod.mast._output import dataset, spatial
 from cablepod.mast._statics import rest_of
 from cablepod.parameters._mast import mast_parameters
 from cablepod.scene._mast import MAST_SCENE
+from cablepod.wind._profile import air_at_rest
 
 
 @over_members_by(no_plan, kind=MAST_SCENE)
@@ -77,5 +78,5 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
         }
     coords = {"level": levels, "node": np.arange(beam.height.size), "node_height": ("node", beam.height)}
     result = dataset(p, variables, coords)
-    result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: rest", stage="mast rest")
+    result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: rest", stage="mast rest", air=air_at_rest(p.wind))
     return provenance.record(result, function="mast.rest", parameters={}, inputs=[scene])

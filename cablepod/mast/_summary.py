@@ -11,6 +11,7 @@ from cablepod import provenance
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.conventions import label
 from cablepod.mast._frequencies import frequencies
+from cablepod.mast._output import NAMES
 from cablepod.mast._rest import rest
 from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.scene._mast import MAST_SCENE
@@ -23,6 +24,8 @@ LOW_BUCKLING_FACTOR = 3.0
 NEARLY_SLACK = 0.2
 #: Largest displacement at rest over the height beyond which slopes are no longer small.
 LARGE_DISPLACEMENT = 0.02
+#: Numbers that the wind does not change.
+OF_THE_SCENE = ("guy_length", "anchor")
 #: Name -> (units, long name) of the numbers of a summary beside those of :func:`rest` and :func:`frequencies`.
 NUMBERS = {
     "axial_force_foot": ("N", "axial force at the foot, compression positive"),
@@ -49,7 +52,8 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
         ``axial_force_foot`` [N], ``buckling_factor``, ``displacement_largest`` [m], ``bending_moment_largest`` [N m],
         ``angular_frequency (mode)`` [rad/s], ``frequency (mode)`` [Hz], ``mast_share (mode)``; of the guys ``guy_length`` [m],
         ``guy_tension``, ``guy_tension_anchor (guy)`` [N], where given ``tension_over_breaking_strength (guy)``.  ``note`` is a
-        text with a line for each note; empty for a usual mast.
+        text with a line for each note; empty for a usual mast.  Rest is in the mean wind of the scene; where it has wind, the
+        same numbers in still air bear the ending ``_still_air``.
 
     Raises
     ------
@@ -70,28 +74,48 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
     (3.26, [0.73, 0.73], '')
     """
     p = mast_parameters(scene)
-    at_rest, modes = rest(scene), frequencies(scene, count=min(FREQUENCIES, 2 * p.elements))
-    variables: dict[str, Any] = {
-        "axial_force_foot": ((), float(at_rest["axial_force"][0])),
-        "buckling_factor": at_rest["buckling_factor"].variable,
-        "displacement_largest": ((), float(np.linalg.norm(at_rest["displacement"].values, axis=-1).max())),
-        "bending_moment_largest": ((), float(np.linalg.norm(at_rest["bending_moment"].values, axis=-1).max())),
-        "angular_frequency": modes["angular_frequency"].variable,
-        "frequency": ("mode", modes["angular_frequency"].values / (2.0 * np.pi)),
-        "mast_share": modes["mast_share"].variable,
-        "note": ((), "\n".join(_notes(p, at_rest))),
-    }
-    coords: dict[str, Any] = {"mode": modes["mode"]}
+    at_rest, variables = _numbers(scene, p)
+    if p.wind is not None:
+        still = scene.drop_vars([name for name in scene.data_vars if str(name).startswith("wind_")])
+        in_still_air = _numbers(still, mast_parameters(still))[1]
+        variables |= {f"{name}_still_air": value for name, value in in_still_air.items() if name not in OF_THE_SCENE}
+    variables["note"] = xr.Variable((), "\n".join(_notes(p, at_rest)))
+    coords: dict[str, Any] = {"mode": np.arange(1, variables["frequency"].size + 1)}
     if p.guys:
-        variables |= {name: at_rest[name].variable for name in ("guy_length", "guy_tension", "guy_tension_anchor")}
         coords |= {name: at_rest[name] for name in ("guy", "guy_level", "table")}
-        strength = np.array([np.nan if guy.p.breaking_strength is None else guy.p.breaking_strength for guy in p.guys])
-        if np.isfinite(strength).any():
-            variables["tension_over_breaking_strength"] = ("guy", at_rest["guy_tension"].values / strength)
     result = xr.Dataset(variables, coords=coords)
-    label(result, **{name: NUMBERS[name] for name in NUMBERS if name in result})
+    names = {name: given for name, given in (NAMES | NUMBERS).items() if name in result}
+    for name, (units, text) in list(names.items()):
+        if f"{name}_still_air" in result:
+            names |= {name: (units, f"{text}, in the mean wind"), f"{name}_still_air": (units, f"{text}, in still air")}
+    label(result, mode=("1", "number of the mode, from 1, by rising frequency"), **names)
     result.attrs = {"title": f"{scene.attrs.get('title', 'scene')}: summary", "stage": "summary"}
     return provenance.record(result, function="mast.summary", parameters={}, inputs=[scene])
+
+
+def _numbers(scene: xr.Dataset, p: MastParameters) -> tuple[xr.Dataset, dict[str, xr.Variable]]:
+    """Return the rest, and the numbers of rest and vibrations by name."""
+    at_rest, modes = rest(scene), frequencies(scene, count=min(FREQUENCIES, 2 * p.elements))
+    variables = {
+        "axial_force_foot": xr.Variable((), float(at_rest["axial_force"][0])),
+        "buckling_factor": at_rest["buckling_factor"].variable,
+        "displacement_largest": xr.Variable((), float(np.linalg.norm(at_rest["displacement"].values, axis=-1).max())),
+        "bending_moment_largest": xr.Variable(
+            (), float(np.linalg.norm(at_rest["bending_moment"].values, axis=-1).max())
+        ),
+        "angular_frequency": modes["angular_frequency"].variable,
+        "frequency": xr.Variable("mode", modes["angular_frequency"].values / (2.0 * np.pi)),
+        "mast_share": modes["mast_share"].variable,
+    }
+    if p.guys:
+        variables |= {
+            name: at_rest[name].variable for name in ("guy_length", "guy_tension", "guy_tension_anchor", "anchor")
+        }
+        strength = np.array([np.nan if guy.p.breaking_strength is None else guy.p.breaking_strength for guy in p.guys])
+        if np.isfinite(strength).any():
+            used = at_rest["guy_tension"].values / strength
+            variables["tension_over_breaking_strength"] = xr.Variable("guy", used)
+    return at_rest, variables
 
 
 def _notes(p: MastParameters, at_rest: xr.Dataset) -> list[str]:

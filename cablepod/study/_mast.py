@@ -81,6 +81,7 @@ def guy_table(motion: xr.Dataset, rest: xr.Dataset) -> xr.Dataset:
     names = ("mean", "std", "minimum", "maximum", "maximum_time")
     table = xr.Dataset(
         {
+            "anchor": rest["anchor"],
             "guy_tension_rest": ("guy", rest["guy_tension"].values),
             **{f"guy_tension_{name}": motion[f"guy_tension_{name}"] for name in names},
             "fatigue_range": ("guy", fatigue.equivalent(motion["guy_tension"], exponent=EXPONENT).values),
@@ -89,10 +90,13 @@ def guy_table(motion: xr.Dataset, rest: xr.Dataset) -> xr.Dataset:
     )
     label(
         table,
-        guy_tension_rest=("N", "tension of the guy at the mast, at rest in the mean wind"),
+        guy_tension_rest=("N", "tension of the guy at the mast, at rest"),
         fatigue_range=("N", f"equivalent tension range of the guy, exponent {EXPONENT:g}, one cycle in a second"),
     )
-    table.attrs = {"title": f"{motion.attrs['title']}: guys", "stage": "mast guys"}
+    table.attrs = {
+        "title": f"{motion.attrs['title']}: guys", "stage": "mast guys", "air": rest.attrs["air"], "exponent": EXPONENT,
+        "frequency": 1.0,
+    }  # fmt: skip
     return table
 
 

@@ -99,6 +99,11 @@ def mast_air(p: MastParameters, end_time: float, given: xr.Dataset | None = None
         return _of_scene(_Content(p, max(end_time, p.duration or 0.0)))
 
 
+def mean_mast_air(p: MastParameters) -> MastAir | None:
+    """Return the mean wind of a scene on a mast, 0 with a ramp; None in still air."""
+    return mast_air(p if has_record(p) else replace(p, turbulence=None), 0.0)
+
+
 class _Content:
     """What determines the air on a mast, compared by its values."""
 

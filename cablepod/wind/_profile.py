@@ -27,6 +27,15 @@ def mean_speed(wind: Mapping[str, Any], height: np.ndarray) -> np.ndarray:
     return speed * np.log(np.maximum(height, roughness) / roughness) / np.log(reference / roughness)
 
 
+def air_at_rest(wind: Mapping[str, Any] | None) -> str:
+    """Return in words in which air a scene is at rest: the mean wind of the scene at time 0."""
+    if wind is None or not float(wind["speed"]):
+        return "still air"
+    if float(wind["ramp"]):
+        return "still air, from which the wind rises"
+    return f"mean wind of {float(wind['speed']):g} m/s at {float(wind['reference_height']):g} m"
+
+
 def friction_velocity(wind: Mapping[str, Any]) -> float:
     """Return u* [m/s] by the mean speed 10 m above the ground and the roughness length."""
     return KARMAN * float(mean_speed(wind, np.array(10.0))) / float(np.log(10.0 / float(wind["roughness_length"])))
