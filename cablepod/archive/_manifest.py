@@ -27,6 +27,12 @@ KEYS = {"kind", "schema", "version", "id", "model", "modes", "members", "batch",
 KEYS |= {"attributes", "inputs_history", "files", "done"}
 #: Attributes specific to one batch; other text attributes, if equal in all batches, become attributes of the ensemble.
 BATCH_ATTRIBUTES = ("id", "history", "history_json", "title", "date_created", "source", "summary")
+#: Key of an entry -> variables of members and places, factor and units of the largest value as printed.
+PEAKS: dict[str, tuple[tuple[str, ...], float, str]] = {
+    "largest_tension": (("tension_maximum", "guy_tension_maximum"), 1.0, "N"),
+    "largest_fatigue_range": (("fatigue_range",), 1.0, "N"),
+    "largest_utilisation": (("utilisation",), 100.0, "%"),
+}
 FAILURE = {"units": "1", "long_name": "why the member failed; empty where it did not"}
 
 
@@ -160,7 +166,7 @@ def entry_of(batch: xr.Dataset, path: Path) -> dict[str, Any]:
         },
         "failed": {str(number): reason for number, reason in zip(numbers, reasons, strict=True) if reason},
         "not_converged": time_errors(batch, batch.attrs.get("accepted_time_error", math.inf)),
-        "largest_tension": _largest_tension(batch),
+        **{key: _largest(batch, names) for key, (names, _, _) in PEAKS.items() if set(names) & set(batch.variables)},
     }
 
 
@@ -182,12 +188,13 @@ def time_errors(results: xr.Dataset, accepted: float) -> dict[str, list[float]] 
     }
 
 
-def _largest_tension(batch: xr.Dataset) -> dict[str, Any] | None:
-    """Return number, value [N] and parameters of the member with the largest tension over links and steps; None without."""
-    if "tension_maximum" not in batch or not np.isfinite(batch["tension_maximum"].values).any():
+def _largest(batch: xr.Dataset, names: Iterable[str]) -> dict[str, Any] | None:
+    """Return number, value, parameters, and guy of a mast of the member with the largest value of a variable; None without."""
+    name = next(name for name in names if name in batch)
+    values = batch[name].values
+    if not np.isfinite(values).any():
         return None
-    of_members = np.nanmax(batch["tension_maximum"].values, axis=1, initial=-np.inf)
-    row = int(of_members.argmax())
+    row, place = map(int, np.unravel_index(int(np.nanargmax(values)), values.shape))
     at = {
         str(name): float(column[row]) if column.dtype.kind in "if" else str(column[row].values)
         for name, column in batch.coords.items()
@@ -195,7 +202,10 @@ def _largest_tension(batch: xr.Dataset) -> dict[str, Any] | None:
         and column.dims == ("member",)
         and column.values[row] == column.values[row]  # nan: no such key
     }
-    return {"member": int(batch["member"][row]), "value": float(of_members[row]), "at": at}
+    more: dict[str, Any] = {"guy": int(batch["guy"][place])} if batch[name].dims[1:] == ("guy",) else {}
+    if "exponent" in batch[name].attrs:
+        more["fatigue"] = [float(batch[name].attrs[key]) for key in ("exponent", "frequency")]
+    return {"member": int(batch["member"][row]), "value": float(values[row, place]), **more, "at": at}
 
 
 def merged_time_errors(entries: Iterable[Mapping[str, Any]]) -> dict[str, list[float]] | None:
@@ -294,7 +304,10 @@ def _convergence(manifest: Mapping[str, Any]) -> Iterator[str]:
         return  # of an earlier version
     errors = merged_time_errors(manifest["done"].values())
     if errors is None:
-        yield "not converged  not known: no time error is estimated, as with a given step"
+        why = (
+            "; masts estimate it with the option tolerance" if manifest["model"] == "mast" else ", as with a given step"
+        )
+        yield f"not converged  not known: no time error is estimated{why}"
         return
     accepted = manifest["attributes"].get("accepted_time_error")
     yield f"not converged  {len(errors)}" + (f", with an estimated time error above {accepted:g}" if errors else "")
@@ -305,9 +318,11 @@ def _convergence(manifest: Mapping[str, Any]) -> Iterator[str]:
 
 
 def peak_of(manifest: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the line of the largest tension, with parameters and time errors of its member."""
-    peaks = [entry["largest_tension"] for entry in manifest["done"].values() if entry.get("largest_tension")]
-    if peaks:
+    """Yield the lines of the largest tension, fatigue range and utilisation, with parameters and time errors of the member."""
+    for key, (_, factor, unit) in PEAKS.items():
+        peaks = [entry[key] for entry in manifest["done"].values() if entry.get(key)]
+        if not peaks:
+            continue
         peak = max(peaks, key=lambda peak: peak["value"])
         errors = (merged_time_errors(manifest["done"].values()) or {}).get(str(peak["member"]))
         doubt = f", not converged: {errors_text(errors)}" if errors else ""
@@ -316,7 +331,11 @@ def peak_of(manifest: Mapping[str, Any]) -> Iterator[str]:
             f"{name} {_with_units(value, units[name])}" for name, value in peak["at"].items() if name in units
         )
         where = f" ({at})" if at else ""
-        yield f"largest tension  {_digits(peak['value'])} N, in member {peak['member']}{where}{doubt}"
+        guy = f", guy {peak['guy']}" if "guy" in peak else ""
+        value = f"{_digits(factor * peak['value'])} {unit}"
+        if "fatigue" in peak:
+            value += " (exponent {:g} at {:g} Hz)".format(*peak["fatigue"])
+        yield f"{key.replace('_', ' ')}  {value}, in member {peak['member']}{guy}{where}{doubt}"
 
 
 def _with_units(value: float | str, units: str | None) -> str:

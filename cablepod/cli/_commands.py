@@ -156,7 +156,7 @@ def modes_command(scene: str, out: str, layout: str, rank: int, overwrite: bool)
     "--modes",
     metavar="FILE",
     shell_complete=_arguments.complete_file,
-    help="netCDF file of modes, for galerkin and condensed (default: made from a run of the scene itself)",
+    help="netCDF file of modes, for galerkin and condensed (default: made from a run of the scene itself), and of a mast's guys",
 )
 @click.option(
     "--option",
@@ -188,6 +188,7 @@ def ensemble_command(
 ) -> None:
     """Simulate all members of a scene."""
     from cablepod import ensemble  # slow to import
+    from cablepod.ensemble._models import check_scene_of_model
 
     _group.import_matplotlib(agg=True)
     folder = _arguments.folder(out)
@@ -195,6 +196,7 @@ def ensemble_command(
     if "ensemble_json" not in dataset.attrs:
         raise SceneError(f"ensemble: missing in {scene}; allowed: a table with members and ensemble.ranges")
     model = model or ("mast" if "mast_height" in dataset else "chain")
+    check_scene_of_model(dataset, model)
     scenes = ensemble.design(dataset)
     say("\n".join(filter(None, (scenes.attrs["title"], _summary.remarks(dataset)))))
     modes_dataset = (
@@ -289,7 +291,7 @@ def check_command(scene: str) -> None:
     dataset = read_scene(scene_path(scene))
     say(dataset.attrs["title"])
     if "mast_height" in dataset:
-        say(_mast.check_text(dataset))
+        say("\n".join(filter(None, (_mast.check_text(dataset), _summary.ensemble_of(dataset)))))
         return
     with telling_of_compilation():
         numbers = summary(dataset)

@@ -1,4 +1,4 @@
-"""Write the map of an ensemble: largest tensions of all members as a table, and as a picture over two parameters."""
+"""Write the map of an ensemble: largest values of all members as a table, and tensions as a picture over two parameters."""
 
 from __future__ import annotations
 
@@ -13,15 +13,19 @@ from cablepod.archive._atomic import atomic_file
 from cablepod.archive._figure import write_figure
 from cablepod.archive._manifest import read_manifest, time_errors
 from cablepod.batch._stack import is_varied
+from cablepod.cli import _mast_map
 from cablepod.errors import SceneError
 from cablepod.integrate._peak_error import MAX_PEAK_ERROR, peak_errors
 from cablepod.reduced._validity import MAX_ESTIMATED_ERROR
 
 TABLE, PICTURE = "map.csv", "map.png"
+#: Variable that a map needs, output that gives it, and variable of the picture.
+OF_CABLE = ("tension_maximum", "tension_extremes", "tension_maximum")
+OF_MAST = ("displacement_maximum", "extremes", "guy_tension_maximum")
 #: Variables of the results that are read.
 READ = (
     "tension_maximum", "tension_minimum", "time_error_estimate", "tension_time_error_estimate", "smallest_chordwise_force",
-    "error_estimate", "failure",
+    "error_estimate", "failure", *_mast_map.READ,
 )  # fmt: skip
 
 
@@ -37,9 +41,11 @@ def write(folder: Path, results: xr.Dataset, *, hertz: bool = False) -> str:
     hertz
         Draw angular frequencies in Hz.
     """
-    if "tension_maximum" not in results:
-        return 'map       none, as "tension_extremes" is not among the outputs'
-    parameters = list(read_manifest(folder)["varied"])
+    manifest = read_manifest(folder)
+    needed, output, drawn = OF_MAST if manifest["model"] == "mast" else OF_CABLE
+    if needed not in results:
+        return f'map       none, as "{output}" is not among the outputs'
+    parameters = list(manifest["varied"])
     parameters = [name for name in parameters if name in results.coords and is_varied(results[name].variable)]
     results = results[[*(name for name in READ if name in results), *parameters]].load()
     _write_table(folder / TABLE, results, parameters)
@@ -48,8 +54,10 @@ def write(folder: Path, results: xr.Dataset, *, hertz: bool = False) -> str:
         others = len(parameters) - len(numbers)
         words = f" beside {others} of words or lists" if others else ""
         return f"map       {folder / TABLE}; a picture needs two varied parameters, here {len(numbers)}{words}"
+    if drawn not in results:
+        return f"map       {folder / TABLE}; no picture of tensions: the mast has no guys"
     try:
-        _draw(folder / PICTURE, results, *numbers, hertz=hertz)
+        _draw(folder / PICTURE, results, drawn, *numbers, hertz=hertz)
     except SceneError as error:  # members that share both parameters
         return f"map       {folder / TABLE}; no picture: {error}"
     return f"map       {folder / PICTURE}, {folder / TABLE}"
@@ -71,8 +79,11 @@ def _write_table(path: Path, results: xr.Dataset, parameters: list[str]) -> None
         columns[f"{name} [{units}]"] = results[name].values
         if units == "rad s-1":
             columns[f"{name.replace('angular_', '')} [Hz]"] = results[name].values / (2.0 * np.pi)
-    columns["largest tension [N]"] = results["tension_maximum"].max("link").values
-    columns["smallest tension [N]"] = results["tension_minimum"].min("link").values
+    if "tension_maximum" in results:
+        columns["largest tension [N]"] = results["tension_maximum"].max("link").values
+        columns["smallest tension [N]"] = results["tension_minimum"].min("link").values
+    else:
+        columns |= _mast_map.columns(results)
     for name in ("time_error_estimate", "tension_time_error_estimate"):
         if name in results:
             columns[f"{name} [1]"] = results[name].values
@@ -90,7 +101,11 @@ def _write_table(path: Path, results: xr.Dataset, parameters: list[str]) -> None
 def _notes(results: xr.Dataset) -> list[str]:
     """Return what is doubtful of each member: failed with its reason, not converged, slack; empty for the others."""
     doubtful = time_errors(results, float(results.attrs.get("accepted_time_error", np.inf))) or {}
-    slack = (results["tension_minimum"].min("link") <= 0.0).values
+    slack = np.zeros(results.sizes["member"], bool)
+    if "tension_minimum" in results:
+        slack |= (results["tension_minimum"].min("link") <= 0.0).values
+    if "smallest_tension" in results:  # of the links of a mast's guys
+        slack |= results["smallest_tension"].values <= 0.0
     if "smallest_chordwise_force" in results:
         slack |= results["smallest_chordwise_force"].values < 0.0
     estimate = results["error_estimate"] if "error_estimate" in results else results["member"] * np.nan
@@ -108,11 +123,11 @@ def _notes(results: xr.Dataset) -> list[str]:
     return notes
 
 
-def _draw(path: Path, results: xr.Dataset, x: str, y: str, *, hertz: bool) -> None:
+def _draw(path: Path, results: xr.Dataset, drawn: str, x: str, y: str, *, hertz: bool) -> None:
     """Draw the largest tension over two parameters, a frequency across."""
     from cablepod import plots  # slow to import
 
     if "frequency" in y:
         x, y = y, x
-    figure: Any = plots.parameter_map(results, "tension_maximum", x=x, y=y, hertz=hertz).figure
+    figure: Any = plots.parameter_map(results, drawn, x=x, y=y, hertz=hertz).figure
     write_figure(figure, path)

@@ -68,7 +68,15 @@ def _side_by_side(values: list[str]) -> str:
 
 
 def remarks(scene: xr.Dataset) -> str:
-    """Return what to know of a scene before it runs: no damping, no motion out of the plane, ramps; empty where at rest."""
+    """Return what to know of a scene before it runs: no damping, no motion out of the plane, ramps; empty where at rest.
+
+    Of a mast it returns the notes of its summary.
+    """
+    if "mast_height" in scene:
+        from cablepod.mast import summary as mast_summary  # its imports take a second
+
+        notes = str(mast_summary(scene)["note"].values)
+        return "\n".join(f"  note: {note}" for note in notes.split("\n") if note)
     p = parameters(scene)
     functions = p.time_functions()
     found = []

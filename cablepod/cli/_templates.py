@@ -56,13 +56,15 @@ TEXTS = {
     ),
     "ensemble": Texts(
         "simulate all members of a scene with a table [ensemble]",
-        "Every member simulated, in batches, each a netCDF file; at the end a table of the largest tensions, and their map "
-        "over two parameters. After Ctrl-C or a crash the same command goes on.",
+        "Every member simulated, in batches, each a netCDF file; at the end a table of the largest tensions, of a mast "
+        "also of fatigue ranges, utilisation, displacement and moment, and a map over two parameters. After Ctrl-C or a crash "
+        "the same command goes on.",
         "SCENE.toml: scene file with a table [ensemble]",
         (
             "cablepod ensemble study.toml --out out/study",
             "cablepod ensemble study.toml --out out/study --model condensed --batch 256",
             "cablepod ensemble study.toml --out out/study --option step=2.5e-4 --scheduler processes",
+            "cablepod ensemble mast.toml --out out/mast",
         ),
     ),
     "respond": Texts(

@@ -32,6 +32,7 @@ from cablepod.conventions import attribute_labels
 from cablepod.ensemble._collect_warnings import Note, collect_warnings
 from cablepod.ensemble._models import MODELS
 from cablepod.errors import AllFailedError, ArchiveError, RunStopped
+from cablepod.mast._fatigue import guy_fatigue
 
 # --- computing ----------------------------------------------------------------------------------------------------------
 
@@ -46,7 +47,7 @@ def compute(
     """Simulate members and mark failures, also if all members fail.
 
     Numeric attributes of the run become variables along ``member``, and ``failure`` is always present, so that all batches of an
-    ensemble hold the same variables.
+    ensemble hold the same variables.  Masts get the fatigue ranges of their guys.
 
     Parameters
     ----------
@@ -71,6 +72,8 @@ def compute(
     if result is None:
         failures = xr.Dataset({"failure": ("member", np.array(reasons, dtype=str), FAILURE)}, varied)
         return failures.assign_attrs(title=str(scenes.attrs.get("title", "scenes")))
+    if model == "mast" and (ranges := guy_fatigue(result, options.get("window"))) is not None:
+        result = result.assign(fatigue_range=ranges)
     skipped = len(reasons)
     later = result["failure"].values if "failure" in result else [""] * (scenes.sizes["member"] - skipped)
     failure = [*reasons, *later]

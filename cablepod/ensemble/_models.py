@@ -11,8 +11,9 @@ import xarray as xr
 
 from cablepod import cable, chain, condensed, galerkin, mast, rigid
 from cablepod.condensed._runs import MAX_TOLERANCE
-from cablepod.errors import one_of, scene_error
+from cablepod.errors import SceneError, one_of, scene_error
 from cablepod.integrate._request import DEFAULT_TOLERANCE
+from cablepod.scene._mast import MAST_SCENE, scene_kind
 
 #: Name of a model -> its function.
 MODELS: Mapping[str, Callable[..., xr.Dataset]] = {
@@ -23,8 +24,8 @@ MODELS: Mapping[str, Callable[..., xr.Dataset]] = {
     "condensed": condensed.simulate,
     "mast": mast.simulate,
 }
-#: Models that need modes.
-REDUCED = ("galerkin", "condensed")
+#: Models that need modes, and those that may have them.
+REDUCED, WITH_MODES = ("galerkin", "condensed"), ("galerkin", "condensed", "mast")
 
 
 def options_of(model: str) -> dict[str, Any]:
@@ -55,8 +56,10 @@ def check_model(model: Any, modes: Any, options: Mapping[str, Any]) -> dict[str,
         raise scene_error("model", model, one_of(MODELS, model))
     if model in REDUCED and not isinstance(modes, xr.Dataset):
         raise scene_error("modes", modes, f'the Dataset of modes for model "{model}", a result of pod.decompose')
-    if model not in REDUCED and modes is not None:
-        raise scene_error("modes", "a value", f'none for model "{model}"; only {" and ".join(REDUCED)} use modes')
+    if model not in WITH_MODES and modes is not None:
+        raise scene_error("modes", "a value", f'none for model "{model}"; only {", ".join(WITH_MODES)} use modes')
+    if model == "mast" and not (modes is None or isinstance(modes, xr.Dataset)):
+        raise scene_error("modes", modes, "the Dataset of modes of the guys, or none")
     known = options_of(model)
     for name in options:
         if name not in known:
@@ -64,6 +67,21 @@ def check_model(model: Any, modes: Any, options: Mapping[str, Any]) -> dict[str,
     if known.get("outputs") and model != "mast" and options.get("quadrature") is None:
         known = {**known, "outputs": (*known["outputs"], "tension_extremes")}  # what an ensemble is mostly made for
     return {name: _to_json(name, options.get(name, default)) for name, default in known.items()}
+
+
+def check_scene_of_model(scenes: xr.Dataset, model: str) -> None:
+    """Refuse the model of a mast for a scene of one cable, and other models for a scene with a mast.
+
+    Raises
+    ------
+    SceneError
+        Names ``model``.
+    """
+    with_mast = scene_kind(scenes) is MAST_SCENE
+    if model in MODELS and (model == "mast") != with_mast:
+        of = "a scene with [mast]" if with_mast else "a scene of one cable, without [mast]"
+        allowed = '"mast"' if with_mast else ", ".join(f'"{name}"' for name in MODELS if name != "mast")
+        raise SceneError(f'model: given "{model}" for {of}; allowed: {allowed}')
 
 
 def _to_json(name: str, value: Any) -> Any:

@@ -29,7 +29,7 @@ from cablepod.batch._members import stop_when, thread_limit
 from cablepod.ensemble import _resume as resume
 from cablepod.ensemble._collect_warnings import Note, collect_warnings, emit_of_all_members, emit_warnings
 from cablepod.ensemble._job import check_access, compute, run_batch, synchronous_dask
-from cablepod.ensemble._models import MODELS, REDUCED, accepted_time_error, check_model
+from cablepod.ensemble._models import MODELS, REDUCED, accepted_time_error, check_model, check_scene_of_model
 from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, worker_pool
 from cablepod.errors import (
     ArchiveError,
@@ -73,9 +73,9 @@ def run(
         The folder, created if missing, for ``manifest.json``, ``scenes.nc``, ``modes.nc`` and the files ``batch_0000.nc``, ...;
         all files are written atomically.
     model
-        "chain", "cable", "rigid", or with `modes` "galerkin" or "condensed".
+        "chain", "cable", "rigid", or with `modes` "galerkin" or "condensed"; "mast" for scenes with a mast, and only these.
     modes
-        Modes of a reduced model.
+        Modes of a reduced model; of the guys of a mast, which need none.
     scheduler
         None: threads of this process.  "processes": processes of this machine; a script then needs ``if __name__ ==
         "__main__":``.  The address of a dask scheduler, or a ``distributed.Client``: its workers, which must see the folder under
@@ -90,12 +90,14 @@ def run(
         Callback receiving the completed fraction, 0 to 1.
     options
         Options of the model's ``simulate``.  Default outputs are those of the model and "tension_extremes" (without with
-        ``quadrature``, by which there are none).
+        ``quadrature``, by which there are none); of masts those of :func:`cablepod.mast.simulate`.
 
     Returns
     -------
     xarray.Dataset
         All results, lazily, as of :func:`cablepod.archive.open_ensemble`.  Failed members hold nan; ``failure`` has the reason.
+        Masts with the output "guy_tension" also have ``fatigue_range (member, guy)`` [N], the equivalent range of one cycle a
+        second for the exponent 4, within the window of the run.
 
     Raises
     ------
@@ -244,6 +246,7 @@ def _prepare(
     if not scenes.sizes["member"]:
         raise SceneError("scenes: given no members; allowed: at least one")
     resolved = check_model(model, modes, options)
+    check_scene_of_model(scenes, model)
     if resolved.get("window", ()) is None:
         del resolved["window"]  # ids of ensembles without a window stay those of earlier versions
     size = integer(least=1, most=10**6)("batch", batch)

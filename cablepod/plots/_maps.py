@@ -72,7 +72,9 @@ def parameter_map(
     result
         With `variable` over the dimensions `x` and `y`, or with all three along ``member`` as in results of ensembles.
     variable
-        Name of a numeric variable.  Of "tension_maximum" the largest over all links is drawn, of "tension_minimum" the smallest.
+        Name of a numeric variable.  Of "tension_maximum" the largest over all links is drawn, of "tension_minimum" the smallest;
+        of "guy_tension_maximum", "fatigue_range" and "utilisation" the largest over all guys of a mast, of
+        "guy_tension_minimum" the smallest.
     x, y
         Names of two numeric parameters, or their key paths.
     contours
@@ -162,6 +164,7 @@ def _mark_doubtful(
     slack = (_along_members(result, "smallest_chordwise_force") < 0.0) | (
         _along_members(result, "tension_minimum") <= 0.0
     )
+    slack |= _along_members(result, "smallest_tension") <= 0.0  # of the links of a mast's guys
     marks = []
     if doubtful.any():
         if hasattr(drawn, "get_coordinates"):
@@ -251,8 +254,9 @@ def _flat_columns(result: xr.Dataset, variable: str, x: str, y: str) -> tuple[np
         if own is not None and units is not None and powers(str(units)) != powers(own):
             raise SceneError(f"{key}: given {name} in {units}; allowed: {own}, the units of the package")
     array = result[variable]
-    if variable in _style.OVER_LINKS and array.dims == ("member", "link") and array.size:
-        array = array.reduce(_style.OVER_LINKS[variable], "link")
+    dim, extreme = _style.OVER_PLACES.get(variable, ("", None))
+    if extreme is not None and array.dims == ("member", dim) and array.size:
+        array = array.reduce(extreme, dim)
     if x != y and set(array.dims) == {x, y} and array.size:
         array = array.transpose(y, x)
         across, up = np.meshgrid(result[x].values, result[y].values)
@@ -295,6 +299,8 @@ def _label(result: xr.Dataset, name: str, *, hertz: bool = False) -> str:
     attrs = result[name].attrs
     text, units = str(attrs.get("long_name", name.replace("_", " "))), str(attrs.get("units", "1"))
     text = text.replace(" of the link over all steps", " anywhere, over all steps")
+    if name in _style.OVER_PLACES and "guy" in result[name].dims:
+        text = text.replace("of the guy", "of all guys")
     return f"{text.replace('angular frequency', 'frequency')} [Hz]" if hertz else f"{text} [{units}]"
 
 

@@ -64,11 +64,10 @@ def frequency_response(
     SceneError
         For another Dataset.
     """
-    if variable in _style.OVER_LINKS and isinstance(response, xr.Dataset):
-        extreme = _style.take("response", response, variable, ("point", "link"), RESPONSE)
-        response = response.assign(
-            {variable: extreme.reduce(_style.OVER_LINKS[variable], "link").assign_attrs(extreme.attrs)}
-        )
+    if variable in _style.OVER_PLACES and isinstance(response, xr.Dataset):
+        dim, reduce = _style.OVER_PLACES[variable]
+        extreme = _style.take("response", response, variable, ("point", dim), RESPONSE)
+        response = response.assign({variable: extreme.reduce(reduce, dim).assign_attrs(extreme.attrs)})
     columns = {
         name: _style.take("response", response, name, ("point",), RESPONSE)
         for name in ("angular_frequency", "branch", "stable", "periods", variable)

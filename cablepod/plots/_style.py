@@ -26,8 +26,12 @@ MARKS = 12
 MAX_DOTS = 40
 #: Least value of a force that is written in kN [N], and number of letters in a line of the label of an axis.
 KILONEWTON, LABEL_WIDTH = 1e4, 42
-#: Variables of each link -> their extreme over the links.
-OVER_LINKS = {"tension_maximum": np.max, "tension_minimum": np.min}
+#: Variables of each link, or guy of a mast -> dimension and extreme over it.
+OVER_PLACES: dict[str, tuple[str, Any]] = {
+    "tension_maximum": ("link", np.max), "tension_minimum": ("link", np.min),
+    "guy_tension_maximum": ("guy", np.max), "guy_tension_minimum": ("guy", np.min),
+    "fatigue_range": ("guy", np.max), "utilisation": ("guy", np.fmax.reduce),
+}  # fmt: skip
 PLACE = ("particle", "coordinate")
 SIGMA = "unstretched arc length $S / L_0$ [1]"
 TRAJECTORY = "a trajectory, from a simulate"

@@ -10,16 +10,17 @@ from typing import Any
 
 import xarray as xr
 
-from cablepod import archive, fatigue, mast
+from cablepod import archive, mast
 from cablepod.archive._figure import write_figure
 from cablepod.archive._folder import prepare_folder
 from cablepod.conventions import label
+from cablepod.mast._fatigue import EXPONENT, FREQUENCY, guy_fatigue
 from cablepod.study._figures import check_backend
 
 #: Stages, which are the names of the files, and figures.
 STAGES, FIGURES = ("scene", "rest", "frequencies", "motion", "guys"), ("tensions", "moments", "modes")
-#: Number of frequencies, and exponent of the equivalent fatigue range.
-FREQUENCIES, EXPONENT = 20, 4.0
+#: Number of frequencies.
+FREQUENCIES = 20
 OUTPUTS = ("displacement", "guy_tension", "bending_moment", "extremes", "error_estimate")
 
 
@@ -79,23 +80,20 @@ def run_mast(
 def guy_table(motion: xr.Dataset, rest: xr.Dataset) -> xr.Dataset:
     """Return tensions of the guys: at rest, mean, standard deviation, extremes, equivalent fatigue range [N]."""
     names = ("mean", "std", "minimum", "maximum", "maximum_time")
+    ranges = guy_fatigue(motion)
     table = xr.Dataset(
         {
             "anchor": rest["anchor"],
             "guy_tension_rest": ("guy", rest["guy_tension"].values),
             **{f"guy_tension_{name}": motion[f"guy_tension_{name}"] for name in names},
-            "fatigue_range": ("guy", fatigue.equivalent(motion["guy_tension"], exponent=EXPONENT).values),
+            **({} if ranges is None else {"fatigue_range": ranges}),
             **({"utilisation": motion["utilisation"]} if "utilisation" in motion else {}),
         }
     )
-    label(
-        table,
-        guy_tension_rest=("N", "tension of the guy at the mast, at rest"),
-        fatigue_range=("N", f"equivalent tension range of the guy, exponent {EXPONENT:g}, one cycle in a second"),
-    )
+    label(table, guy_tension_rest=("N", "tension of the guy at the mast, at rest"))
     table.attrs = {
         "title": f"{motion.attrs['title']}: guys", "stage": "mast guys", "air": rest.attrs["air"], "exponent": EXPONENT,
-        "frequency": 1.0,
+        "frequency": FREQUENCY,
     }  # fmt: skip
     return table
 

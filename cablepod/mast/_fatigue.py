@@ -1,0 +1,35 @@
+"""Fatigue ranges of the guys of a mast."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import xarray as xr
+
+from cablepod import fatigue
+
+#: Exponent of the S-N curve and frequency [Hz] of the equivalent ranges that studies and ensembles give of every guy.
+EXPONENT, FREQUENCY = 4.0, 1.0
+
+
+def guy_fatigue(motion: xr.Dataset, window: Sequence[float] | None = None) -> xr.DataArray | None:
+    """Return the equivalent range of the tension of each guy [N], over a run or its window; None without two instants.
+
+    Parameters
+    ----------
+    motion
+        Result of :func:`cablepod.mast.simulate` with the output "guy_tension", with or without ``member``.
+    window
+        Start and end [s] of the part that counts.
+    """
+    if "guy_tension" not in motion:
+        return None
+    tension = motion["guy_tension"]
+    if window is not None:
+        tension = tension.sel(time=slice(*window))
+    if tension.sizes["time"] < 2:
+        return None
+    return fatigue.equivalent(tension, exponent=EXPONENT, frequency=FREQUENCY).assign_attrs(
+        units="N",
+        long_name=f"equivalent tension range of the guy, exponent {EXPONENT:g}, one cycle in a second",
+    )
