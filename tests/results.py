@@ -21,8 +21,6 @@ def values(*shape):
 def chain_coordinates(particles=PARTICLES):
     return {
         "coordinate": ["x", "y"],
-        "particle": np.arange(particles),
-        "link": np.arange(1, particles),
         "arc_length": ("particle", np.linspace(0.0, 61.0, particles)),
         "link_arc_length": ("link", np.linspace(0.5, 60.5, particles - 1)),
     }
@@ -77,7 +75,7 @@ def make_modes(trajectory=None):
             "mean": (("particle", "coordinate"), values(PARTICLES, 2)),
         },
         {"mode": np.arange(1, rank + 1), **chain_coordinates()},
-    ).drop_vars(["link", "link_arc_length"])
+    ).drop_vars("link_arc_length")
     inputs = [make_trajectory() if trajectory is None else trajectory]
     return provenance.record(label(modes), function="pod.decompose", parameters={"rank": rank}, inputs=inputs)
 

@@ -43,7 +43,8 @@ def place_orders(key: str, variables: Any) -> dict[str, Any]:
     """Return the indices that bring particles and links into the order of their arc length; refuse those that have none."""
     orders: dict[str, Any] = {}
     for name, dim in (("arc_length", "particle"), ("link_arc_length", "link")):
-        if (variable := variables.get(name)) is not None:
+        # of a link that was picked, the place is one number
+        if (variable := variables.get(name)) is not None and (dim == "particle" or variable._dims):
             order = _place_order(key, name, dim, variable, variables.get("unstretched_length"))
             if order is not None:
                 orders[dim] = order
@@ -81,7 +82,7 @@ def _place_order(key: str, name: str, dim: str, variable: xr.Variable, length: x
         arc = arc[order]
         rises = is_rising(arc)
     first, last = (float(arc[0]), float(arc[-1])) if arc.size else (math.nan, math.nan)
-    if arc.size < 2 or not rises or not math.isfinite(first) or not math.isfinite(last):
+    if arc.size < (2 if dim == "particle" else 1) or not rises or not math.isfinite(first) or not math.isfinite(last):
         raise scene_error(f"{key}: {name}", variable.values.tolist(), f"those of the {dim}s, {RISING}, each once")
     if dim == "particle":
         end: Any = last

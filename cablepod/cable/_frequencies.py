@@ -114,7 +114,7 @@ def frequencies(
     if normal is not None:
         across = np.einsum("mjc,c->mj", shapes, normal) ** 2
         variables["out_of_plane_share"] = ("mode", across @ mesh.tributary_length / mesh.total_length)
-    result = xr.Dataset(variables, coords={"mode": np.arange(1, count + 1), **chain_coordinates(mesh)})
+    result = xr.Dataset(variables, coords={"mode": np.arange(1, count + 1), **chain_coordinates(mesh, has_links=False)})
     label(
         result,
         mode=("1", "number of the mode, from 1, by rising frequency"),

@@ -13,10 +13,8 @@ from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ROUNDING, ImplicitChainRun, ImplicitStepper
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.integrate._march import advance_in_blocks
-from cablepod.integrate._means import MEANS
 from cablepod.integrate._output import (
     Extremes,
-    chain_coordinates,
     law_suffix,
     time_scale_attributes,
     trajectory_attributes,
@@ -34,12 +32,6 @@ COMPARED_POINTS = 65
 NEWTON_RTOL = 1e-9
 #: Initial slack record: first step with a stretch below 1 and its point, step and point of the minimum, minimum of the square.
 NO_SLACK = (-1.0, -1.0, -1.0, -1.0, 1.0)
-
-
-def output_coordinates(mesh: SpectralMesh) -> dict[str, Any]:
-    """Return the coordinates of a result on the output particles, and midway between them."""
-    coords, middle = chain_coordinates(mesh), 0.5 * (mesh.particles[1:] + mesh.particles[:-1])
-    return {"arc_length": coords["arc_length"], "link_arc_length": ("link", middle), "coordinate": coords["coordinate"]}
 
 
 class CableRun(ChainRun):
@@ -78,11 +70,6 @@ class CableRun(ChainRun):
     def at_particles(self, values: Any) -> np.ndarray:
         """Interpolate nodal values (times, nodes, dims) at the output particles."""
         return self.chain.interpolate(values)
-
-    def coordinates(self) -> dict[str, Any]:
-        """Return the coordinates of the result but for time."""
-        has_tensions = {"tension", "tension_extremes", *MEANS} & set(self.outputs)
-        return (output_coordinates if has_tensions else chain_coordinates)(self.chain)
 
     def attributes(self, state: Trajectory) -> dict[str, Any]:
         """Return the attributes of the result."""

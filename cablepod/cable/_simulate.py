@@ -14,14 +14,14 @@ from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members, over_members_by
 from cablepod.cable._air import MeshAir
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of, part_borders
-from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun, output_coordinates
+from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun
 from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_space, solve, step_limit_of
 from cablepod.cable._start import equilibrium_in_wind, equilibrium_with_error, start
 from cablepod.discretisation._chain import square
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law, law_tension
 from cablepod.errors import NotConvergedWarning, user_stacklevel
 from cablepod.integrate._energy_check import ENERGY_WARN
-from cablepod.integrate._output import law_suffix, rest_dataset
+from cablepod.integrate._output import chain_coordinates, law_suffix, rest_dataset
 from cablepod.integrate._request import Request
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._checks import integer
@@ -108,7 +108,7 @@ def rest(
         mesh.interpolate(position),
         mesh.tensions_and_forces(position)[0],
         (mesh.forces(position) + mesh.loads(0.0) + drag)[1:-1],
-        output_coordinates(mesh),
+        chain_coordinates(mesh, has_links=True),
         scalars,
         title=f"{scene.attrs.get('title', 'scene')}: continuous cable at rest in {count} elements{law_suffix(mesh)}",
         law=law,

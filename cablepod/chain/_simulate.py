@@ -85,7 +85,9 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
         "tension_upper": tension[-1],
     }
     title = f"{scene.attrs.get('title', 'scene')}: chain at rest{law_suffix(chain)}"
-    result = rest_dataset(position, tension, unbalanced, chain_coordinates(chain), scalars, title=title, law=chain.law)
+    result = rest_dataset(
+        position, tension, unbalanced, chain_coordinates(chain, has_links=True), scalars, title=title, law=chain.law
+    )
     options = {"links": chain.links, "law": chain.law}
     return provenance.record(
         result,

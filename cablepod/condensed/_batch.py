@@ -16,7 +16,7 @@ from cablepod.batch._stack import Variables, to_dataset
 from cablepod.catenary._statics import member_statics
 from cablepod.condensed._lanes import LANES, LaneResults, advance
 from cablepod.condensed._model import CondensedModel
-from cablepod.condensed._output import attributes_of, labels_of, shared_attributes, title_of, variables
+from cablepod.condensed._output import attributes_of, labels_of, places_of, shared_attributes, title_of, variables
 from cablepod.condensed._rescale import MemberStates, rescale_coefficients, rescaled_model, same_structure
 from cablepod.condensed._runs import SCHEMES, CondensedRequest, solve
 from cablepod.discretisation._chord_frame import MAX_COSINE, reference_axis
@@ -64,7 +64,8 @@ def run(
         member_model = rescaled_model(unit, p) if same_structure(p, unit.chain.p) else make(p)
         solution = solve(member_model, request)
         result = variables(member_model, solution.state, request.outputs, request.links)
-        result["arc_length"] = (("particle",), member_model.chain.arc_length)
+        result |= places_of(member_model, result, request.links)
+        result.pop("link_number", None)  # which is the same of all members
         if in_blocks is not None:
             del result["end_position"]
         return result, attributes_of(solution, modes, request)
@@ -79,8 +80,10 @@ def run(
         shape = len(members), times.size, 2, unit.chain.p.dims
         ends = computed_variable(("member", "time", "end", "coordinate"), shape, EndPositions(members, times, failed))
         stack.variables = {"end_position": ends, **stack.variables}
-    coords = labels_of(unit, times, request.links)
-    result = to_dataset(stack, scene, coords).set_coords("arc_length")
+    numbers = places_of(unit, stack.variables, request.links).get("link_number")
+    coords = labels_of(unit, times) | ({} if numbers is None else {"link_number": numbers})
+    places = [name for name in ("arc_length", "link_arc_length") if name in stack.variables]
+    result = to_dataset(stack, scene, coords).set_coords(places)
     result.attrs = {"title": title, **result.attrs}
     warn_condensed_members(stack.attrs)
     return result
@@ -207,6 +210,15 @@ class MemberCoefficients:
         )  # fmt: skip
         return q, v, limit, chord_tension
 
+    def places(self, result: Variables) -> Variables:
+        """Return the coordinates of the particles and, where the result needs them, the links of the members."""
+        places = places_of(self.plan.unit, result, self.plan.links)
+        return {
+            name: (dims, self.total[:, None] * of_unit)
+            for name, (dims, of_unit) in places.items()
+            if name != "link_number"
+        }
+
     def diagnostics(self, limit: np.ndarray, end_time: float) -> dict[str, list[Any]]:
         """Return the attributes of the members that do not depend on their runs, for step limits [s] (members,)."""
         parameters = self.parameters
@@ -254,8 +266,7 @@ class CondensedBatch(MemberCoefficients):
         result["unstretched_length"] = (), self.total
         if "tension_extremes" in outputs:
             result["tension_minimum"], result["tension_maximum"] = (("link",), done.low), (("link",), done.high)
-        result["arc_length"] = ("particle",), self.total[:, None] * unit.chain.arc_length
-        return self.active, result, self._attributes(done, limit)
+        return self.active, result | self.places(result), self._attributes(done, limit)
 
     def _has_frames(self, ends: np.ndarray) -> np.ndarray:
         """Tell whether the normals of the members are defined for ends (members, times, end, dims) [m]; always in the plane."""

@@ -121,9 +121,8 @@ class FittedBatch(MemberCoefficients):
                 self._set_attributes(attributes, part, done, fine)
                 completed[part] = done.completed
         result["unstretched_length"] = (), self.total
-        result["arc_length"] = ("particle",), self.total[:, None] * self.plan.unit.chain.arc_length
         end_time = float(self.plan.times[-1])
-        return completed, result, attributes | self.diagnostics(limit, end_time)
+        return completed, result | self.places(result), attributes | self.diagnostics(limit, end_time)
 
     def _targets(self, rows: Rows, result: Variables) -> dict[str, np.ndarray]:
         """Add the variables with many numbers to the result, and return their arrays."""

@@ -23,8 +23,10 @@ from cablepod.condensed._model import CondensedModel
 from cablepod.conventions import COORDINATES, ENDS, labelled_dataset
 from cablepod.integrate._means import wants_means
 from cablepod.integrate._output import (
+    is_over_links,
     law_suffix,
     mean_variables,
+    middles_of,
     peak_variables,
     trajectory_attributes,
     trajectory_variables,
@@ -39,15 +41,30 @@ if TYPE_CHECKING:
     from cablepod.condensed._runs import CondensedRequest, CondensedResult
 
 
-def labels_of(model: CondensedModel, times: np.ndarray, links: np.ndarray | None) -> dict[str, np.ndarray]:
-    """Return the labels of the dimensions of a result; `links` are indices, from 0, or None for all links without labels."""
-    labels = {
+def labels_of(model: CondensedModel, times: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the labels of the dimensions of a result."""
+    return {
         "coordinate": np.array(COORDINATES[: model.chain.p.dims]),
         "mode": np.arange(1, model.rank + 1),
         "end": np.array(ENDS),
         "time": times,
     }
-    return labels if links is None else labels | {"link": links + 1}
+
+
+def places_of(
+    model: CondensedModel, variables: Mapping[str, Any], links: np.ndarray | None
+) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
+    """Return the coordinates of particles and, where `variables` need them, links, which are no labels.
+
+    `links` are indices, from 0, or None for all links.
+    """
+    arc_length = model.chain.arc_length
+    places: dict[str, tuple[tuple[str, ...], np.ndarray]] = {"arc_length": (("particle",), arc_length)}
+    if is_over_links(variables):
+        places["link_arc_length"] = (("link",), middles_of(arc_length)[slice(None) if links is None else links])
+        if links is not None:
+            places["link_number"] = (("link",), links + 1)
+    return places
 
 
 def variables(
@@ -77,7 +94,7 @@ def variables(
         values = {"tension": lambda: selected_tensions(model, q, times, links) if saved is None else saved}
     peaks = {}
     if state.peak_times is not None:
-        middles = 0.5 * (chain.arc_length[1:] + chain.arc_length[:-1])
+        middles = middles_of(chain.arc_length)
         peaks = peak_variables(state.extremes, state.peak_times, middles if links is None else middles[links])
     means = mean_variables(outputs, tension_means(model, state, links) if wants_means(outputs) else None)
     return result | trajectory_variables(outputs, state.extremes, values) | peaks | means
@@ -118,11 +135,8 @@ def dataset(
     links: np.ndarray | None = None,
 ) -> xr.Dataset:
     """Make the labelled Dataset of a run with given attributes."""
-    result = labelled_dataset(
-        variables(model, state, outputs, links),
-        labels_of(model, state.instants.times, links),
-        {"arc_length": (("particle",), model.chain.arc_length)},
-    )
+    arrays = variables(model, state, outputs, links)
+    result = labelled_dataset(arrays, labels_of(model, state.instants.times), places_of(model, arrays, links))
     result.attrs = {"title": title_of(model, title), **attrs}
     return result
 

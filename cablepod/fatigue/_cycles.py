@@ -177,7 +177,7 @@ def _rows(series: Any, dim: str) -> tuple[np.ndarray, np.ndarray, tuple[Hashable
     """Return the series as rows (rows, n), the largest size in each, and the other dimensions."""
     if not isinstance(series, xr.DataArray):
         raise scene_error(
-            "series", series, 'a DataArray, such as run.tension.sel(link=40), or xr.DataArray(values, dims="time")'
+            "series", series, 'a DataArray, such as run.tension.isel(link=-1), or xr.DataArray(values, dims="time")'
         )
     if dim not in series.dims:
         raise SceneError(

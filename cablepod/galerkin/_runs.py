@@ -17,7 +17,9 @@ from cablepod.galerkin._record import GalerkinTrajectory, RunRecord
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._means import wants_means
 from cablepod.integrate._output import (
+    is_over_links,
     mean_variables,
+    middles_of,
     peak_variables,
     stop,
     trajectory_attributes,
@@ -211,9 +213,7 @@ class GalerkinRun:
             variables |= mean_variables(self.outputs, trajectory.means)
         if trajectory.extremes is not None:
             (_, least), (_, largest) = trajectory.record.peaks
-            arc_length = model.chain.arc_length
-            middles = 0.5 * (arc_length[1:] + arc_length[:-1])
-            variables |= peak_variables(trajectory.extremes, (least, largest), middles)
+            variables |= peak_variables(trajectory.extremes, (least, largest), middles_of(model.chain.arc_length))
         numbers = self.modes.variables.get("mode")
         labels = {
             "coordinate": np.array(COORDINATES[: model.chain.p.dims]),
@@ -222,7 +222,10 @@ class GalerkinRun:
             "end": np.array(ENDS),
         }
         options = {"law": model.law, "rank": count}
-        result = labelled_dataset(variables, labels, {"arc_length": (("particle",), model.chain.arc_length)})
+        places: dict[str, Any] = {"arc_length": (("particle",), model.chain.arc_length)}
+        if is_over_links(variables):
+            places["link_arc_length"] = (("link",), middles_of(model.chain.arc_length))
+        result = labelled_dataset(variables, labels, places)
         stretch = model.chain.stretch(position)
         result.attrs = {
             "smallest_stretch": float(stretch.min()),

@@ -23,9 +23,24 @@ Extremes = tuple[np.ndarray, np.ndarray] | None
 DIMS = {"position": PARTICLES, "velocity": PARTICLES, "tension": LINKS}
 
 
-def chain_coordinates(chain: LumpedChain) -> dict[str, Any]:
-    """Return the coordinates of a result on the particles of a chain, or on the output particles of a mesh."""
-    return {"arc_length": ("particle", chain.particles), "coordinate": np.array(COORDINATES[: chain.p.dims])}
+def chain_coordinates(chain: LumpedChain, *, has_links: bool) -> dict[str, Any]:
+    """Return the coordinates of a result on the particles of a chain, or on the output particles of a mesh.
+
+    `has_links` tells whether it has variables of the links between them.  Neither particles nor links have labels, by which
+    xarray would pair those of the same number in results of different meshes.
+    """
+    middles = {"link_arc_length": ("link", middles_of(chain.particles))} if has_links else {}
+    return {"arc_length": ("particle", chain.particles), **middles, "coordinate": np.array(COORDINATES[: chain.p.dims])}
+
+
+def middles_of(arc_length: np.ndarray) -> np.ndarray:
+    """Return the unstretched arc lengths of the middles of links (n,) [m] for those of their particles (n + 1,) [m]."""
+    return 0.5 * (arc_length[1:] + arc_length[:-1])
+
+
+def is_over_links(variables: Mapping[str, Any]) -> bool:
+    """Tell whether some of the variables, name -> (dimensions, values), are over ``link``."""
+    return any("link" in dims for dims, _ in variables.values())
 
 
 def law_suffix(chain: LumpedChain) -> str:

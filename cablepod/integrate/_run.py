@@ -20,8 +20,10 @@ from cablepod.integrate._means import Means, means, wants_means, with_steps_of_m
 from cablepod.integrate._output import (
     Extremes,
     chain_coordinates,
+    is_over_links,
     law_suffix,
     mean_variables,
+    middles_of,
     peak_variables,
     stop,
     time_scale_attributes,
@@ -357,12 +359,13 @@ class ChainRun:
         }
         variables: dict[str, Any] = trajectory_variables(self.outputs, state.extremes, values)
         variables["unstretched_length"] = ((), self.chain.total_length)
-        middles = 0.5 * (self.chain.particles[1:] + self.chain.particles[:-1])
+        middles = middles_of(self.chain.particles)
         variables |= peak_variables(state.extremes, state.peak_times, middles) | mean_variables(
             self.outputs, state.means
         )
+        coords = chain_coordinates(self.chain, has_links=is_over_links(variables))
         features, names = self.features(float(state.instants.times[-1]))
-        return variables | features, {"time": state.instants.times, **self.coordinates(), **names}
+        return variables | features, {"time": state.instants.times, **coords, **names}
 
     def at_particles(self, values: Any) -> np.ndarray:
         """Return values (times, nodes, dims) at the particles of the result."""
@@ -371,10 +374,6 @@ class ChainRun:
     def tension(self, state: Trajectory) -> np.ndarray:
         """Return the tensions (times, links) [N]."""
         return self.chain.tensions_and_forces(state.position, state.velocity)[0]
-
-    def coordinates(self) -> dict[str, Any]:
-        """Return the coordinates of the result but for time."""
-        return chain_coordinates(self.chain)
 
     def features(self, end_time: float) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the variables of the similarity numbers until `end_time` [s], and their coordinate."""

@@ -13,6 +13,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.conventions import COORDINATES, ENDS, label
 from cablepod.errors import OutOfRangeWarning, RunStopped, user_stacklevel
+from cablepod.integrate._output import middles_of
 from cablepod.periodic._fields import mode_amplitudes
 from cablepod.periodic._model import PeriodicModel
 from cablepod.periodic._solve import State, sets_of
@@ -60,13 +61,11 @@ NAMES: dict[str, tuple[str, str]] = {
 def indexes(model: PeriodicModel) -> dict[str, Any]:
     """Return the coordinates of results on the particles and modes of the model."""
     chain = model.condensed.chain
-    middles = 0.5 * (chain.arc_length[1:] + chain.arc_length[:-1])
     return {
         "mode": np.arange(1, max(len(shapes) for shapes in model.sets) + 1),
-        "link": np.arange(1, chain.links + 1),
         "end": list(ENDS),
         "arc_length": ("particle", chain.arc_length),
-        "link_arc_length": ("link", middles),
+        "link_arc_length": ("link", middles_of(chain.arc_length)),
     }
 
 

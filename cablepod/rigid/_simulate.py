@@ -66,7 +66,7 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
     unbalanced = force[1:] - force[:-1] + chain.loads(0.0)[1:-1]
     scalars = {"unstretched_length": chain.total_length, "tension_lower": tension[0], "tension_upper": tension[-1]}
     title = f"{scene.attrs.get('title', 'scene')}: rigid links at rest"
-    result = rest_dataset(position, tension, unbalanced, chain_coordinates(chain), scalars, title=title)
+    result = rest_dataset(position, tension, unbalanced, chain_coordinates(chain, has_links=True), scalars, title=title)
     return provenance.record(
         result,
         function="rigid.rest",
