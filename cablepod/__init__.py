@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         UnusualSceneWarning,
         VelocityJumpWarning,
     )
+    from cablepod.pod._own import modes, snapshots
     from cablepod.scene import make_scene, read_scene
     from cablepod.study import summary
 
@@ -63,12 +64,14 @@ __all__ = [
     "galerkin",
     "make_scene",
     "mast",
+    "modes",
     "oblique",
     "periodic",
     "plots",
     "pod",
     "read_scene",
     "rigid",
+    "snapshots",
     "study",
     "summary",
     "wind",
@@ -76,7 +79,13 @@ __all__ = [
 
 
 #: Modules of the public names that are no sub-packages.
-_HOMES = {"make_scene": "scene", "read_scene": "scene", "summary": "study"}
+_HOMES = {
+    "make_scene": "scene",
+    "modes": "pod._own",
+    "read_scene": "scene",
+    "snapshots": "pod._own",
+    "summary": "study",
+}
 
 
 def __getattr__(name: str) -> "Any":

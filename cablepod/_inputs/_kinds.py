@@ -55,6 +55,7 @@ class Kind:
     instead: tuple[str, str] | None = None  #: variable of a scene of another kind, and the message that refuses it
     is_small: bool = True  #: values are checked and copied here, not where they are used
     reads: Dims | None = None  #: all variables that the functions read, None for any; others are not looked at
+    own: str = ""  #: remedy for data of another program
     some: bool = False  #: a single coordinate may be left of those, as after a selection, where they are not needed
 
 
@@ -69,8 +70,14 @@ SCENE = Kind(
 )
 _ARC: tuple[tuple[str, Dims], ...] = (("arc_length", ("particle",)),)
 _PLACES: tuple[tuple[str, Dims], ...] = (("position", ("time", "particle", "coordinate")), *_ARC)
-SNAPSHOTS = Kind("a trajectory", _PLACES, ("trajectory", "rest"), further=None, is_small=False)
-TRAJECTORY = Kind("a trajectory", (*_PLACES, ("time", ("time",))), ("trajectory", "rest"), further=None, is_small=False)
+#: What makes Datasets of arrays.
+OWN_SNAPSHOTS = "cp.snapshots(position, scene=scene) with positions (time, particle, coordinate) [m] of another program"
+OWN_MODES = "cp.modes(shapes, scene=scene) with shapes (mode, particle) of another program"
+OWN_FIELD_MODES = (
+    'cp.modes(shapes, layout="separate", scene=scene) with shapes (coordinate, mode, particle) of another program'
+)
+SNAPSHOTS = Kind("a trajectory", _PLACES, ("trajectory", "rest"), further=None, is_small=False, own=OWN_SNAPSHOTS)
+TRAJECTORY = replace(SNAPSHOTS, needs=(*_PLACES, ("time", ("time",))), own=f"{OWN_SNAPSHOTS}, times=times")
 #: Of which the positions alone are read.
 MOTION = replace(TRAJECTORY, reads=("position", "arc_length", "time", "coordinate", "unstretched_length"))
 TIMED = Kind("a Dataset with instants, from a simulate", (("time", ("time",)),), further=None, is_small=False)
@@ -80,12 +87,14 @@ AMPLITUDES = Kind(
     ("amplitudes", "trajectory"),
 )
 _SHAPES: tuple[tuple[str, Dims], ...] = (("mode_shape", ("mode", "particle")), *_ARC, ("coordinate", ("coordinate",)))
-MODES = Kind("modes of pod.decompose", _SHAPES, ("modes",), ("separate", "vector", "normal"))
+MODES = Kind("modes of pod.decompose", _SHAPES, ("modes",), ("separate", "vector", "normal"), own=OWN_MODES)
 FIELD_MODES = Kind(
-    "modes of pod.decompose with one of the layouts ('separate', 'vector')", _SHAPES, ("modes",), ("separate", "vector")
-)
+    "modes of pod.decompose with one of the layouts ('separate', 'vector')", _SHAPES, ("modes",), ("separate", "vector"),
+    own=OWN_FIELD_MODES,
+)  # fmt: skip
 NORMAL_MODES = Kind(
     'modes of the deflection normal to the chord, pod.decompose(snapshots, layout="normal")', _SHAPES, ("modes",), ("normal",),
+    own=OWN_MODES,
 )  # fmt: skip
 PREPARED = Kind("a prepared model, as PreparedModel.dataset() gives it", stages=("prepared model",), further=None)
 WITH_PLACES = Kind("one with arc_length (particle)", _ARC, further=None, is_small=False, some=True)
@@ -97,4 +106,5 @@ ANY = Kind("a Dataset of this package", further=None, is_small=False)
 def drawn_kind(name: str, dims: Dims, allowed: str) -> Kind:
     """Return the kind of a Dataset of which one variable is drawn; an instant, modes or coordinates may have been picked."""
     needed = tuple(dim for dim in dims if dim not in ("time", "mode"))
-    return Kind(allowed, ((name, needed),), further=None, is_small=False, some="coordinate" not in dims)
+    own = {"position": OWN_SNAPSHOTS, "mode_shape": OWN_MODES}.get(name, "")
+    return Kind(allowed, ((name, needed),), further=None, is_small=False, own=own, some="coordinate" not in dims)

@@ -57,7 +57,8 @@ def taken(key: str, given: Any, kind: Kind) -> xr.Dataset:
     """
     if not isinstance(given, Dataset):
         name = type(given).__name__
-        raise SceneError(f"{key}: given {'an' if name[:1].lower() in 'aeiou' else 'a'} {name}; allowed: {kind.allowed}")
+        article = "an" if name[:1].lower() in "aeiou" else "a"
+        raise SceneError(f"{key}: given {article} {name}; allowed: {kind.allowed}{_remedy(kind)}")
     if kind is not ANY and is_like_one_in_order(key, given, kind):
         return given
     if not kind.is_small:
@@ -127,7 +128,10 @@ def _layout(key: str, given: xr.Dataset, kind: Kind) -> str | None:
         raise SceneError(kind.instead[1])
     if missing:
         of_stage = "" if stage is None else f" of stage {shown(stage)}"
-        raise SceneError(f"{key}: given a Dataset{of_stage} without {' and '.join(missing)}; allowed: {kind.allowed}")
+        remedy = _remedy(kind) if stage is None else ""  # all Datasets of the package have one
+        raise SceneError(
+            f"{key}: given a Dataset{of_stage} without {' and '.join(missing)}; allowed: {kind.allowed}{remedy}"
+        )
     history = given.attrs.get("history_json", "[]")
     if kind is not ANY and not (isinstance(history, str) and is_history(history)):
         raise scene_error(
@@ -141,8 +145,14 @@ def _layout(key: str, given: xr.Dataset, kind: Kind) -> str | None:
         return None
     layout = given.attrs.get("layout")
     if not isinstance(layout, str) or layout not in kind.layouts:
-        raise SceneError(f"{key}: given layout {shown(layout)}; allowed: {kind.allowed}")
+        remedy = _remedy(kind) if layout is None else ""
+        raise SceneError(f"{key}: given layout {shown(layout)}; allowed: {kind.allowed}{remedy}")
     return layout
+
+
+def _remedy(kind: Kind) -> str:
+    """Return the last part of the message that refuses something else, for data of another program."""
+    return f"; try: {kind.own}" if kind.own else ""
 
 
 def _check_attributes(key: str, attrs: dict[Any, Any], kind: Kind) -> None:

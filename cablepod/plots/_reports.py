@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -39,13 +39,18 @@ MAX_INSTANTS, INTERVALS = 250, 100
 OF_SETTINGS = ("error_max", "model", "scheme", "family", "measured_again", "on_front")
 
 
-def error_over_time(comparisons: Mapping[str, xr.Dataset], *, ax: Axes | None = None) -> Axes:
+#: Columns of a plain table of errors and run times, and how a refusal tells them.
+COLUMNS = ("name", "run_time", "error")
+PLAIN_TABLE = "rows of name, run_time [s] and error [1] as a list of mappings or triples, a DataFrame or a Dataset"
+
+
+def error_over_time(comparisons: Mapping[str, xr.Dataset] | Sequence[xr.Dataset], *, ax: Axes | None = None) -> Axes:
     """Draw errors over time in per cent of the largest displacement of the truth.
 
     Parameters
     ----------
     comparisons
-        Label of a curve -> result of ``compare.errors``.
+        Label of a curve -> result of ``compare.errors``; or a list of such results, labelled by their titles.
     ax
         Axes to draw on; new ones by default.
 
@@ -58,13 +63,14 @@ def error_over_time(comparisons: Mapping[str, xr.Dataset], *, ax: Axes | None = 
     Raises
     ------
     SceneError
-        For an empty mapping and for other Datasets.
+        For nothing to draw and for other Datasets.
     """
-    if isinstance(comparisons, xr.Dataset) or not isinstance(comparisons, Mapping) or not comparisons:
-        raise scene_error(
-            "comparisons", type(comparisons).__name__, "a mapping, not empty, from labels to what compare.errors gives"
-        )
     allowed = "what compare.errors gives"
+    if isinstance(comparisons, list | tuple):
+        comparisons = _by_title(comparisons, allowed)
+    if isinstance(comparisons, xr.Dataset) or not isinstance(comparisons, Mapping) or not comparisons:
+        what = type(comparisons).__name__ if not isinstance(comparisons, Mapping) or comparisons else "nothing"
+        raise scene_error("comparisons", what, f"a mapping, not empty, from labels to {allowed}, or a list of these")
     errors = {
         str(key): _style.take(str(key), result, "error", ("time",), allowed) for key, result in comparisons.items()
     }
@@ -81,20 +87,23 @@ def error_over_time(comparisons: Mapping[str, xr.Dataset], *, ax: Axes | None = 
 
 
 def error_against_run_time(
-    result: xr.Dataset, *, scene: str | None = None, time: str = "kernel_time", ax: Axes | None = None
+    result: Any, *, scene: str | None = None, time: str = "kernel_time", ax: Axes | None = None
 ) -> Axes:
     """Draw the largest error of every setting of every model over its run time, with Pareto fronts.
+
+    A plain table of names, run times and errors of any programs is drawn with one front.
 
     Parameters
     ----------
     result
-        Dataset written by ``pipelines/error_vs_runtime/run.py``: over (scene, setting) ``error_max`` [1], ``kernel_time`` and
-        ``call_time`` [s], ``on_front`` and ``measured_again``; over setting ``model``, ``scheme`` and ``family``; over
-        (scene, error_level) ``time_ratio`` and ``call_ratio``.
+        A plain table: name, run_time [s] and error [1] of each setting, as a list of mappings or of triples, a DataFrame, or a
+        Dataset of these variables over one dimension.  Or the Dataset written by ``pipelines/error_vs_runtime/run.py``: over
+        (scene, setting) ``error_max`` [1], ``kernel_time`` and ``call_time`` [s], ``on_front`` and ``measured_again``; over
+        setting ``model``, ``scheme`` and ``family``; over (scene, error_level) ``time_ratio`` and ``call_ratio``.
     scene
-        Name of one of its scenes; optional if there is only one.
+        Name of one of the scenes of that Dataset; optional if there is only one.
     time
-        "kernel_time", the time of the integration, or "call_time", that of the whole call.
+        Of that Dataset: "kernel_time", the time of the integration, or "call_time", that of the whole call.
     ax
         Axes to draw on; new ones by default.
 
@@ -108,11 +117,21 @@ def error_against_run_time(
     Raises
     ------
     SceneError
-        For another Dataset, a missing scene, and another name of a time.
+        For another Dataset or table, a missing scene, and another name of a time.
+
+    Examples
+    --------
+    >>> from cablepod import plots
+    >>> rows = [("chain, 40 links", 0.9, 1e-4), ("condensed, r = 2", 1e-3, 2e-4), ("condensed, r = 4", 3e-3, 1e-5)]
+    >>> ax = plots.error_against_run_time(rows)
     """
     times = ("kernel_time", "call_time")
     if time not in times:
         raise scene_error("time", time, one_of(times, time))
+    if not isinstance(result, xr.Dataset) or "run_time" in result.variables:
+        if scene is not None:
+            raise scene_error("scene", scene, "none with a plain table")
+        return _draw_table(_style.axes(ax), *_columns(result))
     part = _of_scene(result, scene, (*OF_SETTINGS, time))
     milliseconds, error = 1e3 * part[time].values, part["error_max"].values
     ax = _style.axes(ax)
@@ -142,7 +161,7 @@ def error_against_run_time(
 
 def _of_scene(result: xr.Dataset, scene: str | None, needed: tuple[str, ...]) -> xr.Dataset:
     """Return the part of a result that belongs to a scene."""
-    allowed = "what pipelines/error_vs_runtime/run.py writes"
+    allowed = f"what pipelines/error_vs_runtime/run.py writes; or a plain table, {PLAIN_TABLE}"
     for name in needed:
         if not isinstance(result, xr.Dataset) or name not in result.variables:
             raise SceneError(f"result: given a {type(result).__name__} without {name}; allowed: {allowed}")
@@ -165,3 +184,86 @@ def _fronts(ax: Axes, part: xr.Dataset, milliseconds: np.ndarray, error: np.ndar
         label = text if rows.size else None
         x, y = milliseconds[rows], error[rows]
         ax.plot(x, y, line, color=colour, lw=1.5, drawstyle="steps-post", label=label, zorder=1)
+
+
+def _by_title(given: Sequence[Any], allowed: str) -> dict[str, Any]:
+    """Return results by what their titles say of the run, numbered where that is missing or the same."""
+    names = []
+    for number, result in enumerate(given):
+        if not isinstance(result, xr.Dataset):
+            raise scene_error(f"comparisons[{number}]", type(result).__name__, allowed)
+        of_run = str(result.attrs.get("title", "")).removeprefix("error of ").partition(" against ")[0]
+        names.append(of_run.rpartition(": ")[2])
+    return {
+        name if name and names.count(name) == 1 else f"{name or 'comparison'} ({number})": result
+        for number, (name, result) in enumerate(zip(names, given, strict=True), start=1)
+    }
+
+
+def _columns(table: Any) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Return names, run times [s] and errors [1] of a plain table."""
+    if isinstance(table, list | tuple):
+        columns = _columns_of_rows(table)
+    else:  # a mapping of columns, a DataFrame, a Dataset
+        given = type(table).__name__
+        try:
+            missing = [name for name in COLUMNS if name not in table]
+            columns = [] if missing else [np.asarray(table[name]) for name in COLUMNS]
+        except (TypeError, ValueError, KeyError, IndexError):
+            missing = list(COLUMNS)
+        if missing:
+            raise SceneError(f"result: given a {given} without {' and '.join(missing)}; allowed: {PLAIN_TABLE}")
+    shapes = {column.shape for column in columns}
+    if len(shapes) != 1 or any(len(shape) != 1 or not shape[0] for shape in shapes):
+        raise scene_error("result", f"columns of the shapes {sorted(shapes)}", PLAIN_TABLE)
+    try:
+        numbers = [np.array(column, dtype=float) for column in columns[1:]]
+    except (TypeError, ValueError, OverflowError):
+        raise scene_error("result", "run times or errors that are no numbers", PLAIN_TABLE) from None
+    for key, column, zero in zip(COLUMNS[1:], numbers, ("above 0", "from 0 on"), strict=True):
+        wrong = ~np.isfinite(column) | (column < 0.0) | ((column == 0.0) & (zero == "above 0"))
+        if wrong.any():
+            raise scene_error(f"result: {key}", float(column[wrong][0]), f"finite numbers {zero}")
+    return [str(name) for name in columns[0]], numbers[0], numbers[1]
+
+
+def _columns_of_rows(rows: Sequence[Any]) -> list[np.ndarray]:
+    """Return the columns of a table that is given row by row."""
+    triples = []
+    for number, row in enumerate(rows):
+        if isinstance(row, Mapping):
+            missing = [name for name in COLUMNS if name not in row]
+            if missing:
+                raise SceneError(
+                    f"result[{number}]: given a row without {' and '.join(missing)}; allowed: {PLAIN_TABLE}"
+                )
+            row = [row[name] for name in COLUMNS]
+        if not isinstance(row, list | tuple) or len(row) != len(COLUMNS):
+            raise scene_error(f"result[{number}]", row, PLAIN_TABLE)
+        triples.append(row)
+    return [np.array([row[i] for row in triples], dtype=object) for i in range(len(COLUMNS))]
+
+
+def _draw_table(ax: Axes, names: list[str], run_time: np.ndarray, error: np.ndarray) -> Axes:
+    """Draw the rows of a plain table, a marker for each name, and their Pareto front."""
+    order = np.argsort(run_time, kind="stable")
+    best = np.minimum.accumulate(error[order])
+    front = order[(error[order] == best) & np.concatenate([[True], best[1:] < best[:-1]])]
+    for i, name in enumerate(dict.fromkeys(names)):
+        rows = np.flatnonzero(np.array(names) == name)
+        style = _style.style(i, i, rows.size) | {"linestyle": "none", "markevery": 1, "markersize": 6}
+        _style.log(ax, run_time[rows], error[rows], name, style)
+    if front.size > 1:
+        positive = front[error[front] > 0.0]
+        ax.plot(
+            run_time[positive],
+            error[positive],
+            "-",
+            color="0.5",
+            lw=1.0,
+            drawstyle="steps-post",
+            label="front",
+            zorder=1,
+        )
+    ax.set(xscale="log", yscale="log", xlabel="run time [s]", ylabel="error [1]")
+    return _style.finish(ax)

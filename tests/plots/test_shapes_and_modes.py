@@ -307,7 +307,7 @@ def test_new_axes_show_all_of_their_legend(name):
         (lambda: plots.modes(modes_of(), count=0), "count: given 0; allowed: a whole number of at least 1"),
         (lambda: plots.singular_values(trajectory()), "modes: given a Dataset without singular_value"),
         (lambda: plots.amplitudes(trajectory()), "run: given a Dataset without amplitude"),
-        (lambda: plots.error_over_time({}), "comparisons: given 'dict'; allowed: a mapping, not empty"),
+        (lambda: plots.error_over_time({}), "comparisons: given 'nothing'; allowed: a mapping, not empty"),
         (lambda: plots.error_over_time(comparison([1.0])), "comparisons: given 'Dataset'"),
         (lambda: plots.error_over_time({"r = 1": trajectory()}), "r = 1: given a Dataset without error"),
     ],
