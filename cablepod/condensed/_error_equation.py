@@ -14,22 +14,45 @@ from cablepod.condensed._coefficients import Coefficients
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.parameters._parameters import Parameters
 
-#: Number of modes of each deflection that the enriched model has beyond those of the motion (fewer where particles are few).
+#: Number of sines that the enriched model has beyond the modes of each deflection (fewer where particles are few).
 EXTRA_MODES = 3
 #: Joint Newton corrections of the closure, for order "leading" and for others (one leaves 1e-2 of the change, two 1e-4).
 CORRECTIONS_LEADING, CORRECTIONS = 1, 2
 
 
 def enriched_modes(sets: Sequence[np.ndarray], sigma: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Complete each set of modes (mode, particle) by EXTRA_MODES sines of the relative arc length (particle,)."""
-    modes = []
+    """Complete each set of modes (mode, particle) by the EXTRA_MODES sines of the relative arc length that it lacks most.
+
+    What a sine lacks is what is left of it, per its norm, without the parts along the modes and the sines taken before, in the
+    product of masses; over its squared number, as a force of that shape displaces a taut string.  So a sine that the modes
+    contain is never taken, in whatever form and order they are given.
+
+    Parameters
+    ----------
+    sets, sigma
+        Modes of each deflection, independent, and relative arc lengths of the particles (particle,).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Bases of each deflection, orthonormal in that product, zero at the ends; as many rows as inner particles at most.
+    """
+    length, inner = np.diff(sigma), sigma.size - 2
+    root = np.sqrt(0.5 * (length[1:] + length[:-1]))  # of the lengths, so of the masses, at the inner particles
+    bases = []
     for psi in sets:
-        count = min(len(psi) + EXTRA_MODES, sigma.size - 2)
-        sines = np.sin(math.pi * np.outer(np.arange(1, count + 1), sigma))
-        basis = np.linalg.qr(np.concatenate([psi, sines]).T)[0].T[:count]
-        basis[:, [0, -1]] = 0.0
-        modes.append(basis)
-    return tuple(modes)
+        number = np.arange(1, min(2 * (len(psi) + EXTRA_MODES), inner) + 1)
+        left = np.sin(math.pi * np.outer(number, sigma[1:-1])) * root
+        left /= np.linalg.norm(left, axis=1)[:, None]
+        basis = np.linalg.qr((psi[:, 1:-1] * root).T)[0].T
+        for _ in range(min(EXTRA_MODES, inner - len(psi))):
+            for _ in range(2):  # the second time takes off what rounding left
+                left -= left @ basis.T @ basis
+            norm = np.linalg.norm(left, axis=1)
+            chosen = int(np.argmax(norm / number**2))
+            basis = np.concatenate([basis, left[chosen : chosen + 1] / norm[chosen]])
+        bases.append(np.pad(basis / root, ((0, 0), (1, 1))))
+    return tuple(bases)
 
 
 class _UnitCable(NamedTuple):

@@ -1,0 +1,80 @@
+"""The error estimate on modes of any origin: what the richer model adds, and estimates beside errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from prediction import own_modes
+from prediction.scenes import Case
+
+from cablepod.condensed._error_equation import EXTRA_MODES, enriched_modes
+
+#: Particles at unequal distances.
+SIGMA = np.append(0.0, np.cumsum(1.0 + 0.5 * np.sin(np.arange(24.0))))
+SIGMA /= SIGMA[-1]
+MASSES = np.zeros_like(SIGMA)
+MASSES[1:-1] = 0.5 * (SIGMA[2:] - SIGMA[:-2])
+
+
+def sines(*numbers):
+    return np.sin(np.pi * np.outer(numbers, SIGMA))
+
+
+def legendre(count):
+    return np.polynomial.legendre.legvander(2.0 * SIGMA - 1.0, count - 1).T * SIGMA * (1.0 - SIGMA)
+
+
+def left_of(shapes, basis):
+    """Return the norms of what is left of shapes without their parts in an orthonormal basis, over theirs."""
+    rest = shapes - (shapes * MASSES) @ basis.T @ basis
+    return np.sqrt((rest**2 @ MASSES) / (shapes**2 @ MASSES))
+
+
+@pytest.mark.parametrize(
+    ("modes", "added"),
+    [
+        (sines(1), (2, 3, 4)),
+        (sines(1, 2, 3, 4), (5, 6, 7)),
+        (sines(1, 3, 5), (2, 4, 6)),
+        (sines(2, 3), (1, 4, 5)),
+        # in other combinations
+        (np.array([[1.0, 1e-3, 0.0], [1.0, -1e-3, 0.0], [3.0, 1.0, 2.0]]) @ sines(1, 2, 3), (4, 5, 6)),
+        (legendre(4), ()),
+        (legendre(8), ()),
+    ],
+)
+def test_the_richer_model_has_the_modes_and_the_sines_that_they_lack(modes, added):
+    (basis,) = enriched_modes([modes], SIGMA)
+    assert len(basis) == len(modes) + EXTRA_MODES
+    # rounding, a thousandfold for modes that differ by a thousandth
+    np.testing.assert_allclose((basis * MASSES) @ basis.T, np.eye(len(basis)), atol=1e-12)
+    assert left_of(modes, basis).max() < 1e-11
+    if added:  # sines on unequal links are not quite orthogonal: some per cent
+        assert left_of(sines(*added), basis).max() < 0.1
+
+
+def test_the_richer_model_has_as_many_modes_as_inner_particles_at_most():
+    inner = SIGMA.size - 2
+    for count in (inner - 1, inner):
+        (basis,) = enriched_modes([np.eye(SIGMA.size)[1 : 1 + count]], SIGMA)
+        assert len(basis) == inner
+        np.testing.assert_allclose((basis * MASSES) @ basis.T, np.eye(inner), atol=1e-12)
+
+
+@pytest.mark.parametrize("tension", [4000.0, 15000.0])
+def test_the_estimate_with_sines_is_right_within_a_factor_of_five(tension):
+    """It was more than five times too small, by sines added to themselves."""
+    case = Case(
+        {"tension": tension, "frequency": 1.0, "size": 0.05, "load": 0.0, "inclination": 40.0, "chord": 60.0}, 20.0
+    )
+    error, estimate = own_modes.error_and_estimate(case, own_modes.bases(case, 0)["sines"], 3, "leading")
+    assert 0.2 < estimate / error < 5.0
+
+
+@pytest.mark.slow
+def test_the_estimate_is_right_on_bases_of_any_origin():
+    result = own_modes.report(scenes=6, duration=30.0, ranks=(1, 3, 8))
+    ratio = own_modes.ratios(result)
+    assert ratio.size == 6 * 6 * 2 * 3
+    assert own_modes.within(ratio) >= 0.95
+    assert "| sines | 36 |" in own_modes.table(result)
