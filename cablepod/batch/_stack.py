@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._resources import check_bytes
-from cablepod.conventions import attribute_labels, label
+from cablepod.conventions import AIR_OF_EACH, attribute_labels, label
 from cablepod.errors import SceneError
 
 #: Dimensions and values of a variable.
@@ -89,11 +89,12 @@ class MemberResults:
         first = self.shapes[successful[0]]
         different = [i for i in successful if self.shapes[i] != first]
         if different:
-            name = next(name for name in first if self.shapes[different[0]].get(name) != first[name])
+            other = self.shapes[different[0]]
+            name = next(name for name in first | other if other.get(name) != first.get(name))
             dims = ", ".join(self.variables[name][0][1:])
             raise SceneError(
                 f"member {different[0]} (and {len(different) - 1} more): given {name} ({dims}) of shape "
-                f"{self.shapes[different[0]].get(name)}; allowed: one shape for all, member {successful[0]} has {first[name]}"
+                f"{other.get(name)}; allowed: one shape for all, member {successful[0]} has {first.get(name)}"
             )
 
     @property
@@ -145,6 +146,8 @@ def to_dataset(stack: MemberResults, scene: xr.Dataset, coords: Any) -> xr.Datas
             variables[name] = (("member",), numbers)
         elif name in ("title", "id", "history_json"):
             attrs[name] = first[name]
+        elif name == "air":
+            attrs[name] = AIR_OF_EACH
     if any(stack.failures):
         reasons = np.array([str(error or "") for error in stack.failures], dtype=object)
         variables["failure"] = (("member",), reasons)

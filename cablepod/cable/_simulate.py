@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from cablepod import provenance
@@ -16,8 +15,7 @@ from cablepod.cable._air import MeshAir
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of, part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun
 from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_space, solve, step_limit_of
-from cablepod.cable._start import equilibrium_in_wind, equilibrium_with_error, start
-from cablepod.discretisation._chain import square
+from cablepod.cable._start import converged_equilibrium, start
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law, law_tension
 from cablepod.errors import NotConvergedWarning, user_stacklevel
 from cablepod.integrate._energy_check import ENERGY_WARN
@@ -28,7 +26,7 @@ from cablepod.parameters._checks import integer
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._notes import warn_of_unusual
-from cablepod.wind._air import CableAir, air_of, mean_air_of
+from cablepod.wind._air import air_of, mean_air_of
 from cablepod.wind._profile import air_at_rest
 
 #: Default law, eq. (21) of the paper.
@@ -44,7 +42,7 @@ EQUILIBRIUM_RTOL = 1e-10
 def rest(
     scene: xr.Dataset, *, elements: int | None = None, order: int | None = None, law: str = LAW, points: Any = None
 ) -> xr.Dataset:
-    """Compute the equilibrium of the continuous cable under all loads of the scene at time 0, wind included.
+    """Compute the equilibrium of the continuous cable under all loads of the scene at time 0, in its mean wind.
 
     Parameters
     ----------
@@ -67,7 +65,8 @@ def rest(
         ``arc_length (particle)``, ``link_arc_length (link)`` [m] and the scalars ``unstretched_length``, ``stretched_length``
         [m], ``tension_lower``, ``tension_upper``, ``residual`` [N].  The attribute ``space_error_estimate`` is the largest
         distance from the continuous cable, at nodes and midway between them, over the length; in wind, that of the nodes from
-        those of twice as many elements.
+        those of twice as many elements.  ``air`` says in which air the cable is at rest: the mean wind of the scene, or with
+        ``wind.ramp`` still air.
 
     Raises
     ------
@@ -84,16 +83,8 @@ def rest(
     p = parameters(scene)
     least = element_count(elements, p)
     air = mean_air_of(p)
-    for count in element_counts(least) if elements is None else [least]:
-        mesh = mesh_of(p, count, order, law, points)
-        position, distance = (
-            equilibrium_with_error(mesh)
-            if air is None
-            else _in_wind(mesh, mesh_of(p, 2 * count, order, law, points), air)
-        )
-        error = distance / mesh.total_length
-        if error <= EQUILIBRIUM_RTOL:
-            break
+    counts = element_counts(least) if elements is None else [least]
+    mesh, position, error = converged_equilibrium(p, counts, EQUILIBRIUM_RTOL, order, law, points)
     stretch = mesh.stretch(position)
     ends = stretch[[0, -1]]
     tension = law_tension(ends, p.stiffness, green=mesh.green)
@@ -110,20 +101,14 @@ def rest(
         (mesh.forces(position) + mesh.loads(0.0) + drag)[1:-1],
         chain_coordinates(mesh, has_links=True),
         scalars,
-        title=f"{scene.attrs.get('title', 'scene')}: continuous cable at rest in {count} elements{law_suffix(mesh)}",
+        title=f"{scene.attrs.get('title', 'scene')}: continuous cable at rest in {mesh.sizes.size} elements{law_suffix(mesh)}",
         law=law,
-        air=air_at_rest(p.wind),
-        elements=count,
+        air=air_at_rest(p),
+        elements=mesh.sizes.size,
         element_order=mesh.order,
         space_error_estimate=error,
     )
     return record(result, scene, mesh, "cable.rest", elements=elements, order=order, points=points)
-
-
-def _in_wind(mesh: SpectralMesh, finer: SpectralMesh, air: CableAir) -> tuple[np.ndarray, float]:
-    """Return the nodes (nodes, dims) at rest in the mean wind, and their distance from those of a finer mesh [m]."""
-    position, exact = (equilibrium_in_wind(of, MeshAir(of, air)) for of in (mesh, finer))
-    return position, float(np.sqrt(square(finer.interpolate(exact, mesh.arc_length) - position)).max())
 
 
 def record(

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from cablepod.cable._air import MeshAir
-from cablepod.cable._mesh import SpectralMesh
+from cablepod.cable._mesh import SpectralMesh, mesh_of
 from cablepod.chain import _start as chain_start
 from cablepod.chain._air import ChainAir
 from cablepod.discretisation._chain import LumpedChain, square
+from cablepod.discretisation._laws import LAWS
 from cablepod.errors import SceneError
-from cablepod.wind._air import CableAir
+from cablepod.parameters._parameters import Parameters
+from cablepod.wind._air import CableAir, mean_air_of
 
 #: Number of Gauss points between two nodes, for the integration of the equilibrium shape.
 GAUSS_POINTS = 8
@@ -129,6 +132,50 @@ def equilibrium_with_error(mesh: SpectralMesh) -> tuple[np.ndarray, float]:
     exact = catenary_nodes(mesh, nodes_and_middles)
     position, _ = solve_equilibrium(mesh, exact[::2])
     return position, float(np.sqrt(square(mesh.interpolate(position, nodes_and_middles) - exact)).max())
+
+
+def converged_equilibrium(
+    p: Parameters, counts: list[int], tolerance: float, order: int | None = None, law: str = LAWS[0], points: Any = None
+) -> tuple[SpectralMesh, np.ndarray, float]:
+    """Refine the mesh until the equilibrium in the mean wind of a scene converges; return mesh, nodes (nodes, dims) and error.
+
+    Parameters
+    ----------
+    p
+        Parameters of the scene; its table ``initial`` is the start of a run and has no part in this.
+    counts
+        Numbers of elements, tried in turn.
+    tolerance
+        Of the error: the largest distance from the continuous cable over the unstretched length, at nodes and midway between
+        them; in wind that of the nodes from those of twice as many elements.
+    order, law, points
+        As in :func:`cablepod.cable.simulate`.
+
+    Raises
+    ------
+    SceneError
+        Where no number of elements has an equilibrium.
+    """
+    p = replace(p, initial={})
+    air, found = mean_air_of(p), None
+    for count in counts:
+        mesh = mesh_of(p, count, order, law, points)
+        if air is None:
+            position, distance = equilibrium_with_error(mesh)
+        else:
+            finer = mesh_of(p, 2 * count, order, law, points)
+            try:
+                position, exact = (equilibrium_in_wind(of, MeshAir(of, air)) for of in (mesh, finer))
+            except SceneError:
+                if count == counts[-1] and found is None:
+                    raise
+                continue  # too few elements for the curvature of the cable
+            distance = float(np.sqrt(square(finer.interpolate(exact, mesh.arc_length) - position)).max())
+        found = mesh, position, distance / mesh.total_length
+        if found[2] <= tolerance:
+            break
+    assert found is not None
+    return found
 
 
 def start(mesh: SpectralMesh, air: MeshAir | None = None) -> np.ndarray:

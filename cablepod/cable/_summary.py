@@ -11,29 +11,28 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod._inputs import SCENE, taken
-from cablepod.cable._air import MeshAir
-from cablepod.cable._frequencies import converged_vibrations
-from cablepod.cable._mesh import mesh_of
+from cablepod.cable._frequencies import converged_vibrations, normal_of_plane
+from cablepod.cable._scheme import element_counts
 from cablepod.cable._simulate import element_count
-from cablepod.cable._start import equilibrium_in_wind
+from cablepod.cable._start import converged_equilibrium
 from cablepod.catenary._statics import load_plane
-from cablepod.conventions import label
+from cablepod.conventions import AIR_OF_EACH, ENDINGS_OF_AIR, STILL_AIR, label, names_in_air
 from cablepod.discretisation._chain import square
 from cablepod.discretisation._similarity import features
 from cablepod.errors import SceneError
 from cablepod.parameters._from_scene import Members
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._notes import StaticNumbers, likely_keys, notes_of, static_numbers
-from cablepod.wind._air import CableAir, mean_air_of
+from cablepod.wind._profile import air_at_rest
 
 #: Number of frequencies in the plane and out of it.
 FREQUENCIES = 3
-#: Names of the frequencies, and points of the shape in the wind.
-PLANES, POINTS = ("angular_frequency_in_plane", "angular_frequency_out_of_plane"), 401
-#: Numbers that differ in still air, with the ending ``_still_air`` where the scene has wind.
-AT_REST = (
-    "stretched_length", "tension_lower", "tension_upper", "stress", "strain", "sag", "sag_over_chord", "utilisation", *PLANES,
-)  # fmt: skip
+#: Names of the frequencies.
+PLANES = ("angular_frequency_in_plane", "angular_frequency_out_of_plane")
+#: Points of the shape in the wind, and tolerance of this shape: this part of the sag in still air (the profile of the wind misses
+#: 3e-5 of the deflection), at least this part of the length.
+POINTS, SAG_RTOL, SHAPE_RTOL = 401, 1e-5, 1e-8
+AT_REST, OF_STILL_AIR, OF_MEAN_WIND = ENDINGS_OF_AIR
 #: Name -> (units, long name) of the numbers of a summary.
 NUMBERS = {
     "chord": ("m", "distance of the ends"),
@@ -83,6 +82,9 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
         ``breaking_strength`` [N] and ``utilisation``.  ``angular_frequency_in_plane``, ``angular_frequency_out_of_plane (mode)``
         and ``first_axial_frequency`` [rad/s], the same in Hz as ``frequency_in_plane``, ``frequency_out_of_plane (mode)`` and
         ``first_axial_frequency_hertz``.  ``note`` is a text with a line for each note, the worst first; empty for a usual scene.
+        Rest is in the mean wind of the scene, with ``wind.ramp`` in the still air from which the wind rises; the attribute
+        ``air`` says which.  Where the scene has wind, the numbers in still air and in its mean wind stand side by side, with the
+        endings ``_still_air`` and ``_mean_wind`` (nan where a cable with a ramp finds no rest in the full wind).
 
     Raises
     ------
@@ -91,11 +93,11 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
 
     Notes
     -----
-    Rest is the elastic catenary under weight and uniform load at time 0, linear law; point loads are not in it.  In wind it is
-    the cable in the mean wind (point loads included), and the numbers of the catenary bear the ending ``_still_air``.
-    Frequencies are those of :func:`cablepod.cable.frequencies` by the linear law about rest under all loads at time 0, nan for a
-    free end or a cable that is not taut.  The first axial frequency is pi / L0 sqrt(EA / mu).  lambda squared is
-    (q_n L0 / T)^2 EA / T with the load per length q_n normal to the chord and the mean tension T of both ends.  Loads and
+    Rest in still air is the elastic catenary under weight and uniform load at time 0, linear law; point loads are not in it.
+    Rest in wind is that of :func:`cablepod.cable.rest` by the linear law, point loads included.  A free end is held.  Frequencies
+    are those of :func:`cablepod.cable.frequencies` by the linear law about rest under all loads at time 0, nan for a free end or
+    a cable that is not taut.  The first axial frequency is pi / L0 sqrt(EA / mu).  lambda squared is (q_n L0 / T)^2 EA / T with
+    the load per length q_n normal to the chord (drag included) and the mean tension T of both ends.  Loads (without drag) and
     motions are bounds of their absolute values during the run.  The thresholds of the notes are constants of
     ``cablepod.scene._notes``, each with its reason.
 
@@ -112,22 +114,16 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
     rows = [_numbers_of_member(p) for p in members]
     single = "member" not in scene.dims
     variables: dict[str, Any] = {}
-    for name in rows[0]:
-        if all(name in row for row in rows):
-            values = np.array(rows[0][name] if single else [row[name] for row in rows])
-        else:  # a member without breaking strength
-            values = np.array([row.get(name, math.nan) for row in rows])
+    for name in dict.fromkeys(name for row in rows for name in row):
+        missing = np.full(np.shape(next(row[name] for row in rows if name in row)), math.nan)
+        values = np.array(rows[0][name] if single else [row.get(name, missing) for row in rows])
         dims = () if single else ("member",)
         variables[name] = ((*dims, "mode") if values.ndim > len(dims) else dims, values)
     result = xr.Dataset(variables, coords={"mode": np.arange(1, FREQUENCIES + 1)})
     if not single:
         varied = {name: variable for name, variable in scene.variables.items() if variable.dims == ("member",)}
         result = result.assign_coords({name: variable.copy() for name, variable in varied.items()})
-    named = {name: names for name, names in {**NUMBERS, **FREQUENCY_NUMBERS}.items() if name in result}
-    for name in AT_REST:
-        if f"{name}_still_air" in result:
-            units, text = named[name]
-            named |= {name: (units, f"{text}, in the mean wind"), f"{name}_still_air": (units, f"{text}, in still air")}
+    named = names_in_air(NUMBERS | FREQUENCY_NUMBERS, result)
     for name, (_, text) in list(named.items()):
         if "frequency" in name:
             of_hertz = name.removeprefix("angular_") if "angular" in name else f"{name}_hertz"
@@ -140,82 +136,108 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
         note=("1", "what is unusual, one note a line"),
     )
     del result["note"].attrs["units"]
-    result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: summary", stage="summary")
+    airs = set(map(air_at_rest, members))
+    air = airs.pop() if len(airs) == 1 else AIR_OF_EACH
+    result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: summary", stage="summary", air=air)
     return provenance.record(result, function="summary", parameters={}, inputs=[scene])
 
 
 def _numbers_of_member(p: Parameters) -> dict[str, Any]:
     """Return the numbers of one scene by name."""
     numbers = static_numbers(p)
-    statics, chord = numbers.statics, numbers.chord
-    reach = np.subtract(*p.initial_ends[::-1])
-    sag, weight = _sag(p, numbers), math.hypot(*p.weight)
+    reach, weight = np.subtract(*p.initial_ends[::-1]), math.hypot(*p.weight)
     result = {
-        "chord": chord,
-        "inclination": math.asin(max(-1.0, min(1.0, reach[1] / chord))),
+        "chord": numbers.chord,
+        "inclination": math.asin(max(-1.0, min(1.0, reach[1] / numbers.chord))),
         "weight_per_length": weight,
         "mass_per_length": p.mass,
         "density": numbers.density,
         "axial_stiffness": p.stiffness,
         "unstretched_length": numbers.length,
-        "horizontal_force": statics[2],
-        "irvine_parameter": float(features(p, numbers.length, 0.0, 0.5 * float(statics[4] + statics[5]))[0]),
         "load_over_weight": numbers.load / (weight * numbers.length) if weight > 0.0 else math.nan,
-        "motion_over_chord": numbers.motion / chord,
+        "motion_over_chord": numbers.motion / numbers.chord,
+        "first_axial_frequency": math.pi / numbers.length * math.sqrt(p.stiffness / p.mass),
     }
     if p.breaking_strength is not None:
         result |= {"breaking_strength": p.breaking_strength}
-    still = _at_rest(p, chord, statics[1], (statics[4], statics[5], numbers.tension), sag)
-    still |= dict(zip(PLANES, _frequencies(p, numbers.length), strict=True))
-    air = mean_air_of(p)
-    if p.wind is not None:
-        result |= {f"{name}_still_air": value for name, value in still.items()}
-    result |= still if air is None or not air.mean.any() else _in_wind(p, numbers.length, air)
-    result |= {
-        "first_axial_frequency": math.pi / numbers.length * math.sqrt(p.stiffness / p.mass),
-    }
-    notes = [f"{note.key}: {note.text}" for note in notes_of(p)]
+    still, tension = _in_still_air(p, numbers), None
+    if p.wind is None:
+        result |= still
+    else:
+        full, ramp = replace(p, wind={**p.wind, "ramp": 0.0}), bool(p.wind["ramp"])
+        try:
+            in_wind = still if air_at_rest(full) == STILL_AIR else _in_wind(full, numbers.length, still["sag"])
+            tension = in_wind["stress"] * p.area
+        except SceneError:
+            if not ramp:
+                raise
+            in_wind = {name: np.full(np.shape(value), math.nan) for name, value in still.items()}
+        parts = {AT_REST: still if ramp else in_wind, OF_STILL_AIR: still, OF_MEAN_WIND: in_wind}
+        result |= {f"{name}{ending}": value for ending, part in parts.items() for name, value in part.items()}
+    notes = [f"{note.key}: {note.text}" for note in notes_of(p, tension)]
     if notes:
         notes += [f"perhaps {text}" for _, text in likely_keys(p)]
     return result | {"note": "\n".join(notes)}
 
 
-def _at_rest(
-    p: Parameters, chord: float, stretched_length: float, tension: tuple[float, float, float], sag: float
-) -> dict[str, Any]:
-    """Return the numbers of a shape at rest by name, for the tension at both ends and the largest one [N]."""
+def _at_rest(p: Parameters, chord: float, largest_tension: float, sag: float, **others: float) -> dict[str, Any]:
+    """Return the numbers of a shape at rest by name, for the largest tension [N], the sag [m] and what is known of it."""
     result = {
-        "stretched_length": stretched_length,
-        "tension_lower": tension[0],
-        "tension_upper": tension[1],
-        "stress": tension[2] / p.area,
-        "strain": tension[2] / p.stiffness,
+        **others,
+        "stress": largest_tension / p.area,
+        "strain": largest_tension / p.stiffness,
         "sag": sag,
         "sag_over_chord": sag / chord,
     }
-    return result if p.breaking_strength is None else result | {"utilisation": tension[2] / p.breaking_strength}
+    return result if p.breaking_strength is None else result | {"utilisation": largest_tension / p.breaking_strength}
 
 
-def _in_wind(p: Parameters, length: float, air: CableAir) -> dict[str, Any]:
-    """Return the numbers of the rest in the mean wind by name, with frequencies in and out of the plane of chord and load."""
-    p = replace(p, motions={}, length_key="unstretched_length", length_value=length, initial={})
-    mesh = mesh_of(p, element_count(None, p), None, "linear", POINTS)
-    position = equilibrium_in_wind(mesh, MeshAir(mesh, air))
-    stretch = mesh.stretch(position)
+def _in_still_air(p: Parameters, numbers: StaticNumbers) -> dict[str, Any]:
+    """Return the numbers of the rest in still air by name, with frequencies in and out of the plane of chord and load."""
+    length, stretched, horizontal, _, lower, upper = (float(number) for number in numbers.statics)
+    irvine = float(features(p, length, 0.0, 0.5 * (lower + upper))[0])
+    result = _at_rest(
+        p, numbers.chord, numbers.tension, _sag(p, numbers), stretched_length=stretched, tension_lower=lower,
+        tension_upper=upper, horizontal_force=horizontal, irvine_parameter=irvine,
+    )  # fmt: skip
+    return result | dict(zip(PLANES, _frequencies(p, length), strict=True))
+
+
+def _in_wind(p: Parameters, length: float, sag: float) -> dict[str, Any]:
+    """Return the numbers as :func:`_in_still_air` about rest in the mean wind; `sag` is that in still air [m]."""
+    lower, upper = p.initial_ends
+    p = replace(
+        p, lower=lower, upper=upper, motions={}, length_key="unstretched_length", length_value=length, initial={}
+    )
+    counts = element_counts(element_count(None, p))
+    tolerance = max(SHAPE_RTOL, SAG_RTOL * sag / length)
+    mesh, position, _ = converged_equilibrium(p, counts, tolerance, None, "linear", POINTS)
+    stretch, gradient = mesh.stretch(position), mesh.gradient(position)
     tension = p.stiffness * (stretch - 1.0)
-    shape = mesh.interpolate(position)
-    reach = shape[-1] - shape[0]
-    along = reach / np.linalg.norm(reach)
-    off = shape - shape[0]
-    sag = float(np.sqrt(square(off - (off @ along)[:, None] * along)).max())
-    ends = float(tension[0]), float(tension[-1]), float(tension.max())
-    result = _at_rest(p, float(np.linalg.norm(reach)), float(mesh.length @ stretch), ends, sag)
-    load = mesh.loads(0.0) + MeshAir(mesh, air).at_rest(position)
-    return result | dict(zip(PLANES, _frequencies_in_wind(p, reach, load.sum(axis=0)), strict=True))
+    ends = (tension / stretch)[[0, -1], None] * gradient[[0, -1]]  # forces [N]
+    reach = upper - lower
+    chord = float(np.linalg.norm(reach))
+    along, total = reach / chord, ends[0] - ends[1]
+    normal_to_load = ends[0] - (ends[0] @ total) / max(float(total @ total), 1e-300) * total
+    points = [load.force * (1.0 if load.factor is None else float(load.factor(0.0))) for load in p.point_loads]
+    distributed = (total - sum(points)) / length
+    transverse = distributed - (distributed @ along) * along
+    mean = max(0.5 * float(tension[0] + tension[-1]), 1e-12 * p.stiffness)
+    off = mesh.interpolate(position) - lower
+    result = _at_rest(
+        p, chord, float(tension.max()), float(np.sqrt(square(off - (off @ along)[:, None] * along)).max()),
+        stretched_length=float(mesh.length @ stretch), tension_lower=float(tension[0]), tension_upper=float(tension[-1]),
+        horizontal_force=float(np.linalg.norm(normal_to_load)),
+        irvine_parameter=(float(np.linalg.norm(transverse)) * length / mean) ** 2 * p.stiffness / mean,
+    )  # fmt: skip
+    return result | dict(zip(PLANES, _frequencies_in_wind(p), strict=True))
 
 
-def _frequencies_in_wind(p: Parameters, reach: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first angular frequencies in the plane of chord and total load, and out of it, in the mean wind [rad/s]."""
+def _frequencies_in_wind(p: Parameters) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first angular frequencies as :func:`_frequencies`, about rest in the mean wind [rad/s]."""
+    none = np.full(FREQUENCIES, math.nan)
+    if p.free_end is not None:
+        return none, none
     try:
         if p.dims == 2:
             within, across = (
@@ -223,14 +245,17 @@ def _frequencies_in_wind(p: Parameters, reach: np.ndarray, load: np.ndarray) -> 
                 for out_of_plane in (False, True)
             )
             return within, across
-        _, values, vectors, _ = converged_vibrations(p, 3 * FREQUENCIES, law="linear")
+        mesh, values, vectors, _ = converged_vibrations(p, 3 * FREQUENCIES, law="linear")
     except SceneError:  # not taut
-        return np.full(FREQUENCIES, math.nan), np.full(FREQUENCIES, math.nan)
-    normal = np.cross(reach, load)
-    normal /= np.linalg.norm(normal)
+        return none, none
+    normal = normal_of_plane(p, mesh)
+    if normal is None:  # chord and load span no plane: any two directions across the chord
+        along = p.upper - p.lower
+        normal = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+        normal /= np.linalg.norm(normal)
     share = ((vectors.T.reshape(values.size, -1, 3) @ normal) ** 2).sum(axis=1)
-    pads = np.full(FREQUENCIES, math.nan)
-    return tuple(np.concatenate([values[chosen], pads])[:FREQUENCIES] for chosen in (share < 0.5, share >= 0.5))  # type: ignore[return-value]
+    within, across = (np.concatenate([values[chosen], none])[:FREQUENCIES] for chosen in (share < 0.5, share >= 0.5))
+    return within, across
 
 
 def _sag(p: Parameters, numbers: StaticNumbers) -> float:

@@ -21,13 +21,14 @@ from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_
 from cablepod.parameters._from_scene import parameters
 from cablepod.scene._notes import warn_of_unusual
 from cablepod.wind._air import mean_air_of
+from cablepod.wind._profile import air_at_rest
 
 # --- rest -----------------------------------------------------------------------------------------------------------
 
 
 @over_members
 def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> xr.Dataset:
-    """Compute the equilibrium of the chain under all loads of the scene at time 0, wind included.
+    """Compute the equilibrium of the chain under all loads of the scene at time 0, in its mean wind.
 
     Parameters
     ----------
@@ -42,7 +43,8 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
     -------
     xarray.Dataset
         ``position (particle, coordinate)`` [m], ``tension (link)`` [N], ``arc_length (particle)`` [m] and the scalars
-        ``unstretched_length``, ``stretched_length`` [m], ``tension_lower``, ``tension_upper``, ``residual`` [N].
+        ``unstretched_length``, ``stretched_length`` [m], ``tension_lower``, ``tension_upper``, ``residual`` [N].  The attribute
+        ``air`` says in which air the chain is at rest: the mean wind of the scene, or with ``wind.ramp`` still air.
 
     Raises
     ------
@@ -85,9 +87,9 @@ def rest(scene: xr.Dataset, *, links: int | None = None, law: str = LAWS[0]) -> 
         "tension_upper": tension[-1],
     }
     title = f"{scene.attrs.get('title', 'scene')}: chain at rest{law_suffix(chain)}"
-    result = rest_dataset(
-        position, tension, unbalanced, chain_coordinates(chain, has_links=True), scalars, title=title, law=chain.law
-    )
+    coords = chain_coordinates(chain, has_links=True)
+    attrs = {"title": title, "law": chain.law, "air": air_at_rest(p)}
+    result = rest_dataset(position, tension, unbalanced, coords, scalars, **attrs)
     options = {"links": chain.links, "law": chain.law}
     return provenance.record(
         result,

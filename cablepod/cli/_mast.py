@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod.conventions import ENDINGS_OF_AIR
+
 #: Number of frequencies that are printed.
 FREQUENCIES = 6
+_, OF_STILL_AIR, OF_MEAN_WIND = ENDINGS_OF_AIR
 
 
 def answers(study: xr.DataTree) -> dict[str, Any]:
@@ -48,8 +51,9 @@ def check_text(scene: xr.Dataset) -> str:
     from cablepod.mast import summary
 
     numbers = summary(scene)
-    states = {"_still_air": "still air", "": "mean wind"} if "frequency_still_air" in numbers else {"": "at rest"}
-    lines = []
+    windy = f"frequency{OF_STILL_AIR}" in numbers
+    states = {OF_STILL_AIR: "still air", OF_MEAN_WIND: "mean wind"} if windy else {"": "at rest"}
+    lines = [f"  {'rest':<28}{numbers.attrs['air']}"] if windy else []
     for text, name, unit, factor in (
         ("axial force at the foot", "axial_force_foot", "kN", 1e-3), ("critical factor of buckling", "buckling_factor", "", 1.0),
         ("largest displacement", "displacement_largest", "m", 1.0),

@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from cablepod.conventions import ENDINGS_OF_AIR, STILL_AIR
 from cablepod.study._models import fastest_chain
 from cablepod.study._run import TRUTH_TOLERANCE
 
 #: Columns of the table of models.
 HEAD = f"{'model':<24}{'error':>10}{'estimate':>10}{'call':>11}{'one run':>11}{'step [s]':>11}{'steps':>10}"
+#: Names of the frequencies.
+VIBRATIONS = ("frequency_in_plane", "frequency_out_of_plane")
 #: Maximum error of a reduced model that is compared with chains, as a fraction of the motion.
 LARGEST_ERROR = 0.05
 #: Ratio of a call to one of its runs up to which their difference is noise of the clock.
@@ -84,10 +87,12 @@ def text(study: xr.DataTree, folder: Path) -> str:
 def answers(study: xr.DataTree) -> dict[str, Any]:
     """Return the answers that an engineer asks first: numbers at rest, frequencies, tensions over time."""
     numbers = study["summary"].to_dataset()
-    names = ("unstretched_length", "chord", "sag", "stress", "tension_lower", "tension_upper")
-    found: dict[str, Any] = {name: _number(numbers[name]) for name in names}
-    found["frequency_in_plane"] = [_number(value) for value in numbers["frequency_in_plane"]]
-    found["frequency_out_of_plane"] = [_number(value) for value in numbers["frequency_out_of_plane"]]
+    names = ("unstretched_length", "chord", "sag", "stress", "tension_lower", "tension_upper", *VIBRATIONS)
+    found: dict[str, Any] = {"air": numbers.attrs["air"]}
+    for ending in ENDINGS_OF_AIR:  # beside those at rest, of scenes with wind those in still air and in the mean wind
+        for name in (f"{name}{ending}" for name in names if f"{name}{ending}" in numbers):
+            values = numbers[name]
+            found[name] = [_number(value) for value in values] if values.ndim else _number(values)
     found["tension"] = {kind: _peak(study, kind) for kind in ("maximum", "minimum")}
     return found
 
@@ -118,14 +123,18 @@ def answers_text(study: xr.DataTree) -> str:
     change = abs(float(rest["tension_upper"]) / found["tension_upper"] - 1.0)
     chain = study["chain"].to_dataset()
     links, length = chain.sizes["particle"] - 1, float(chain["arc_length"][-1])
+    air, windy = found["air"], "sag_still_air" in found
+    model = "continuous cable" if windy else "exact catenary without point loads"
     lines = [
         f"at rest      length {found['unstretched_length']:.5g} m, sag {sag:.3g} m ({100 * sag / chord:.2g} % of the chord), "
         f"stress {found['stress'] / 1e6:.4g} MPa",
         f"             tension {found['tension_lower']:.5g} N at the lower end, {found['tension_upper']:.5g} N at the upper",
-        f"             exact catenary without point loads; the chain of {links} links differs by {100 * change:.2g} %",
-        f"vibration    {_hertz(found['frequency_in_plane'])} Hz in the plane, "
-        f"{_hertz(found['frequency_out_of_plane'])} Hz out of it, about rest",
+        f"             {model}{f' in {air}' if windy else ''}; the chain of {links} links differs by {100 * change:.2g} %",
+        f"vibration    {_vibrations(found)}, about rest",
     ]
+    if windy:
+        _, of_still_air, of_mean_wind = ENDINGS_OF_AIR
+        lines.append(_in_other_air(found, of_mean_wind if air.startswith(STILL_AIR) else of_still_air))
     for name, kind in (("largest", "maximum"), ("smallest", "minimum")):
         peak = found["tension"][kind]
         trust = "" if peak["error"] is None else f", ± {peak['error']:.2g} N by the length of the links"
@@ -135,6 +144,19 @@ def answers_text(study: xr.DataTree) -> str:
         )
     notes = [line for line in str(study["summary"].to_dataset()["note"].values).split("\n") if line]
     return "\n".join(lines + [f"note         {note}" for note in notes])
+
+
+def _vibrations(found: dict[str, Any], ending: str = "") -> str:
+    """Return the first frequencies in the plane and out of it."""
+    within, across = (_hertz(found[f"{name}{ending}"]) for name in VIBRATIONS)
+    return f"{within} Hz in the plane, {across} Hz out of it"
+
+
+def _in_other_air(found: dict[str, Any], ending: str) -> str:
+    """Return tension and frequencies in the air in which the scene is not at rest, still air or the mean wind."""
+    tension = found[f"tension_upper{ending}"]
+    upper = "no rest" if tension is None else f"{tension:.5g} N at the upper end"
+    return f"             {ENDINGS_OF_AIR[ending]}: {upper}, {_vibrations(found, ending)}"
 
 
 def _hertz(values: list[float | None]) -> str:

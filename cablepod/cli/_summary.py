@@ -7,6 +7,7 @@ import math
 
 import xarray as xr
 
+from cablepod.conventions import ENDINGS_OF_AIR
 from cablepod.parameters._from_scene import parameters
 from cablepod.parameters._key_paths import key_of_variable, variable_name, variable_of
 from cablepod.scene._ranges import are_choices, points_of_grid
@@ -32,6 +33,7 @@ LINES = (
     ("breaking strength", "breaking_strength", "N", 1.0),
     ("utilisation at rest", "utilisation", "%", 100.0),
 )
+_, OF_STILL_AIR, OF_MEAN_WIND = ENDINGS_OF_AIR
 FREQUENCIES = (
     ("first frequencies in plane", "in_plane"),
     ("first frequencies out of plane", "out_of_plane"),
@@ -40,7 +42,8 @@ FREQUENCIES = (
 
 def table(summary: xr.Dataset) -> str:
     """Return the numbers of a summary one a line, its frequencies in Hz and rad/s, and its notes."""
-    lines = []
+    windy = any(str(name).endswith(OF_STILL_AIR) for name in summary)
+    lines = [f"  {'rest':<32}{summary.attrs['air']}"] if windy else []
     for text, name, unit, factor in LINES:
         if name in summary and not math.isnan(float(summary[name])):
             values = [f"{_digits(factor * float(summary[key]))} {unit}".rstrip() for key, _ in _states(summary, name)]
@@ -57,9 +60,9 @@ def table(summary: xr.Dataset) -> str:
 
 
 def _states(summary: xr.Dataset, name: str) -> list[tuple[str, str]]:
-    """Return the names of a number at rest, and in which air: both where the scene has wind."""
-    still = f"{name}_still_air"
-    return [(still, "still air"), (name, "the mean wind")] if still in summary else [(name, "")]
+    """Return the names of a number at rest, and in which air: still air and mean wind where the scene has wind."""
+    still, windy = f"{name}{OF_STILL_AIR}", f"{name}{OF_MEAN_WIND}"
+    return [(still, "still air"), (windy, "the mean wind")] if still in summary else [(name, "")]
 
 
 def _side_by_side(values: list[str]) -> str:

@@ -25,6 +25,7 @@ from cablepod.pod._label import fix_sign
 from cablepod.pod._snapshots import tributary_weights
 from cablepod.pod._training_range import add_training_range
 from cablepod.wind._air import mean_air_of
+from cablepod.wind._profile import air_at_rest
 
 #: Similarity numbers that vanish at rest.
 MOTION_FEATURES = ("end_motion", "end_acceleration", "frequency")
@@ -63,6 +64,7 @@ def vibration_modes(
         to the one shape (root of the Rayleigh quotient).  The Dataset takes the place of modes of
         :func:`cablepod.pod.decompose` with layout "normal" and weights "mass", but has no singular values.  ``training_range``
         is that of the scene at rest, so that ``outside_training`` of a run measures how far its ends and loads leave this state.
+        The attribute ``air`` says in which air the cable is at rest: the mean wind of the scene, or with ``wind.ramp`` still air.
 
     Raises
     ------
@@ -123,8 +125,8 @@ def vibration_modes(
     label(
         result,
         mode=("1", "number of the mode, from 1, " + ("static modes first" if static_modes else "by rising frequency")),
-        bound=("1", "least or largest, both of the scene at rest"),
-        training_range=("1", "numbers without dimension that decide how the scene moves, at rest"),
+        bound=("1", "least or largest, both of the scene at rest in still air"),
+        training_range=("1", "numbers without dimension that decide how the scene moves, at rest in still air"),
         **names,
         **{
             f"{name}_out_of_plane": (units, f"{text}, out of the plane of chord and vertical")
@@ -139,6 +141,7 @@ def vibration_modes(
         method="vibration",
         weights="mass",
         law=law,
+        air=air_at_rest(p),
     )
     return provenance.record(
         result,

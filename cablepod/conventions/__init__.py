@@ -27,21 +27,27 @@ from cablepod.conventions._orders import (
     note_places,
 )
 from cablepod.conventions._vocabulary import (
+    AIR_OF_EACH,
     ATTRIBUTES,
     COORDINATES,
+    ENDINGS_OF_AIR,
     ENDS,
     FEATURES,
     INTERRUPTED,
     LABELS,
     OUTPUTS,
+    STILL_AIR,
     UNITS,
     VARIABLES,
     attribute_labels,
+    names_in_air,
 )
 
 __all__ = [
+    "AIR_OF_EACH",
     "ATTRIBUTES",
     "COORDINATES",
+    "ENDINGS_OF_AIR",
     "ENDS",
     "FEATURES",
     "INTERRUPTED",
@@ -50,6 +56,7 @@ __all__ = [
     "MAX_TEMPLATE_LABELS",
     "OUTPUTS",
     "PLACES_IN_ORDER",
+    "STILL_AIR",
     "UNITS",
     "VARIABLES",
     "attribute_labels",
@@ -58,6 +65,7 @@ __all__ = [
     "keep_places",
     "label",
     "labelled_dataset",
+    "names_in_air",
     "note_in_order",
     "note_places",
     "shared_coordinates",

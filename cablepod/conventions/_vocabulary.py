@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Mapping
 from typing import Any
 
 COORDINATES = ("x", "y", "z")
 ENDS = ("lower", "upper")
-#: Similarity numbers, at rest or maxima over time; T is the mean tension of the ends at rest, L the unstretched length:
+#: Similarity numbers, at rest in still air or maxima over time; T is the mean tension of the ends there, L the length:
 #: "irvine_parameter": (q_n L / T)^2 K / T, q_n the load per length normal to the chord: softening of the cable by its sag;
 #: "pull_along": q_t L / T, tension increase along the cable by the load along the chord;
 #: "end_motion": change of the distance of the ends over the elastic stretch T L / K;
@@ -23,6 +24,15 @@ LABELS: dict[Any, list[str] | None] = {
     "mode": None,
 }
 OUTPUTS = ("position", "velocity", "tension", "tension_extremes", "tension_peaks", "tension_mean", "tension_rms")
+#: Values of ``air``, which says in which air a result is at rest: without wind, and for members that differ in it.
+STILL_AIR, AIR_OF_EACH = "still air", "that of each member: its mean wind, or still air without wind or with a ramp"
+#: Endings of numbers at rest where the scene has wind, and in which air they are; those without an ending are at rest in the air
+#: of the scene.
+ENDINGS_OF_AIR = {
+    "": "in the mean wind, with a ramp in still air",
+    "_still_air": "in still air",
+    "_mean_wind": "in the mean wind",
+}
 #: Value of ``failure`` where Ctrl-C came before the point or the member was computed; also the end of a branch.
 INTERRUPTED = "interrupted"
 #: Name -> (units, long name) of results; :mod:`cablepod.parameters._keys` has the parameters of scenes.
@@ -187,3 +197,13 @@ def attribute_labels(name: str) -> dict[str, str]:
     """Return units and long name of an attribute that becomes a variable along ``member``."""
     units, long_name = ATTRIBUTES.get(name, ("1", name.replace("_", " ")))
     return {"units": units, "long_name": long_name}
+
+
+def names_in_air(names: Mapping[str, tuple[str, str]], present: Container[Any]) -> dict[str, tuple[str, str]]:
+    """Return units and long names of those numbers at rest that are present, with the air in which they are in wind."""
+    named = {name: given for name, given in names.items() if name in present}
+    for name, (units, text) in list(named.items()):
+        endings = {ending: air for ending, air in ENDINGS_OF_AIR.items() if f"{name}{ending}" in present}
+        if len(endings) > 1:
+            named |= {f"{name}{ending}": (units, f"{text}, {air}") for ending, air in endings.items()}
+    return named

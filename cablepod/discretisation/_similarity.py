@@ -22,8 +22,8 @@ INSTANTS = 201
 def features(p: Parameters, length: Any, end_time: float, tension: Any = None) -> np.ndarray:
     """Compute FEATURES of a scene with an unstretched length [m] until `end_time` [s].
 
-    `tension` is the mean of both end tensions at rest [N], computed if None.  Stacked members give (members, features) for
-    arrays of lengths and tensions.
+    `tension` is the mean of both end tensions at rest in still air [N], computed if None.  Stacked members give (members,
+    features) for arrays of lengths and tensions.
     """
     if tension is None:
         statics = solve_statics(p, "unstretched_length", length)

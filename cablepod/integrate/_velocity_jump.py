@@ -39,10 +39,11 @@ def warn_of_velocity_jump(p: Parameters, *, prefix: str = "") -> None:
     if p.motions and p.initial_end_rates[0].any() and not inside_members():
         jump = _jump(p)
         if jump.tension > MAX_WAVE_TENSION * jump.rest:  # false for nan, of a slack cable without weight
+            air = "" if p.wind is None else " in still air"
             warnings.warn(
                 f"{prefix}{jump.key}: starts from rest at {jump.speed:.3g} m/s, a jump that sends an axial wave of "
-                f"{jump.tension:.3g} N ({100.0 * jump.tension / jump.rest:.2g} % of the tension at rest) along the cable and "
-                f"into the peaks of the tension; try: {jump.key}.ramp = {jump.ramp:.2g} s, a smooth start",
+                f"{jump.tension:.3g} N ({100.0 * jump.tension / jump.rest:.2g} % of the tension at rest{air}) along the cable "
+                f"and into the peaks of the tension; try: {jump.key}.ramp = {jump.ramp:.2g} s, a smooth start",
                 VelocityJumpWarning,
                 stacklevel=user_stacklevel(),
             )
@@ -72,7 +73,7 @@ class _Jump(NamedTuple):
     key: str  #: key path of the motion
     speed: float  #: of the end [m/s]
     tension: float  #: of the wave [N]
-    rest: float  #: mean tension at rest [N]
+    rest: float  #: mean tension at rest in still air [N]
     ramp: float  #: duration of a sufficient ramp [s]
 
 
@@ -90,7 +91,7 @@ def _jump(p: Parameters) -> _Jump:
 
 
 def wave_tensions(p: Parameters) -> tuple[np.ndarray, float]:
-    """Return the change of tension behind the axial wave of each end (end,), and the mean tension at rest [N].
+    """Return the change of tension behind the axial wave of each end (end,), and the mean tension at rest in still air [N].
 
     A speed v along the cable changes the tension by v sqrt(K mu).  A speed w across it draws the cable round a kink that runs at
     c = sqrt(T / mu), and acts as a speed w^2 / 2c along it.

@@ -116,7 +116,7 @@ def frequencies(scene: xr.Dataset, *, count: int = 10, guys: str = "condensed", 
         title=f"{scene.attrs.get('title', 'scene')}: frequencies",
         stage="mast frequencies",
         guys=guys,
-        air=air_at_rest(p.wind),
+        air=air_at_rest(p),
     )
     return provenance.record(
         result,

@@ -78,5 +78,5 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
         }
     coords = {"level": levels, "node": np.arange(beam.height.size), "node_height": ("node", beam.height)}
     result = dataset(p, variables, coords)
-    result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: rest", stage="mast rest", air=air_at_rest(p.wind))
+    result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: rest", stage="mast rest", air=air_at_rest(p))
     return provenance.record(result, function="mast.rest", parameters={}, inputs=[scene])

@@ -9,7 +9,8 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod.batch._members import no_plan, over_members_by
-from cablepod.conventions import label
+from cablepod.conventions import ENDINGS_OF_AIR, label, names_in_air
+from cablepod.errors import SceneError
 from cablepod.mast._frequencies import frequencies
 from cablepod.mast._output import NAMES
 from cablepod.mast._rest import rest
@@ -26,6 +27,7 @@ NEARLY_SLACK = 0.2
 LARGE_DISPLACEMENT = 0.02
 #: Numbers that the wind does not change.
 OF_THE_SCENE = ("guy_length", "anchor")
+_, OF_STILL_AIR, OF_MEAN_WIND = ENDINGS_OF_AIR
 #: Name -> (units, long name) of the numbers of a summary beside those of :func:`rest` and :func:`frequencies`.
 NUMBERS = {
     "axial_force_foot": ("N", "axial force at the foot, compression positive"),
@@ -52,8 +54,10 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
         ``axial_force_foot`` [N], ``buckling_factor``, ``displacement_largest`` [m], ``bending_moment_largest`` [N m],
         ``angular_frequency (mode)`` [rad/s], ``frequency (mode)`` [Hz], ``mast_share (mode)``; of the guys ``guy_length`` [m],
         ``guy_tension``, ``guy_tension_anchor (guy)`` [N], where given ``tension_over_breaking_strength (guy)``.  ``note`` is a
-        text with a line for each note; empty for a usual mast.  Rest is in the mean wind of the scene; where it has wind, the
-        same numbers in still air bear the ending ``_still_air``.
+        text with a line for each note; empty for a usual mast.  Rest is in the mean wind of the scene, with ``wind.ramp`` in the
+        still air from which the wind rises; the attribute ``air`` says which.  Where the scene has wind, the numbers in still air
+        and in its mean wind stand side by side, with the endings ``_still_air`` and ``_mean_wind`` (nan where a mast with a ramp
+        finds no rest in the full wind).
 
     Raises
     ------
@@ -77,20 +81,32 @@ def summary(scene: xr.Dataset) -> xr.Dataset:
     at_rest, variables = _numbers(scene, p)
     if p.wind is not None:
         still = scene.drop_vars([name for name in scene.data_vars if str(name).startswith("wind_")])
-        in_still_air = _numbers(still, mast_parameters(still))[1]
-        variables |= {f"{name}_still_air": value for name, value in in_still_air.items() if name not in OF_THE_SCENE}
+        in_wind = _in_mean_wind(scene, variables) if float(p.wind["ramp"]) else dict(variables)
+        parts = (_numbers(still, mast_parameters(still))[1], in_wind)
+        for ending, numbers in zip((OF_STILL_AIR, OF_MEAN_WIND), parts, strict=True):
+            variables |= {f"{name}{ending}": value for name, value in numbers.items() if name not in OF_THE_SCENE}
     variables["note"] = xr.Variable((), "\n".join(_notes(p, at_rest)))
     coords: dict[str, Any] = {"mode": np.arange(1, variables["frequency"].size + 1)}
     if p.guys:
         coords |= {name: at_rest[name] for name in ("guy", "guy_level", "table")}
     result = xr.Dataset(variables, coords=coords)
-    names = {name: given for name, given in (NAMES | NUMBERS).items() if name in result}
-    for name, (units, text) in list(names.items()):
-        if f"{name}_still_air" in result:
-            names |= {name: (units, f"{text}, in the mean wind"), f"{name}_still_air": (units, f"{text}, in still air")}
+    names = names_in_air(NAMES | NUMBERS, result)
     label(result, mode=("1", "number of the mode, from 1, by rising frequency"), **names)
-    result.attrs = {"title": f"{scene.attrs.get('title', 'scene')}: summary", "stage": "summary"}
+    result.attrs = {
+        "title": f"{scene.attrs.get('title', 'scene')}: summary",
+        "stage": "summary",
+        "air": at_rest.attrs["air"],
+    }
     return provenance.record(result, function="mast.summary", parameters={}, inputs=[scene])
+
+
+def _in_mean_wind(scene: xr.Dataset, at_rest: dict[str, xr.Variable]) -> dict[str, xr.Variable]:
+    """Return the numbers in the mean wind after a ramp by name, nan where there is no rest."""
+    full = scene.assign(wind_ramp=scene["wind_ramp"].copy(data=np.zeros_like(scene["wind_ramp"].values)))
+    try:
+        return _numbers(full, mast_parameters(full))[1]
+    except SceneError:
+        return {name: value.copy(data=np.full(value.shape, np.nan)) for name, value in at_rest.items()}
 
 
 def _numbers(scene: xr.Dataset, p: MastParameters) -> tuple[xr.Dataset, dict[str, xr.Variable]]:

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod.conventions import COORDINATES, ENDS, label
+from cablepod.conventions import COORDINATES, ENDS, STILL_AIR, label
 from cablepod.errors import OutOfRangeWarning, RunStopped, user_stacklevel
 from cablepod.integrate._output import middles_of
 from cablepod.periodic._fields import mode_amplitudes
@@ -167,9 +167,9 @@ def record(
 ) -> xr.Dataset:
     """Append the stage to the history of the result."""
     title = str(scene.attrs.get("title", "scene"))
-    result.attrs = {"title": f"{title}: {function.replace('periodic.', '').replace('_', ' ')}", "stage": "periodic"} | {
-        name: value for name, value in result.attrs.items() if value is not None
-    }
+    attrs = {name: value for name, value in result.attrs.items() if value is not None}
+    title = f"{title}: {function.replace('periodic.', '').replace('_', ' ')}"
+    result.attrs = {"title": title, "stage": "periodic", "air": STILL_AIR} | attrs
     return provenance.record(
         result,
         function=function,

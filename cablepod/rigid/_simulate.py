@@ -13,6 +13,7 @@ import xarray as xr
 from cablepod import provenance
 from cablepod._resources import check_memory
 from cablepod.batch._members import no_plan, over_members, over_members_by
+from cablepod.conventions import STILL_AIR
 from cablepod.discretisation._chain import LumpedChain, chain_of
 from cablepod.errors import NotConvergedWarning, RunStopped, scene_error, user_stacklevel
 from cablepod.integrate._output import chain_coordinates, rest_dataset
@@ -60,13 +61,15 @@ def rest(scene: xr.Dataset, *, links: int | None = None) -> xr.Dataset:
         For ends further apart than the length of the chain, and for a chain that is straight or folded on itself at rest.
     """
     p = parameters(scene)
+    check_no_wind(p, "chain.rest")
     chain = chain_of(p, links)
     position, tension = rest_shape(chain)
     force = (tension / chain.length)[:, None] * np.diff(position, axis=0)
     unbalanced = force[1:] - force[:-1] + chain.loads(0.0)[1:-1]
     scalars = {"unstretched_length": chain.total_length, "tension_lower": tension[0], "tension_upper": tension[-1]}
     title = f"{scene.attrs.get('title', 'scene')}: rigid links at rest"
-    result = rest_dataset(position, tension, unbalanced, chain_coordinates(chain, has_links=True), scalars, title=title)
+    coords = chain_coordinates(chain, has_links=True)
+    result = rest_dataset(position, tension, unbalanced, coords, scalars, title=title, air=STILL_AIR)
     return provenance.record(
         result,
         function="rigid.rest",

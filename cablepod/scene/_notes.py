@@ -68,7 +68,7 @@ class Note(NamedTuple):
 
 @dataclass(frozen=True)
 class StaticNumbers:
-    """Numbers of a scene at rest that notes and summaries are about."""
+    """Numbers of a scene at rest in still air that notes and summaries are about."""
 
     chord: float  #: distance of the ends [m]
     diameter: float  #: of a round cross-section of the same area [m]
@@ -86,12 +86,12 @@ class StaticNumbers:
 
     @property
     def tension(self) -> float:
-        """Largest tension at rest [N]."""
+        """Largest tension at rest in still air [N]."""
         return float(max(self.statics[4], self.statics[5]))
 
 
 def static_numbers(p: Parameters) -> StaticNumbers:
-    """Compute the numbers of a scene at rest.
+    """Compute the numbers of a scene at rest in still air.
 
     Raises
     ------
@@ -138,8 +138,15 @@ def _largest(function: TimeFunction | None, end_time: float) -> float:
 # --- notes ------------------------------------------------------------------------------------------------------------
 
 
-def notes_of(p: Parameters) -> tuple[Note, ...]:
+def notes_of(p: Parameters, tension: float | None = None) -> tuple[Note, ...]:
     """Return the notes on a scene, the worst first.
+
+    Parameters
+    ----------
+    p
+        Parameters of the scene.
+    tension
+        Largest tension in the mean wind [N]; where it is not given, notes on a scene with wind are about its rest in still air.
 
     Raises
     ------
@@ -147,7 +154,7 @@ def notes_of(p: Parameters) -> tuple[Note, ...]:
         If the scene has no equilibrium.
     """
     numbers = static_numbers(p)
-    found = [*_notes_of_cable(p, numbers), *_notes_of_rest(p, numbers), *_notes_of_motion(p, numbers)]
+    found = [*_notes_of_cable(p, numbers), *_notes_of_rest(p, numbers, tension), *_notes_of_motion(p, numbers)]
     return tuple(sorted(found, key=lambda note: -note.excess))
 
 
@@ -166,16 +173,18 @@ def _notes_of_cable(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
         yield from _outside("cable.breaking_strength", what, stress, BREAKING_STRESS, "Pa")
 
 
-def _notes_of_rest(p: Parameters, numbers: StaticNumbers) -> Iterator[Note]:
+def _notes_of_rest(p: Parameters, numbers: StaticNumbers, tension: float | None) -> Iterator[Note]:
     if p.free_end is not None or "points" in p.initial:
         return  # never at this equilibrium
-    key, stress = f"cable.{p.length_key}", numbers.tension / p.area
-    yield from _outside(key, "a stress at rest", stress, (0.0, LARGEST_STRESS), "Pa")
-    yield from _outside(key, "a strain at rest", numbers.tension / p.stiffness, (0.0, LARGEST_STRAIN), "")
+    air = "" if p.wind is None else " in still air" if tension is None else " in the mean wind"
+    tension = numbers.tension if tension is None else tension
+    key, stress = f"cable.{p.length_key}", tension / p.area
+    yield from _outside(key, f"a stress at rest{air}", stress, (0.0, LARGEST_STRESS), "Pa")
+    yield from _outside(key, f"a strain at rest{air}", tension / p.stiffness, (0.0, LARGEST_STRAIN), "")
     what = "an unstretched length over the chord"
     yield from _outside(key, what, numbers.length / numbers.chord, (0.0, LARGEST_LENGTH), "")
     if p.breaking_strength is not None:
-        what, used = "a tension at rest over the breaking strength", numbers.tension / p.breaking_strength
+        what, used = f"a tension at rest{air} over the breaking strength", tension / p.breaking_strength
         yield from _outside("cable.breaking_strength", what, used, (0.0, 1.0), "")
     lower, upper = p.initial_ends
     if upper[1] < lower[1] and p.weight[1] < 0.0:

@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from cablepod.conventions import STILL_AIR
+from cablepod.parameters._parameters import InWind
+
 #: Von Karman's constant, as in the paper's sources of the spectra.
 KARMAN = 0.4
 #: Least height above the ground for spectra and coherence [m]; those of the boundary layer do not hold below.
@@ -27,13 +30,17 @@ def mean_speed(wind: Mapping[str, Any], height: np.ndarray) -> np.ndarray:
     return speed * np.log(np.maximum(height, roughness) / roughness) / np.log(reference / roughness)
 
 
-def air_at_rest(wind: Mapping[str, Any] | None) -> str:
-    """Return in words in which air a scene is at rest: the mean wind of the scene at time 0."""
-    if wind is None or not float(wind["speed"]):
-        return "still air"
-    if float(wind["ramp"]):
-        return "still air, from which the wind rises"
-    return f"mean wind of {float(wind['speed']):g} m/s at {float(wind['reference_height']):g} m"
+def air_at_rest(p: InWind) -> str:
+    """Return in words in which air a scene is at rest: its mean wind, or with a ramp the still air from which that rises."""
+    recorded = p.turbulence is not None and "record" in p.turbulence
+    if p.wind is None or not (recorded or float(p.wind["speed"])):
+        return STILL_AIR
+    if float(p.wind["ramp"]):
+        return f"{STILL_AIR}, from which the wind rises"
+    if recorded:
+        return "mean wind of the record"
+    above = "" if p.wind["profile"] == "uniform" else f" at {float(p.wind['reference_height']):g} m above the ground"
+    return f"mean wind of {float(p.wind['speed']):g} m/s{above}"
 
 
 def friction_velocity(wind: Mapping[str, Any]) -> float:
