@@ -117,7 +117,7 @@ class ExplicitCableRun(CableRun, ExplicitChainRun):
         load_increment = np.ascontiguousarray((per_mass[:, None] * mesh.loads()[free]).T)
         wind: tuple[Any, ...] = None, None, 0.0, 1, None, None
         if self.air is not None:
-            hold = self.air.hold(float(mesh.tensions_and_forces(self.initial)[0].max()), step)
+            hold = self.air.hold(float(mesh.tensions_and_forces(self.initial)[0].max()), step, float(self.times[-1]))
             air = self.air.velocity, self.air.drag, self.air.samples_per_second
             wind = *air, hold, np.zeros_like(v), np.zeros_like(v)
         varying = mesh.time_dependent_loads()

@@ -62,11 +62,6 @@ def solve(runs: dict[str, CableRun], request: Request, steps_per_second: float |
     return _choose_scheme(runs, request.tolerance)
 
 
-def step_limit_of(run: CableRun) -> float:
-    """Return the stability limit of explicit steps at the start [s]."""
-    return run.chain.step_limit(run.chain.tangent_stiffness_ratio(run.initial))
-
-
 def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> Solution:
     """Choose scheme and step for a tolerance: implicit if its steps are long enough to be faster."""
     explicit, implicit = (runs[name] for name in SCHEMES)
@@ -76,7 +71,7 @@ def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> Solution:
             explicit.comparable(_first_step(explicit)),
             implicit.comparable(_first_step(implicit)),
             tolerance,
-            step_limit=step_limit_of(explicit),
+            step_limit=explicit.step_limit,
             explicit_seconds=3.0 * float(explicit.times[-1]) * steps_per_second * explicit.chain.links * NODE_STEP,
             max_steps_per_second=steps_per_second / IMPLICIT_COST,
         )
@@ -85,7 +80,7 @@ def _choose_scheme(runs: dict[str, CableRun], tolerance: float) -> Solution:
 
 def _refine_in_time(run: CableRun, tolerance: float) -> tuple[Trajectory, float, float]:
     """Shorten the step until two runs agree; return trajectory, steps per second and time error."""
-    resolved = 1.0 / step_limit_of(run) if isinstance(run, ImplicitCableRun) else 0.0
+    resolved = 1.0 / run.step_limit if isinstance(run, ImplicitCableRun) else 0.0
     return refine_step(replace(run.comparable(_first_step(run)), resolved=resolved), tolerance)
 
 
@@ -100,13 +95,12 @@ def unforced_step(run: CableRun) -> float:
     mesh, end_time = run.chain, float(run.times[-1])
     if isinstance(run, ImplicitCableRun):
         tension = mesh.tensions_and_forces(run.initial)[0]
-        return first_implicit_step(mesh, tension, end_time, step_limit_of(run))
+        return first_implicit_step(mesh, tension, end_time, run.step_limit)
     if not mesh.green:
-        return 0.9 * step_limit_of(run)
+        return 0.9 * run.step_limit
     # with the largest stretch that the ends enforce, and a margin for waves
-    return 0.8 * mesh.step_limit(
-        np.maximum(mesh.tangent_stiffness_ratio(run.initial), mesh.largest_enforced_ratio(end_time))
-    )
+    enforced = np.maximum(mesh.tangent_stiffness_ratio(run.initial), mesh.largest_enforced_ratio(end_time))
+    return min(0.8 * mesh.step_limit(enforced), 0.9 * run.step_limit)
 
 
 def refine_in_space(

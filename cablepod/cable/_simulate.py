@@ -14,7 +14,7 @@ from cablepod.batch._members import no_plan, over_members, over_members_by
 from cablepod.cable._air import MeshAir
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of, part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun
-from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_space, solve, step_limit_of
+from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_space, solve
 from cablepod.cable._start import converged_equilibrium, start
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law, law_tension
 from cablepod.errors import NotConvergedWarning, user_stacklevel
@@ -254,9 +254,10 @@ def simulate(
         return {name: run(*arguments, window=request.window, air=air) for name, run in pair}
 
     first_runs = runs(element_count(elements, p))
-    limit = step_limit_of(first_runs[SCHEMES[0]]) if step is not None and scheme in (None, SCHEMES[0]) else None
-    others = '; scheme "trapezoidal" has none'
-    given_steps_per_second = request.steps_per_second(p, float(instants[-1]), limit, others)
+    explicit = first_runs[SCHEMES[0]]
+    limit = explicit.step_limit if step is not None and scheme in (None, SCHEMES[0]) else None
+    formula = f'{explicit.limit_text}; scheme "trapezoidal" has none'
+    given_steps_per_second = request.steps_per_second(p, float(instants[-1]), limit, formula)
     warn_of_velocity_jump(p)
     solution = solve(first_runs, request, given_steps_per_second)
     if step is not None:

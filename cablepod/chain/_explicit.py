@@ -163,11 +163,6 @@ class ExplicitChainRun(ChainRun):
                     raise RunStopped(why, self.dataset(state.only(self.times)))
                 self.stop(state, incomplete / steps_per_second, why)
 
-    @cached_property
-    def step_limit(self) -> float:
-        """Stability limit of the step at the start [s]."""
-        return self.chain.step_limit(self.chain.tangent_stiffness_ratio(self.initial))
-
     def _stop(
         self,
         instants: OutputTimes,
@@ -247,7 +242,7 @@ class ExplicitStepper:
         self._wind: tuple[Any, ...] = None, None, 0.0, 1
         if run.air is not None:  # such runs are alone
             tension = float(chain.tensions_and_forces(run.initial)[0].max())
-            hold = run.air.hold(tension, 1.0 / self.instants.steps_per_second)
+            hold = run.air.hold(tension, 1.0 / self.instants.steps_per_second, float(run.times[-1]))
             self._wind = run.air.velocity[None], np.array([run.air.drag]), run.air.samples_per_second, hold
         self._kind = chain.links, True if p.dims == 3 else None, True if chain.green else None
         self._extremes = True if "tension_extremes" in run.outputs else None

@@ -29,8 +29,19 @@ def eliminate(a, b, c, s, rx, ry):
     )
 
 
+@compiled(fastmath=FUSED, forceinline=True)
+def particle2(diagonal, own, p, below, above, update):
+    """Return the block of a particle, xx, xy, yy, after an update by elimination."""
+    xx = diagonal[p] + below[0] + above[0] - update[0]
+    xy = below[1] + above[1] - update[1]
+    yy = diagonal[p] + below[2] + above[2] - update[2]
+    if own is not None:  # an if that the compiler can prune
+        xx, xy, yy = xx + own[0, p], xy + own[1, p], yy + own[2, p]
+    return xx, xy, yy
+
+
 @compiled(fastmath=FUSED)
-def solve_planar(diagonal, s, b, workspace, first, last):
+def solve_planar(diagonal, own, s, b, workspace, first, last):
     """Solve the block tridiagonal system of a planar chain.
 
     The row of the free particle p is (diagonal_p + S_below + S_above) d_p - S_below d_(p-1) - S_above d_(p+1) = b_p; the
@@ -40,6 +51,8 @@ def solve_planar(diagonal, s, b, workspace, first, last):
     ----------
     diagonal : float array (n + 1,)
         Inertia over the square of the step, added to the diagonal of each block [N/m].
+    own : float array (3, n + 1) or None
+        xx, xy, yy of what is added to the block of each particle beside [N/m].
     s : tuple of 3 float arrays (n + 2,)
         xx, xy, yy of the tangent stiffness of the links [N/m].
     b : tuple of 2 float arrays (n + 1,)
@@ -59,32 +72,22 @@ def solve_planar(diagonal, s, b, workspace, first, last):
         # from the lower end
         p = first + i
         above = (sxx[p + 1], sxy[p + 1], syy[p + 1])
-        matrix, t, up, u = eliminate(
-            diagonal[p] + sxx[p] + above[0] - up[0],
-            sxy[p] + above[1] - up[1],
-            diagonal[p] + syy[p] + above[2] - up[2],
-            above, bx[p] + u[0], by[p] + u[1],
-        )  # fmt: skip
+        xx, xy, yy = particle2(diagonal, own, p, (sxx[p], sxy[p], syy[p]), above, up)
+        matrix, t, up, u = eliminate(xx, xy, yy, above, bx[p] + u[0], by[p] + u[1])
         mxx[p], mxy[p], myx[p], myy[p] = matrix
         bx[p], by[p] = t
         # from the upper end
         p = last - 1 - i
         if p > first + half:
             below = (sxx[p], sxy[p], syy[p])
-            matrix, t, down, w = eliminate(
-                diagonal[p] + below[0] + sxx[p + 1] - down[0],
-                below[1] + sxy[p + 1] - down[1],
-                diagonal[p] + below[2] + syy[p + 1] - down[2],
-                below, bx[p] + w[0], by[p] + w[1],
-            )  # fmt: skip
+            xx, xy, yy = particle2(diagonal, own, p, below, (sxx[p + 1], sxy[p + 1], syy[p + 1]), down)
+            matrix, t, down, w = eliminate(xx, xy, yy, below, bx[p] + w[0], by[p] + w[1])
             mxx[p], mxy[p], myx[p], myy[p] = matrix
             bx[p], by[p] = t
     p = first + half
+    xx, xy, yy = particle2(diagonal, own, p, (sxx[p], sxy[p], syy[p]), (sxx[p + 1], sxy[p + 1], syy[p + 1]), up)
     _, t, _, _ = eliminate(
-        diagonal[p] + sxx[p] + sxx[p + 1] - up[0] - down[0],
-        sxy[p] + sxy[p + 1] - up[1] - down[1],
-        diagonal[p] + syy[p] + syy[p + 1] - up[2] - down[2],
-        (0.0, 0.0, 0.0), bx[p] + u[0] + w[0], by[p] + u[1] + w[1],
+        xx - down[0], xy - down[1], yy - down[2], (0.0, 0.0, 0.0), bx[p] + u[0] + w[0], by[p] + u[1] + w[1],
     )  # fmt: skip
     tx, ty = t
     bx[p], by[p] = tx, ty
@@ -132,20 +135,22 @@ def _at3(s, p):
 
 
 @compiled(fastmath=FUSED, forceinline=True)
-def block3(diagonal, below, above, update, second_update):
+def block3(diagonal, own, p, below, above, update, second_update):
     """Return the inverse of a particle's block after the updates by elimination."""
-    return inverse3(
-        diagonal + below[0] + above[0] - update[0] - second_update[0],
-        below[1] + above[1] - update[1] - second_update[1],
-        below[2] + above[2] - update[2] - second_update[2],
-        diagonal + below[3] + above[3] - update[3] - second_update[3],
-        below[4] + above[4] - update[4] - second_update[4],
-        diagonal + below[5] + above[5] - update[5] - second_update[5],
-    )
+    xx = diagonal[p] + below[0] + above[0] - update[0] - second_update[0]
+    xy = below[1] + above[1] - update[1] - second_update[1]
+    xz = below[2] + above[2] - update[2] - second_update[2]
+    yy = diagonal[p] + below[3] + above[3] - update[3] - second_update[3]
+    yz = below[4] + above[4] - update[4] - second_update[4]
+    zz = diagonal[p] + below[5] + above[5] - update[5] - second_update[5]
+    if own is not None:  # an if that the compiler can prune
+        xx, xy, xz = xx + own[0, p], xy + own[1, p], xz + own[2, p]
+        yy, yz, zz = yy + own[3, p], yz + own[4, p], zz + own[5, p]
+    return inverse3(xx, xy, xz, yy, yz, zz)
 
 
 @compiled(fastmath=FUSED)
-def solve_spatial(diagonal, s, b, inverses, first, last):
+def solve_spatial(diagonal, own, s, b, inverses, first, last):
     """Solve the system of a spatial chain; `s` and the workspace `inverses` are tuples of 6 arrays, `b` is one of 3.
 
     The six arrays of a symmetric matrix are xx, xy, xz, yy, yz, zz; else as in :func:`solve_planar`.
@@ -158,7 +163,7 @@ def solve_spatial(diagonal, s, b, inverses, first, last):
     for i in range(half):
         p = first + i
         above = _at3(s, p + 1)
-        inverse = block3(diagonal[p], _at3(s, p), above, up, none)
+        inverse = block3(diagonal, own, p, _at3(s, p), above, up, none)
         inverses[0][p], inverses[1][p], inverses[2][p], inverses[3][p], inverses[4][p], inverses[5][p] = inverse
         bx[p] += u[0]
         by[p] += u[1]
@@ -169,7 +174,7 @@ def solve_spatial(diagonal, s, b, inverses, first, last):
         p = last - 1 - i
         if p > first + half:
             below = _at3(s, p)
-            inverse = block3(diagonal[p], below, _at3(s, p + 1), down, none)
+            inverse = block3(diagonal, own, p, below, _at3(s, p + 1), down, none)
             inverses[0][p], inverses[1][p], inverses[2][p], inverses[3][p], inverses[4][p], inverses[5][p] = inverse
             bx[p] += w[0]
             by[p] += w[1]
@@ -178,7 +183,7 @@ def solve_spatial(diagonal, s, b, inverses, first, last):
             w = times3(below, t[0], t[1], t[2])
             down = sandwich3(below, inverse)
     p = first + half
-    inverse = block3(diagonal[p], _at3(s, p), _at3(s, p + 1), up, down)
+    inverse = block3(diagonal, own, p, _at3(s, p), _at3(s, p + 1), up, down)
     t = times3(inverse, bx[p] + u[0] + w[0], by[p] + u[1] + w[1], bz[p] + u[2] + w[2])
     bx[p], by[p], bz[p] = t
     q = t

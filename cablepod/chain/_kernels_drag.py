@@ -61,6 +61,42 @@ def drag_forces(x, v, wind, place, drag, first, last, force, damping):
             force[c, p] *= damping[p]
 
 
+@compiled
+def drag_tangent(x, first, last, scale, force, damping, own):
+    """Compute the derivative of the drag by the velocities: damping (I - t t + n n), t along the cable, n along the drag.
+
+    The change of direction and length of the cable is left out: it is small of first order in the sag of a link.
+
+    Parameters
+    ----------
+    x : float array (dims, n + 1)
+        Positions [m].
+    first, last : int
+        The free particles, first ... last - 1.
+    scale : float
+        Derivative of the velocities by the unknowns of a step [1/s].
+    force, damping : float arrays (dims, n + 1), (n + 1,)
+        Results of :func:`drag_forces`.
+    own : float array (3 or 6, n + 1)
+        Filled: `scale` times xx, xy, yy, in space xx, xy, xz, yy, yz, zz of the symmetric blocks [N/m].
+    """
+    dims, particles = x.shape
+    for p in range(first, last):
+        below, above = max(p - 1, 0), min(p + 1, particles - 1)
+        along, across = 0.0, 0.0
+        for c in range(dims):
+            along += (x[c, above] - x[c, below]) ** 2
+            across += force[c, p] * force[c, p]
+        along, across = 1.0 / along, 1.0 / across if across > 0.0 else 0.0
+        factor, row = scale * damping[p], 0
+        for c in range(dims):
+            for e in range(c, dims):
+                value = across * force[c, p] * force[e, p]
+                value -= along * (x[c, above] - x[c, below]) * (x[e, above] - x[e, below])
+                own[row, p] = factor * (value + (1.0 if e == c else 0.0))
+                row += 1
+
+
 # --- explicit steps -----------------------------------------------------------------------------------------------------
 
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from cablepod._jit import compiled
-from cablepod.chain._kernels_drag import drag_forces
+from cablepod.chain._kernels_drag import drag_forces, drag_tangent
 from cablepod.chain._kernels_generalized_alpha import (
     MAX_ITERATIONS,
+    REMAINDER,
     _add_loads,
     _correct,
     _correction,
     _is_inside,
+    _remainder,
     _repeat,
     _set_ends,
     _update_extremes,
@@ -42,7 +44,7 @@ def energy_momentum(
     flat_x, flat_v, flat_trial, steady = x.reshape(-1), v.reshape(-1), trial.reshape(-1), loads.reshape(-1)
     diagonal = masses * (2.0 / (step * step) + (0.0 if damping is None else damping / step))
     middle, rates = np.zeros_like(x), np.zeros_like(x)
-    air_force, air_damping, air_diagonal = np.zeros_like(x), np.zeros(particles), np.zeros(x.size)
+    air_force, air_damping, own = np.zeros_like(x), np.zeros(particles), np.zeros((3 * dims - 3, particles))
     iterations, save = 0, 0
     for i in range(steps):
         if save < save_steps.size and save_steps[save] == start + i:
@@ -69,18 +71,18 @@ def energy_momentum(
                         middle[c, p] = 0.5 * (x[c, p] + trial[c, p])
                         rates[c, p] = (trial[c, p] - x[c, p]) / step
                 drag_forces(middle, rates, wind, wind_places[i], drag, first, last, air_force, air_damping)
+                drag_tangent(middle, first, last, 1.0 / step, air_force, air_damping, own)
                 flat_air = air_force.reshape(-1)
-                for c in range(dims):
-                    for p in range(particles):  # the tangent by the velocity, without the direction of the wind
-                        q = c * particles + p
-                        air_diagonal[q] = diagonal[q] + air_damping[p] / step
-                        flat_air[q] += fixed_force[q] + air_damping[p] / step * d[q]
-                rotation = _correction(f, s, flat_air, air_diagonal, d, b, workspace, first, last, per_length)
+                for q in range(d.size):
+                    flat_air[q] += fixed_force[q]
+                rotation = _correction(f, s, flat_air, diagonal, own, d, b, workspace, first, last, per_length)
             else:
-                rotation = _correction(f, s, fixed_force, diagonal, d, b, workspace, first, last, per_length)
+                rotation = _correction(f, s, fixed_force, diagonal, None, d, b, workspace, first, last, per_length)
             _correct(d, b.reshape(-1), flat_x, flat_trial)
             _set_ends(trial, lower, upper, i + 1)
-            if rotation <= rotation_tolerance or (rotation <= rounding and rotation > 0.5 * last_rotation):
+            remainder = 0.0 if wind is None else _remainder(rotation, last_rotation if last_rotation < np.inf else 0.0)
+            small = rotation <= rotation_tolerance and remainder <= REMAINDER * rotation_tolerance
+            if small or (rotation <= rounding and rotation > 0.5 * last_rotation):
                 converged = True
                 break
             if not rotation < 1e300:

@@ -15,18 +15,21 @@ import numpy as np
 
 from cablepod._jit import REORDERED, compiled
 from cablepod.chain._kernels_banded import solve_planar, solve_spatial
-from cablepod.chain._kernels_drag import drag_forces
+from cablepod.chain._kernels_drag import drag_forces, drag_tangent
 from cablepod.chain._kernels_links import link_forces_planar, link_forces_spatial
 
 #: Maximum number of Newton iterations per step.
 MAX_ITERATIONS = 30
+#: With drag, whose tangent leaves out the direction of the cable: tolerance of what remains over that of the last correction.
+REMAINDER = 1e-3
 
 
 @compiled
-def _correction(f, s, fixed_force, diagonal, d, b, workspace, first, last, per_length):
+def _correction(f, s, fixed_force, diagonal, own, d, b, workspace, first, last, per_length):
     """Compute the Newton correction b of the displacements d; returns its mean rotation of the links.
 
-    The right side is the sum of link forces and `fixed_force` less `diagonal` d.
+    The right side is the sum of link forces and `fixed_force` less `diagonal` d.  `own` is the negative derivative of
+    `fixed_force` by the displacements of each particle, None for 0.
     """
     dims, particles = b.shape
     flat = b.reshape(-1)
@@ -40,11 +43,11 @@ def _correction(f, s, fixed_force, diagonal, d, b, workspace, first, last, per_l
             b[c, last] = 0.0
     if dims == 2:
         solve_planar(
-            diagonal, (s[0], s[1], s[2]), (b[0], b[1]), (workspace[0], workspace[1], workspace[2], workspace[3]), first, last,
+            diagonal, own, (s[0], s[1], s[2]), (b[0], b[1]), (workspace[0], workspace[1], workspace[2], workspace[3]), first, last,
         )  # fmt: skip
     else:
         solve_spatial(
-            diagonal, (s[0], s[1], s[2], s[3], s[4], s[5]), (b[0], b[1], b[2]),
+            diagonal, own, (s[0], s[1], s[2], s[3], s[4], s[5]), (b[0], b[1], b[2]),
             (workspace[0], workspace[1], workspace[2], workspace[3], workspace[4], workspace[5]), first, last,
         )  # fmt: skip
     return _mean_rotation(flat, per_length)
@@ -61,6 +64,12 @@ def _mean_rotation(b, per_length):
         turn = (b[q + 1] - b[q]) * per_length[q]
         total += turn * turn
     return math.sqrt(total / b.size)
+
+
+@compiled
+def _remainder(rotation, before):
+    """Return what a linear iteration leaves after two corrections, or after the first one (`before` = 0) at most."""
+    return rotation * rotation / before if before > rotation else rotation
 
 
 @compiled(inline="always")
@@ -190,7 +199,7 @@ def generalized_alpha(
     d, b, fixed_force = np.zeros(x.size), np.zeros((dims, particles)), np.zeros(x.size)
     workspace = np.zeros((2 * dims, particles))
     trial, rates = x.copy(), np.zeros((dims, particles))
-    air_force, air_damping, air_diagonal = np.zeros((dims, particles)), np.zeros(particles), np.zeros(x.size)
+    air_force, air_damping, own = np.zeros((dims, particles)), np.zeros(particles), np.zeros((3 * dims - 3, particles))
     masses, per_length = _repeat(mass, dims), _repeat(np.append(1.0 / length, 0.0), dims)
     flat_x, flat_v, flat_a, flat_g, flat_trial = (
         x.reshape(-1),
@@ -229,7 +238,7 @@ def generalized_alpha(
         if patterns is not None:
             _add_loads(fixed_force, patterns, factors[i + 1])
         _set_ends(trial, lower, upper, i + 1)
-        converged = False
+        converged, before = False, 0.0
         for _ in range(MAX_ITERATIONS):
             iterations += 1
             if end_rates is not None:
@@ -254,22 +263,22 @@ def generalized_alpha(
                 )  # fmt: skip
             if wind is not None:
                 drag_forces(trial, rates, wind, wind_places[i + 1], drag, first, last, air_force, air_damping)
+                drag_tangent(trial, first, last, rate, air_force, air_damping, own)
                 flat_air = air_force.reshape(-1)
-                for c in range(dims):
-                    for p in range(particles):  # the tangent by the velocity, without the direction of the wind
-                        q = c * particles + p
-                        air_diagonal[q] = diagonal[q] + rate * air_damping[p]
-                        flat_air[q] += fixed_force[q] + rate * air_damping[p] * d[q]
-                rotation = _correction(f, s, flat_air, air_diagonal, d, b, workspace, first, last, per_length)
+                for q in range(d.size):
+                    flat_air[q] += fixed_force[q]
+                rotation = _correction(f, s, flat_air, diagonal, own, d, b, workspace, first, last, per_length)
             else:
-                rotation = _correction(f, s, fixed_force, diagonal, d, b, workspace, first, last, per_length)
+                rotation = _correction(f, s, fixed_force, diagonal, None, d, b, workspace, first, last, per_length)
             _correct(d, b.reshape(-1), flat_x, flat_trial)
             _set_ends(trial, lower, upper, i + 1)
-            if rotation <= rotation_tolerance:
+            remainder = 0.0 if wind is None else _remainder(rotation, before)
+            if rotation <= rotation_tolerance and remainder <= REMAINDER * rotation_tolerance:
                 converged = True
                 break
             if not rotation < 1e300:
                 break
+            before = rotation
         if not converged:
             return i, iterations
         for q in range(d.size):

@@ -88,7 +88,7 @@ def prepare(
         )
     explicit_limit = limit if run is explicit else None
     others = "; implicit schemes have none"
-    steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, others)
+    steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, explicit.limit_text + others)
     return PreparedScene(explicit, run, limit, steps_per_second)
 
 
@@ -190,6 +190,5 @@ def _unforced_step(run: ChainRun, limit: float) -> float:
     if not chain.green:
         return 0.9 * limit
     # with a margin for waves beyond the stretch that the ends enforce in the run
-    return 0.8 * chain.step_limit(
-        np.maximum(chain.tangent_stiffness_ratio(initial), chain.largest_enforced_ratio(end_time))
-    )
+    enforced = np.maximum(chain.tangent_stiffness_ratio(initial), chain.largest_enforced_ratio(end_time))
+    return min(0.8 * chain.step_limit(enforced), 0.9 * limit)

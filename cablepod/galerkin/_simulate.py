@@ -178,8 +178,8 @@ def simulate(
         for name in SCHEMES
     }
     explicit_limit = limit if scheme in (None, SCHEMES[0]) else None
-    others = "; implicit schemes have none"
-    given_steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, others)
+    formula = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s; implicit schemes have none"
+    given_steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, formula)
     warn_of_velocity_jump(p)
     solution, time_tolerance, model_error = solve(runs, limit, request, given_steps_per_second, estimate.error)
     run, trajectory, _, time_error, _ = solution

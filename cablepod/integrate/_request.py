@@ -233,7 +233,7 @@ class Request:
             raise scene_error("window", self.window, f"a part of the run, from 0 s to {times[-1]:g} s")
         return times
 
-    def steps_per_second(self, p: Parameters, end_time: float, limit: float | None, others: str = "") -> float | None:
+    def steps_per_second(self, p: Parameters, end_time: float, limit: float | None, formula: str = "") -> float | None:
         """Return the steps per second of the given step, None without one.
 
         Parameters
@@ -242,8 +242,8 @@ class Request:
             Parameters of the scene, and the end of the run [s].
         limit
             Stability limit of an explicit step [s]; None for implicit ones, whose step is at most the run.
-        others
-            What to say of schemes without such a limit.
+        formula
+            How the limit follows, and which schemes have none.
 
         Raises
         ------
@@ -253,7 +253,6 @@ class Request:
         if self.step is None:
             return None
         if limit is not None:
-            formula = f"2 over the highest angular frequency, {2 / limit:.6g} rad/s{others}"
             return 1.0 / check_step(self.step, limit, formula)
         value = number(above=0.0, most=end_time or math.inf)("step", self.step)
         check_resolved(value, p.shortest_time_scale)

@@ -58,7 +58,10 @@ class ParticleAir(Protocol):
     def velocity(self) -> np.ndarray:
         """Velocity of the air (samples, dims, n + 1) [m/s]."""
 
-    def hold(self, tension: float, step: float) -> int:
+    def step_limit(self, end_time: float) -> float:
+        """Return the longest step [s] from one evaluation of the drag to the next for which a run until `end_time` is stable."""
+
+    def hold(self, tension: float, step: float, end_time: float) -> int:
         """Return the number of explicit steps [s] from one evaluation of the drag to the next, for a tension [N]."""
 
     def force(self, position: np.ndarray, velocity: np.ndarray, time: float = 0.0) -> np.ndarray:
@@ -132,6 +135,19 @@ class ChainRun:
     def __call__(self, steps_per_second: float) -> Trajectory:
         """Run with a number of steps per second."""
         raise NotImplementedError
+
+    @cached_property
+    def step_limit(self) -> float:
+        """Stability limit of explicit steps at the start: that of the links or elements, and of the drag [s]."""
+        limit = self.chain.step_limit(self.chain.tangent_stiffness_ratio(self.initial))
+        return limit if self.air is None else min(limit, self.air.step_limit(float(self.times[-1])))
+
+    @property
+    def limit_text(self) -> str:
+        """How the stability limit follows."""
+        if self.air is not None and self.step_limit == self.air.step_limit(float(self.times[-1])):
+            return "by the rate at which drag changes the velocity of so light a cable"
+        return f"2 over the highest angular frequency, {2 / self.step_limit:.6g} rad/s"
 
     @cached_property
     def moving(self) -> set[str]:

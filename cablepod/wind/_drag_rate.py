@@ -1,0 +1,34 @@
+"""How fast drag acts on a cable, and how taut it pulls it: what the steps of light lines follow from."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cablepod.parameters._parameters import Parameters
+from cablepod.wind._air import CableAir
+
+#: Number of instants at which the speed of the ends is taken.
+INSTANTS = 1025
+
+
+def drag_rate(p: Parameters, air: CableAir, end_time: float) -> float:
+    """Return a bound of the rate at which drag takes away a motion along the wind, until an instant [s] [1/s].
+
+    The drag rho C d |u| u / 2 per length of a cable of the mass mu per length changes with the relative velocity u by
+    rho C d |u| along u.  The largest rate is therefore rho C d U / mu, with the largest speed U of the air and of the ends.
+    """
+    speed = air.largest_speed
+    if p.motions:
+        rates = p.end_positions(np.linspace(0.0, end_time, INSTANTS), 1)
+        speed += float(np.sqrt((rates * rates).sum(axis=-1)).max())
+    return 2.0 * air.drag * speed / p.mass
+
+
+def tension_by_drag(p: Parameters, air: CableAir, tension: float, length: float) -> float:
+    """Return the tension [N] of a taut cable with the tension T0 [N] and a length [m] under the largest drag.
+
+    A parabola under the load q across the chord: T^2 (T - T0) = EA (q L)^2 / 24; with the force at its ends.
+    """
+    load = air.drag * air.largest_speed**2 * length
+    roots = np.roots([1.0, -tension, 0.0, -p.stiffness * load**2 / 24.0])
+    return float(np.hypot(roots.real.max(), 0.5 * load))
