@@ -11,17 +11,12 @@ import numpy as np
 
 from cablepod.discretisation._chain import LumpedChain
 from cablepod.wind._air import CableAir, refined
-from cablepod.wind._drag_rate import drag_rate, tension_by_drag
+from cablepod.wind._drag_rate import TENSION_MARGIN, drag_rate, drag_step_limit, longest_hold, tension_by_drag
 
 #: Maximum number of explicit steps from one evaluation of the drag to the next.
 MAX_HOLD = 16
 #: Maximum time of these steps over the shortest transverse period at the start: a fifth of it for a tension twice as large.
 HOLD_OVER_PERIOD = 0.14
-#: Bounds of the rate of the drag times a step, and times that of several steps.  The extrapolation of three evaluations is stable
-#: up to 6 / 11, in vibrations at the limit of the links up to 0.4.
-LIMIT_TIMES_RATE, HOLD_TIMES_RATE = 0.4, 0.25
-#: Share of the tension by the largest drag that counts: what is twice as large as at the start is in HOLD_OVER_PERIOD.
-TENSION_MARGIN = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +82,7 @@ class ChainAir:
 
     def step_limit(self, end_time: float) -> float:
         """Return the longest step [s] from one evaluation of the drag to the next for which a run until `end_time` is stable."""
-        return LIMIT_TIMES_RATE / max(self.rate(end_time), 1e-300)
+        return drag_step_limit(self.rate(end_time))
 
     def hold(self, tension: float, step: float, end_time: float) -> int:
         """Return the number of explicit steps [s] from one evaluation to the next.
@@ -103,5 +98,5 @@ class ChainAir:
         mass = p.mass * chain.tributary_length[1:-1].min()
         tension = max(tension, TENSION_MARGIN * tension_by_drag(p, self.air, tension, chain.total_length))
         omega = 2.0 * math.sqrt(max(tension, 1e-300) / (chain.length.min() * mass))
-        times = HOLD_OVER_PERIOD * 2.0 * math.pi / omega, HOLD_TIMES_RATE / max(self.rate(end_time), 1e-300)
+        times = HOLD_OVER_PERIOD * 2.0 * math.pi / omega, longest_hold(self.rate(end_time))
         return max(1, min(self.max_hold, int(min(times) / step)))

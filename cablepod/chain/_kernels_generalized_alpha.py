@@ -43,7 +43,8 @@ def _correction(f, s, fixed_force, diagonal, own, d, b, workspace, first, last, 
             b[c, last] = 0.0
     if dims == 2:
         solve_planar(
-            diagonal, own, (s[0], s[1], s[2]), (b[0], b[1]), (workspace[0], workspace[1], workspace[2], workspace[3]), first, last,
+            diagonal, own, (s[0], s[1], s[2]), (b[0], b[1]), (workspace[0], workspace[1], workspace[2], workspace[3]), first,
+            last,
         )  # fmt: skip
     else:
         solve_spatial(

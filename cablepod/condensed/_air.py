@@ -14,6 +14,7 @@ from cablepod.condensed._kernels_layout import POINTS_IN_VECTOR
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.wind._air import CableAir, linear_between, refined
+from cablepod.wind._drag_rate import TENSION_MARGIN, drag_rate, drag_step_limit, longest_hold, tension_by_drag
 
 #: Number of Gauss points along the cable beyond that of the modes of each deflection.
 EXTRA_POINTS = 2
@@ -204,8 +205,22 @@ class CondensedAir:
 
     def hold(self, chord_tension: float, step: float) -> int:
         """Return the number of steps [s] from one evaluation of the drag to the next, for a chord tension [N] at the start."""
-        omega = math.sqrt(max(chord_tension, 1e-300) * float(self.model.slope_norms_squared.max()))
-        return max(1, min(MAX_HOLD, int(HOLD_OVER_PERIOD * 2.0 * math.pi / (omega * step))))
+        chain = self.model.chain
+        by_drag = tension_by_drag(chain.p, self.air, chord_tension, chain.total_length)
+        tension = max(chord_tension, TENSION_MARGIN * by_drag, 1e-300)
+        omega = math.sqrt(tension * float(self.model.slope_norms_squared.max()))
+        longest = min(HOLD_OVER_PERIOD * 2.0 * math.pi / omega, longest_hold(self.rate))
+        return max(1, min(MAX_HOLD, int(longest / step)))
+
+    @cached_property
+    def rate(self) -> float:
+        """Bound of the rate at which drag takes away a motion along the wind [1/s]."""
+        return drag_rate(self.model.chain.p, self.air, self.end_time)
+
+    @property
+    def step_limit(self) -> float:
+        """Longest stable step by the rate of the drag [s]."""
+        return drag_step_limit(self.rate)
 
     def initial(self) -> tuple[np.ndarray, np.ndarray]:
         """Return initial coordinates and rates (r,), in equilibrium with the drag at the start unless a shape is given.

@@ -12,12 +12,14 @@ from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._prepared_dataset import NO_ID, UNCHANGED, check_coefficients, check_contents, stored_model
 from cablepod.condensed._prepared_model import PreparedModel
 from cablepod.errors import SceneError, scene_error
+from cablepod.integrate._particle_air import OF_DRAG
 from cablepod.integrate._request import check_step
 from cablepod.integrate._step_control import STEPS_PER_CHANGE, preferred_steps_per_second
 from cablepod.parameters._checks import choice
 from cablepod.parameters._from_scene import parameters as parameters_of
 from cablepod.parameters._parameters import Parameters
 from cablepod.scene._notes import warn_of_unusual
+from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT
 
 #: Orders of prepared models.
 ORDERS = ("leading", "exact")
@@ -88,11 +90,13 @@ def prepare(
     air = air_of_host(model, wind)
     warn_of_unusual(parameters_of(scene))
     if step is None:
-        of_wind = np.inf if air is None else 0.5 * air.air.interval
+        of_wind = np.inf if air is None else min(0.5 * air.air.interval, STEP_OVER_DRAG_LIMIT * air.step_limit)
         slowest = min(STEP_OVER_LIMIT * limit, model.chain.p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
         step = 1.0 / preferred_steps_per_second(1.0 / slowest)
     else:
         step = check_step(step, limit, f"2 over the highest angular frequency, {2.0 / limit:.6g} rad/s")
+        if air is not None:
+            check_step(step, air.step_limit, OF_DRAG)
     return PreparedModel(scene, modes, model, step, wind)
 
 

@@ -28,7 +28,8 @@ from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._prepared_dataset import checked_state, dataset_of
 from cablepod.condensed._prepared_run import PreparedRun, PreparedRunner
 from cablepod.errors import OutOfRangeWarning, RunStopped, SceneError, scene_error, user_stacklevel
-from cablepod.integrate._request import check_positive
+from cablepod.integrate._particle_air import OF_DRAG
+from cablepod.integrate._request import check_positive, check_step
 from cablepod.parameters._key_paths import motion_path
 
 
@@ -55,6 +56,7 @@ class PreparedModel:
         self.wind = wind
         air = air_of_host(model, wind)
         self._end_of_wind = math.inf if air is None else end_of_wind(air)
+        self._drag_limit = math.inf if air is None else air.step_limit
         #: Step of :meth:`run` [s].
         self.prepared_step = prepared_step
         self._coefficients = host_coefficients(model, air)
@@ -141,6 +143,8 @@ class PreparedModel:
             raise scene_error(
                 "step", step, f"steps until {self._end_of_wind:g} s, where the wind ends; try: time.duration"
             )
+        if step >= self._drag_limit:
+            check_step(step, self._drag_limit, OF_DRAG)
         status = self._kernel(self._coefficients, accepted, trial, position, velocity, acceleration, step)
         if status:
             error = refusal(status, self._coefficients, accepted, position, velocity, acceleration, step)
@@ -234,7 +238,7 @@ class PreparedModel:
     @property
     def step_limit(self) -> float:
         """Stability limit of the steps from the accepted state [s]."""
-        return float(2.0 / np.sqrt(self._accepted[layout.MONITOR, MAX_OMEGA_SQUARED]))
+        return min(float(2.0 / np.sqrt(self._accepted[layout.MONITOR, MAX_OMEGA_SQUARED])), self._drag_limit)
 
     @property
     def smallest_chordwise_force(self) -> float:

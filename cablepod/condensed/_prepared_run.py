@@ -32,6 +32,7 @@ from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import scene_error
 from cablepod.integrate._march import BLOCK
 from cablepod.integrate._output_times import OutputTimes
+from cablepod.integrate._particle_air import OF_DRAG
 from cablepod.integrate._request import check_outputs, check_resolved, check_step, check_times
 from cablepod.integrate._step_control import damped_growth
 from cablepod.parameters._parameters import Parameters
@@ -230,6 +231,8 @@ class PreparedRunner:
         """Run as :func:`cablepod.condensed.simulate` does."""
         start = initial_state(model, air)
         self._check_step(model.omega_max_squared(start.q, model.initial_boundary_data, start.chord_tension))
+        if air is not None:
+            check_step(self.step, air.step_limit, OF_DRAG)
         run = CondensedRun(model, instants.times, start, (), None, None, SCHEMES[0], air=air)
         return run(self.steps_per_second)
 

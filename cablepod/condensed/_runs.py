@@ -23,6 +23,7 @@ from cablepod.errors import scene_error
 from cablepod.integrate._march import advance_in_blocks
 from cablepod.integrate._output import stop
 from cablepod.integrate._output_times import judged_instants
+from cablepod.integrate._particle_air import OF_DRAG
 from cablepod.integrate._peaks import PeakSearch, Watch, peak_times
 from cablepod.integrate._request import Request, check_resolved, check_step
 from cablepod.integrate._step_control import (
@@ -36,6 +37,7 @@ from cablepod.integrate._step_control import (
 )
 from cablepod.integrate._window import ExtremesWindow
 from cablepod.wind._air import air_of
+from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT
 
 SCHEMES = ("velocity_verlet", "trapezoidal", FOURTH_ORDER)
 #: Schemes by order of the model.
@@ -123,12 +125,14 @@ def solve(
             check_step(
                 step, longest, f"{run.stable_phase:.4g} over the highest angular frequency, {2 / limit:.6g} rad/s"
             )
+        if air is not None:
+            check_step(step, air.step_limit, OF_DRAG)
         check_resolved(step, p.shortest_time_scale)
         state = run(1.0 / step)
         return CondensedResult(
             run, state, 1.0 / step, limit, None, None, run.model_error(state) if estimates else np.nan
         )
-    of_wind = math.inf if air is None else 0.5 * air.air.interval
+    of_wind = math.inf if air is None else min(0.5 * air.air.interval, STEP_OVER_DRAG_LIMIT * air.step_limit)
     first_step = min(_unforced_step(run, omega_squared), p.shortest_time_scale / STEPS_PER_CHANGE, of_wind)
     steps_per_second = (whole_steps_per_second if fits else preferred_steps_per_second)(1.0 / first_step)
     if (judged := judged_instants(times, steps_per_second)) is not None:

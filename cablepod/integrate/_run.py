@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn
 
 import numpy as np
 import xarray as xr
@@ -31,44 +31,13 @@ from cablepod.integrate._output import (
     trajectory_variables,
 )
 from cablepod.integrate._output_times import OutputTimes, judged_instants, with_judged
+from cablepod.integrate._particle_air import OF_DRAG, ParticleAir
 from cablepod.integrate._peaks import PeakSearch, Watch
 from cablepod.integrate._step_control import ComparableRuns, motion_scale, preferred_steps_per_second
 from cablepod.integrate._window import ExtremesWindow, window_attributes
 
 #: Rounding error of a link's stretch over its coordinates in links.
 ROUNDING = 16.0 * float(np.finfo(float).eps)
-
-
-class ParticleAir(Protocol):
-    """Drag of the wind on the particles of a chain."""
-
-    @property
-    def drag(self) -> float:
-        """Half the density of the air times drag coefficient and diameter [kg/m2]."""
-
-    @property
-    def samples_per_second(self) -> float:
-        """Samples of the velocity of the air per second."""
-
-    @property
-    def interval(self) -> float:
-        """Interval of the gusts, which the steps of a run resolve [s]."""
-
-    @property
-    def velocity(self) -> np.ndarray:
-        """Velocity of the air (samples, dims, n + 1) [m/s]."""
-
-    def step_limit(self, end_time: float) -> float:
-        """Return the longest step [s] from one evaluation of the drag to the next for which a run until `end_time` is stable."""
-
-    def hold(self, tension: float, step: float, end_time: float) -> int:
-        """Return the number of explicit steps [s] from one evaluation of the drag to the next, for a tension [N]."""
-
-    def force(self, position: np.ndarray, velocity: np.ndarray, time: float = 0.0) -> np.ndarray:
-        """Return the drag on the particles (n + 1, dims) [N] at an instant [s]."""
-
-    def energy_bound(self, position: np.ndarray) -> float:
-        """Return the work of the largest drag over the reach of the cable [J]."""
 
 
 @dataclass
@@ -146,7 +115,7 @@ class ChainRun:
     def limit_text(self) -> str:
         """How the stability limit follows."""
         if self.air is not None and self.step_limit == self.air.step_limit(float(self.times[-1])):
-            return "by the rate at which drag changes the velocity of so light a cable"
+            return OF_DRAG
         return f"2 over the highest angular frequency, {2 / self.step_limit:.6g} rad/s"
 
     @cached_property

@@ -22,7 +22,8 @@ MAX_REFINEMENTS, MAX_FACTOR = 6, 4.0
 MIN_FACTOR, MIN_FACTOR_UNRESOLVED = 1.25, 1.5
 #: Tolerance over the expected error of the next refinement; the same, and margin of the first estimate, for :func:`fit_step`.
 REFINEMENT_MARGIN, ECONOMICAL_MARGIN, FIRST_MARGIN = 4.0, 1.5, 1.5
-#: Maximum number of steps of a run over that of the first (more steps would take long for a motion that is hardly resolved).
+#: Maximum number of steps of a run over that of the first (more steps would take long for a motion that is hardly resolved), but
+#: for runs of MAX_TENSION_WORK or less.
 MAX_GROWTH = 512.0
 #: Maximum steps times links of a run without a given step (half an hour to some hours).  A run with a given step has no such
 #: bound.
@@ -159,7 +160,7 @@ def tension_distance(fine: np.ndarray, coarse: np.ndarray, rounding: float = 0.0
     """
     span = float((fine.max(axis=0) - fine.min(axis=0)).max())
     largest = float(np.abs(fine).max())
-    scale = span if span > 1e-9 * largest else max(largest, 1e-300)  # nothing changes: rounding errors
+    scale = span if span > 1e-8 * largest else max(largest, 1e-300)  # nothing changes: rounding errors
     return max(math.sqrt(float(((fine - coarse) ** 2).mean(axis=1).max())) - rounding, 0.0) / scale
 
 
@@ -268,8 +269,9 @@ def _refine(
     `tolerance` may be a function of the second run.
     """
     aim = ECONOMICAL_MARGIN if economical else REFINEMENT_MARGIN
-    max_rate = min(MAX_GROWTH * rate, runs.max_steps_per_second(MAX_WORK))
-    of_tension_rate = min(max_rate, max(MAX_TENSION_GROWTH * rate, runs.max_steps_per_second(MAX_TENSION_WORK)))
+    short = runs.max_steps_per_second(MAX_TENSION_WORK)
+    max_rate = min(max(MAX_GROWTH * rate, short), runs.max_steps_per_second(MAX_WORK))
+    of_tension_rate = min(max_rate, max(MAX_TENSION_GROWTH * rate, short))
     factor, last, last_factor, slow = 2.0, (math.inf, math.inf), math.inf, 0
     for _ in range(MAX_REFINEMENTS):
         # the first doubling is exact, so that its runs share their instants; later numbers are preferred ones again

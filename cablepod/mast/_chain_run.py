@@ -16,6 +16,7 @@ from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory, empty_trajectory
 from cablepod.scene._mast_field import GUY_POINTS
 from cablepod.wind._air import CableAir, drag_of, refined
+from cablepod.wind._drag_rate import drag_step_limit
 from cablepod.wind._mast_air import MastAir
 
 #: Step over the stability limit of the links: a chain that goes slack and taut again breaks down near 1.
@@ -55,8 +56,18 @@ class ChainGuys:
     @property
     def default_step(self) -> float:
         """Step by the stability limit of the links [s]."""
+        return STEP_OVER_LIMIT * self.step_limit
+
+    @cached_property
+    def step_limit(self) -> float:
+        """Stability limit of links, mast, and drag on the guys [s]."""
         limits = [chain.step_limit() for chain in self.chains]
-        return STEP_OVER_LIMIT * min([*limits, 2.0 / float(self.mast.omega[-1])])
+        return min([*limits, 2.0 / float(self.mast.omega[-1]), drag_step_limit(self.drag_rate)])
+
+    @cached_property
+    def drag_rate(self) -> float:
+        """Bound of the rate at which drag takes away a motion of the guys [1/s]."""
+        return 0.0 if self.air is None else self.air.drag_rate(self.mast.rest.p)
 
     @cached_property
     def rest(self) -> np.ndarray:
@@ -82,9 +93,10 @@ class ChainGuys:
         from cablepod.mast import _kernels_chain as kernel  # numba is imported only to compute
 
         mast, step, count = self.mast, request.step, len(self.chains)
-        limit = min([*(chain.step_limit() for chain in self.chains), 2.0 / float(mast.omega[-1])])
+        limit = self.step_limit
         if not step < limit:
-            raise scene_error("step", step, f"below the stability limit of the links, {limit:.6g} s")
+            raise scene_error("step", step, f"below the stability limit of links, mast and drag, {limit:.6g} s")
+        hold = max(1, min(MAX_HOLD, int(min(MAX_HOLD_TIME, drag_step_limit(self.drag_rate)) / step)))
         p = mast.rest.p
         x = self.rest.copy()
         mass = np.array([chain.p.mass for chain in self.chains]) * self.link_lengths
@@ -101,8 +113,8 @@ class ChainGuys:
         result = empty_trajectory(request, mast, drive.node_drag)
         monitor = np.tile([np.inf, 0.0], (count, 1))
         status, at, guy = kernel.chain_run(
-            step, request.every, request.steps, max(1, min(MAX_HOLD, int(MAX_HOLD_TIME / step))), np.array(request.window_steps),
-            np.zeros(len(mast.omega)), np.zeros(len(mast.omega)), x, np.zeros_like(x), constant, mast.stiffness, mast.pulls(),
+            step, request.every, request.steps, hold, np.array(request.window_steps), np.zeros(len(mast.omega)),
+            np.zeros(len(mast.omega)), x, np.zeros_like(x), constant, mast.stiffness, mast.pulls(),
             matrices.keep, matrices.gain, mast.level_rows, mast.level_rest, mast.level_of_guy,
             np.array([chain.p.stiffness for chain in self.chains]), self.link_lengths,
             mass, VISCOSITY * limit, p.gravity, p.mass_damping, np.array(breaks), drive.load_vectors, drive.factors,

@@ -16,6 +16,7 @@ from cablepod.mast._drive import Drive
 from cablepod.mast._model import ModalMast, StepMatrices, sinc_squared
 from cablepod.mast._request import MastRequest, MastTrajectory
 from cablepod.mast._statics import seen_by
+from cablepod.wind._drag_rate import STEP_OVER_DRAG_LIMIT, drag_step_limit
 from cablepod.wind._mast_air import MastAir
 
 #: Gauss points of the drag beyond the number of modes.
@@ -195,7 +196,7 @@ class CondensedGuys:
     @cached_property
     def default_step(self) -> float:
         """Step by the shortest period of the guys' modes [s], stable with a margin."""
-        step = 2.0 * np.pi / (STEPS_PER_PERIOD * self.highest_frequency)
+        step = min(2.0 * np.pi / (STEPS_PER_PERIOD * self.highest_frequency), STEP_OVER_DRAG_LIMIT * self.drag_limit)
         while not self.has_phases_below(step, 4.0 * MAX_STEP_OVER_LIMIT**2):
             step *= 0.8
         return step
@@ -203,7 +204,13 @@ class CondensedGuys:
     def steps_of_drag(self, step: float) -> int:
         """Return the number of steps over which the drag is held: two, but one where they are long beside a period."""
         resolved = self.highest_frequency * step * STEPS_OF_DRAG <= 2.0 * np.pi / EVALUATIONS_PER_PERIOD
+        resolved = resolved and STEPS_OF_DRAG * step <= self.drag_limit
         return STEPS_OF_DRAG if resolved and self.has_phases_below(step, 4.0 * MAX_STEP_OVER_LIMIT**2) else 1
+
+    @cached_property
+    def drag_limit(self) -> float:
+        """Longest stable time from one evaluation of the drag on the guys to the next [s]."""
+        return drag_step_limit(0.0 if self.air is None else self.air.drag_rate(self.mast.rest.p))
 
     def run(self, request: MastRequest) -> MastTrajectory:
         """Run from rest.
@@ -223,9 +230,11 @@ class CondensedGuys:
         SceneError
             For a step above the stability limit.
         """
-        if not self.has_phases_below(step, 4.0):
+        if not (self.has_phases_below(step, 4.0) and step < self.drag_limit):
             raise scene_error(
-                "step", step, f"below the stability limit of mast and guys; try: {self.default_step:.4g} s"
+                "step",
+                step,
+                f"below the stability limit of mast, guys and drag on them; try: {self.default_step:.4g} s",
             )
         return self.scheme(step)
 

@@ -22,6 +22,7 @@ from cablepod.wind._air import (
     MAX_DIFFERENCE,
     MAX_RESAMPLING,
     _interpolated,
+    drag_of,
     has_record,
     instants_until,
     mean_velocity,
@@ -59,6 +60,12 @@ class MastAir:
     def of_guys(self, velocity: np.ndarray) -> np.ndarray:
         """Return the part of the guys of velocities (..., points, 3): (..., guys, points, 3)."""
         return velocity[..., MAST_POINTS:, :].reshape(*velocity.shape[:-2], self.guys, GUY_POINTS, 3)
+
+    def drag_rate(self, p: MastParameters) -> float:
+        """Return a bound of the rate at which drag takes away a motion of the guys along the wind [1/s]."""
+        speed = np.sqrt((self.of_guys(self.velocity) ** 2).sum(axis=-1)).max(axis=(0, -1))
+        rates = [2.0 * drag_of(guy.p, self.density) * u / guy.p.mass for guy, u in zip(p.guys, speed, strict=True)]
+        return float(max(rates, default=0.0))
 
     def at_nodes(self, height: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Return velocities at heights of the mast in x and z (..., nodes, 2), linear between the points."""

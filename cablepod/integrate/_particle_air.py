@@ -1,0 +1,42 @@
+"""What a run of the chain needs of the wind."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+#: How a stability limit follows that the drag sets.
+OF_DRAG = "by the rate at which drag changes the velocity of so light a cable"
+
+
+class ParticleAir(Protocol):
+    """Drag of the wind on the particles of a chain."""
+
+    @property
+    def drag(self) -> float:
+        """Half the density of the air times drag coefficient and diameter [kg/m2]."""
+
+    @property
+    def samples_per_second(self) -> float:
+        """Samples of the velocity of the air per second."""
+
+    @property
+    def interval(self) -> float:
+        """Interval of the gusts, which the steps of a run resolve [s]."""
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Velocity of the air (samples, dims, n + 1) [m/s]."""
+
+    def step_limit(self, end_time: float) -> float:
+        """Return the longest step [s] from one evaluation of the drag to the next for which a run until `end_time` is stable."""
+
+    def hold(self, tension: float, step: float, end_time: float) -> int:
+        """Return the number of explicit steps [s] from one evaluation of the drag to the next, for a tension [N]."""
+
+    def force(self, position: np.ndarray, velocity: np.ndarray, time: float = 0.0) -> np.ndarray:
+        """Return the drag on the particles (n + 1, dims) [N] at an instant [s]."""
+
+    def energy_bound(self, position: np.ndarray) -> float:
+        """Return the work of the largest drag over the reach of the cable [J]."""
