@@ -135,18 +135,27 @@ def _at3(s, p):
 
 
 @compiled(fastmath=FUSED, forceinline=True)
-def block3(diagonal, own, p, below, above, update, second_update):
+def block3(diagonal, below, above, update, second_update):
     """Return the inverse of a particle's block after the updates by elimination."""
-    xx = diagonal[p] + below[0] + above[0] - update[0] - second_update[0]
-    xy = below[1] + above[1] - update[1] - second_update[1]
-    xz = below[2] + above[2] - update[2] - second_update[2]
-    yy = diagonal[p] + below[3] + above[3] - update[3] - second_update[3]
-    yz = below[4] + above[4] - update[4] - second_update[4]
-    zz = diagonal[p] + below[5] + above[5] - update[5] - second_update[5]
-    if own is not None:  # an if that the compiler can prune
-        xx, xy, xz = xx + own[0, p], xy + own[1, p], xz + own[2, p]
-        yy, yz, zz = yy + own[3, p], yz + own[4, p], zz + own[5, p]
-    return inverse3(xx, xy, xz, yy, yz, zz)
+    return inverse3(
+        diagonal + below[0] + above[0] - update[0] - second_update[0],
+        below[1] + above[1] - update[1] - second_update[1],
+        below[2] + above[2] - update[2] - second_update[2],
+        diagonal + below[3] + above[3] - update[3] - second_update[3],
+        below[4] + above[4] - update[4] - second_update[4],
+        diagonal + below[5] + above[5] - update[5] - second_update[5],
+    )
+
+
+@compiled(fastmath=FUSED, forceinline=True)
+def _and_own3(own, p, below):
+    """Return the sum of the link below a particle and what is added to its own block."""
+    if own is None:  # an if that the compiler can prune
+        return below
+    return (
+        below[0] + own[0, p], below[1] + own[1, p], below[2] + own[2, p], below[3] + own[3, p], below[4] + own[4, p],
+        below[5] + own[5, p],
+    )  # fmt: skip
 
 
 @compiled(fastmath=FUSED)
@@ -163,7 +172,7 @@ def solve_spatial(diagonal, own, s, b, inverses, first, last):
     for i in range(half):
         p = first + i
         above = _at3(s, p + 1)
-        inverse = block3(diagonal, own, p, _at3(s, p), above, up, none)
+        inverse = block3(diagonal[p], _and_own3(own, p, _at3(s, p)), above, up, none)
         inverses[0][p], inverses[1][p], inverses[2][p], inverses[3][p], inverses[4][p], inverses[5][p] = inverse
         bx[p] += u[0]
         by[p] += u[1]
@@ -174,7 +183,7 @@ def solve_spatial(diagonal, own, s, b, inverses, first, last):
         p = last - 1 - i
         if p > first + half:
             below = _at3(s, p)
-            inverse = block3(diagonal, own, p, below, _at3(s, p + 1), down, none)
+            inverse = block3(diagonal[p], _and_own3(own, p, below), _at3(s, p + 1), down, none)
             inverses[0][p], inverses[1][p], inverses[2][p], inverses[3][p], inverses[4][p], inverses[5][p] = inverse
             bx[p] += w[0]
             by[p] += w[1]
@@ -183,7 +192,7 @@ def solve_spatial(diagonal, own, s, b, inverses, first, last):
             w = times3(below, t[0], t[1], t[2])
             down = sandwich3(below, inverse)
     p = first + half
-    inverse = block3(diagonal, own, p, _at3(s, p), _at3(s, p + 1), up, down)
+    inverse = block3(diagonal[p], _and_own3(own, p, _at3(s, p)), _at3(s, p + 1), up, down)
     t = times3(inverse, bx[p] + u[0] + w[0], by[p] + u[1] + w[1], bz[p] + u[2] + w[2])
     bx[p], by[p], bz[p] = t
     q = t

@@ -45,17 +45,21 @@ def largest(run, truth):
 @pytest.mark.parametrize("dims", [2, 3])
 @pytest.mark.parametrize("m", [1, 2, 3, 4, 7, 40])
 @pytest.mark.parametrize("first", [0, 1])
-def test_block_elimination_against_a_dense_solution(dims, m, first):
+@pytest.mark.parametrize("has_own", [False, True])
+def test_block_elimination_against_a_dense_solution(dims, m, first, has_own):
     rng = np.random.default_rng(m + dims)
     pairs = [(i, j) for i in range(dims) for j in range(i, dims)]
     stiff = rng.normal(size=(m + 3, dims, dims))
     stiff = stiff @ stiff.transpose(0, 2, 1)  # positive, as those of taut links
     stiff[0] = stiff[-1] = 0.0
     diagonal, right = rng.uniform(0.1, 2.0, m), rng.normal(size=(dims, m))
+    blocks = rng.normal(size=(m + 2, dims, dims))
+    blocks = blocks @ blocks.transpose(0, 2, 1)
+    own = np.ascontiguousarray([blocks[:, i, j] for i, j in pairs]) if has_own else None
     dense = np.zeros((m, dims, m, dims))
     for i in range(m):
         p = first + i
-        dense[i, :, i] = diagonal[i] * np.eye(dims) + stiff[p] + stiff[p + 1]
+        dense[i, :, i] = diagonal[i] * np.eye(dims) + stiff[p] + stiff[p + 1] + (blocks[p] if has_own else 0.0)
         if i + 1 < m:
             dense[i, :, i + 1] = dense[i + 1, :, i] = -stiff[p + 1]
     exact = np.linalg.solve(dense.reshape(m * dims, -1), right.T.ravel()).reshape(m, dims).T
@@ -67,7 +71,7 @@ def test_block_elimination_against_a_dense_solution(dims, m, first):
     for row, values in zip(b, right, strict=True):
         row[free] = values
     (kernels_banded.solve_planar if dims == 2 else kernels_banded.solve_spatial)(
-        inertia, s, b, workspace, first, first + m
+        inertia, own, s, b, workspace, first, first + m
     )
     np.testing.assert_allclose(np.array(b)[:, free], exact, rtol=1e-9, atol=1e-11)
     assert np.isnan(b[0][:first]).all()

@@ -122,15 +122,18 @@ def test_slow_convergence_ends_soon():
 
 
 def test_runs_do_not_grow_without_bound():
-    artificial = ArtificialRuns(1.0, 1.0)
+    artificial, long = ArtificialRuns(1.0, 1.0), {"end_time": 1e5, "links": 40}
     with pytest.warns(cp.NotConvergedWarning, match="too abrupt for this scheme"):
-        artificial.refine(1e-6)
+        artificial.refine(1e-6, **long)
     # the last is rounded up to a preferred rate
     assert max(artificial.calls) <= 1.3 * step_control.MAX_GROWTH * artificial.first
     barely = ArtificialRuns(0.9e-6 * step_control.MAX_GROWTH, 1.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        (_, error), _, _ = barely.refine(1e-6)
+        (_, error), _, _ = barely.refine(1e-6, **long)
+    assert error <= 1e-6
+    quick = ArtificialRuns(2e-6 * step_control.MAX_GROWTH, 1.0)  # runs that take no time may have more steps
+    (_, error), _, _ = quick.refine(1e-6, end_time=1.0, links=5)
     assert error <= 1e-6
 
 
