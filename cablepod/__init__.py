@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         SceneError,
         UnusualSceneWarning,
         VelocityJumpWarning,
+        WorkersWarning,
     )
     from cablepod.pod._own import modes, snapshots
     from cablepod.scene import make_scene, read_scene
@@ -53,6 +54,7 @@ __all__ = [
     "SceneError",
     "UnusualSceneWarning",
     "VelocityJumpWarning",
+    "WorkersWarning",
     "archive",
     "cable",
     "catenary",

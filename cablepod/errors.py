@@ -92,6 +92,10 @@ class UnusualSceneWarning(UserWarning):
     """A scene has an unusual value, such as a density of 8 kg/m3; the message names the key that is likely wrong."""
 
 
+class WorkersWarning(UserWarning):
+    """The run of an ensemble waits for workers, or does not use some; the message says which and why."""
+
+
 def closest(name: Any, allowed: Iterable[str]) -> list[str]:
     """Return up to two of the `allowed` words that resemble `name`, the most similar first."""
     if not isinstance(name, str) or not 0 < len(name) <= 60:

@@ -6,9 +6,9 @@ import functools
 import json
 import time
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -33,6 +33,9 @@ from cablepod.ensemble._collect_warnings import Note, collect_warnings
 from cablepod.ensemble._models import MODELS
 from cablepod.errors import AllFailedError, ArchiveError, RunStopped
 from cablepod.mast._fatigue import guy_fatigue
+
+#: File that holds the lock of the folder and the word of its run.
+LOCK = ".cablepod-lock"
 
 # --- computing ----------------------------------------------------------------------------------------------------------
 
@@ -160,12 +163,17 @@ def _checked_manifest(folder: Path, ensemble: str) -> dict[str, Any]:
     return manifest
 
 
-def check_access(folder: Path, ensemble: str) -> str:
-    """Return why this process cannot write to the folder of an ensemble, or an empty text."""
+def unseen(folder: Path, ensemble: str, token: str) -> str:
+    """Return why this process cannot write to the folder of a run, or an empty text.
+
+    `token` is the word in the lock file: another folder of the same path, on another machine, has none or another one.
+    """
     try:
+        if (folder / LOCK).read_text(encoding="ascii") != token:
+            return f"{folder}: is another folder"
         _checked_manifest(folder, ensemble)
         check_target(folder / "any.nc", overwrite=False)
-    except ArchiveError as error:
+    except (ArchiveError, OSError, ValueError) as error:
         return str(error)
     return ""
 
@@ -177,17 +185,43 @@ def synchronous_dask() -> AbstractContextManager[Any]:
     return dask.config.set(scheduler="synchronous")
 
 
+class Inputs(NamedTuple):
+    """What the members of one batch need: part of the manifest, their scenes, modes of reduced models."""
+
+    manifest: Mapping[str, Any]
+    scenes: xr.Dataset
+    modes: xr.Dataset | None
+
+
+class Done(NamedTuple):
+    """Answer of a worker: entry of the manifest for a file that it wrote, otherwise its results; both None if it needs inputs."""
+
+    entry: dict[str, Any] | None
+    batch: xr.Dataset | None
+    notes: list[Note]
+
+
+def inputs_of(folder: Path, ensemble: str, number: int) -> Inputs:
+    """Return what a batch needs, from the files of the folder."""
+    manifest, scenes, modes = _inputs(folder, ensemble)
+    size = manifest["batch"]
+    used = {name: manifest[name] for name in ("id", "model", "batch", "options", "attributes", "inputs_history")}
+    return Inputs(used, scenes.isel(member=slice(number * size, (number + 1) * size)), modes)
+
+
 def run_batch(
     folder: Path,
     ensemble: str,
     number: int,
     *,
+    token: str | None = None,
+    inputs: Inputs | None = None,
     threads: int = 1,
     alone: bool = True,
     stop: Callable[[], bool] | None = None,
     progress: Callable[[float], None] | None = None,
-) -> tuple[dict[str, Any], list[Note]]:
-    """Compute and write a batch, unless its file exists.
+) -> Done:
+    """Compute a batch, and write it unless its file exists or this process does not see the folder.
 
     Parameters
     ----------
@@ -195,6 +229,10 @@ def run_batch(
         Folder, and id of the ensemble expected there.
     number
         Number of the batch.
+    token
+        Word in the lock file; None in the process that holds the lock.
+    inputs
+        What a process needs that does not see the folder.
     threads
         Number of threads for the members.
     alone
@@ -206,16 +244,17 @@ def run_batch(
 
     Returns
     -------
-    tuple
-        Entry of the manifest for the file, and the warnings of the run.
+    Done
+        Entry or results, and the warnings of the run.
     """
     from threadpoolctl import threadpool_limits
 
-    path = folder / file_of(number)
-    manifest, scenes, modes = _inputs(folder, ensemble)
-    if path.exists():  # written by a worker that was considered dead
-        check_batch(folder, manifest | {"done": {}}, number)
-        return read_entry(path), []
+    sees = token is None or not unseen(folder, ensemble, token)
+    if sees and (folder / file_of(number)).exists():  # written by a worker that was considered dead
+        return Done(write_batch(folder, {"id": ensemble}, number, None), None, [])
+    if not sees and inputs is None:
+        return Done(None, None, [])
+    manifest, members, modes = inputs_of(folder, ensemble, number) if inputs is None else inputs
     start = time.perf_counter()
     with ExitStack() as contexts:
         notes = contexts.enter_context(collect_warnings())
@@ -224,17 +263,34 @@ def run_batch(
         if alone:
             contexts.enter_context(threadpool_limits(1))
             contexts.enter_context(synchronous_dask())
-        size = manifest["batch"]
-        members = scenes.isel(member=slice(number * size, (number + 1) * size))
         batch = compute(members, manifest["model"], modes, manifest["options"], progress)
         batch.attrs |= _batch_attributes(manifest, ensemble, number) | {"wall_time_s": time.perf_counter() - start}
+        if token is None:
+            return Done(write_batch(folder, manifest, number, batch), None, notes)
+        if sees and not unseen(folder, ensemble, token):  # still: the run may have ended meanwhile
+            with suppress(ArchiveError):  # the client writes it, or has the same reason not to
+                return Done(write_batch(folder, manifest, number, batch), None, notes)
+    return Done(None, batch, notes)
+
+
+def write_batch(folder: Path, manifest: Mapping[str, Any], number: int, batch: xr.Dataset | None) -> dict[str, Any]:
+    """Write the results of a batch unless its file exists; return its entry of the manifest.
+
+    Raises
+    ------
+    ArchiveError
+        If it cannot be written, or the file is none of this ensemble.
+    """
+    path = folder / file_of(number)
+    if batch is not None:
         try:
             archive.write(batch, path)
+            return entry_of(batch, path)
         except ArchiveError:
             if not path.exists():
                 raise
-            check_batch(folder, manifest | {"done": {}}, number)
-    return entry_of(batch, path), notes
+    check_batch(folder, {**manifest, "done": {}}, number)
+    return read_entry(path)
 
 
 def _batch_attributes(manifest: Mapping[str, Any], ensemble: str, number: int) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import time
+import uuid
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -34,10 +35,10 @@ from cablepod.archive._read import version
 from cablepod.archive._seal import SCHEMA
 from cablepod.archive._write import check_target, reason
 from cablepod.batch._stack import is_varied
+from cablepod.ensemble._job import LOCK
 from cablepod.ensemble._models import accepted_time_error
 from cablepod.errors import ArchiveError, shown
 
-LOCK = ".cablepod-lock"
 #: Minimum time between two writes of the manifest [s]; after a crash, later batches are found by their files.
 SAVE_INTERVAL = 1.0
 #: Maximum number of texts or lists of a key that the manifest names.
@@ -54,9 +55,10 @@ PLAN_NAMES = {
 class Store:
     """Manifest of an ensemble and its batch files."""
 
-    def __init__(self, folder: Path, manifest: dict[str, Any]) -> None:
+    def __init__(self, folder: Path, manifest: dict[str, Any], token: str) -> None:
         self.folder = folder
         self.manifest = manifest
+        self.token = token  #: word in the lock file, by which workers know the folder of this run
         self.last_save = -np.inf
 
     @property
@@ -149,12 +151,12 @@ def open_store(
         If the folder is not writable, in use, or holds another ensemble or damaged files.
     """
     folder = _folder(path)
-    with _locked(folder):
+    with _locked(folder) as token:
         for part in folder.glob(".cablepod-*.part"):  # left by killed runs
             part.unlink(missing_ok=True)
         manifest = _existing_manifest(folder, plan, overwrite=overwrite)
         _write_inputs(folder, inputs, overwrite=overwrite or manifest is None)
-        store = Store(folder, manifest or _new_manifest(folder, plan, inputs))
+        store = Store(folder, manifest or _new_manifest(folder, plan, inputs), token)
         store.check(overwrite=overwrite)
         store.save()
         yield store
@@ -216,12 +218,14 @@ def _folder(path: str | os.PathLike[str]) -> Path:
 
 
 @contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder; the operating system releases it when the process ends."""
+def _locked(folder: Path) -> Iterator[str]:
+    """Hold the lock of a folder, which the operating system releases when the process ends; yield a new word in its file."""
+    token = uuid.uuid4().hex
     try:
         import fcntl
     except ImportError:  # no locks on this system: two runs write the same files atomically
-        yield
+        (folder / LOCK).write_text(token, encoding="ascii")
+        yield token
         return
     with (folder / LOCK).open("a") as file:
         try:
@@ -232,7 +236,11 @@ def _locked(folder: Path) -> Iterator[None]:
             ) from None
         except OSError:  # the file system has no locks
             pass
-        yield
+        file.truncate(0)
+        file.write(token)
+        file.flush()
+        os.fsync(file.fileno())  # other machines read it
+        yield token
 
 
 def _existing_manifest(folder: Path, plan: Mapping[str, Any], *, overwrite: bool) -> dict[str, Any] | None:

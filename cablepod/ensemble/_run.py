@@ -13,7 +13,6 @@ import warnings
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future
 from contextlib import closing, nullcontext, suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,8 +26,9 @@ from cablepod.archive._manifest import MODES, SCENES, merged_time_errors, time_e
 from cablepod.archive._open_ensemble import open_ensemble
 from cablepod.batch._members import stop_when, thread_limit
 from cablepod.ensemble import _resume as resume
+from cablepod.ensemble._cluster import Again
 from cablepod.ensemble._collect_warnings import Note, collect_warnings, emit_of_all_members, emit_warnings
-from cablepod.ensemble._job import check_access, compute, run_batch, synchronous_dask
+from cablepod.ensemble._job import Done, compute, inputs_of, run_batch, synchronous_dask, write_batch
 from cablepod.ensemble._models import MODELS, REDUCED, accepted_time_error, check_model, check_scene_of_model
 from cablepod.ensemble._workers import JobQueue, Progress, WorkerPool, worker_pool
 from cablepod.errors import (
@@ -37,7 +37,6 @@ from cablepod.errors import (
     RunStopped,
     SceneError,
     scene_error,
-    shown,
     user_stacklevel,
 )
 from cablepod.integrate._request import Request, check_times
@@ -78,8 +77,9 @@ def run(
         Modes of a reduced model; of the guys of a mast, which need none.
     scheduler
         None: threads of this process.  "processes": processes of this machine; a script then needs ``if __name__ ==
-        "__main__":``.  The address of a dask scheduler, or a ``distributed.Client``: its workers, which must see the folder under
-        the same path.  The results do not depend on the scheduler, bit by bit.
+        "__main__":``.  The address of a dask scheduler, or a ``distributed.Client``: its workers, whenever they come and leave.
+        They write to the folder where they see it under the same path; this process writes what others send back.  The results
+        do not depend on the scheduler, bit by bit.
     workers
         Number of threads or processes; all cores by default.
     batch
@@ -106,10 +106,12 @@ def run(
     ArchiveError
         If the folder holds another ensemble or damaged files, is in use or not writable, or the disk is full.
     RunStopped
-        If the workers are lost.
+        If the scheduler is lost, or the workers of a batch again and again.
 
     Warns
     -----
+    WorkersWarning
+        While there is no worker of a scheduler, for which a run waits without a limit, and of workers with other packages.
     MemberFailedWarning
         If members failed.
     NotConvergedWarning
@@ -123,9 +125,8 @@ def run(
         total = Progress(progress, store.sizes, set(range(len(store.sizes))) - set(missing))
         if missing:
             with worker_pool(scheduler, workers, len(missing)) as pool:
-                _check_workers(pool, store.folder, plan["id"])
                 try:
-                    with closing(_run_batches(pool, store.folder, plan["id"], missing, total)) as results:
+                    with closing(_run_batches(pool, store, missing, total)) as results:
                         for number, (entry, batch_notes) in results:
                             store.add(number, entry)
                             notes += batch_notes
@@ -171,7 +172,7 @@ def batches(
     SceneError
         As :func:`run`.
     RunStopped
-        If the workers are lost.
+        As :func:`run`.
     """
     plan, inputs = _prepare(scenes, model, modes, options, batch)
     return _batches(plan, inputs, scheduler, workers, progress)
@@ -197,9 +198,9 @@ def _batches(
             job = functools.partial(_compute_in_worker, members, plan["model"], modes, plan["options"], pool.threads)
             if pool.here:
                 job = functools.partial(job, stop=stop.is_set, progress=total.of_batch(number))
-            return pool.executor.submit(job)
+            return pool.submit(job)
 
-        queue = JobQueue(pool, submit, range(len(sizes)), ahead=1)
+        queue = JobQueue(pool, submit, range(len(sizes)), limit=lambda slots: slots + 1)
         notes: list[Note] = []
         errors: dict[str, list[float]] = {}
         accepted = accepted_time_error(plan["model"], plan["options"])
@@ -303,42 +304,43 @@ def _try_options(
     raise errors[0]
 
 
-def _check_workers(pool: WorkerPool, folder: Path, ensemble: str) -> None:
-    """Refuse workers that cannot import the package or write to the folder."""
-    if pool.here:
-        return
-    for worker, answer in pool.everywhere(check_access, folder, ensemble).items():
-        if isinstance(answer, BaseException):
-            raise scene_error(
-                "scheduler", worker, f"workers that can import cablepod (its error: {shown(str(answer))})"
-            )
-        if answer:
-            raise ArchiveError(
-                f"{folder}: the worker {worker} cannot write there ({answer}); give a folder that all workers share"
-            )
-
-
 # --- while it runs ------------------------------------------------------------------------------------------------------
 
 
 def _run_batches(
-    pool: WorkerPool, folder: Path, ensemble: str, missing: list[int], total: Progress
+    pool: WorkerPool, store: resume.Store, missing: list[int], total: Progress
 ) -> Generator[tuple[int, tuple[dict[str, Any], list[Note]]], None, None]:
     """Run the missing batches; yield number, manifest entry and warnings in order of completion."""
     from threadpoolctl import threadpool_limits
 
     stop = threading.Event()
+    folder, ensemble = store.folder, store.manifest["id"]
+    sends = False  # whether workers get what they need with each batch, as some do not see the folder
 
     def submit(number: int) -> Future[Any]:
         """Submit a batch."""
         job = functools.partial(run_batch, folder, ensemble, number, threads=pool.threads)
         if pool.here:
             job = functools.partial(job, alone=False, stop=stop.is_set, progress=total.of_batch(number))
-        return pool.executor.submit(job)
+        else:
+            job = functools.partial(job, token=store.token)
+            job = functools.partial(job, inputs=inputs_of(folder, ensemble, number)) if sends else job
+        return pool.submit(job)
+
+    def settle(number: int, done: Done) -> Any:
+        """Write what a worker sent back; return manifest entry and warnings."""
+        nonlocal sends
+        if done.entry is not None:
+            return done.entry, done.notes
+        if done.batch is None:
+            sends = True
+            return Again
+        with synchronous_dask():
+            return write_batch(folder, store.manifest, number, done.batch), done.notes
 
     with threadpool_limits(1), synchronous_dask() if pool.here else nullcontext():
         try:
-            yield from JobQueue(pool, submit, missing, ahead=pool.workers).results()
+            yield from JobQueue(pool, submit, missing, limit=lambda slots: 2 * slots, settle=settle).results()
         finally:  # threads stop after their current member
             stop.set()
             if pool.here:

@@ -1,40 +1,57 @@
 """Executors of the batches of an ensemble: threads, local processes, or a dask cluster.
 
-All three are executors in the sense of :mod:`concurrent.futures`.  The number of submitted batches is the number of workers plus
-a few.
+The number of submitted batches follows the number of workers that are there at any time.
 """
 
 from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import Any
 
-from cablepod._resources import block_sigint, cores, defer_sigint, wait_for_any
-from cablepod.errors import RunStopped, scene_error, shown
+from cablepod._resources import LOOK_EVERY, block_sigint, check_sigint, cores, defer_sigint
+from cablepod.ensemble._cluster import CONNECT_TIMEOUT, Again, DaskPool, client_pool, connected
+from cablepod.errors import scene_error
 from cablepod.parameters._checks import integer
 
-#: Maximum time until a scheduler answers and has a worker [s].
-CONNECT_TIMEOUT = 10.0
 ALLOWED = (
     'None (threads), "processes", the address of a dask scheduler such as "tcp://host:8786", or a distributed.Client'
 )
 
 
 @dataclass
-class WorkerPool:
-    """Executor with the number and properties of its workers."""
+class ThreadPool:
+    """Threads of this process, as workers of batches."""
 
     executor: Executor
-    workers: int
-    here: bool  #: whether workers are threads of this process (only these can be stopped and report progress)
-    everywhere: Callable[..., dict[str, Any]]  #: calls a function once in each worker process; worker name -> result
+    slots: int  #: number of batches at a time
     threads: int = 1  #: number of threads for the members of a batch
-    lost: tuple[type[BaseException], ...] = ()  #: exceptions raised after a loss of workers or scheduler
+    here: bool = True  #: workers can be stopped and report progress
+
+    def submit(self, job: Callable[[], Any]) -> Future[Any]:
+        """Submit a job."""
+        return self.executor.submit(job)
+
+    def outcome(self, number: int, future: Future[Any]) -> Any:
+        """Return the result of the job of a batch."""
+        del number
+        return future.result()
+
+    def stranded(self, futures: Iterable[Future[Any]]) -> list[Future[Any]]:
+        """Return the jobs that no worker can run: none."""
+        del futures
+        return []
+
+    def look(self, left: int) -> None:
+        """Threads neither come nor leave."""
+
+
+WorkerPool = ThreadPool | DaskPool
 
 
 @contextlib.contextmanager
@@ -44,7 +61,7 @@ def worker_pool(scheduler: Any, workers: int | None, batches: int) -> Iterator[W
     Raises
     ------
     SceneError
-        For an unknown scheduler, or one that has no worker within CONNECT_TIMEOUT.
+        For an unknown scheduler, or one that does not answer.
     """
     with contextlib.ExitStack() as contexts:
         with defer_sigint():
@@ -66,31 +83,25 @@ def _create_pool(contexts: contextlib.ExitStack, scheduler: Any, workers: int | 
     if workers is not None:
         raise scene_error("workers", workers, "none with a scheduler of your own, which has its own workers")
     if isinstance(scheduler, str) and "://" in scheduler:
-        return _client_pool(contexts.enter_context(_connected(scheduler)), scheduler)
+        return contexts.enter_context(client_pool(contexts.enter_context(connected(scheduler)), scheduler))
     if hasattr(scheduler, "get_executor") and hasattr(scheduler, "scheduler_info"):
-        return _client_pool(scheduler, scheduler)
+        return contexts.enter_context(client_pool(scheduler, scheduler))
     raise scene_error("scheduler", scheduler, ALLOWED)
 
 
 @contextlib.contextmanager
-def _threads(count: int, batches: int) -> Iterator[WorkerPool]:
+def _threads(count: int, batches: int) -> Iterator[ThreadPool]:
     """Provide a thread pool; threads beyond the number of batches serve the members of a batch."""
     parallel_batches = max(1, min(count, batches))
     executor = ThreadPoolExecutor(parallel_batches, thread_name_prefix="cablepod")
     try:
-        yield WorkerPool(
-            executor,
-            parallel_batches,
-            True,
-            lambda function, *args: {"this process": function(*args)},
-            max(1, count // parallel_batches),
-        )
+        yield ThreadPool(executor, parallel_batches, max(1, count // parallel_batches))
     finally:
         executor.shutdown(cancel_futures=True)
 
 
 @contextlib.contextmanager
-def _processes(count: int) -> Iterator[WorkerPool]:
+def _processes(count: int) -> Iterator[DaskPool]:
     """Provide processes of this machine."""
     from multiprocessing import resource_tracker
 
@@ -104,63 +115,74 @@ def _processes(count: int) -> Iterator[WorkerPool]:
                 n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
             )
             client = Client(contexts.enter_context(cluster), timeout=CONNECT_TIMEOUT, set_as_default=False)
-        yield _client_pool(contexts.enter_context(client), "processes")
-
-
-@contextlib.contextmanager
-def _connected(address: str) -> Iterator[Any]:
-    """Connect to the dask scheduler at an address."""
-    from distributed import Client
-
-    try:
-        # a default client would run computations of other code, and would remain after a failure
-        client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError, TimeoutError, ImportError) as error:
-        text = f"an address at which a dask scheduler answers within {CONNECT_TIMEOUT:g} s ({shown(str(error))})"
-        raise scene_error("scheduler", address, text) from error
-    with client:
-        yield client
-
-
-def _client_pool(client: Any, name: Any) -> WorkerPool:
-    """Return the pool of a client's workers; `name` is the scheduler in messages."""
-    from distributed import CancelledError as DaskCancelledError
-    from distributed.comm import CommClosedError
-    from distributed.scheduler import KilledWorker
-
-    try:
-        client.wait_for_workers(1, timeout=CONNECT_TIMEOUT)
-    except (TimeoutError, OSError) as error:
-        raise scene_error("scheduler", name, f"a scheduler that has a worker within {CONNECT_TIMEOUT:g} s") from error
-    slots = sum(client.nthreads().values())
-
-    def everywhere(function: Callable[..., Any], *args: Any) -> dict[str, Any]:
-        """Call a function once in each worker process."""
-        return client.run(function, *args, on_error="return")
-
-    lost = (KilledWorker, CommClosedError, DaskCancelledError, CancelledError)
-    return WorkerPool(client.get_executor(pure=False), slots, False, everywhere, 1, lost)
+        yield contexts.enter_context(client_pool(contexts.enter_context(client), "processes"))
 
 
 class JobQueue:
-    """Submit jobs so that at most ``workers + ahead`` of them are open at a time."""
+    """Submit jobs so that at most ``limit(slots)`` of them are open at a time, for the workers that are there at this time.
+
+    Parameters
+    ----------
+    pool
+        The workers.
+    submit
+        Submits the job of a number.
+    numbers
+        Numbers of the jobs.
+    limit
+        Number of open jobs by that of jobs that run at a time.
+    settle
+        Makes the result of a number from the answer of its job, or :class:`Again` to submit it once more.
+    """
 
     def __init__(
-        self, pool: WorkerPool, submit: Callable[[int], Future[Any]], numbers: Iterable[int], *, ahead: int
+        self,
+        pool: WorkerPool,
+        submit: Callable[[int], Future[Any]],
+        numbers: Iterable[int],
+        *,
+        limit: Callable[[int], int],
+        settle: Callable[[int, Any], Any] = lambda _, answer: answer,
     ) -> None:
         self.pool = pool
         self.submit = submit
         self.rest = deque(numbers)
-        self.limit = pool.workers + ahead
+        self.limit = limit
+        self.settle = settle
         self.open: dict[Future[Any], int] = {}
-        self._fill()
 
-    def _fill(self, waiting: int = 0) -> None:
+    def _fill(self, waiting: int) -> None:
         """Submit jobs up to the limit; `waiting` results that are not yet taken count too."""
+        for future in self.pool.stranded(self.open):
+            self.rest.appendleft(self.open.pop(future))
+            future.cancel()
+        while self.rest and (slots := self.pool.slots) and len(self.open) + waiting < self.limit(slots):
+            number = self.rest.popleft()
+            self.open[self.submit(number)] = number
+
+    def _completed(self, waiting: int = 0) -> list[tuple[int, Any]]:
+        """Wait until at least one job is done, also for workers; return numbers and results, none for those to be repeated."""
         with defer_sigint():
-            while self.rest and len(self.open) + waiting < self.limit:
-                number = self.rest.popleft()
-                self.open[self.submit(number)] = number
+            while True:
+                check_sigint()
+                self.pool.look(len(self.rest) + len(self.open))
+                self._fill(waiting)
+                if not self.open:
+                    time.sleep(LOOK_EVERY)
+                    continue
+                done, _ = wait(self.open, LOOK_EVERY, FIRST_COMPLETED)
+                if done:
+                    break
+            answers = [(self.open.pop(future), future) for future in done]
+            found = []
+            for number, future in answers:
+                result = self.pool.outcome(number, future)
+                result = result if result is Again else self.settle(number, result)
+                if result is Again:
+                    self.rest.appendleft(number)
+                else:
+                    found.append((number, result))
+            return found
 
     def results(self) -> Iterator[tuple[int, Any]]:
         """Yield (number, result) in order of completion.
@@ -168,39 +190,27 @@ class JobQueue:
         Raises
         ------
         RunStopped
-            If workers or the scheduler are lost.
+            If the scheduler is lost, or the workers of a batch again and again.
         """
         try:
-            while self.open:
-                for future in wait_for_any(self.open):
-                    yield self.open.pop(future), self.result(future)
-                    self._fill()
+            while self.open or self.rest:
+                yield from self._completed()
         finally:
             self.cancel()
 
     def in_order(self) -> Iterator[Any]:
         """Yield results in order of their number; waiting results count towards the limit."""
         ready: dict[int, Any] = {}
-        order = deque(sorted([*self.open.values(), *self.rest]))
+        order = deque(sorted(self.rest))
         try:
             while order:
                 while order[0] not in ready:
-                    ready |= {self.open.pop(future): self.result(future) for future in wait_for_any(self.open)}
-                    self._fill(len(ready))
+                    ready |= self._completed(len(ready))
                 yield ready.pop(order.popleft())
-                self._fill(len(ready))
+                with defer_sigint():
+                    self._fill(len(ready))
         finally:
             self.cancel()
-
-    def result(self, future: Future[Any]) -> Any:
-        """Return the result of a completed job."""
-        try:
-            return future.result()
-        except self.pool.lost as error:
-            raise RunStopped(
-                f"the workers of this ensemble are lost ({type(error).__name__}: {shown(str(error))}), completed batches are kept"
-                "; run the same call again to continue"
-            ) from error
 
     def cancel(self) -> None:
         """Cancel all open jobs."""

@@ -53,6 +53,8 @@ EXCEPTIONS = {
     ("ArchiveError", "{'; '.join(faults[:5])}{more}"): "each fault ends with what to do",
     ("RunStopped", "{why}"): "the reason, told by the callers of stop or made just above",
     ("stop", "{why}"): "made just above, ends with what to try",
+    ("warn", "{text}"): "told by the callers, which are collected",
+    ("subscript", "answer[0]"): "what the job of a worker raised",
     ("warn", "{texts[0]}{more}"): "the warning of a member, and of how many more",
     ("call", "damaged(path, error)"): "a function that makes the message, which is collected there",
     ("call", "changed("): "a function that makes the message, which is collected there",
