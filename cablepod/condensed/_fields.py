@@ -10,9 +10,12 @@ import numpy as np
 from cablepod.condensed._model import CondensedModel
 from cablepod.discretisation._chord_frame import MAX_COSINE, ChordFrame
 from cablepod.discretisation._laws import law_tension
-from cablepod.integrate._means import Means, means
+from cablepod.integrate._means import Means, means, wants_means
 from cablepod.integrate._output import Extremes
 from cablepod.integrate._output_times import OutputTimes
+
+#: Chordwise stretch, chordwise force [N], squared slopes (times, n) and deflections (normals, times, particle) [m].
+ClosedChord = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass
@@ -31,6 +34,9 @@ class CondensedTrajectory:
     boundary_data: np.ndarray | None = None  #: boundary data of the saved steps (steps, columns); None where not kept
     peak_times: tuple[float, float] | None = None  #: of the smallest and the largest tension [s]; None if not requested
     window: tuple[float, float] | None = None  #: part of the run of extremes and means [s]; None for all
+    #: Result of :func:`close_chord_of` at the instants of the output; None where it was not computed yet
+    closed: ClosedChord | None = None
+    means: Means = None  #: of the tensions; None where they were not computed yet
 
     @cached_property
     def samples(self) -> slice | np.ndarray:
@@ -50,8 +56,10 @@ class CondensedTrajectory:
         if times.size == self.instants.times.size:
             return self
         rows = np.isin(self.instants.times, times)
-        tension = None if self.tension is None else self.tension[rows]
-        return replace(self, instants=self.instants.only(times), tension=tension)
+        tension, closed = None if self.tension is None else self.tension[rows], self.closed
+        if closed is not None:
+            closed = closed[0][rows], closed[1][rows], closed[2][rows], closed[3][:, rows]
+        return replace(self, instants=self.instants.only(times), tension=tension, closed=closed)
 
     @property
     def saved_rates(self) -> np.ndarray:
@@ -84,19 +92,15 @@ def boundary_data_of(model: CondensedModel, state: CondensedTrajectory, ends: np
     return state.boundary_data[instants.left]
 
 
-def close_chord(
-    model: CondensedModel, q: np.ndarray, times: np.ndarray, ends: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return chordwise stretch, chordwise force [N], squared slopes (times, n) and deflections (normals, times, particle) [m].
+def close_chord(model: CondensedModel, q: np.ndarray, times: np.ndarray, ends: np.ndarray) -> ClosedChord:
+    """Return chordwise stretch, force, squared slopes and deflections.
 
     `q` are coordinates (times, r), and `ends` positions of the ends (times, end, dims) [m].
     """
     return close_chord_of(model, q, model.boundary_data_at(times, ends))
 
 
-def close_chord_of(
-    model: CondensedModel, q: np.ndarray, boundary_data: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def close_chord_of(model: CondensedModel, q: np.ndarray, boundary_data: np.ndarray) -> ClosedChord:
     """Return the same as :func:`close_chord` for boundary data of instants (times, columns)."""
     from cablepod.condensed import _kernels_closure, _kernels_fields  # numba is imported only to compute
 
@@ -115,6 +119,26 @@ def close_chord_of(
         )
         _kernels_closure.close_all(squared, tau, chain.length, chord, k, model.green, chord_tension, stretch)
     return stretch, chord_tension[:, None] + tau, squared, deflection
+
+
+def close_outputs(
+    model: CondensedModel, state: CondensedTrajectory, outputs: tuple[str, ...] = (), links: np.ndarray | None = None
+) -> float | None:
+    """Close the chord of a trajectory at the instants of the output, and compute the means that are among `outputs`.
+
+    Both are kept in `state`.
+
+    Returns
+    -------
+    float or None
+        First instant at which the chord does not close [s]; None where it always does.
+    """
+    times = state.instants.times
+    state.closed = close_chord_of(model, state.q, boundary_data_of(model, state, model.chain.p.end_positions(times)))
+    opened = times[~np.isfinite(state.closed[1]).all(axis=1)].tolist()
+    if wants_means(outputs):
+        state.means = tension_means(model, state, links, opened)
+    return min(opened, default=None)
 
 
 def positions(model: CondensedModel, q: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -208,10 +232,20 @@ def selected_tensions(model: CondensedModel, q: np.ndarray, times: np.ndarray, l
     )
 
 
-def tension_means(model: CondensedModel, state: CondensedTrajectory, links: np.ndarray | None) -> Means:
-    """Return time mean and root mean square of the tensions of all or selected links (links,) [N], from the saved steps."""
+def tension_means(
+    model: CondensedModel, state: CondensedTrajectory, links: np.ndarray | None, opened: list[float] | None = None
+) -> Means:
+    """Return time mean and root mean square of the tensions of all or selected links (links,) [N], from the saved steps.
+
+    Instants [s] of steps at which the chord does not close are appended to `opened`.
+    """
     time = state.instants.steps / state.instants.steps_per_second
     count = model.chain.links if links is None else links.size
-    return means(
-        state.instants, state.window, lambda part: selected_tensions(model, state.saved[part], time[part], links), count
-    )
+
+    def tensions(part: slice) -> np.ndarray:
+        values = selected_tensions(model, state.saved[part], time[part], links)
+        if opened is not None:
+            opened.extend(time[part][~np.isfinite(values).all(axis=1)].tolist())
+        return values
+
+    return means(state.instants, state.window, tensions, count)

@@ -27,6 +27,12 @@ CLOSURE_RTOL = 1e-10
 CLOSURE_ATOL = 1e-16
 #: Numbers of load increments tried in turn between two shapes.
 INCREMENTS = (1, 16)
+#: Maximum number of iterations of the closure from no guess: from K down to rounding it takes 53 halvings.
+SAFE_ITERATIONS = 100
+#: Relative correction of a stretch there that is rounding: some units of the last digit.
+ROUNDING = 1e-15
+#: Relative tolerance of the distance of the ends there: where a link buckles its stretch changes as the root of its force.
+SAFE_RTOL = 1e-7
 
 
 @compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)
@@ -130,6 +136,82 @@ def _chordwise_momentum(stretching, weights, inertia, momentum):
 
 
 @compiled
+def _stretch_at(strain, squared, green):
+    """Return the chordwise stretch for a chordwise force over K and a squared slope, where it rises with the force; or nan.
+
+    There the force is a convex function of a positive stretch, so that Newton's method converges from above.  Links with slopes
+    above one turn back along the chord before they buckle; the force is odd in the stretch.
+    """
+    sign, least = 1.0, 0.0
+    if squared < 1.0:
+        least = math.sqrt((1.0 - squared) / 3.0 if green else squared ** (2.0 / 3.0) - squared)
+    elif strain < 0.0:
+        sign, strain = -1.0, -strain
+    stretch = 1.0 + max(strain, 0.0)
+    for _ in range(SAFE_ITERATIONS):
+        if green:
+            force = 0.5 * stretch * (stretch * stretch + squared - 1.0)
+            tangent = 0.5 * (3.0 * stretch * stretch + squared - 1.0)
+        else:
+            inverse = 1.0 / math.sqrt(stretch * stretch + squared)
+            force, tangent = stretch * (1.0 - inverse), 1.0 - squared * inverse * inverse * inverse
+        change = (force - strain) / tangent
+        if change <= ROUNDING * stretch:  # all corrections are downwards, but for rounding
+            return sign * stretch
+        stretch -= change
+        if not stretch > least:
+            break
+    return np.nan
+
+
+@compiled
+def _reach_at(chord_tension, load_force, squared, weights, stiffness, green, stretch):
+    """Fill the chordwise stretch (m,) for H [N]; return the distance of the ends [m], nan where a link carries no such force."""
+    reach = 0.0
+    for j in range(weights.size):
+        stretch[j] = _stretch_at((chord_tension + load_force[j]) / stiffness, squared[j], green)
+        reach += weights[j] * stretch[j]
+    return reach
+
+
+@compiled
+def _close_from_nothing(weights, chord, stiffness, green, load_force, squared, stretch):
+    """Solve the closure by halving, from no guess, where the distance of the ends rises with H.
+
+    Parameters
+    ----------
+    weights, chord, stiffness, green
+        As in :func:`_close`.
+    load_force, squared
+        Chordwise forces of the loads [N] and squared slopes (m,).
+    stretch
+        Filled: chordwise stretch (m,).
+
+    Returns
+    -------
+    float
+        H [N]; nan where there is none, as the ends are nearer to each other than the links can be pushed together.
+    """
+    low, high, width = -stiffness, 0.0, 1e-3 * stiffness
+    for j in range(weights.size):
+        low, high = min(low, -stiffness - load_force[j]), max(high, -load_force[j])
+    for _ in range(SAFE_ITERATIONS):
+        if _reach_at(high, load_force, squared, weights, stiffness, green, stretch) >= chord:
+            break
+        low, high, width = high, high + width, 2.0 * width
+    for _ in range(SAFE_ITERATIONS):
+        middle = 0.5 * (low + high)
+        if not low < middle < high:
+            break
+        if _reach_at(middle, load_force, squared, weights, stiffness, green, stretch) >= chord:
+            high = middle
+        else:  # also where a link buckles
+            low = middle
+    reach = _reach_at(high, load_force, squared, weights, stiffness, green, stretch)
+    return high if abs(reach - chord) <= SAFE_RTOL * chord else np.nan
+
+
+@compiled
 def close_all(squared, tau, weights, chord, stiffness, green, chord_tension, stretch):
     """Solve the closure for shapes at many times.
 
@@ -142,25 +224,27 @@ def close_all(squared, tau, weights, chord, stiffness, green, chord_tension, str
     chord
         Distance of the ends (times,) [m].
     chord_tension, stretch
-        Filled: H (times,) [N], nan where it was not found, and chordwise stretch (times, m); the first entries are guesses.
+        Filled: H (times,) [N], nan where there is none, and chordwise stretch (times, m); the first entries are guesses.
     """
     work = np.empty((CLOSURE_ROWS, weights.size))
-    guess, last_closed = chord_tension[0], 0
+    guess, last = chord_tension[0], -1
     for i in range(chord.size):
         # from one shape to the next, with intermediate shapes where Newton's method does not converge at once
         for parts in INCREMENTS:
             chord_tension[i] = guess
-            if i:
-                for j in range(weights.size):
-                    stretch[i, j] = stretch[last_closed, j]
+            before = max(last, 0)
+            for j in range(weights.size):
+                stretch[i, j] = stretch[before, j]
             for part in range(1, parts + 1):
                 weight = part / parts
                 for j in range(weights.size):
-                    work[SLOPE_SQUARED, j] = (1.0 - weight) * squared[last_closed, j] + weight * squared[i, j]
-                    work[LOAD_FORCE, j] = (1.0 - weight) * tau[last_closed, j] + weight * tau[i, j]
-                reach = (1.0 - weight) * chord[last_closed] + weight * chord[i]
+                    work[SLOPE_SQUARED, j] = (1.0 - weight) * squared[before, j] + weight * squared[i, j]
+                    work[LOAD_FORCE, j] = (1.0 - weight) * tau[before, j] + weight * tau[i, j]
+                reach = (1.0 - weight) * chord[before] + weight * chord[i]
                 chord_tension[i] = _close(weights, reach, stiffness, green, chord_tension[i], stretch[i], work)
-            if i == 0 or abs(chord_tension[i]) < np.inf:
+            if last < 0 or abs(chord_tension[i]) < np.inf:  # at first there is no shape to begin with
                 break
+        if not abs(chord_tension[i]) < np.inf:
+            chord_tension[i] = _close_from_nothing(weights, chord[i], stiffness, green, tau[i], squared[i], stretch[i])
         if abs(chord_tension[i]) < np.inf:
-            guess, last_closed = chord_tension[i], i
+            guess, last = chord_tension[i], i

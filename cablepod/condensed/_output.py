@@ -80,8 +80,11 @@ def variables(
     ends = p.end_positions(times)
     result["end_position"] = (("time", "end", "coordinate"), ends)
     result["unstretched_length"] = ((), chain.total_length)
-    if {"position", "velocity"} & set(outputs):
-        stretch, force, squared, deflection = close_chord_of(model, q, boundary_data_of(model, state, ends))
+    if state.closed is not None or {"position", "velocity"} & set(outputs):
+        closed = (
+            close_chord_of(model, q, boundary_data_of(model, state, ends)) if state.closed is None else state.closed
+        )
+        stretch, force, squared, deflection = closed
         values: dict[str, Callable[[], np.ndarray]] = {
             "position": lambda: positions_of(model, stretch, deflection, ends),
             "velocity": lambda: velocities(model, stretch, deflection, state.rates, times),
@@ -96,8 +99,10 @@ def variables(
     if state.peak_times is not None:
         middles = middles_of(chain.arc_length)
         peaks = peak_variables(state.extremes, state.peak_times, middles if links is None else middles[links])
-    means = mean_variables(outputs, tension_means(model, state, links) if wants_means(outputs) else None)
-    return result | trajectory_variables(outputs, state.extremes, values) | peaks | means
+    means = None
+    if wants_means(outputs):
+        means = tension_means(model, state, links) if state.means is None else state.means
+    return result | trajectory_variables(outputs, state.extremes, values) | peaks | mean_variables(outputs, means)
 
 
 def attributes(model: CondensedModel, state: CondensedTrajectory, modes: xr.Dataset | None) -> dict[str, Any]:

@@ -13,9 +13,11 @@ from cablepod.condensed import _kernels_host_layout as layout
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._air_motion import DragOfMotion
 from cablepod.condensed._fields import (
+    ClosedChord,
     CondensedTrajectory,
     boundary_data_of,
     close_chord_of,
+    link_tensions,
     positions_of,
     selected_tensions,
 )
@@ -259,15 +261,20 @@ class PreparedRunner:
         ]
         position = tension = None
         if "end_force" in outputs and (force is None or instants.needs_interpolation):
-            force = end_forces(variant, q, times)
+            force = end_forces(variant, q, times, state.closed)
             if air is not None:
                 force += end_forces_by_drag(variant, air, times, q, state.rates)
         if "position" in outputs:
             ends = variant.p.end_positions(times)
-            stretch, _, _, deflection = close_chord_of(variant.model, q, boundary_data_of(variant.model, state, ends))
-            position = positions_of(variant.model, stretch, deflection, ends)
+            data = boundary_data_of(variant.model, state, ends)
+            closed = close_chord_of(variant.model, q, data) if state.closed is None else state.closed
+            position = positions_of(variant.model, closed[0], closed[3], ends)
         if "tension" in outputs:
-            tension = selected_tensions(variant.model, q, times, links)
+            tension = (
+                selected_tensions(variant.model, q, times, links)
+                if state.closed is None
+                else link_tensions(variant.model, *state.closed[:3])[:, slice(None) if links is None else links]
+            )
         smallest = float(state.monitor[MIN_FORCE])
         second = amplitudes[1] if len(amplitudes) > 1 else None
         return PreparedRun(times, amplitudes[0], second, force, position, tension, smallest)
@@ -281,7 +288,7 @@ def damping_factors(damping: float, step: float) -> tuple[float, float, float, f
     return math.exp(-damping * step), 1.0 + growth, -math.expm1(-damping * step) / damping, growth / damping
 
 
-def end_forces(variant: Variant, q: np.ndarray, times: np.ndarray) -> np.ndarray:
+def end_forces(variant: Variant, q: np.ndarray, times: np.ndarray, closed: ClosedChord | None = None) -> np.ndarray:
     """Return the forces of the cable on its upper support, inertia included (times, dims) [N].
 
     Parameters
@@ -290,6 +297,8 @@ def end_forces(variant: Variant, q: np.ndarray, times: np.ndarray) -> np.ndarray
         Model of the run, coordinates (times, r).
     times
         Instants [s].
+    closed
+        Closed chords at these, see :func:`close_chord_of`; computed if None.
     """
     from cablepod.condensed import _kernels_end_force as kernel
 
@@ -299,7 +308,8 @@ def end_forces(variant: Variant, q: np.ndarray, times: np.ndarray) -> np.ndarray
     if model.order == "leading":
         kernel.leading_end_forces(coefficients, np.ascontiguousarray(q), boundary_data, ends, force)
     else:
-        stretch, chordwise_force, _, deflection = close_chord_of(model, q, boundary_data)
+        closed = close_chord_of(model, q, boundary_data) if closed is None else closed
+        stretch, chordwise_force, _, deflection = closed
         slopes = np.diff(deflection, axis=2) / model.chain.length
         kernel.exact_end_forces(
             coefficients, np.ascontiguousarray(stretch), np.ascontiguousarray(chordwise_force), slopes, boundary_data,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -13,15 +13,14 @@ import xarray as xr
 from cablepod._resources import check_memory
 from cablepod.condensed._air import CondensedAir
 from cablepod.condensed._estimate import MAX_SAMPLES, estimate, motion_of, sample_interval
-from cablepod.condensed._fields import CondensedTrajectory, positions
-from cablepod.condensed._kernels_layout import MAX_OMEGA_SQUARED, MIN_FORCE, UNSTABLE_STEP
+from cablepod.condensed._fields import CondensedTrajectory, close_outputs, positions
+from cablepod.condensed._kernels_layout import UNSTABLE_STEP
 from cablepod.condensed._model import CondensedModel
-from cablepod.condensed._output import attributes, dataset
 from cablepod.condensed._stepper import FOURTH_ORDER, BoundaryDataOfTwo, CondensedStepper
+from cablepod.condensed._stops import stop_diverged, stop_open, stop_unstable
 from cablepod.discretisation._step_limit import verlet_step_limit
 from cablepod.errors import scene_error
 from cablepod.integrate._march import advance_in_blocks
-from cablepod.integrate._output import stop
 from cablepod.integrate._output_times import judged_instants
 from cablepod.integrate._particle_air import OF_DRAG
 from cablepod.integrate._peaks import PeakSearch, Watch, peak_times
@@ -312,7 +311,8 @@ class CondensedRun:
         Raises
         ------
         RunStopped
-            Where the frequencies outgrow the step, the coordinates diverge, or Newton's method fails.
+            Where the frequencies outgrow the step, the coordinates diverge, Newton's method fails, or the chord does not close
+            at an instant of the output.
         """
         stepper = CondensedStepper(self, steps_per_second, samples=samples)
         total = max(stepper.total, 1) if self.explicit else stepper.total
@@ -331,9 +331,11 @@ class CondensedRun:
             stepper.advance(0, 0)
         state = stepper.trajectory(peak_times(watch, steps_per_second))
         if state.monitor[UNSTABLE_STEP] < np.inf:  # tested first, because it is the cause of a divergence
-            self._stop_unstable(state, int(state.monitor[UNSTABLE_STEP]), steps_per_second)
+            stop_unstable(self, state, int(state.monitor[UNSTABLE_STEP]))
         if failed_step is not None:
-            self._stop_diverged(state, failed_step, steps_per_second)
+            stop_diverged(self, state, failed_step)
+        if not self.leading and (time := close_outputs(self.model, state, self.outputs, self.links)) is not None:
+            stop_open(self, state, time)
         return state
 
     def sample_interval(self, steps_per_second: float) -> int:
@@ -351,45 +353,3 @@ class CondensedRun:
     def model_error(self, state: CondensedTrajectory) -> float:
         """Return the estimated error of the model as a fraction of the motion, from a trajectory with samples."""
         return estimate(self.model, state, motion_of(self.model, state), self.air) if state.sample_interval else 0.0
-
-    def _stop_unstable(self, state: CondensedTrajectory, step_number: int, steps_per_second: float) -> NoReturn:
-        limit = 2 / math.sqrt(self.model.frequency_amplification * state.monitor[MAX_OMEGA_SQUARED])
-        time = step_number / steps_per_second
-        self._stop(
-            state,
-            time,
-            f"the condensed model stiffened: from {time:.6g} s on its stability limit is below the step "
-            f"{1.0 / steps_per_second:.6g} s ({self.scheme}), at least {limit:.6g} s; try a shorter step, or scheme "
-            f"trapezoidal{self._growth()}",
-        )
-
-    def _stop_diverged(self, state: CondensedTrajectory, step_number: int, steps_per_second: float) -> NoReturn:
-        time = step_number / steps_per_second
-        self._stop(
-            state,
-            time,
-            f"the condensed model left the finite numbers or found no equilibrium along the chord at {time:.6g} s "
-            f"({self.scheme}, step {1 / steps_per_second:.4g} s, step number {step_number}, least chordwise force "
-            f"{state.monitor[MIN_FORCE]:.3g} N); try a shorter step or, where the cable goes slack, "
-            f"chain.simulate{self._growth()}",
-        )
-
-    def _growth(self) -> str:
-        """Return the remedy of a run that trained test functions make unstable."""
-        log_growth = self.model.unstable_growth_rate * float(self.times[-1])
-        if log_growth < 1.0:
-            return ""
-        return (
-            f"; with these test functions vibrations about rest grow by exp({log_growth:.3g}) over the run: "
-            "train them nearer to this scene, or take the modes without them"
-        )
-
-    def _stop(self, state: CondensedTrajectory, time: float, why: str) -> NoReturn:
-        """Raise :class:`cablepod.errors.RunStopped` with the result at the instants before `time` [s]."""
-        instants, partial = state.only(self.times).instants.before_time(time), None
-        if instants is not None:
-            rows = np.searchsorted(state.instants.steps, instants.steps)
-            saved, half_step_rates = state.saved[rows], state.half_step_rates[rows]
-            part = CondensedTrajectory(instants, saved, half_step_rates, None, state.monitor, self.scheme)
-            partial = dataset(self.model, part, attributes(self.model, part, None), ("position",), "stopped")
-        stop(partial, time, float(state.instants.times[-1]), why)

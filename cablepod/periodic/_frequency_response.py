@@ -224,11 +224,12 @@ class _Study:
                 direction = -direction
             found = True
             self._trace(Branch(len(self.branches) + 1), state, direction)
-        if not found:
-            scale = self.solver.model.scales[0]
+        if not any(branch.points for branch in self.branches):
+            model = self.solver.model
+            why = f" (the first branch ended at once: {self.branches[0].ended})" if found else ""
             raise RunStopped(
-                f"no periodic response grows from rest at {self.low * scale:.6g} nor at {self.high * scale:.6g} rad/s; "
-                "try another range, or smaller amplitudes"
+                f"no periodic response grows from rest at {self.low * model.scales[0]:.6g} nor at "
+                f"{self.high * model.scales[0]:.6g} rad/s{why}; try another range, or smaller amplitudes{model.remedy}"
             )
 
     def _others(self) -> None:

@@ -14,6 +14,7 @@ from cablepod.condensed._assembly import unit_of
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._rescale import rescaled_model
 from cablepod.condensed._vibration import RestTangent, vibrations
+from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.errors import RunStopped, SceneError, scene_error
 from cablepod.parameters._checks import choice
 from cablepod.periodic._forcing import Forcing, scaled
@@ -25,6 +26,9 @@ REFERENCE_STRETCHING = 0.1
 #: Largest phase of the highest frequency in a period, of 8192 steps that are then four times as long as elsewhere (phases err by
 #: 1e-3), and largest decay exponent: e^600 times e^-600 are still numbers.
 MAX_PHASE, MAX_DECAY = 8192 * 0.8, 300.0
+#: Part of the deflection at rest beyond which modes miss it: two vibration modes of a taut guy, 4 %, have good responses.
+MISSING_SAG = 0.05
+MODES_WITH_SAG = "modes that hold it: of condensed.vibration_modes with static_modes=True, of snapshots, or more"
 #: Loads out of the plane over those in it, below which they are rounding.
 PLANAR_RTOL = 1e-12
 
@@ -188,10 +192,50 @@ class PeriodicModel:
         squared = np.linalg.eigvalsh(self.tangent_at_rest[: self.n_in_plane, : self.n_in_plane])
         positive = squared[squared > 1e-9 * np.abs(squared).max()]
         if not positive.size:
+            if self.missing_sag:
+                raise SceneError(f"modes: given {self.missing_sag}; allowed: {MODES_WITH_SAG}")
+            if self.condensed.rest_tension > 0.0:
+                raise scene_error(
+                    "scene", f"a sag of {100.0 * self._sag_over_chord:.2g} % of the chord, without stiffness to leading order",
+                    "a shallower cable; try: chain.simulate",
+                )  # fmt: skip
             raise scene_error("scene", "a cable without stiffness at rest", "a cable in tension")
         kappa = float(self.kappa_si[: self.n_in_plane].min())
         stretching = 0.5 * chain.p.stiffness / chain.total_length * kappa**2
         return float(np.sqrt(positive[0])), float(np.sqrt(REFERENCE_STRETCHING * positive[0] / stretching)), kappa
+
+    @cached_property
+    def _rest_deflection(self) -> np.ndarray:
+        """Deflection of the chain at rest (normals, particle) [m]."""
+        position = rest_shape(self.condensed.chain)[0]
+        return ChordFrame.of((position[-1] - position[0])[None], self.condensed.reference).split(position[None])[1][
+            :, 0
+        ]
+
+    @property
+    def _sag_over_chord(self) -> float:
+        """Largest deflection at rest over the distance of the ends."""
+        chord = np.linalg.norm(np.diff(self.condensed.chain.p.initial_ends, axis=0))
+        return float(np.sqrt((self._rest_deflection**2).sum(axis=0)).max() / chord)
+
+    @cached_property
+    def missing_sag(self) -> str:
+        """What the modes lack of the deflection at rest, in words; empty for those that hold it."""
+        model, root = self.condensed, np.sqrt(self.condensed.mass)
+        sag, left = self._rest_deflection * root, 0.0
+        for part, which in zip(sag, model.sets, strict=True):
+            basis = np.linalg.qr((model.shapes[which] * root).T)[0]
+            left += float(np.sum((part - basis @ (basis.T @ part)) ** 2))
+        missing = float(np.sqrt(left / max(float(np.sum(sag**2)), 1e-300)))
+        if not missing > MISSING_SAG:
+            return ""
+        count = f"{self.n_in_plane} mode{'s' if self.n_in_plane > 1 else ''}"
+        return f"{count} in the plane, without {100.0 * missing:.2g} % of the deflection at rest"
+
+    @property
+    def remedy(self) -> str:
+        """End of a message where no response is found: what modes that miss the sag should be; empty for others."""
+        return f"; given {self.missing_sag}, try {MODES_WITH_SAG}" if self.missing_sag else ""
 
     @cached_property
     def tangent_at_rest(self) -> np.ndarray:

@@ -166,6 +166,7 @@ def find(solver: Solver, omega: float, periods: int, harmonics: int | None, star
         raise RunStopped(
             f"no periodic response at {omega * model.scales[0]:.6g} rad/s: Newton's method fails from "
             f"{'this start' if start is not None else 'rest'}; try start=, a run of condensed.simulate that has settled"
+            f"{model.remedy}"
         )
     return found
 
@@ -243,7 +244,7 @@ def labelled(solver: Solver, state: State, wanted: Sequence[str]) -> xr.Dataset:
     if not np.isfinite(mu).all():
         raise RunStopped(
             f"the multipliers are not finite: disturbances grow without bound (smallest chordwise force "
-            f"{stability.smallest_force:.3g} N); try other amplitudes, or compare with chain.simulate"
+            f"{stability.smallest_force:.3g} N); try other amplitudes, or compare with chain.simulate{model.remedy}"
         )
     duration = 2.0 * np.pi * state.periods / omega
     variables: dict[str, Any] = {

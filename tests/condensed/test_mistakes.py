@@ -128,13 +128,12 @@ def test_a_diverging_run_stops_with_a_partial_result(soft, modes, order):
     # the ends meet at 2 s: the chord has no direction
     home = {axis: {"kind": "ramp", "amplitude": -size, "duration": 2.0} for axis, size in (("x", 8.0), ("y", 6.0))}
     scene = cp.make_scene({**soft, "motion": {"upper": home}})
-    with pytest.raises(cp.RunStopped, match="left the finite numbers or found no equilibrium") as stopped:
+    with pytest.raises(cp.RunStopped, match="found no equilibrium along the chord at") as stopped:
         cp.condensed.simulate(
             scene, modes[2], order=order, scheme="trapezoidal", step=0.02, times=np.arange(101) * 0.02
         )
     partial = stopped.value.partial
     assert 5 < partial.sizes["time"] <= 100
     assert np.isfinite(partial.amplitude).all()
-    # the cable is so folded that links turn over; at some instants the closure has no solution near that of the last one
-    assert np.isfinite(partial.position).all(("particle", "coordinate")).mean() > 0.95
+    assert np.isfinite(partial.position).all()  # also where the cable is so folded that links turn over
     assert f"of {2.0:g} s" in partial.attrs["incomplete"]

@@ -9,7 +9,7 @@ import pytest
 from periodic_scenes import GUY
 
 import cablepod as cp
-from cablepod.errors import SceneError
+from cablepod.errors import RunStopped, SceneError
 
 
 @pytest.fixture(scope="module")
@@ -189,3 +189,44 @@ def test_harmonics_near_the_first_axial_frequency_are_told(modes):
     fast = scene(with_motion(kind="harmonic", amplitude=1e-5, angular_frequency=80.0))
     with pytest.warns(cp.OutOfRangeWarning, match="axial"):
         cp.periodic.orbit(fast, modes, outputs=())
+
+
+def sagging(length):
+    """Return the guy with an unstretched length in chords, and a slow motion of its upper end."""
+    mapping = copy.deepcopy(GUY)
+    del mapping["cable"]["top_tension"]
+    mapping["cable"]["unstretched_length"] = length * float(np.hypot(*mapping["ends"]["upper"]))
+    mapping["motion"]["upper"]["x"] = {"kind": "harmonic", "amplitude": 0.01, "angular_frequency": 1.0}
+    return cp.make_scene(mapping)
+
+
+@pytest.mark.parametrize("rank", [2, 3])
+def test_modes_that_miss_the_sag_are_named(rank):
+    given = sagging(1.5)
+    modes = cp.condensed.vibration_modes(given, rank=3)
+    text = (
+        rf"modes: given {rank} modes in the plane, without .* of the deflection at rest; allowed: .*static_modes=True"
+    )
+    with pytest.raises(SceneError, match=text):
+        cp.periodic.orbit(given, modes, rank=rank, order="exact")
+
+
+def test_a_sag_too_deep_for_any_modes_is_named():
+    given = sagging(1.5)
+    modes = cp.condensed.vibration_modes(given, rank=3, static_modes=True)
+    with pytest.raises(SceneError, match=r"scene: given .*a sag of .* % of the chord.*; allowed: a shallower cable"):
+        cp.periodic.orbit(given, modes, rank=2, order="exact")
+
+
+def test_no_response_on_modes_that_miss_the_sag_says_so():
+    given = sagging(1.2)
+    modes = cp.condensed.vibration_modes(given, rank=3)
+    miss = "given 2 modes in the plane, without 18 % of the deflection at rest"
+    with pytest.raises(RunStopped, match=miss):
+        cp.periodic.orbit(given, modes, rank=2, order="exact")
+    # the first branch has no point: a bare ValueError, "max() arg is an empty sequence"
+    with pytest.raises(RunStopped, match=f"no periodic response grows from rest.*slack.*{miss}"):
+        cp.periodic.frequency_response(given, modes, rank=2, order="exact", frequency=(0.5, 1.0))
+    modes = cp.condensed.vibration_modes(given, rank=3, static_modes=True)  # these hold it
+    with pytest.raises(RunStopped, match=r"smaller amplitudes$"):
+        cp.periodic.frequency_response(given, modes, rank=2, order="exact", frequency=(0.5, 1.0))

@@ -1,0 +1,131 @@
+"""Order "exact" where the chord hardly closes: runs end with finite numbers, or stop and say when."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import cablepod as cp
+from cablepod.condensed import _fields as fields
+from cablepod.condensed._kernels_closure import close_all
+from cablepod.discretisation._laws import law_tension
+from cablepod.errors import RunStopped
+
+#: A cable whose upper end moves a little.
+GUY = {
+    "cable": {"youngs_modulus": 1e9, "area": 1.25e-4, "specific_weight": 78500.0, "unstretched_length": 60.0},
+    "ends": {"lower": [0.0, 0.0], "upper": [42.3225, 42.5301]},
+    "motion": {"upper": {"y": {"kind": "harmonic", "amplitude": 0.1, "angular_frequency": 1.0}}},
+    "time": {"duration": 20.0, "interval": 0.1},
+    "chain": {"links": 20},
+}
+OPTIONS = {"order": "exact", "scheme": "trapezoidal", "step": 0.05}
+
+
+@pytest.fixture(scope="module")
+def modes():
+    return cp.condensed.vibration_modes(cp.make_scene(GUY), rank=2, static_modes=True)
+
+
+@pytest.fixture
+def opened(monkeypatch):
+    """Open all chords of 59.82 m and more: the closure finds no force there."""
+    close = fields.close_chord_of
+
+    def open_chords(model, q, boundary_data):
+        stretch, force, squared, deflection = close(model, q, boundary_data)
+        where = boundary_data[:, 0] > LONGEST
+        force[where] = stretch[where] = np.nan
+        return stretch, force, squared, deflection
+
+    monkeypatch.setattr(fields, "close_chord_of", open_chords)
+    time = np.arange(201) * 0.1
+    chord = np.hypot(42.3225, 42.5301 + 0.1 * np.sin(time))
+    return float(time[chord > LONGEST][0])
+
+
+LONGEST = 60.04
+
+
+def check(stopped, time):
+    """Check that a run stopped at a time [s] and kept what was before."""
+    assert f"no equilibrium along the chord at {time:g} s" in str(stopped.value)
+    partial = stopped.value.partial
+    assert partial.attrs["incomplete"] == f"stopped at {time:g} s of 20 s"
+    assert float(partial.time[-1]) == pytest.approx(time - 0.1, abs=1e-9)
+    assert np.isfinite(partial.position).all()
+
+
+def test_a_run_stops_at_the_first_instant_whose_chord_does_not_close(modes, opened):
+    for outputs in (("position",), ("tension",), ()):  # whatever is asked for
+        with pytest.raises(RunStopped) as stopped:
+            cp.condensed.simulate(cp.make_scene(GUY), modes, outputs=outputs, **OPTIONS)
+        check(stopped, opened)
+
+
+def test_means_stop_at_the_step_whose_chord_does_not_close(modes, opened):
+    with pytest.raises(RunStopped, match="no equilibrium along the chord at") as stopped:
+        cp.condensed.simulate(cp.make_scene(GUY), modes, times=[0.0, 6.0], outputs=("tension_mean",), **OPTIONS)
+    # at the ends of the run the chord is short
+    assert opened - 0.1 < float(re.search(r"at ([0-9.]+) s", str(stopped.value))[1]) <= opened
+
+
+def test_a_prepared_model_stops_too(modes, opened):
+    prepared = cp.condensed.prepare(cp.make_scene(GUY), modes, order="exact")
+    with pytest.raises(RunStopped) as stopped:
+        prepared.run()
+    check(stopped, opened)
+
+
+def test_a_member_whose_chord_does_not_close_says_so_and_stops_no_other(modes, opened):
+    still = cp.make_scene(GUY | {"motion": {"upper": {"y": GUY["motion"]["upper"]["y"] | {"amplitude": 1e-3}}}})
+    with pytest.warns(cp.errors.MemberFailedWarning):
+        result = cp.condensed.simulate(xr.concat([cp.make_scene(GUY), still], "member"), modes, **OPTIONS)
+    assert f"no equilibrium along the chord at {opened:g} s" in str(result.failure[0].item())
+    assert np.isfinite(result.position[1]).all()
+
+
+@pytest.mark.filterwarnings("ignore::cablepod.errors.OutOfRangeWarning")
+@pytest.mark.parametrize("step", [0.1, 0.25])
+@pytest.mark.parametrize("rank", [1, 2])
+def test_nothing_is_left_that_is_not_finite_where_links_buckle(rank, step):
+    """The upper end comes nearer by 0.7 chords; single instants were not finite, in whole and in stopped runs."""
+    motion = {"kind": "one_minus_cosine", "amplitude": -30.0, "angular_frequency": 1.0}
+    scene = cp.make_scene(GUY | {"motion": {"upper": {"y": motion}}})
+    modes = cp.condensed.vibration_modes(scene, rank=rank, static_modes=True)
+    outputs = ("position", "tension", "tension_mean")
+    try:
+        run = cp.condensed.simulate(scene, modes, outputs=outputs, **(OPTIONS | {"step": step}))
+    except RunStopped as stopped:
+        run = stopped.partial
+    assert all(np.isfinite(variable).all() for variable in run.data_vars.values())
+
+
+@pytest.mark.parametrize("green", [False, True])
+def test_the_closure_without_a_guess(green):
+    rng = np.random.default_rng(3)
+    times, links, stiffness = 40, 7, 1e6
+    weights = rng.uniform(0.5, 2.0, links)
+    squared = rng.uniform(0.0, 1.5, (times, links))
+    # stretched links; the chordwise force of the first is H, and the others follow
+    stretch = rng.uniform(1.0, 1.4, (times, links))
+    xi = np.sqrt(stretch**2 + squared)
+    force = law_tension(xi, stiffness, green=green) * stretch / xi
+    tau = force - force[:, :1]
+    found, tension = np.full_like(stretch, 1.0), np.full(times, np.nan)  # no guess, so that Newton's method fails
+    for i in range(times):
+        part = slice(i, i + 1)
+        close_all(
+            squared[part], tau[part], weights, stretch[part] @ weights, stiffness, green, tension[part], found[part]
+        )
+    # halving ends at the rounding of H, some 1e-16 K
+    np.testing.assert_allclose(found, stretch, rtol=1e-12)
+    np.testing.assert_allclose(tension, force[:, 0], atol=1e-12 * stiffness)
+    # with these slopes links buckle at 0.28 of their length
+    none = np.zeros((1, links))
+    tension, found = np.full(1, np.nan), np.ones((1, links))
+    close_all(none + 0.04, none, weights, np.array([0.2 * weights.sum()]), stiffness, green, tension, found)
+    assert np.isnan(tension[0])
