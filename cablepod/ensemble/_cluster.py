@@ -227,9 +227,10 @@ class DaskPool:
         self.idle_since = now if self.idle_since is None else self.idle_since
         if not self.said and now - self.idle_since >= TELL_AFTER:
             self.said = True
+            count = "1 batch is" if left == 1 else f"{left} batches are"
             none = f"it has only refused ones ({refused})" if refused else "it has none at present"
             self.warn(
-                f"waiting for a worker of {self.name}: {none}, {left} batches are left; start one, or leave it waiting, "
+                f"waiting for a worker of {self.name}: {none}, {count} left; start one, or leave it waiting, "
                 "without a limit: the run goes on as soon as one joins, Ctrl-C ends it"
             )
 

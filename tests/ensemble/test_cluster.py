@@ -326,7 +326,7 @@ def test_ctrl_c_ends_the_wait_with_one_message(cluster, ctrl_c, tmp_path, form):
     command = ["-m", "cablepod", "ensemble", scene, "--out", folder, "--scheduler", address]
     process = python(*(command if form == "command" else ["-c", script, scene, folder, address]), bufsize=1)
     line = next(line for line in process.stderr if "waiting for a worker" in line)
-    assert f"waiting for a worker of '{address}': it has none at present, 1 batches are left" in line
+    assert f"waiting for a worker of '{address}': it has none at present, 1 batch is left" in line
     time.sleep(1.0)  # it waits on
     assert process.poll() is None
     begin = time.monotonic()
