@@ -1,5 +1,6 @@
-"""Alias of :mod:`cablepod.archive._lineage` for the names that lineage scripts of users call."""
+"""Names that lineage scripts of users call, of :mod:`cablepod.archive._lineage` and :mod:`cablepod.archive._repeated`."""
 
-from cablepod.archive._lineage import ancestors, changed, check, script
+from cablepod.archive._lineage import ancestors, script
+from cablepod.archive._repeated import RepeatedWarning, changed, check
 
-__all__ = ["ancestors", "changed", "check", "script"]
+__all__ = ["RepeatedWarning", "ancestors", "changed", "check", "script"]

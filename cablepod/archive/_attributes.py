@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import json
 import os
 import platform
@@ -34,14 +33,10 @@ ROOT = {
     "Karhunen-Loeve decomposition",
     "license": "Freely distributed: cablepod (MIT license) sets no terms on what it computes",
 }
-#: Attributes that are not part of the contents of a file: texts for readers, and what follows from contents or writing.
-NOT_CONTENT = {
-    *ROOT, "title", "summary", "acknowledgement", "creator_email", "creator_name", "institution", "project",
-    "Conventions", "cablepod_schema", CHECKSUMS, "date_created", "history", "history_json", "id", "source", "stage",
-    "time_coverage_duration", "time_coverage_resolution", "values_sha256", "wall_time_s",
-}  # fmt: skip
 #: Content hash of a Dataset without variables.
 EMPTY = content_hash(xr.Dataset())
+#: Content of a stage of an earlier version whose result was changed.
+UNKNOWN: dict[str, Any] = {"hash": "unknown", "attributes": "unknown", "variables": {}}
 #: Id of a stage -> program and time of its first file in this process, so that all its files tell one time.
 _STAMPS: dict[str, dict[str, str]] = {}
 #: Default summary, with the function of the last stage.
@@ -62,49 +57,32 @@ def with_file_attributes(dataset: xr.Dataset) -> xr.Dataset:
     return stamped
 
 
-def with_own_id(dataset: xr.Dataset, digest: str | None = None) -> xr.Dataset:
-    """Return a dataset that differs from its last stage in values or attributes with a stage and id of its own.
+def with_own_id(
+    dataset: xr.Dataset, digest: str | None = None, contents: dict[str, provenance.VariableContent] | None = None
+) -> xr.Dataset:
+    """Return a dataset that differs from what its last stage made, in values or attributes, with a stage and id of its own.
 
-    Others are returned unchanged.  Scenes have the hash of their values, datasets read from a file those of their content and of
-    their attributes.  `digest` is the content hash, computed if None.
+    Others are returned unchanged.  `digest` is the content hash and `contents` are the contents of the variables, computed if
+    None.  Of datasets of earlier versions, those that were in a file have the hashes of their values and attributes.
     """
     stages = checked_stages(dataset)
-    changed = provenance.with_manual_change(dataset)
-    if changed is not dataset:
-        attrs = {name: changed.attrs[name] for name in ("id", "history_json")}
-        return dataset.assign_attrs(attrs, values_sha256=provenance.digest(dataset))
-    last = stage_of(stages, str(dataset.attrs.get("id"))) if stages else {}
-    if last.get("sha256", EMPTY) == EMPTY:
+    if "id" not in dataset.attrs or not stages:
         return dataset
-    parameters = {"sha256": digest or content_hash(dataset)}
-    attributes = attributes_hash(dataset)
-    if attributes != last.get("attributes_sha256", attributes):
-        parameters["attributes_sha256"] = attributes
-    elif parameters["sha256"] == last["sha256"]:
+    last = stage_of(stages, str(dataset.attrs["id"]))
+    if "content" not in last and last.get("sha256", EMPTY) != EMPTY:
+        is_same = last["sha256"] == (digest or content_hash(dataset))
+        attributes = last.get("attributes_sha256")
+        if is_same and attributes in (None, provenance.attributes_hash(dataset)):
+            return dataset
+        stages[stages.index(last)] = last | {"content": UNKNOWN}
+        dataset = dataset.assign_attrs(history_json=json.dumps(stages, sort_keys=True))
+    found = provenance.input_of(dataset, contents=contents)
+    if found.id == str(dataset.attrs["id"]):
         return dataset
-    original = xr.Dataset(attrs={name: dataset.attrs[name] for name in ("id", "history_json") if name in dataset.attrs})
-    changed = provenance.record(xr.Dataset(), function=provenance.CHANGED, parameters=parameters, inputs=[original])
-    return dataset.assign_attrs(changed.attrs)
-
-
-def attributes_hash(dataset: xr.Dataset, attrs: Mapping[Any, Any] | None = None) -> str:
-    """Return the SHA-256 of the attributes of a dataset, or of `attrs` in their place, and of its variables.
-
-    Left out are :data:`NOT_CONTENT` and long names.
-    """
-    variables = {
-        str(name): _values_of(
-            {key: value for key, value in variable.attrs.items() if key not in ("coverage_content_type", "long_name")}
-        )
-        for name, variable in dataset.variables.items()
-    }
-    own = {key: value for key, value in (dataset.attrs if attrs is None else attrs).items() if key not in NOT_CONTENT}
-    return hashlib.sha256(json.dumps([_values_of(own), variables], sort_keys=True, default=str).encode()).hexdigest()
-
-
-def _values_of(attrs: Mapping[Any, Any]) -> dict[str, list[Any]]:
-    """Return attributes as lists, as a file does not tell a list of one number from a number."""
-    return {str(key): [value] if isinstance(value, str) else np.ravel(value).tolist() for key, value in attrs.items()}
+    attrs = {"id": found.id, "history_json": found.history}
+    if "values_sha256" in dataset.attrs:
+        attrs["values_sha256"] = provenance.digest(dataset)
+    return dataset.assign_attrs(attrs)
 
 
 def root_attributes(dataset: xr.Dataset, sums: dict[str, BlockSums] | None = None) -> dict[str, Any]:
@@ -114,8 +92,9 @@ def root_attributes(dataset: xr.Dataset, sums: dict[str, BlockSums] | None = Non
     dataset whose values or attributes were changed since it was read gets a stage and id of its own.  `sums` as of
     :func:`content_hash`.
     """
-    digest = content_hash(dataset, sums)
-    dataset = with_own_id(dataset, digest)
+    contents: dict[str, provenance.VariableContent] = {}
+    digest = content_hash(dataset, sums, contents)
+    dataset = with_own_id(dataset, digest, contents)
     attrs: dict[str, Any] = {**ROOT, **dataset.attrs}
     attrs["id"] = str(attrs.get("id") or digest[:20])
     stages = checked_stages(dataset) or [
@@ -127,6 +106,8 @@ def root_attributes(dataset: xr.Dataset, sums: dict[str, BlockSums] | None = Non
         stage.update(_STAMPS.setdefault(stage["id"], {**_program(), "written": now}))
     last = stage_of(stages, attrs["id"])
     last["sha256"] = digest
+    if digest != EMPTY:
+        last["content"] = provenance.content_of(dataset, contents)
     if "wall_time_s" in attrs:
         last["wall_time_s"] = float(attrs.pop("wall_time_s"))
     # default texts of earlier stages may be inherited from an input: replace them
@@ -139,7 +120,7 @@ def root_attributes(dataset: xr.Dataset, sums: dict[str, BlockSums] | None = Non
         attrs.pop(name, None)  # possibly inherited from an input with other times
     attrs.update(_time_coverage(dataset))
     if digest != EMPTY:
-        last["attributes_sha256"] = attributes_hash(dataset, attrs)
+        last["attributes_sha256"] = provenance.attributes_hash(dataset, attrs)
     attrs.update(Conventions="CF-1.11, ACDD-1.3", history=_history(str(attrs.get("history", "")), stages))
     attrs.update(history_json=json.dumps(stages, sort_keys=True), cablepod_schema=SCHEMA)
     return attrs

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import json
 import keyword
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from cablepod import provenance
 from cablepod.archive._attributes import checked_stages
-from cablepod.errors import SceneError, printable
+from cablepod.errors import printable
 
 #: Function -> variable name in the script; by default a part of the function's name.
 NAMES = {
     "make_scene": "scene",
     provenance.CHANGED: "changed",
+    provenance.CHANGED_BEFORE: "changed",
+    provenance.MADE: "given",
     "pod.decompose": "modes",
     "ensemble.design": "scenes",
     "ensemble.run": "runs",
@@ -31,6 +31,8 @@ REPEATED = (
     "", "cable", "catenary", "chain", "compare", "condensed", "ensemble", "galerkin", "mast", "oblique", "paper", "pod", "rigid",
     "wind",
 )  # fmt: skip
+#: Functions of stages that stand for a change.
+CHANGES = (provenance.CHANGED, provenance.CHANGED_BEFORE)
 #: Module of a stage in older histories -> its present name.
 MOVED = {"paper.statics": "paper.table1", "paper.starts": "paper.initial_shape"}
 
@@ -61,7 +63,8 @@ def ancestors(dataset: xr.Dataset) -> list[dict[str, Any]]:
 def script(dataset: xr.Dataset) -> str:
     """Return a Python script that reproduces a dataset from its scenes.
 
-    The script stops if an id differs, or at a stage that cannot be reproduced.
+    It compares the values of each stage with the recorded ones, see :func:`cablepod.archive._repeated.check`, and stops at a
+    stage that cannot be reproduced.
     """
     stages = ancestors(dataset)
     if not stages:
@@ -115,16 +118,8 @@ def _statements(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]
 def _reproduction(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[str]:
     """Return the statements that reproduce the result of one stage; they hold known functions and literal values only."""
     name, function, parameters = names[stage["id"]], stage["function"], stage["parameters"]
-    missing = [parent for parent in stage["inputs"] if parent not in names]
-    digested = list(_digests(parameters))
-    if function == provenance.CHANGED:
-        digested = [] if "values" in parameters else ["values"]
-    if missing or digested or (function != provenance.CHANGED and not callable(_callable(function))):
-        why = (
-            "the history lacks " + ", ".join(missing) if missing else f"only a digest is kept of {', '.join(digested)}"
-        )
-        if not (missing or digested):
-            why = "that is no function of the package to call by itself"
+    why = _obstacle(stage, names)
+    if why:
         text = f"{function}, {stage['id']}: cannot be made again, {why}"
         return [f"raise SystemExit({text!r})", ""]
     inputs = [names[parent] for parent in stage["inputs"]]
@@ -136,11 +131,12 @@ def _reproduction(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[st
     if function.endswith(".simulate"):
         inputs = [f"wind={name}" if name.rstrip("_0123456789") == NAMES["wind.field"] else name for name in inputs]
     if function == "ensemble.run":
-        return [*_ensemble(name, inputs, parameters), f"cablepod.lineage.check({name}, {_quoted(stage['id'])})", ""]
+        return [*_ensemble(name, inputs, parameters), _check(stage, name), ""]
     if function == "make_scene":
         call = f"cp.make_scene({_text(parameters['scene'])})"
-    elif function == provenance.CHANGED:
-        call = f"cablepod.lineage.changed({inputs[0]}, values={_text(parameters['values'])})"
+    elif function in CHANGES:
+        lacks = f", lacks={_text(parameters.get('lacks', []))}" if "differs" in parameters else ""
+        call = f"cablepod.lineage.changed({inputs[0]}, values={_text(parameters.get('values', {}))}{lacks})"
     else:
         chosen = set(stage.get("chosen", ()))
         options = [
@@ -150,9 +146,49 @@ def _reproduction(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[st
         ]
         call = f"cp.{_present_name(function)}({', '.join([*inputs, *options])})"
     lines = [f"{name} = {call}"]
-    if function != provenance.CHANGED:  # the id of a changed scene appears only in later stages
-        lines.append(f"cablepod.lineage.check({name}, {_quoted(stage['id'])})")
+    if function not in CHANGES:  # the id of a changed dataset appears only in later stages
+        lines.append(_check(stage, name))
     return [*lines, ""]
+
+
+def _obstacle(stage: Mapping[str, Any], names: Mapping[str, str]) -> str:
+    """Return why a stage cannot be made again; empty if it can."""
+    function, parameters = stage["function"], stage["parameters"]
+    missing = [parent for parent in stage["inputs"] if parent not in names]
+    if missing:
+        return "the history lacks " + ", ".join(missing)
+    if function == provenance.MADE:
+        return f"it was made outside the package: {_extent(parameters)}"
+    if function in CHANGES:
+        is_cut = not parameters.get("differs", True) and "attributes" not in parameters
+        if "values" in parameters or is_cut:
+            return ""
+        if "differs" not in parameters:  # of an earlier version
+            return "only a digest is kept of values"
+        what = [*parameters["differs"], *(["attributes"] if "attributes" in parameters else [])]
+        return f"values were changed outside the package: {', '.join(map(str, what))}; {_extent(parameters)}"
+    digested = list(_digests(parameters))
+    if digested:
+        return f"only a digest is kept of {', '.join(digested)}"
+    return "" if callable(_callable(function)) else "that is no function of the package to call by itself"
+
+
+def _extent(parameters: Mapping[str, Any]) -> str:
+    """Return sizes, and first and last instant, as text."""
+    sizes = ", ".join(f"{name} {size}" for name, size in parameters.get("sizes", {}).items()) or "scalars"
+    if "first_instant" not in parameters:
+        return sizes
+    return f"{sizes}, from {parameters['first_instant']:g} s to {parameters['last_instant']:g} s"
+
+
+def _check(stage: Mapping[str, Any], name: str) -> str:
+    """Return the statement that compares a result with the record of its stage."""
+    if "content" not in stage and "input_hashes" in stage:
+        return f"cablepod.lineage.check({name}, {_quoted(stage['id'])}, values={{}})"
+    if "content" not in stage:
+        return f"cablepod.lineage.check({name}, {_quoted(stage['id'])})"
+    values = ",\n".join(f"    {key!r}: {entry!r}" for key, entry in stage["content"]["variables"].items())
+    return f"cablepod.lineage.check({name}, {_quoted(stage['id'])}, values={{\n{values}\n}})"
 
 
 def _quoted(text: str) -> str:
@@ -225,46 +261,3 @@ def _text(value: Any) -> str:
     if isinstance(value, float) and not math.isfinite(value):
         return f'float("{value}")'
     return repr(value)
-
-
-def check(dataset: xr.Dataset, identifier: str) -> None:
-    """Check the id of a reproduced dataset.
-
-    Raises
-    ------
-    SceneError
-        If the id differs, for example because another version of the package made the original.
-    """
-    if dataset.attrs.get("id") != identifier:
-        raise SceneError(
-            f"id: given {dataset.attrs.get('id')}, of the reproduced dataset; allowed: {identifier}, "
-            f"of the original; history: {json.dumps(provenance.stages_of(dataset)[-1:])[:400]}"
-        )
-
-
-def changed(scene: xr.Dataset, *, values: Mapping[str, Any]) -> xr.Dataset:
-    """Apply a manual change recorded in a history to a scene.
-
-    Parameters
-    ----------
-    scene
-        The scene before the change.
-    values
-        Name of a variable -> its value, or its dimensions, values and attributes.
-
-    Returns
-    -------
-    xarray.Dataset
-        The changed scene.
-    """
-    variables: dict[str, Any] = {}
-    for name, value in values.items():
-        if isinstance(value, list):
-            dims, numbers, attrs = value
-            kind = scene[name].dtype if name in scene else None
-            variables[name] = (tuple(dims), np.asarray(numbers, dtype=kind), attrs)
-        else:
-            variables[name] = scene[name].copy(data=value) if name in scene and not scene[name].dims else value
-    return scene.drop_vars(
-        [name for name in scene.variables if name not in variables and scene[name].size <= provenance.MAX_HISTORY_ITEMS]
-    ).assign(variables)

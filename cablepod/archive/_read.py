@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import json
 import os
 import threading
 from collections.abc import Hashable, Iterator
@@ -182,17 +183,25 @@ def read(path: str | os.PathLike[str], *, chunks: Any = None, verify: bool = Tru
             dataset = restored(opened.load())
         except READ_ERRORS as error:
             raise damaged(path, error) from error
-    if verify and not has_checksums:
-        _check_content_hash(path, dataset)
-    return dataset
+    return _with_content(path, dataset, refused=verify and not has_checksums)
 
 
-def _check_content_hash(path: Path, dataset: xr.Dataset) -> None:
-    """Refuse a file of an earlier version, without checksums, whose values have another content hash than its last stage."""
+def _with_content(path: Path, dataset: xr.Dataset, *, refused: bool) -> xr.Dataset:
+    """Return a dataset of an earlier version with the content of its last stage, which later changes are compared with.
+
+    Others are returned unchanged, as is one that differs from what was written, or with `refused` is refused for its values.
+    """
     try:
         stages = provenance.stages_of(dataset)
-        written = next((stage.get("sha256") for stage in stages if stage["id"] == dataset.attrs.get("id")), None)
+        last = next((stage for stage in stages if stage["id"] == dataset.attrs.get("id")), {})
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):  # a history of another program
-        return
-    if written is not None and written != content_hash(dataset):
+        return dataset
+    if "sha256" not in last or ("content" in last and not refused):
+        return dataset
+    is_same = last["sha256"] == content_hash(dataset)
+    if refused and not is_same:
         raise changed(path, ["its values"])
+    if not is_same or last.get("attributes_sha256") not in (None, provenance.attributes_hash(dataset)):
+        return dataset
+    last.setdefault("content", provenance.content_of(dataset))
+    return dataset.assign_attrs(history_json=provenance.Abridged(json.dumps(stages, sort_keys=True)))

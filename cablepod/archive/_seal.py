@@ -14,8 +14,9 @@ from typing import BinaryIO, NamedTuple
 
 from cablepod.archive._folded import PIECE, FoldedCrc
 
-#: Version of the file layout, raised when an older package would misread new files; from 2 on the bytes of a CRC-32 are folded.
-SCHEMA = 2
+#: Version of the file layout, raised when an older package would misread new files; from 2 on the bytes of a CRC-32 are folded,
+#: from 3 on stages have the hash of their content.
+SCHEMA = 3
 #: Maximum length of the line.
 LONGEST = 200
 #: Parts of the line: damage of one of them leaves the other one.

@@ -141,7 +141,7 @@ def run_members(
         for i in remaining.tolist():
             check()
             try:
-                with _set_within(_INSIDE, True):  # each thread has its own context
+                with _set_within(_INSIDE, True), provenance.unrecorded():  # each thread has its own context
                     result = run_member(i)
             except (RunStopped, ValueError, ArithmeticError) as error:
                 stack.failures[i] = error
@@ -243,6 +243,7 @@ def over_members_by(
                 check_common_times(scene, options.get("times"))
             check(scene)
             given = {name: value for name, value in options.items() if name != "progress"}
+            datasets = [value for value in (*args, *given.values()) if isinstance(value, xr.Dataset)]
             batch = plan(scene, *args, **given) or _member_by_member(function, scene, args, options)
             stack = run_members(
                 batch.run_member, scene.sizes["member"], options.get("progress"), prepare_chunk=batch.prepare_chunk,
@@ -251,8 +252,8 @@ def over_members_by(
             return provenance.record(
                 labelled_like(stack, scene, batch.first()),
                 function=provenance.public_name(function),
-                parameters=given | values_of_members(scene),
-                inputs=[scene, *(argument for argument in args if isinstance(argument, xr.Dataset))],
+                parameters={name: value for name, value in given.items() if not isinstance(value, xr.Dataset)},
+                inputs=[scene, *datasets],
             )
 
         return cast(F, wrapper)
@@ -271,11 +272,3 @@ def _member_by_member(function: F, scene: xr.Dataset, args: tuple[Any, ...], opt
         return arrays_of(result), result.attrs
 
     return BatchPlan(run_member, lambda: first[0])
-
-
-def values_of_members(scene: xr.Dataset) -> dict[str, Any]:
-    """Return the varied values of a scene without an id, which identify results in the history."""
-    if "values_sha256" in scene.attrs:
-        return {}
-    values = {str(name): variable.values for name, variable in scene.variables.items() if "member" in variable.dims}
-    return {"members": values}

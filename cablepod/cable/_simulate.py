@@ -122,7 +122,7 @@ def record(
     **options: Any,
 ) -> xr.Dataset:
     """Append an equilibrium or its vibrations to the history of the result, in place; options as the caller gave them."""
-    resolved = {"elements": mesh.sizes.size, "order": mesh.order, "law": mesh.law, "arc_length": mesh.particles}
+    resolved = {"elements": mesh.sizes.size, "order": mesh.order, "law": mesh.law}
     chosen = provenance.defaulted_options(elements=elements, order=order)
     return provenance.record(result, function=function, parameters=resolved | options, inputs=[scene], chosen=chosen)
 
@@ -276,7 +276,6 @@ def simulate(
         order=result.attrs["element_order"],
         law=law,
         scheme=solution.run.scheme,
-        arc_length=solution.run.chain.particles,
         points=points,
     )
 

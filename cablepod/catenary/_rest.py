@@ -99,8 +99,7 @@ def rest(scene: xr.Dataset, *, points: int = 41) -> xr.Dataset:
     result.attrs.update(title=f"{scene.attrs.get('title', 'scene')}: continuous cable at rest", stage="rest")
     if any(p.wind is not None for p in members):
         result.attrs.update(title=f"{result.attrs['title']} in still air", air="still")
-    options = {"points": points} | ({} if single else {"unstretched_lengths": scalars[..., 0]})
-    return provenance.record(result, function="catenary.rest", parameters=options, inputs=[scene])
+    return provenance.record(result, function="catenary.rest", parameters={"points": points}, inputs=[scene])
 
 
 def _rest_of_member(p: Parameters, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -47,8 +47,10 @@ class StoredModel(NamedTuple):
     wind: str  #: id of the field that was given; empty without
 
 
-def dataset_of(prepared: PreparedModel, scene: xr.Dataset, modes: xr.Dataset, model: CondensedModel) -> xr.Dataset:
-    """Make the Dataset of a prepared model with its accepted state; see :meth:`PreparedModel.dataset`."""
+def dataset_of(
+    prepared: PreparedModel, scene: xr.Dataset, modes: xr.Dataset, model: CondensedModel, **further: str
+) -> xr.Dataset:
+    """Make the Dataset of a prepared model in its accepted state; `further` are attributes.  See :meth:`PreparedModel.dataset`."""
     rank = model.rank
     coordinates = list(COORDINATES[: model.chain.p.dims])
     variables: dict[str, Any] = {
@@ -96,7 +98,7 @@ def dataset_of(prepared: PreparedModel, scene: xr.Dataset, modes: xr.Dataset, mo
         "modes_attributes_json": json.dumps(provenance.to_json(dict(modes.attrs)), sort_keys=True),
     }
     result = label(result, **extra)
-    result.attrs = attrs
+    result.attrs = attrs | further
     return provenance.record(
         result,
         function=FUNCTION,

@@ -149,7 +149,7 @@ class PreparedModel:
         if status:
             error = refusal(status, self._coefficients, accepted, position, velocity, acceleration, step)
             if isinstance(error, RunStopped):
-                error.partial = self.dataset().assign_attrs(incomplete=f"stopped at {self.time + step:.9g} s")
+                error.partial = self._dataset(incomplete=f"stopped at {self.time + step:.9g} s")
             raise error
         self._has_trial = True
         return trial[layout.END_FORCE, : self._dims].copy()
@@ -333,7 +333,10 @@ class PreparedModel:
 
         Variables of scene and modes have the prefixes ``scene_`` and ``modes_``.
         """
-        return dataset_of(self, self._scene, self._modes, self._model)
+        return self._dataset()
+
+    def _dataset(self, **attrs: str) -> xr.Dataset:
+        return dataset_of(self, self._scene, self._modes, self._model, **attrs)
 
 
 def _is_vector(value: Any, dims: int) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import NORMAL_MODES, SCENE, taken
-from cablepod.batch._members import check_common_times, values_of_members
+from cablepod.batch._members import check_common_times
 from cablepod.condensed._assembly import model_of, unit_of
 from cablepod.condensed._batch import run
 from cablepod.condensed._output import result_of
@@ -189,7 +189,6 @@ def simulate(
         **({} if quadrature is None else {"quadrature": quadrature}),
         scheme=result.attrs.get("scheme", scheme),
         **({} if links is None else {"links": [int(number) for number in np.atleast_1d(links)]}),
-        **(values_of_members(scene) if several else {}),
     )
 
 

@@ -39,6 +39,8 @@ from cablepod.ensemble._job import LOCK
 from cablepod.ensemble._models import accepted_time_error
 from cablepod.errors import ArchiveError, shown
 
+#: Last version of the file layout in which ids follow from options that a function chose, too.
+LAST_WITH_OTHER_IDS = 2
 #: Minimum time between two writes of the manifest [s]; after a crash, later batches are found by their files.
 SAVE_INTERVAL = 1.0
 #: Maximum number of texts or lists of a key that the manifest names.
@@ -155,7 +157,8 @@ def open_store(
         for part in folder.glob(".cablepod-*.part"):  # left by killed runs
             part.unlink(missing_ok=True)
         manifest = _existing_manifest(folder, plan, overwrite=overwrite)
-        _write_inputs(folder, inputs, overwrite=overwrite or manifest is None)
+        if manifest is None or manifest["id"] == plan["id"]:
+            _write_inputs(folder, inputs, overwrite=overwrite or manifest is None)
         store = Store(folder, manifest or _new_manifest(folder, plan, inputs), token)
         store.check(overwrite=overwrite)
         store.save()
@@ -165,24 +168,18 @@ def open_store(
 def plan_of(
     scenes: xr.Dataset, model: str, modes: xr.Dataset | None, options: Mapping[str, Any], batch: int
 ) -> dict[str, Any]:
-    """Return the arguments that determine the results of an ensemble, with id, varied ranges and title.
+    """Return the arguments that determine the results of an ensemble, with id, hashes of the inputs, varied ranges and title.
 
-    The id is a hash of these arguments.
+    The id is a hash of the arguments and of the ids of scenes and modes.
     """
+    taken = [provenance.input_of(dataset) for dataset in (scenes, modes) if dataset is not None]
+    given = {"model": model, "members": scenes.sizes["member"], "batch": batch, "options": dict(options)}
+    head = provenance.record(xr.Dataset(), function="ensemble.run", parameters=given, inputs=taken)
     arguments = {
-        "model": model,
-        "modes": None if modes is None else f"{modes.attrs.get('id', 'unknown')} {provenance.digest(modes)}",
-        "members": scenes.sizes["member"],
-        "batch": batch,
-        "options": dict(options),
-        "scenes": f"{scenes.attrs.get('id', 'unknown')} {provenance.digest(scenes)}",
+        **given,
+        "modes": None if modes is None else f"{taken[1].id} {provenance.digest(modes)}",
+        "scenes": f"{taken[0].id} {provenance.digest(scenes)}",
     }
-    head = provenance.record(
-        xr.Dataset(),
-        function="ensemble.run",
-        parameters=arguments,
-        inputs=[scenes] if modes is None else [scenes, modes],
-    )
     varied = {
         str(name): _varied(variable)
         for name, variable in scenes.variables.items()
@@ -191,6 +188,7 @@ def plan_of(
     return {
         **arguments,
         "id": head.attrs["id"],
+        "input_hashes": [given.hash for given in taken],
         "varied": varied,
         "title": f"{scenes.attrs.get('title', 'scenes')}: {model}",
     }
@@ -253,7 +251,7 @@ def _existing_manifest(folder: Path, plan: Mapping[str, Any], *, overwrite: bool
             if not overwrite:
                 raise
             manifest = {"id": None}
-        if manifest["id"] == plan["id"]:
+        if manifest["id"] == plan["id"] or _is_earlier(manifest, plan):
             return manifest
         if not overwrite:
             raise ArchiveError(
@@ -270,6 +268,17 @@ def _existing_manifest(folder: Path, plan: Mapping[str, Any], *, overwrite: bool
         for path in files:
             path.unlink()
     return None
+
+
+def _is_earlier(manifest: Mapping[str, Any], plan: Mapping[str, Any]) -> bool:
+    """Tell whether a manifest of an earlier version, in which ids follow from more, is that of the same ensemble."""
+    if manifest.get("schema", SCHEMA) > LAST_WITH_OTHER_IDS:
+        return False
+    same = all(manifest.get(name) == plan[name] for name in ("model", "members", "batch", "options"))
+    # an id, and a hash of the values, which is the same in all versions
+    return same and all(
+        str(manifest[name]).split()[-1:] == str(plan[name]).split()[-1:] for name in ("scenes", "modes")
+    )
 
 
 def _has_only_inputs(folder: Path, plan: Mapping[str, Any]) -> bool:
@@ -326,6 +335,7 @@ def _new_manifest(folder: Path, plan: Mapping[str, Any], inputs: Mapping[str, xr
         "function": "ensemble.run",
         "parameters": parameters,
         "inputs": [str(dataset.attrs["id"]) for dataset in datasets],
+        "input_hashes": plan["input_hashes"],
     }
     history = "\n".join(
         dict.fromkeys(line for dataset in datasets for line in str(dataset.attrs["history"]).split("\n"))

@@ -283,7 +283,7 @@ class Request:
             self.progress.end()
         resolved = {
             "times": values_of_index(result.variables["time"]),
-            "step": result.attrs.get("step", self.step),
+            "step": result.attrs.get("step") if self.step is None else self.step,
             "tolerance": self.recorded_tolerance,
             "outputs": list(self.outputs),
             **({} if self.window is None else {"window": list(self.window)}),

@@ -55,7 +55,7 @@ class MastCase:
         self.instants = instants = p.times() if times is None else check_times(times)
         check_memory(instants.size, max(len(p.guys), 1), 3, key="time.interval" if times is None else "times")
         self.scene, self.modes, self.guys, self.tolerance, self.window = scene, modes, guys, tolerance, window
-        self.wind, self.links, self.count = wind, links, RANK if rank is None else int(rank)
+        self.wind, self.links, self.step, self.count = wind, links, step, RANK if rank is None else int(rank)
         self.chosen = provenance.defaulted_options(rank=rank, links=links, times=times, step=step, tolerance=tolerance)
         self.air = air = mast_air(p, float(instants[-1]), wind)
         self.mast = ModalMast(rest_of(p, None if air is None or air.has_profile else air))
@@ -101,13 +101,16 @@ class MastCase:
         guys, window = self.guys, self.window
         result = output.trajectory(self.mast, run, self.wanted)
         result.attrs.update(self.attributes(run, notes))
+        if run.status:
+            result.attrs["incomplete"] = f"stopped at {run.stopped_at:.9g} s"
         result = provenance.record(
             result,
             function="mast.simulate",
             parameters={
                 "guys": guys, "rank": self.count if guys == "condensed" else None,
                 "links": self.model.links if isinstance(self.model, ChainGuys) else None, "times": self.instants,
-                "step": run.request.step, "tolerance": self.tolerance, "window": None if window is None else list(window),
+                "step": run.request.step if self.step is None else self.step, "tolerance": self.tolerance,
+                "window": None if window is None else list(window),
                 "outputs": list(self.wanted),
             },
             inputs=[self.scene, *(given for given in (self.modes, self.wind) if given is not None)],
@@ -120,7 +123,6 @@ class MastCase:
                 if run.status == 1
                 else f"stiffened beyond the stability limit of the step ({where})"
             )
-            result.attrs["incomplete"] = f"stopped at {run.stopped_at:.9g} s"
             raise RunStopped(
                 f"the mast {reason} at {run.stopped_at:.6g} s; partial holds the result until then; try a shorter step"
                 + (', or guys="chain"' if guys == "condensed" else ""),

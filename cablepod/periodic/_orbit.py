@@ -9,7 +9,6 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import NORMAL_MODES, SCENE, taken
-from cablepod.batch._members import values_of_members
 from cablepod.errors import RunStopped, scene_error
 from cablepod.parameters._checks import integer
 from cablepod.periodic import _estimate as estimate
@@ -133,10 +132,10 @@ def orbit(
         progress(1.0)
     parameters = {
         "rank": rank, "order": order, "periods": int(periods), "harmonics": harmonics, "out_of_plane": bool(out_of_plane),
-        "outputs": list(wanted), **(values_of_members(scene) if "member" in scene.dims else {}),
+        "outputs": list(wanted),
     }  # fmt: skip
     inputs = () if start is None else (start,)
-    result = output.record(result, "periodic.orbit", scene, modes, parameters, inputs)
+    result = output.record(result, "periodic.orbit", scene, modes, parameters, inputs, incomplete=interrupted)
     if interrupted:
         output.stop_interrupted(result, "periodic.orbit", "some members")
     return result

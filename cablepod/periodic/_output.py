@@ -164,12 +164,16 @@ def record(
     modes: xr.Dataset,
     parameters: Mapping[str, Any],
     inputs: tuple[xr.Dataset, ...] = (),
+    *,
+    incomplete: bool = False,
 ) -> xr.Dataset:
-    """Append the stage to the history of the result."""
+    """Append the stage to the history of the result, which is marked if it is incomplete."""
     title = str(scene.attrs.get("title", "scene"))
     attrs = {name: value for name, value in result.attrs.items() if value is not None}
     title = f"{title}: {function.replace('periodic.', '').replace('_', ' ')}"
     result.attrs = {"title": title, "stage": "periodic", "air": STILL_AIR} | attrs
+    if incomplete:
+        result.attrs["incomplete"] = 1
     return provenance.record(
         result,
         function=function,
@@ -182,6 +186,5 @@ def record(
 
 
 def stop_interrupted(result: xr.Dataset, function: str, kept: str) -> NoReturn:
-    """Raise :class:`cablepod.errors.RunStopped` after Ctrl-C with what was computed, marked as incomplete."""
-    result.attrs = provenance.in_order(result.attrs | {"incomplete": 1})
+    """Raise :class:`cablepod.errors.RunStopped` after Ctrl-C with what was computed."""
     raise RunStopped(f"{function} was interrupted after {kept}; try `partial`, which has them", result)

@@ -10,7 +10,6 @@ import xarray as xr
 
 from cablepod._inputs import NORMAL_MODES, SCENE, taken
 from cablepod._resources import check_bytes
-from cablepod.batch._members import values_of_members
 from cablepod.conventions import INTERRUPTED
 from cablepod.errors import scene_error
 from cablepod.parameters._checks import numbers_list
@@ -117,9 +116,8 @@ def stability_map(
         progress(1.0)
     parameters = {
         "frequency": omegas, "amplitude": amplitudes, "rank": rank, "out_of_plane": bool(out_of_plane),
-        **(values_of_members(scene) if "member" in scene.dims else {}),
     }  # fmt: skip
-    result = output.record(result, "periodic.stability_map", scene, modes, parameters)
+    result = output.record(result, "periodic.stability_map", scene, modes, parameters, incomplete=interrupted)
     if interrupted:
         count = int((result["failure"] != INTERRUPTED).sum())
         output.stop_interrupted(result, "periodic.stability_map", f"{count} of {result['failure'].size} points")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ def labelled(
     options: dict[str, Any],
     algorithm: str,
     like: xr.Dataset,
-    inputs: list[xr.Dataset],
+    inputs: Sequence[xr.Dataset | provenance.Input],
     function: str = "pod.decompose",
     trained: np.ndarray | None = None,
 ) -> xr.Dataset:
@@ -130,8 +131,11 @@ def labelled(
         number_of_snapshots=samples,
         **({} if law_of(like.attrs) is None else {"law": law_of(like.attrs)}),
     )
+    rank, energy = choice
     parameters: dict[str, Any] = {"rank": kept, **options, "snapshots": samples}
-    return provenance.record(result, function=function, parameters=parameters, inputs=inputs)
+    parameters |= {} if energy is None else {"energy": energy}
+    chosen = provenance.defaulted_options(rank=rank)
+    return provenance.record(result, function=function, parameters=parameters, inputs=inputs, chosen=chosen)
 
 
 def _variables(

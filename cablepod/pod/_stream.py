@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterable
 from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from cablepod import provenance
 from cablepod._inputs import ROUNDING, SNAPSHOTS, taken
 from cablepod._resources import defer_sigint_during_dask
 from cablepod.batch._blas import one_blas_thread
@@ -44,7 +46,7 @@ class Stream:
         self._reference: int | None = None  # axis that defines the normals in space, layout "normal"
         self._sums: list[IncrementalSVD] = []
         self._like: xr.Dataset | None = None
-        self._inputs: dict[str, xr.Dataset] = {}
+        self._inputs: dict[str, provenance.Input] = {}
         self._trained: np.ndarray | None = None  # range of the training scenes
 
     def update(self, snapshots: xr.Dataset) -> Stream:
@@ -95,7 +97,7 @@ class Stream:
             raise SceneError(f"snapshots: position is not finite everywhere{where}; allowed: finite numbers") from None
         self._sums, self._reference = sums, reference
         self._trained = union_of_ranges(self._trained, range_of(snapshots))
-        return self._record(samples, snapshots, [snapshots])
+        return self._record(samples, snapshots, [provenance.input_of(snapshots)])
 
     def merge(self, other: Stream) -> Stream:
         """Add all snapshots of the stream `other`, which is not changed, and return this stream.
@@ -129,7 +131,7 @@ class Stream:
                 total.merge(added)
         self._sums, self._reference = sums, next(iter(references), None)
         self._trained = union_of_ranges(self._trained, other._trained)
-        return self._record(other.samples, other._like, list(other._inputs.values()))
+        return self._record(other.samples, other._like, other._inputs.values())
 
     def modes(
         self, *, rank: int | None = None, energy: float | None = None, function: str = "pod.Stream.modes"
@@ -195,7 +197,7 @@ class Stream:
                 f"the {sigma.size} particles at the same S / L0 and the coordinates of the previous snapshots"
             )
 
-    def _record(self, samples: int, like: xr.Dataset, inputs: list[xr.Dataset]) -> Stream:
+    def _record(self, samples: int, like: xr.Dataset, inputs: Iterable[provenance.Input]) -> Stream:
         """Record the number of snapshots and their history; return the stream."""
         if self._like is None:
             self._like = like[["arc_length", "coordinate"]].load().copy(deep=True)
@@ -203,9 +205,8 @@ class Stream:
         elif self._like.attrs.get("law") != like.attrs.get("law"):  # modes of several laws name none
             self._like.attrs.pop("law", None)
         self.samples += samples
-        for dataset in inputs:
-            stub = xr.Dataset(attrs={key: dataset.attrs[key] for key in ("id", "history_json") if key in dataset.attrs})
-            self._inputs.setdefault(str(dataset.attrs.get("id", "unknown")), stub)
+        for found in inputs:
+            self._inputs.setdefault(found.id, found)
         return self
 
 

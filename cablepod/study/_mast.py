@@ -16,6 +16,7 @@ from cablepod.archive._folder import prepare_folder
 from cablepod.conventions import label
 from cablepod.mast._fatigue import EXPONENT, FREQUENCY, guy_fatigue
 from cablepod.study._figures import check_backend
+from cablepod.study._models import recorded
 
 #: Stages, which are the names of the files, and figures.
 STAGES, FIGURES = ("scene", "rest", "frequencies", "motion", "guys"), ("tensions", "moments", "modes")
@@ -95,7 +96,7 @@ def guy_table(motion: xr.Dataset, rest: xr.Dataset) -> xr.Dataset:
         "title": f"{motion.attrs['title']}: guys", "stage": "mast guys", "air": rest.attrs["air"], "exponent": EXPONENT,
         "frequency": FREQUENCY,
     }  # fmt: skip
-    return table
+    return recorded(table, "guys", [motion, rest])
 
 
 def _write_figures(folder: Path, results: dict[str, xr.Dataset]) -> None:

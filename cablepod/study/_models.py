@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from cablepod import chain, compare, condensed, galerkin
+from cablepod import chain, compare, condensed, galerkin, provenance
 from cablepod.errors import RunStopped
 from cablepod.study._timing import timed
 
@@ -132,7 +132,12 @@ def chains_of(
     table["links"].attrs = {"units": "1", "long_name": "links of the chain"}
     table["tolerance"].attrs = {"units": "1", "long_name": "tolerance of the time error, as a fraction of the motion"}
     table.attrs = {**rows[0].attrs, "title": "errors and run times of cheaper chains"}
-    return table
+    return recorded(table, "chains", [scene, reference])
+
+
+def recorded(table: xr.Dataset, name: str, inputs: list[xr.Dataset]) -> xr.Dataset:
+    """Append a table of a study, with measured run times, to the histories of its inputs, in place; return the table."""
+    return provenance.record(table, function=f"study.{name}", parameters={}, inputs=inputs)
 
 
 def coarser_chain(scene: xr.Dataset, reference: xr.Dataset) -> xr.Dataset | None:

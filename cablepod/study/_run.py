@@ -24,7 +24,7 @@ from cablepod.parameters._from_scene import parameters
 from cablepod.scene._mast import scene_kind
 from cablepod.scene._notes import warn_once
 from cablepod.study._figures import check_backend, write_figures
-from cablepod.study._models import MODELS, chains_of, coarser_chain, table_of, timed_twice, with_row
+from cablepod.study._models import MODELS, chains_of, coarser_chain, recorded, table_of, timed_twice, with_row
 from cablepod.study._timing import timed
 
 #: Interval between the instants of the comparison [s], and their maximum number beside the snapshots (for long runs).
@@ -156,7 +156,8 @@ def run(
         except (SceneError, RunStopped) as error:  # the other models go on
             stages.left_out.append(f"{model}: {error}")
     if rows:
-        stages.add("comparison", table_of(rows))
+        compared = [stages.results[f"{model}_r{r}"] for model, r in rows]
+        stages.add("comparison", recorded(table_of(rows), "comparison", [*compared, reference]))
         chains = chains_of(scene, reference, seconds["call_time"], progress)
         if chains is not None:
             stages.add("chains", chains)

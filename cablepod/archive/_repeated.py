@@ -1,0 +1,140 @@
+"""What the scripts of :mod:`cablepod.archive._lineage` call: results made again, compared with the record of their stage."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from cablepod import provenance
+from cablepod.errors import SceneError, user_stacklevel
+
+#: Largest difference of a value that counts as rounding, as a fraction of the largest absolute value of its variable.
+ROUNDING = 1e-9
+
+
+class RepeatedWarning(UserWarning):
+    """A result made again differs from its record within rounding, or in ways that the record cannot tell."""
+
+
+def check(dataset: xr.Dataset, identifier: str, *, values: Mapping[str, Any] | None = None) -> None:
+    """Compare a reproduced dataset with the record of its stage.
+
+    Parameters
+    ----------
+    dataset
+        The reproduced dataset.
+    identifier
+        Id of the original.
+    values
+        Name of a variable -> hash, shape and, of real numbers, largest absolute value and weighted sum, as recorded.  Empty for
+        a record without values, as of an ensemble, of which the id is compared; None for one of an earlier version.
+
+    Raises
+    ------
+    SceneError
+        If values differ by more than a relative 1e-9 of the largest absolute value of their variable, or in anything else than
+        real numbers; with empty `values`, if the id differs.
+
+    Warns
+    -----
+    RepeatedWarning
+        If values differ within that, if only the id differs, and where the record has nothing to compare.
+    """
+    found = str(dataset.attrs.get("id"))
+    if not values:
+        if found != identifier and values is not None:
+            raise _error(dataset, identifier, f"the id is {found}")
+        if found != identifier:
+            _warn(f"{_name(dataset)}, {identifier}: recorded by an earlier version, which kept no values: not compared")
+        return
+    lacking = sorted({*values} ^ {*map(str, dataset.variables)})
+    if lacking:
+        raise _error(dataset, identifier, f"variables {', '.join(lacking)} are in one of both alone")
+    differences = []
+    for name, recorded in values.items():
+        variable = dataset.variables[name]
+        if not recorded[0] or variable.chunks is not None:
+            continue
+        entry = provenance.VariableContent(variable).update(variable.values).entry()
+        if entry[0] == recorded[0]:
+            continue
+        difference = _difference(entry, recorded)
+        if not difference <= ROUNDING:
+            how = (
+                f"by {difference:.2g} of its largest absolute value"
+                if math.isfinite(difference)
+                else "in shape or type"
+            )
+            raise _error(dataset, identifier, f"{name} differs {how}")
+        differences.append((difference, name))
+    if differences:
+        most, name = max(differences)
+        _warn(
+            f"{_name(dataset)}, {identifier}: differs from the record within rounding, in "
+            f"{', '.join(name for _, name in differences)}, {name} by {most:.1g} of its largest absolute value; going on"
+        )
+    if found != identifier:
+        _warn(f"{_name(dataset)}: has the id {found} in place of {identifier}, with the same values; going on")
+
+
+def _difference(entry: list[Any], recorded: list[Any]) -> float:
+    """Return the difference of two entries as a fraction of the largest absolute value; infinite for other shapes and types."""
+    if entry[1] != recorded[1] or len(entry) < 4 or len(recorded) < 4:
+        return math.inf
+    scale = max(entry[2], recorded[2])
+    return max(abs(entry[2] - recorded[2]), abs(entry[3] - recorded[3])) / scale if scale else 0.0
+
+
+def _name(dataset: xr.Dataset) -> str:
+    stages = provenance.stages_of(dataset)
+    return str(stages[-1]["function"]) if stages else "result"
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, RepeatedWarning, stacklevel=user_stacklevel())
+
+
+def _error(dataset: xr.Dataset, identifier: str, what: str) -> SceneError:
+    """Return the error for values that are not the recorded ones."""
+    return SceneError(
+        f"{_name(dataset)}: given a result made again, of which {what}; allowed: the values of {identifier} within a relative "
+        f"{ROUNDING:g}; try: the version of the package, and of its libraries, that its history names"
+    )
+
+
+def changed(scene: xr.Dataset, *, values: Mapping[str, Any], lacks: list[str] | None = None) -> xr.Dataset:
+    """Apply a change recorded in a history.
+
+    Parameters
+    ----------
+    scene
+        The dataset before the change, in most cases a scene.
+    values
+        Name of a variable -> its value, or its dimensions, values and attributes.
+    lacks
+        Names of the variables that were left out; None in scripts of earlier versions, whose `values` have all short variables.
+
+    Returns
+    -------
+    xarray.Dataset
+        The changed dataset.
+    """
+    variables: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, list):
+            dims, numbers, attrs = value
+            kind = scene[name].dtype if name in scene else None
+            variables[name] = (tuple(dims), np.asarray(numbers, dtype=kind), attrs)
+        else:
+            variables[name] = scene[name].copy(data=value) if name in scene and not scene[name].dims else value
+    if lacks is None:
+        lacks = [
+            str(name) for name in scene.variables
+            if name not in variables and scene[name].size <= provenance.MAX_HISTORY_ITEMS
+        ]  # fmt: skip
+    return scene.drop_vars([*lacks, *(name for name in variables if name in scene.variables)]).assign(variables)

@@ -1,0 +1,228 @@
+"""Content of a Dataset: hashes of variables and attributes, and numbers that tell rounding from other differences."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Attributes that are not part of the content: texts for readers, and what follows from contents or writing.
+NOT_CONTENT = frozenset((
+    "keywords", "comment", "references", "license", "title", "summary", "acknowledgement", "creator_email", "creator_name",
+    "institution", "project", "Conventions", "cablepod_schema", "cablepod_checksums", "date_created", "history", "history_json",
+    "id", "source", "stage", "time_coverage_duration", "time_coverage_resolution", "values_sha256", "wall_time_s",
+))  # fmt: skip
+#: Attributes of variables that are not part of it.
+NOT_CONTENT_OF_VARIABLES = frozenset(("coverage_content_type", "long_name"))
+#: Stages whose content is the values alone.
+SCENES = ("scene", "scenes")
+#: Length of a hash in hexadecimal digits, and of the period of the weights of a sum.
+DIGITS, PERIOD = 16, 4096
+#: Hash of a variable that was not computed.
+UNKNOWN = ""
+
+
+# --- variables ------------------------------------------------------------------------------------------------------------
+
+
+class VariableContent:
+    """Hash, and for real numbers largest absolute value and a weighted sum, of values that are given in order.
+
+    The weights of the sum have random signs and sizes from 0.5 to 1.5.  A difference in one value changes it by about as much;
+    rounding of n values by a relative e changes it by about e times the largest one times the square root of n.
+    """
+
+    def __init__(self, variable: xr.Variable) -> None:
+        kind = variable.dtype.kind
+        self.shape, self.is_text, self.is_real = variable.shape, kind in "UO", kind == "f"
+        self.dtype = variable.dtype.newbyteorder("<")
+        self._hash = _headed(variable.dims, variable.shape, "text" if self.is_text else self.dtype.str)
+        self._largest, self._sum, self._done = 0.0, 0.0, 0
+
+    def update(self, slab: np.ndarray, *, sums: bool = True) -> VariableContent:
+        """Add the next values; return the content."""
+        if self.is_text:
+            self._hash.update(json.dumps(slab.tolist(), default=str).encode())
+            return self
+        values = np.ascontiguousarray(slab, self.dtype)
+        if not self.is_real:
+            self._hash.update(values.tobytes())
+            return self
+        flat = values.reshape(-1)
+        with np.errstate(over="ignore", invalid="ignore"):
+            finite = math.isfinite(np.add.reduce(flat))  # many times as fast as a mask, and no threads of BLAS to wait for
+        if not finite and (missing := np.isnan(flat)).any():
+            flat = np.where(missing, self.dtype.type(np.nan), flat)  # a file keeps no other bits of nan
+        self._hash.update(flat.data)
+        if sums:
+            self._add(flat if finite else np.where(np.isfinite(flat), flat, 0.0))
+        return self
+
+    def _add(self, flat: np.ndarray) -> None:
+        if flat.size == 0:
+            return
+        if flat.size > 1:
+            self._largest = max(self._largest, float(flat.max()), -float(flat.min()))
+        else:
+            self._largest = max(self._largest, abs(float(flat[0])))
+        with np.errstate(over="ignore", invalid="ignore"):
+            self._sum += weighted_sum(flat, self._done)
+        self._done += flat.size
+
+    @property
+    def hash(self) -> str:
+        """Hash of dimensions, sizes, type and values."""
+        return self._hash.hexdigest()[:DIGITS]
+
+    def entry(self) -> list[Any]:
+        """Return what a history keeps: hash, shape and, of real numbers, largest absolute value and weighted sum."""
+        shape = list(self.shape)
+        if not self.is_real:
+            return [self.hash, shape]
+        return [self.hash, shape, self._largest, self._sum if math.isfinite(self._sum) else 0.0]
+
+
+def weighted_sum(flat: np.ndarray, start: int = 0) -> float:
+    """Return the sum of values times weights that depend on the place; `start` is the place of the first one."""
+    block, place = divmod(start, PERIOD)
+    inner, outer = weights(PERIOD), weights(1 << max(10, (block + flat.size // PERIOD + 2).bit_length()))
+    first, total = flat[: PERIOD - place], 0.0
+    if place or flat.size < PERIOD:
+        total += float(outer[block] * np.einsum("i,i", first, inner[place : place + first.size]))
+        flat, block = flat[first.size :], block + 1
+    whole = flat.size // PERIOD
+    if whole:
+        sums = np.einsum("ij,j->i", flat[: whole * PERIOD].reshape(whole, PERIOD), inner)
+        total += float(np.einsum("i,i", outer[block : block + whole], sums))
+    if rest := flat.size - whole * PERIOD:
+        total += float(outer[block + whole] * np.einsum("i,i", flat[-rest:], inner[:rest]))
+    return total
+
+
+@lru_cache(8)
+def weights(count: int) -> np.ndarray:
+    """Return the first numbers of a fixed sequence, from 0.5 to 1.5 with random signs (SplitMix64, the same on all machines)."""
+    with np.errstate(over="ignore"):
+        z = np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        z ^= z >> np.uint64(31)
+    size = 0.5 + (z >> np.uint64(11)).astype(float) * 2.0**-53
+    return np.where(z & np.uint64(1), size, -size)
+
+
+def _headed(dims: tuple[Any, ...], shape: tuple[int, ...], kind: str) -> Any:
+    """Return a hash of dimensions, shape and type."""
+    return hashlib.sha256(_head(dims, shape, kind))
+
+
+@lru_cache(1024)
+def _head(dims: tuple[Any, ...], shape: tuple[int, ...], kind: str) -> bytes:
+    return json.dumps([[*map(str, dims)], [*shape], kind]).encode()
+
+
+def is_chunked(variable: xr.Variable) -> bool:
+    """Tell whether a variable is a dask array, which is not computed here."""
+    # Variable.chunks alone takes longer than the hash
+    return type(variable._data) is not np.ndarray and not variable._in_memory and variable.chunks is not None
+
+
+def _values(variable: xr.Variable) -> np.ndarray:
+    data: Any = variable._data
+    return data if type(data) is np.ndarray else np.asarray(variable.values)
+
+
+def variable_hash(variable: xr.Variable) -> str:
+    """Return the hash of a variable, :data:`UNKNOWN` of a chunked one."""
+    return UNKNOWN if is_chunked(variable) else VariableContent(variable).update(_values(variable), sums=False).hash
+
+
+# --- Datasets -------------------------------------------------------------------------------------------------------------
+
+
+def is_scene(dataset: xr.Dataset) -> bool:
+    """Tell whether a Dataset is a scene, or several of them."""
+    return dataset.attrs.get("stage") in SCENES
+
+
+def content_of(dataset: xr.Dataset, contents: Mapping[str, VariableContent] | None = None) -> dict[str, Any]:
+    """Return what a history keeps of the content of a Dataset: a hash, that of attributes, and an entry of each variable.
+
+    `contents` are those of its variables, computed if None, but not those of chunked variables.
+    """
+    entries: dict[str, list[Any]] = {}
+    for name, variable in dataset._variables.items():
+        if contents is not None:
+            entries[str(name)] = contents[str(name)].entry()
+        elif is_chunked(variable):
+            entries[str(name)] = [UNKNOWN, list(variable.shape)]
+        else:
+            entries[str(name)] = VariableContent(variable).update(_values(variable)).entry()
+    attributes = attributes_hash(dataset)
+    total = total_hash(dataset, {name: entry[0] for name, entry in entries.items()}, attributes)
+    return {"hash": total, "attributes": attributes, "variables": entries}
+
+
+def total_hash(dataset: xr.Dataset, hashes: Mapping[str, str], attributes: str) -> str:
+    """Return the hash of a Dataset from those of its variables and attributes; that of a scene is its :func:`digest`."""
+    if is_scene(dataset):
+        return digest(dataset)
+    return hashlib.sha256(json.dumps([sorted(hashes.items()), attributes]).encode()).hexdigest()[:DIGITS]
+
+
+def attributes_hash(dataset: xr.Dataset, attrs: Mapping[Any, Any] | None = None) -> str:
+    """Return the SHA-256 of the attributes of a Dataset, or of `attrs` in their place, and of its variables.
+
+    Left out are :data:`NOT_CONTENT` and :data:`NOT_CONTENT_OF_VARIABLES`.
+    """
+    variables = {
+        str(name): _lists(variable._attrs, NOT_CONTENT_OF_VARIABLES) if variable._attrs else {}
+        for name, variable in dataset._variables.items()
+    }
+    own = _lists(dataset.attrs if attrs is None else attrs, NOT_CONTENT)
+    return hashlib.sha256(json.dumps([own, variables], sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _lists(attrs: Mapping[Any, Any], left_out: frozenset[str]) -> dict[str, list[Any]]:
+    """Return attributes as lists, as a file does not tell a list of one number from a number."""
+    return {
+        str(key): [value] if isinstance(value, str) or type(value) in (int, float) else np.ravel(value).tolist()
+        for key, value in attrs.items()
+        if key not in left_out
+    }
+
+
+def digest(dataset: xr.Dataset) -> str:
+    """Return a hash of names, dimensions and values of all variables."""
+    parts = []
+    for name, variable in sorted((str(name), variable) for name, variable in dataset._variables.items()):
+        data: Any = variable._data  # Variable.data takes longer than the hash of a scene
+        if not isinstance(data, np.ndarray):
+            data = np.asarray(variable.data)
+        parts += [_described(name, variable._dims, data.shape), _bytes(data)]
+    return hashlib.sha256(b"".join(parts)).hexdigest()[:16]
+
+
+@lru_cache(1024)
+def _described(name: str, dims: tuple[Any, ...], shape: tuple[int, ...]) -> bytes:
+    """Return name, dimensions and shape of a variable as bytes (kept: to write tuples takes as long as to hash a scene)."""
+    return f"{name}{dims}{shape}".encode()
+
+
+def _bytes(values: np.ndarray) -> bytes:
+    """Return the content of an array as bytes."""
+    return str(values.tolist()).encode() if values.dtype.kind in "UO" else values.tobytes()
+
+
+def stamp_values(scene: xr.Dataset) -> xr.Dataset:
+    """Set the attribute ``values_sha256`` of a scene in place, which earlier versions compare; return the scene."""
+    scene.attrs["values_sha256"] = digest(scene)
+    return scene

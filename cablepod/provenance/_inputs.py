@@ -1,0 +1,217 @@
+"""Inputs of a stage: whether they are what their own stage made, and what the history says where they are not."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from cablepod.provenance._abridged import Abridged
+from cablepod.provenance._content import (
+    DIGITS,
+    UNKNOWN,
+    VariableContent,
+    attributes_hash,
+    content_of,
+    digest,
+    is_chunked,
+    is_scene,
+    total_hash,
+    variable_hash,
+)
+from cablepod.provenance._stages import COMPACT, SORTED, keep_verdict, merged_stages, recorded_content
+from cablepod.provenance._values import MAX_HISTORY_ITEMS, to_json
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Function of a stage that stands for a change of values or attributes, and of one for a Dataset without a history.
+CHANGED, MADE = "changed outside the package", "made outside the package"
+#: Name of the first one in histories of earlier versions.
+CHANGED_BEFORE = "changed by hand"
+#: Said of the hash of an input with chunked variables.
+NOT_COMPUTED = "as it was written, chunks are not computed"
+
+
+class Input(NamedTuple):
+    """What a history says of an input."""
+
+    id: str
+    history: str
+    hash: str  #: of its content, with :data:`NOT_COMPUTED` where that is so
+    key: Any  #: what the id of a result follows from
+
+
+class _Found(NamedTuple):
+    """Content of a Dataset as far as it is known without computing chunks."""
+
+    total: str
+    hashes: dict[str, str]
+    attributes: str
+    chunked: list[str]  #: names of variables whose hash is the recorded one
+
+
+def identified(function: str, options: Mapping[str, Any], keys: Sequence[Any]) -> str:
+    """Return the id of a stage."""
+    return hashlib.sha256(COMPACT.encode([function, options, keys]).encode()).hexdigest()[:20]
+
+
+def input_of(
+    dataset: xr.Dataset,
+    *,
+    scene_digest: str | None = None,
+    contents: Mapping[str, VariableContent] | None = None,
+) -> Input:
+    """Return what a history says of an input; if it is not what its stage made, with a stage of its own.
+
+    Parameters
+    ----------
+    dataset
+        The input.  Its values are hashed in each call, but not those of chunked variables, which are taken for those that were
+        written.
+    scene_digest
+        Result of :func:`digest` for a scene, where the caller knows it.
+    contents
+        Contents of all variables, where the caller has computed them.
+    """
+    history = dataset.attrs.get("history_json", "[]")
+    if "id" not in dataset.attrs:
+        return _made(dataset, contents)
+    identifier = str(dataset.attrs["id"])
+    recorded = recorded_content(history, identifier)
+    if is_scene(dataset):
+        known = str(dataset.attrs.get("values_sha256", "")) if recorded is None else recorded["hash"]
+        total = scene_digest or digest(dataset)
+        if known in (total, ""):
+            return Input(identifier, history, total, identifier if known else [identifier, total])
+        return _changed(dataset, recorded, _found(dataset, recorded, contents, total), contents)
+    found = _found(dataset, recorded, contents)
+    if recorded is None:  # of an earlier version, or many files
+        if found.chunked:
+            return Input(identifier, history, f"not recorded, {NOT_COMPUTED}", identifier)
+        return Input(identifier, history, found.total, [identifier, found.total])
+    if found.total != recorded["hash"]:
+        return _changed(dataset, recorded, found, contents)
+    said = f"{found.total} {NOT_COMPUTED}" if found.chunked else found.total
+    return Input(identifier, history, said, identifier)
+
+
+def _found(
+    dataset: xr.Dataset,
+    recorded: Mapping[str, Any] | None,
+    contents: Mapping[str, VariableContent] | None,
+    total: str | None = None,
+) -> _Found:
+    """Return the content of a Dataset; chunked variables have the recorded hash, with another shape one that follows from it."""
+    hashes, chunked = {}, []
+    for key, variable in dataset._variables.items():
+        name = str(key)
+        if contents is not None:
+            hashes[name] = contents[name].hash
+        elif is_chunked(variable):
+            chunked.append(name)
+            entry = (recorded or {"variables": {}})["variables"].get(name, [UNKNOWN, []])
+            same = list(variable.shape) == entry[1]
+            hashes[name] = entry[0] if same else _short([*entry[:2], [*map(str, variable.dims)], [*variable.shape]])
+        else:
+            hashes[name] = variable_hash(variable)
+    attributes = attributes_hash(dataset)
+    return _Found(total or total_hash(dataset, hashes, attributes), hashes, attributes, chunked)
+
+
+def _short(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:DIGITS]
+
+
+# --- stages from outside --------------------------------------------------------------------------------------------------
+
+
+def _made(dataset: xr.Dataset, contents: Mapping[str, VariableContent] | None) -> Input:
+    """Return a Dataset without a history as an input, with a stage for it."""
+    found = _found(dataset, None, contents)
+    parameters = {"variables": sorted(found.hashes), **_extent(dataset), **_not_computed(found)}
+    return _with_stage(dataset, MADE, parameters, [], "[]", found, contents)
+
+
+def _changed(
+    dataset: xr.Dataset,
+    recorded: Mapping[str, Any] | None,
+    found: _Found,
+    contents: Mapping[str, VariableContent] | None,
+) -> Input:
+    """Return a changed Dataset as an input, with a stage for the change."""
+    attrs = dataset.attrs
+    if recorded is None:  # a scene of an earlier version: all of its values
+        parameters: dict[str, Any] = {"values_sha256": found.total, "values": _small_values(dataset, found.hashes)}
+    else:
+        before = {name: entry[0] for name, entry in recorded["variables"].items()}
+        changed = [name for name, value in found.hashes.items() if before.get(name) != value]
+        lacks = sorted(before.keys() - found.hashes.keys())
+        parameters = {"differs": sorted(changed), **({"lacks": lacks} if lacks else {}), **_extent(dataset)}
+        parameters |= _not_computed(found)
+        if is_scene(dataset):
+            if all(dataset.variables[name].size <= MAX_HISTORY_ITEMS for name in changed):
+                parameters["values"] = _small_values(dataset, changed)
+        elif found.attributes != recorded["attributes"]:
+            parameters["attributes"] = "differ"
+    return _with_stage(
+        dataset, CHANGED, parameters, [str(attrs["id"])], attrs.get("history_json", "[]"), found, contents
+    )
+
+
+def _with_stage(
+    dataset: xr.Dataset,
+    function: str,
+    parameters: dict[str, Any],
+    parents: list[str],
+    history: str,
+    found: _Found,
+    contents: Mapping[str, VariableContent] | None,
+) -> Input:
+    """Return an input whose history ends with a stage for it."""
+    identifier = identified(function, {"content": found.total}, parents)
+    content = content_of(dataset, contents)
+    for name in found.chunked:
+        content["variables"][name][0] = found.hashes[name]
+    content["hash"] = found.total
+    stages = merged_stages([history])
+    stage = {"id": identifier, "function": function, "parameters": parameters, "inputs": parents, "content": content}
+    stages[identifier] = SORTED.encode(stage)
+    text = Abridged(f"[{', '.join(stages.values())}]")
+    keep_verdict(text, True)
+    said = f"{found.total} {NOT_COMPUTED}" if found.chunked else found.total
+    return Input(identifier, text, said, identifier)
+
+
+def _extent(dataset: xr.Dataset) -> dict[str, Any]:
+    """Return sizes, and first and last instant [s] of a Dataset."""
+    extent: dict[str, Any] = {"sizes": {str(name): int(size) for name, size in dataset.sizes.items()}}
+    time = dataset._variables.get("time")
+    if time is not None and time.size and time.dtype.kind in "fiu" and not is_chunked(time):
+        ends = [float(value) for value in np.asarray(time.values).reshape(-1)[[0, -1]]]
+        extent |= {
+            name: value
+            for name, value in zip(("first_instant", "last_instant"), ends, strict=True)
+            if math.isfinite(value)
+        }
+    return extent
+
+
+def _not_computed(found: _Found) -> dict[str, Any]:
+    return {"not_computed": sorted(found.chunked)} if found.chunked else {}
+
+
+def _small_values(dataset: xr.Dataset, names: Any) -> dict[str, Any]:
+    """Return the values of short variables, from which they can be made again."""
+    variables = {name: dataset.variables[name] for name in names}
+    return {name: _with_dims(variable) for name, variable in variables.items() if variable.size <= MAX_HISTORY_ITEMS}
+
+
+def _with_dims(variable: xr.Variable) -> Any:
+    """Return [dimensions, values, attributes] of a variable as JSON types; only the value of a scalar."""
+    value = to_json(np.asarray(variable.values)) if variable.dims else to_json(variable.values[()])
+    return [list(variable.dims), value, dict(variable.attrs)] if variable.dims else value
