@@ -50,7 +50,7 @@ class StoredModel(NamedTuple):
 def dataset_of(
     prepared: PreparedModel, scene: xr.Dataset, modes: xr.Dataset, model: CondensedModel, **further: str
 ) -> xr.Dataset:
-    """Make the Dataset of a prepared model in its accepted state; `further` are attributes.  See :meth:`PreparedModel.dataset`."""
+    """Make the Dataset of a prepared model in its accepted state with `further` attributes; see :meth:`PreparedModel.dataset`."""
     rank = model.rank
     coordinates = list(COORDINATES[: model.chain.p.dims])
     variables: dict[str, Any] = {

@@ -58,7 +58,9 @@ class VariableContent:
             return self
         flat = values.reshape(-1)
         with np.errstate(over="ignore", invalid="ignore"):
-            finite = math.isfinite(np.add.reduce(flat))  # many times as fast as a mask, and no threads of BLAS to wait for
+            finite = math.isfinite(
+                np.add.reduce(flat)
+            )  # many times as fast as a mask, and no threads of BLAS to wait for
         if not finite and (missing := np.isnan(flat)).any():
             flat = np.where(missing, self.dtype.type(np.nan), flat)  # a file keeps no other bits of nan
         self._hash.update(flat.data)

@@ -12,6 +12,7 @@ import xarray as xr
 import cablepod as cp
 from cablepod import provenance
 from cablepod.archive import _lineage as lineage
+from cablepod.archive import _repeated as repeated
 
 
 def again(dataset):
@@ -96,10 +97,12 @@ def test_changes_by_hand_are_made_again(soft):
 
 def test_another_result_is_noticed(soft):
     scene, modes = reduced(soft, step=1e-3)
-    with pytest.raises(cp.SceneError, match=r"id: given .*; allowed: [0-9a-f]{20}"):
-        lineage.check(scene, modes.attrs["id"])
+    with pytest.raises(cp.SceneError, match=r"make_scene: given .* variables .*; allowed: the values of [0-9a-f]{20}"):
+        repeated.check(scene, modes.attrs["id"], values=provenance.content_of(modes)["variables"])
+    with pytest.raises(cp.SceneError, match=r"make_scene: given .* the id is [0-9a-f]{20}"):
+        repeated.check(scene, modes.attrs["id"], values={})
     modes.attrs["history_json"] = modes.attrs["history_json"].replace('"step": 0.001', '"step": 0.002')
-    with pytest.raises(cp.SceneError, match=r"id: given "):
+    with pytest.raises(cp.SceneError, match=r"chain\.simulate: given .* position differs by .* of its largest"):
         again(modes)
 
 

@@ -108,8 +108,8 @@ def test_files_that_are_none_of_ours_are_refused(chunks, tmp_path):
 
 def test_a_newer_file_is_refused_and_tells_both_versions(tmp_path):
     path = tmp_path / "it.nc"
-    make_scene().drop_attrs().assign_attrs(cablepod_schema=3).to_netcdf(path, engine="netcdf4")
-    with pytest.raises(ArchiveError, match=r"schema version 3, this cablepod \(.*\) knows versions up to 2; install a"):
+    make_scene().drop_attrs().assign_attrs(cablepod_schema=4).to_netcdf(path, engine="netcdf4")
+    with pytest.raises(ArchiveError, match=r"schema version 4, this cablepod \(.*\) knows versions up to 3; install a"):
         read(path)
 
 

@@ -74,7 +74,7 @@ def test_failing_members_are_marked_and_stop_nobody_else(scenes_of, tmp_path):
     assert "failed    4" in describe_ensemble(tmp_path / "it")
     assert "cable.top_tension: given 1.0" in describe_ensemble(tmp_path / "it")
     stage = [item["function"] for item in json.loads(run.attrs["history_json"])]
-    assert stage == ["make_scene", "ensemble.design", "changed by hand", "ensemble.run"]
+    assert stage == ["make_scene", "ensemble.design", "changed outside the package", "ensemble.run"]
 
 
 def test_all_members_may_fail(scenes_of, tmp_path):

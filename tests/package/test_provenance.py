@@ -37,7 +37,7 @@ def test_a_scene_changed_by_hand_says_so(soft):
     scene = cp.make_scene(soft)
     run = cp.chain.simulate(scene.assign(gravity=scene.gravity + 0.01), step=1e-3)
     functions = [stage["function"] for stage in provenance.stages_of(run)]
-    assert functions == ["make_scene", "changed by hand", "chain.simulate"]
+    assert functions == ["make_scene", "changed outside the package", "chain.simulate"]
 
 
 def test_the_lineage_of_a_reduced_model_reaches_its_scene(soft):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import tomllib
 from typing import Any
 
@@ -66,7 +67,7 @@ def test_a_new_result_needs_no_check_of_labels_places_and_history(monkeypatch):
             if lengths:  # the first may be the first of its kind
                 patch.setattr(_seen, "label_orders", None)
                 patch.setattr(_seen, "place_orders", None)
-                patch.setattr(provenance.json, "loads", None)
+                patch.setattr(json, "loads", None)
             for result, kind in ((scene, SCENE), (run, MOTION), (modes, NORMAL_MODES)):
                 assert taken("it", result, kind) is result
         lengths.add(float(run.unstretched_length))
