@@ -44,7 +44,10 @@ class VariableContent:
         kind = variable.dtype.kind
         self.shape, self.is_text, self.is_real = variable.shape, kind in "UO", kind == "f"
         self.dtype = variable.dtype.newbyteorder("<")
-        self._hash = _headed(variable.dims, variable.shape, "text" if self.is_text else self.dtype.str)
+        attrs = _lists(variable._attrs, NOT_CONTENT_OF_VARIABLES) if variable._attrs else {}
+        kind = "text" if self.is_text else self.dtype.str
+        head = [[*map(str, variable._dims)], [*variable.shape], kind, attrs]
+        self._hash = hashlib.sha256(json.dumps(head, sort_keys=True, default=str).encode())
         self._largest, self._sum, self._done = 0.0, 0.0, 0
 
     def update(self, slab: np.ndarray, *, sums: bool = True) -> VariableContent:
@@ -81,7 +84,7 @@ class VariableContent:
 
     @property
     def hash(self) -> str:
-        """Hash of dimensions, sizes, type and values."""
+        """Hash of dimensions, sizes, type, attributes and values."""
         return self._hash.hexdigest()[:DIGITS]
 
     def entry(self) -> list[Any]:
@@ -121,16 +124,6 @@ def weights(count: int) -> np.ndarray:
     return np.where(z & np.uint64(1), size, -size)
 
 
-def _headed(dims: tuple[Any, ...], shape: tuple[int, ...], kind: str) -> Any:
-    """Return a hash of dimensions, shape and type."""
-    return hashlib.sha256(_head(dims, shape, kind))
-
-
-@lru_cache(1024)
-def _head(dims: tuple[Any, ...], shape: tuple[int, ...], kind: str) -> bytes:
-    return json.dumps([[*map(str, dims)], [*shape], kind]).encode()
-
-
 def is_chunked(variable: xr.Variable) -> bool:
     """Tell whether a variable is a dask array, which is not computed here."""
     # Variable.chunks alone takes longer than the hash
@@ -168,7 +161,7 @@ def content_of(dataset: xr.Dataset, contents: Mapping[str, VariableContent] | No
             entries[str(name)] = [UNKNOWN, list(variable.shape)]
         else:
             entries[str(name)] = VariableContent(variable).update(_values(variable)).entry()
-    attributes = attributes_hash(dataset)
+    attributes = own_hash(dataset)
     total = total_hash(dataset, {name: entry[0] for name, entry in entries.items()}, attributes)
     return {"hash": total, "attributes": attributes, "variables": entries}
 
@@ -178,6 +171,12 @@ def total_hash(dataset: xr.Dataset, hashes: Mapping[str, str], attributes: str) 
     if is_scene(dataset):
         return digest(dataset)
     return hashlib.sha256(json.dumps([sorted(hashes.items()), attributes]).encode()).hexdigest()[:DIGITS]
+
+
+def own_hash(dataset: xr.Dataset) -> str:
+    """Return the hash of the attributes of a Dataset without those of its variables."""
+    own = _lists(dataset.attrs, NOT_CONTENT)
+    return hashlib.sha256(json.dumps(own, sort_keys=True, default=str).encode()).hexdigest()[:DIGITS]
 
 
 def attributes_hash(dataset: xr.Dataset, attrs: Mapping[Any, Any] | None = None) -> str:

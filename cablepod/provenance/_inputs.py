@@ -13,13 +13,12 @@ import numpy as np
 from cablepod.provenance._abridged import Abridged
 from cablepod.provenance._content import (
     DIGITS,
-    UNKNOWN,
     VariableContent,
-    attributes_hash,
     content_of,
     digest,
     is_chunked,
     is_scene,
+    own_hash,
     total_hash,
     variable_hash,
 )
@@ -114,12 +113,15 @@ def _found(
             hashes[name] = contents[name].hash
         elif is_chunked(variable):
             chunked.append(name)
-            entry = (recorded or {"variables": {}})["variables"].get(name, [UNKNOWN, []])
-            same = list(variable.shape) == entry[1]
-            hashes[name] = entry[0] if same else _short([*entry[:2], [*map(str, variable.dims)], [*variable.shape]])
+            entry = None if recorded is None else recorded["variables"].get(name)
+            if entry is None:  # nothing but the name of the dask array, which follows from how it was made
+                hashes[name] = _short([name, str(variable.data.name)])
+            else:
+                same = list(variable.shape) == entry[1]
+                hashes[name] = entry[0] if same else _short([entry, [*map(str, variable.dims)], [*variable.shape]])
         else:
             hashes[name] = variable_hash(variable)
-    attributes = attributes_hash(dataset)
+    attributes = own_hash(dataset)
     return _Found(total or total_hash(dataset, hashes, attributes), hashes, attributes, chunked)
 
 

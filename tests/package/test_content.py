@@ -1,0 +1,308 @@
+"""Each stage records the content of its result and inputs; what was changed outside the package is a stage of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from results import make_modes, make_scene, make_trajectory
+
+import cablepod as cp
+from cablepod import provenance
+from cablepod.integrate import _request as request
+from cablepod.provenance import _content as content
+
+
+@pytest.fixture
+def run(soft):
+    """A small chain."""
+    return cp.chain.simulate(cp.make_scene(soft), step=1e-3, times=np.arange(21) / 10)
+
+
+def functions_of(dataset):
+    return [stage["function"] for stage in provenance.stages_of(dataset)]
+
+
+def change_of(dataset):
+    """The parameters of the stage that stands for a change."""
+    (stage,) = (stage for stage in provenance.stages_of(dataset) if stage["function"] == provenance.CHANGED)
+    return stage["parameters"]
+
+
+def test_changed_values_have_another_id_and_a_stage_of_their_own(run):
+    noise = 1e-6 * np.random.default_rng(0).standard_normal(run.position.shape)
+    clean = cp.pod.decompose(run, rank=2)
+    noisy = cp.pod.decompose(run.assign(position=run.position + noise), rank=2)
+    assert clean.attrs["id"] != noisy.attrs["id"]
+    assert functions_of(noisy) == ["make_scene", "chain.simulate", "changed outside the package", "pod.decompose"]
+    change = change_of(noisy)
+    assert change["differs"] == ["position"]
+    assert change["sizes"]["time"] == 21
+    assert (change["first_instant"], change["last_instant"]) == (0.0, 2.0)
+    assert cp.pod.decompose(run, rank=2).attrs["id"] == clean.attrs["id"]
+    assert provenance.CHANGED not in functions_of(clean)
+
+
+def test_an_array_changed_in_place_is_noticed(run):
+    before = cp.pod.decompose(run, rank=2)
+    run["position"].values[3, 4, 1] = np.nextafter(run["position"].values[3, 4, 1], np.inf)  # of the same object
+    assert cp.pod.decompose(run, rank=2).attrs["id"] != before.attrs["id"]
+
+
+def test_two_slices_in_time_are_two_inputs(run):
+    parts = [run.isel(time=slice(10)), run.isel(time=slice(10, None))]
+    modes = [cp.pod.decompose(part, rank=2) for part in parts]
+    assert modes[0].attrs["id"] != modes[1].attrs["id"]
+    ends = [(change_of(part)["first_instant"], change_of(part)["last_instant"]) for part in modes]
+    assert ends == [(0.0, 0.9), (1.0, 2.0)]
+    assert change_of(modes[0])["sizes"]["time"] == 10
+
+
+def test_several_inputs_are_told_apart(run):
+    parts = [run.isel(time=slice(10)), run.isel(time=slice(10, None))]
+    stream = cp.pod.Stream()
+    for part in parts:
+        stream.update(part)
+    inputs = provenance.stages_of(stream.modes(rank=2))[-1]["inputs"]
+    assert len(set(inputs)) == 2
+    assert provenance.stages_of(cp.pod.decompose(parts, rank=2))[-1]["inputs"] == inputs
+
+
+def test_a_file_changed_before_it_is_an_input_is_noticed(run, tmp_path):
+    back = cp.archive.read(cp.archive.write(run, tmp_path / "run.nc"))
+    same = cp.pod.decompose(back, rank=2)
+    assert same.attrs["id"] == cp.pod.decompose(run, rank=2).attrs["id"]
+    tension = back["tension"].copy(data=back["tension"].values + 1e-9)
+    changed = cp.pod.decompose(back.assign(tension=tension), rank=2)
+    assert changed.attrs["id"] != same.attrs["id"]
+    assert change_of(changed)["differs"] == ["tension"]
+    # also where it is written, as before it ever was
+    for before in (run, back):
+        written = cp.archive.read(cp.archive.write(before.assign(tension=tension), tmp_path / "it.nc", overwrite=True))
+        assert functions_of(written)[-1] == provenance.CHANGED
+        assert written.attrs["id"] == provenance.stages_of(changed)[-1]["inputs"][0]
+
+
+def test_left_out_variables_and_units_are_changes(run):
+    without = cp.pod.decompose(run.drop_vars("tension"), rank=2)
+    assert change_of(without) | {"sizes": 0} == {
+        "differs": [], "lacks": ["tension"], "sizes": 0, "first_instant": 0.0, "last_instant": 2.0,
+    }  # fmt: skip
+    filtered = run.copy()
+    filtered["tension"].attrs["filter"] = "low-pass"
+    assert change_of(cp.pod.decompose(filtered, rank=2))["differs"] == ["tension"]
+    noted = cp.pod.decompose(run.assign_attrs(step=2e-3), rank=2)
+    assert change_of(noted)["attributes"] == "differ"
+    assert change_of(noted)["differs"] == []
+    titled = run.assign_attrs(title="mine", comment="for the report")
+    titled["position"].attrs["long_name"] = "Ort"
+    assert provenance.CHANGED not in functions_of(cp.pod.decompose(titled, rank=2))
+
+
+def test_a_dataset_without_a_history_is_told_by_its_content(run):
+    bare = [run.drop_attrs(), run.assign(position=1.001 * run.position).drop_attrs()]
+    for dataset in bare:
+        assert "id" not in dataset.attrs
+    modes = [cp.pod.decompose(dataset, rank=2) for dataset in bare]
+    assert modes[0].attrs["id"] != modes[1].attrs["id"]
+    assert functions_of(modes[0]) == ["made outside the package", "pod.decompose"]
+
+
+def test_chunked_inputs_are_not_computed_and_the_history_says_so(run, tmp_path):
+    dask = pytest.importorskip("dask")
+    path = cp.archive.write(run, tmp_path / "run.nc")
+    lazy = cp.archive.read(path, chunks={"time": 7})
+    computed = []
+    with dask.callbacks.Callback(pretask=lambda *_: computed.append(1)):
+        found = provenance.input_of(lazy)
+        part = provenance.input_of(lazy.isel(time=slice(5, 10)))
+    assert computed == []
+    assert found.id == run.attrs["id"]
+    assert found.hash == f"{provenance.input_of(run).hash} as it was written, chunks are not computed"
+    assert part.id not in (found.id, provenance.input_of(lazy.isel(time=slice(5))).id)
+    stage = provenance.checked_stages(part.history)[-1]["parameters"]
+    assert "time" in stage["differs"]
+    assert stage["not_computed"] == sorted(name for name, item in lazy.variables.items() if item.chunks is not None)
+    times = cp.pod.at_times(lazy, times=[0.5, 1.0])
+    assert provenance.stages_of(times)[-1]["input_hashes"] == [found.hash]
+    # what is written of lazy data is compared with what was recorded
+    again = cp.archive.read(cp.archive.write(lazy, tmp_path / "same.nc"))
+    assert again.attrs["id"] == run.attrs["id"]
+    shifted = cp.archive.read(cp.archive.write(lazy.assign(position=lazy.position + 1.0), tmp_path / "shifted.nc"))
+    assert change_of(shifted)["differs"] == ["position"]
+    lazy.close()
+
+
+def test_inputs_are_recorded_with_their_hashes(run):
+    modes = cp.pod.decompose(run, rank=2)
+    stage, made = provenance.stages_of(modes)[-1], provenance.stages_of(run)[-1]
+    assert stage["input_hashes"] == [made["content"]["hash"]]
+    assert made["content"] == provenance.content_of(run)
+
+
+@pytest.mark.parametrize("factor", [1.0 + 1e-12, 1.0 - 1e-12, 1.5])
+def test_nothing_that_was_chosen_decides_on_an_id(soft, monkeypatch, factor):
+    """A chosen tolerance differed in its 12th digit on another machine, and gave another id."""
+    scene = cp.make_scene(soft)
+    run = cp.chain.simulate(scene, times=np.arange(21) / 10)
+    modes = cp.pod.decompose(run, rank=2, layout="normal")
+    calls = [
+        lambda: cp.condensed.simulate(scene, modes), lambda: cp.chain.simulate(scene), lambda: cp.cable.simulate(scene),
+        lambda: cp.galerkin.simulate(scene, cp.pod.decompose(run, rank=2)),
+    ]  # fmt: skip
+    before = [call().attrs["id"] for call in calls]
+    record = request.provenance.record
+    seen = []
+
+    def perturbed(result, *, parameters, chosen=(), **others):
+        numbers = {key: value for key, value in parameters.items() if key in chosen and isinstance(value, float)}
+        seen.extend(numbers)
+        return record(
+            result,
+            parameters=parameters | {key: value * factor for key, value in numbers.items()},
+            chosen=chosen,
+            **others,
+        )
+
+    monkeypatch.setattr(request.provenance, "record", perturbed)
+    assert [call().attrs["id"] for call in calls] == before
+    assert {"tolerance", "step"} <= set(seen)
+
+
+def test_lengths_that_follow_from_a_tension_decide_on_no_id(soft, monkeypatch):
+    """Only the tension is given, so the length is found by Newton's method, and its last digits are not the same everywhere."""
+    scene = cp.make_scene(soft)
+    several = scene.assign(cable_top_tension=("member", [200.0, 230.0], scene.cable_top_tension.attrs))
+    stages = [
+        provenance.stages_of(result)[-1]
+        for result in (cp.cable.rest(scene), cp.cable.simulate(scene, times=[0.1]), cp.catenary.rest(several))
+    ]
+    for stage in stages:
+        assert not {"arc_length", "unstretched_lengths"} & set(stage["parameters"])
+
+
+def test_given_options_decide_on_an_id(soft):
+    scene = cp.make_scene(soft)
+    calls = [{}, {"tolerance": 1e-4}, {"tolerance": 1e-5}, {"step": 1e-3}, {"links": 8}]
+    assert len({cp.chain.simulate(scene, times=[0.1], **options).attrs["id"] for options in calls}) == len(calls)
+
+
+# --- content ----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [make_scene, make_trajectory, make_modes])
+def test_the_content_is_that_of_the_file(make, tmp_path):
+    made = make().assign(
+        flags=("kind", np.array([True, False])), texts=("kind", ["a", "längeres"]), whole=("kind", np.array([1, 2], np.int16)),
+        single=("kind", np.array([0.1, np.nan], np.float32)), odd=("kind", np.array([-np.nan, 1.0], ">f8")),
+    )  # fmt: skip
+    made["odd"].values.view(np.uint64)[0] |= 1  # bits of nan that no file keeps
+    made.attrs |= {"one": 3, "few": [1.5, 2.0], "word": "x", "words": ["x", "y"], "number": np.float32(0.1)}
+    back = cp.archive.read(cp.archive.write(made, tmp_path / "it.nc"))
+    assert provenance.content_of(back) == provenance.content_of(made)
+    assert provenance.input_of(back).hash == provenance.input_of(made).hash
+
+
+def test_all_models_record_what_they_return(soft, tmp_path):
+    """No stage sets a variable or an attribute after its record."""
+    scene = cp.make_scene(soft | {"damping": {"mass_proportional": 0.1}})
+    run = cp.chain.simulate(scene, times=np.arange(21) / 10, outputs=("position", "tension", "tension_extremes"))
+    normal, separate = (cp.pod.decompose(run, rank=2, layout=layout) for layout in ("normal", "separate"))
+    several = cp.ensemble.design(scene, {"cable.top_tension": [200.0, 230.0]}, members=2)
+    amplitudes = cp.pod.project(run, separate)
+    results = [
+        scene, several, run, normal, separate, amplitudes, cp.pod.reconstruct(amplitudes, separate), cp.summary(scene),
+        cp.catenary.rest(scene), cp.catenary.rest(several), cp.chain.rest(scene), cp.chain.rest(several), cp.cable.rest(scene),
+        cp.rigid.rest(scene), cp.cable.frequencies(scene), cp.rigid.simulate(scene, times=[0.1]),
+        cp.cable.simulate(scene, times=[0.1]), cp.galerkin.simulate(scene, separate), cp.condensed.simulate(scene, normal),
+        cp.condensed.simulate(several, normal), cp.galerkin.simulate(several, separate), cp.chain.simulate(several),
+        cp.condensed.vibration_modes(scene, rank=2), cp.compare.errors(run, run),
+        cp.oblique.train(scene, run, normal, iterations=1, tolerance=1e-3),
+        cp.condensed.prepare(scene, normal).dataset(), cp.fatigue.ranges(run.tension.isel(link=0)),
+    ]  # fmt: skip
+    for result in results:
+        found = provenance.input_of(result)
+        assert found.id == result.attrs["id"], functions_of(result)
+        assert provenance.stages_of(result)[-1]["content"]["hash"] == found.hash
+        back = cp.archive.read(cp.archive.write(result, tmp_path / "it.nc", overwrite=True))
+        assert provenance.input_of(back)[::2] == found[::2], functions_of(result)
+
+
+def test_the_weighted_sum_tells_differences_of_single_values_from_rounding():
+    rng = np.random.default_rng(2)
+    for size in (2, 4095, 4096, 4097, 3 * 4096 + 5, 1_000_000):
+        values = rng.uniform(1.0, 2.0, size)
+        rounded = values * (1.0 + 2.0**-52 * rng.integers(-4, 5, size))
+        off = values.copy()
+        off[size // 2] += 1e-8
+        sums = [content.weighted_sum(item) for item in (values, rounded, off)]
+        # 4 in the last place, at random, and the rounding of the sum: below 1e-12 of the values up to a million of them
+        assert abs(sums[1] - sums[0]) < 2e-12 * max(1.0, np.sqrt(size) / 100)
+        assert 0.4e-8 < abs(sums[2] - sums[0]) < 1.6e-8
+        parts = np.split(values, sorted({size // 3, size // 2}))
+        starts = np.cumsum([0, *(part.size for part in parts[:-1])])
+        total = sum(content.weighted_sum(part, int(start)) for part, start in zip(parts, starts, strict=True))
+        assert total == pytest.approx(sums[0], abs=1e-11 * size)  # rounding of sums of numbers up to 2
+
+
+def test_the_weights_are_the_same_everywhere():
+    np.testing.assert_array_equal(content.weights(1024), content.weights(4096)[:1024])
+    # SplitMix64 from 0 begins with 0xE220A8397B1DCDAF (odd: positive) and 0x6E789E6AA1B965F4 (even: negative)
+    expected = [0.5 + (0xE220A8397B1DCDAF >> 11) / 2**53, -0.5 - (0x6E789E6AA1B965F4 >> 11) / 2**53]
+    np.testing.assert_array_equal(content.weights(1024)[:2], expected)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        [], {"hash": "a", "attributes": "b"}, {"hash": 1, "attributes": "b", "variables": {}},
+        *(
+            {"hash": "a", "attributes": "b", "variables": {"x": entry}}
+            for entry in (1, ["h"], ["h", [1.5]], ["h", [-1]], ["h", [2], 1.0], ["h", [2], 1.0, float("nan")], [1, [2]])
+        ),
+    ],
+)  # fmt: skip
+def test_a_content_of_another_form_is_no_history(value, run):
+    stages = provenance.stages_of(run)
+    stages[-1]["content"] = value
+    with pytest.raises(ValueError, match="stage 2 has another content than a stage can have"):
+        provenance.checked_stages(provenance._stages.SORTED.encode(stages))
+
+
+def test_parts_of_a_result_are_not_recorded(soft):
+    with provenance.unrecorded():
+        assert "id" not in cp.chain.rest(cp.make_scene(soft)).attrs
+    assert "id" in cp.chain.rest(cp.make_scene(soft)).attrs
+
+
+def test_files_of_earlier_versions_are_compared_with_what_was_written(run, tmp_path):
+    """A stage without content, as before schema 3: the hash of its file serves."""
+    path = cp.archive.write(run, tmp_path / "run.nc")
+    back = cp.archive.read(path)
+    stages = provenance.stages_of(back)
+    for stage in stages:
+        stage.pop("content")
+        stage.pop("input_hashes", None)
+    old = back.assign_attrs(history_json=provenance._stages.SORTED.encode(stages))
+    ids = {
+        cp.pod.decompose(item, rank=2).attrs["id"]
+        for item in (old, old.isel(time=slice(10)), old.isel(time=slice(10, 20)))
+    }
+    assert len(ids) == 3
+    edited = cp.archive.read(cp.archive.write(old.isel(time=slice(10)), tmp_path / "part.nc"))
+    assert functions_of(edited)[-1] == provenance.CHANGED
+    assert cp.archive.read(cp.archive.write(old, tmp_path / "same.nc")).attrs["id"] == run.attrs["id"]
+
+
+def test_a_study_keeps_its_ids_in_a_tree(soft):
+    tree = cp.study.run(cp.make_scene(soft), ranks=(1,))
+    for name, node in tree.children.items():
+        dataset = node.to_dataset()
+        assert provenance.input_of(dataset).id == dataset.attrs["id"], name
+    assert functions_of(tree["comparison"].to_dataset())[-1] == "study.comparison"
+
+
+def test_made_variables_leave_other_datasets_alone(run):
+    copy = run.copy(deep=True)
+    provenance.input_of(run.assign(position=run.position + 1.0))
+    xr.testing.assert_identical(run, copy)
