@@ -102,7 +102,7 @@ def test_another_result_is_noticed(soft):
     with pytest.raises(cp.SceneError, match=r"make_scene: given .* the id is [0-9a-f]{20}"):
         repeated.check(scene, modes.attrs["id"], values={})
     modes.attrs["history_json"] = modes.attrs["history_json"].replace('"step": 0.001', '"step": 0.002')
-    with pytest.raises(cp.SceneError, match=r"chain\.simulate: given .* position differs by .* of its largest"):
+    with pytest.raises(cp.SceneError, match=r"chain\.simulate: given .* position differs by .* of the largest"):
         again(modes)
 
 
