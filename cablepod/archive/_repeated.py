@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import xarray as xr
@@ -51,13 +51,13 @@ def check(dataset: xr.Dataset, identifier: str, *, values: Mapping[str, Any] | N
     found = str(dataset.attrs.get("id"))
     if not values:
         if found != identifier and values is not None:
-            raise _error(dataset, identifier, f"the id is {found}")
+            _refuse(dataset, identifier, f"the id is {found}")
         if found != identifier:
             _warn(f"{_name(dataset)}, {identifier}: recorded by an earlier version, which kept no values: not compared")
         return
     lacking = sorted({*values} ^ {*map(str, dataset.variables)})
     if lacking:
-        raise _error(dataset, identifier, f"variables {', '.join(lacking)} are in one of both alone")
+        _refuse(dataset, identifier, f"variables {', '.join(lacking)} are in one of both alone")
     scales, differences = _scales(dataset), []
     for name, recorded in values.items():
         variable = dataset.variables[name]
@@ -73,7 +73,7 @@ def check(dataset: xr.Dataset, identifier: str, *, values: Mapping[str, Any] | N
                 if math.isfinite(difference)
                 else "in shape or type"
             )
-            raise _error(dataset, identifier, f"{name} differs {how}")
+            _refuse(dataset, identifier, f"{name} differs {how}")
         differences.append((difference, name))
     if differences:
         most, name = max(differences)
@@ -131,9 +131,9 @@ def _warn(text: str) -> None:
     warnings.warn(text, RepeatedWarning, stacklevel=user_stacklevel())
 
 
-def _error(dataset: xr.Dataset, identifier: str, what: str) -> SceneError:
-    """Return the error for values that are not the recorded ones."""
-    return SceneError(
+def _refuse(dataset: xr.Dataset, identifier: str, what: str) -> NoReturn:
+    """Raise the error for values that are not the recorded ones."""
+    raise SceneError(
         f"{_name(dataset)}: given a result made again, of which {what}; allowed: the values of {identifier} within a relative "
         f"{ROUNDING:g}; try: the version of the package, and of its libraries, that its history names"
     )
