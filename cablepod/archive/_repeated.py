@@ -53,7 +53,12 @@ def check(dataset: xr.Dataset, identifier: str, *, values: Mapping[str, Any] | N
         if found != identifier and values is not None:
             _refuse(dataset, identifier, f"the id is {found}")
         if found != identifier:
-            _warn(f"{_name(dataset)}, {identifier}: recorded by an earlier version, which kept no values: not compared")
+            warnings.warn(
+                f"{_name(dataset)}, {identifier}: recorded by an earlier version, which kept no values: not compared; try: its "
+                "file",
+                RepeatedWarning,
+                stacklevel=user_stacklevel(),
+            )
         return
     lacking = sorted({*values} ^ {*map(str, dataset.variables)})
     if lacking:
@@ -77,12 +82,20 @@ def check(dataset: xr.Dataset, identifier: str, *, values: Mapping[str, Any] | N
         differences.append((difference, name))
     if differences:
         most, name = max(differences)
-        _warn(
-            f"{_name(dataset)}, {identifier}: differs from the record within rounding, in "
-            f"{', '.join(name for _, name in differences)}, {name} by {most:.1g} of the largest absolute value; going on"
+        names = ", ".join(name for _, name in differences)
+        warnings.warn(
+            f"{_name(dataset)}, {identifier}: differs from the record within rounding, in {names}, {name} by {most:.1g} of the "
+            "largest absolute value; going on; try: its file, where that matters",
+            RepeatedWarning,
+            stacklevel=user_stacklevel(),
         )
     if found != identifier:
-        _warn(f"{_name(dataset)}: has the id {found} in place of {identifier}, with the same values; going on")
+        warnings.warn(
+            f"{_name(dataset)}: has the id {found} in place of {identifier}, with the same values; going on; "
+            "try: the versions in both histories",
+            RepeatedWarning,
+            stacklevel=user_stacklevel(),
+        )
 
 
 def _unit(variable: xr.Variable) -> str:
@@ -125,10 +138,6 @@ def _difference(entry: list[Any], recorded: list[Any], scale: float) -> float:
 def _name(dataset: xr.Dataset) -> str:
     stages = provenance.stages_of(dataset)
     return str(stages[-1]["function"]) if stages else "result"
-
-
-def _warn(text: str) -> None:
-    warnings.warn(text, RepeatedWarning, stacklevel=user_stacklevel())
 
 
 def _refuse(dataset: xr.Dataset, identifier: str, what: str) -> NoReturn:
