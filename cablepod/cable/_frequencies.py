@@ -14,7 +14,7 @@ from cablepod.cable._air import MeshAir
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of
 from cablepod.cable._scheme import element_counts
 from cablepod.cable._simulate import LAW, element_count, record
-from cablepod.cable._start import catenary_nodes, equilibrium_in_wind, solve_equilibrium
+from cablepod.cable._start import catenary_nodes, check_that_drag_settles, equilibrium_in_wind, solve_equilibrium
 from cablepod.conventions import label
 from cablepod.discretisation._chain import square
 from cablepod.discretisation._gll import gll_rule
@@ -164,6 +164,8 @@ def converged_vibrations(
         except SceneError:
             if number_of_elements == counts[-1]:
                 raise
+            if number_of_elements == counts[0] and (air := mean_air_of(p)) is not None:
+                check_that_drag_settles(p, air)
             continue  # too few elements for the curvature of the cable
         if before is not None and before.size == values.size:
             error = float(np.abs(values / before - 1.0).max())

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cablepod.cable._air import MeshAir
-from cablepod.cable._mesh import SpectralMesh, mesh_of
+from cablepod.cable._mesh import SpectralMesh, mesh_of, part_borders
 from cablepod.chain import _start as chain_start
 from cablepod.chain._air import ChainAir
 from cablepod.discretisation._chain import LumpedChain, square
@@ -21,8 +21,8 @@ from cablepod.wind._air import CableAir, mean_air_of
 GAUSS_POINTS = 8
 #: Numbers of intervals between two nodes, tried in turn (a cable that turns sharply at its lowest point needs more).
 REFINEMENTS = (1, 4)
-#: Relative tolerance of the shape at rest in wind.
-DRAG_RTOL = 1e-12
+#: Relative tolerance of the shape at rest in wind, and number of elements with which the drag is tried where fewer fail.
+DRAG_RTOL, SETTLING_ELEMENTS = 1e-12, 16
 
 
 @dataclass(frozen=True)
@@ -169,6 +169,8 @@ def converged_equilibrium(
             except SceneError:
                 if count == counts[-1] and found is None:
                     raise
+                if count == counts[0]:
+                    check_that_drag_settles(p, air)
                 continue  # too few elements for the curvature of the cable
             distance = float(np.sqrt(square(finer.interpolate(exact, mesh.arc_length) - position)).max())
         found = mesh, position, distance / mesh.total_length
@@ -176,6 +178,11 @@ def converged_equilibrium(
             break
     assert found is not None
     return found
+
+
+def check_that_drag_settles(p: Parameters, air: CableAir) -> None:
+    """Refuse a wind in which the shape does not settle, whatever the number of elements."""
+    catenary_nodes(mesh_of(replace(p, initial={}), max(SETTLING_ELEMENTS, part_borders(p).size - 1)), air=air)
 
 
 def start(mesh: SpectralMesh, air: MeshAir | None = None) -> np.ndarray:

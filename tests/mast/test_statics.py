@@ -9,6 +9,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 import cablepod as cp
+from cablepod.cli._mast import check_text
 from cablepod.errors import SceneError
 from cablepod.mast._beam import beam_of
 from cablepod.mast._guys import static_guys
@@ -171,3 +172,97 @@ def test_shares_of_the_kinetic_energy_add_up_to_one():
     assert float(abs(total - 1.0).max()) < 0.35
     springs = cp.mast.frequencies(small(), count=6, guys="catenary")
     np.testing.assert_allclose(springs.mast_share + springs.guy_share.sum("guy"), 1.0, rtol=1e-9)
+
+
+# --- rest in the mean wind ------------------------------------------------------------------------------------------------
+
+
+def stiff_mast(wind):
+    """A mast that does not move with three guys of 61 m, 1 kg/m and 15 kN."""
+    cable = {"youngs_modulus": 1.6e11, "area": 1.25e-4, "density": 8000.0, "diameter": 0.016}
+    guy = {
+        "cable": "steel",
+        "level": 57.7,
+        "radius": 20.4,
+        "count": 3,
+        "direction": [-1.0, 0.0, 0.0],
+        "top_tension": 15000.0,
+    }
+    mast = {"height": 60.0, "bending_stiffness": 1e12, "mass": 1e3, "base": "clamped", "elements": 8}
+    return cp.make_scene(
+        {"mast": mast, "cables": {"steel": cable}, "guy": [guy], **({"wind": wind} if wind else {})}
+    ), cable
+
+
+def test_guys_of_a_stiff_mast_vibrate_as_strings_with_the_tension_of_the_mean_wind():
+    wind = {"speed": 45.0, "direction": [1.0, 0.0, 0.0]}
+    scene, cable = stiff_mast(wind)
+    found = cp.mast.frequencies(scene, count=8)
+    assert found.attrs["air"] == "mean wind of 45 m/s at 10 m above the ground"
+    hertz, share = found.angular_frequency.values / (2.0 * np.pi), found.guy_share.values
+    anchors = cp.mast.rest(scene).anchor.values
+    for guy, anchor in enumerate(anchors):
+        single = cp.make_scene({
+            "cable": {**cable, "top_tension": 15000.0}, "wind": wind,
+            "ends": {"lower": anchor.tolist(), "upper": [0.0, 57.7, 0.0]},
+        })  # fmt: skip
+        string = np.sqrt(float(cp.cable.rest(single).tension.mean())) / (2.0 * np.hypot(20.4, 57.7))
+        lowest = hertz[share[:, guy] > 0.4].min()  # the two leeward guys vibrate together
+        # order "leading" leaves 0.2 %; in still air it would be 0.99 Hz beside 1.19 and 1.20
+        assert lowest == pytest.approx(string, rel=4e-3)
+    still = cp.mast.frequencies(stiff_mast(None)[0], count=1)
+    assert still.attrs["air"] == "still air"
+    assert float(still.angular_frequency[0]) / (2.0 * np.pi) == pytest.approx(0.9914, rel=3e-3)
+
+
+@pytest.mark.parametrize("ramp", [0.0, 4.0])
+def test_a_summary_has_still_air_and_mean_wind_side_by_side(ramp):
+    def windy(mapping, **wind):
+        mapping["wind"] = {"speed": 20.0, "direction": [1.0, 0.0, 0.0], **wind}
+        mapping["mast"]["drag_area"] = 0.3
+
+    def calm(mapping):
+        mapping["mast"]["drag_area"] = 0.3
+
+    scene, blown = small(lambda mapping: windy(mapping, ramp=ramp)), small(windy)
+    numbers, still, rest = cp.summary(scene), cp.summary(small(calm)), cp.mast.rest(blown)
+    assert not any(str(name).endswith(("_still_air", "_mean_wind")) for name in still)
+    names = [str(name) for name in still.data_vars if name not in ("guy_length", "anchor", "note")]
+    assert {"frequency", "guy_tension", "buckling_factor"} <= set(names)
+    for name in names:
+        np.testing.assert_array_equal(numbers[f"{name}_still_air"], still[name], err_msg=name)
+        other = numbers[f"{name}_{'still_air' if ramp else 'mean_wind'}"]
+        np.testing.assert_array_equal(numbers[name], other, err_msg=name)
+        assert numbers[f"{name}_mean_wind"].attrs["long_name"].endswith(", in the mean wind")
+    np.testing.assert_array_equal(numbers.guy_tension_mean_wind, rest.guy_tension)
+    frequencies = cp.mast.frequencies(blown, count=6).angular_frequency
+    np.testing.assert_array_equal(numbers.angular_frequency_mean_wind, frequencies)
+    assert numbers.attrs["air"] == cp.mast.rest(scene).attrs["air"]
+    text = check_text(scene)
+    for state, ending in (("still air", "still_air"), ("mean wind", "mean_wind")):
+        line = next(line for line in text.splitlines() if f" {state} " in line and line.endswith(" Hz"))
+        hertz = [float(value) for value in line.split(state)[1].split()[:-1]]
+        np.testing.assert_allclose(hertz, numbers[f"frequency_{ending}"], rtol=1e-3)
+
+
+def test_members_with_and_without_ramp_have_the_numbers_of_their_scenes():
+    def windy(mapping):
+        mapping["wind"] = {"speed": 20.0, "direction": [1.0, 0.0, 0.0], "ramp": 0.0}
+
+    scenes = cp.ensemble.design(small(windy), {"wind.ramp": [0.0, 5.0]}, members=2, sampling="grid")
+    numbers = cp.summary(scenes)
+    for member in range(2):
+        single = cp.summary(scenes.isel(member=member, drop=True))
+        for name in ("guy_tension", "guy_tension_mean_wind", "frequency_still_air", "frequency"):
+            np.testing.assert_array_equal(numbers[name].isel(member=member), single[name], err_msg=name)
+
+
+def test_a_ramp_towards_a_wind_that_fells_the_mast_is_told():
+    def storm(mapping):
+        mapping["wind"] = {"speed": 200.0, "direction": [1.0, 0.0, 0.0], "ramp": 5.0}
+        mapping["mast"]["drag_area"] = 0.3
+
+    numbers = cp.summary(small(storm))
+    assert np.isnan(numbers.frequency_mean_wind).all()
+    np.testing.assert_array_equal(numbers.frequency, numbers.frequency_still_air)
+    assert np.isfinite(numbers.frequency).all()
