@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     )
     from cablepod.errors import (
         ArchiveError,
+        CoarseWarning,
         MemberFailedWarning,
         NotConvergedWarning,
         OutOfRangeWarning,
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ArchiveError",
+    "CoarseWarning",
     "MemberFailedWarning",
     "NotConvergedWarning",
     "OutOfRangeWarning",

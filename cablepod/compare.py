@@ -6,16 +6,14 @@ import numpy as np
 import xarray as xr
 
 from cablepod import provenance
-from cablepod._inputs import MOTION, ROUNDING, floats, taken
+from cablepod._inputs import MOTION, floats, taken
 from cablepod.conventions import label
+from cablepod.discretisation._interpolation import at_places
 from cablepod.errors import SceneError, scene_error
 from cablepod.integrate._step_control import motion_scale
 from cablepod.pod._snapshots import relative_arc_length
 
 __all__ = ["errors"]
-
-#: Maximum distance of a particle from a knot of the spline that counts as none, of S / L0 [1] (rounding).
-SAME_PLACE = 1e-13
 
 
 def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
@@ -68,7 +66,7 @@ def errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:
     for name, values in (("run", position), ("truth", reference)):
         if not np.isfinite(values).all():
             raise SceneError(f"{name}: position is not finite everywhere; allowed: finite numbers")
-    reference = _interpolate(relative_arc_length(run), relative_arc_length(truth), reference)
+    reference = at_places(relative_arc_length(run), relative_arc_length(truth), reference)
     chord = float(np.linalg.norm(reference[0, -1] - reference[0, 0]))
     scale = motion_scale(reference, reference[0], chord)
     error = np.sqrt(np.mean(np.sum((position - reference) ** 2, axis=-1), axis=-1)) / scale
@@ -98,20 +96,6 @@ def _check_instants(times: np.ndarray, reference: np.ndarray) -> None:
         raise SceneError(
             f"run: given instant {times[index]:g} s; allowed: the instants of the truth, here {reference[index]:g} s"
         )
-
-
-def _interpolate(sigma: np.ndarray, known_sigma: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Interpolate positions (time, particle, coordinate) [m] from particles at `known_sigma` to `sigma`."""
-    if sigma.shape == known_sigma.shape and np.abs(sigma - known_sigma).max() <= ROUNDING:
-        return position
-    knots = np.minimum(np.searchsorted(known_sigma, sigma - SAME_PLACE), known_sigma.size - 1)
-    if (
-        np.abs(known_sigma[knots] - sigma).max() <= SAME_PLACE
-    ):  # a spline passes through its knots, as with half the links
-        return position[:, knots]
-    from scipy.interpolate import CubicSpline  # costly to import
-
-    return CubicSpline(known_sigma, position, axis=1)(sigma)
 
 
 def _member_errors(run: xr.Dataset, truth: xr.Dataset) -> xr.Dataset:

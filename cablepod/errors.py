@@ -84,6 +84,10 @@ class VelocityJumpWarning(UserWarning):
     """An end starts from rest with a nonzero speed; the message names the axial wave that this sends out, and a remedy."""
 
 
+class CoarseWarning(UserWarning):
+    """Links or elements are likely too few for the motion; the message names how many are likely needed."""
+
+
 class OutOfRangeWarning(UserWarning):
     """A reduced model was used outside its range of validity; the message names the deciding diagnostic."""
 

@@ -9,12 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from cablepod.cable._mesh import part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ImplicitCableRun
 from cablepod.discretisation._chain import square
-from cablepod.errors import NotConvergedWarning, user_stacklevel
+from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, user_stacklevel
 from cablepod.integrate._request import Request
 from cablepod.integrate._run import Trajectory
 from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step
+from cablepod.integrate._space_error import COARSER, extrapolated
 from cablepod.integrate._step_control import (
     STEPS_PER_CHANGE,
     complete,
@@ -27,6 +29,8 @@ from cablepod.integrate._step_control import (
 ELEMENT_COUNTS = (4, 8, 12, 16, 24, 32, 48, 64, 96, 128)
 #: Minimum ratio of two numbers of elements whose difference is taken as an error: that of 96 and 128.
 MIN_REFINEMENT = 4.0 / 3.0
+#: Orders by which a companion of as many elements is lower.
+LOWER_ORDER = 2
 #: Cost of an implicit step in explicit steps, with the iterations of Newton's method.
 IMPLICIT_COST = 30.0
 #: Run time of an explicit step for each node [s].
@@ -151,3 +155,36 @@ def refine_in_space(
             stacklevel=user_stacklevel(),
         )
     return solution._replace(run=run, trajectory=trajectory), estimate
+
+
+def space_error_of(runs: Callable[..., dict[str, CableRun]], solution: Solution) -> float:
+    """Estimate the space error of a given number of elements by a companion run with fewer; nan if that stops.
+
+    A single element, or one for each part between point loads, gets a companion of lower order.  Elements of an order above 1
+    converge fast for smooth motion only, see :func:`refine_in_space`, so that the estimate assumes the first order, and is mostly
+    too large.
+
+    Parameters
+    ----------
+    runs
+        Function of the number of elements and of their order that returns the run of each scheme.
+    solution
+        The run.
+    """
+    run, rate = solution.run, solution.steps_per_second
+    mesh = run.chain
+    elements, order = mesh.sizes.size, mesh.order
+    fewer = math.floor(COARSER * elements)
+    coarser = (fewer, order) if fewer >= part_borders(mesh.p).size - 1 else (elements, order - LOWER_ORDER)
+    if min(coarser) < 1 or math.prod(coarser) < 2:  # no inner node
+        return math.nan
+    try:
+        companion = runs(*coarser)[run.scheme]
+        if run.scheme == SCHEMES[0]:  # the same part of its limit
+            rate *= run.step_limit / companion.step_limit
+        state = companion(rate)
+    except (RunStopped, SceneError):
+        return math.nan
+    gap = companion.compared(state.position) - run.compared(solution.trajectory.position)
+    distance = float(np.sqrt(np.mean(square(gap), axis=-1)).max()) / run.motion(solution.trajectory)
+    return extrapolated(distance, elements / fewer, 2 if order == 1 else 1) if coarser[0] < elements else distance

@@ -10,22 +10,24 @@ import xarray as xr
 
 from cablepod import provenance
 from cablepod._resources import check_memory
-from cablepod.batch._members import no_plan, over_members, over_members_by
+from cablepod.batch._members import BatchPlan, over_members, over_members_by
 from cablepod.cable._air import MeshAir
 from cablepod.cable._mesh import SpectralMesh, check_order, mesh_of, part_borders
 from cablepod.cable._runs import SCHEMES, CableRun, ExplicitCableRun, ImplicitCableRun
-from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_space, solve
+from cablepod.cable._scheme import ELEMENT_COUNTS, element_counts, refine_in_space, solve, space_error_of
 from cablepod.cable._start import converged_equilibrium, start
+from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law, law_tension
-from cablepod.errors import NotConvergedWarning, user_stacklevel
+from cablepod.errors import NotConvergedWarning, SceneError, user_stacklevel
+from cablepod.integrate._coarse import driven_of, end_time_of, warn_of_few_elements
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._output import chain_coordinates, law_suffix, rest_dataset
-from cablepod.integrate._request import Request
+from cablepod.integrate._request import Request, check_times
 from cablepod.integrate._velocity_jump import warn_of_members, warn_of_velocity_jump
 from cablepod.parameters._checks import integer
-from cablepod.parameters._from_scene import parameters
+from cablepod.parameters._from_scene import Members, parameters
 from cablepod.parameters._parameters import Parameters
-from cablepod.scene._notes import warn_of_unusual
+from cablepod.scene._notes import checked_members, warn_of_unusual
 from cablepod.wind._air import air_of, mean_air_of
 from cablepod.wind._profile import air_at_rest
 
@@ -137,7 +139,25 @@ def element_count(elements: int | None, p: Parameters) -> int:
 # --- motion ---------------------------------------------------------------------------------------------------------
 
 
-@over_members_by(no_plan, warn_of_members)
+def _plan(
+    scene: xr.Dataset, *, elements: Any = None, order: Any = None, times: Any = None, outputs: Any = (), **_: Any
+) -> BatchPlan | None:
+    """Warn of a member with too few elements, of those that are looked at; each member runs alone."""
+    try:
+        members, order = Members(scene), check_order(order)
+        instants = None if times is None else check_times(times)
+        if elements is not None and "error_estimate" not in outputs:
+            needs = {
+                i: driven_of(members[i], end_time_of(members[i], instants)).half_waves for i in checked_members(members)
+            }
+            p = members[max(needs, key=needs.__getitem__)]
+            warn_of_few_elements(p, element_count(elements, p), order, end_time_of(p, instants))
+    except SceneError:
+        pass  # which the runs report
+    return None
+
+
+@over_members_by(_plan, warn_of_members)
 def simulate(
     scene: xr.Dataset,
     *,
@@ -185,7 +205,8 @@ def simulate(
     outputs
         Some of "position", "velocity", "tension", "tension_extremes" (over all steps), "tension_peaks" (time and place of the
         largest and smallest of these), "tension_mean", "tension_rms" (time mean and root mean square of each link, by the
-        trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps).
+        trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps), "error_estimate"
+        (of a given number of elements, by a companion run with fewer; where they are chosen it is there anyway).
     window
         Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
     wind
@@ -199,8 +220,9 @@ def simulate(
         ``position (time, particle, coordinate)`` [m], ``velocity`` [m/s], ``tension (time, link)`` [N],
         ``tension_minimum``, ``tension_maximum (link)`` [N] as requested; tensions are at ``link_arc_length (link)``, midway
         between particles.  Attributes are those of :func:`cablepod.chain.simulate`, ``elements``, ``element_order``, and
-        ``smallest_stretch`` with its time and arc length.  If step and elements were chosen: ``time_error_estimate``,
-        ``space_error_estimate``.  If the stretch fell below 1 at any step: ``first_slack_time``, ``first_slack_arc_length``.
+        ``smallest_stretch`` with its time and arc length.  If the step was chosen: ``time_error_estimate``.  If elements were
+        chosen, or as requested: ``space_error_estimate`` (of given elements mostly too large; nan where there is none).  If the
+        stretch fell below 1 at any step: ``first_slack_time``, ``first_slack_arc_length``.
 
     Raises
     ------
@@ -215,6 +237,9 @@ def simulate(
     NotConvergedWarning
         If no step or no number of elements meets the tolerance (chaotic motion, or a cable that goes slack), or if a given step
         does not resolve the motion of the ends or the loads, or violates the energy balance.
+    CoarseWarning
+        If a given number of elements has so few nodes for each half wave that is driven that an error of more than 1 % of the
+        motion is likely, and "error_estimate" is not among the outputs.
     VelocityJumpWarning
         If an end starts from rest with a nonzero speed along the cable; see the key ``ramp`` of motions.
 
@@ -234,6 +259,7 @@ def simulate(
         tolerance=tolerance,
         window=window,
         outputs=outputs,
+        allowed=(*OUTPUTS, "error_estimate"),
         progress=progress,
         several=step is None or elements is None,
     )
@@ -245,7 +271,7 @@ def simulate(
     title = str(scene.attrs.get("title", "scene"))
     cable_air = air_of(p, float(instants[-1]), wind)
 
-    def runs(count: int) -> dict[str, CableRun]:
+    def runs(count: int, order: int | None = order) -> dict[str, CableRun]:
         mesh = mesh_of(p, count, order, law, points)
         check_memory(instants.size, max(mesh.links, mesh.particles.size), p.dims, key="elements and times", variables=3)
         air = None if cable_air is None else MeshAir(mesh, cable_air)
@@ -259,12 +285,16 @@ def simulate(
     formula = f'{explicit.limit_text}; scheme "trapezoidal" has none'
     given_steps_per_second = request.steps_per_second(p, float(instants[-1]), limit, formula)
     warn_of_velocity_jump(p)
+    if elements is not None and "error_estimate" not in request.outputs:
+        warn_of_few_elements(p, elements, check_order(order), float(instants[-1]))
     solution = solve(first_runs, request, given_steps_per_second)
     if step is not None:
         _warn_of_energy_excess(solution.trajectory.diagnostics["energy_excess"])
     space_error = {}
     if elements is None:
         solution, space_error["space_error_estimate"] = refine_in_space(runs, solution, request.tolerance)
+    elif "error_estimate" in request.outputs:
+        space_error["space_error_estimate"] = space_error_of(runs, solution)
     result = solution.dataset()
     result.attrs.update(space_error)
     return request.record(

@@ -18,8 +18,9 @@ from cablepod.batch._stack import Variables
 from cablepod.chain._explicit import ExplicitStepper, PreparedRun
 from cablepod.chain._implicit import ImplicitStepper
 from cablepod.chain._lanes import LANES, ImplicitLanes
-from cablepod.chain._scheme import SCHEMES, ChainRequest, prepare, solution, solve
+from cablepod.chain._scheme import SCHEMES, ChainRequest, prepare, solution, solve, with_space_error
 from cablepod.errors import RunStopped, SceneError
+from cablepod.integrate._coarse import warn_of_few_links_in
 from cablepod.integrate._march import BLOCK
 from cablepod.integrate._scheme import Solution
 from cablepod.integrate._step_control import Search, Wanted, complete
@@ -38,6 +39,8 @@ def plan(scene: xr.Dataset, **options: Any) -> BatchPlan | None:
     """Return the plan of a batched run; None for invalid options, which single runs report for each member."""
     try:
         members, request = Members(scene), ChainRequest.of(**options)
+        if "error_estimate" not in request.outputs:
+            warn_of_few_links_in(members, request.links, request.times)
     except SceneError:
         return None
     batch = ChainBatch(members, request, str(scene.attrs.get("title", "scene")))
@@ -147,7 +150,9 @@ class ChainBatch:
             if begun is None:
                 solved = solve(prepare(self.members[i], self.request, self.title), self.request)
             else:
-                solved = complete(begun.search, begun.wanted)
+                solved = with_space_error(complete(begun.search, begun.wanted), self.request)
+        else:
+            solved = with_space_error(solved, self.request)
         return self._to_variables(solved)
 
     def _to_variables(self, solution: Solution) -> tuple[Variables, Mapping[str, Any]]:

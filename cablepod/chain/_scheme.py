@@ -16,13 +16,15 @@ from cablepod.chain._air import ChainAir
 from cablepod.chain._explicit import ExplicitChainRun
 from cablepod.chain._implicit import ImplicitChainRun
 from cablepod.chain._start import start
+from cablepod.conventions import OUTPUTS
 from cablepod.discretisation._chain import chain_of
 from cablepod.discretisation._laws import LAWS, check_law, check_viscous_law
-from cablepod.errors import NotConvergedWarning, scene_error, user_stacklevel
+from cablepod.errors import NotConvergedWarning, RunStopped, SceneError, scene_error, user_stacklevel
 from cablepod.integrate._energy_check import ENERGY_WARN
 from cablepod.integrate._request import Request, check_scheme
 from cablepod.integrate._run import ChainRun, Trajectory
 from cablepod.integrate._scheme import Solution, choose_scheme, first_implicit_step
+from cablepod.integrate._space_error import COARSER, COARSER_AT_EACH_STEP, distance_of, extrapolated
 from cablepod.integrate._step_control import STEPS_PER_CHANGE, Search, Wanted, complete, refinement
 from cablepod.parameters._checks import number
 from cablepod.parameters._parameters import Parameters
@@ -48,7 +50,7 @@ class ChainRequest(Request):
         check_law(law)
         check_scheme(scheme, SCHEMES)
         radius = _check_radius(spectral_radius, scheme)
-        return super().of(scheme=scheme, law=law, radius=radius, **options)
+        return super().of(scheme=scheme, law=law, radius=radius, allowed=(*OUTPUTS, "error_estimate"), **options)
 
 
 class PreparedScene(NamedTuple):
@@ -94,7 +96,37 @@ def prepare(
 
 def solve(ready: PreparedScene, request: ChainRequest) -> Solution:
     """Run a scene as :func:`solution` says."""
-    return complete(solution(ready, request))
+    return with_space_error(complete(solution(ready, request)), request)
+
+
+def with_space_error(solved: Solution, request: ChainRequest) -> Solution:
+    """Add the estimate of the error in space, where it is an output, by a companion run with fewer links; nan if that stops."""
+    if "error_estimate" not in request.outputs:
+        return solved
+    run, rate = solved.run, solved.steps_per_second
+    is_explicit, links = run.scheme == SCHEMES[0], run.chain.links
+    share = COARSER if is_explicit or solved.time_error is not None else COARSER_AT_EACH_STEP
+    fewer = math.floor(share * links)
+    p = _with_links(run.chain.p, fewer)
+    try:
+        plain = replace(request, links=None, scheme=run.scheme, step=None, window=None, outputs=())
+        explicit, coarse = prepare(p, plain, "")[:2]
+        if is_explicit:  # the same part of its limit, but at most as much longer as the links
+            rate *= max(fewer / links, run.step_limit / explicit.step_limit)
+        state = coarse(rate)
+    except (RunStopped, SceneError):  # too few links for this scene
+        return solved._replace(space_error=math.nan)
+    distance = distance_of(coarse, state, run, solved.trajectory)
+    return solved._replace(space_error=extrapolated(distance, links / fewer))
+
+
+def _with_links(p: Parameters, links: int) -> Parameters:
+    """Return parameters with fewer links; unequal ones are cut anew, in the same gradation along the cable."""
+    relative = p.link_lengths
+    if relative is not None:
+        known = np.concatenate([[0.0], np.cumsum(relative)])
+        relative = np.diff(np.interp(np.linspace(0.0, relative.size, links + 1), np.arange(relative.size + 1), known))
+    return replace(p, links=links, link_lengths=relative)
 
 
 def solution(ready: PreparedScene, request: ChainRequest) -> Search[Solution]:

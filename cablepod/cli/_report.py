@@ -20,6 +20,8 @@ HEAD = f"{'model':<24}{'error':>10}{'estimate':>10}{'call':>11}{'one run':>11}{'
 VIBRATIONS = ("frequency_in_plane", "frequency_out_of_plane")
 #: Maximum error of a reduced model that is compared with chains, as a fraction of the motion.
 LARGEST_ERROR = 0.05
+#: Estimated error of the links above which more are advised, as a fraction of the motion.
+COARSE = 0.01
 #: Ratio of a call to one of its runs up to which their difference is noise of the clock.
 NOISE = 1.1
 
@@ -59,6 +61,7 @@ def models(study: xr.DataTree) -> list[dict[str, Any]]:
         "links": chain.sizes["particle"] - 1,
         "call_time": chain.attrs["wall_time_s"],
         "step": chain.attrs["step"],
+        "error_estimate": _number(chain.attrs["space_error_estimate"]),
     }
     rows.append(
         {"model": "chain", **reference, "steps": int(chain.attrs["number_of_steps"]), "tolerance": TRUTH_TOLERANCE}
@@ -189,6 +192,9 @@ def notes(study: xr.DataTree) -> list[str]:
         "error: largest rms distance to the last row over time, as a fraction of the motion; estimate: by the model itself"
     ]
     lines.append(
+        "estimate of the last row: of its links, its distance from the continuous cable; the other rows share its links"
+    )
+    lines.append(
         "call: run time with defaults, compilation apart; one run: with that step given; (tolerance) of a chain"
     )
     compiled = chain.attrs.get("compile_time_s", 0.0)
@@ -199,6 +205,8 @@ def notes(study: xr.DataTree) -> list[str]:
         lines += [_at_equal_error(rows.sel(model=str(model)), str(model), chains) for model in rows["model"].values]
     if compiled > 0.0:
         lines.append(f"compiling took {compiled:.0f} s, once on this machine")
+    if chain.attrs["space_error_estimate"] > COARSE:
+        lines.append("the links of the last row are too few for the continuous cable, by this estimate; give more")
     if chain.attrs["time_error_estimate"] > TRUTH_TOLERANCE:
         lines.append(
             "two steps of the last row disagree by more than the tolerance: chaotic or too abrupt a motion, "

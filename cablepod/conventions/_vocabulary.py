@@ -114,7 +114,7 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
         "1",
         "estimated error of the tensions by the time step as a fraction of their range",
     ),
-    "space_error_estimate": ("1", "estimated error of the elements as a fraction of the motion"),
+    "space_error_estimate": ("1", "estimated error of the links or elements as a fraction of the motion"),
     "elements": ("1", "number of elements"),
     "element_order": ("1", "polynomial order of the elements"),
     "rank": ("1", "number of modes"),

@@ -182,7 +182,7 @@ def simulate(
     given_steps_per_second = request.steps_per_second(p, float(instants[-1]), explicit_limit, formula)
     warn_of_velocity_jump(p)
     solution, time_tolerance, model_error = solve(runs, limit, request, given_steps_per_second, estimate.error)
-    run, trajectory, _, time_error, _ = solution
+    run, trajectory, _, time_error = solution[:4]
     if step is not None:
         _warn_of_energy_defect(trajectory.energy_defect, run.scheme)
     result = run.dataset(trajectory)

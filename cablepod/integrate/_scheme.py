@@ -74,11 +74,14 @@ class Solution(NamedTuple):
     steps_per_second: float
     time_error: float | None  #: estimate as a fraction of the motion; None for a given step
     reason: str = "given"  #: for the scheme
+    space_error: float | None = None  #: estimate as a fraction of the motion; None unless it is an output
 
     @property
     def attributes(self) -> dict[str, Any]:
         """Attributes of the result in addition to those of the run."""
         estimate = {} if self.time_error is None else {"time_error_estimate": self.time_error}
+        if self.space_error is not None:
+            estimate["space_error_estimate"] = self.space_error
         return estimate | {"choice_of_scheme": self.reason}
 
     def dataset(self) -> xr.Dataset:

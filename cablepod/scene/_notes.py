@@ -331,10 +331,16 @@ def warn_of_unusual(p: Parameters) -> None:
         warnings.warn(f"{text}; see cp.summary(scene) or cablepod check", UnusualSceneWarning, user_stacklevel())
 
 
+def checked_members(members: Members) -> list[int]:
+    """Return up to :data:`MEMBERS_CHECKED` members that the models look at, the first and the last among them."""
+    found: list[int] = np.unique(np.linspace(0, len(members) - 1, MEMBERS_CHECKED).astype(int)).tolist()
+    return found
+
+
 def warn_of_unusual_members(scene: xr.Dataset) -> None:
     """Warn of the worst note on up to :data:`MEMBERS_CHECKED` members of a scene, the first and the last among them."""
     members = Members(scene)
-    for index in np.unique(np.linspace(0, len(members) - 1, MEMBERS_CHECKED).astype(int)).tolist():
+    for index in checked_members(members):
         p = members[index]
         if _warning(p):
             warn_of_unusual(p)

@@ -35,7 +35,7 @@ TRUTH_TOLERANCE = 1e-5
 #: Wall time above which it is not repeated for its run time, which no other is compared with [s].
 TRUTH_REPEATED = 0.2
 #: Outputs of this chain.
-OUTPUTS = ("position", "tension", "tension_extremes", "tension_peaks")
+OUTPUTS = ("position", "tension", "tension_extremes", "tension_peaks", "error_estimate")
 #: Maximum number of modes that are computed.
 MAX_MODES = 20
 #: Stages beside the reduced models.
@@ -84,7 +84,8 @@ def run(
         A node for each stage: "scene", "summary", "catenary", "chain_rest", "chain", "chain_half" (tensions with half the links,
         which tell the error of the tensions), "modes", "normal_modes", "condensed_r1" and so on,
         "galerkin_r1" and so on, "comparison", "chains".  ``study["chain"].to_dataset()`` is the Dataset that ``chain.simulate``
-        gives, with the wall time of the call in the attribute ``wall_time_s`` [s].  "comparison" has errors and run times over
+        gives, with the wall time of the call in the attribute ``wall_time_s`` [s] and the estimated distance from the continuous
+        cable in ``space_error_estimate``.  "comparison" has errors and run times over
         ``model`` and ``rank``; "chains" has those of the cheaper chains.  The attribute ``left_out`` of the tree lists the models
         that are left out, with the reason.  Of a mast: "scene", "rest", "frequencies", "motion" and "guys", a table of tensions.
 
