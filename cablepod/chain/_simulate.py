@@ -154,6 +154,7 @@ def simulate(
         trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps), "error_estimate"
         (of the links, by a companion run with 0.6 times as many: a quarter to two fifths of the time more, half and a
         little with a given step); only these are computed.
+        Extremes are of the steps: output times between two of them do not count.
     window
         Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
     wind

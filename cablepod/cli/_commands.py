@@ -82,7 +82,7 @@ def run_command(scene: str, out: str | None, ranks: str, as_json: bool, overwrit
         _group.note(
             "the [ensemble] table is left aside; this command runs the scene itself, cablepod ensemble its members"
         )
-    with Bars() as bars, _arguments.as_options():
+    with telling_of_compilation(), Bars() as bars, _arguments.as_options():
         result = study.run(dataset, folder, ranks=numbers, overwrite=overwrite, progress=bars)
     report = _mast if "motion" in result else _report
     say(report.as_json(result) if as_json else report.text(result, folder))
@@ -107,7 +107,7 @@ def paper_command(out: str, small: bool, overwrite: bool) -> None:
     folder = _arguments.folder(out)
     with _arguments.as_options():
         prepare_folder(folder, report.FILES, overwrite=overwrite)
-    with Bars() as bars:
+    with telling_of_compilation(), Bars() as bars:
         size = sections.SMALL if small else sections.FULL
         _, rows = report.write(folder, size=size, progress=partial(bars, "the paper"))
     for quantity, _, ours, printed in rows:

@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod.conventions import ENDINGS_OF_AIR
+from cablepod.plots._mast import modes_of_mast
 
 #: Number of frequencies that are printed.
 FREQUENCIES = 6
@@ -21,7 +22,7 @@ def answers(study: xr.DataTree) -> dict[str, Any]:
     """Return the answers that an engineer asks first: buckling, frequencies of the mast, displacement and moment."""
     rest, motion = study["rest"].to_dataset(), study["motion"].to_dataset()
     frequencies = study["frequencies"].to_dataset()
-    own = frequencies["mast_share"].values >= 0.5
+    own = modes_of_mast(frequencies["mast_share"].values, FREQUENCIES)  # of the picture
     hertz = frequencies["angular_frequency"].values / (2.0 * math.pi)
     factor = float(rest["buckling_factor"])
     largest = _largest(motion, "displacement")
@@ -30,7 +31,7 @@ def answers(study: xr.DataTree) -> dict[str, Any]:
     return {
         "buckling_factor": factor if math.isfinite(factor) else None,
         "frequencies_hertz": hertz[:FREQUENCIES].tolist(),
-        "frequencies_of_the_mast_hertz": hertz[own][:FREQUENCIES].tolist(),
+        "frequencies_of_the_mast_hertz": hertz[own].tolist(),
         "largest_displacement": float(largest.max()),
         "largest_displacement_level": float(motion["level"][int(largest.max(axis=1).argmax())]),
         "largest_bending_moment": float(moments.max()),
@@ -38,6 +39,7 @@ def answers(study: xr.DataTree) -> dict[str, Any]:
         "error_estimate": float(motion.attrs["error_estimate"]) if "error_estimate" in motion.attrs else None,
         "step": float(motion.attrs["step"]),
         "wall_time_s": float(motion.attrs["wall_time_s"]),
+        "compile_time_s": float(study.attrs["compile_time_s"]),
     }
 
 
@@ -112,13 +114,13 @@ def text(study: xr.DataTree, folder: Path) -> str:
         f"at rest      critical factor of buckling {factor}, in {rest.attrs['air']}",
         f"frequencies  {'  '.join(f'{value:.4g}' for value in found['frequencies_hertz'])} Hz, with the guys",
     ]
-    if found["frequencies_of_the_mast_hertz"]:
-        of_mast = "  ".join(f"{value:.4g}" for value in found["frequencies_of_the_mast_hertz"])
-        lines.append(f"             {of_mast} Hz, mostly the mast")
+    of_mast = "  ".join(f"{value:.4g}" for value in found["frequencies_of_the_mast_hertz"])
+    lines.append(f"             {of_mast} Hz, of these most of the mast, as in modes.png")
     lines += [
         f"motion       {found['largest_displacement']:.4g} m at {found['largest_displacement_level']:g} m, "
         f"bending moment {1e-3 * found['largest_bending_moment']:.4g} kN m at {found['largest_bending_moment_height']:g} m",
         f"             step {found['step']:.4g} s, {found['wall_time_s']:.2g} s of run time"
+        + (f" (and {found['compile_time_s']:.2g} s of compiling, once on this machine)" if found["compile_time_s"] else "")
         + ("" if found["error_estimate"] is None else f", estimated error of tensions {100.0 * found['error_estimate']:.2g} %"),
         "",
         f"tension of the guys at the mast [kN], at rest in {rest.attrs['air']}; fatigue: equivalent range of one cycle a second, "

@@ -17,6 +17,17 @@ FIRST_LINE = 10.0
 LONG_COMPILATION = 3.0
 
 
+class _Compilation:
+    """Time of compilation of this command; kernels from the cache on disk are none."""
+
+    depth, begun, done = 0, 0.0, 0.0
+
+    @classmethod
+    def seconds(cls) -> float:
+        """Return the time of compilation until now [s]."""
+        return cls.done + (time.monotonic() - cls.begun if cls.depth else 0.0)
+
+
 class Lines:
     """Print progress as lines at growing intervals, unless stderr is a terminal."""
 
@@ -28,7 +39,9 @@ class Lines:
         seconds = time.monotonic() - self._begin
         if seconds >= self._next and not sys.stderr.isatty():
             self._next = 2.0 * seconds
-            note(f"{label}: {100.0 * fraction:.0f} % after {seconds:.0f} s")
+            compiling = _Compilation.seconds()
+            of_them = f", {compiling:.0f} s of them compiling, once on this machine" if compiling >= 1.0 else ""
+            note(f"{label}: {100.0 * fraction:.0f} % after {seconds:.0f} s{of_them}")
 
 
 @contextmanager
@@ -37,22 +50,29 @@ def telling_of_compilation() -> Iterator[None]:
     from numba.core import event  # the commands that use this compute
 
     begun, told = 0.0, False
+    _Compilation.depth, _Compilation.done = 0, 0.0
 
     class Listener(event.Listener):
-        """Clock of the compilation; kernels from the cache on disk are none."""
+        """Clock of the compilation, of the outermost of nested events."""
 
         def on_start(self, event: Any) -> None:
             nonlocal begun, told
             begun = begun or time.monotonic()
+            _Compilation.depth += 1
+            if _Compilation.depth == 1:
+                _Compilation.begun = time.monotonic()
             if not told and (sys.stderr.isatty() or time.monotonic() - begun > LONG_COMPILATION):
                 told = True
                 note("compiling, once on this machine; this takes up to a minute")
 
         def on_end(self, event: Any) -> None:
-            pass
+            _Compilation.depth -= 1
+            if _Compilation.depth == 0:
+                _Compilation.done += time.monotonic() - _Compilation.begun
 
     with event.install_listener("numba:compile", Listener()):
         yield
+    _Compilation.depth, _Compilation.done = 0, 0.0
 
 
 class Bars:

@@ -145,6 +145,7 @@ def answers_text(study: xr.DataTree) -> str:
             f"tension      {name} {peak['value']:.5g} N at {peak['time']:.4g} s, "
             f"S / L0 = {peak['arc_length'] / length:.2g}{trust}"
         )
+    lines.append("             over all time steps; output times between steps do not count")
     notes = [line for line in str(study["summary"].to_dataset()["note"].values).split("\n") if line]
     return "\n".join(lines + [f"note         {note}" for note in notes])
 
@@ -197,14 +198,16 @@ def notes(study: xr.DataTree) -> list[str]:
     lines.append(
         "call: run time with defaults, compilation apart; one run: with that step given; (tolerance) of a chain"
     )
-    compiled = chain.attrs.get("compile_time_s", 0.0)
     if "comparison" in study:
         rows = study["comparison"].to_dataset()
-        compiled += float(rows["compile_time"].sum())
         chains = study["chains"].to_dataset() if "chains" in study else None
         lines += [_at_equal_error(rows.sel(model=str(model)), str(model), chains) for model in rows["model"].values]
-    if compiled > 0.0:
-        lines.append(f"compiling took {compiled:.0f} s, once on this machine")
+    if study.attrs["compile_time_s"] > 0.0:
+        lines.append(f"compiling took {study.attrs['compile_time_s']:.0f} s, once on this machine")
+    if study.attrs["notes_left_out"]:
+        lines.append(
+            f"notes: {study.attrs['notes_left_out']} more like those above, of other models and with other numbers"
+        )
     if chain.attrs["space_error_estimate"] > COARSE:
         lines.append("the links of the last row are too few for the continuous cable, by this estimate; give more")
     if chain.attrs["time_error_estimate"] > TRUTH_TOLERANCE:

@@ -80,6 +80,7 @@ def simulate(
         largest and smallest of these), "tension_mean", "tension_rms" (time mean and root mean square of each link, by the
         trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps)
         and "error_estimate" (of the model, see :func:`cablepod.condensed._estimate.estimate`).  Only these are computed.
+        Extremes are of the steps: output times between two of them do not count.
     links
         Numbers, from 1 at the lower end, of the links whose tensions are computed; all by default.
     window

@@ -57,8 +57,14 @@ VARIABLES: dict[str, tuple[str, str]] = {
     "residual": ("N", "largest unbalanced force on a free particle"),
     # trajectories
     "velocity": ("m s-1", "velocity"),
-    "tension_minimum": ("N", "smallest tension of the link over all steps of the run"),
-    "tension_maximum": ("N", "largest tension of the link over all steps of the run"),
+    "tension_minimum": (
+        "N",
+        "smallest tension of the link over all steps of the run, not at output times between them",
+    ),
+    "tension_maximum": (
+        "N",
+        "largest tension of the link over all steps of the run, not at output times between them",
+    ),
     "tension_mean": ("N", "time mean of the tension of the link"),
     "tension_rms": ("N", "root mean square of the tension of the link over time"),
     "tension_minimum_time": ("s", "time of the smallest tension of all links"),

@@ -82,6 +82,7 @@ def simulate(
         link, by the trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps)
         and "error_estimate" (of the model, from samples of the run, see
         :class:`cablepod.galerkin._estimate.GalerkinEstimate`).
+        Extremes are of the steps: output times between two of them do not count.
     window
         Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
     progress

@@ -52,7 +52,8 @@ for _name in ("displacement", "guy_tension", "bending_moment"):
         ("mean", "mean of the"),
         ("std", "standard deviation of the"),
     ):
-        NAMES[f"{_name}_{_what}"] = (NAMES[_name][0], f"{_text} {NAMES[_name][1]}")
+        _of = "at the output times" if _name == "bending_moment" else "over all steps"
+        NAMES[f"{_name}_{_what}"] = (NAMES[_name][0], f"{_text} {NAMES[_name][1]}, {_of}")
     for _what in ("minimum", "maximum"):
         NAMES[f"{_name}_{_what}_time"] = ("s", f"time of the {NAMES[f'{_name}_{_what}'][1]}")
 

@@ -294,11 +294,15 @@ def _check_pairs(result: xr.Dataset, across: np.ndarray, up: np.ndarray, x: str,
     )
 
 
+#: End of the long name of extremes, which has no place on an axis.
+BETWEEN_STEPS = ", not at output times between them"
+
+
 def _label(result: xr.Dataset, name: str, *, hertz: bool = False) -> str:
     """Return long name and units of a variable; what is drawn of all links has no link of its own."""
     attrs = result[name].attrs
     text, units = str(attrs.get("long_name", name.replace("_", " "))), str(attrs.get("units", "1"))
-    text = text.replace(" of the link over all steps", " anywhere, over all steps")
+    text = text.replace(" of the link over all steps", " anywhere, over all steps").removesuffix(BETWEEN_STEPS)
     if name in _style.OVER_PLACES and "guy" in result[name].dims:
         text = text.replace("of the guy", "of all guys")
     return f"{text.replace('angular frequency', 'frequency')} [Hz]" if hertz else f"{text} [{units}]"

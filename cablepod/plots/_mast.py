@@ -149,7 +149,7 @@ def mast_shapes(frequencies: xr.Dataset, *, count: int = 6, ax: Axes | None = No
     )
     if shapes.shape[-1] != 3:
         raise scene_error("frequencies", shapes.shape, SHAPES.allowed)
-    chosen = np.sort(np.argsort(-share, kind="stable")[:count])
+    chosen = modes_of_mast(share, count)
     ax, height = _style.axes(ax), _numbers("frequencies", frequencies, "node_height", ("node",), SHAPES).values
     ticks: list[Any] = []
     for place, mode in enumerate(chosen):
@@ -158,10 +158,15 @@ def mast_shapes(frequencies: xr.Dataset, *, count: int = 6, ax: Axes | None = No
         across = shapes[mode] @ turn
         ax.axvline(2.0 * place, color="0.8", linewidth=0.8, zorder=0)
         ax.plot(2.0 * place + 0.9 * across / max(float(np.abs(across).max()), 1e-300), height, color=COLOURS[0])
-        ticks.append(f"{omega[mode] / (2.0 * np.pi):.3g}")
+        ticks.append(f"{omega[mode] / (2.0 * np.pi):.4g}")
     ax.set_xticks(2.0 * np.arange(len(chosen)), ticks)
-    ax.set(xlabel="frequency [Hz]", ylabel="height [m]")
+    ax.set(xlabel="frequency [Hz], most of the mast", ylabel="height [m]")
     return ax
+
+
+def modes_of_mast(share: np.ndarray, count: int) -> np.ndarray:
+    """Return the places of the `count` modes with the largest shares of the mast, in the order of the modes."""
+    return np.sort(np.argsort(-np.asarray(share), kind="stable")[:count])
 
 
 def _numbers(key: str, dataset: xr.Dataset, name: str, dims: tuple[str, ...], kind: Kind) -> xr.DataArray:

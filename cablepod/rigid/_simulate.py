@@ -121,6 +121,7 @@ def simulate(
         largest and smallest of these), "tension_mean", "tension_rms" (time mean and root mean square of each link, by the
         trapezoidal rule over all steps, in runs of more than 32768 steps over equal intervals of several steps); only these are
         computed.
+        Extremes are of the steps: output times between two of them do not count.
     window
         Start and end [s] of the part of the run over which extremes and means are taken; all of it by default.
     progress

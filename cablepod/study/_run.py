@@ -25,6 +25,7 @@ from cablepod.scene._mast import scene_kind
 from cablepod.scene._notes import warn_once
 from cablepod.study._figures import check_backend, write_figures
 from cablepod.study._models import MODELS, chains_of, coarser_chain, recorded, table_of, timed_twice, with_row
+from cablepod.study._notes import OnceEach
 from cablepod.study._timing import timed
 
 #: Interval between the instants of the comparison [s], and their maximum number beside the snapshots (for long runs).
@@ -87,7 +88,9 @@ def run(
         gives, with the wall time of the call in the attribute ``wall_time_s`` [s] and the estimated distance from the continuous
         cable in ``space_error_estimate``.  "comparison" has errors and run times over
         ``model`` and ``rank``; "chains" has those of the cheaper chains.  The attribute ``left_out`` of the tree lists the models
-        that are left out, with the reason.  Of a mast: "scene", "rest", "frequencies", "motion" and "guys", a table of tensions.
+        that are left out, with the reason, ``compile_time_s`` is the time of compilation [s], of which no run time has any, and
+        ``notes_left_out`` the number of warnings that repeat an earlier one for another model.  Of a mast: "scene", "rest",
+        "frequencies", "motion" and "guys", a table of tensions.
 
     Raises
     ------
@@ -179,6 +182,8 @@ class _Stages:
     report: Callable[[str, xr.Dataset], None] | None
     results: dict[str, xr.Dataset] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
+    compile_times: list[float] = field(default_factory=list)
+    notes: OnceEach = field(default_factory=OnceEach)
 
     def add(self, name: str, result: xr.Dataset) -> xr.Dataset:
         """Store, write and report the result of a stage."""
@@ -209,12 +214,14 @@ class _Stages:
             say = partial(self.progress, f"{label}: compiling, once", 0.0)
             progress(0.0)
         try:
-            result, row = measure(call, progress=progress, say=say)
+            with self.notes.collected():
+                result, row = measure(call, progress=progress, say=say)
         except RunStopped as error:
             if error.partial is not None:
                 self.add(f"{name}_incomplete", error.partial)
             raise
         result.attrs["wall_time_s"] = row["call_time"]
+        self.compile_times.append(row["compile_time"])
         return self.add(name, result), row
 
     def modes(self, snapshots: xr.Dataset, rank: int) -> dict[str, xr.Dataset]:
@@ -228,7 +235,14 @@ class _Stages:
 
     def tree(self) -> xr.DataTree:
         """Return a tree with a node for each stage."""
-        root = xr.Dataset(attrs={"title": self.results["scene"].attrs["title"], "left_out": self.left_out})
+        root = xr.Dataset(
+            attrs={
+                "title": self.results["scene"].attrs["title"],
+                "left_out": self.left_out,
+                "compile_time_s": sum(self.compile_times),
+                "notes_left_out": self.notes.left_out,
+            }
+        )
         return xr.DataTree.from_dict({"/": root, **self.results}, name="study")
 
 

@@ -77,6 +77,27 @@ def test_compilation_is_told_once(monkeypatch, capsys):
         assert "compiling, once" in sys.stderr.getvalue()
 
 
+def test_lines_say_how_long_it_was_compiling(monkeypatch, capsys):
+    from numba.core import event
+
+    now = [100.0]
+    monkeypatch.setattr(_progress.time, "monotonic", lambda: now[0])
+    with _progress.telling_of_compilation(), Bars() as bars:
+        bars("chain", 0.0)
+        with event.trigger_event("numba:compile"):
+            now[0] += 1.0
+            with event.trigger_event("numba:compile"):  # nested
+                now[0] += 23.0
+                bars("chain", 0.0)
+        now[0] += 31.0
+        bars("chain", 0.98)
+    said = [line for line in capsys.readouterr().err.splitlines() if "chain" in line]
+    assert said == [
+        "cablepod: note: chain: 0 % after 24 s, 24 s of them compiling, once on this machine",
+        "cablepod: note: chain: 98 % after 55 s, 24 s of them compiling, once on this machine",
+    ]
+
+
 def test_a_note_without_a_bar_is_one_line(capsys):
     note("two\n  lines")
     assert capsys.readouterr().err == "cablepod: note: two lines\n"

@@ -55,6 +55,7 @@ EXCEPTIONS = {
     ("stop", "{why}"): "made just above, ends with what to try",
     ("warn", "{text}"): "told by the callers, which are collected",
     ("subscript", "answer[0]"): "what the job of a worker raised",
+    ("warn", "{warning.message}"): "given again as it is, where it is the first of its kind",
     ("warn", "{texts[0]}{more}"): "the warning of a member, and of how many more",
     ("call", "damaged(path, error)"): "a function that makes the message, which is collected there",
     ("call", "changed("): "a function that makes the message, which is collected there",

@@ -16,6 +16,7 @@ from matplotlib import pyplot as plt
 from matplotlib.testing.compare import compare_images
 
 from cablepod import plots
+from cablepod.conventions import VARIABLES
 from cablepod.errors import SceneError
 
 BASELINE = Path(__file__).resolve().parent / "baseline"
@@ -213,7 +214,8 @@ def test_members_elsewhere_are_dots_and_those_without_a_result_crosses():
 def doubted():
     """Members of an ensemble with large tensions, of which the first and the last are doubtful, and the second goes slack."""
     tension = np.stack([members().peak.values, 2.0 * members().peak.values], axis=1) * 100.0
-    name = "largest tension of the link over all steps of the run"
+    name = VARIABLES["tension_maximum"][1]
+    assert name.endswith("not at output times between them")
     return members().assign(
         tension_maximum=(("member", "link"), tension, {"units": "N", "long_name": name}),
         tension_minimum=(("member", "link"), np.where(np.arange(9) == 1, -1.0, 3.0)[:, None] + [0.0, 5.0]),

@@ -74,7 +74,8 @@ def test_it_gives_what_the_functions_give(scene):
             assert row.error_estimate == reduced.attrs["error_estimate"]
             assert row.loop_time > 0.0
             assert row.call_time > 0.0
-    assert result.attrs == {"title": "soft", "left_out": []}
+    assert result.attrs.pop("compile_time_s") >= 0.0  # known of this machine alone
+    assert result.attrs == {"title": "soft", "left_out": [], "notes_left_out": 0}
 
 
 def test_cheaper_chains_stand_beside_the_models(scene):
