@@ -196,7 +196,8 @@ def _source(dataset: xr.Dataset, prefix: str) -> xr.Dataset:
     """Return the scene or the modes from variables with a prefix."""
     variables = {
         str(name).removeprefix(prefix): (
-            [str(dim).removeprefix(prefix) for dim in variable.dims], variable.values, variable.attrs,
+            [str(dim).removeprefix(prefix) for dim in variable.dims], variable.values,
+            {} if variable.attrs.get("long_name") == name else variable.attrs,  # labels that it had not before
         )
         for name, variable in dataset.variables.items()
         if str(name).startswith(prefix)

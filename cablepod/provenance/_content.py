@@ -44,7 +44,8 @@ class VariableContent:
         kind = variable.dtype.kind
         self.shape, self.is_text, self.is_real = variable.shape, kind in "UO", kind == "f"
         self.dtype = variable.dtype.newbyteorder("<")
-        attrs = _lists(variable._attrs, NOT_CONTENT_OF_VARIABLES) if variable._attrs else {}
+        has_attrs = variable._attrs and not self.is_text  # texts have no units
+        attrs = _lists(variable.attrs, NOT_CONTENT_OF_VARIABLES) if has_attrs else {}
         kind = "text" if self.is_text else self.dtype.str
         head = [[*map(str, variable._dims)], [*variable.shape], kind, attrs]
         self._hash = hashlib.sha256(json.dumps(head, sort_keys=True, default=str).encode())
