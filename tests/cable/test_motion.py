@@ -403,7 +403,7 @@ def test_elements_are_compared_with_clearly_more_elements():
         counts = cable_scheme.element_counts(least)
         assert counts[0] >= least
         assert counts[-1] >= cable_scheme.MIN_REFINEMENT * least
-    assert cable_scheme.element_counts(96) == [96, 128]
+    assert cable_scheme.element_counts(60) == [80, 128]
     assert cable_scheme.element_counts(141) == [141, 282]
 
 
