@@ -34,6 +34,8 @@ STEPS_PER_CHANGE = 8.0
 #: Maximum number of steps of a run over that of the first, and maximum steps times links (0.2 s) where that is more, if
 #: the motion has converged and the tension alone has not: axial waves may need many more, as after a jump of the speed of an end.
 MAX_TENSION_GROWTH, MAX_TENSION_WORK = 32.0, 1e8
+#: Range of the tensions of a chain at rest over their rounding error: that of thousands of steps adds up to ten times as much.
+ROUNDING_OF_STEPS = 30.0
 #: Maximum of damping times an explicit step: the velocity half a step before the start grows by exp(c h / 2), and its square must
 #: stay finite.
 MAX_DAMPING_EXPONENT = 600.0
@@ -160,7 +162,8 @@ def tension_distance(fine: np.ndarray, coarse: np.ndarray, rounding: float = 0.0
     """
     span = float((fine.max(axis=0) - fine.min(axis=0)).max())
     largest = float(np.abs(fine).max())
-    scale = span if span > 1e-8 * largest else max(largest, 1e-300)  # nothing changes: rounding errors
+    at_rest = span <= max(1e-9 * largest, ROUNDING_OF_STEPS * rounding)  # nothing changes but by rounding errors
+    scale = max(largest, 1e-300) if at_rest else span
     return max(math.sqrt(float(((fine - coarse) ** 2).mean(axis=1).max())) - rounding, 0.0) / scale
 
 

@@ -128,3 +128,17 @@ def test_light_guys_of_a_mast_stay_at_rest_in_a_steady_wind(guys):
     tension = run.guy_tension.transpose("time", ...)
     # from rest, but for what the modes and links of the guys leave of it; held drag of longer steps makes them tens of percent
     np.testing.assert_allclose(tension[-1], tension[0], rtol=0.02)
+
+
+@pytest.mark.parametrize("links", [20, 80])
+def test_rounding_of_a_chain_at_rest_is_no_error_of_its_tensions(links, recwarn):
+    cable = {"area": 1.274e-4, "youngs_modulus": 1.6e11, "density": 7850.0, "diameter": 0.0127, "top_tension": 1750.0}
+    scene = cp.make_scene(
+        {
+            "cable": cable, "ends": {"lower": [0.0, 1.0, 0.0], "upper": [30.0, 51.0, 0.0]}, "chain": {"links": links},
+            "time": {"duration": 3.0, "interval": 0.05},
+        }
+    )  # fmt: skip
+    run = cp.chain.simulate(scene, scheme="velocity_verlet")
+    assert run.attrs["tension_time_error_estimate"] < 1e-6
+    assert not [warning for warning in recwarn if warning.category is cp.NotConvergedWarning]
