@@ -78,9 +78,7 @@ def timed(run: Callable[[], xr.Dataset]) -> tuple[xr.Dataset | None, list[str], 
 def errors(result: xr.Dataset, truth: xr.Dataset) -> tuple[float, float]:
     """Return the largest rms distance over the largest rms displacement, and the largest rms difference of tensions over T."""
     x, y = result["position"].values, truth["position"].values
-    gap, motion = (
-        np.sqrt((difference**2).sum(axis=-1).mean(axis=-1)).max() for difference in (x - y, y - y[:1])
-    )
+    gap, motion = (np.sqrt((difference**2).sum(axis=-1).mean(axis=-1)).max() for difference in (x - y, y - y[:1]))
     tension, true_tension = result["tension"].values, truth["tension"].values
     of_tension = np.sqrt(((tension - true_tension) ** 2).mean(axis=-1)).max() / true_tension.max()
     return float(gap / max(motion, LEAST_MOTION)), float(of_tension)
@@ -111,7 +109,9 @@ def table_of(rows: dict[str, list[tuple[Any, ...]]]) -> str:
             else (f"{position.max():.1e}", f"{(position <= 1e-4).mean() * 100:.0f} %", f"{tension.max():.1e}")
         )  # fmt: skip
         warned = sum("NotConvergedWarning" in row[3] for row in ended)
-        lines.append([name, f"{len(ended)} of {len(found)}", *shown, str(warned), f"{max(row[4] for row in found):.1f} s"])
+        lines.append(
+            [name, f"{len(ended)} of {len(found)}", *shown, str(warned), f"{max(row[4] for row in found):.1f} s"]
+        )
     head = ["model, scheme", "runs that end", "largest error", "within 10⁻⁴", "of tensions", "warnings", "longest"]
     return markdown_table(head, lines)
 
@@ -134,7 +134,8 @@ def main() -> None:
             pair = (None, None) if result is None or truth is None or "chain" not in name else errors(result, truth)
             rows.setdefault(name, []).append((result is not None, *pair, warned, seconds))
             if result is None or warned:
-                print(f"{mass:g} kg/m, {speed:g} m/s, {n} links, {kind}, {name}: {pair} {sorted(set(warned))} {seconds:.2f} s")
+                what = f"{mass:g} kg/m, {speed:g} m/s, {n} links, {kind}, {name}"
+                print(f"{what}: {pair} {sorted(set(warned))} {seconds:.2f} s")
     show_table("light lines", table_of(rows), Path(__file__).parent if arguments.readme else None)
 
 

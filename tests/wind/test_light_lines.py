@@ -81,7 +81,9 @@ def test_condensed_models_of_light_lines_run_where_the_wind_rises():
 def test_a_step_beyond_the_rate_of_the_drag_is_refused_with_the_limit(model):
     scene, step = line(3), 1.01 * 0.4 / RATE
     modes = cp.condensed.vibration_modes(scene, rank=1)
-    with pytest.raises(cp.SceneError, match=rf"step: given .* limit, {0.4 / RATE:.6g} s, by the rate at which drag changes"):
+    with pytest.raises(
+        cp.SceneError, match=rf"step: given .* limit, {0.4 / RATE:.6g} s, by the rate at which drag changes"
+    ):
         if model == "chain":
             cp.chain.simulate(scene, step=step)
         elif model == "cable":
