@@ -27,10 +27,10 @@ class MeshAir(ChainAir):
         mesh, shape = self.chain, position.shape[::-1]
         d, weight, scale = mesh.law_arguments[:3]
         x, u, points = np.ascontiguousarray(position.T), np.ascontiguousarray(velocity.T), (weight.size, scale.size)
-        force, damping = np.empty(shape), np.empty(shape[1])
+        force = np.empty(shape)
         kernel.drag_forces(
             x, u, self.velocity, time * self.samples_per_second, self.drag, d, weight, scale, None, np.empty(points),
-            np.empty((shape[0], *points)), force, damping,
+            np.empty((shape[0], *points)), force,
         )  # fmt: skip
         result = np.zeros_like(position)
         result[mesh.free_particles] = force.T[mesh.free_particles]

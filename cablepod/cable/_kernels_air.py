@@ -9,7 +9,7 @@ from cablepod.cable._kernels_forces import _gradient
 
 
 @compiled
-def _nodal_drag(u, g, wind, place, drag, weight, scale, force, damping):
+def _nodal_drag(u, g, wind, place, drag, weight, scale, force, tangent):
     """Fill the drag at the nodes: drag w |g| |u_n| u_n, u_n the part of wind less velocity normal to the cable.
 
     Parameters
@@ -24,15 +24,22 @@ def _nodal_drag(u, g, wind, place, drag, weight, scale, force, damping):
         Place between the samples; half the density of the air times drag coefficient and diameter [kg/m2].
     weight, scale : float arrays (p + 1,), (elements,)
         Quadrature weights, with sum 2; 2 over the unstretched lengths of the elements [1/m].
-    force, damping : float arrays (dims, N), (N,)
-        Filled: drag [N], and its size over that of u_n [kg/s].
+    force : float array (dims, N)
+        Filled: drag [N].
+    tangent : float array (dims, dims, N) or None
+        Filled: negative derivative of the drag by the velocities, drag w |g| |u_n| (I - t t + n n) with t along the cable and n
+        along u_n [kg/s].
     """
     dims, order, elements = u.shape[0], weight.size - 1, scale.size
     place = min(max(place, 0.0), wind.shape[0] - 1.0)
     sample = min(int(place), wind.shape[0] - 2)
     share = place - sample
+    if tangent is not None:
+        for c in range(dims):
+            for k in range(dims):
+                for j in range(u.shape[1]):
+                    tangent[c, k, j] = 0.0
     for j in range(u.shape[1]):
-        damping[j] = 0.0
         for c in range(dims):
             force[c, j] = 0.0
     for e in range(elements):
@@ -48,14 +55,23 @@ def _nodal_drag(u, g, wind, place, drag, weight, scale, force, damping):
             along /= square
             speed_squared = max(speed_squared - along * along * square, 0.0)
             factor = drag * weight[q] * length * math.sqrt(square * speed_squared)
-            damping[j] += factor
             for c in range(dims):
                 relative = wind[sample, c, j] + share * (wind[sample + 1, c, j] - wind[sample, c, j]) - u[c, j]
                 force[c, j] += factor * (relative - along * g[c, q, e])
+            if tangent is not None:
+                of_speed = factor / speed_squared if speed_squared > 0.0 else 0.0
+                for c in range(dims):
+                    normal = wind[sample, c, j] + share * (wind[sample + 1, c, j] - wind[sample, c, j]) - u[c, j]
+                    normal -= along * g[c, q, e]
+                    for k in range(dims):
+                        other = wind[sample, k, j] + share * (wind[sample + 1, k, j] - wind[sample, k, j]) - u[k, j]
+                        other -= along * g[k, q, e]
+                        tangent[c, k, j] += of_speed * normal * other - factor * g[c, q, e] * g[k, q, e] / square
+                    tangent[c, c, j] += factor
 
 
 @compiled
-def drag_forces(x, u, wind, place, drag, d, weight, scale, unrolled, nodal, g, force, damping):
+def drag_forces(x, u, wind, place, drag, d, weight, scale, unrolled, nodal, g, force):
     """Fill the drag at the nodes for positions x and velocities u (dims, N); others as in :func:`_nodal_drag`.
 
     Parameters
@@ -67,4 +83,4 @@ def drag_forces(x, u, wind, place, drag, d, weight, scale, unrolled, nodal, g, f
     """
     for c in range(x.shape[0]):
         _gradient(x[c], d, scale, unrolled, nodal, g[c])
-    _nodal_drag(u, g, wind, place, drag, weight, scale, force, damping)
+    _nodal_drag(u, g, wind, place, drag, weight, scale, force, None)

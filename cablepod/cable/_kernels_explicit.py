@@ -137,14 +137,14 @@ def verlet(
     d_transposed = np.ascontiguousarray(d.T)
     u = np.zeros(x.shape)
     half_x, half_u = np.empty(x.shape), np.empty(x.shape)
-    air_force, air_damping = np.empty(x.shape), np.empty(last + 1)
+    air_force = np.empty(x.shape)
     increments = load_increment if wind is None else drag_increment
     save = 0
     for i in range(steps):
         if wind is not None and (start + i) % hold == 0:
             place = (start + i - 0.5) * step * samples_per_second
             _move_back(x, v, first, end_rates, i, step, half_x, half_u)
-            drag_forces(half_x, half_u, wind, place, drag, d, weight, scale, unrolled, nodal, g, air_force, air_damping)
+            drag_forces(half_x, half_u, wind, place, drag, d, weight, scale, unrolled, nodal, g, air_force)
             _hold_drag(air_force, first, per_mass, load_increment, start + i == 0, drag_before, drag_increment)
         if v_before is not None:
             for c in range(dims):

@@ -22,6 +22,8 @@ from cablepod.chain._kernels_generalized_alpha import _is_inside
 
 #: Maximum number of Newton iterations.
 MAX_ITERATIONS = 30
+#: With drag: tolerance of what remains over that of the last correction.
+REMAINDER = 0.1
 
 
 @compiled
@@ -244,7 +246,7 @@ def trapezoidal(
     band, right = np.zeros((dims * m, dims * weight.size)), np.zeros(dims * m)
     increment, trial, u = np.zeros((dims, m)), x.copy(), np.zeros(x.shape)
     inertia, velocity_factor = 4.0 / (step * step), 2.0 / step
-    air_force, air_damping, s_tangent = np.zeros(x.shape), np.zeros(last + 1), s
+    air_force, air_tangent, s_tangent = np.zeros(x.shape), np.zeros((dims, dims, last + 1)), s
     if tension_damping is not None:
         s_tangent = np.zeros(shape)
     iterations, save = 0, 0
@@ -266,7 +268,7 @@ def trapezoidal(
                 trial[c, first + j] = x[c, first + j] + increment[c, j]
         for q in range(rows.size):
             trial[rows[q], columns[q]] = ends[q, i + 1]
-        converged, below = False, False
+        converged, below, before = False, False, 0.0
         for _ in range(MAX_ITERATIONS):
             iterations += 1
             for c in range(dims):
@@ -280,7 +282,7 @@ def trapezoidal(
                     _gradient(u[c], d, scale, unrolled, nodal, g_dot[c])
                 _products(g, g_dot, stretching)
             if wind is not None:
-                _nodal_drag(u, g, wind, wind_places[i + 1], drag, weight, scale, air_force, air_damping)
+                _nodal_drag(u, g, wind, wind_places[i + 1], drag, weight, scale, air_force, air_tangent)
             below = _law(square, stretching, weight, stiffness, green, viscosity, s)
             _axial_tangent(square, weight, stiffness, green, viscosity, velocity_factor, s, b)
             band[:] = 0.0
@@ -295,9 +297,10 @@ def trapezoidal(
                 _assemble(g[c], s, d_transposed, unrolled, nodal, f[c])
                 for j in range(m):
                     total = f[c, first + j] + loads[c, j]
-                    if wind is not None:  # the tangent by the velocity, without the direction of the wind
+                    if wind is not None:
                         total += air_force[c, first + j]
-                        band[dims * j + c, 0] += velocity_factor * air_damping[first + j]
+                        for k in range(c, dims):
+                            band[dims * j + c, k - c] += velocity_factor * air_tangent[c, k, first + j]
                     for load in range(patterns.shape[0]):
                         total += factors[i + 1, load] * patterns[load, c, j]
                     new = inertia * (increment[c, j] - step * v[c, j]) - a[c, j]
@@ -313,11 +316,14 @@ def trapezoidal(
                     trial[c, first + j] = x[c, first + j] + increment[c, j]
                     if not abs(correction) <= norm:  # also for nan
                         norm = abs(correction)
-            if norm <= tolerance:
+            # the tangent leaves out that the drag turns with the cable: what remains is norm^2 / before, not the square of norm
+            remainder = 0.0 if wind is None else (norm * norm / before if before > norm else norm)
+            if norm <= tolerance and remainder <= REMAINDER * tolerance:
                 converged = True
                 break
             if not norm < 1e300:
                 break
+            before = norm
         if not converged:
             return i, iterations
         if below:

@@ -25,8 +25,8 @@ from cablepod.integrate._step_control import (
     refine_step,
 )
 
-#: Numbers of elements, tried in turn (multiples of four, for which the loops over elements vectorise best).  From 40 on the points
-#: of a field of gusts, between which it is linear, are borders of elements: within them the motion is smooth.
+#: Numbers of elements, tried in turn (multiples of four, for which the loops over elements vectorise best).  With 40 and 80 the
+#: points of a field of gusts, between which it is linear, are borders of elements: within them the motion is smooth.
 ELEMENT_COUNTS = (4, 8, 12, 16, 24, 40, 80, 128)
 #: Minimum ratio of two numbers of elements whose difference is taken as an error: that of 12 and 16.
 MIN_REFINEMENT = 4.0 / 3.0
