@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 from scenes import HARMONIC, spatial
 
@@ -56,10 +58,10 @@ def single_runs(monkeypatch, *args, **options):
 
 
 def assert_close(run, truth):
-    """Compare all variables and attributes."""
+    """Compare all variables and attributes, of the history all but the content of the results, which rounding changes."""
     assert set(run.variables) == set(truth.variables)
     assert set(run.coords) == set(truth.coords)
-    assert run.attrs == truth.attrs
+    assert without_content(run.attrs) == without_content(truth.attrs)
     for name, values in truth.variables.items():
         assert run[name].dims == values.dims
         assert run[name].attrs == values.attrs
@@ -69,3 +71,9 @@ def assert_close(run, truth):
         # rounding of 1e-16 in a length changes the static tension by 1e-12, which the motion amplifies
         size = np.nanmax(np.abs(values.values)) if values.size else 0.0
         np.testing.assert_allclose(run[name], values, rtol=1e-10, atol=1e-11 * size, err_msg=str(name))
+
+
+def without_content(attrs):
+    """Return attributes with the history as stages, without the recorded content of the last one."""
+    *earlier, last = json.loads(attrs["history_json"])
+    return {**attrs, "history_json": [*earlier, {key: value for key, value in last.items() if key != "content"}]}
