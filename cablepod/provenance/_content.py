@@ -28,6 +28,8 @@ SCENES = ("scene", "scenes")
 DIGITS, PERIOD = 16, 4096
 #: Hash of a variable that was not computed.
 UNKNOWN = ""
+#: Number of rows that are read at once of a variable that is not in memory.
+ROWS = 256
 
 
 # --- variables ------------------------------------------------------------------------------------------------------------
@@ -131,14 +133,19 @@ def is_chunked(variable: xr.Variable) -> bool:
     return type(variable._data) is not np.ndarray and not variable._in_memory and variable.chunks is not None
 
 
-def _values(variable: xr.Variable) -> np.ndarray:
-    data: Any = variable._data
-    return data if type(data) is np.ndarray else np.asarray(variable.values)
+def _content_of_variable(variable: xr.Variable, *, sums: bool = True) -> VariableContent:
+    """Return the content of a variable that is not chunked; one that is computed or read on demand is not kept in memory."""
+    content, data = VariableContent(variable), variable._data
+    if type(data) is np.ndarray or variable._in_memory or not variable.ndim or content.is_text:
+        return content.update(data if type(data) is np.ndarray else np.asarray(variable.values), sums=sums)
+    for first in range(0, variable.shape[0], ROWS):
+        content.update(variable[first : first + ROWS].values, sums=sums)
+    return content
 
 
 def variable_hash(variable: xr.Variable) -> str:
     """Return the hash of a variable, :data:`UNKNOWN` of a chunked one."""
-    return UNKNOWN if is_chunked(variable) else VariableContent(variable).update(_values(variable), sums=False).hash
+    return UNKNOWN if is_chunked(variable) else _content_of_variable(variable, sums=False).hash
 
 
 # --- Datasets -------------------------------------------------------------------------------------------------------------
@@ -161,7 +168,7 @@ def content_of(dataset: xr.Dataset, contents: Mapping[str, VariableContent] | No
         elif is_chunked(variable):
             entries[str(name)] = [UNKNOWN, list(variable.shape)]
         else:
-            entries[str(name)] = VariableContent(variable).update(_values(variable)).entry()
+            entries[str(name)] = _content_of_variable(variable).entry()
     attributes = own_hash(dataset)
     total = total_hash(dataset, {name: entry[0] for name, entry in entries.items()}, attributes)
     return {"hash": total, "attributes": attributes, "variables": entries}
