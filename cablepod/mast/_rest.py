@@ -40,8 +40,9 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
     Notes
     -----
     The unstretched lengths follow from the given tensions on the straight, unloaded mast in still air without ice.  Guys are
-    exact elastic catenaries; the mean drag on a guy is a uniform load with the same moment about the anchor.  The mast is a
-    beam-column with consistent geometric stiffness.  Newton's method finds their common equilibrium.
+    exact elastic catenaries; the mean drag on a guy is a uniform load with the same sag, and forces at the ends with the rest
+    of its sum and moment.  The mast is a beam-column with consistent geometric stiffness.  Newton's method finds their common
+    equilibrium.
 
     Examples
     --------
