@@ -10,9 +10,10 @@ import xarray as xr
 from cablepod import provenance
 from cablepod.batch._members import no_plan, over_members_by
 from cablepod.mast._output import dataset, spatial
-from cablepod.mast._statics import rest_of
+from cablepod.mast._statics import rest_in
 from cablepod.parameters._mast import mast_parameters
 from cablepod.scene._mast import MAST_SCENE
+from cablepod.wind._mast_air import mean_mast_air
 from cablepod.wind._profile import air_at_rest
 
 
@@ -53,7 +54,7 @@ def rest(scene: xr.Dataset) -> xr.Dataset:
     ([5000.0, 5000.0, 5000.0], 'N')
     """
     p = mast_parameters(scene)
-    found = rest_of(p)
+    found = rest_in(p, mean_mast_air(p))
     beam, levels = found.beam, p.levels
     nodes = np.array([beam.node(level) for level in levels])
     moved = beam.displacement_rows(nodes) @ found.unknowns

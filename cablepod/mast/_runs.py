@@ -21,7 +21,7 @@ from cablepod.mast._condensed_guy import shapes_of
 from cablepod.mast._condensed_run import CondensedGuys
 from cablepod.mast._model import ModalMast
 from cablepod.mast._request import MastRequest, MastTrajectory, request_of
-from cablepod.mast._statics import rest_of
+from cablepod.mast._statics import rest_in
 from cablepod.parameters._checks import choice, integer, number
 from cablepod.parameters._mast import MastParameters, mast_parameters
 from cablepod.wind._mast_air import mast_air
@@ -58,7 +58,7 @@ class MastCase:
         self.wind, self.links, self.step, self.count = wind, links, step, RANK if rank is None else int(rank)
         self.chosen = provenance.defaulted_options(rank=rank, links=links, times=times, step=step, tolerance=tolerance)
         self.air = air = mast_air(p, float(instants[-1]), wind)
-        self.mast = ModalMast(rest_of(p, None if air is None or air.has_profile else air))
+        self.mast = ModalMast(rest_in(p, air))
         self.model = _model_of(self.mast, guys, modes, self.count, links, air)
         self.request = request_of(
             instants, self.model.default_step, step, window, energy="energy" in self.wanted,
