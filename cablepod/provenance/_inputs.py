@@ -13,6 +13,7 @@ import numpy as np
 from cablepod.provenance._abridged import Abridged
 from cablepod.provenance._content import (
     DIGITS,
+    UNKNOWN,
     VariableContent,
     content_of,
     digest,
@@ -94,7 +95,9 @@ def input_of(
             return Input(identifier, history, f"not recorded, {NOT_COMPUTED}", identifier)
         return Input(identifier, history, found.total, [identifier, found.total])
     if found.total != recorded["hash"]:
-        return _changed(dataset, recorded, found, contents)
+        if not _is_computed(dataset, recorded, found):
+            return _changed(dataset, recorded, found, contents)
+        return Input(identifier, history, found.total, [identifier, found.total])
     said = f"{found.total} {NOT_COMPUTED}" if found.chunked else found.total
     return Input(identifier, history, said, identifier)
 
@@ -125,6 +128,23 @@ def _found(
     return _Found(total or total_hash(dataset, hashes, attributes), hashes, attributes, chunked)
 
 
+def _differing(dataset: xr.Dataset, recorded: Mapping[str, Any], found: _Found) -> list[str]:
+    """Return the names of variables that are not the recorded ones; of those without a hash on record the shape tells."""
+    differ, before = [], recorded["variables"]
+    for name, value in found.hashes.items():
+        known, shape, *_ = before.get(name, (None, None))
+        same = list(dataset.variables[name].shape) == shape if known == UNKNOWN else value == known
+        if not same:
+            differ.append(name)
+    return sorted(differ)
+
+
+def _is_computed(dataset: xr.Dataset, recorded: Mapping[str, Any], found: _Found) -> bool:
+    """Tell whether a Dataset differs from the record in variables alone that have no hash there, as those of many files."""
+    same = found.attributes == recorded["attributes"] and found.hashes.keys() == recorded["variables"].keys()
+    return same and not _differing(dataset, recorded, found)
+
+
 def _short(content: Any) -> str:
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:DIGITS]
 
@@ -150,10 +170,9 @@ def _changed(
     if recorded is None:  # a scene of an earlier version: all of its values
         parameters: dict[str, Any] = {"values_sha256": found.total, "values": _small_values(dataset, found.hashes)}
     else:
-        before = {name: entry[0] for name, entry in recorded["variables"].items()}
-        changed = [name for name, value in found.hashes.items() if before.get(name) != value]
-        lacks = sorted(before.keys() - found.hashes.keys())
-        parameters = {"differs": sorted(changed), **({"lacks": lacks} if lacks else {}), **_extent(dataset)}
+        changed = _differing(dataset, recorded, found)
+        lacks = sorted(recorded["variables"].keys() - found.hashes.keys())
+        parameters = {"differs": changed, **({"lacks": lacks} if lacks else {}), **_extent(dataset)}
         parameters |= _not_computed(found)
         if is_scene(dataset):
             if all(dataset.variables[name].size <= MAX_HISTORY_ITEMS for name in changed):
