@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import cablepod as cp
 from cablepod.cli._mast import check_text
-from cablepod.errors import SceneError
+from cablepod.errors import OutOfRangeWarning, SceneError
 from cablepod.mast._beam import beam_of
 from cablepod.mast._guys import static_guys
 from cablepod.mast._statics import _at
@@ -133,6 +133,17 @@ def test_drag_bends_the_mast_downwind():
     assert abs(float(rest.displacement.sel(level=28.0, coordinate="z"))) < 1e-9
     # drag on mast and on the upper halves of the guys against the resultant of the guys
     assert float(rest.guy_tension[1]) > 5000.0 > float(rest.guy_tension[0])
+
+
+def test_a_mast_that_leans_far_at_rest_warns_of_its_slopes():
+    def pulled(mapping):
+        mapping["mast"]["load"][0] = {"level": 30.0, "force": [1.3e5, 0.0, 0.0]}
+        mapping["mast"]["bending_stiffness"] = 4e8  # it does not buckle under its guys
+
+    with pytest.warns(OutOfRangeWarning, match=r"^the mast slopes by 0\.1\d* \(above 0\.1\) at rest, .* small slopes"):
+        rest = cp.mast.rest(small(pulled))
+    moved = rest.displacement.sel(coordinate="x")
+    assert float(moved.sel(level=30.0) - moved.sel(level=28.0)) > 0.1 * 2.0
 
 
 def test_a_buckling_mast_is_refused_with_its_critical_factor():
