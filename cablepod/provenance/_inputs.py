@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 CHANGED, MADE = "changed outside the package", "made outside the package"
 #: Name of the first one in histories of earlier versions.
 CHANGED_BEFORE = "changed by hand"
+#: Beginnings of the names of the layers of a dask array whose values are those of a file, or of an array in memory.
+AS_READ = ("original-open_dataset-", "open_dataset-", "xarray-", "rechunk-")
 #: Said of the hash of an input with chunked variables.
 NOT_COMPUTED = "as it was written, chunks are not computed"
 
@@ -122,10 +124,17 @@ def _found(
             else:
                 same = list(variable.shape) == entry[1]
                 hashes[name] = entry[0] if same else _short([entry, [*map(str, variable.dims)], [*variable.shape]])
+                if entry[0] != UNKNOWN and not _is_read(variable):
+                    hashes[name] = _short([hashes[name], str(variable.data.name)])
         else:
             hashes[name] = variable_hash(variable)
     attributes = own_hash(dataset)
     return _Found(total or total_hash(dataset, hashes, attributes), hashes, attributes, chunked)
+
+
+def _is_read(variable: xr.Variable) -> bool:
+    """Tell whether a chunked variable is as it was read or divided, and not computed from what was read."""
+    return all(str(layer).startswith(AS_READ) for layer in variable.data.dask.layers)
 
 
 def _differing(dataset: xr.Dataset, recorded: Mapping[str, Any], found: _Found) -> list[str]:

@@ -114,3 +114,29 @@ def test_an_ensemble_in_one_file_keeps_its_id(runs, tmp_path):
     part = cp.archive.read(cp.archive.write(runs.isel(member=[1, 2]), tmp_path / "part.nc"))
     assert part.attrs["id"] != runs.attrs["id"]
     assert functions_of(part)[-1] == provenance.CHANGED
+
+
+# --- values that are computed from chunks ---------------------------------------------------------------------------------------
+
+
+def test_values_computed_from_chunks_are_a_change(soft, tmp_path):
+    """They have no hash on record, and are not computed for one."""
+    dask = pytest.importorskip("dask")
+    run = cp.chain.simulate(cp.make_scene(soft), step=1e-3, times=np.arange(21) / 10)
+    modes = cp.pod.decompose(run, rank=2)
+    lazy = cp.archive.read(cp.archive.write(run, tmp_path / "run.nc"), chunks={"time": 7})
+    same = (lazy, lazy.chunk({"time": 5}), lazy.isel(time=slice(None)), run.chunk({"time": 5}))
+    noisy = lazy.assign(position=lazy.position + 1e-3)
+    computed = []
+    with dask.callbacks.Callback(pretask=lambda *_: computed.append(1)):
+        assert {provenance.input_of(dataset).id for dataset in same} == {run.attrs["id"]}
+        changed = [provenance.input_of(dataset) for dataset in (noisy, lazy.assign(position=1.001 * lazy.position))]
+    assert computed == []
+    assert len({found.id for found in changed} | {run.attrs["id"]}) == 3
+    for measure in (lambda it: cp.compare.errors(it, run), lambda it: cp.pod.project(it, modes)):
+        before, after = measure(lazy), measure(noisy)
+        assert before.attrs["id"] == measure(run).attrs["id"] != after.attrs["id"]
+        (stage,) = (stage for stage in provenance.stages_of(after) if stage["function"] == provenance.CHANGED)
+        assert stage["parameters"]["differs"] == ["position"]
+        assert "position" in stage["parameters"]["not_computed"]
+    lazy.close()
