@@ -29,7 +29,6 @@ DIMS: dict[str, Dims] = {
         for name, dims in {
             "amplitude": ("time", "coordinate", "mode"),
             "mode_shape": ("mode", "particle", "coordinate"),
-            "test_function": ("mode", "particle"),
             "angular_frequency": ("mode",),
             **dict.fromkeys(TABLES_OF_MODES, ("coordinate", "mode")),
             "truncation_error": ("coordinate",),

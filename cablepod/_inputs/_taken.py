@@ -24,7 +24,7 @@ from cablepod.provenance import is_history
 #: Types of a number; a tuple is tested ten times as fast as a union.
 REAL = (float, int, np.integer, np.floating)
 #: Attributes that are numbers, and those that are texts.
-NUMBERS = frozenset(ATTRIBUTES) | {"accepted_time_error", "trained_rank", "trained_quadrature", "trained_second_order"}
+NUMBERS = frozenset(ATTRIBUTES) | {"accepted_time_error"}
 TEXTS = ("id", "values_sha256")
 #: Names of units in full, as pint writes them.
 UNITS_IN_FULL = {
@@ -221,7 +221,7 @@ def _dims_allowed(kind: Kind, layout: str | None, name: str, own: Dims) -> tuple
         return own, (*own, "member", *((f"{name}_item", name.rpartition("_")[0] + "_sample") if not own else ()))
     if not kind.layouts:
         return needed, None if kind.further is None else (*own, *kind.further)
-    if name.startswith(("mode_shape", "test_function")) and layout != "separate":
+    if name.startswith("mode_shape") and layout != "separate":
         own = own if layout == "vector" else ("mode", "particle")
     elif name.startswith((*TABLES_OF_MODES, "truncation_error")) and layout != "separate":
         own = tuple(dim for dim in own if dim != "coordinate")

@@ -28,8 +28,7 @@ NAMES = {
 }
 #: Sub-packages and modules whose functions a script may call; "" is the package itself.
 REPEATED = (
-    "", "cable", "catenary", "chain", "compare", "condensed", "ensemble", "galerkin", "mast", "oblique", "paper", "pod", "rigid",
-    "wind",
+    "", "cable", "catenary", "chain", "compare", "condensed", "ensemble", "galerkin", "mast", "paper", "pod", "rigid", "wind",
 )  # fmt: skip
 #: Functions of stages that stand for a change.
 CHANGES = (provenance.CHANGED, provenance.CHANGED_BEFORE)
@@ -125,9 +124,6 @@ def _reproduction(stage: Mapping[str, Any], names: Mapping[str, str]) -> list[st
     inputs = [names[parent] for parent in stage["inputs"]]
     if function == "pod.decompose" and len(inputs) > 1:  # several trajectories are one argument
         inputs = [f"[{', '.join(inputs)}]"]
-    if function == "oblique.train":  # scenes, as many trajectories, modes
-        half = len(inputs) // 2
-        inputs = [f"[{', '.join(inputs[:half])}]", f"[{', '.join(inputs[half:-1])}]", inputs[-1]]
     if function.endswith(".simulate"):
         inputs = [f"wind={name}" if name.rstrip("_0123456789") == NAMES["wind.field"] else name for name in inputs]
     if function == "ensemble.run":

@@ -16,7 +16,7 @@ from cablepod.errors import SceneError, user_stacklevel
 #: Largest difference of a value that counts as rounding, as a fraction of the largest absolute value of variables of its unit.
 ROUNDING = 1e-9
 #: Beginnings of the names of variables whose rounding grows as singular values come close.
-OF_MODES = ("mode_shape", "mode_uncertainty", "test_function")
+OF_MODES = ("mode_shape", "mode_uncertainty")
 
 
 class RepeatedWarning(UserWarning):

@@ -97,12 +97,12 @@ class CondensedAir:
 
     @property
     def shapes(self) -> np.ndarray:
-        """Shapes, their slopes and test functions at the points (3, points, r)."""
+        """Shapes and their slopes at the points (2, points, r)."""
         return self.shapes_of_kernel.transpose(0, 2, 1)[:, : self.rule[0].size]
 
     @property
     def shapes_of_kernel(self) -> np.ndarray:
-        """Shapes, their slopes and test functions at the points, filled up (3, r, points)."""
+        """Shapes and their slopes at the points, filled up (2, r, points)."""
         return _shapes_at(self.model, self.rule[0].size)
 
     @property
@@ -279,8 +279,6 @@ def _in_mean_wind(model: CondensedModel, points: int | None, drag: float, sigma:
 
 @lru_cache(KEPT_MODELS)
 def _shapes_at(model: CondensedModel, count: int) -> np.ndarray:
-    """Return shapes, slopes and test functions at `count` Gauss points, filled up (3, r, points); kept with the model."""
-    sigma = 0.5 * (1.0 + _gauss(count)[0])
-    shapes, slopes = interpolated(model, model.shapes, sigma, (0, 1))
-    tests = shapes if model.test_functions is model.shapes else interpolated(model, model.test_functions, sigma)[0]
-    return np.ascontiguousarray(np.stack([filled_up(values).T for values in (shapes, slopes, tests)]))
+    """Return shapes and slopes at `count` Gauss points, filled up (2, r, points); kept with the model."""
+    found = interpolated(model, model.shapes, 0.5 * (1.0 + _gauss(count)[0]), (0, 1))
+    return np.ascontiguousarray(np.stack([filled_up(values).T for values in found]))

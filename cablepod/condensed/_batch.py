@@ -113,7 +113,7 @@ BATCHED_OUTPUTS = {"position", "tension", "tension_extremes"}
 def plan(modes: xr.Dataset, unit: CondensedModel, members: Members, request: CondensedRequest) -> RunChunk | None:
     """Return how to run many members in compiled blocks; None where these do not support the request."""
     step, outputs = request.step, set(request.outputs)
-    if unit.raw_test_functions is not None or request.wind is not None or unit.order != "leading":
+    if request.wind is not None or unit.order != "leading":
         return None
     # the duration decides on the reference state
     if "time_duration" in members.varied or (request.times is None and "time_interval" in members.varied):

@@ -20,7 +20,6 @@ from cablepod.condensed._kernels_layout import (
     MIN_FORCE_STEP,
     PREDICTED_TENSION,
     SLOPE_SQUARED,
-    TEST_JACOBIAN,
     WEIGHTED_STIFFNESS,
 )
 from cablepod.condensed._kernels_step import _monitor_frequency
@@ -30,7 +29,7 @@ from cablepod.condensed._kernels_step import _monitor_frequency
 
 @compiled(inline="always")
 def _fill_tangent(
-    slopes, test_slopes, n_in_plane, weights, stiffness, green, stretch, work, slope, row_work, tangent, tension_change
+    slopes, n_in_plane, weights, stiffness, green, stretch, work, slope, row_work, tangent, tension_change
 ):
     """Fill the tangent (r, r) of the forces; overwrite row WEIGHTED_STIFFNESS of `work` and row 1 of `row_work` (2, m).
 
@@ -52,30 +51,19 @@ def _fill_tangent(
     for j in range(m):
         work[WEIGHTED_STIFFNESS, j] *= 1.0 + row_work[1, j] * work[SLOPE_SQUARED, j] / stretch[j]
     for i in range(r):
-        if test_slopes is None:
-            for j in range(i + 1):
-                total = 0.0
-                if (i < n_in_plane) == (j < n_in_plane):
-                    for k in range(m):
-                        total += work[WEIGHTED_STIFFNESS, k] * slopes[i, k] * slopes[j, k]
-                tangent[i, j] = total + tension_change[i, i] * tension_change[j, j] * compliance
-                tangent[j, i] = tangent[i, j]
-        else:
-            k, tension_response = 0 if i < n_in_plane else 1, 0.0  # derivative of the force by H
-            for j in range(m):
-                tension_response += weights[j] * row_work[1, j] * slope[k, j] * test_slopes[i, j]
-            for j in range(r):
-                total = 0.0
-                if (i < n_in_plane) == (j < n_in_plane):
-                    for k in range(m):
-                        total += work[WEIGHTED_STIFFNESS, k] * test_slopes[i, k] * slopes[j, k]
-                tangent[i, j] = total + tension_response * tension_change[j, j]
+        for j in range(i + 1):
+            total = 0.0
+            if (i < n_in_plane) == (j < n_in_plane):
+                for k in range(m):
+                    total += work[WEIGHTED_STIFFNESS, k] * slopes[i, k] * slopes[j, k]
+            tangent[i, j] = total + tension_change[i, i] * tension_change[j, j] * compliance
+            tangent[j, i] = tangent[i, j]
 
 
 @compiled(inline="always")
 def _add_chordwise_inertia(
-    v, slopes, test_slopes, n_in_plane, weights, inertia, stretch, work, slope, slope_rate, stretch_jacobian, f, mass,
-):  # fmt: skip
+    v, slopes, n_in_plane, weights, inertia, stretch, slope, slope_rate, stretch_jacobian, f, mass
+):
     """Subtract the inertial force of chordwise motion from f (r,), and fill the mass matrix (r, r)."""
     r, m = slopes.shape
     for j in range(m):
@@ -93,34 +81,26 @@ def _add_chordwise_inertia(
             -(slope_rate[0, j] * slope_rate[0, j] + slope_rate[1, j] * slope_rate[1, j] + stretch_rate * stretch_rate)
             / stretch[j]
         )
-    if test_slopes is None:
-        for i in range(r):
-            _chordwise_momentum(stretch_jacobian[i], weights, inertia, stretch_jacobian[r + i])
-    else:
-        for i in range(r):
-            k = 0 if i < n_in_plane else 1
-            for j in range(m):
-                work[TEST_JACOBIAN, j] = -slope[k, j] * test_slopes[i, j] / stretch[j]
-            _chordwise_momentum(work[TEST_JACOBIAN], weights, inertia, stretch_jacobian[r + i])
+    for i in range(r):
+        _chordwise_momentum(stretch_jacobian[i], weights, inertia, stretch_jacobian[r + i])
     for i in range(r):
         total = 0.0
         for j in range(m):
             total += stretch_jacobian[r + i, j] * slope_rate[0, j]
         f[i] -= total
-        for k in range(i + 1 if test_slopes is None else r):
+        for k in range(i + 1):
             total = 0.0
             for j in range(m):
                 total += stretch_jacobian[r + i, j] * stretch_jacobian[k, j]
             mass[i, k] = total
-            if test_slopes is None:
-                mass[k, i] = total
+            mass[k, i] = total
         mass[i, i] += 1.0
 
 
 @compiled(fastmath=REORDERED_FUSED, forceinline=True, counted=False)
 def exact_force(
-    q, v, boundary_data, row, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights, stiffness, green,
-    load_projection, inertia, guess, stretch, work, slope, slope_rate, stretch_jacobian, f, tangent, mass,
+    q, v, boundary_data, row, slopes, n_in_plane, chordwise_force_patterns, weights, stiffness, green, load_projection,
+    inertia, guess, stretch, work, slope, slope_rate, stretch_jacobian, f, tangent, mass,
 ):  # fmt: skip
     """Fill the undamped forces f (r,) with the exact chordwise stretch; return H [N], not finite where there is none.
 
@@ -132,8 +112,6 @@ def exact_force(
         See :func:`cablepod.condensed._kernels_frame.frames`; index of the row.
     slopes, n_in_plane, chordwise_force_patterns, weights, stiffness, green, load_projection
         As in ``leading_verlet`` and ``_close``, at the links or quadrature points (m,).
-    test_slopes
-        Slopes of the test functions (r, m); None for the modes as test functions.
     inertia
         Masses [kg] of the particles above the links and their relative arc lengths (2, m); at quadrature points the chordwise
         mass matrix (m, m) [kg m^2]; without entries: no chordwise inertia.
@@ -168,12 +146,8 @@ def exact_force(
     for i in range(r):
         k = 0 if i < n_in_plane else 1
         total = 0.0
-        if test_slopes is None:
-            for j in range(m):
-                total += work[WEIGHTED_STIFFNESS, j] * slopes[i, j] * slope[k, j]
-        else:
-            for j in range(m):
-                total += work[WEIGHTED_STIFFNESS, j] * test_slopes[i, j] * slope[k, j]
+        for j in range(m):
+            total += work[WEIGHTED_STIFFNESS, j] * slopes[i, j] * slope[k, j]
         f[i] = -total
     patterns = chordwise_force_patterns.shape[0]
     for a in range(load_projection.shape[0]):
@@ -181,14 +155,11 @@ def exact_force(
         for i in range(r):
             f[i] += g * load_projection[a, i]
     if tangent.size:
-        _fill_tangent(
-            slopes, test_slopes, n_in_plane, weights, stiffness, green, stretch, work, slope, slope_rate, tangent, mass
-        )
+        _fill_tangent(slopes, n_in_plane, weights, stiffness, green, stretch, work, slope, slope_rate, tangent, mass)
     if inertia.size:
         _add_chordwise_inertia(
-            v, slopes, test_slopes, n_in_plane, weights, inertia, stretch, work, slope, slope_rate, stretch_jacobian,
-            f, mass,
-        )  # fmt: skip
+            v, slopes, n_in_plane, weights, inertia, stretch, slope, slope_rate, stretch_jacobian, f, mass
+        )
     return chord_tension
 
 
@@ -232,7 +203,7 @@ def _monitor_step(
 
 
 @compiled(inline="always")
-def _subtract_tension_damping(rates, slopes, test_slopes, n_in_plane, tension_damping, work, slope_rate, f):
+def _subtract_tension_damping(rates, slopes, n_in_plane, tension_damping, work, slope_rate, f):
     """Subtract the damping by the tension, tension_damping N / zeta' times the rate of the slope, from the forces f (r,).
 
     Row WEIGHTED_STIFFNESS of `work` holds weights times N / zeta'; `slope_rate` (2, m) is overwritten.
@@ -248,8 +219,7 @@ def _subtract_tension_damping(rates, slopes, test_slopes, n_in_plane, tension_da
     for i in range(r):
         k, total = 0 if i < n_in_plane else 1, 0.0
         for j in range(m):
-            test = slopes[i, j] if test_slopes is None else test_slopes[i, j]
-            total += max(work[WEIGHTED_STIFFNESS, j], 0.0) * test * slope_rate[k, j]
+            total += max(work[WEIGHTED_STIFFNESS, j], 0.0) * slopes[i, j] * slope_rate[k, j]
         f[i] -= tension_damping * total
 
 
@@ -257,8 +227,8 @@ def _subtract_tension_damping(rates, slopes, test_slopes, n_in_plane, tension_da
 def exact_verlet(
     q, v, acceleration, step, damping_factor, impulse, tension_damping, wind, samples_per_second, drag, drag_shapes,
     boundary_data, stiffness, length, kappa, load_projection,
-    geometric_stiffness_norms, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights, green, inertia,
-    stretch, begin, output_steps, saved, half_step_rates, low, high, monitor,
+    geometric_stiffness_norms, slopes, n_in_plane, chordwise_force_patterns, weights, green, inertia, stretch, begin,
+    output_steps, saved, half_step_rates, low, high, monitor,
 ):  # fmt: skip
     """Advance by velocity Verlet with the exact chordwise stretch, one step for each row of the boundary data.
 
@@ -278,9 +248,8 @@ def exact_verlet(
         guess, chord_tension = monitor[PREDICTED_TENSION], np.nan
         for _ in range(2):
             chord_tension = exact_force(
-                q, rates, boundary_data, i, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights,
-                stiffness, green, load_projection, inertia, guess, predicted, work, slope, slope_rate,
-                stretch_jacobian, f, no_array, mass,
+                q, rates, boundary_data, i, slopes, n_in_plane, chordwise_force_patterns, weights, stiffness, green,
+                load_projection, inertia, guess, predicted, work, slope, slope_rate, stretch_jacobian, f, no_array, mass,
             )  # fmt: skip
             if abs(chord_tension) < np.inf:
                 break
@@ -289,7 +258,7 @@ def exact_verlet(
             for j in range(m):
                 predicted[j] = accepted[j]
         if tension_damping is not None:
-            _subtract_tension_damping(rates, slopes, test_slopes, n_in_plane, tension_damping, work, slope_rate, f)
+            _subtract_tension_damping(rates, slopes, n_in_plane, tension_damping, work, slope_rate, f)
         if wind is not None:
             _add_drag_at(
                 q, rates, 1.0 + chord_tension / stiffness, True, wind, (begin + i) * step * samples_per_second, drag,

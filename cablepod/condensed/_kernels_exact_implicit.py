@@ -33,8 +33,8 @@ def _newton_system(
 @compiled
 def exact_implicit(
     q, v, acceleration, step, damping, boundary_data, stiffness, length, kappa, load_projection,
-    geometric_stiffness_norms, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights, green, inertia,
-    stretch, begin, output_steps, saved, half_step_rates, low, high, monitor,
+    geometric_stiffness_norms, slopes, n_in_plane, chordwise_force_patterns, weights, green, inertia, stretch, begin,
+    output_steps, saved, half_step_rates, low, high, monitor,
 ):  # fmt: skip
     """Advance by the trapezoidal rule with the exact chordwise stretch; returns the number of steps done.
 
@@ -55,8 +55,8 @@ def exact_implicit(
             next_output += 1
         # evaluate H once more: in a stiff cable a small last correction still changes it much
         monitor[CHORD_TENSION] = exact_force(
-            q, v, boundary_data, i, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights, stiffness,
-            green, load_projection, no_array, monitor[CHORD_TENSION], accepted, work, slope, slope_rate,
+            q, v, boundary_data, i, slopes, n_in_plane, chordwise_force_patterns, weights, stiffness, green,
+            load_projection, no_array, monitor[CHORD_TENSION], accepted, work, slope, slope_rate,
             stretch_jacobian, f, no_array, mass,
         )  # fmt: skip
         _monitor_step(
@@ -77,8 +77,8 @@ def exact_implicit(
             for j in range(r):
                 rates[j] = 2.0 / step * (q[j] - q_start[j]) - v[j]
             monitor[CHORD_TENSION] = exact_force(
-                q, rates, boundary_data, i + 1, slopes, test_slopes, n_in_plane, chordwise_force_patterns, weights,
-                stiffness, green, load_projection, inertia, monitor[CHORD_TENSION], accepted, work, slope, slope_rate,
+                q, rates, boundary_data, i + 1, slopes, n_in_plane, chordwise_force_patterns, weights, stiffness, green,
+                load_projection, inertia, monitor[CHORD_TENSION], accepted, work, slope, slope_rate,
                 stretch_jacobian, f, tangent, mass,
             )  # fmt: skip
             _newton_system(

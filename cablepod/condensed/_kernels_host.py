@@ -343,9 +343,9 @@ def exact_trial(coefficients, accepted, trial, end_position, end_velocity, end_a
     guess, chord_tension = accepted[MONITOR, PREDICTED_TENSION], np.nan
     for _ in range(2):
         chord_tension = exact_force(
-            q, rates, boundary_data, 0, by_point[SLOPES:], None, n_in_plane, by_point[FORCES:SLOPES], by_point[WEIGHTS],
-            stiffness, False, by_coordinate[PROJECTION:], no_array, guess, stretch, work, slope, no_array, no_array,
-            f, no_array, no_array,
+            q, rates, boundary_data, 0, by_point[SLOPES:], n_in_plane, by_point[FORCES:SLOPES], by_point[WEIGHTS], stiffness,
+            False, by_coordinate[PROJECTION:], no_array, guess, stretch, work, slope, no_array, no_array, f, no_array,
+            no_array,
         )  # fmt: skip
         if abs(chord_tension) < np.inf:
             break

@@ -52,7 +52,7 @@ class HostAir(NamedTuple):
         np.ndarray
     )  #: quadrature weights [m] times half the density of the air, drag coefficient and diameter (points,)
     sigma: np.ndarray  #: relative arc lengths of the points (points,)
-    shapes: np.ndarray  #: shapes, slopes and test functions at the points (3, r, points)
+    shapes: np.ndarray  #: shapes and slopes at the points (2, r, points)
 
 
 class HostCoefficients(NamedTuple):

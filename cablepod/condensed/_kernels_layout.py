@@ -23,7 +23,6 @@ LOAD_FORCE = 3  #: chordwise force of the loads, tau = N - H [N]
 WEIGHTED_STIFFNESS = 3  #: later, in place of LOAD_FORCE: weight times transverse stiffness, N / zeta'
 SLOPE_SQUARED = 4  #: squared slope w'^2
 CURVATURE = 5  #: half the second derivative of the law over its first
-TEST_JACOBIAN = 5  #: later, in place of CURVATURE: derivative of the chordwise stretch along one test function
 CLOSURE_ROWS = 6
 # Work array (LINK_ROWS, n) of the link tensions to leading order.
 SLOPE_IN_PLANE, SLOPE_OUT_OF_PLANE = 0, 1  #: slope of the deflection

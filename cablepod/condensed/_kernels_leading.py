@@ -58,7 +58,7 @@ def _chord_tension(q, boundary_data, row, kappa, mean_chordwise_forces, stiffnes
 
 @compiled(inline="always")
 def _leading_acceleration(q, boundary_data, row, chord_tension, kappa, geometric_stiffness, load_projection, f):
-    """Fill the undamped accelerations f (r,) for a given H, with the modes as test functions of H."""
+    """Fill the undamped accelerations f (r,) for a given H."""
     patterns = geometric_stiffness.shape[0]
     for i in range(q.size):
         f[i] = -chord_tension * kappa[i] * q[i]
@@ -75,19 +75,9 @@ def _leading_acceleration(q, boundary_data, row, chord_tension, kappa, geometric
             f[i] += g * load_projection[a, i]
 
 
-@compiled(inline="always")
-def _add_test_stiffness(q, chord_tension, test_stiffness_defect, f):
-    """Subtract the stiffness contribution H G q of non-Galerkin test functions from the accelerations f (r,)."""
-    for i in range(q.size):
-        total = 0.0
-        for j in range(q.size):
-            total += test_stiffness_defect[i, j] * q[j]
-        f[i] -= chord_tension * total
-
-
 @compiled(forceinline=True, literal=False)
 def _leading_tangent(q, boundary_data, row, chord_tension, kappa, geometric_stiffness, stiffness, length, tangent):
-    """Fill the negative derivative of the accelerations by q (r, r), with the modes as test functions of H."""
+    """Fill the negative derivative of the accelerations by q (r, r)."""
     for i in range(q.size):
         for j in range(q.size):
             total = stiffness / length * kappa[i] * q[i] * kappa[j] * q[j]
@@ -99,30 +89,19 @@ def _leading_tangent(q, boundary_data, row, chord_tension, kappa, geometric_stif
 
 @compiled(literal=False)
 def leading_force(
-    q, boundary_data, row, stiffness, length, kappa, test_stiffness_defect, mean_chordwise_forces,
-    geometric_stiffness, load_projection, f, tangent,
+    q, boundary_data, row, stiffness, length, kappa, mean_chordwise_forces, geometric_stiffness, load_projection, f,
+    tangent,
 ):  # fmt: skip
     """Fill undamped accelerations f (r,) and their tangent (r, r) for one state; return H [N]."""
     chord_tension = _chord_tension(q, boundary_data, row, kappa, mean_chordwise_forces, stiffness, length)
     _leading_acceleration(q, boundary_data, row, chord_tension, kappa, geometric_stiffness, load_projection, f)
     _leading_tangent(q, boundary_data, row, chord_tension, kappa, geometric_stiffness, stiffness, length, tangent)
-    if test_stiffness_defect is not None:
-        _add_test_stiffness(q, chord_tension, test_stiffness_defect, f)
-        for i in range(q.size):
-            total = 0.0
-            for j in range(q.size):
-                total += test_stiffness_defect[i, j] * q[j]
-            for j in range(q.size):
-                tangent[i, j] += (
-                    chord_tension * test_stiffness_defect[i, j] + stiffness / length * total * kappa[j] * q[j]
-                )
     return chord_tension
 
 
 @compiled
 def leading_rest(
-    q, boundary_data, stiffness, length, kappa, test_stiffness_defect, mean_chordwise_forces, geometric_stiffness,
-    load_projection,
+    q, boundary_data, stiffness, length, kappa, mean_chordwise_forces, geometric_stiffness, load_projection
 ):  # fmt: skip
     """Change q into the equilibrium near it by Newton's method; False where it fails, or converges to another one."""
     f, tangent, first = np.empty(q.size), np.empty((q.size, q.size)), q.copy()
@@ -131,8 +110,8 @@ def leading_rest(
         scale = max(scale, abs(q[i]))
     for _ in range(2 * MAX_ITERATIONS):
         leading_force(
-            q, boundary_data, 0, stiffness, length, kappa, test_stiffness_defect, mean_chordwise_forces,
-            geometric_stiffness, load_projection, f, tangent,
+            q, boundary_data, 0, stiffness, length, kappa, mean_chordwise_forces, geometric_stiffness, load_projection,
+            f, tangent,
         )  # fmt: skip
         if not _solve(tangent, f):
             return False
@@ -219,9 +198,9 @@ def _link_tensions(
 @compiled(noalias=True)
 def leading_verlet(
     q, v, step, damping_factor, impulse, v_before, tension_damping, wind, samples_per_second, drag, drag_shapes, hold, held,
-    boundary_data, stiffness, length, kappa, test_stiffness_defect, mean_chordwise_forces, geometric_stiffness,
-    load_projection, geometric_stiffness_norms, chordwise_forces_at_candidates, slopes, n_in_plane,
-    chordwise_force_patterns, begin, output_steps, saved, half_step_rates, low, high, monitor, tension_series,
+    boundary_data, stiffness, length, kappa, mean_chordwise_forces, geometric_stiffness, load_projection,
+    geometric_stiffness_norms, chordwise_forces_at_candidates, slopes, n_in_plane, chordwise_force_patterns, begin,
+    output_steps, saved, half_step_rates, low, high, monitor, tension_series,
 ):  # fmt: skip
     """Advance by velocity Verlet to leading order, one step for each row of the boundary data.
 
@@ -236,8 +215,8 @@ def leading_verlet(
     tension_damping
         Damping by the tension [s]; None without.
     wind, samples_per_second, drag, drag_shapes
-        Wind with its sampling from the start of the run on [1/s], weights, and shapes, slopes and test functions (3, r, points)
-        of :func:`cablepod.condensed._kernels_drag._add_drag_at`; None without.
+        Wind with its sampling from the start of the run on [1/s], weights, shapes and slopes (2, r, points) of
+        :func:`cablepod.condensed._kernels_drag._add_drag_at`; None without.
     hold, held
         Number of steps from one evaluation of the drag to the next; accelerations by it until then, and at the last three
         evaluations (4, r), changed; None without wind.
@@ -247,8 +226,6 @@ def leading_verlet(
         K [N] and L0 [m].
     kappa, mean_chordwise_forces, geometric_stiffness, load_projection
         Coefficients: squared slope norms (r,), then (patterns,), (patterns, r, r), (normals times patterns, r).
-    test_stiffness_defect
-        Stiffness of non-Galerkin test functions for H = 1, minus diag(kappa) (r, r); None for the modes as test functions.
     geometric_stiffness_norms, chordwise_forces_at_candidates
         Norms of `geometric_stiffness` (patterns,); chordwise force patterns where the sum may be least (patterns, candidates).
     slopes, n_in_plane, chordwise_force_patterns
@@ -272,8 +249,6 @@ def leading_verlet(
     for i in range(boundary_data.shape[0]):
         chord_tension = _chord_tension(q, boundary_data, i, kappa, mean_chordwise_forces, stiffness, length)
         _leading_acceleration(q, boundary_data, i, chord_tension, kappa, geometric_stiffness, load_projection, f)
-        if test_stiffness_defect is not None:
-            _add_test_stiffness(q, chord_tension, test_stiffness_defect, f)
         if v_before is not None and (wind is None or tension_damping is not None or steps_held == 0):
             for j in range(q.size):
                 u[j] = 1.5 * v[j] - 0.5 * v_before[j]

@@ -54,7 +54,6 @@ def leading_starts(
             stiffness[m],
             length[m],
             kappa[m],
-            None,
             mean_chordwise_forces[m],
             geometric_stiffness[m],
             load_projection[m],

@@ -39,8 +39,7 @@ def _collect_known_terms(
 
 @compiled(inline="always")
 def _newton_system(
-    q, straight, inertia_factor, quarter_step_squared, sag_stiffness, kappa, test_stiffness_defect, known_terms,
-    load_stiffness, tangent, change,
+    q, straight, inertia_factor, quarter_step_squared, sag_stiffness, kappa, known_terms, load_stiffness, tangent, change
 ):  # fmt: skip
     """Fill residual (r,) and tangent (r, r) of the implicit equation of a step."""
     r, chord_tension = q.size, straight
@@ -50,38 +49,27 @@ def _newton_system(
         diagonal = inertia_factor + quarter_step_squared * chord_tension * kappa[j]
         residual = known_terms[j] - diagonal * q[j]
         sag = 2.0 * quarter_step_squared * sag_stiffness * kappa[j] * q[j]
-        if test_stiffness_defect is not None:
-            for k in range(r):
-                residual -= quarter_step_squared * chord_tension * test_stiffness_defect[j, k] * q[k]
-                sag += 2.0 * quarter_step_squared * sag_stiffness * test_stiffness_defect[j, k] * q[k]
         for k in range(r):
             residual -= load_stiffness[j, k] * q[k]
             tangent[j, k] = load_stiffness[j, k] + sag * kappa[k] * q[k]
-            if test_stiffness_defect is not None:
-                tangent[j, k] += quarter_step_squared * chord_tension * test_stiffness_defect[j, k]
         change[j] = residual
         tangent[j, j] += diagonal
 
 
 @compiled(inline="always")
-def _remaining_residual(q, change, cross, square, kappa, test_stiffness_defect):
+def _remaining_residual(q, change, cross, square, kappa):
     """Return the part of the cubic force that the tangent left out of the last Newton correction, per sag stiffness."""
     residual = 0.0
     for j in range(q.size):
-        total = kappa[j] * (cross * change[j] + 0.5 * square * q[j])
-        if test_stiffness_defect is not None:
-            for k in range(q.size):
-                total += test_stiffness_defect[j, k] * (cross * change[k] + 0.5 * square * q[k])
-        residual = max(residual, abs(total))
+        residual = max(residual, abs(kappa[j] * (cross * change[j] + 0.5 * square * q[j])))
     return residual
 
 
 @compiled
 def leading_implicit(
-    q, v, acceleration, step, damping, boundary_data, stiffness, length, kappa, test_stiffness_defect,
-    mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms,
-    chordwise_forces_at_candidates, slopes, n_in_plane, chordwise_force_patterns, begin, output_steps, saved,
-    half_step_rates, low, high, monitor,
+    q, v, acceleration, step, damping, boundary_data, stiffness, length, kappa, mean_chordwise_forces,
+    geometric_stiffness, load_projection, geometric_stiffness_norms, chordwise_forces_at_candidates, slopes, n_in_plane,
+    chordwise_force_patterns, begin, output_steps, saved, half_step_rates, low, high, monitor,
 ):  # fmt: skip
     """Advance by the trapezoidal rule (average acceleration) with Newton's method, to leading order.
 
@@ -132,8 +120,8 @@ def leading_implicit(
         previous_change, converged = 0.0, False  # the first correction has no known reduction
         for _ in range(MAX_ITERATIONS):
             _newton_system(
-                q, straight, inertia_factor, quarter_step_squared, sag_stiffness, kappa, test_stiffness_defect,
-                known_terms, load_stiffness, tangent, change,
+                q, straight, inertia_factor, quarter_step_squared, sag_stiffness, kappa, known_terms, load_stiffness,
+                tangent, change,
             )  # fmt: skip
             if not _solve(tangent, change):
                 break
@@ -145,7 +133,7 @@ def leading_implicit(
                 largest = max(largest, abs(change[j]))
             # two bounds of the next correction: the remaining cubic force (sharp for a soft cable), and quadratic convergence,
             # by the square of the last reduction (sharp for a stiff one)
-            residual = _remaining_residual(q, change, cross, square, kappa, test_stiffness_defect)
+            residual = _remaining_residual(q, change, cross, square, kappa)
             reduction = min(largest / previous_change, 1.0)
             bound = min(2.0 * quarter_step_squared * sag_stiffness * residual, largest * reduction * reduction)
             if bound <= NEWTON_RTOL * scale:

@@ -8,12 +8,7 @@ import numpy as np
 
 from cablepod._jit import compiled
 from cablepod.condensed._kernels_layout import LINK_ROWS
-from cablepod.condensed._kernels_leading import (
-    _add_test_stiffness,
-    _link_tensions,
-    _monitor_step,
-    _straight_tension,
-)
+from cablepod.condensed._kernels_leading import _link_tensions, _monitor_step, _straight_tension
 
 #: Number of corrections of the first step (the first leaves an error of fifth order).
 START_CORRECTIONS = 2
@@ -41,7 +36,7 @@ def _collect_loads(
 
 
 @compiled(inline="always")
-def _undamped_force(q, straight, sag_stiffness, load, load_stiffness, kappa, test_stiffness_defect, f):
+def _undamped_force(q, straight, sag_stiffness, load, load_stiffness, kappa, f):
     """Fill f (r,) with the accelerations without damping plus the excess times q; return H [N]."""
     stretching = 0.0
     for j in range(q.size):
@@ -52,15 +47,13 @@ def _undamped_force(q, straight, sag_stiffness, load, load_stiffness, kappa, tes
         for k in range(q.size):
             total -= load_stiffness[j, k] * q[k]
         f[j] = total
-    if test_stiffness_defect is not None:
-        _add_test_stiffness(q, chord_tension, test_stiffness_defect, f)
     return chord_tension
 
 
 @compiled
 def start_numerov(
-    q, v, f, f_before, second, step, damping, boundary_data, stiffness, length, kappa, test_stiffness_defect,
-    mean_chordwise_forces, geometric_stiffness, load_projection,
+    q, v, f, f_before, second, step, damping, boundary_data, stiffness, length, kappa, mean_chordwise_forces,
+    geometric_stiffness, load_projection,
 ):  # fmt: skip
     """Change v from the rates at the start to (u(h) - u) / h, and fill f_before with the force one step before, extrapolated.
 
@@ -82,7 +75,7 @@ def start_numerov(
             boundary_data, 1, mean_chordwise_forces, geometric_stiffness, load_projection, stiffness, length, excess,
             load, load_stiffness,
         )  # fmt: skip
-        _undamped_force(new_q, straight, sag_stiffness, load, load_stiffness, kappa, test_stiffness_defect, new_f)
+        _undamped_force(new_q, straight, sag_stiffness, load, load_stiffness, kappa, new_f)
         for j in range(r):
             new_f[j] *= growth
             new_q[j] = decay * decay * (q[j] + step * (2.0 * f_before[j] + step * new_f[j]))
@@ -90,7 +83,7 @@ def start_numerov(
             boundary_data, min(2, last_row), mean_chordwise_forces, geometric_stiffness, load_projection, stiffness,
             length, excess, load, load_stiffness,
         )  # fmt: skip
-        _undamped_force(new_q, straight, sag_stiffness, load, load_stiffness, kappa, test_stiffness_defect, second)
+        _undamped_force(new_q, straight, sag_stiffness, load, load_stiffness, kappa, second)
         for j in range(r):
             second[j] *= growth * growth
             f_before[j] = v[j] + step / 24.0 * (7.0 * f[j] + 6.0 * new_f[j] - second[j])
@@ -101,10 +94,9 @@ def start_numerov(
 
 @compiled
 def leading_numerov(
-    q, v, f_before, f_before_that, step, damping, boundary_data, stiffness, length, kappa, test_stiffness_defect,
-    mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms,
-    chordwise_forces_at_candidates, slopes, n_in_plane, chordwise_force_patterns, begin, output_steps, saved,
-    half_step_rates, low, high, monitor,
+    q, v, f_before, f_before_that, step, damping, boundary_data, stiffness, length, kappa, mean_chordwise_forces,
+    geometric_stiffness, load_projection, geometric_stiffness_norms, chordwise_forces_at_candidates, slopes, n_in_plane,
+    chordwise_force_patterns, begin, output_steps, saved, half_step_rates, low, high, monitor,
 ):  # fmt: skip
     """Advance by Numerov's method with an explicit prediction of the new force, to leading order.
 
@@ -145,9 +137,7 @@ def leading_numerov(
         load_stiffness,
     )  # fmt: skip
     for i in range(boundary_data.shape[0]):
-        chord_tension = _undamped_force(
-            q, straight, sag_stiffness, load, load_stiffness, kappa, test_stiffness_defect, f
-        )
+        chord_tension = _undamped_force(q, straight, sag_stiffness, load, load_stiffness, kappa, f)
         _monitor_step(
             begin + i, q, boundary_data, i, chord_tension, kappa, geometric_stiffness_norms,
             chordwise_forces_at_candidates, stiffness, length, monitor,
@@ -173,7 +163,7 @@ def leading_numerov(
         if at_start:
             start_numerov(
                 q, v, f, f_before, f_before_that, step, damping, boundary_data, stiffness, length, kappa,
-                test_stiffness_defect, mean_chordwise_forces, geometric_stiffness, load_projection,
+                mean_chordwise_forces, geometric_stiffness, load_projection,
             )  # fmt: skip
         straight = _collect_loads(
             boundary_data, i + 1, mean_chordwise_forces, geometric_stiffness, load_projection, stiffness, length, excess,
@@ -182,7 +172,7 @@ def leading_numerov(
         if not at_start:
             for j in range(r):
                 new_q[j] = decay * (q[j] + step * (v[j] + step * f[j]))
-            _undamped_force(new_q, straight, sag_stiffness, load, load_stiffness, kappa, test_stiffness_defect, new_f)
+            _undamped_force(new_q, straight, sag_stiffness, load, load_stiffness, kappa, new_f)
             for j in range(r):
                 v[j] += step / 12.0 * (growth * new_f[j] + 10.0 * f[j] + decay * f_before[j])
         for j in range(r):

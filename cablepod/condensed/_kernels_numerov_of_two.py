@@ -95,12 +95,11 @@ def _force_of_two(x, y, loads, i, sag_stiffness, kappa_x, kappa_y):
 
 @compiled(fastmath=FUSED)
 def numerov_of_two(
-    q, v, f_before, f_before_that, step, damping, boundary_data, stiffness, length, kappa, test_stiffness_defect,
-    mean_chordwise_forces, geometric_stiffness, load_projection, geometric_stiffness_norms,
-    chordwise_forces_at_candidates, slopes, n_in_plane, chordwise_force_patterns, begin, output_steps, saved,
-    half_step_rates, low, high, monitor,
+    q, v, f_before, f_before_that, step, damping, boundary_data, stiffness, length, kappa, mean_chordwise_forces,
+    geometric_stiffness, load_projection, geometric_stiffness_norms, chordwise_forces_at_candidates, slopes, n_in_plane,
+    chordwise_force_patterns, begin, output_steps, saved, half_step_rates, low, high, monitor,
 ):  # fmt: skip
-    """Do :func:`cablepod.condensed._kernels_leading_numerov.leading_numerov` for two coordinates and no test functions.
+    """Do :func:`cablepod.condensed._kernels_leading_numerov.leading_numerov` for two coordinates.
 
     The loads, which do not depend on the motion, are collected for BLOCK steps at a time.
     """
@@ -132,7 +131,7 @@ def numerov_of_two(
                 f[0], f[1] = f_x, f_y
                 start_numerov(
                     q, v, f, f_before, f_before_that, step, damping, boundary_data, stiffness, length, kappa,
-                    test_stiffness_defect, mean_chordwise_forces, geometric_stiffness, load_projection,
+                    mean_chordwise_forces, geometric_stiffness, load_projection,
                 )  # fmt: skip
                 v_x, v_y, last_x, last_y = v[0], v[1], f_before[0], f_before[1]
                 x, y = decay * (x + step * v_x), decay * (y + step * v_y)

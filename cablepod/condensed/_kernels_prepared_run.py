@@ -120,7 +120,7 @@ def leading_variant(base, result, plane, reach, kind, value, parabola, q, soluti
     for i in range(q.size):
         q[i] = sag * parabola[i] * static[0, 1 + PATTERNS * (1 if i < n_in_plane else 2)]
     found = leading_rest(
-        q, static, numbers[STIFFNESS], numbers[LENGTH], result.by_coordinate[KAPPA], None, result.by_pattern[MEANS],
+        q, static, numbers[STIFFNESS], numbers[LENGTH], result.by_coordinate[KAPPA], result.by_pattern[MEANS],
         result.geometric_stiffness, result.by_coordinate[PROJECTION:],
     )  # fmt: skip
     return FOUND if found else NO_REST
@@ -168,10 +168,9 @@ def leading_run(
     none, no_links = np.empty(0), np.empty((PATTERNS, 0))
     leading_verlet(
         q, v, step, factors[0], factors[2], None, None, None, None, None, None, None, None, boundary_data, stiffness, length,
-        kappa, None, by_pattern[MEANS],
-        coefficients.geometric_stiffness, projection, by_pattern[NORMS], by_pattern[AT_CANDIDATES:].T.copy(),
-        np.empty((r, 0)), sizes[IN_PLANE], no_links, begin, output_steps, saved, half_step_rates, none, none, monitor,
-        np.empty((output_steps.size, 0)),
+        kappa, by_pattern[MEANS], coefficients.geometric_stiffness, projection, by_pattern[NORMS],
+        by_pattern[AT_CANDIDATES:].T.copy(), np.empty((r, 0)), sizes[IN_PLANE], no_links, begin, output_steps, saved,
+        half_step_rates, none, none, monitor, np.empty((output_steps.size, 0)),
     )  # fmt: skip
     rows = np.empty((output_steps.size, boundary_data.shape[1]))
     for i in range(output_steps.size):

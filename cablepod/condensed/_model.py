@@ -78,21 +78,20 @@ class CondensedModel(Coefficients):
         return boundary_data if len(boundary_data) == instants else np.repeat(boundary_data, instants, axis=0)
 
     def coordinates(self, deflection: np.ndarray) -> np.ndarray:
-        """Project deflections (normals, times, particle) [m] onto the coordinates (times, r) with the test functions."""
+        """Project deflections (normals, times, particle) [m] onto the coordinates (times, r)."""
         momenta = self.momenta(deflection)
         if self.reference_state is None:
             return momenta
         parts = []
-        for which in self.sets:  # test functions and shapes are dual in mass and chordwise inertia, not in mass alone
-            gram = (self.test_functions[which] * self.mass) @ self.shapes[which].T
+        for which in self.sets:  # shapes are orthonormal in mass and chordwise inertia, not in mass alone
+            gram = (self.shapes[which] * self.mass) @ self.shapes[which].T
             parts.append(np.linalg.solve(gram, momenta[:, which].T).T)
         return np.concatenate(parts, axis=1)
 
     def momenta(self, deflection_rates: np.ndarray) -> np.ndarray:
         """Project rates of deflections (normals, times, particle) [m/s] onto rates of the coordinates (times, r), as impulses."""
         parts = [
-            (part * self.mass) @ self.test_functions[which].T
-            for part, which in zip(deflection_rates, self.sets, strict=False)
+            (part * self.mass) @ self.shapes[which].T for part, which in zip(deflection_rates, self.sets, strict=False)
         ]
         return np.concatenate(parts, axis=1)
 
@@ -186,7 +185,6 @@ class CondensedModel(Coefficients):
             self.chain.p.stiffness,
             self.chain.total_length,
             self.slope_norms_squared,
-            self.test_stiffness_defect,
             self.mean_chordwise_forces,
             self.geometric_stiffness,
             self.load_projection,
@@ -237,10 +235,9 @@ class CondensedModel(Coefficients):
         m = weights.size
         work = np.empty((CLOSURE_ROWS, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
         chord_tension = kernel_exact.exact_force(
-            q, v, boundary_data[None], 0, slopes, self.test_slopes_at_points, self.n_in_plane,
-            chordwise_force_patterns, weights, k, self.green, self.load_projection, self.inertia,
-            self.tension_guess(boundary_data, q), np.full(m, self.stretch_guess(boundary_data)), *work, f, tangent,
-            mass,
+            q, v, boundary_data[None], 0, slopes, self.n_in_plane, chordwise_force_patterns, weights, k, self.green,
+            self.load_projection, self.inertia, self.tension_guess(boundary_data, q),
+            np.full(m, self.stretch_guess(boundary_data)), *work, f, tangent, mass,
         )  # fmt: skip
         return f, tangent, mass, chord_tension
 
@@ -266,29 +263,19 @@ class CondensedModel(Coefficients):
         kappa, norms = self.slope_norms_squared, self.geometric_stiffness_norms
         load_frequency_bound = float(np.abs(boundary_data[1 : 1 + norms.size]) @ norms)
         sag = self.chain.p.stiffness / self.chain.total_length * float(((kappa * q) ** 2).sum())
-        return self.frequency_amplification * (abs(chord_tension) * float(kappa.max()) + sag) + load_frequency_bound
+        return abs(chord_tension) * float(kappa.max()) + sag + load_frequency_bound
 
     def omega_taut_squared(self, end_time: float, intervals: int = 1000) -> float:
         """Return the largest squared angular frequency without sag, at the longest chord up to `end_time` [s], in 1/s^2."""
         longest = _longest_chord(self.chain.p, end_time, intervals)
         chord_tension = self.chain.p.stiffness * max(longest / self.chain.total_length - 1.0, 0.0)
-        return self.frequency_amplification * chord_tension * float(self.slope_norms_squared.max())
+        return chord_tension * float(self.slope_norms_squared.max())
 
     @cached_property
     def rest_tension(self) -> float:
         """Mean of the tensions of both ends at rest [N]."""
         statics = solve_statics(self.chain.p, "unstretched_length", self.chain.total_length)
         return 0.5 * float(statics[4] + statics[5])
-
-    @cached_property
-    def unstable_growth_rate(self) -> float:
-        """Largest growth rate of small vibrations about rest [1/s]; 0 with the modes as test functions."""
-        if self.raw_test_functions is None:
-            return 0.0
-        q, v = self.initial()
-        _, tangent, mass, _ = self._forces(q, np.zeros_like(v), self.static_boundary_data)
-        omega_squared = np.linalg.eigvals(np.linalg.solve(mass, tangent) if self.inertia.size else tangent)
-        return float(np.abs(np.sqrt(omega_squared.astype(complex)).imag).max()) - 0.5 * self.chain.p.damping
 
 
 @lru_cache(KEPT_CHORDS)

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from cablepod._inputs import NORMAL_MODES, PREPARED, SCENE, taken
-from cablepod.condensed._assembly import TEST, model_of
+from cablepod.condensed._assembly import model_of
 from cablepod.condensed._host import air_of_host, with_moving_end
 from cablepod.condensed._model import CondensedModel
 from cablepod.condensed._prepared_dataset import NO_ID, UNCHANGED, check_coefficients, check_contents, stored_model
@@ -43,7 +43,7 @@ def prepare(
     scene
         Scene of one cable with both ends held and steady uniform loads; its motions are those of :meth:`PreparedModel.run`.
     modes
-        Modes of layout "normal", as for :func:`cablepod.condensed.simulate`, without trained test functions.
+        Modes of layout "normal", as for :func:`cablepod.condensed.simulate`.
     rank
         Number of modes of each deflection; all by default.
     order
@@ -63,7 +63,7 @@ def prepare(
     ------
     SceneError
         For point loads, load factors, ice, a given initial shape, a free end, viscous links, damping by the tension, members,
-        trained test functions, and as :func:`cablepod.condensed.simulate`.
+        and as :func:`cablepod.condensed.simulate`.
 
     Warns
     -----
@@ -106,8 +106,6 @@ def _checked_model(scene: xr.Dataset, modes: xr.Dataset, rank: int | None, order
     choice(*ORDERS)("order", order)
     p = parameters_of(scene)
     _check_scene(p)
-    if TEST in modes:
-        raise SceneError("modes: given trained test functions; allowed: modes without them; try: condensed.simulate")
     model = model_of(with_moving_end(p), modes, rank=rank, order=order, law="linear")
     q, v = model.initial()
     tension = model.force(q, v, model.static_boundary_data)[2]

@@ -42,12 +42,9 @@ OF_ENDS = (
     "start_deflection_rates",
 )  # fmt: skip
 #: The same of loads and damping too.
-OF_LOADS = (*OF_ENDS, "unstable_growth_rate", "rest_tension")
+OF_LOADS = (*OF_ENDS, "rest_tension")
 #: The same of mass and length, beside those that are scaled.
-OF_LENGTH = (
-    "mass", "shapes", "slopes", "test_functions", "test_slopes", "chordwise_force_patterns", "rule",
-    "test_slopes_at_points", "leading_coefficients",
-)  # fmt: skip
+OF_LENGTH = ("mass", "shapes", "slopes", "chordwise_force_patterns", "rule", "leading_coefficients")
 #: Cached properties of the prepared model that all its variants share: computed once, before the variants copy them.
 SHARED = ("leading_coefficients", "rest_tension", "reference")
 

@@ -325,7 +325,7 @@ def end_forces_by_drag(
     model, coefficients, ends = variant.model, variant.coefficients, variant.p.end_positions(times)
     chord = ends[:, 1] - ends[:, 0]
     drag = DragOfMotion.of(air, times, q, rates, np.sqrt(np.sum(chord**2, axis=1)) / model.chain.total_length)
-    accelerations = drag.on(air.shapes[2], model.n_in_plane) * coefficients.by_coordinate[layout.MOMENTS]
+    accelerations = drag.on(air.shapes[0], model.n_in_plane) * coefficients.by_coordinate[layout.MOMENTS]
     transverse = drag.moments - np.stack([accelerations[:, which].sum(axis=1) for which in model.sets], axis=1)
     return np.einsum("tk,tkc->tc", transverse, ChordFrame.of(chord, model.reference).normals)
 

@@ -86,9 +86,7 @@ class CondensedStepper:
         if run.air is not None and run.leading:
             self._held_drag = (run.air.hold(run.start.chord_tension, self.step), np.zeros((4, len(model.shapes))))
         self.previous_acceleration = self.acceleration.copy()
-        # the kernels compare frequencies of the modes, without the amplification by test functions
-        limit = run.stable_phase**2 * steps_per_second**2 / model.frequency_amplification
-        self.monitor = initial_monitor(limit, run.start.chord_tension)
+        self.monitor = initial_monitor(run.stable_phase**2 * steps_per_second**2, run.start.chord_tension)
         count, r = self.instants.steps.size, len(model.shapes)
         self.saved, self.half_step_rates = np.empty((count, r)), np.empty((count, 2, r))
         #: Boundary data of the saved steps (steps, columns).
@@ -157,8 +155,10 @@ class CondensedStepper:
         """Advance to leading order; return the steps done, None for an explicit run, which does all."""
         # numba is imported only to compute
         model = self.run.model
-        norms = model.geometric_stiffness_norms / model.frequency_amplification
-        rest = (*model.leading_coefficients, norms, model.chordwise_forces_at_candidates, *self.links, *outputs)
+        rest = (
+            *model.leading_coefficients, model.geometric_stiffness_norms, model.chordwise_forces_at_candidates, *self.links,
+            *outputs,
+        )  # fmt: skip
         if self.run.explicit:
             from cablepod.condensed import _kernels_leading as kernel
 
@@ -170,7 +170,7 @@ class CondensedStepper:
             return None
         damping = model.chain.p.damping
         if self.run.scheme == FOURTH_ORDER:
-            if self.q.size == 2 and model.test_stiffness_defect is None:
+            if self.q.size == 2:
                 from cablepod.condensed._kernels_numerov_of_two import numerov_of_two as march
             else:
                 from cablepod.condensed._kernels_leading_numerov import leading_numerov as march
@@ -188,11 +188,10 @@ class CondensedStepper:
     def _advance_exact(self, boundary_data: np.ndarray, outputs: tuple[Any, ...]) -> int | None:
         """Advance with the exact chordwise stretch; return the steps done, None for an explicit run, which does all."""
         model, p = self.run.model, self.run.model.chain.p
-        norms = model.geometric_stiffness_norms / model.frequency_amplification
         slopes, patterns, weights = model.rule
         rest = (
-            p.stiffness, model.chain.total_length, model.slope_norms_squared, model.load_projection, norms, slopes,
-            model.test_slopes_at_points, model.n_in_plane, patterns, weights, model.green, model.inertia,
+            p.stiffness, model.chain.total_length, model.slope_norms_squared, model.load_projection,
+            model.geometric_stiffness_norms, slopes, model.n_in_plane, patterns, weights, model.green, model.inertia,
             self.stretch, *outputs,
         )  # fmt: skip
         state = (self.q, self.v, self.acceleration, self.step)

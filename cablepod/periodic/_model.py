@@ -84,8 +84,6 @@ class PeriodicModel:
         choice(*ORDERS)("order", order)
         p = scaled(forcing.parameters, amplitude)
         unit = unit_of(p, modes, rank=rank, order=order, law="linear")
-        if unit.raw_test_functions is not None:
-            raise SceneError("modes: given trained test functions; allowed: modes without, as pod.decompose gives them")
         return cls(rescaled_model(unit, p), unit, out_of_plane, forcing)
 
     def with_amplitude(self, factor: float) -> PeriodicModel:

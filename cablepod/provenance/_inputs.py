@@ -184,8 +184,9 @@ def _changed(
         parameters = {"differs": changed, **({"lacks": lacks} if lacks else {}), **_extent(dataset)}
         parameters |= _not_computed(found)
         if is_scene(dataset):
-            if all(dataset.variables[name].size <= MAX_HISTORY_ITEMS for name in changed):
-                parameters["values"] = _small_values(dataset, changed)
+            values = _small_values(dataset, changed)
+            if len(values) == len(changed):
+                parameters["values"] = values
         elif found.attributes != recorded["attributes"]:
             parameters["attributes"] = "differ"
     return _with_stage(
@@ -237,8 +238,8 @@ def _not_computed(found: _Found) -> dict[str, Any]:
 
 def _small_values(dataset: xr.Dataset, names: Any) -> dict[str, Any]:
     """Return the values of short variables, from which they can be made again."""
-    variables = {name: dataset.variables[name] for name in names}
-    return {name: _with_dims(variable) for name, variable in variables.items() if variable.size <= MAX_HISTORY_ITEMS}
+    variables = {str(name): variable for name, variable in dataset.variables.items()}  # names need not be texts
+    return {name: _with_dims(variables[name]) for name in names if variables[name].size <= MAX_HISTORY_ITEMS}
 
 
 def _with_dims(variable: xr.Variable) -> Any:

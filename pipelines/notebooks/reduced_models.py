@@ -157,22 +157,6 @@ for error, seconds_of in zip(measured.error_max[~is_chain].values, measured.call
 # those of the Galerkin model about as fast. Most of such a short call is Python, which many scenes share in a batch:
 # *Parametric study*.
 #
-# ## Trained test functions
-#
-# Three modes hold this motion to 0.14 %, yet a model on them errs by 1 %: modes that are left out pull on those that are kept,
-# and take length from the cable. The model tests its equations with the modes themselves (Galerkin); others feel less of that.
-# `oblique.train` looks for them along the whole motion. Here it sees the first half only.
-
-# %%
-half = chain.isel(time=slice(0, 63))
-trained = cp.oblique.train(scene, half, normal, rank=3, iterations=2 if SMALL else 12)
-runs = {"modes": cp.condensed.simulate(scene, normal, rank=3), "trained on 62 s": cp.condensed.simulate(scene, trained)}
-cp.plots.error_over_time({name: cp.compare.errors(run, chain) for name, run in runs.items()});
-
-# %% [markdown]
-# It has as many unknowns and costs as much. But what it gains holds near the scene of training: within some per cent of its
-# tension, frequency and amplitude, not for another guy. Train on several scenes for a parametric study.
-#
 # ## A scene that the modes have not seen
 #
 # Train on Example 2, which is taut and slow; predict Example 3, slacker and faster.

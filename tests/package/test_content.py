@@ -217,7 +217,6 @@ def test_all_models_record_what_they_return(soft, tmp_path):
         cp.cable.simulate(scene, times=[0.1]), cp.galerkin.simulate(scene, separate), cp.condensed.simulate(scene, normal),
         cp.condensed.simulate(several, normal), cp.galerkin.simulate(several, separate), cp.chain.simulate(several),
         cp.condensed.vibration_modes(scene, rank=2), cp.compare.errors(run, run),
-        cp.oblique.train(scene, run, normal, iterations=1, tolerance=1e-3),
         cp.condensed.prepare(scene, normal).dataset(), cp.fatigue.ranges(run.tension.isel(link=0)),
     ]  # fmt: skip
     for result in results:

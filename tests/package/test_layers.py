@@ -29,7 +29,7 @@ LAYERS = (
     ("integrate", "pod", "reduced", "examples", "wind"),
     ("chain", "compare", "fatigue", "plots"),
     ("cable", "rigid", "condensed"),
-    ("galerkin", "mast", "oblique", "periodic"),
+    ("galerkin", "mast", "periodic"),
     ("ensemble", "paper", "study"),
     ("cli",),
 )

@@ -49,7 +49,7 @@ def test_truth_is_that_on_file(result):
 def test_fronts_of_a_study(result, pipeline):
     for name in result["scene"].values:
         of = result.sel(scene=name)
-        for family in ("full", "reduced", "quasi-static", *(() if name == "guy" else ("trained",))):
+        for family in ("full", "reduced", "quasi-static"):
             own = of.isel(setting=np.flatnonzero(of["family"].values == family))
             front = own.isel(setting=np.flatnonzero(own["on_front"].values))
             again = own.isel(setting=np.flatnonzero(own["measured_again"].values))
@@ -65,22 +65,19 @@ def test_fronts_of_a_study(result, pipeline):
 @pytest.mark.slow
 @pytest.mark.xdist_group("error_vs_runtime")
 def test_study_measures_what_it_says(result):
-    assert set(result["family"].values) == {"full", "reduced", "quasi-static", "trained"}
-    assert set(result["model"].values) == {"chain", "cable", "Galerkin", "condensed", "catenary", "trained"}
+    assert set(result["family"].values) == {"full", "reduced", "quasi-static"}
+    assert set(result["model"].values) == {"chain", "cable", "Galerkin", "condensed", "catenary"}
     assert list(result["trained_on"].values) == ["example2", "example2, example3, example4"]
     done = np.isfinite(result["error_max"].values)
     # the condensed model refuses explicit steps that are too long for a scene; nothing else fails here
-    # test functions are not trained for scenes unseen
-    unseen = (result["model"].values == "trained") & (result["scene"].values == "guy")[:, None]
-    assert (done | (result["model"].values == "condensed") | unseen).all()
-    assert not done[unseen].any()
+    assert (done | (result["model"].values == "condensed")).all()
     assert (result["error_rms"].values[done] <= result["error_max"].values[done]).all()
     again = result["measured_again"].values == 1
     assert (np.isfinite(result["call_time"].values) == again).all()
     # a kernel is a part of its call; times of both are of different runs, and a machine may be disturbed in one
     assert np.median((result["kernel_time"] / result["call_time"]).values[again]) < 1.0
-    offline = np.isin(result["family"].values, ("reduced", "trained")) & ~unseen
-    np.testing.assert_array_equal(result["offline_time"].values > 0.0, offline)
+    for offline in result["offline_time"].values:
+        np.testing.assert_array_equal(offline > 0.0, result["family"].values == "reduced")
     # ten links are right to 1 % here, the coarsest catenaries to no more than 50 %
     assert result["error_max"].values[done].max() < 0.5
     assert result["error_max"].sel(scene="example2").values.min() < 1e-3
@@ -110,9 +107,6 @@ def test_table_figure_and_file(result, pipeline, tmp_path):
     text = pipeline["figure"].markdown(pipeline["study"].rows_of(result))
     assert len(text.splitlines()) == 2 + 3 * 2
     assert len({line.count("|") for line in text.splitlines()}) == 1
-    trained = pipeline["figure"].markdown_trained(pipeline["study"].rows_of(result)).splitlines()
-    assert len(trained) > 2
-    assert all("Example 2" in line and line.count("|") == 7 for line in trained[2:])
     cp.archive.write(result, tmp_path / "study.nc")
     assert cp.archive.read(tmp_path / "study.nc")["on_front"].equals(result["on_front"])
     picture = pipeline["figure"].draw(result)
