@@ -52,15 +52,15 @@ def _damping_by_tension(
 
     The error is damped as its slowest mode, with the mean of H, by which faster modes are damped too little.
     """
-    p, length = equation.chain.p, equation.chain.total_length
-    beta = p.tension_damping or 0.0
-    change, kappa, mean_forces, _, coupled, _ = equation.arguments[2]
-    loads = boundary_data[:, 1 : 1 + mean_forces.size]
-    sag = 0.5 * (q @ change.T) ** 2 @ kappa
-    chord_tension = p.stiffness * ((boundary_data[:, 0] + sag) / length - 1.0) - loads @ mean_forces
-    forces = chord_tension[:, None] * (kappa * (rates @ change.T))
-    for load, stiffness in zip(loads.T, coupled, strict=True):
-        forces += load[:, None] * (rates @ stiffness.T)
+    p, change, terms = equation.chain.p, equation.change, equation.terms.enriched
+    beta, size, kappa = p.tension_damping or 0.0, len(change), terms.kappa
+    loads = boundary_data[:, 1 : 1 + terms.mean_chordwise_forces.size]
+    motion, moving = q @ change.T, rates @ change.T
+    straight = p.stiffness * (boundary_data[:, 0] / equation.chain.total_length - 1.0) - loads @ terms.mean_chordwise_forces
+    chord_tension = straight + terms.sag_stiffness[0] * (motion**2 @ kappa)
+    forces = chord_tension[:, None] * (kappa * moving)
+    for load, stiffness in zip(loads.T, terms.geometric_stiffness.reshape(-1, size, size), strict=True):
+        forces += load[:, None] * (moving @ stiffness.T)
     forces[chord_tension <= 0.0] = 0.0
     damping = beta * max(float(chord_tension.mean()), 0.0) * float(kappa.min())
     return -beta * forces, damping

@@ -28,8 +28,6 @@ class CondensedTrajectory:
     extremes: Extremes  #: minimum and maximum of the link tensions (n,) [N]
     monitor: np.ndarray  #: extremes of the run, rows as in ``_kernels_layout``
     scheme: str
-    #: Tensions of the selected links at the instants (times, links) [N]; None where they were not computed on the way
-    tension: np.ndarray | None = None
     sample_interval: int = 0  #: number of steps between the samples of the error estimate, all saved; 0 without samples
     boundary_data: np.ndarray | None = None  #: boundary data of the saved steps (steps, columns); None where not kept
     peak_times: tuple[float, float] | None = None  #: of the smallest and the largest tension [s]; None if not requested
@@ -56,10 +54,10 @@ class CondensedTrajectory:
         if times.size == self.instants.times.size:
             return self
         rows = np.isin(self.instants.times, times)
-        tension, closed = None if self.tension is None else self.tension[rows], self.closed
+        closed = self.closed
         if closed is not None:
             closed = closed[0][rows], closed[1][rows], closed[2][rows], closed[3][:, rows]
-        return replace(self, instants=self.instants.only(times), tension=tension, closed=closed)
+        return replace(self, instants=self.instants.only(times), closed=closed)
 
     @property
     def saved_rates(self) -> np.ndarray:

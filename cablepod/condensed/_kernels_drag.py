@@ -7,22 +7,7 @@ import math
 import numpy as np
 
 from cablepod._jit import FAST_DIVISION, compiled
-from cablepod.condensed._kernels_layout import POINTS_IN_VECTOR
-
-#: Velocity of the air along the chord and two normals, and slopes of both deflections: rows of the work array of the drag.
-AIR_ROWS = 5
-
-
-@compiled(inline="always")
-def _add_tension_damping(u, boundary_data, row, chord_tension, kappa, geometric_stiffness, tension_damping, f):
-    """Subtract tension_damping times geometric stiffness times rates u from the accelerations f (r,); 0 for a slack cable."""
-    if chord_tension > 0.0:
-        for i in range(u.size):
-            total = chord_tension * kappa[i] * u[i]
-            for a in range(geometric_stiffness.shape[0]):
-                for j in range(u.size):
-                    total += boundary_data[row, 1 + a] * geometric_stiffness[a, i, j] * u[j]
-            f[i] -= tension_damping * total
+from cablepod.condensed._kernels_layout import AIR_ROWS, POINTS_IN_VECTOR
 
 
 @compiled(noalias=True, counted=False, fastmath=FAST_DIVISION, forceinline=True)
@@ -259,7 +244,7 @@ def _add_drag_at(q, u, stretch, exact, wind, place, drag, shapes, n_in_plane, wo
     )  # fmt: skip
 
 
-@compiled(inline="always")
+@compiled(counted=False)
 def _weights_of_drag(hold):
     """Return the weights of three evaluations of the drag, `hold` steps apart, in its mean over the next `hold` steps.
 

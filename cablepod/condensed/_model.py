@@ -11,6 +11,8 @@ import numpy as np
 from cablepod.catenary._statics import solve_statics
 from cablepod.chain._start import start
 from cablepod.condensed._coefficients import Coefficients
+from cablepod.condensed._kernels_layout import Bounds, ExactTerms, ExactWork, LeadingTerms, Sizes
+from cablepod.condensed._terms import constant_sizes, runtime_sizes, terms_of_lane
 from cablepod.conventions import COORDINATES, ENDS
 from cablepod.discretisation._chord_frame import ChordFrame
 from cablepod.parameters._parameters import Parameters
@@ -161,7 +163,8 @@ class CondensedModel(Coefficients):
             from cablepod.condensed import _kernels_leading as kernel
 
             q = q.copy()
-            return q if kernel.leading_rest(q, static[None], *self.leading_coefficients) else None
+            work = np.empty_like(q), np.empty_like(q), np.empty((q.size, q.size)), np.empty(1)
+            return q if kernel.leading_rest(self.terms, static, q, *work) else None
         scale, first = np.abs(q).max(), q
         for _ in range(MAX_ITERATIONS):
             force, tangent, *_ = self._forces(q, np.zeros_like(q), static)
@@ -179,9 +182,9 @@ class CondensedModel(Coefficients):
         return q if converged else None
 
     @cached_property
-    def leading_coefficients(self) -> tuple[Any, ...]:
-        """Coefficients that the forces of order "leading" need, in the order of the kernels' arguments."""
-        return (
+    def terms(self) -> LeadingTerms:
+        """Coefficients of the forces to leading order."""
+        return terms_of_lane(
             self.chain.p.stiffness,
             self.chain.total_length,
             self.slope_norms_squared,
@@ -189,6 +192,24 @@ class CondensedModel(Coefficients):
             self.geometric_stiffness,
             self.load_projection,
         )
+
+    @cached_property
+    def exact_terms(self) -> ExactTerms:
+        """Coefficients of the exact forces, at the points of `rule`."""
+        slopes, patterns, weights = self.rule
+        p = self.chain.p
+        return ExactTerms(
+            p.stiffness, bool(self.green), slopes, self.n_in_plane, patterns, weights, self.load_projection, self.inertia
+        )
+
+    def sizes(self, *, constant: bool) -> Sizes:
+        """Return the numbers of coordinates and loads, as constants of the compiled code or not."""
+        make = constant_sizes if constant else runtime_sizes
+        return make(len(self.shapes), len(self.load_patterns), len(self.load_projection))
+
+    def bounds(self) -> Bounds:
+        """Return what the monitor of a run compares."""
+        return Bounds(self.geometric_stiffness_norms, np.ascontiguousarray(self.chordwise_forces_at_candidates.T), np.empty(1))
 
     @cached_property
     def initial_boundary_data(self) -> np.ndarray:
@@ -225,20 +246,18 @@ class CondensedModel(Coefficients):
         from cablepod.condensed import _kernels_leading as kernel_leading
         from cablepod.condensed._kernels_layout import CLOSURE_ROWS
 
-        chain, r = self.chain, q.size
-        f, tangent, mass, k = np.empty(r), np.empty((r, r)), np.eye(r), chain.p.stiffness
+        r = q.size
+        f, tangent, mass = np.empty(r), np.empty((r, r)), np.eye(r)
         if self.order == "leading":
-            coefficients = self.leading_coefficients
-            chord_tension = kernel_leading.leading_force(q, boundary_data[None], 0, *coefficients, f, tangent)
-            return f, tangent, mass, chord_tension
-        slopes, chordwise_force_patterns, weights = self.rule
-        m = weights.size
-        work = np.empty((CLOSURE_ROWS, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m))
+            tension = np.empty(1)
+            kernel_leading.leading_force(self.terms, boundary_data, q, f, tangent, tension)
+            return f, tangent, mass, float(tension[0])
+        m = self.rule[2].size
+        work = ExactWork(np.empty((CLOSURE_ROWS, m)), np.empty((2, m)), np.empty((2, m)), np.empty((2 * r, m)))
+        guess, stretch = self.tension_guess(boundary_data, q), np.full(m, self.stretch_guess(boundary_data))
         chord_tension = kernel_exact.exact_force(
-            q, v, boundary_data[None], 0, slopes, self.n_in_plane, chordwise_force_patterns, weights, k, self.green,
-            self.load_projection, self.inertia, self.tension_guess(boundary_data, q),
-            np.full(m, self.stretch_guess(boundary_data)), *work, f, tangent, mass,
-        )  # fmt: skip
+            self.exact_terms, boundary_data, q, v, guess, stretch, work, f, tangent, mass
+        )
         return f, tangent, mass, chord_tension
 
     def tension_guess(self, boundary_data: np.ndarray, q: np.ndarray) -> float:

@@ -93,8 +93,7 @@ def variables(
             ],
         }
     else:
-        saved = state.tension
-        values = {"tension": lambda: selected_tensions(model, q, times, links) if saved is None else saved}
+        values = {"tension": lambda: selected_tensions(model, q, times, links)}
     peaks = {}
     if state.peak_times is not None:
         middles = middles_of(chain.arc_length)
